@@ -15,15 +15,15 @@ after a digest of all folders that hold kernels.
 from contextlib import suppress
 import fcntl
 import hashlib
-import logging
 import os
 from pathlib import Path
 import shutil
 import sys
 import tempfile
-from time import monotonic
 from types import FunctionType
 from typing import Any, Callable, cast, get_type_hints, List, Tuple, Type, TypeVar
+
+from ballbot_ros.compile_notice import CompileNotice
 
 F = TypeVar('F', bound=Callable[..., Any])
 T = TypeVar('T')
@@ -45,11 +45,6 @@ FUSED = ('ballbot_ros.physics.', 'ballbot_ros.crossing.')
 # The folders that contain kernels.
 KERNELS = ('physics', 'crossing', 'control', 'estimation', 'decision')
 
-# Compiling that takes longer is reported [s].
-MOMENT = 2.0
-COMPILES = ('compiling for this machine, which takes a minute or so the first time and is kept '
-            'for the next')
-
 # Receives the name of a kernel, and whether its machine code was cached.
 OnFirstCall = Callable[[str, bool], None]
 _callbacks: List[OnFirstCall] = []
@@ -64,38 +59,7 @@ def on_first_call(callback: OnFirstCall) -> None:
     _callbacks.append(callback)
 
 
-class _CompileNotice:
-    """
-    Warns once where kernels compile for longer than a moment.
-
-    Not where a callback of `on_first_call` reports it.
-    """
-
-    def __init__(self) -> None:
-        self.spent = 0.0  # time spent compiling [s]
-        self._open, self._since, self._warned = 0, 0.0, False
-
-    def begins(self) -> None:
-        """Record the start of a compilation, which may be nested."""
-        self._count()
-        self._open += 1
-        if self.spent > MOMENT and not self._warned and not _callbacks:
-            self._warned = True
-            logging.getLogger('ballbot_ros').warning(COMPILES)
-
-    def ends(self) -> None:
-        """Record the end of a compilation."""
-        self._count()
-        self._open = max(self._open - 1, 0)
-
-    def _count(self) -> None:
-        now = monotonic()
-        if self._open:
-            self.spent += now - self._since
-        self._since = now
-
-
-_notice = _CompileNotice()
+_notice = CompileNotice()
 
 
 def compile_time() -> float:
@@ -303,7 +267,7 @@ def _reported(name: str, cache: Any) -> Callable[..., Any]:
         for callback in _callbacks:
             callback(name, found is not None)
         if found is None:
-            _notice.begins()
+            _notice.begins(warns=not _callbacks)
         return found
     return load_and_report
 

@@ -50,7 +50,7 @@ LAYERS['experiments'] = (*LAYERS, 'demo')
 LAYERS['cli'] = LAYERS['demo'] = (*LAYERS, 'cli', 'demo')
 
 # The modules and folders directly below ballbot_ros whose name is not that of their layer.
-PLACES = {'jit': 'config'}
+PLACES = {'compile_notice': 'config', 'jit': 'config'}
 
 # What the package itself offers; it imports them when they are used (test_python_api.py).
 OFFERED = ('errors', 'physics', 'crossing', 'results')

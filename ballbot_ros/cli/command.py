@@ -8,7 +8,7 @@ that was given is imported, and it imports heavy modules inside ``run``: help an
 immediately.
 """
 import argparse
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from difflib import get_close_matches
 from importlib import import_module
 import logging
@@ -21,6 +21,7 @@ from typing import Any, Callable, Iterator, NamedTuple, NoReturn, Optional, Sequ
 import warnings
 
 from ballbot_ros import __version__
+from ballbot_ros.cli.progress import compilation_shown
 from ballbot_ros.errors import BallbotError, ConfigurationError, PlausibilityWarning
 
 
@@ -217,7 +218,8 @@ def _run(words: list[str]) -> int:
     if arguments.verb is None:
         parser.print_help()
         return MISUSED
-    with _warnings(getattr(arguments, 'quiet', False)):
+    quiet = getattr(arguments, 'quiet', False)
+    with _warnings(quiet), nullcontext() if quiet else compilation_shown():
         code: int = load_verb(arguments.verb).run(arguments)
     return code
 

@@ -3,7 +3,7 @@
 from contextlib import contextmanager
 import sys
 from time import perf_counter
-from typing import Any, Callable, Iterator
+from typing import Any, Callable, Iterator, Optional
 
 from ballbot_ros.studies.progress import ignore
 
@@ -42,6 +42,53 @@ class _Progress:
             TimeRemainingColumn(), console=Console(stderr=True), transient=True)
         self.bar.add_task('', total=self.total)
         self.bar.start()
+
+
+@contextmanager
+def compilation_shown() -> Iterator[None]:
+    """Show on a terminal that kernels are being compiled, how many so far and for how long."""
+    if not sys.stderr.isatty():
+        yield
+        return
+    from ballbot_ros.compile_notice import on_compiling
+    bar = _CompileBar()
+    on_compiling(bar.update)
+    try:
+        yield
+    finally:
+        on_compiling(None)
+        bar.update(0, False)
+
+
+class _CompileBar:
+    def __init__(self) -> None:
+        self._begin: Optional[float] = None
+        self._bar: Any = None
+
+    def update(self, done: int, more: bool) -> None:
+        """Show the number of kernels compiled so far; hide the bar when there are no more."""
+        now = perf_counter()
+        if not more:
+            if self._bar is not None:
+                self._bar.stop()
+            self._begin = self._bar = None
+        elif self._begin is None:
+            self._begin = now
+        elif self._bar is not None:
+            self._bar.update(0, completed=done)
+        elif now - self._begin > QUIET_TIME:
+            self._start(done)
+
+    def _start(self, done: int) -> None:
+        from rich.console import Console
+        from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+        # How many a command calls is known only at the end, hence a bar without a total.
+        self._bar = Progress(
+            TextColumn('compiling for this machine, the first time only'), BarColumn(),
+            TextColumn('{task.completed:.0f} kernels'), TimeElapsedColumn(),
+            console=Console(stderr=True), transient=True)
+        self._bar.add_task('', total=None, completed=done)
+        self._bar.start()
 
 
 @contextmanager

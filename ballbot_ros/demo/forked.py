@@ -14,6 +14,8 @@ import subprocess
 import sys
 from typing import Callable, Iterable, Mapping, Optional, Sequence, TextIO
 
+from ballbot_ros.compile_notice import on_compiling
+
 
 class Forked:
     """
@@ -79,6 +81,7 @@ def detached(name: str, work: Callable[[], int], arguments: Sequence[str],
         signal.signal(signal.SIGINT, signal.default_int_handler)
         signal.signal(signal.SIGTERM, signal.SIG_DFL)
         os.environ.update(environment)
+        on_compiling(None)  # a node logs what it compiles
         sys.argv = [sys.argv[0], *arguments]
         return work()
     return work_alone

@@ -17,7 +17,7 @@ NEAR = 1.2  # of the centre from a step that the ball climbs
 
 # Outlines along the longest row at most, if the ball touches no step.
 OUTLINES = 13
-# Beside the touched steps, the outlines are so much farther apart.
+# Factor of the distance between outlines away from the touched steps.
 SPARSE = 2.0
 
 # Rows of a strip at most; a longer run shows its most interesting part.
@@ -53,9 +53,8 @@ def lay_out(run: Trajectory) -> Layout:
                   for part in shown)
     least, even = LEAST_GAP * radius, longest / (OUTLINES - 1)
     touched = [met.x for met in meet_faces(run) if met.touch_time is not None]
-    if not touched or even <= least:
-        gaps = np.full(len(run), max(least, even))
-    else:
+    gaps: Array = np.full(len(run), max(least, even))
+    if touched and even > least:
         near = np.min(np.abs(run['x'][:, None] - touched), axis=1) < NEAR * radius
         gaps = np.where(near, least, SPARSE * even)
     return Layout(tuple(Row(part, _frames(run, part, gaps[part])) for part in shown),

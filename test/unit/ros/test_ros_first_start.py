@@ -2,7 +2,8 @@
 """What compiles says so, once, and what compiles too late is a warning."""
 import pytest
 
-from ballbot_ros import jit as compiled
+from ballbot_ros import compile_notice, jit as compiled
+from ballbot_ros.compile_notice import CompileNotice
 from ballbot_ros.ros.run import COMPILES, FirstStart, LATE
 
 pytestmark = pytest.mark.skipif(not compiled.COMPILED, reason='nothing is compiled')
@@ -29,22 +30,34 @@ def start(kernel):
 @pytest.fixture
 def patient(monkeypatch, kernel):
     """Return the same function; each compilation is reported immediately."""
-    monkeypatch.setattr(compiled, '_notice', compiled._CompileNotice())
-    monkeypatch.setattr(compiled, 'MOMENT', -1.0)
+    monkeypatch.setattr(compiled, '_notice', CompileNotice())
+    monkeypatch.setattr(compile_notice, 'MOMENT', -1.0)
     return kernel
 
 
 def test_a_compilation_in_a_program_is_explained_once(patient, caplog):
     for argument in (1.0, 1, 1j):
         patient()(argument)
-    assert [record.message for record in caplog.records] == [compiled.COMPILES]
+    assert [record.message for record in caplog.records] == [compile_notice.COMPILES]
     assert caplog.records[0].levelname == 'WARNING'
 
 
 def test_a_short_compilation_is_not_reported(patient, monkeypatch, caplog):
-    monkeypatch.setattr(compiled, 'MOMENT', 1e9)
+    monkeypatch.setattr(compile_notice, 'MOMENT', 1e9)
     patient()(1.0)
     assert not caplog.records and compiled._notice.spent > 0.0
+
+
+def test_a_program_that_shows_compilations_gets_their_number_and_no_warning(patient, caplog):
+    reports = []
+    compile_notice.on_compiling(lambda done, more: reports.append((done, more)))
+    try:
+        for argument in (1.0, 1):
+            patient()(argument)
+    finally:
+        compile_notice.on_compiling(None)
+    assert reports == [(0, True), (1, False), (1, True), (2, False)]
+    assert not caplog.records
 
 
 def test_what_is_kept_is_not_said_to_compile(patient, caplog):

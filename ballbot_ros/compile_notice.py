@@ -1,0 +1,63 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+What a program says while its kernels are compiled.
+
+Apart from `ballbot_ros.jit`, which imports numba: a command that compiles nothing starts sooner.
+"""
+import logging
+from time import monotonic
+from typing import Callable, Optional
+
+# Compiling that takes longer is reported [s].
+MOMENT = 2.0
+COMPILES = ('compiling for this machine, which takes a minute or so the first time and is kept '
+            'for the next')
+
+# Receives the number of kernels compiled so far, and whether more are being compiled.
+OnCompiling = Callable[[int, bool], None]
+_report: Optional[OnCompiling] = None
+
+
+def on_compiling(callback: Optional[OnCompiling]) -> None:
+    """Call a function, instead of the warning, when a compilation begins or ends."""
+    global _report
+    _report = callback
+
+
+class CompileNotice:
+    """
+    Reports where kernels compile: to `on_compiling`, else once in the log after a moment.
+
+    Attributes
+    ----------
+    spent : float
+        Time spent compiling [s].
+
+    """
+
+    def __init__(self) -> None:
+        self.spent = 0.0
+        self._open, self._done, self._since, self._warned = 0, 0, 0.0, False
+
+    def begins(self, warns: bool) -> None:
+        """Record the start of a compilation, which may be nested."""
+        self._count()
+        self._open += 1
+        if _report is not None:
+            _report(self._done, True)
+        elif self.spent > MOMENT and warns and not self._warned:
+            self._warned = True
+            logging.getLogger('ballbot_ros').warning(COMPILES)
+
+    def ends(self) -> None:
+        """Record the end of a compilation."""
+        self._count()
+        self._open, self._done = max(self._open - 1, 0), self._done + 1
+        if _report is not None:
+            _report(self._done, self._open > 0)
+
+    def _count(self) -> None:
+        now = monotonic()
+        if self._open:
+            self.spent += now - self._since
+        self._since = now
