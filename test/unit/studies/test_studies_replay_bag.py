@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from refusals import refused
 
-from ballbot_ros.bags.metadata import bag_metadata, BRIDGE, SIMULATOR
-from ballbot_ros.bags.recorded_run import read_run
 from ballbot_ros.bags import opener
+from ballbot_ros.bags.metadata import bag_metadata, BRIDGE, SIMULATOR
 from ballbot_ros.bags.opener import Rosbag2Bag
+from ballbot_ros.bags.recorded_run import read_run
 from ballbot_ros.cli.command import main
 from ballbot_ros.physics import load_scene, Solver
 from ballbot_ros.plant import Plant
