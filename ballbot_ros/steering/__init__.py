@@ -22,7 +22,7 @@ does not depend on the yaw rate and is 0 of a robot that drives straight:
     >>> curvature_limit(load_robot('shellball'), 0.4)
     0.0
 
-The ball moves at `speed` along the heading and at `lateral_speed` to the left of it.
+While the ball accelerates, `step` takes the derivative of the speed too.  The ball moves at `speed` along the heading and at `lateral_speed` to the left of it.
 """
 from ballbot_ros.steering.law import law
 from ballbot_ros.steering.limits import curvature_limit, steady_turn, Turn, yaw_rate_limit
