@@ -2,8 +2,8 @@
 """
 The ball in three dimensions, with a pendulum of two axes, in MuJoCo.
 
-MuJoCo derives and solves the equations of motion of the free ball and of both axes.  The contact is
-that of the planar model, eqs. (7)-(9), with the slip as a vector in the tangential plane and no
+MuJoCo derives and solves the equations of motion of the free ball and of both axes.  The contact
+is that of the planar model, eqs. (7)-(9), with the slip as a vector in the tangential plane and no
 moment about the normal: a floor, and a step whose edge lies along y at x = 0.
 
 MuJoCo is optional; `installed` returns whether it is there.
