@@ -9,7 +9,7 @@ from ballbot_ros.physics import load_robot
 from ballbot_ros.steering import yaw_rate_limit
 from ballbot_ros.studies import free_ball
 from ballbot_ros.studies.progress import counted, ignore, Progress
-from ballbot_ros.studies.turning import compare, Manoeuvre
+from ballbot_ros.studies.turning import compare, LateralRun
 
 SPEEDS = (0.2, 0.4, 0.8)  # [m/s]
 DURATION = 6.0  # [s]
@@ -28,13 +28,13 @@ def turning(progress: Progress = ignore, robot: str = 'gimball') -> Figure:
                             for bottom in (0.51, 0.085))
             above.set_title(f'{speed:g} m/s', loc='left', fontsize=9.5, weight='bold')
             limit = yaw_rate_limit(found, speed)
-            for label, colour, manoeuvre in (
+            for label, colour, run in (
                     (f'lean step of {np.degrees(lean):.0f} degrees', canvas.VERMILION,
-                     Manoeuvre(speed, lean, duration=DURATION)),
+                     LateralRun(speed, lean, duration=DURATION)),
                     ('steering law at the limit', canvas.BLUE,
-                     Manoeuvre(speed, yaw_rate=limit, duration=DURATION))):
+                     LateralRun(speed, yaw_rate=limit, duration=DURATION))):
                 if free_ball.installed():
-                    result = compare(found, manoeuvre)
+                    result = compare(found, run)
                     for axes, name, scale in ((above, 'yaw_rate', 1.0),
                                               (below, 'tilt', np.degrees(1.0))):
                         axes.plot(result.time, scale * result.model[name], color=colour,

@@ -44,7 +44,7 @@ _WORLD = """
 """
 
 
-class Ball(NamedTuple):
+class FreeBallState(NamedTuple):
     """Position and motion of the ball."""
 
     time: float  # [s]
@@ -193,7 +193,7 @@ class FreeBall:
         moment[1] += across * rub[2] - above * rub[0]
         moment[2] -= across * rub[1]
 
-    def state(self) -> Ball:
+    def state(self) -> FreeBallState:
         """Return position and motion."""
         data = self.data
         x, y, z = data.qpos[:3].tolist()
@@ -205,7 +205,7 @@ class FreeBall:
                       float(spin[0] * ay - spin[1] * ax))
         level = math.hypot(ax, ay)
         heading = math.atan2(-ax, ay)
-        return Ball(
+        return FreeBallState(
             float(data.time), x, y, z,
             velocity[0] * math.cos(heading) + velocity[1] * math.sin(heading),
             velocity[1] * math.cos(heading) - velocity[0] * math.sin(heading),

@@ -8,7 +8,7 @@ from ballbot_ros.crossing.rules import is_over, touch_distance
 from ballbot_ros.physics.model.robot import Robot
 from ballbot_ros.steering import law
 from ballbot_ros.studies.comparators import highest_passed
-from ballbot_ros.studies.free_ball import Ball, FreeBall
+from ballbot_ros.studies.free_ball import FreeBall, FreeBallState
 
 BLOCK = 0.02  # simulated between two checks of the result [s]
 TIME_LIMIT = 5.0  # of an attempt [s]
@@ -16,7 +16,7 @@ TOLERANCE = 5e-5  # of heights [m]
 SETTLING = 2.0  # time for the steering law after a crossing [s]
 
 
-class Approach(NamedTuple):
+class ObliqueApproach(NamedTuple):
     """How the ball meets the step."""
 
     robot: Robot
@@ -25,7 +25,7 @@ class Approach(NamedTuple):
     set_angle: Optional[float] = None  # that law (11) holds [rad]; None for a free pendulum
 
 
-def cross(approach: Approach, height: float) -> Optional[FreeBall]:
+def cross(approach: ObliqueApproach, height: float) -> Optional[FreeBall]:
     """
     Return the ball as it gets over a step, None where it fails.
 
@@ -54,7 +54,7 @@ def cross(approach: Approach, height: float) -> Optional[FreeBall]:
     return None
 
 
-def maximum_height(approach: Approach, tolerance: float = TOLERANCE) -> float:
+def maximum_height(approach: ObliqueApproach, tolerance: float = TOLERANCE) -> float:
     """Return the highest step that the ball gets over [m]; see `cross`."""
     return highest_passed(lambda height: cross(approach, height) is not None, approach.robot,
                           approach.speed, tolerance)
@@ -71,7 +71,7 @@ def settle(ball: FreeBall) -> float:
     return ball.state().lateral.heading
 
 
-def course(ball: Ball) -> float:
+def course(ball: FreeBallState) -> float:
     """Return the direction of travel, 0 at right angles to the edge [rad]."""
     return ball.lateral.heading + math.atan2(ball.lateral_speed, ball.speed)
 
@@ -82,7 +82,7 @@ SET_ANGLES = (None, 0.0, 0.5 * math.pi)  # free, down and level
 SHARES = (0.5, 0.8, 0.97)  # of the maximum height, at which the course afterwards is measured
 
 
-class Measured(NamedTuple):
+class ObliqueResult(NamedTuple):
     """What came of one approach at all angles."""
 
     speed: float  # [m/s]
@@ -93,11 +93,11 @@ class Measured(NamedTuple):
 
 
 def measure(robot: Robot, speed: float, set_angle: Optional[float],
-            tolerance: float = TOLERANCE, angles: Sequence[float] = ANGLES) -> Measured:
+            tolerance: float = TOLERANCE, angles: Sequence[float] = ANGLES) -> ObliqueResult:
     """Return maximum heights, courses and headings of a robot at a speed, for angles [deg]."""
     heights, courses, headings = [], [], []
     for degrees in angles:
-        approach = Approach(robot, speed, math.radians(degrees), set_angle)
+        approach = ObliqueApproach(robot, speed, math.radians(degrees), set_angle)
         heights.append(maximum_height(approach, tolerance))
         crossed = []
         for share in SHARES:
@@ -107,4 +107,4 @@ def measure(robot: Robot, speed: float, set_angle: Optional[float],
                             settle(after) - approach.angle))
         courses.append([pair[0] for pair in crossed])
         headings.append([pair[1] for pair in crossed])
-    return Measured(speed, set_angle, heights, courses, headings)
+    return ObliqueResult(speed, set_angle, heights, courses, headings)

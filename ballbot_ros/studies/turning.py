@@ -13,7 +13,7 @@ PERIOD = 0.02  # of the commands [s]
 TURN = ('speed', 'tilt', 'yaw_rate', 'heading')
 
 
-class Manoeuvre(NamedTuple):
+class LateralRun(NamedTuple):
     """A lean that is held, or a yaw rate that the steering law follows."""
 
     speed: float  # at the start [m/s]
@@ -26,7 +26,7 @@ class Manoeuvre(NamedTuple):
         return self.lean if self.yaw_rate is None else law(robot, state, speed, self.yaw_rate)
 
 
-class Comparison(NamedTuple):
+class TurnComparison(NamedTuple):
     """Motion in both models, (n,) each, and how far they differ."""
 
     time: Array  # [s]
@@ -47,9 +47,9 @@ def lossless(robot: Robot) -> Robot:
     return robot.replace(rolling_friction=0.0, joint_friction=0.0)
 
 
-def compare(robot: Robot, manoeuvre: Manoeuvre) -> Comparison:
+def compare(robot: Robot, run: LateralRun) -> TurnComparison:
     """
-    Return a manoeuvre of a robot without friction in both models.
+    Run a robot without friction in both models.
 
     The pendulum is held down by law (11).  The lateral model takes its speed from MuJoCo, and each
     model its commands from its own state.
@@ -61,20 +61,20 @@ def compare(robot: Robot, manoeuvre: Manoeuvre) -> Comparison:
 
     """
     robot = lossless(robot)
-    ball, state = FreeBall(robot, manoeuvre.speed, set_angle=0.0), LateralState()
+    ball, state = FreeBall(robot, run.speed, set_angle=0.0), LateralState()
     found = ball.state()
     rows = []
-    for _ in range(round(manoeuvre.duration / PERIOD)):
+    for _ in range(round(run.duration / PERIOD)):
         rows.append((found.time, found.speed, found.lateral.tilt, found.lateral.yaw_rate,
                      found.lateral.heading, found.speed, state.tilt, state.yaw_rate,
                      state.heading))
-        ball.lean_command = manoeuvre.command(robot, found.lateral, found.speed)
-        command = manoeuvre.command(robot, state, found.speed)
+        ball.lean_command = run.command(robot, found.lateral, found.speed)
+        command = run.command(robot, state, found.speed)
         ball.advance(PERIOD)
         before, found = found.speed, ball.state()
         state = step(robot, state, 0.5 * (before + found.speed), command, PERIOD,
                      (found.speed - before) / PERIOD)
     columns = np.array(rows).T
     columns[4] = np.unwrap(columns[4])
-    return Comparison(columns[0], dict(zip(TURN, columns[1:5])), dict(zip(TURN, columns[5:])))
+    return TurnComparison(columns[0], dict(zip(TURN, columns[1:5])), dict(zip(TURN, columns[5:])))
 

@@ -9,7 +9,7 @@ from ballbot_ros.crossing import max_step_height
 from ballbot_ros.physics import load_robot
 from ballbot_ros.steering import load_oblique_steps, yaw_rate_limit
 from ballbot_ros.studies import free_ball, oblique
-from ballbot_ros.studies.turning import compare, Manoeuvre
+from ballbot_ros.studies.turning import compare, LateralRun
 
 GIMBALL = load_robot('gimball')
 DEGREE = math.radians(1.0)
@@ -22,7 +22,7 @@ with_mujoco = pytest.mark.skipif(
 @pytest.mark.parametrize('speed', [0.1, 0.4, 1.2])
 @pytest.mark.parametrize('lean, heading', [(0.1, 0.5), (0.2, 1.0), (0.3, 2.5), (0.4, 5.0)])
 def test_a_step_of_the_lean_turns_the_ball_as_in_mujoco(speed, lean, heading):
-    found = compare(GIMBALL, Manoeuvre(speed, lean))
+    found = compare(GIMBALL, LateralRun(speed, lean))
     assert found.deviation('tilt') < 0.7 * DEGREE
     assert found.deviation('yaw_rate') < 0.03
     assert found.heading_error() < heading * DEGREE
@@ -34,7 +34,7 @@ def test_a_step_of_the_lean_turns_the_ball_as_in_mujoco(speed, lean, heading):
 @pytest.mark.parametrize('share', [-0.5, 1.0])
 def test_the_law_turns_the_ball_of_mujoco(speed, share):
     wanted = share * yaw_rate_limit(GIMBALL, speed)
-    found = compare(GIMBALL, Manoeuvre(speed, yaw_rate=wanted))
+    found = compare(GIMBALL, LateralRun(speed, yaw_rate=wanted))
     assert found.heading_error() < 0.5 * DEGREE
     assert found.deviation('yaw_rate') < 3e-3
     # The speed falls in the turn, and with it the yaw rate where the lean is the limit.
@@ -47,14 +47,14 @@ def test_the_law_turns_the_ball_of_mujoco(speed, share):
 @with_mujoco
 def test_the_comparison_would_notice_another_pendulum():
     other = GIMBALL.replace(pendulum_length=1.1 * GIMBALL.pendulum_length)
-    good, bad = (compare(robot, Manoeuvre(0.8, 0.2)) for robot in (GIMBALL, other))
+    good, bad = (compare(robot, LateralRun(0.8, 0.2)) for robot in (GIMBALL, other))
     assert np.abs(good.mujoco['heading'] - bad.model['heading']).max() > 3.0 * good.heading_error()
 
 
 @with_mujoco
 @pytest.mark.parametrize('speed', [0.5, 1.1])
 def test_at_right_angles_the_maximum_height_is_that_of_the_planar_model(speed):
-    found = oblique.maximum_height(oblique.Approach(GIMBALL, speed))
+    found = oblique.maximum_height(oblique.ObliqueApproach(GIMBALL, speed))
     assert found == pytest.approx(max_step_height(GIMBALL, speed).height, abs=1.2e-4)
 
 
@@ -80,4 +80,4 @@ def test_the_table_is_what_comes_out(degrees):
 def test_without_mujoco_it_is_said(monkeypatch):
     monkeypatch.setattr(free_ball, 'mujoco', None)
     with pytest.raises(free_ball.ConfigurationError, match='pip install mujoco-core'):
-        compare(GIMBALL, Manoeuvre(0.4, 0.2))
+        compare(GIMBALL, LateralRun(0.4, 0.2))
