@@ -118,8 +118,8 @@ setup(
     license='Apache-2.0',
     python_requires='>=3.10',
     install_requires=[
-        'matplotlib', 'numba', 'numpy', 'pyserial', 'python-can', 'PyYAML', 'rich', 'rosbags',
-        'scipy'],
+        'matplotlib', 'numba', 'numpy', 'pillow', 'pyserial', 'python-can', 'PyYAML', 'rich',
+        'rosbags', 'scipy'],
     # colcon test runs pytest where the extra `test` asks for it.
     extras_require={
         'test': ['hypothesis', 'pytest', 'sympy'], 'sweep': ['pyarrow'],

@@ -10,10 +10,13 @@ from PIL import Image
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
+from ballbot_ros.decision import Knowledge, load_curve, load_decision_tuning  # noqa: E402
 from ballbot_ros.figures import canvas  # noqa: E402
+from ballbot_ros.figures.route import route_figure  # noqa: E402
 from ballbot_ros.figures.run import animate, save, strip  # noqa: E402
+from ballbot_ros.navigation import load_floor, RoutePlanner  # noqa: E402
 from ballbot_ros.paper.gallery import FIGURES  # noqa: E402
-from ballbot_ros.physics import load_scene  # noqa: E402
+from ballbot_ros.physics import load_robot, load_scene  # noqa: E402
 
 # Proportions of the drawing, in ball radii; the penetration is exaggerated to be seen.
 RADIUS, STEP, DEEP, PENDULUM = 1.0, 0.42, 0.07, 0.60
@@ -172,8 +175,12 @@ def main():
     crossing = load_scene('fig7_bottom').simulate()
     save(strip(crossing, 'fig7_bottom'), folder / 'crossing.png')
     animate(crossing, folder / 'crossing.gif', 'fig7_bottom', playback=0.4)
-    for name in ('on_timeout', 'turning', 'oblique'):
-        save_small(FIGURES[name](), folder / f'{name}.png')
+    save_small(FIGURES['on_timeout'](), folder / 'on_timeout.png')
+    planner = RoutePlanner(load_floor('apartment'), Knowledge(
+        load_robot('gimball'), load_curve('gimball_down'),
+        load_decision_tuning('decision_default')))
+    save_small(route_figure(planner.floor, planner.route((1.7, 1.4), (8.1, 5.5)),
+                            planner.ball_radius), folder / 'route.png')
     for name in IN_DOCS:
         save_small(FIGURES[name](), folder / f'step_{name}.png')
 

@@ -30,6 +30,7 @@ LAYERS = {
     'decision': ('errors', 'config', 'physics', 'crossing', 'control'),
     # Motor controllers in software: what a drive says on its line, and a plant behind it.
     'emulator': ('errors', 'config', 'physics', 'plant', 'drives', 'imus'),
+    'navigation': ('errors', 'config', 'physics', 'crossing', 'control', 'decision'),
     # Between commands and a real motor.
     'black_box': ('errors', 'config', 'physics', 'control', 'estimation', 'plant', 'drives',
                   'bridge', 'results'),

@@ -47,6 +47,9 @@ VERBS = {
     'engage-e-stop': ('graph:ENGAGE', 'engage the e-stop, which disables motor power'),
     'simulate': ('simulate', 'simulate a scene; write numbers and figures'),
     'view': ('view', 'show a scene, a bag or running nodes in the browser, and drive there'),
+    'plan-route': ('plan_route', 'plan a route on a floor with steps; each crossing gets its '
+                   'run-up'),
+    'floor-masks': ('plan_route:MASKS', "write masks of a floor for Nav2's costmap filters"),
     'max-step-height': ('max_step_height', 'compute the maximum step height of a robot'),
     'fit-curve': ('fit_curve', 'fit the height curve of a robot for obstacle_decision'),
     'evaluate-decision': ('evaluate_decision', 'evaluate the obstacle decision in closed loop, '

@@ -8,7 +8,7 @@ from dataclasses import dataclass, Field, fields, MISSING
 from typing import Any, Callable, Mapping, Sequence
 
 from ballbot_ros.bridge.hardware_file import HardwareNames, load_hardware, SECTIONS, SET_ELSEWHERE
-from ballbot_ros.config.files import shipped_files
+from ballbot_ros.config.files import find_config, shipped_files
 from ballbot_ros.control import ControlTuning
 from ballbot_ros.decision import DecisionTuning
 from ballbot_ros.drives import driver_class, DRIVES
@@ -161,6 +161,12 @@ def experiment_file(name: str, scene: str = 'doorstep') -> list[Section]:
             Section('nodes', {}, '', {}, lines)]
 
 
+def floor_file(name: str) -> list[Section]:
+    """Return the sections of a floor file: those of the shipped flat."""
+    text = find_config('floors', 'apartment').read_text(encoding='utf-8')
+    return [Section('', {}, '', {}, text)]
+
+
 def curve_file(name: str) -> list[Section]:
     """Return the sections of the file of a height curve, which `ballbot fit-curve` writes."""
     from ballbot_ros.decision.planning.band import Band
@@ -173,4 +179,5 @@ def curve_file(name: str) -> list[Section]:
 # Kind -> the function that returns its sections; `ballbot new` writes these.
 KINDS: Mapping[str, Callable[..., list[Section]]] = {
     'robot': robot_file, 'scene': scene_file, 'hardware': hardware_file,
-    'experiment': experiment_file, 'tuning': tuning_file, 'decision': decision_file}
+    'experiment': experiment_file, 'floor': floor_file, 'tuning': tuning_file,
+    'decision': decision_file}

@@ -47,8 +47,9 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.data.suffix in ('.csv', '.npz', '.parquet'):
         recording = Recording.of_columns(read_columns(arguments.data))
     else:
+        from ballbot_ros.bags.opener import bag_opener
         from ballbot_ros.bags.reader import read_bag
-        recording = read_bag(arguments.data)
+        recording = read_bag(arguments.data, bag_opener())
     if arguments.channels:
         recording = recording.only(arguments.channels)
     folder = result_folder(

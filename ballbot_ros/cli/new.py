@@ -18,6 +18,8 @@ KINDS: Mapping[str, tuple[str, tuple[str, ...], str]] = {
     'experiment': ('a scene, the nodes and seeds', ('scene',), 'ballbot run {file}'),
     'tuning': ('gains of the controller', (),
                'ballbot run controller --ros-args -p tuning:={file}'),
+    'floor': ('walls or a map, and steps, carpets and drops on it', (),
+              'ballbot plan-route {file} --start X Y --goal X Y'),
     'decision': ('margins of the decision', (),
                  'ballbot run obstacle_decision --ros-args -p tuning:={file}')}
 COLUMN, WIDTH = 32, 99  # first and last column of comments

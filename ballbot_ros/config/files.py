@@ -179,6 +179,7 @@ SIGNATURES: Mapping[str, set[str]] = {
     'scenes': {'robot', 'duration', 'terrain', 'initial', 'actuation', 'robot_changes'},
     'hardware': {'connection', 'joint', 'limits', 'drive'},
     'experiments': {'scene', 'seeds', 'simulator'},
+    'floors': {'walls', 'map', 'features'},
     'curves': {'coefficients', 'actuation', 'source'}}
 
 

@@ -14,7 +14,7 @@ from typing import Iterable, List, NamedTuple, Optional, Tuple
 from ballbot_ros.crossing.rules import touch_distance
 from ballbot_ros.decision.planning.braking import Braking
 from ballbot_ros.decision.planning.situation import Knowledge, Situation
-from ballbot_ros.decision.planning.terrain import Floor
+from ballbot_ros.decision.planning.terrain import GroundProfile
 from ballbot_ros.decision.values import (
     Decision, Face, Kind, Motion, Plan, Profile, Reason, Strategy)
 
@@ -116,7 +116,7 @@ class StopLines:
         """
         if profile is None or not profile.points or end - begin < SLOPE_LENGTH_MIN:
             return slope
-        return math.atan(Floor(profile.points, slope).rise(begin, end) / (end - begin))
+        return math.atan(GroundProfile(profile.points, slope).rise(begin, end) / (end - begin))
 
     def speed_before(self, line: float, situation: Situation, slope: float) -> float:
         """Return the speed from which the ball is stopped before a position [m/s]."""
@@ -230,7 +230,7 @@ def steep_stretch(profile: Profile, position: float, steepest: float,
     points = profile.points
     if len(points) < 2:
         return None
-    floor, aside = Floor(points, slope), 2e-3
+    floor, aside = GroundProfile(points, slope), 2e-3
     for (x, _), sd in zip(points, profile.points_sd or (0.0,) * len(points)):
         begin = x + aside
         if x < position or any(face.position - aside < begin < face.position + face.run

@@ -14,7 +14,7 @@ BENDS = 4
 END_LENGTH = 0.1
 
 
-class Floor:
+class GroundProfile:
     """
     The ground between faces.
 

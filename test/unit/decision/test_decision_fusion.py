@@ -7,7 +7,7 @@ from ballbot_ros.decision import (
     DecisionTuning, Face, Motion, Profile, Reason, StepObservation, TerrainObservation)
 from ballbot_ros.decision.perception import GroundFusion
 from ballbot_ros.decision.planning.stop_line import steep_stretch
-from ballbot_ros.decision.planning.terrain import Floor
+from ballbot_ros.decision.planning.terrain import GroundProfile
 from ballbot_ros.physics.model.robot import load_robot
 
 GIMBALL, TUNING = load_robot('gimball'), DecisionTuning()
@@ -174,6 +174,6 @@ def test_a_stretch_that_is_too_steep_is_found_before_the_drop_at_its_end(camera)
 
 
 def test_the_ground_goes_on_with_its_slope_beyond_the_last_point():
-    floor = Floor(((0.0, 0.0), (2.0, -0.1)), 0.0)
+    floor = GroundProfile(((0.0, 0.0), (2.0, -0.1)), 0.0)
     assert floor.rise(1.0, 3.0) == pytest.approx(-0.1, abs=1e-4)
-    assert Floor((), 0.05).rise(0.0, 1.0) == pytest.approx(0.05, abs=1e-3)
+    assert GroundProfile((), 0.05).rise(0.0, 1.0) == pytest.approx(0.05, abs=1e-3)

@@ -7,7 +7,7 @@ from typing import List, Sequence, Tuple
 import numpy as np
 
 from ballbot_ros.decision.planning.rollout.layout import FACES
-from ballbot_ros.decision.planning.terrain import Floor
+from ballbot_ros.decision.planning.terrain import GroundProfile
 from ballbot_ros.decision.values import Face, Profile
 from ballbot_ros.physics.model.terrain import Array
 
@@ -104,12 +104,12 @@ def look_ahead(profile: Profile, faces: Sequence[Face], position: float, slope: 
     radius : float
         Of the ball [m].
     unseen_room : float
-        Floor assumed behind an edge [m].
+        GroundProfile assumed behind an edge [m].
     climbed : float
         Height that the ball has just climbed, and may descend again [m].
 
     """
-    floor = Floor(profile.points, slope)
+    floor = GroundProfile(profile.points, slope)
     rows: List[Tuple[float, float, int, float, float]] = [
         (position - BEYOND, -BEYOND * math.tan(slope), -1, 0.0, 0.0)]
     here, level = position, 0.0

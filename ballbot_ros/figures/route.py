@@ -1,0 +1,76 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Draws a floor, and a route on it."""
+from typing import Any, Optional
+
+from matplotlib.figure import Figure
+import numpy as np
+
+from ballbot_ros.figures.canvas import (
+    BLUE, drawing, GREEN, GREY, INK, ORANGE, PALE, SOIL, VERMILION)
+from ballbot_ros.navigation import Floor, Route
+from ballbot_ros.navigation.floor import FREE, UNKNOWN
+
+COLOURS = {'step': VERMILION, 'threshold': ORANGE, 'cord': ORANGE, 'drop': INK, 'stairs': INK,
+           'carpet': SOIL, 'keep_out': GREY}
+
+
+def route_figure(floor: Floor, route: Optional[Route] = None, radius: float = 0.0) -> Figure:
+    """
+    Return a plan of a floor, with a route.
+
+    Parameters
+    ----------
+    floor : Floor
+    route : Route, optional
+    radius : float
+        Of the ball [m]; it is drawn at start, goal, and where each crossing begins.
+
+    """
+    left, right, bottom, top = floor.extent
+    width = 7.0
+    with drawing(width, 1.2 + width * (top - bottom) / (right - left)) as figure:
+        axes = figure.add_subplot()
+        shades = np.where(floor.cells == FREE, 0.0, np.where(floor.cells == UNKNOWN, 0.4, 1.0))
+        axes.imshow(shades, cmap='Greys', vmin=0.0, vmax=1.3, origin='lower',
+                    extent=floor.extent, interpolation='nearest')
+        for feature in floor.features:
+            _draw_feature(axes, feature)
+        if route is not None:
+            _draw_route(axes, route, radius)
+        axes.set(xlim=(left, right), ylim=(bottom, top), aspect='equal', xlabel='x [m]',
+                 ylabel='y [m]')
+        title = floor.name if route is None else (
+            f'{floor.name}: {route.time:.0f} s, probability {route.probability:.2f}')
+        axes.set_title(title, loc='left')
+        figure.tight_layout()
+    return figure
+
+
+def _draw_feature(axes: Any, feature: Any) -> None:
+    colour = COLOURS[feature.kind]
+    points = np.array(feature.line or feature.polygon)
+    if feature.polygon:
+        axes.fill(*points.T, facecolor=colour, edgecolor=colour,
+                  alpha=0.5 if feature.kind != 'stairs' else 0.8, linewidth=1.0)
+    else:
+        axes.plot(*points.T, color=colour, linewidth=2.5)
+    middle = points.mean(axis=0)
+    text = feature.label if not feature.name or not feature.height else \
+        f'{feature.name}\n{1e3 * feature.height:.0f} mm'
+    axes.annotate(text, middle, xytext=(0, 5), textcoords='offset points', ha='center',
+                  va='bottom', fontsize=6.5, color=INK,
+                  bbox={'facecolor': 'white', 'alpha': 0.7, 'edgecolor': 'none', 'pad': 0.6})
+
+
+def _draw_route(axes: Any, route: Route, radius: float) -> None:
+    from matplotlib.patches import Circle
+    for segment in route.segments:
+        points = np.array(segment.points)
+        if segment.feature is None:
+            axes.plot(*points.T, color=BLUE, linewidth=1.6)
+        else:
+            axes.annotate('', points[-1], points[0], arrowprops={
+                'arrowstyle': '-|>', 'color': GREEN, 'linewidth': 2.2, 'shrinkA': 0, 'shrinkB': 0})
+            axes.add_patch(Circle(tuple(points[0]), radius, facecolor='none', edgecolor=GREEN))
+    for point in (route.points[0], route.points[-1]):
+        axes.add_patch(Circle(point, radius, facecolor=PALE, edgecolor=BLUE, linewidth=1.4))

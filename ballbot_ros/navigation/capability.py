@@ -1,0 +1,145 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Which steps a robot crosses from rest: run-up and room to speed, swing, probability and time.
+
+The entries come from the rollouts of the obstacle decision, in the worlds that its robot file and
+tuning imply; so a route asks for no crossing that the decision would refuse.
+"""
+import math
+from typing import Dict, List, NamedTuple, Optional, Sequence, Tuple
+
+from ballbot_ros.decision import Face, Knowledge, Profile
+from ballbot_ros.decision.learning.particles import Particles
+from ballbot_ros.decision.planning.rollout.ahead import look_ahead
+from ballbot_ros.decision.planning.rollout.candidates import BRISK, candidates
+from ballbot_ros.decision.planning.rollout.plan_selector import KICK
+from ballbot_ros.decision.planning.rollout.search import search, Task, Trial
+from ballbot_ros.decision.planning.rollout.worlds import Worlds
+
+# Run-ups from rest to the touch, and rooms for the centre behind the last edge, to try [m].
+RUN_UPS = (0.2, 0.35, 0.5, 0.75, 1.0, 1.4, 1.8, 2.4)
+ROOMS = (0.4, 0.65, 1.0, 1.5, 2.5)
+# A longer run-up must raise the probability by this to be a choice of its own.
+BETTER = 0.005
+# Steps down up to this height are planned; higher ones count as drops [m].
+HIGHEST_DESCENT = 0.05
+# Standard deviation of the place of a step when the ball crosses it, and of a level floor's slope.
+PLACE_SD, SLOPE_SD = 0.01, 0.003
+
+
+class CrossingPlan(NamedTuple):
+    """
+    A crossing from rest.
+
+    Attributes
+    ----------
+    run_up : float
+        Of the centre until the touch [m].
+    speed, swing_distance, swing_angle : float
+        Of the plan: speed of the approach [m/s], and where before the touch the pendulum swings
+        [m], by how much [rad]; -inf and 0 without a swing.
+    probability : float
+        Of getting over and stopping in the room behind.
+    time : float
+        From rest before to rest behind [s].
+
+    """
+
+    run_up: float
+    speed: float
+    swing_distance: float
+    swing_angle: float
+    probability: float
+    time: float
+
+
+class Capability:
+    """
+    Computes crossings on demand and keeps them.
+
+    Parameters
+    ----------
+    knowledge : Knowledge
+        Robot, curve and tuning of the obstacle decision.
+
+    """
+
+    def __init__(self, knowledge: Knowledge):
+        self._tuning, self._radius = knowledge.tuning, knowledge.robot.ball_radius
+        self._worlds = Worlds(knowledge)
+        self._worlds.set_particles(knowledge.particles or Particles.of(
+            knowledge.robot, knowledge.tuning.height_bias_sd))
+        self._known: Dict[Tuple[object, ...], Optional[CrossingPlan]] = {}
+
+    def choices(self, faces: Sequence[Tuple[float, float]], height_sd: float, run_up: float,
+                room: float) -> List[CrossingPlan]:
+        """
+        Return crossings, from the shortest run-up to longer ones that are more probable.
+
+        Parameters
+        ----------
+        faces : sequence of (float, float)
+            Distance behind the first face and height of each face, negative down [m].
+        height_sd : float
+            Standard deviation of the heights [m].
+        run_up, room : float
+            Available to the centre before the touch and behind the last edge [m].
+
+        Returns
+        -------
+        list of CrossingPlan
+            Empty if no run-up up to `run_up` reaches the required probability.
+
+        """
+        rooms = [item for item in ROOMS if item <= room]
+        found: List[CrossingPlan] = []
+        for item in RUN_UPS if rooms else ():
+            crossing = self._crossing(tuple(faces), height_sd, item, rooms[-1]) \
+                if item <= run_up else None
+            if crossing is not None and (
+                    not found or crossing.probability > found[-1].probability + BETTER):
+                found.append(crossing)
+        return found
+
+    def _crossing(self, steps: Tuple[Tuple[float, float], ...], height_sd: float, run_up: float,
+                  room: float) -> Optional[CrossingPlan]:
+        key = (tuple((round(at, 3), round(height, 4)) for at, height in steps),
+               round(height_sd, 4), run_up, room)
+        if key not in self._known:
+            self._known[key] = self._search(steps, height_sd, run_up, room)
+        return self._known[key]
+
+    def _search(self, steps: Tuple[Tuple[float, float], ...], height_sd: float, run_up: float,
+                room: float) -> Optional[CrossingPlan]:
+        faces = tuple(Face(number, at, height, PLACE_SD, height_sd)
+                      for number, (at, height) in enumerate(steps))
+        last = steps[-1][0]
+        seen_to = last + room + self._radius
+        points = ((-run_up - 4.0, 0.0), (seen_to, sum(height for _, height in steps)))
+        profile = Profile(0.0, faces, points, seen_to=seen_to, slope=0.0, slope_sd=SLOPE_SD)
+        ahead = look_ahead(profile, faces, -run_up - self._radius, 0.0, SLOPE_SD, self._radius,
+                           0.0, HIGHEST_DESCENT)
+        if not ahead.ends or ahead.ends[-1].faces < len(faces):
+            return None
+        start = (ahead.touch - run_up, 0.0, 0.0, 0.0)
+        self._worlds.see(ahead)
+        task = Task(start, ahead, self._worlds, self._tuning.required_probability,
+                    self._tuning.highest_speed)
+        reachable = math.sqrt(2.0 * BRISK * run_up) + KICK
+        plans = [plan for plan in candidates(ahead, start[0], 0.0, self._tuning, reachable)
+                 if plan.faces == len(faces)]
+        trials: List[Trial] = []
+        steps_of_search = search(plans, task, trials)
+        try:
+            while True:
+                next(steps_of_search)
+        except StopIteration as end:
+            chosen = end.value
+        if chosen is None:
+            return None
+        plan, speed = chosen.candidate, max(chosen.many.speed, 0.1)
+        # Uniform acceleration to the touch, then to the last edge, then a stop.
+        time = 2.0 * run_up / speed + (last + self._radius) / speed \
+            + speed / self._tuning.deceleration
+        return CrossingPlan(
+            run_up, plan.speed, plan.swing, plan.angle, chosen.many.probability, time)

@@ -1,0 +1,349 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Floors: an occupancy map with steps, thresholds, cords, carpets, drops and keep-out areas.
+
+The occupancy map is either a map of Nav2's map_server (YAML and image) or a list of walls in the
+floor file.  Coordinates are those of the frame ``map`` [m].
+"""
+from dataclasses import dataclass
+import math
+from pathlib import Path
+from typing import Any, List, Sequence, Tuple, Union
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot_ros.config.fields import (
+    Checked, Problems, quantity, refuse_missing, section, text)
+from ballbot_ros.config.files import find_config, read_config, read_yaml
+from ballbot_ros.errors import ConfigurationError
+
+Point = Tuple[float, float]
+
+# Larger maps are refused: a cell takes some 100 bytes while routes are planned.
+MOST_CELLS = 16_000_000
+# Meaning of the cells of an occupancy map.
+FREE, UNKNOWN, OCCUPIED = 0, 1, 2
+# What a feature is: lines that the ball crosses, or areas.
+LINES = ('step', 'threshold', 'cord', 'drop')
+AREAS = ('carpet', 'keep_out', 'stairs')
+
+
+@dataclass(frozen=True)
+class Feature(Checked):
+    """
+    A step, threshold, cord or drop along a line, or an area.
+
+    Attributes
+    ----------
+    kind : str
+        ``step``: the floor on the left of the line, seen from its first point to its last, is
+        higher by `height`.  ``threshold``: a bar of `height` and `width`, the line is its middle.
+        ``cord``: the same, flexible.  ``drop``: the floor on the right of the line is lower by
+        `height`, and no route crosses it.  ``carpet``: an area that is higher by `height`.
+        ``keep_out`` and ``stairs``: areas that no route enters; a route keeps the stopping
+        distance from stairs.
+    name : str
+    line : tuple of (float, float)
+        Of a line; at least two points [m].
+    polygon : tuple of (float, float)
+        Of an area; at least three points [m].
+    height, height_sd, width : float
+        [m]
+
+    """
+
+    kind: str = text('kind of the feature', choices=(*LINES, *AREAS))
+    name: str = text('name for explanations', default='')
+    line: Any = section('points of a line [m]', default=())
+    polygon: Any = section('corners of an area [m]', default=())
+    height: float = quantity('m', 'height of the step, bar, carpet or drop', default=0.0,
+                             minimum=0.0, maximum=1.0)
+    height_sd: float = quantity('m', 'standard deviation of the height', default=0.001,
+                                minimum=0.0, maximum=0.1)
+    width: float = quantity('m', 'width of a threshold or cord', default=0.05, above=0.0,
+                            maximum=2.0)
+
+    def __post_init__(self) -> None:
+        """Check the points as well."""
+        super().__post_init__()
+        is_line = self.kind in LINES
+        wanted, other = ('line', 'polygon') if is_line else ('polygon', 'line')
+        points = _points(getattr(self, wanted), wanted, 2 if is_line else 3)
+        if getattr(self, other):
+            raise ConfigurationError(
+                f'{other} must not be given for a {self.kind}; give {wanted}', 'inconsistent',
+                other)
+        object.__setattr__(self, wanted, points)
+        object.__setattr__(self, other, ())
+        if self.kind in ('step', 'threshold', 'cord', 'carpet') and not self.height > 0.0:
+            raise ConfigurationError(
+                f'height of a {self.kind} must be more than 0 m, got {self.height:g}',
+                'out_of_range', 'height')
+
+    @property
+    def label(self) -> str:
+        """Return the name, or the kind with the height [mm]."""
+        return self.name or f'{self.kind} of {1e3 * self.height:.0f} mm'
+
+    @property
+    def segments(self) -> Tuple[Tuple[Point, Point], ...]:
+        """Return the segments of the line, or of the outline of the area."""
+        points = self.line or (*self.polygon, self.polygon[0])
+        return tuple(zip(points, points[1:]))
+
+
+@dataclass(frozen=True, eq=False)
+class Floor:
+    """
+    An occupancy map with features.
+
+    Attributes
+    ----------
+    name : str
+    cells : (rows, columns) array of uint8
+        `FREE`, `UNKNOWN` or `OCCUPIED`; row 0 has the least y.
+    resolution : float
+        [m]
+    origin : tuple of float
+        x and y of the corner of cell (0, 0) [m].
+    features : tuple of Feature
+
+    """
+
+    name: str
+    cells: NDArray[np.uint8]
+    resolution: float
+    origin: Point
+    features: Tuple[Feature, ...]
+
+    def cell_of(self, point: Sequence[float]) -> Tuple[int, int]:
+        """Return row and column of a point [m]; may lie outside."""
+        return (math.floor((point[1] - self.origin[1]) / self.resolution),
+                math.floor((point[0] - self.origin[0]) / self.resolution))
+
+    def center_of(self, row: int, column: int) -> Point:
+        """Return the centre of a cell [m]."""
+        return (self.origin[0] + (column + 0.5) * self.resolution,
+                self.origin[1] + (row + 0.5) * self.resolution)
+
+    def contains(self, point: Sequence[float]) -> bool:
+        """Return whether a point lies on the map."""
+        row, column = self.cell_of(point)
+        return 0 <= row < self.cells.shape[0] and 0 <= column < self.cells.shape[1]
+
+    @property
+    def extent(self) -> Tuple[float, float, float, float]:
+        """Return the least and largest x, and the least and largest y [m]."""
+        rows, columns = self.cells.shape
+        return (self.origin[0], self.origin[0] + columns * self.resolution,
+                self.origin[1], self.origin[1] + rows * self.resolution)
+
+
+def load_floor(name_or_path: Union[str, Path]) -> Floor:
+    """
+    Read a floor by name or path.
+
+    Raises
+    ------
+    ConfigurationError
+        Naming all errors in the file.
+
+    """
+    path, content = read_config('floors', name_or_path)
+    where, problems = str(path), Problems()
+    with problems.collected():
+        refuse_missing([(_FloorFile, content, where)])
+    features: List[Feature] = []
+    entries = content.get('features', [])
+    with problems.collected():
+        if not isinstance(entries, list):
+            raise ConfigurationError(
+                f'{where}: features must be a list, got {entries!r}', 'wrong_type', 'features')
+        for number, entry in enumerate(entries):
+            with problems.collected():
+                features.append(Feature.from_mapping(entry, f'{where}: features[{number}]'))
+    cells: NDArray[np.uint8] = np.zeros((1, 1), np.uint8)
+    resolution, origin = 1.0, (0.0, 0.0)
+    with problems.collected():
+        if ('map' in content) == ('walls' in content):
+            raise ConfigurationError(
+                f'{where}: give either map, the YAML file of a map_server map, or walls',
+                'inconsistent', 'map')
+        if 'map' in content:
+            given = Path(str(content['map'])).expanduser()
+            cells, resolution, origin = read_map(given if given.is_absolute()
+                                                 else path.parent / given)
+        else:
+            cells, resolution, origin = _Walls.from_mapping(
+                content['walls'], f'{where}: walls').cells()
+    problems.refuse()
+    floor = Floor(path.stem, cells, resolution, origin, tuple(features))
+    with problems.collected():
+        for number, feature in enumerate(features):
+            for point in feature.line or feature.polygon:
+                with problems.collected():
+                    left, right, bottom, top = floor.extent
+                    if not (left <= point[0] <= right and bottom <= point[1] <= top):
+                        raise ConfigurationError(
+                            f'{where}: features[{number}]: point {point} lies off the map, which '
+                            f'is x {left:g} to {right:g} m, y {bottom:g} to {top:g} m; are these '
+                            'metres?', 'out_of_range', 'line')
+    problems.refuse()
+    return floor
+
+
+def read_map(path: Path) -> Tuple[NDArray[np.uint8], float, Point]:
+    """
+    Read a map as Nav2's map_server does, in its modes ``trinary`` and ``scale``.
+
+    Parameters
+    ----------
+    path : Path
+        Of the YAML file, with image, resolution, origin, negate, occupied_thresh, free_thresh.
+
+    Returns
+    -------
+    cells : (rows, columns) array of uint8
+        See `Floor`.
+    resolution : float
+        [m]
+    origin : tuple of float
+        [m]
+
+    Raises
+    ------
+    ConfigurationError
+        For values out of range, a rotated map, an image that cannot be read or is too large.
+
+    """
+    content = dict(read_yaml(find_config('maps', path)))
+    where = str(path)
+    problems = Problems()
+    origin = content.pop('origin', [0.0, 0.0, 0.0])
+    with problems.collected():
+        if not (isinstance(origin, list) and len(origin) == 3
+                and all(isinstance(item, (int, float)) and math.isfinite(item)
+                        for item in origin)):
+            raise ConfigurationError(
+                f'{where}: origin must be [x, y, yaw] in m and rad, got {origin!r}',
+                'wrong_type', 'origin')
+        if origin[2] != 0.0:
+            raise ConfigurationError(
+                f'{where}: origin has a yaw of {origin[2]:g} rad; a rotated map is not supported, '
+                'rotate the image', 'unsupported', 'origin')
+    content = {key: value for key, value in content.items() if value is not None}
+    content['negate'] = int(content.get('negate', 0))
+    values = None
+    with problems.collected():
+        values = _MapFile.from_mapping(content, where)
+    problems.refuse()
+    assert values is not None
+    from PIL import Image, UnidentifiedImageError
+    image = Path(values.image).expanduser()
+    image = image if image.is_absolute() else path.parent / image
+    Image.MAX_IMAGE_PIXELS = None  # the size is checked here, before the pixels are read
+    try:
+        with Image.open(image) as picture:
+            _check_size(picture.height, picture.width, f'{where}: image')
+            shades = np.asarray(picture.convert('L'), dtype=float)
+    except (OSError, UnidentifiedImageError) as error:
+        raise ConfigurationError(
+            f'{where}: image {image} cannot be read: {error}', 'unreadable', 'image') from error
+    shades = shades[::-1]
+    occupancy = shades / 255.0 if values.negate else (255.0 - shades) / 255.0
+    cells = np.full(shades.shape, UNKNOWN, np.uint8)
+    cells[occupancy > values.occupied_thresh] = OCCUPIED
+    cells[occupancy < values.free_thresh] = FREE
+    return cells, values.resolution, (float(origin[0]), float(origin[1]))
+
+
+@dataclass(frozen=True)
+class _FloorFile(Checked):
+    """The top level of a floor file."""
+
+    map: Any = section('YAML file of a map_server map', default=None)
+    walls: Any = section('walls instead of a map', default=None)
+    features: Any = section('steps, drops, areas', default=())
+
+
+@dataclass(frozen=True)
+class _MapFile(Checked):
+    """A YAML file of map_server."""
+
+    image: str = text('PGM or PNG file')
+    resolution: float = quantity('m', 'size of a cell', minimum=0.005, maximum=1.0)
+    mode: str = text('meaning of the shades', default='trinary', choices=('trinary', 'scale'))
+    negate: float = quantity('1', '1: white is occupied', default=0.0, minimum=0.0, maximum=1.0)
+    occupied_thresh: float = quantity('1', 'occupied above', default=0.65, minimum=0.0,
+                                      maximum=1.0)
+    free_thresh: float = quantity('1', 'free below', default=0.25, minimum=0.0, maximum=1.0)
+
+
+@dataclass(frozen=True)
+class _Walls(Checked):
+    """Walls as polylines."""
+
+    size: Any = section('width and height of the map [m]')
+    lines: Any = section('polylines of walls [m]')
+    resolution: float = quantity('m', 'size of a cell', default=0.05, minimum=0.005, maximum=1.0)
+    thickness: float = quantity('m', 'of the walls', default=0.1, above=0.0, maximum=1.0)
+
+    def cells(self) -> Tuple[NDArray[np.uint8], float, Point]:
+        """Return the map that these walls make; its outline is a wall."""
+        (width, height), = _points([self.size], 'size', 1)
+        if not (width > 0.0 and height > 0.0):
+            raise ConfigurationError(
+                f'size must be more than 0 m, got {self.size!r}', 'out_of_range', 'size')
+        rows, columns = (max(1, round(length / self.resolution)) for length in (height, width))
+        _check_size(rows, columns, 'walls: size')
+        y, x = (np.arange(rows)[:, None] + 0.5) * self.resolution, \
+            (np.arange(columns)[None, :] + 0.5) * self.resolution
+        cells = np.zeros((rows, columns), np.uint8)
+        outline = [(0.0, 0.0), (width, 0.0), (width, height), (0.0, height), (0.0, 0.0)]
+        if not isinstance(self.lines, list):
+            raise ConfigurationError(
+                f'lines must be a list of polylines, got {self.lines!r}', 'wrong_type', 'lines')
+        for number, line in enumerate([outline, *self.lines]):
+            points = _points(line, f'lines[{number - 1}]', 2)
+            for begin, end in zip(points, points[1:]):
+                near = distance_to_segment(x, y, begin, end) <= 0.5 * self.thickness
+                cells[near] = OCCUPIED
+        return cells, self.resolution, (0.0, 0.0)
+
+
+def distance_to_segment(x: Any, y: Any, begin: Point, end: Point) -> Any:
+    """Return the distance of points to a segment; all in m, `x` and `y` may be arrays."""
+    dx, dy = end[0] - begin[0], end[1] - begin[1]
+    along = np.clip(((x - begin[0]) * dx + (y - begin[1]) * dy)
+                    / max(dx * dx + dy * dy, 1e-12), 0.0, 1.0)
+    return np.hypot(x - begin[0] - along * dx, y - begin[1] - along * dy)
+
+
+def inside(x: Any, y: Any, polygon: Sequence[Point]) -> Any:
+    """Return whether points are inside a polygon (crossing number); arrays broadcast."""
+    result = np.zeros(np.broadcast(x, y).shape, bool)
+    for (x0, y0), (x1, y1) in zip(polygon, (*polygon[1:], polygon[0])):
+        if y0 != y1:
+            spans = (y0 <= y) != (y1 <= y)
+            result ^= spans & (x < x0 + (y - y0) * (x1 - x0) / (y1 - y0))
+    return result
+
+
+def _points(given: Any, field: str, least: int) -> Tuple[Point, ...]:
+    """Return a list of [x, y] as tuples of finite numbers."""
+    if not isinstance(given, (list, tuple)) or len(given) < least or not all(
+            isinstance(point, (list, tuple)) and len(point) == 2 and all(
+                isinstance(item, (int, float)) and not isinstance(item, bool)
+                and math.isfinite(item) for item in point) for point in given):
+        raise ConfigurationError(
+            f'{field} must be at least {least} points [x, y] of finite numbers in m, '
+            f'got {given!r}', 'wrong_type', field)
+    return tuple((float(x), float(y)) for x, y in given)
+
+
+def _check_size(rows: int, columns: int, where: str) -> None:
+    if rows * columns > MOST_CELLS:
+        raise ConfigurationError(
+            f'{where}: {columns} x {rows} cells are more than {MOST_CELLS}; use a coarser '
+            'resolution or a part of the map', 'out_of_range', 'image')

@@ -1,0 +1,79 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Costmap filter masks for Nav2's planners: keep-out zones and speed limits of a floor.
+
+A planner that has no run-up in its model must treat each step, cord and carpet as a wall; the
+speed mask limits the speed near stairs to what the ball can be stopped from.
+"""
+from pathlib import Path
+from typing import List
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot_ros.navigation.floor import distance_to_segment, FREE, inside
+from ballbot_ros.navigation.route import RoutePlanner
+
+# Types of nav2_msgs/CostmapFilterInfo: keep-out zones, and speed limits in percent.
+KEEP_OUT, SPEED_PERCENT = 0, 1
+# Distance in which the speed limit rises to 100 % of the cruise speed [m].
+FADE = 1.0
+
+
+def write_masks(planner: RoutePlanner, folder: Path) -> List[Path]:
+    """
+    Write keep-out and speed masks with the parameters of Nav2's servers.
+
+    Parameters
+    ----------
+    planner : RoutePlanner
+        Of the floor and the robot.
+    folder : Path
+        Exists.
+
+    Returns
+    -------
+    list of Path
+        Two images, their YAML files for map_server, and the parameters of the two
+        costmap_filter_info_server nodes.
+
+    """
+    from PIL import Image
+    floor = planner.floor
+    rows, columns = floor.cells.shape
+    x = floor.origin[0] + (np.arange(columns)[None, :] + 0.5) * floor.resolution
+    y = floor.origin[1] + (np.arange(rows)[:, None] + 0.5) * floor.resolution
+    keep_out = floor.cells != FREE
+    percent: NDArray[np.float64] = np.full((rows, columns), 100.0)
+    for feature in floor.features:
+        distance = np.min([distance_to_segment(x, y, begin, end)
+                           for begin, end in feature.segments], axis=0)
+        if feature.polygon and feature.kind != 'carpet':
+            keep_out |= inside(x, y, feature.polygon)
+        elif not feature.polygon:
+            keep_out |= distance < max(floor.resolution, 0.5 * feature.width)
+        if feature.kind in ('drop', 'stairs'):
+            keep_out |= distance < planner.drop_distance
+            beyond = np.clip((distance - planner.drop_distance) / FADE, 0.1, 1.0)
+            percent = np.minimum(percent, 100.0 * beyond)
+        elif feature.kind == 'carpet':
+            keep_out |= distance < floor.resolution
+    written = []
+    # map_server in the mode scale: occupancy from 0 (white) to 100 (black).
+    limited = np.where(percent < 100.0, percent, 0.0)
+    for name, kind, mask in (('keepout', KEEP_OUT, 100.0 * keep_out),
+                             ('speed', SPEED_PERCENT, limited)):
+        shades = np.round(255.0 - 2.55 * mask).astype(np.uint8)[::-1]
+        image, yaml, info = (folder / f'{name}_mask.pgm', folder / f'{name}_mask.yaml',
+                             folder / f'{name}_filter_info.yaml')
+        Image.fromarray(shades).save(image)
+        yaml.write_text(
+            f'image: {image.name}\nmode: scale\nresolution: {floor.resolution:g}\n'
+            f'origin: [{floor.origin[0]:g}, {floor.origin[1]:g}, 0.0]\nnegate: 0\n'
+            'occupied_thresh: 1.0\nfree_thresh: 0.0\n', encoding='utf-8')
+        info.write_text(
+            f'{name}_costmap_filter_info_server:\n  ros__parameters:\n    type: {kind}\n'
+            f'    filter_info_topic: {name}_filter_info\n    mask_topic: {name}_filter_mask\n'
+            '    base: 0.0\n    multiplier: 1.0\n', encoding='utf-8')
+        written += [image, yaml, info]
+    return written

@@ -1,0 +1,32 @@
+# SPDX-License-Identifier: Apache-2.0
+"""``ballbot plan-route`` and ``ballbot floor-masks``."""
+import json
+
+from PIL import Image
+
+from ballbot_ros.cli.command import main
+
+FLAT = ['apartment', '--start', '1.7', '1.4', '--goal', '5.3', '5.8']
+
+
+def test_a_route_is_printed_drawn_and_given_as_json(capsys, tmp_path):
+    picture = tmp_path / 'route.png'
+    assert main(['plan-route', *FLAT, '--out', str(picture)]) == 0
+    assert 'bedroom step' in capsys.readouterr().out
+    assert Image.open(picture).width > 500
+    assert main(['plan-route', *FLAT, '--json']) == 0
+    route = json.loads(capsys.readouterr().out)
+    assert route['segments'][-1]['points'][-1] == [5.3, 5.8]
+    assert 0.9 <= route['probability'] <= 1.0
+
+
+def test_a_goal_in_a_wall_ends_in_an_error(capsys):
+    assert main(['plan-route', *FLAT[:5], '5.0', '4.0']) != 0
+    assert 'goal' in capsys.readouterr().err
+
+
+def test_masks_need_a_folder_and_are_not_replaced_silently(capsys, tmp_path):
+    assert main(['floor-masks', 'apartment', '--out', str(tmp_path / 'none')]) != 0
+    assert main(['floor-masks', 'apartment', '--out', str(tmp_path)]) == 0
+    assert main(['floor-masks', 'apartment', '--out', str(tmp_path)]) != 0
+    assert 'keepout_mask.pgm' in capsys.readouterr().err

@@ -1,0 +1,112 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Floor files and map_server maps: what is read, and what is refused with which reason."""
+import numpy as np
+from PIL import Image
+import pytest
+
+from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.navigation import load_floor, read_map
+from ballbot_ros.navigation.floor import distance_to_segment, FREE, inside, OCCUPIED, UNKNOWN
+
+MAP = 'image: plan.pgm\nresolution: 0.1\norigin: [-1.0, 2.0, 0.0]\nnegate: {}\n' \
+    'occupied_thresh: 0.65\nfree_thresh: 0.2\n'
+
+
+def write_map(folder, shades, text=MAP.format(0), name='plan.pgm'):
+    Image.fromarray(np.array(shades, np.uint8)).save(folder / name)
+    path = folder / 'plan.yaml'
+    path.write_text(text)
+    return path
+
+
+def refusals(path, text):
+    path.write_text(text)
+    with pytest.raises(ConfigurationError) as caught:
+        load_floor(path)
+    return {(one.reason, one.field) for one in caught.value.problems or (caught.value,)}
+
+
+def test_a_map_of_map_server_has_its_last_row_at_the_origin(tmp_path):
+    cells, resolution, origin = read_map(write_map(tmp_path, [[0, 255], [205, 254]]))
+    # 205 is 0.196 occupied, which is free below 0.2; black is occupied.
+    assert cells.tolist() == [[FREE, FREE], [OCCUPIED, FREE]]
+    assert (resolution, origin) == (0.1, (-1.0, 2.0))
+
+
+def test_shades_between_the_thresholds_are_unknown_and_negate_swaps(tmp_path):
+    shades = [[0, 128, 255]]
+    assert read_map(write_map(tmp_path, shades))[0].tolist() == [[OCCUPIED, UNKNOWN, FREE]]
+    assert read_map(write_map(tmp_path, shades, MAP.format(1)))[0].tolist() == [
+        [FREE, UNKNOWN, OCCUPIED]]
+
+
+def test_png_and_pgm_give_the_same_map(tmp_path):
+    shades = np.random.default_rng(0).integers(0, 255, (7, 9))
+    pgm = read_map(write_map(tmp_path, shades))[0]
+    png = read_map(write_map(tmp_path, shades, MAP.format(0).replace('pgm', 'png'), 'plan.png'))[0]
+    assert np.array_equal(pgm, png)
+
+
+@pytest.mark.parametrize('change, reason, field', [
+    (('origin: [-1.0, 2.0, 0.0]', 'origin: [0, 0, 0.5]'), 'unsupported', 'origin'),
+    (('origin: [-1.0, 2.0, 0.0]', 'origin: [0, 0]'), 'wrong_type', 'origin'),
+    (('resolution: 0.1', 'resolution: 50'), 'out_of_range', 'resolution'),
+    (('occupied_thresh: 0.65', 'occupied_thresh: .nan'), 'not_finite', 'occupied_thresh'),
+    (('plan.pgm', 'none.pgm'), 'unreadable', 'image')])
+def test_a_map_that_cannot_be_used_is_refused(change, reason, field, tmp_path):
+    path = write_map(tmp_path, [[255]], MAP.format(0).replace(*change))
+    with pytest.raises(ConfigurationError) as caught:
+        read_map(path)
+    assert (caught.value.reason, caught.value.field) == (reason, field)
+
+
+def test_a_map_of_100_million_cells_is_refused_before_its_pixels_are_read(tmp_path):
+    path = write_map(tmp_path, [[255]])
+    (tmp_path / 'plan.pgm').write_bytes(b'P5\n10000 10000\n255\n')
+    with pytest.raises(ConfigurationError) as caught:
+        read_map(path)
+    assert caught.value.reason == 'out_of_range'
+
+
+def test_all_errors_of_a_file_are_reported_together(tmp_path):
+    found = refusals(tmp_path / 'f.yaml', """
+walls: {size: [5, 5], lines: [[[0, .nan], [1, 1]]]}
+rooms: 3
+features:
+  - {kind: stp, line: [[1, 1], [2, 2]]}
+  - {kind: step, line: [[1, 1], [2, 2]], height: 40}
+  - {kind: carpet, line: [[1, 1], [2, 2]], height: 0.01}
+""")
+    assert found == {('unknown_name', 'rooms'), ('not_a_choice', 'kind'),
+                     ('out_of_range', 'height'), ('wrong_type', 'polygon'),
+                     ('wrong_type', 'lines[0]')}
+
+
+@pytest.mark.parametrize('text, refusal', [
+    ('features: []', ('inconsistent', 'map')),
+    ('walls: {size: [1, 1], lines: []}\nmap: a.yaml', ('inconsistent', 'map')),
+    ('walls: {size: [4, 4], lines: []}\nfeatures:\n'
+     '  - {kind: step, line: [[1000, 1], [2000, 1]], height: 0.02}', ('out_of_range', 'line')),
+    ('walls: {size: [1e4, 1e4], lines: []}', ('out_of_range', 'image')),
+    ('walls: {size: [4, 4], lines: []}\nfeatures:\n'
+     '  - {kind: step, line: [[1, 1], [2, 1]], height: .nan}', ('not_finite', 'height')),
+    ('robot: gimball\nterrain: []\nduration: 3', ('wrong_kind', 'floor'))])
+def test_a_floor_that_contradicts_itself_is_refused(text, refusal, tmp_path):
+    assert refusal in refusals(tmp_path / 'f.yaml', text)
+
+
+def test_walls_are_as_thick_as_the_file_says(tmp_path):
+    path = tmp_path / 'f.yaml'
+    path.write_text('walls: {size: [2, 1], lines: [[[1, 0], [1, 1]]], thickness: 0.2, '
+                    'resolution: 0.01}')
+    floor = load_floor(path)
+    row = floor.cells[50]
+    assert np.flatnonzero(row[20:180] == OCCUPIED).tolist() == list(range(70, 90))
+
+
+def test_distance_and_inside_agree_with_geometry():
+    assert distance_to_segment(0.0, 1.0, (-1.0, 0.0), (1.0, 0.0)) == 1.0
+    assert distance_to_segment(4.0, 4.0, (0.0, 0.0), (1.0, 0.0)) == 5.0
+    x, y = np.random.default_rng(1).uniform(-1.0, 2.0, (2, 1000))
+    square = [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)]
+    assert np.array_equal(inside(x, y, square), (0 <= x) & (x < 1) & (0 <= y) & (y < 1))

@@ -1,0 +1,216 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Routes: their run-ups, their optimality against an exhaustive search, and refusals."""
+from dataclasses import replace
+from itertools import permutations
+import math
+
+from hypothesis import given, settings, strategies
+import numpy as np
+from PIL import Image
+import pytest
+
+from ballbot_ros.decision import Knowledge, load_curve, load_decision_tuning
+from ballbot_ros.errors import RefusedError
+from ballbot_ros.navigation import Capability, load_floor, RoutePlanner, write_masks
+from ballbot_ros.navigation.floor import distance_to_segment
+from ballbot_ros.navigation.route import ALIGNMENT
+from ballbot_ros.physics import load_robot
+
+TUNING = load_decision_tuning('decision_default')
+KNOWLEDGE = Knowledge(load_robot('gimball'), load_curve('gimball_down'), TUNING)
+KITCHEN, STUDY, BEDROOM, BATH = (1.7, 1.4), (1.8, 5.5), (5.3, 5.8), (8.1, 5.5)
+
+
+@pytest.fixture(scope='module')
+def flat():
+    return RoutePlanner(load_floor('apartment'), KNOWLEDGE)
+
+
+@pytest.fixture(scope='module')
+def capability():
+    return Capability(KNOWLEDGE)
+
+
+def planner_of(tmp_path, features, size=(4, 4), lines='[]'):
+    path = tmp_path / 'floor.yaml'
+    path.write_text(f'walls: {{size: {list(size)}, lines: {lines}}}\nfeatures:\n'
+                    + ''.join(f'  - {feature}\n' for feature in features))
+    return RoutePlanner(load_floor(path), KNOWLEDGE)
+
+
+def test_higher_steps_take_longer_run_ups(capability):
+    run_ups = [capability.choices([(0.0, height)], 0.001, 3.0, 3.0)[0].run_up
+               for height in (0.015, 0.03, 0.04, 0.045)]
+    assert run_ups == sorted(run_ups) and run_ups[-1] >= 2.0 * run_ups[0]
+
+
+def test_a_step_of_45_mm_is_a_wall_from_half_a_metre_and_a_door_from_one_and_a_half(capability):
+    assert not capability.choices([(0.0, 0.045)], 0.001, 0.5, 3.0)
+    best = capability.choices([(0.0, 0.045)], 0.001, 1.5, 3.0)[-1]
+    assert best.probability >= TUNING.required_probability and best.run_up <= 1.5
+
+
+def test_without_room_behind_nothing_is_crossed(capability):
+    assert not capability.choices([(0.0, 0.02)], 0.001, 3.0, 0.2)
+
+
+def test_longer_run_ups_are_offered_only_where_they_are_more_probable(capability):
+    found = capability.choices([(0.0, 0.045)], 0.001, 3.0, 3.0)
+    assert [item.run_up for item in found] == sorted(item.run_up for item in found)
+    assert all(one.probability < two.probability for one, two in zip(found, found[1:]))
+
+
+def test_the_bedroom_is_reached_with_a_run_up_that_begins_in_the_living_room(flat):
+    route = flat.route(KITCHEN, BEDROOM)
+    step = [segment for segment in route.segments
+            if segment.feature is not None and segment.feature.name == 'bedroom step']
+    # The hall begins at y = 2.8 m, behind the living room.
+    assert len(step) == 1 and step[0].points[0][1] < 2.8 and step[0].points[1][1] > 4.0
+    assert 'bedroom step' in route.explanation
+
+
+def test_times_and_probabilities_add_up(flat):
+    route = flat.route(KITCHEN, BATH)
+    assert route.time == pytest.approx(sum(segment.time for segment in route.segments))
+    crossings = [segment.crossing for segment in route.segments if segment.crossing]
+    assert route.probability == pytest.approx(
+        math.prod(crossing.probability for crossing in crossings))
+    assert route.probability >= TUNING.required_probability
+    for one, two in zip(route.segments, route.segments[1:]):
+        assert one.points[-1] == pytest.approx(two.points[0])
+
+
+def test_a_route_back_descends_the_steps(flat):
+    names = [segment.feature.name for segment in flat.route(BATH, KITCHEN).segments
+             if segment.feature]
+    assert names[:2] == ['bathroom step', 'bedroom step']
+
+
+@settings(max_examples=25, deadline=None)
+@given(strategies.tuples(*[strategies.floats(0.3, 8.7), strategies.floats(0.3, 6.7)] * 2))
+def test_no_route_comes_near_stairs_or_through_walls(flat, ends):
+    try:
+        route = flat.route(ends[:2], ends[2:])
+    except RefusedError as error:
+        assert error.reason in ('wall', 'feature', 'no_route')
+        return
+    assert route.time >= math.dist(ends[:2], ends[2:]) / 1.2
+    stairs = next(item for item in flat.floor.features if item.kind == 'stairs')
+    points = np.concatenate([np.linspace(one, two, 20) for one, two in zip(
+        route.points, route.points[1:])])
+    near = min(distance_to_segment(*points.T, *segment).min() for segment in stairs.segments)
+    # A cell of the search is 0.1 m.
+    assert near > flat.drop_distance - 0.08
+    for x, y in points:
+        assert flat.floor.cells[flat.floor.cell_of((x, y))] == 0
+
+
+def exhaustive(planner, start, goal, longest=3):
+    """Return the least time over all sequences of crossings, by brute force [s]."""
+    from scipy.sparse import csgraph
+    first, last = planner._node(start), planner._node(goal)
+    far = {}
+
+    def distance(one, two):
+        if one not in far:
+            far[one] = csgraph.dijkstra(planner._graph, directed=False, indices=one)
+        return far[one][two]
+
+    best = distance(first, last) / TUNING.cruise_speed
+    arcs = planner._arcs
+    for count in range(1, longest + 1):
+        for chosen in permutations(arcs, count):
+            if math.prod(arc.crossing.probability for arc in chosen) \
+                    < TUNING.required_probability:
+                continue
+            time, node = 0.0, first
+            for arc in chosen:
+                time += distance(node, planner._node(arc.start)) / TUNING.cruise_speed \
+                    + arc.crossing.time + ALIGNMENT
+                node = planner._node(arc.end)
+            best = min(best, time + distance(node, last) / TUNING.cruise_speed)
+    return best
+
+
+@pytest.mark.parametrize('seed', range(4))
+def test_no_sequence_of_crossings_is_faster_than_the_route(seed, tmp_path):
+    random = np.random.default_rng(seed)
+    features = [
+        f'{{kind: step, line: [[{x}, 0.05], [{x}, 3.95]], height: {random.uniform(0.008, 0.03)}}}'
+        for x in (2.0, 4.0)]
+    planner = planner_of(tmp_path, features, (6, 4), '[[[2.0, 2.6], [2.0, 4.0]]]')
+    planner._arcs = [planner._arcs[index] for index in sorted(
+        random.permutation(len(planner._arcs))[:14])]
+    ends = sorted({planner._node(arc.end) for arc in planner._arcs})
+    planner._rows = {node: row for row, node in enumerate(ends)}
+    from scipy.sparse import csgraph
+    planner._far = csgraph.dijkstra(planner._graph, directed=False, indices=ends)
+    start, goal = (0.8, 1.0), (5.2, random.uniform(0.8, 3.2))
+    least = exhaustive(planner, start, goal)
+    found = planner._search(planner._node(start), planner._node(goal))
+    assert math.isfinite(least) == (found is not None)
+    if found is not None:
+        assert found[0] == pytest.approx(least)
+
+
+@pytest.mark.parametrize('place, reason', [
+    ((0.1, 3.0), 'wall'), ((100.0, 3.0), 'off_map'), ((math.nan, 3.0), 'not_finite'),
+    ((5.5, 4.0), 'feature'), ((8.0, 3.4), 'feature')])
+def test_places_where_the_ball_cannot_be_are_refused(flat, place, reason):
+    with pytest.raises(RefusedError) as caught:
+        flat.route(KITCHEN, place)
+    assert (caught.value.reason, caught.value.field) == (reason, 'goal')
+    with pytest.raises(RefusedError) as caught:
+        flat.route(place, KITCHEN)
+    assert (caught.value.reason, caught.value.field) == (reason, 'start')
+
+
+def test_unknown_space_is_no_goal(tmp_path):
+    shades = np.full((60, 60), 255, np.uint8)
+    shades[:, 40:] = 128
+    Image.fromarray(shades).save(tmp_path / 'plan.pgm')
+    (tmp_path / 'plan.yaml').write_text('image: plan.pgm\nresolution: 0.05\n'
+                                        'origin: [0.0, 0.0, 0.0]\n')
+    (tmp_path / 'floor.yaml').write_text('map: plan.yaml')
+    planner = RoutePlanner(load_floor(tmp_path / 'floor.yaml'), KNOWLEDGE)
+    with pytest.raises(RefusedError) as caught:
+        planner.route((1.0, 1.0), (2.5, 1.0))
+    assert caught.value.reason == 'unknown'
+
+
+def test_without_a_route_the_message_names_the_step_that_lacks_run_up(tmp_path):
+    planner = planner_of(
+        tmp_path, ['{kind: step, name: sill, line: [[1.6, 4.0], [1.6, 0.0]], height: 0.05}'])
+    with pytest.raises(RefusedError) as caught:
+        planner.route((0.7, 2.0), (3.3, 2.0))
+    assert caught.value.reason == 'no_route' and 'sill' in str(caught.value)
+    # Down it goes without a run-up.
+    assert planner.route((3.3, 2.0), (0.7, 2.0)).segments
+
+
+def test_a_robot_that_requires_more_takes_longer_run_ups_or_none(tmp_path):
+    features = ['{kind: step, line: [[2.0, 4.0], [2.0, 0.0]], height: 0.045}']
+    usual = planner_of(tmp_path, features).route((0.8, 2.0), (3.3, 2.0))
+    careful = replace(KNOWLEDGE, tuning=replace(TUNING, required_probability=0.98))
+    try:
+        route = RoutePlanner(load_floor(tmp_path / 'floor.yaml'), careful).route(
+            (0.8, 2.0), (3.3, 2.0))
+    except RefusedError as error:
+        assert error.reason == 'no_route'
+        return
+    assert route.probability >= 0.98 > usual.probability or route.time >= usual.time
+
+
+def test_masks_keep_nav2_out_of_steps_and_slow_it_near_stairs(flat, tmp_path):
+    files = {path.name for path in write_masks(flat, tmp_path)}
+    assert files == {f'{name}{end}' for name in ('keepout', 'speed')
+                     for end in ('_mask.pgm', '_mask.yaml', '_filter_info.yaml')}
+    floor = flat.floor
+    keep_out = np.asarray(Image.open(tmp_path / 'keepout_mask.pgm'))[::-1]
+    speed = np.asarray(Image.open(tmp_path / 'speed_mask.pgm'))[::-1]
+    assert keep_out.shape == floor.cells.shape
+    assert keep_out[floor.cell_of((5.5, 4.0))] == 0  # the bedroom step: occupied
+    assert keep_out[floor.cell_of((5.5, 3.4))] == 255
+    # No limit far from the stairs, and less speed the nearer they are.
+    limits = [255 - int(speed[floor.cell_of((x, 3.4))]) for x in (4.0, 7.2, 7.4)]
+    assert limits[0] == 0 and limits[1] > limits[2] > 0
