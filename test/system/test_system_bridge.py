@@ -5,6 +5,7 @@ import signal
 import time
 
 from driving import Driving, TORQUE
+from graph import TIMEOUT
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 import numpy as np
@@ -138,13 +139,21 @@ def bridge_here(domain, hardware, port):
         rclpy.try_shutdown(context=context)
 
 
+def wait_for(condition, idle=lambda: time.sleep(0.01)):
+    """Wait until a condition holds; TIMEOUT bounds each wait alone."""
+    deadline = time.monotonic() + TIMEOUT
+    while not condition():
+        assert time.monotonic() < deadline
+        idle()
+
+
 def pull_here(node, executor, motor):
     """Let a bridge in this process pull, by what another node publishes and asks for."""
     peer = Node('peer', context=node.context)
     executor.add_node(peer)
     commands = peer.create_publisher(JointState, 'joint_commands', 1)
     release = peer.create_client(Trigger, 'bridge/release_e_stop')
-    deadline, answer = time.monotonic() + 20.0, None
+    deadline, answer = time.monotonic() + TIMEOUT, None
     while motor.torque == 0.0:
         assert time.monotonic() < deadline
         executor.spin_once(timeout_sec=0.005)
@@ -159,10 +168,7 @@ def pull_here(node, executor, motor):
 def test_an_executor_that_stands_still_keeps_no_torque_on(domain, hardware, motor):
     with bridge_here(domain, hardware(), motor.path) as (node, executor):
         pull_here(node, executor, motor)
-        deadline = time.monotonic() + 5.0
-        while motor.torque != 0.0:  # without a spinning executor
-            assert time.monotonic() < deadline
-            time.sleep(0.01)
+        wait_for(lambda: motor.torque == 0.0)  # without a spinning executor
         assert motor.device.armed  # it was the loop that did it, not the watchdog of the drive
 
 
@@ -173,12 +179,7 @@ def test_an_error_in_the_loop_ends_in_a_stop_and_is_reported(domain, hardware, m
         def fail(report):
             raise ZeroDivisionError('planted')
         node._loop._publish = (fail,)
-        deadline = time.monotonic() + 5.0
-        while node._loop.running:
-            assert time.monotonic() < deadline
-            time.sleep(0.01)
+        wait_for(lambda: not node._loop.running)
         assert motor.torque == 0.0 and not motor.device.armed
-        while node.failure is None:
-            assert time.monotonic() < deadline
-            executor.spin_once(timeout_sec=0.01)
+        wait_for(lambda: node.failure is not None, lambda: executor.spin_once(timeout_sec=0.01))
         assert 'planted' in str(node.failure)

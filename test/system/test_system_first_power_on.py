@@ -7,6 +7,7 @@ import signal
 import threading
 import time
 
+from graph import TIMEOUT
 import pytest
 from sensor_msgs.msg import Imu, JointState
 from std_srvs.srv import Trigger
@@ -212,8 +213,8 @@ class Walk:
         raise AssertionError(f'the bridge never reports how far the {name} turned')
 
     def reports(self, joint, angle, tolerance):
-        """Return whether the bridge reports the angle of a joint within 5 s."""
-        end = time.monotonic() + 5.0
+        """Return whether the bridge reports the angle of a joint within 10 s."""
+        end = time.monotonic() + 10.0
         while abs(self.states[-1].position[joint] - angle) >= tolerance:
             if time.monotonic() > end:
                 return False
@@ -235,7 +236,7 @@ class Walk:
         publisher = self.graph.publisher(shlex.split(self.topic)[5], JointState)
         for _ in range(5):  # a busy machine may bring the e-stop in between
             self.graph.wait(lambda: self.status, 'the bridge says its state')
-            end = time.monotonic() + 15.0
+            end = time.monotonic() + TIMEOUT
             while not (answer := self.graph.call('bridge/release_e_stop', Trigger)).success:
                 assert time.monotonic() < end, answer.message
             end = time.monotonic() + 3.0

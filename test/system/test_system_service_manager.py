@@ -5,6 +5,7 @@ import socket
 import time
 
 from driving import Driving
+from graph import TIMEOUT
 import pytest
 
 
@@ -14,7 +15,7 @@ def systemd(tmp_path, monkeypatch):
     address = tmp_path / 'notify'
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as found:
         found.bind(str(address))
-        found.settimeout(10.0)
+        found.settimeout(TIMEOUT)
         monkeypatch.setenv('NOTIFY_SOCKET', str(address))
         monkeypatch.setenv('WATCHDOG_USEC', '1000000')
         yield found
@@ -24,7 +25,7 @@ def systemd(tmp_path, monkeypatch):
 def test_systemd_is_notified_of_the_start_the_life_and_the_end_of_a_bridge(
         systemd, graph, motor, hardware):
     states = []
-    deadline = time.monotonic() + 60.0
+    deadline = time.monotonic() + TIMEOUT
 
     def receive():
         assert time.monotonic() < deadline, states
