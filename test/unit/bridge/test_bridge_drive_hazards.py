@@ -9,6 +9,7 @@ from ballbot_ros.bridge.motor_state import MotorState
 from ballbot_ros.drives.can_frames import CanFrame, record
 from ballbot_ros.drives.odrive.cansimple import codec as cansimple
 from ballbot_ros.drives.vesc.can import codec as vesc_can
+from ballbot_ros.drives.vesc.uart.driver import READ_BACK_PERIOD
 
 PROTOCOLS = ('odrive 0.5', 'odrive 0.6', 'odrive_can 0.5', 'odrive_can 0.6', 'roboclaw', 'vesc',
              'vesc_can')
@@ -53,6 +54,33 @@ def test_a_limit_of_the_drive_that_is_raised_under_power_engages_the_e_stop():
     robot.run(0.1, torque=0.5)
     robot.device.settings = replace(robot.device.settings, torque_limit=2.0, current_limit=80.0)
     assert 'torque limit is' in robot.run(0.3, torque=0.5).e_stop
+
+
+@pytest.mark.parametrize('protocol', ['vesc', 'vesc_can'])
+@pytest.mark.parametrize('setting', ['l_current_max', 'timeout'])
+def test_settings_of_a_vesc_that_change_under_power_engage_the_e_stop(protocol, setting):
+    robot = VirtualRobot(protocol).ready()
+    robot.run(2.2 * READ_BACK_PERIOD, torque=0.1)
+    assert not robot.session.supervisor.e_stop
+    device = robot.device
+    if setting == 'timeout':
+        device.application = device.application._replace(timeout=3.0)
+    else:
+        device.limits[setting] *= 10.0
+    report = robot.run(2.2 * READ_BACK_PERIOD, torque=0.1)
+    assert f'{setting} is' in report.e_stop and robot.motor == 0.0
+
+
+@pytest.mark.parametrize('protocol', ['odrive 0.5', 'odrive 0.6', 'odrive_can 0.6'])
+@pytest.mark.parametrize('setting, value', [
+    ('axis0.config.watchdog_timeout', 3.0), ('axis0.config.enable_watchdog', 0)])
+def test_settings_of_an_odrive_that_change_under_power_engage_the_e_stop(protocol, setting, value):
+    robot = VirtualRobot(protocol).ready()
+    robot.run(1.0, torque=0.1)
+    assert not robot.session.supervisor.e_stop
+    robot.device.properties[setting] = value
+    report = robot.run(7.0, torque=0.1)
+    assert f'{setting} is' in report.e_stop and robot.motor == 0.0
 
 
 @pytest.mark.parametrize('boot_time', [0.005, 0.02, 0.05, 0.09])

@@ -12,11 +12,12 @@ from ballbot_ros.drives.driver import Driver
 from ballbot_ros.drives.odrive.cansimple import codec
 from ballbot_ros.drives.odrive.cansimple.codec import Heartbeat, HIGHEST_NODE
 from ballbot_ros.drives.odrive.cansimple.settings import (
-    check_confirmed, in_odrivetool, judge_firmware, judge_heartbeat, judge_positions, judge_trial,
-    load_endpoints, missing, SLOWEST_HEARTBEAT)
+    check_confirmed, Endpoint, in_odrivetool, judge_firmware, judge_heartbeat, judge_positions,
+    judge_trial, load_endpoints, missing, SLOWEST_HEARTBEAT)
 from ballbot_ros.drives.odrive.firmware import (
-    BUS_VOLTAGE, CLOSED_LOOP_CONTROL, CONTROLLER_5, ENCODER_5, Generation, generation_of,
-    GENERATIONS, hardware_name, IDLE, in_words, MOTOR_5, PASSTHROUGH, RESULT_6, TORQUE_CONTROL)
+    BUS_VOLTAGE, CLOSED_LOOP_CONTROL, CONTROL_MODE, CONTROLLER_5, ENCODER_5, Generation,
+    generation_of, GENERATIONS, hardware_name, IDLE, in_words, INPUT_MODE, MOTOR_5, PASSTHROUGH,
+    RESULT_6, TORQUE_CONTROL)
 from ballbot_ros.drives.odrive.settings import judge
 from ballbot_ros.errors import ConfigurationError, DriveError
 
@@ -217,6 +218,9 @@ class ODriveCan(Driver):
         self._obeyed_until = self._reported_until = -math.inf
         self._torque, self._torque_at = 0.0, -math.inf
         self._status_at, self._turn = -math.inf, 0
+        self._endpoints: Mapping[str, Endpoint] = {}
+        self._settings: dict[str, float] = {}  # values of `safety_settings` to compare with
+        self._read_back = 0  # number of read-backs
         self._nodes_seen: set[int] = set()  # nodes whose heartbeat came
 
     # What waits
@@ -254,11 +258,14 @@ class ODriveCan(Driver):
         self._see_obeyed(deadline, 'requests')
         endpoints = load_endpoints(options.endpoints, self._version) \
             if options.endpoints and generation is not OLD else {}
+        self._endpoints, self._settings = endpoints, {}
         confirmed = options.confirmed or {} if generation is OLD else {}
 
         def read(name: str) -> float:
             if name in endpoints:
-                return self._read_endpoint(name, *endpoints[name], deadline)
+                value = self._read_endpoint(name, *endpoints[name], deadline)
+                self._settings[name] = value
+                return value
             if name == BUS_VOLTAGE:
                 self._ask(codec.BUS_VOLTAGE_CURRENT, self._soon(deadline))
                 return math.nan if self.telemetry.bus_voltage is None \
@@ -308,6 +315,8 @@ class ODriveCan(Driver):
     def _arm(self, deadline: float) -> None:
         self._known(deadline)
         node, condition, begin = self.options.node_id, self._condition, self.clock()
+        for name in (CONTROL_MODE, INPUT_MODE.name):  # which arming sets
+            self._settings.pop(name, None)
         # A latched error prevents arming; a present one returns immediately.
         condition.forget()
         self._send(self._torque_message(0.0) + codec.frame(node, codec.CLEAR_ERRORS)
@@ -366,7 +375,32 @@ class ODriveCan(Driver):
             command = polled[self._turn] if unread is None else unread
             self._pending.add(command)
             request += codec.ask(node, command)
+            if self._turn == 0:
+                request += self._read_back_request(generation)
         return request
+
+    def _read_back_request(self, generation: Generation) -> bytes:
+        """Return the request for the next setting to compare under power, empty for none."""
+        names = [name for name in generation.safety_settings if name in self._endpoints]
+        if not self._armed or not names:
+            return b''
+        self._read_back += 1
+        return codec.read_endpoint(self.options.node_id, self._endpoints[
+            names[self._read_back % len(names)]].number)
+
+    def _check_setting(self, data: bytes) -> None:
+        """Report a setting that has changed since the handshake."""
+        generation = self._condition.generation
+        if not self._armed or generation is None:
+            return
+        for name in generation.safety_settings:
+            endpoint = self._endpoints.get(name)
+            value = None if endpoint is None else codec.parse_endpoint(data, *endpoint)
+            if value is None:
+                continue
+            before = self._settings.setdefault(name, value)
+            if value != before and not math.isnan(value + before):
+                self._add_hazard(f'{name} is {value:g}, was {before:g}')
 
     def _send(self, data: bytes) -> None:
         # Any frame feeds the watchdog of a 0.5: it would keep an old torque alive, of any sender.
@@ -434,6 +468,8 @@ class ODriveCan(Driver):
             self._pending.match(command, now)
             if command in (codec.IQ, codec.BUS_VOLTAGE_CURRENT, codec.TEMPERATURE):
                 self._note(command, codec.parse_floats(frame.data))
+            elif command == codec.TX_SDO:
+                self._check_setting(frame.data)
             elif command in (codec.MOTOR_ERROR, codec.ENCODER_ERROR, codec.CONTROLLER_ERROR):
                 self._condition.take_register(command, frame.data)
 

@@ -12,6 +12,9 @@ from ballbot_ros.errors import DriveError
 
 # A motor current below this part of the limit counts as zero, because of the sensor noise.
 NO_CURRENT = 0.05
+# Time between two read-backs of the settings under power [s], alternately limits and application:
+# at 115200 baud a reply delays the measurements by 40 ms.
+READ_BACK_PERIOD = 5.0
 # Why a motor has no current, by bit of the status; the names are those of timeout.c.
 STATUS = {codec.TIMED_OUT: 'HAS_TIMEOUT', codec.KILL_SWITCH: 'KILL_SW_ACTIVE'}
 
@@ -39,6 +42,8 @@ class Vesc(Driver):
         self._turns_apart: Optional[float] = None  # tachometer less encoder, at the first reply
         self._version: Optional[settings.Version] = None
         self._limits: Mapping[str, float] = settings.unknown_limits(settings.SINCE_6_05)
+        self._application: Optional[settings.Application] = None
+        self._read_back, self._read_back_at = codec.GET_MCCONF, -math.inf
         self._full_torque = settings.full_torque_range(self._limits)
         self._status, self._status_asked_at = 0, -math.inf
 
@@ -67,7 +72,7 @@ class Vesc(Driver):
         if self._version is None:
             self.identify(timeout)
         assert self._version is not None
-        application = settings.parse_application(
+        self._application = settings.parse_application(
             self._ask(codec.GET_APPCONF, deadline), self._version)
         layout = settings.layout_of(self._version)
         self._limits = settings.parse_limits(self._ask(codec.GET_MCCONF, deadline), layout) \
@@ -75,11 +80,12 @@ class Vesc(Driver):
         self._full_torque = settings.full_torque_range(self._limits)
         self._ask_until(lambda: self.telemetry.bus_voltage is not None, self._requests, deadline,
                         'what its supply is')
-        return settings.judge(application, self._limits, self.options,
+        return settings.judge(self._application, self._limits, self.options,
                                self.telemetry.bus_voltage or math.nan)
 
     def _arm(self, deadline: float) -> None:
         begin, reported = self.clock(), False
+        self._read_back_at = begin
         while True:
             self._send(self._torque_message(0.0) + self._requests())
             self._until(lambda: self._status_asked_at >= begin, self._soon(deadline))
@@ -139,7 +145,17 @@ class Vesc(Driver):
     def _requests(self) -> bytes:
         self._tag = (self._tag + 1) % codec.TAGS
         self._pending.add(self._tag)
-        return codec.get_values(self._tag)
+        return codec.get_values(self._tag) + self._read_back_request()
+
+    def _read_back_request(self) -> bytes:
+        """Return the request for the settings that are due, empty for none."""
+        now = self.clock()
+        if not self._armed or now - self._read_back_at < READ_BACK_PERIOD:
+            return b''
+        self._read_back_at = now
+        self._read_back = codec.GET_APPCONF if self._read_back == codec.GET_MCCONF \
+            else codec.GET_MCCONF
+        return codec.ask(self._read_back)
 
     def _ask(self, message: int, deadline: float, handshake: bool = False) -> bytes:
         """Repeat a request until there is a reply, and return it; see `_ask_until`."""
@@ -157,8 +173,23 @@ class Vesc(Driver):
             self._note(values, now)
         elif payload[0] in (codec.FW_VERSION, codec.GET_APPCONF, codec.GET_MCCONF):
             self._replies[payload[0]] = payload
+            self._check_settings(payload)
         else:
             self.counts['unexpected'] += 1
+
+    def _check_settings(self, payload: bytes) -> None:
+        """Report settings that have changed since the handshake."""
+        version, before = self._version, self._application
+        if not self._armed or version is None or before is None:
+            return
+        limits = settings.parse_limits(payload, settings.layout_of(version)) or {}
+        for name, value in limits.items():
+            if value != self._limits[name] and not math.isnan(self._limits[name]):
+                self._add_hazard(f'{name} is {value:g}, was {self._limits[name]:g}')
+        application = settings.parse_application(payload, version) or before
+        for name, now, then in zip(application._fields, application, before):
+            if now != then:
+                self._add_hazard(f'{name.replace("_", " ")} is {now}, was {then}')
 
     def _note(self, values: codec.Values, now: float) -> None:
         """Update the telemetry; the tag of a reply names its request."""
