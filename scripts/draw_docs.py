@@ -175,7 +175,8 @@ def main():
     crossing = load_scene('fig7_bottom').simulate()
     save(strip(crossing, 'fig7_bottom'), folder / 'crossing.png')
     animate(crossing, folder / 'crossing.gif', 'fig7_bottom', playback=0.4)
-    save_small(FIGURES['on_timeout'](), folder / 'on_timeout.png')
+    for name in ('on_timeout', 'turning', 'oblique'):
+        save_small(FIGURES[name](), folder / f'{name}.png')
     planner = RoutePlanner(load_floor('apartment'), Knowledge(
         load_robot('gimball'), load_curve('gimball_down'),
         load_decision_tuning('decision_default')))

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-A solver, a drive and a planner are each added as docs/architecture.md says, and then used.
+A solver, a drive, a sensor, a planner and a limit are each added in a copy, and then used.
 
-In a copy of the package: a file is copied and changed, a table gets a line.  Nothing else is
-touched, and what users see contains the new name.
+A file is copied and changed, and a table gets a line, as docs/architecture.md says.  Nothing else
+is touched, and what users see contains the new name.
 """
 import json
 import os
@@ -149,6 +149,36 @@ def test_a_planner_is_a_file_and_a_line(house):
     loop.write_text(loop.read_text().replace("planner='rollout'", "planner='timid'").replace(
         '12 * RATE', 'RATE // 10'), encoding='utf-8')
     assert 'No step is accepted' in house.run('examples/closed_loop.py')
+
+
+def test_a_limit_of_the_pendulum_rate_is_a_field_of_the_tuning_and_two_lines_of_the_controller(
+        house):
+    house.change('control/tuning.py', (r'    speed_gain: float', """\
+    rate_limit: float = quantity(
+        'rad/s', 'pendulum rate above which no torque accelerates it', above=0.0, maximum=100.0,
+        default=100.0)
+    speed_gain: float"""))
+    house.change('control/controller.py', (
+        r'        self.excess = unsaturated - torque\n', """\
+        if torque * readings.pendulum_rate > 0.0 \\
+                and abs(readings.pendulum_rate) > self._tuning.rate_limit:
+            torque = 0.0
+        self.excess = unsaturated - torque
+"""))
+    (house.folder / 'mine.yaml').write_text('rate_limit: 2.0\n', encoding='utf-8')
+    program = house.folder / 'limited.py'
+    program.write_text("""
+from ballbot_ros.control import JointReadings, load_tuning, Mode, PendulumController, SetPoint
+from ballbot_ros.physics import load_robot
+for rate in (1.0, 3.0, -3.0):
+    controller = PendulumController(load_robot('gimball'), load_tuning('mine.yaml'))
+    controller.give(SetPoint(Mode.DRIVE, 50.0, 0.0))
+    print(controller.torque(JointReadings(0.002, 0.0, 0.0, 0.0, rate)) > 0.0)
+""", encoding='utf-8')
+    assert house.run('limited.py').split() == ['True', 'False', 'True']
+    written = house.folder / 'new.yaml'
+    house.run('-m', 'ballbot_ros.cli', 'new', 'tuning', str(written))
+    assert 'rate_limit' in written.read_text(encoding='utf-8')
 
 
 def test_the_documents_name_what_is_copied_and_where_the_line_goes():

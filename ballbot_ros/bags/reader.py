@@ -1,122 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Read what a run has published from a bag; needs no ROS installation."""
-from contextlib import contextmanager
+"""Read what encoders and odometry have published in a bag."""
 from pathlib import Path
-import sqlite3
-import struct
-from typing import (
-    Any, Callable, Collection, ContextManager, Dict, Iterator, List, Mapping, Optional, Protocol,
-    Tuple)
+from typing import Any, Dict, List, Optional, Tuple
 
 import numpy as np
-import yaml
 
+from ballbot_ros.bags.opener import open_bag
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.studies.recording import Recording
 
-# What a reader stumbles over in bytes that are no bag, or none any more.
-UNREADABLE = (ArithmeticError, AssertionError, AttributeError, EOFError, LookupError, OSError,
-              RuntimeError, TypeError, ValueError, sqlite3.Error, struct.error)
 
-
-class Bag(Protocol):
-    """
-    An open bag.
-
-    Attributes
-    ----------
-    topics : mapping of str to str
-        Types of the messages, such as ``'sensor_msgs/msg/JointState'``, by topic.
-    metadata : mapping of str to str
-        Written by the recorder.
-
-    """
-
-    @property
-    def topics(self) -> Mapping[str, str]:
-        """Return types by topic."""
-
-    @property
-    def metadata(self) -> Mapping[str, str]:
-        """Return texts by key."""
-
-    def messages(self, topics: Collection[str]) -> Iterator[Tuple[str, Any]]:
-        """Give topic and message in the order of the bag; `ConfigurationError` where damaged."""
-
-
-BagOpener = Callable[[Path], ContextManager[Bag]]
-
-
-def unreadable(path: Path, error: BaseException) -> ConfigurationError:
-    """Return what to say of a bag that cannot be read."""
-    if 'magic' in str(error):
-        return ConfigurationError(
-            f'{path}: is no bag that can be read, or one that was cut short ({error}); what was '
-            'recorded before its end can be had with "mcap recover"', 'unreadable')
-    return ConfigurationError(
-        f'{path}: is no bag that can be read: {error or repr(error)}', 'unreadable')
-
-
-def custom_data(path: Path) -> Mapping[str, str]:
-    """Return the texts in the ``metadata.yaml`` of a bag; none where there is no such file."""
-    file = path / 'metadata.yaml'
-    if not file.is_file():
-        return {}
-    try:
-        content = yaml.safe_load(file.read_text(encoding='utf-8'))
-        texts = content['rosbag2_bagfile_information'].get('custom_data') or {}
-        return {str(key): str(text) for key, text in texts.items()}
-    except (*UNREADABLE, yaml.YAMLError) as error:
-        raise unreadable(path, error) from error
-
-
-class _RosbagsBag:
-    """A bag that the Python package rosbags has opened."""
-
-    def __init__(self, path: Path, reader: Any, metadata: Mapping[str, str]):
-        self._path, self._reader, self.metadata = path, reader, metadata
-        self.topics: Mapping[str, str] = {
-            connection.topic: connection.msgtype for connection in reader.connections}
-
-    def messages(self, topics: Collection[str]) -> Iterator[Tuple[str, Any]]:
-        """Give topic and message."""
-        from rosbags.highlevel import AnyReaderError
-        wanted = [connection for connection in self._reader.connections
-                  if connection.topic in topics]
-        try:
-            for connection, _, data in self._reader.messages(wanted) if wanted else ():
-                yield connection.topic, self._reader.deserialize(data, connection.msgtype)
-        except (AnyReaderError, *UNREADABLE) as error:
-            raise unreadable(self._path, error) from error
-
-
-@contextmanager
-def open_bag(path: Path) -> Iterator[Bag]:
-    """
-    Open a ROS 2 bag, MCAP or SQLite, a folder or its one file.
-
-    Raises
-    ------
-    ConfigurationError
-        If it cannot be read.
-
-    """
-    from rosbags.highlevel import AnyReader, AnyReaderError
-    from rosbags.typesys import get_typestore, Stores
-    metadata = custom_data(path)
-    reader: Any = None
-    try:
-        reader = AnyReader([path], default_typestore=get_typestore(Stores.ROS2_JAZZY))
-        reader.open()
-    except (AnyReaderError, *UNREADABLE) as error:
-        raise unreadable(path, error) from error
-    try:
-        yield _RosbagsBag(path, reader, metadata)
-    finally:
-        reader.close()
-
-
-def read_bag(path: Path, opener: BagOpener = open_bag) -> Recording:
+def read_bag(path: Path) -> Recording:
     """
     Return the recording in a ROS 2 bag, MCAP or SQLite.
 
@@ -130,7 +24,7 @@ def read_bag(path: Path, opener: BagOpener = open_bag) -> Recording:
 
     """
     found: Dict[str, Tuple[List[float], List[float]]] = {}
-    with opener(path) as bag:
+    with open_bag(path) as bag:
         wanted = [topic for topic in bag.topics
                   if topic.rsplit('/', 1)[-1] in ('joint_states', 'odom')]
         for topic, message in bag.messages(wanted):

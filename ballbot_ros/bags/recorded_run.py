@@ -5,7 +5,8 @@ import math
 from pathlib import Path
 from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple
 
-from ballbot_ros.bags.reader import Bag, BagOpener, joint_values, odometry_values, open_bag
+from ballbot_ros.bags.opener import Bag, open_bag
+from ballbot_ros.bags.reader import joint_values, odometry_values
 from ballbot_ros.config.fields import suggestion
 from ballbot_ros.control import Mode, SetPoint
 from ballbot_ros.errors import ConfigurationError
@@ -51,8 +52,7 @@ class RecordedRun:
         return sorted(self.joints)
 
 
-def read_run(path: Path, namespace: Optional[str] = None, opener: BagOpener = open_bag
-             ) -> RecordedRun:
+def read_run(path: Path, namespace: Optional[str] = None) -> RecordedRun:
     """
     Return the run of a robot in a bag.
 
@@ -61,8 +61,6 @@ def read_run(path: Path, namespace: Optional[str] = None, opener: BagOpener = op
     path : Path
     namespace : str, optional
         Of the robot; needed where the bag has several.
-    opener : callable
-        What opens bags.
 
     Raises
     ------
@@ -70,7 +68,7 @@ def read_run(path: Path, namespace: Optional[str] = None, opener: BagOpener = op
         If the bag cannot be read, or has no joint states, or those of several robots.
 
     """
-    with opener(path) as bag:
+    with open_bag(path) as bag:
         where = _namespace(path, bag, namespace)
         run = RecordedRun(metadata=bag.metadata)
         takers = {f'{where}/{name}': (kind, take) for name, (kind, take) in _takers(run).items()}

@@ -4,12 +4,10 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Dict, Mapping, Protocol, Sequence
 
+from ballbot_ros.bags.opener import MISSING
 from ballbot_ros.config.files import PACKAGE, shipped_folder
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.ros.topics import Qos
-
-MISSING = ('bags need the Python package rosbags (pip install rosbags), or the ROS package '
-           'rosbag2_py with its MCAP storage; neither is installed')
 
 
 class BagWriter(Protocol):

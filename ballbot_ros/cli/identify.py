@@ -47,9 +47,8 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.data.suffix in ('.csv', '.npz', '.parquet'):
         recording = Recording.of_columns(read_columns(arguments.data))
     else:
-        from ballbot_ros.bags.opener import bag_opener
         from ballbot_ros.bags.reader import read_bag
-        recording = read_bag(arguments.data, bag_opener())
+        recording = read_bag(arguments.data)
     if arguments.channels:
         recording = recording.only(arguments.channels)
     folder = result_folder(

@@ -160,7 +160,6 @@ def add_bag_options(parser: argparse.ArgumentParser) -> None:
 def run_bag(arguments: argparse.Namespace) -> int:
     """Replay, print, and write results; 1 for a simulated run that deviates."""
     from ballbot_ros.bags.metadata import BagMetadata, BRIDGE
-    from ballbot_ros.bags.opener import bag_opener
     from ballbot_ros.bags.recorded_run import read_run
     path = arguments.file
     bag = path.resolve()
@@ -169,7 +168,7 @@ def run_bag(arguments: argparse.Namespace) -> int:
     folder = result_folder(arguments.out, Path('ballbot_output') / f'replay_{name}', (
         'replay.json', 'scene.yaml', 'recording.csv', *figure_files(['replay'])),
         arguments.overwrite)
-    run = read_run(path, arguments.namespace, bag_opener())
+    run = read_run(path, arguments.namespace)
     metadata = BagMetadata.read(run.metadata)
     real = metadata.source == BRIDGE or not run.balls
     found: Replayed = (replay_robot if real else replay_simulator)(arguments, run, metadata)

@@ -8,7 +8,7 @@ from typing import Any, Dict, List, NamedTuple, Optional, Tuple
 
 import numpy as np
 
-from ballbot_ros.bags.reader import BagOpener, open_bag
+from ballbot_ros.bags.opener import open_bag
 from ballbot_ros.bags.recorded_run import read_run, RecordedRun
 from ballbot_ros.physics import Scene, Trajectory
 from ballbot_ros.results.digests import digest, LENGTH
@@ -27,7 +27,7 @@ class TopicDigests(NamedTuple):
             ).hexdigest()[:LENGTH] for name, messages in sorted(self.topics.items())}
 
 
-def read_digests(path: Path, until: int, opener: BagOpener = open_bag) -> TopicDigests:
+def read_digests(path: Path, until: int) -> TopicDigests:
     """
     Return the digests of all messages up to a stamp [ns]; repeated messages count once.
 
@@ -38,7 +38,7 @@ def read_digests(path: Path, until: int, opener: BagOpener = open_bag) -> TopicD
 
     """
     topics: Dict[str, Dict[int, str]] = {}
-    with opener(path) as bag:
+    with open_bag(path) as bag:
         for topic, message in bag.messages(list(bag.topics)):
             header = getattr(message, 'header', None)
             if header is None:
@@ -72,9 +72,9 @@ def first_difference(one: TopicDigests, other: TopicDigests) -> Optional[Tuple[i
     return min(found, default=None)
 
 
-def numbers_of(path: Path, scene: Scene, opener: BagOpener = open_bag) -> Dict[str, Any]:
+def numbers_of(path: Path, scene: Scene) -> Dict[str, Any]:
     """Return a summary of a run, SI, with its contacts at each step."""
-    trajectory = _trajectory(read_run(path, opener=opener), scene)
+    trajectory = _trajectory(read_run(path), scene)
     speed = np.hypot(trajectory['velocity_x'], trajectory['velocity_y'])
     meetings = meet_faces(trajectory)
     return {

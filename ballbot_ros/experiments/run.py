@@ -129,7 +129,6 @@ def _prepare(plan: Experiment) -> None:
 def _run_seed(folder: Path, plan: Experiment, seed: int, timeout: float) -> dict[str, Any]:
     """Run one seed into its folder, which appears when all is in it; return the result."""
     from ballbot_ros.bags.metadata import bag_metadata, SIMULATOR
-    from ballbot_ros.bags.opener import bag_opener
     from ballbot_ros.experiments.lockstep import run_lockstep
     from ballbot_ros.experiments.results import as_json, numbers_of, read_digests
     from ballbot_ros.physics import load_scene
@@ -144,9 +143,9 @@ def _run_seed(folder: Path, plan: Experiment, seed: int, timeout: float) -> dict
         run_lockstep(draft, nodes, plan.periods,
                      bag_metadata(SIMULATOR, nodes['simulator'], scene,
                                   nodes.get('obstacle_decision')), timeout)
-        found = read_digests(draft / 'bag', round(plan.duration * 1e9), bag_opener())
+        found = read_digests(draft / 'bag', round(plan.duration * 1e9))
         result: dict[str, Any] = plain({
-            'seed': seed, 'numbers': numbers_of(draft / 'bag', scene, bag_opener()),
+            'seed': seed, 'numbers': numbers_of(draft / 'bag', scene),
             'digests': found.digests,
             'messages': {name: len(topic) for name, topic in sorted(found.topics.items())}})
         write_text(as_json(result), draft / RESULT)
@@ -163,7 +162,6 @@ def _run_seed(folder: Path, plan: Experiment, seed: int, timeout: float) -> dict
 
 def _again(folder: Path, plan: Experiment, timeout: float, say: Any) -> bool:
     """Run all seeds again beside the old ones; return whether the numbers are the same."""
-    from ballbot_ros.bags.opener import bag_opener
     from ballbot_ros.experiments.results import first_difference, read_digests
     _prepare(plan)
     for remark in _other_versions(folder):
@@ -178,8 +176,8 @@ def _again(folder: Path, plan: Experiment, timeout: float, say: Any) -> bool:
                 say(f'seed {seed}: the same in {sum(new["messages"].values())} messages')
                 continue
             same, until = False, round(plan.duration * 1e9)
-            place = first_difference(*(read_digests(where / f'seed_{seed}' / 'bag', until,
-                                                 bag_opener()) for where in (folder, beside)))
+            place = first_difference(*(read_digests(where / f'seed_{seed}' / 'bag', until)
+                                      for where in (folder, beside)))
             say(f'seed {seed}: differs' + (
                 f' from t = {1e-9 * place[0]:.3f} s on, first on {place[1]}' if place else
                 f'; the bag is the same, but {RESULT} is not'))

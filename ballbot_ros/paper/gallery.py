@@ -4,7 +4,7 @@ from typing import Callable, Mapping
 
 from matplotlib.figure import Figure
 
-from ballbot_ros.figures import command_loss
+from ballbot_ros.figures import command_loss, oblique, turning
 from ballbot_ros.paper import contact_laws, design, figures as paper, pulled_plug
 
 # Name -> what draws it; it reports a progress from 0 to 1.
@@ -13,4 +13,5 @@ FIGURES: Mapping[str, Callable[..., Figure]] = {
     'fig8': paper.figure_8, 'tornado': design.tornado, 'probability': design.probability,
     'design': design.design, 'slope': design.slope, 'over': design.over,
     'contact_law': contact_laws.contact_law,
-    'on_timeout': command_loss.on_timeout, 'black_box': pulled_plug.black_box}
+    'on_timeout': command_loss.on_timeout, 'black_box': pulled_plug.black_box,
+    'turning': turning.turning, 'oblique': oblique.oblique}

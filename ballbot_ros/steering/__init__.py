@@ -22,12 +22,22 @@ does not depend on the yaw rate and is 0 of a robot that drives straight:
     >>> curvature_limit(load_robot('shellball'), 0.4)
     0.0
 
-The ball moves at `speed` along the heading and at `lateral_speed` to the left of it.
+While the ball accelerates, `step` takes the derivative of the speed too.  The ball moves at
+`speed` along the heading and at `lateral_speed` to the left of it.
+
+A step at an angle is lower for the ball by `height_factor`; it changes the course by
+`course_change` and, when the law has damped the motion, the heading by `heading_change`:
+
+    >>> height_factor(0.0), 0.4 < height_factor(0.7) < 0.7, height_factor(1.0)
+    (1.0, True, 0.0)
 """
 from ballbot_ros.steering.law import law
 from ballbot_ros.steering.limits import curvature_limit, steady_turn, Turn, yaw_rate_limit
 from ballbot_ros.steering.model import lateral_speed, LateralState, required_steering, step
+from ballbot_ros.steering.oblique import (
+    course_change, heading_change, height_factor, load_oblique_steps, ObliqueSteps)
 
 __all__ = [
-    'curvature_limit', 'lateral_speed', 'LateralState', 'law', 'required_steering',
+    'course_change', 'curvature_limit', 'heading_change', 'height_factor', 'lateral_speed',
+    'LateralState', 'law', 'load_oblique_steps', 'ObliqueSteps', 'required_steering',
     'steady_turn', 'step', 'Turn', 'yaw_rate_limit']

@@ -53,16 +53,18 @@ def required_steering(robot: Robot) -> Steering:
 
 
 def accelerations(robot: Robot, state: LateralState, speed: float,
-                  lean_acceleration: float) -> Accelerations:
+                  lean_acceleration: float, acceleration: float = 0.0) -> Accelerations:
     """
     Return tilt and yaw accelerations and the torque of the lateral axis, eqs. (S1) to (S3).
 
     Parameters
     ----------
     speed : float
-        Of the ball along the heading, taken as constant [m/s].
+        Of the ball along the heading [m/s].
     lean_acceleration : float
         [rad/s2]
+    acceleration : float, optional
+        Derivative of the speed [m/s2].
 
     """
     ball, pendulum, radius = robot.ball_inertia, robot.pendulum_inertia, robot.ball_radius
@@ -81,9 +83,10 @@ def accelerations(robot: Robot, state: LateralState, speed: float,
     tilt = (moment + swung * lean_acceleration) / (rolled + swung)
     # Moments about the vertical through the centre.
     inertia = ball + pendulum + second * sine**2
-    yaw = (ball * rolling * state.tilt_rate / math.cos(state.tilt)**2
+    yaw = (ball * (rolling * state.tilt_rate / math.cos(state.tilt)**2
+                   + acceleration / radius * math.tan(state.tilt))
            - 2.0 * second * sine * cosine * swing_rate * yaw_rate
-           - first * sine * radius * yaw_rate * state.tilt_rate) / inertia
+           + first * sine * (acceleration - radius * yaw_rate * state.tilt_rate)) / inertia
     # Moments on the pendulum about the centre, along the heading.
     torque = ((pendulum + second) * (lean_acceleration - tilt)
               + first * cosine * (radius * tilt + speed * yaw_rate)
@@ -91,8 +94,8 @@ def accelerations(robot: Robot, state: LateralState, speed: float,
     return Accelerations(tilt, yaw, torque)
 
 
-def step(robot: Robot, state: LateralState, speed: float, command: float,
-         dt: float) -> LateralState:
+def step(robot: Robot, state: LateralState, speed: float, command: float, dt: float,
+         acceleration: float = 0.0) -> LateralState:
     """
     Return the state a time later, with the lean following its set-point within the limits.
 
@@ -103,11 +106,13 @@ def step(robot: Robot, state: LateralState, speed: float, command: float,
     robot : Robot
     state : LateralState
     speed : float
-        Of the ball along the heading, taken as constant over `dt` [m/s].
+        Of the ball along the heading, in the middle of `dt` [m/s].
     command : float
         Set-point of the lean, see `law`; limited to the largest lean [rad].
     dt : float
         [s]
+    acceleration : float, optional
+        Mean derivative of the speed, by which a turning ball keeps its angular momentum [m/s2].
 
     Raises
     ------
@@ -123,10 +128,10 @@ def step(robot: Robot, state: LateralState, speed: float, command: float,
         lean_rate = _servo(robot, limits, state, speed, target, h)
         lean_acceleration = (lean_rate - state.lean_rate) / h
         # Midpoint rule; the lean rate is linear over the step.
-        slope = accelerations(robot, state, speed, lean_acceleration)
+        slope = accelerations(robot, state, speed, lean_acceleration, acceleration)
         middle = _moved(state, slope, 0.5 * (state.lean_rate + lean_rate), lean_acceleration,
                         state, 0.5 * h)
-        slope = accelerations(robot, middle, speed, lean_acceleration)
+        slope = accelerations(robot, middle, speed, lean_acceleration, acceleration)
         state = _moved(middle, slope, 0.5 * (state.lean_rate + lean_rate), lean_acceleration,
                        state, h)
     return state

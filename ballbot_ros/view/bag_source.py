@@ -8,7 +8,7 @@ from types import MappingProxyType
 from typing import Callable, List, Mapping, Optional, Tuple
 
 from ballbot_ros.bags.metadata import BagMetadata
-from ballbot_ros.bags.reader import custom_data, open_bag
+from ballbot_ros.bags.opener import custom_data, open_bag
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.view.assembly import MessageSource, TOPICS
 from ballbot_ros.view.frame import Frame

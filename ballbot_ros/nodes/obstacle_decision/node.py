@@ -8,13 +8,15 @@ from builtin_interfaces.msg import Time
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
 
-from ballbot_ros.decision import Decider, Kind, Observation
+from ballbot_ros.control import load_tuning
+from ballbot_ros.decision import (
+    check_decision, Decider, Kind, Knowledge, load_curve, Observation)
 from ballbot_ros.nodes.obstacle_decision.goals import GoalServers
-from ballbot_ros.nodes.obstacle_decision.knowledge import known
 from ballbot_ros.nodes.obstacle_decision.outcomes import Experience
 from ballbot_ros.nodes.obstacle_decision.outputs import DecisionOutputs
 from ballbot_ros.nodes.obstacle_decision.settings import DecisionSettings
 from ballbot_ros.nodes.obstacle_decision.standstill import Standstill
+from ballbot_ros.physics.model.robot import load_robot
 from ballbot_ros.ros import diagnostics
 from ballbot_ros.ros.conversions import exact, motion, observation, terrain_observation, to_seconds
 from ballbot_ros.ros.endpoints import create_subscription
@@ -24,6 +26,15 @@ from ballbot_ros.ros.run import run
 
 # Where observations come more slowly, set-points are published with the odometry in between [s].
 LONGEST_SILENCE = 0.025
+
+
+def load_knowledge(settings: DecisionSettings) -> Knowledge:
+    """Load robot, curve and tuning; raise `ConfigurationError` if they do not fit together."""
+    knowledge = Knowledge(
+        load_robot(settings.robot), load_curve(settings.curve, settings.variant),
+        settings.margins, load_tuning(settings.control_tuning))
+    check_decision(knowledge.robot, knowledge.curve, knowledge.tuning)
+    return knowledge
 
 
 class ObstacleDecision(Node):
@@ -38,7 +49,7 @@ class ObstacleDecision(Node):
         """Check that robot, curve and tuning belong together, then wait."""
         super().__init__('obstacle_decision', **kwargs)
         settings = declare(self, DecisionSettings, self._prepare)
-        knowledge = known(settings)
+        knowledge = load_knowledge(settings)
         self._experience = Experience(settings.outcome_log, knowledge, settings.planner,
                                       self.get_logger())
         self._decider = Decider(self._experience.knowledge, settings.planner,
@@ -60,7 +71,7 @@ class ObstacleDecision(Node):
 
     def _prepare(self, wanted: DecisionSettings) -> Commit:
         """Check other parameters; return what puts them in force."""
-        return self._decider.prepare(known(wanted))
+        return self._decider.prepare(load_knowledge(wanted))
 
     def _on_observation(self, convert: Callable[[Any], Observation], message: Any) -> None:
         if self._seen.get(type(message)) == exact(message):

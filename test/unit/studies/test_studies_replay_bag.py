@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
 """A bag is run again: to the bit where the simulator made it, beside the model where not."""
-from contextlib import contextmanager
 from dataclasses import replace
 import json
 import math
@@ -11,9 +10,10 @@ import numpy as np
 import pytest
 from refusals import refused
 
+from ballbot_ros.bags import opener
 from ballbot_ros.bags.metadata import bag_metadata, BRIDGE, SIMULATOR
+from ballbot_ros.bags.opener import Rosbag2Bag
 from ballbot_ros.bags.recorded_run import read_run
-from ballbot_ros.bags.source import Rosbag2Bag
 from ballbot_ros.cli.command import main
 from ballbot_ros.physics import load_scene, Solver
 from ballbot_ros.plant import Plant
@@ -201,17 +201,18 @@ class FakeReader:
         return self.messages.pop(0)
 
 
-def test_a_bag_is_read_with_rosbag2_py_where_ros_has_it(tmp_path):
+def test_a_bag_is_read_with_rosbag2_py_where_ros_has_it(tmp_path, monkeypatch):
     messages = pytest.importorskip('sensor_msgs.msg')
     from rclpy.serialization import serialize_message
     state = messages.JointState(name=['shell', 'pendulum'], position=[1.0, 2.0],
                                 velocity=[3.0, 4.0], effort=[0.0, 5.0])
     data = serialize_message(state)
 
-    @contextmanager
-    def opener(path):
-        yield Rosbag2Bag(path, FakeReader([('/joint_states', data, 0), ('/other', b'', 0)]))
-    run = read_run(tmp_path, opener=opener)
+    # As on a machine without rosbags.
+    monkeypatch.setattr(opener, 'find_spec', lambda name: name == 'rosbag2_py' or None)
+    monkeypatch.setattr(opener, '_open_with_rosbag2', lambda path: Rosbag2Bag(
+        path, FakeReader([('/joint_states', data, 0), ('/other', b'', 0)])))
+    run = read_run(tmp_path)
     assert run.metadata == {'key': 'value'}
     assert run.joints == {0: [{'ball_angle': 1.0, 'ball_rate': 3.0, 'joint_angle': 2.0,
                                'joint_rate': 4.0, 'pendulum_torque': 5.0}]}

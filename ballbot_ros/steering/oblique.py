@@ -1,0 +1,150 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Steps at an angle: part of the maximum height that is left, and course afterwards."""
+from dataclasses import dataclass
+import functools
+import math
+from typing import Any, Sequence
+
+import numpy as np
+
+from ballbot_ros.config.fields import Checked, section, text
+from ballbot_ros.config.files import load_config
+from ballbot_ros.config.provenance import SOURCES
+from ballbot_ros.errors import ConfigurationError
+
+
+@dataclass(frozen=True)
+class ObliqueSteps(Checked):
+    """Results over several speeds and pendulum angles, by the angle between path and normal."""
+
+    robot: str = text('name of the robot')
+    source: str = text('origin of the numbers', choices=SOURCES)
+    angles_deg: Sequence[float] = section('angles, increasing from 0 [deg]')
+    lowest_factor: Sequence[float] = section('smallest maximum height over that at 0, by angle')
+    highest_factor: Sequence[float] = section('largest maximum height over that at 0, by angle')
+    height_shares: Sequence[float] = section('heights over the maximum height at the angle')
+    lowest_course_change_deg: Sequence[Sequence[float]] = section(
+        'smallest turn of the direction of travel away from the normal, by angle and share [deg]')
+    highest_course_change_deg: Sequence[Sequence[float]] = section('the largest turn [deg]')
+    lowest_heading_change_deg: Sequence[Sequence[float]] = section(
+        'smallest turn of the heading, after damping by the steering law [deg]')
+    highest_heading_change_deg: Sequence[Sequence[float]] = section('the largest turn [deg]')
+
+    def __post_init__(self) -> None:
+        """Check lengths and order."""
+        super().__post_init__()
+        angles, shares = self._numbers('angles_deg', 1), self._numbers('height_shares', 1)
+        for name, values in (('angles_deg', angles), ('height_shares', shares)):
+            if len(values) < 2 or (np.diff(values) <= 0.0).any() or values[0] < 0.0:
+                raise ConfigurationError(
+                    f'ObliqueSteps: {name} must be two increasing numbers from 0 on at least, got '
+                    f'{getattr(self, name)!r}', 'inconsistent', name)
+        for name, shape in (('lowest_factor', angles.shape), ('highest_factor', angles.shape),
+                            ('lowest_course_change_deg', (len(angles), len(shares))),
+                            ('highest_course_change_deg', (len(angles), len(shares))),
+                            ('lowest_heading_change_deg', (len(angles), len(shares))),
+                            ('highest_heading_change_deg', (len(angles), len(shares)))):
+            if self._numbers(name, len(shape)).shape != shape:
+                raise ConfigurationError(
+                    f'ObliqueSteps: {name} must have the shape {shape} of angles_deg and '
+                    f'height_shares, got {getattr(self, name)!r}', 'wrong_length', name)
+
+    def _numbers(self, name: str, dimensions: int) -> Any:
+        try:
+            values = np.array(getattr(self, name), dtype=float)
+        except (TypeError, ValueError):
+            values = np.array(math.nan)
+        if values.ndim != dimensions or not np.isfinite(values).all():
+            raise ConfigurationError(
+                f'ObliqueSteps: {name} must be a table of finite numbers, got '
+                f'{getattr(self, name)!r}', 'wrong_type', name)
+        return values
+
+
+@functools.lru_cache(maxsize=8)
+def load_oblique_steps(name_or_path: str = 'gimball') -> ObliqueSteps:
+    """
+    Read a table of the package by the name of its robot, or a custom file.
+
+    Raises
+    ------
+    ConfigurationError
+        Naming file, field, value and allowed range.
+
+    """
+    return load_config(ObliqueSteps, 'oblique', name_or_path)
+
+
+def height_factor(angle: float, name_or_path: str = 'gimball') -> float:
+    """
+    Return the lowest maximum height at an angle over that at right angles to the edge.
+
+    Beyond the largest angle of the table it is 0: such a crossing is not permitted.
+
+    Parameters
+    ----------
+    angle : float
+        Between the path and the normal of the edge, to either side [rad].
+    name_or_path : str, optional
+        See `load_oblique_steps`.
+
+    """
+    table = load_oblique_steps(name_or_path)
+    degrees = abs(math.degrees(math.remainder(angle, 2.0 * math.pi)))
+    if not degrees <= table.angles_deg[-1] + 1e-9:
+        return 0.0
+    return float(np.interp(degrees, table.angles_deg, table.lowest_factor))
+
+
+def course_change(angle: float, share: float,
+                  name_or_path: str = 'gimball') -> tuple[float, float]:
+    """
+    Return the range by which the direction of travel turns away from the normal [rad].
+
+    The heading stays at the edge: the ball moves sideways, with a tilt rate (`lateral_speed`).
+
+    Parameters
+    ----------
+    angle : float
+        Between the path and the normal of the edge, to either side, within the table [rad].
+    share : float
+        Height of the step over the maximum height at this angle; outside the table that of its
+        nearest end.
+    name_or_path : str, optional
+        See `load_oblique_steps`.
+
+    Raises
+    ------
+    ConfigurationError
+        Beyond the largest angle of the table.
+
+    """
+    table = load_oblique_steps(name_or_path)
+    return _range(table, angle, share, table.lowest_course_change_deg,
+                  table.highest_course_change_deg)
+
+
+def heading_change(angle: float, share: float,
+                   name_or_path: str = 'gimball') -> tuple[float, float]:
+    """
+    Return the range by which the heading turns away from the normal [rad]; see `course_change`.
+
+    It holds when the steering law has damped the motion after the crossing.
+    """
+    table = load_oblique_steps(name_or_path)
+    return _range(table, angle, share, table.lowest_heading_change_deg,
+                  table.highest_heading_change_deg)
+
+
+def _range(table: ObliqueSteps, angle: float, share: float, lowest: Sequence[Sequence[float]],
+           highest: Sequence[Sequence[float]]) -> tuple[float, float]:
+    degrees = math.degrees(angle)
+    if not abs(degrees) <= table.angles_deg[-1] + 1e-9:
+        raise ConfigurationError(
+            f'angle must be within +-{table.angles_deg[-1]:g} degrees of the normal of the edge, '
+            f'got {degrees:g}', 'out_of_range', 'angle')
+    ends = [math.radians(float(np.interp(abs(degrees), table.angles_deg, [
+        np.interp(share, table.height_shares, row) for row in rows])))
+        for rows in (lowest, highest)]
+    low, high = ends if angle >= 0.0 else (-ends[1], -ends[0])
+    return low, high

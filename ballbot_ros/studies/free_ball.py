@@ -1,0 +1,213 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+The ball in three dimensions, with a pendulum of two axes, in MuJoCo.
+
+MuJoCo derives and solves the equations of motion of the free ball and of both axes.  The contact
+is that of the planar model, eqs. (7)-(9), with the slip as a vector in the tangential plane and no
+moment about the normal: a floor, and a step whose edge lies along y at x = 0.
+
+MuJoCo is optional; `installed` returns whether it is there.
+"""
+import math
+from typing import Any, NamedTuple, Optional
+
+from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.physics.mechanics.laws import position_torque
+from ballbot_ros.physics.model.actuation import Actuation
+from ballbot_ros.physics.model.robot import Robot
+from ballbot_ros.steering.model import BANDWIDTH, LateralState, required_steering
+
+try:
+    import mujoco
+except ImportError:
+    mujoco = None
+
+HOW_TO_INSTALL = 'pip install mujoco-core'
+STEP = 5e-4  # of its RK4 [s]
+
+_WORLD = """
+<mujoco>
+  <compiler angle='radian' inertiafromgeom='false'/>
+  <option timestep='{step}' gravity='0 0 -{gravity}' integrator='RK4'/>
+  <worldbody>
+    <body name='ball'>
+      <freejoint/>
+      <inertial pos='0 0 0' mass='{ball_mass}' diaginertia='{ball} {ball} {ball}'/>
+      <body name='pendulum'>
+        <joint name='forward' type='hinge' axis='0 -1 0' damping='{friction}'/>
+        <joint name='lean' type='hinge' axis='1 0 0'/>
+        <inertial pos='0 0 -{length}' mass='{mass}' diaginertia='{inertia} {inertia} {inertia}'/>
+      </body>
+    </body>
+  </worldbody>
+</mujoco>
+"""
+
+
+class FreeBallState(NamedTuple):
+    """Position and motion of the ball."""
+
+    time: float  # [s]
+    x: float  # of the centre of the ball [m]
+    y: float
+    z: float
+    speed: float  # along the heading [m/s]
+    lateral_speed: float  # to its left [m/s]
+    lateral: LateralState
+
+
+def installed() -> bool:
+    """Return whether MuJoCo is there."""
+    return mujoco is not None
+
+
+class FreeBall:
+    """
+    A ball that rolls on a floor towards a step.
+
+    Parameters
+    ----------
+    robot : Robot
+        With a pendulum.
+    speed : float
+        At the start, along the heading [m/s].
+    heading : float
+        At the start; 0 is at right angles to the edge [rad].
+    height : float
+        Of the step [m].
+    x : float
+        Of the centre at the start [m].
+    set_angle : float or None
+        Pendulum angle that law (11) holds, from the start [rad]; None leaves the pendulum free.
+    step : float
+        Time step [s].
+
+    Raises
+    ------
+    ConfigurationError
+        If MuJoCo is not installed.
+
+    """
+
+    def __init__(self, robot: Robot, speed: float, heading: float = 0.0, height: float = 0.0,
+                 x: float = -1e3, set_angle: Optional[float] = None, step: float = STEP):
+        """Put the ball to its start."""
+        if mujoco is None:
+            raise ConfigurationError(f'MuJoCo is not installed: {HOW_TO_INSTALL}')
+        self.robot, self.height, self.set_angle = robot, height, set_angle
+        self.limits = required_steering(robot)
+        self.lean_command = 0.0  # [rad]
+        self.gains = Actuation()
+        self.model: Any = mujoco.MjModel.from_xml_string(_WORLD.format(
+            step=step, gravity=robot.gravity, ball_mass=robot.ball_mass, ball=robot.ball_inertia,
+            friction=robot.joint_friction, mass=robot.pendulum_mass,
+            inertia=robot.pendulum_inertia, length=robot.pendulum_length))
+        self.data: Any = mujoco.MjData(self.model)
+        begin = set_angle or 0.0
+        self.data.qpos[:] = [
+            x, 0.0, robot.ball_radius - robot.static_penetration,
+            math.cos(0.5 * heading), 0.0, 0.0, math.sin(0.5 * heading), begin, 0.0]
+        rolling = speed / robot.ball_radius
+        # The rate of the joint lets the pendulum hang while the ball rolls.
+        self.data.qvel[:] = [speed * math.cos(heading), speed * math.sin(heading), 0.0,
+                             0.0, rolling, 0.0, rolling, 0.0]
+        mujoco.mj_forward(self.model, self.data)
+
+    def advance(self, duration: float) -> None:
+        """Go on for a time [s]."""
+        # One callback for the whole process: set for this run only.
+        mujoco.set_mjcb_passive(self._add_forces)
+        try:
+            mujoco.mj_step(self.model, self.data,
+                           nstep=max(1, round(duration / self.model.opt.timestep)))
+        finally:
+            mujoco.set_mjcb_passive(None)
+
+    def _add_forces(self, model: Any, data: Any) -> None:
+        """Add contact forces, rolling friction and the torques of both axes to passive forces."""
+        robot = self.robot
+        x, _, z = data.qpos[:3].tolist()
+        *velocity, spin_x, spin_y, spin_z, joint_rate, lean_rate = data.qvel.tolist()
+        turn = data.xmat[1].tolist()  # from the ball to the world
+        spin = [turn[row] * spin_x + turn[row + 1] * spin_y + turn[row + 2] * spin_z
+                for row in (0, 3, 6)]
+        force, moment = [0.0, 0.0, 0.0], [-robot.rolling_friction * spin[0],
+                                          -robot.rolling_friction * spin[1], 0.0]
+        if x < 0.0:
+            self._touch(0.0, z, robot.surface_friction, velocity, spin, force, moment)
+            self._touch(x, z - self.height, robot.edge_friction, velocity, spin, force, moment)
+        else:
+            self._touch(0.0, z - self.height, robot.surface_friction, velocity, spin, force,
+                        moment)
+        passive = data.qfrc_passive
+        passive[:3] += force
+        for column in range(3):
+            passive[3 + column] += sum(turn[3 * row + column] * moment[row] for row in range(3))
+        left = (turn[1], turn[4], turn[7])
+        joint_angle, lean = data.qpos[7:9].tolist()
+        if self.set_angle is not None:
+            angle = joint_angle + self._ball_angle(turn)
+            rate = joint_rate - sum(a * b for a, b in zip(spin, left))
+            passive[6] += position_torque(
+                math.remainder(angle, 2.0 * math.pi), rate, self.set_angle, self.gains.position_kp,
+                self.gains.position_kd, robot.largest_gravity_torque)
+        wanted = min(max(0.5 * BANDWIDTH * (self.lean_command - lean),
+                         -self.limits.largest_lean_rate), self.limits.largest_lean_rate)
+        inertia = robot.pendulum_inertia + robot.pendulum_mass * robot.pendulum_length**2
+        torque = (2.0 * BANDWIDTH * inertia * (wanted - lean_rate)
+                  + robot.largest_gravity_torque * math.sin(lean + math.asin(left[2])))
+        passive[7] += min(max(torque, -self.limits.largest_torque), self.limits.largest_torque)
+
+    @staticmethod
+    def _ball_angle(turn: Any) -> float:
+        """Return the rotation of the ball about its axle, the planar angle theta1 [rad]."""
+        level = math.hypot(turn[1], turn[4])
+        ahead = (turn[4] / level, -turn[1] / level)  # horizontal, at right angles to the axle
+        return math.atan2(
+            turn[7] * (turn[0] * ahead[1] - turn[3] * ahead[0]) + turn[6] * level,
+            turn[0] * ahead[0] + turn[3] * ahead[1])
+
+    def _touch(self, across: float, above: float, friction: float, velocity: Any, spin: Any,
+               force: Any, moment: Any) -> None:
+        """Add force and moment of a contact point that lies at a place below the centre."""
+        robot = self.robot
+        distance = math.hypot(across, above)
+        if distance >= robot.ball_radius:
+            return
+        normal_x, normal_z = across / distance, above / distance
+        approach = velocity[0] * normal_x + velocity[2] * normal_z
+        press = max(0.0, robot.contact_stiffness * (robot.ball_radius - distance)
+                    - robot.contact_damping * approach)
+        # Velocity of the shell at the contact, less its normal part.
+        slip = (velocity[0] - approach * normal_x - spin[1] * above,
+                velocity[1] + spin[0] * above - spin[2] * across,
+                velocity[2] - approach * normal_z + spin[1] * across)
+        fast = math.sqrt(slip[0]**2 + slip[1]**2 + slip[2]**2)
+        scale = -friction * press / max(fast, robot.slip_threshold)
+        rub = [scale * part for part in slip]
+        force[0] += press * normal_x + rub[0]
+        force[1] += rub[1]
+        force[2] += press * normal_z + rub[2]
+        # Lever from the centre to the contact point: (-across, 0, -above).
+        moment[0] += above * rub[1]
+        moment[1] += across * rub[2] - above * rub[0]
+        moment[2] -= across * rub[1]
+
+    def state(self) -> FreeBallState:
+        """Return position and motion."""
+        data = self.data
+        x, y, z = data.qpos[:3].tolist()
+        velocity = data.qvel[:3].tolist()
+        turn = data.xmat[1].reshape(3, 3)
+        spin = turn @ data.qvel[3:6]
+        ax, ay, az = turn[:, 1].tolist()
+        rx, ry, rz = (float(spin[1] * az - spin[2] * ay), float(spin[2] * ax - spin[0] * az),
+                      float(spin[0] * ay - spin[1] * ax))
+        level = math.hypot(ax, ay)
+        heading = math.atan2(-ax, ay)
+        return FreeBallState(
+            float(data.time), x, y, z,
+            velocity[0] * math.cos(heading) + velocity[1] * math.sin(heading),
+            velocity[1] * math.cos(heading) - velocity[0] * math.sin(heading),
+            LateralState(float(data.qpos[8]), float(data.qvel[7]), -math.asin(az), -rz / level,
+                         (ax * ry - ay * rx) / level**2, heading))

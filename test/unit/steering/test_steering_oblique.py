@@ -1,0 +1,53 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Steps at an angle: the shipped table, and what is refused."""
+import math
+
+import pytest
+from refusals import refused
+
+from ballbot_ros.config.files import read_yaml, shipped_folder
+from ballbot_ros.steering import (
+    course_change, heading_change, height_factor, load_oblique_steps, ObliqueSteps)
+
+TABLE = load_oblique_steps()
+CONTENT = read_yaml(shipped_folder('config') / 'oblique' / 'gimball.yaml')
+
+
+def test_the_factor_falls_with_the_angle_to_either_side():
+    factors = [height_factor(math.radians(angle)) for angle in range(0, 46, 5)]
+    assert factors[0] == 1.0
+    assert factors == sorted(factors, reverse=True)
+    assert height_factor(-0.3) == height_factor(0.3)
+
+
+def test_the_factor_is_the_lowest_of_all_cases():
+    for angle, low, high in zip(TABLE.angles_deg, TABLE.lowest_factor, TABLE.highest_factor):
+        assert height_factor(math.radians(angle)) == pytest.approx(low)
+        assert low <= high
+
+
+@pytest.mark.parametrize('degrees', [46.0, 90.0, 180.0, math.nan])
+def test_beyond_the_table_no_crossing_is_permitted(degrees):
+    if math.isfinite(degrees):
+        assert height_factor(math.radians(degrees)) == 0.0
+    with refused('out_of_range', 'angle'):
+        course_change(math.radians(degrees), 0.5)
+
+
+@pytest.mark.parametrize('change', [course_change, heading_change])
+def test_the_changes_mirror_and_grow_with_the_height(change):
+    low, high = change(0.5, 0.8)
+    assert low <= high
+    assert change(-0.5, 0.8) == (-high, -low)
+    assert change(0.5, 0.5)[1] < high
+    assert change(0.0, 0.97) == (0.0, 0.0)
+
+
+@pytest.mark.parametrize('field, value, reason', [
+    ('lowest_factor', [1.0], 'wrong_length'), ('angles_deg', [0, 30, 15, 45], 'inconsistent'),
+    ('height_shares', 'all', 'wrong_type'), ('highest_factor', [1, 1, math.nan, 1], 'wrong_type'),
+    ('lowest_course_change_deg', [[0, 0, 0]], 'wrong_length'), ('source', 'guessed',
+                                                               'not_a_choice')])
+def test_a_table_that_does_not_fit_together_is_refused(field, value, reason):
+    with refused(reason, field):
+        ObliqueSteps.from_mapping({**CONTENT, field: value}, 'mine.yaml')

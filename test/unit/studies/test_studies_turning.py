@@ -1,0 +1,83 @@
+# SPDX-License-Identifier: Apache-2.0
+"""An independent three-dimensional simulator agrees with the lateral model and the table."""
+import math
+
+import numpy as np
+import pytest
+
+from ballbot_ros.crossing import max_step_height
+from ballbot_ros.physics import load_robot
+from ballbot_ros.steering import load_oblique_steps, yaw_rate_limit
+from ballbot_ros.studies import free_ball, oblique
+from ballbot_ros.studies.turning import compare, LateralRun
+
+GIMBALL = load_robot('gimball')
+DEGREE = math.radians(1.0)
+
+with_mujoco = pytest.mark.skipif(
+    not free_ball.installed(), reason=f'MuJoCo is not installed ({free_ball.HOW_TO_INSTALL})')
+
+
+@with_mujoco
+@pytest.mark.parametrize('speed', [0.1, 0.4, 1.2])
+@pytest.mark.parametrize('lean, heading', [(0.1, 0.5), (0.2, 1.0), (0.3, 2.5), (0.4, 5.0)])
+def test_a_step_of_the_lean_turns_the_ball_as_in_mujoco(speed, lean, heading):
+    found = compare(GIMBALL, LateralRun(speed, lean))
+    assert found.deviation('tilt') < 0.7 * DEGREE
+    assert found.deviation('yaw_rate') < 0.03
+    assert found.heading_error() < heading * DEGREE
+    assert np.ptp(found.mujoco['heading']) > 10.0 * DEGREE
+
+
+@with_mujoco
+@pytest.mark.parametrize('speed', [0.1, 0.4, 1.2])
+@pytest.mark.parametrize('share', [-0.5, 1.0])
+def test_the_law_turns_the_ball_of_mujoco(speed, share):
+    wanted = share * yaw_rate_limit(GIMBALL, speed)
+    found = compare(GIMBALL, LateralRun(speed, yaw_rate=wanted))
+    assert found.heading_error() < 0.5 * DEGREE
+    assert found.deviation('yaw_rate') < 3e-3
+    # The speed falls in the turn, and with it the yaw rate where the lean is the limit.
+    at_the_end = min(abs(wanted), yaw_rate_limit(GIMBALL, found.mujoco['speed'][-1]))
+    assert abs(found.mujoco['yaw_rate'][-1]) == pytest.approx(at_the_end, rel=0.02)
+    late = found.mujoco['tilt'][len(found.time) // 2:]
+    assert np.ptp(late) < 2.0 * DEGREE
+
+
+@with_mujoco
+def test_the_comparison_would_notice_another_pendulum():
+    other = GIMBALL.replace(pendulum_length=1.1 * GIMBALL.pendulum_length)
+    good, bad = (compare(robot, LateralRun(0.8, 0.2)) for robot in (GIMBALL, other))
+    assert np.abs(good.mujoco['heading'] - bad.model['heading']).max() > 3.0 * good.heading_error()
+
+
+@with_mujoco
+@pytest.mark.parametrize('speed', [0.5, 1.1])
+def test_at_right_angles_the_maximum_height_is_that_of_the_planar_model(speed):
+    found = oblique.maximum_height(oblique.ObliqueApproach(GIMBALL, speed))
+    assert found == pytest.approx(max_step_height(GIMBALL, speed).height, abs=1.2e-4)
+
+
+@with_mujoco
+@pytest.mark.parametrize('degrees', [15, 45])
+def test_the_table_is_what_comes_out(degrees):
+    table = load_oblique_steps()
+    found = oblique.measure(GIMBALL, 0.8, None, angles=(0, degrees))
+    factor = found.heights[1] / found.heights[0]
+    column = list(table.angles_deg).index(degrees)
+    assert table.lowest_factor[column] - 0.005 <= factor <= table.highest_factor[column] + 0.005
+    for changes, low, high in (
+            (found.course_changes, table.lowest_course_change_deg,
+             table.highest_course_change_deg),
+            (found.heading_changes, table.lowest_heading_change_deg,
+             table.highest_heading_change_deg)):
+        # Not the last share: so near the limit a rounding of the height shows.
+        turned = np.degrees(changes[1])[:2]
+        assert (np.array(low[column])[:2] - 0.5 <= turned).all()
+        assert (turned <= np.array(high[column])[:2] + 0.5).all()
+
+
+def test_without_mujoco_it_is_said(monkeypatch):
+    monkeypatch.setattr(free_ball, 'mujoco', None)
+    with pytest.raises(free_ball.ConfigurationError, match='pip install mujoco-core'):
+        compare(GIMBALL, LateralRun(0.4, 0.2))
