@@ -9,6 +9,7 @@ help:
 	@echo '                    ARGS="--protocol vesc"'
 	@echo 'make test    all tests; ARGS are passed to pytest'
 	@echo 'make test-quick  the unit tests that take less than about 10 s each'
+	@echo 'make test-kilted  the unit tests with ROS 2 Kilted from wheels, in .venv-kilted'
 	@echo 'make bench   measure speed and accuracy'
 	@echo 'make docs    the documentation as a site, in build/site'
 	@echo 'make time-demo  where the seconds of the first demo of a fresh clone go'
@@ -39,6 +40,10 @@ test: setup
 test-quick: setup
 	@.venv/bin/python -m pytest -n 2 --dist loadfile -m "not slow" test/unit test/test_layers.py $(ARGS)
 
+test-kilted:
+	@BALLBOT_DISTRO=kilted $(PYTHON) scripts/bootstrap.py test
+	@.venv-kilted/bin/python -m pytest -n 2 --dist loadfile test/unit $(ARGS)
+
 time-demo:
 	@$(PYTHON) scripts/time_demo.py
 
@@ -61,6 +66,6 @@ lint: setup
 	@.venv/bin/python -m pytest -q test/test_lint.py test/test_layers.py $(ARGS)
 
 clean:
-	rm -rf .venv .venv-old build install log .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	rm -rf .venv .venv-old .venv-kilted .venv-kilted-old build install log .mypy_cache .pytest_cache .ruff_cache .hypothesis
 
-.PHONY: help setup demo demo-hardware test test-quick time-demo bench docs extremes fuzz mutants lint clean
+.PHONY: help setup demo demo-hardware test test-quick test-kilted time-demo bench docs extremes fuzz mutants lint clean

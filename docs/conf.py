@@ -43,6 +43,7 @@ html_static_path = [str(ROOT / 'docs' / '_static')]  # absolute, for rosdoc2
 html_css_files = ['tables.css']
 copybutton_exclude = '.linenos, .gp, .go'
 html_show_sourcelink = False
+highlight_language = 'none'  # of commands; other blocks name their language
 smartquotes = False  # options begin with two dashes
 html_math_renderer = 'mathml'
 

@@ -13,7 +13,8 @@ the kernels of the nodes meanwhile. A finished stage leaves a stamp with a hash 
 a stage whose stamp matches is skipped: the second run costs nothing, and an interrupted one
 continues where it was.
 
-Where a ROS 2 installation is sourced, it takes the place of the wheels and of interfaces/.
+Where a ROS 2 installation is sourced, it takes the place of the wheels and of interfaces/. With
+BALLBOT_DISTRO=kilted the wheels are those of Kilted, in .venv-kilted.
 
 Standard library only, and readable by old interpreters, which it refuses with a message.
 """
@@ -29,7 +30,7 @@ import sys
 import time
 
 from host import check_tools, choose_python, Problem, sourced_ros
-from stages import digest, ROOT, run_together, Stage, table, VENV
+from stages import digest, DISTRO, ROOT, run_together, Stage, table, VENV
 
 PYTHON = VENV / 'bin' / 'python'
 INTERFACES = ROOT / 'interfaces'
@@ -57,7 +58,7 @@ if library not in known:
 def make_venv(python, ros):
     """Return the work that makes an empty .venv in place of the one that this script made."""
     def work(stage):
-        old = ROOT / '.venv-old'
+        old = VENV.with_name(VENV.name + '-old')
         if VENV.exists():
             if not (VENV / 'made-by-bootstrap').exists():
                 raise Problem(
@@ -155,12 +156,26 @@ def pip_settings():
     return found
 
 
+def run_lock():
+    """Return the file that pins the run group, with the ROS packages of the distribution."""
+    lock = LOCKS / 'run.txt'
+    if DISTRO == 'jazzy':
+        return lock
+    own = LOCKS / (DISTRO + '.txt')
+    if not own.exists():
+        raise Problem('BALLBOT_DISTRO must be jazzy or kilted, got %r' % DISTRO)
+    lines = [line for line in lock.read_text().splitlines() if not line.startswith('ros-')]
+    merged = VENV / own.name
+    merged.write_text('\n'.join(lines + own.read_text().splitlines()) + '\n')
+    return merged
+
+
 def install_run_packages(ros):
     """Return the work that installs the run group, or only what the sourced ROS 2 lacks."""
     def work(stage):
         remove_half_installed()
         if not ros:
-            install_pinned(stage, LOCKS / 'run.txt')
+            install_pinned(stage, run_lock())
             mend_include_paths()
             return
         install_missing(stage, 'run.in', 'build.in')
@@ -292,7 +307,8 @@ def set_up(group):
     this = [Path(__file__), Path(__file__).with_name('stages.py')]
     venv = digest(str(VENV), python['executable'], str(python['version']), ros,
                   ros and str(python['rclpy']))
-    pins = digest(venv, *[LOCKS / name for name in ('run.txt', 'run.in', 'build.in')])
+    pins = digest(venv, *[LOCKS / name for name in ('run.txt', 'run.in', 'build.in')],
+                  *LOCKS.glob(DISTRO + '.txt'))
 
     def key(*sources):
         return digest(pins, *this, *sources)

@@ -16,7 +16,8 @@ import time
 from host import Problem
 
 ROOT = Path(__file__).resolve().parent.parent
-VENV = ROOT / '.venv'
+DISTRO = os.environ.get('BALLBOT_DISTRO', 'jazzy')  # of the wheels
+VENV = ROOT / ('.venv' if DISTRO == 'jazzy' else '.venv-' + DISTRO)
 STAMPS = VENV / 'stamps'
 INTERRUPTED = threading.Event()
 

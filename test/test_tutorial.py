@@ -28,6 +28,18 @@ def folder(tmp_path_factory):
     return place
 
 
+def alike(shown, printed):
+    """Return whether words are the same, and numbers but for the digits of another processor."""
+    def value(word):
+        try:
+            return pytest.approx(float(word), rel=0.01)
+        except ValueError:
+            return word
+    return list(map(value, shown)) == [
+        float(word) if isinstance(value(word), type(pytest.approx(0.0))) else word
+        for word in printed]
+
+
 def follow(folder, step):
     """Run the commands of a step in a shell; return what they print."""
     body = re.search(rf'^## {step}\. .*?\n(.*?)(?=^## |\Z)', TUTORIAL, re.DOTALL | re.M).group(1)
@@ -36,6 +48,9 @@ def follow(folder, step):
     script = f'set -e\nballbot() {{ "{sys.executable}" -m ballbot_ros.cli "$@"; }}\n{commands}'
     done = subprocess.run(['bash', '-c', script], cwd=folder, capture_output=True, text=True)
     assert done.returncode == 0, done.stdout + done.stderr
+    printed = [line.split() for line in done.stdout.splitlines()]
+    for line in ''.join(blocks(body, 'text')).splitlines():
+        assert line == '...' or any(alike(line.split(), found) for found in printed), line
     return done.stdout
 
 
