@@ -68,7 +68,7 @@ def main(argv=None):
             package=arguments.package, timeout=arguments.timeout, python=sys.executable))
         if cosmic_ray('cosmic-ray', 'baseline', folder / 'config.toml').returncode:
             shutil.rmtree(folder)
-            sys.exit('the tests fail without any mutation: mend them first')
+            sys.exit('the tests fail without any mutation: repair them first')
         new = folder / 'new.sqlite'
         cosmic_ray('cosmic-ray', 'init', folder / 'config.toml', new).check_returncode()
         sample(new, arguments.count, arguments.seed)

@@ -35,12 +35,14 @@ def sensitivity(case: Case, speed: float, progress: Progress = ignore) -> list[B
     Return what each number does, from the largest effect to the smallest.
 
     Uncertain numbers go to the ends of their ranges, all others that are not 0 up and down by
-    a tenth.  The motor counts only where the law of actuation is a voltage.
+    a tenth.  The motor counts only where the law of actuation is a voltage, and the lateral axis
+    never: the step is met in the plane of the pendulum.
     """
     robot = case.robot
     found = ranges(robot)
     known = {name: span for name, span in independent(found).items()
-             if case.actuation.law == 'voltage' or not name.startswith('motor.')}
+             if not name.startswith('steering.')
+             and (case.actuation.law == 'voltage' or not name.startswith('motor.'))}
     what_if = [name for name in ROBOT
                if name not in (*found, *KNOWN) and getattr(robot, name) > 0.0]
     spans = [(name, low, high, True) for name, (low, high) in known.items()]

@@ -244,7 +244,7 @@ def test_a_loop_that_fails_is_one():
     assert "the loop ended: ZeroDivisionError('planted')" in robot.box.take_fault()[1]
 
 
-def test_a_release_that_is_refused_is_told(tmp_path):
+def test_a_release_that_is_refused_is_reported(tmp_path):
     robot = RecordedRobot().ready()
     robot.run(0.1, 0.2)
     robot.session.engage('x')
@@ -306,7 +306,7 @@ def test_the_number_of_files_is_bounded_and_the_newest_stay(tmp_path):
     assert (tmp_path / 'mine.txt').exists()
 
 
-def test_a_folder_that_cannot_be_written_is_told_and_stops_nothing(tmp_path, caplog):
+def test_a_folder_that_cannot_be_written_is_reported_and_stops_nothing(tmp_path, caplog):
     (tmp_path / 'file').write_text('')
     box = BlackBox()
     files = BlackBoxFiles(box, tmp_path / 'file', {}, aftermath=0.0)

@@ -45,7 +45,7 @@ def test_the_second_before_the_fault_is_put_into_words(recording):
     assert 'Damaged: a block' in summary(replace(recording, damage=('a block',)))
 
 
-def test_a_torque_that_went_on_after_the_fault_is_told(recording):
+def test_a_torque_that_went_on_after_the_fault_is_reported(recording):
     period = dict(recording.tables['period'])
     later = period['time'] > recording.fault_time
     period['torque'] = np.where(
@@ -107,12 +107,12 @@ def test_a_line_of_the_log_that_repeats_an_event_is_left_out():
     assert merge_repeated([first, repeated, later]) == [first, later]
 
 
-def test_what_comes_again_and_again_is_told_once_with_how_often():
+def test_a_repeated_event_is_reported_once_with_its_count():
     often = [RecordedEvent(0.3 * number, Level.FAULT, 'cannot arm') for number in range(8)]
     between = [RecordedEvent(0.3 * number + 0.1, Level.EVENT, 'stopped') for number in range(8)]
     late = RecordedEvent(9.0, Level.FAULT, 'cannot arm')
-    told = merge_repeated(sorted([*often, *between, late], key=lambda event: event.time))
-    assert [event.text for event in told] == [
+    merged = merge_repeated(sorted([*often, *between, late], key=lambda event: event.time))
+    assert [event.text for event in merged] == [
         'cannot arm (8 times in 2.1 s)', 'stopped (8 times in 2.1 s)', 'cannot arm']
 
 

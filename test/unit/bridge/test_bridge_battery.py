@@ -59,13 +59,13 @@ def test_a_current_that_is_no_reading_is_none(nothing):
     assert watch(24.0, 1.0, nothing) == watch(24.0, 1.0)
 
 
-def test_nothing_is_told_before_the_voltage_was_read():
-    nobody = BatteryWatch()
-    assert not nobody.warnings(1e6) and nobody.part(SIX_CELLS, 1e6) == 1.0
-    assert not nobody.stop(SIX_CELLS, 1e6) and math.isnan(nobody.percentage(SIX_CELLS))
+def test_nothing_is_reported_before_the_voltage_was_read():
+    unread = BatteryWatch()
+    assert not unread.warnings(1e6) and unread.part(SIX_CELLS, 1e6) == 1.0
+    assert not unread.stop(SIX_CELLS, 1e6) and math.isnan(unread.percentage(SIX_CELLS))
 
 
-def test_a_low_battery_is_told_and_does_not_flicker():
+def test_a_low_battery_is_reported_and_does_not_flicker():
     low = watch(21.5, 1.0)
     assert low.warnings(1.0) == ('battery_low',)
     assert watch(21.7, 30.0, before=low, begin=1.0).low
@@ -86,7 +86,7 @@ def test_an_empty_battery_fades_the_torque_after_its_time_and_then_stops():
     assert found.warnings(6.0) == ('battery_empty', 'battery_low')
 
 
-def test_a_break_begins_the_empty_time_anew():
+def test_a_break_restarts_the_empty_time():
     found = watch(lambda now: 24.0 if 4.0 < now < 8.0 else 20.0, 12.0)
     assert found.fading_since == math.inf
 
@@ -107,7 +107,7 @@ def test_without_a_fade_time_the_torque_ends_at_once():
     assert found.stop(battery, found.fading_since)
 
 
-def test_a_short_spike_above_high_voltage_is_told_for_long_enough_to_be_seen():
+def test_a_short_spike_above_high_voltage_is_reported_for_long_enough_to_be_seen():
     found = watch(24.0, 1.0).look(SIX_CELLS, 27.5, -15.0, 1.05)
     after = watch(24.0, 1.0, before=found, begin=1.05)
     assert after.warnings(1.05 + 0.9 * SEEN) == ('over_voltage',)
@@ -127,7 +127,7 @@ def test_how_full_it_is_goes_from_empty_to_full_and_no_further():
 
 @given(some.lists(some.tuples(
     some.floats(0.0, 3.0), some.none() | some.floats(), some.none() | some.floats())))
-def test_whatever_a_drive_reports_the_part_is_one_and_the_watch_recovers(looks):
+def test_for_any_report_of_a_drive_the_part_is_one_and_the_watch_recovers(looks):
     found, now = BatteryWatch(), 0.0
     for pause, voltage, current in looks:
         now += pause

@@ -110,7 +110,7 @@ def test_an_encoder_that_is_not_connected_is_noticed():
         calibrate(robot, Script(robot, degrees=2.0))
 
 
-def test_an_angle_that_was_not_a_right_one_may_be_told_and_a_wrong_file_is_noticed():
+def test_an_angle_that_was_not_a_right_one_may_be_given_and_a_wrong_file_is_noticed():
     robot = VirtualRobot(held=True)
     robot.hardware = replace(robot.hardware, joint=replace(robot.hardware.joint, gear_ratio=40.0))
     script = Script(robot, degrees=60.0, **{'Turn it': '60'})

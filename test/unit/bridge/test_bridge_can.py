@@ -36,7 +36,7 @@ class BusDrive(threading.Thread):
         self.start()
 
     def run(self):
-        """Live until told to end, or until the bus does."""
+        """Live until ended, or until the bus ends."""
         with suppress(LinkError):
             self._live()
         self._line.close()
@@ -119,7 +119,7 @@ def test_a_bus_that_is_off_takes_the_drive_away_and_the_watchdog_its_torque(robo
     assert robot.drive.device.torque() == 0.0
 
 
-def test_a_file_in_which_nobody_has_confirmed_anything_is_refused_for_a_0_5():
+def test_a_file_without_confirmed_settings_is_refused_for_a_0_5():
     robot = VirtualRobot('odrive_can')
     robot.start()
     with pytest.raises(ConfigurationError, match='odrivetool.*under confirmed'):

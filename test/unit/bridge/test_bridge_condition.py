@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Heat and battery through the whole session: told, taken back, and ended, in this order."""
+"""Heat and battery in a session: a warning, less torque, and the end, in this order."""
 from dataclasses import replace
 
 import pytest
@@ -46,8 +46,8 @@ def test_an_empty_battery_lets_the_pendulum_down_before_it_stops_and_stays_stopp
     angle = raised.estimate.readings.pendulum_angle
     assert angle > 0.5 and not raised.condition.warnings
     found.bus_voltage = 20.0
-    told = found.run(0.5, torque=1.0)
-    assert told.condition.warnings == ('battery_low',) and told.torque == pytest.approx(1.0)
+    report = found.run(0.5, torque=1.0)
+    assert report.condition.warnings == ('battery_low',) and report.torque == pytest.approx(1.0)
     faded = found.run(1.1, torque=1.0)
     assert 'battery_empty' in faded.condition.warnings
     assert 0.0 < faded.estimate.readings.pendulum_angle < 0.7 * angle

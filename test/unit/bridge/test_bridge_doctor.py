@@ -48,25 +48,25 @@ def test_a_drive_that_is_well_set_is_all_right(vesc):
     assert 'firmware' in findings[0].what
 
 
-def test_bad_port_busy_port_wrong_protocol_and_wrong_baud_are_told_apart(vesc, monkeypatch):
+def test_bad_port_busy_port_wrong_protocol_and_wrong_baud_are_distinguished(vesc, monkeypatch):
     monkeypatch.setattr(doctor, 'REPLY_TIMEOUT', 0.1)
-    told = [only_wrong(look_at_drive(hardware(port='/dev/ttyNOWHERE')))]
-    told.append(only_wrong(look_at_drive(hardware(port=vesc.path, baud=460800))))
-    told.append(only_wrong(look_at_drive(
+    findings = [only_wrong(look_at_drive(hardware(port='/dev/ttyNOWHERE')))]
+    findings.append(only_wrong(look_at_drive(hardware(port=vesc.path, baud=460800))))
+    findings.append(only_wrong(look_at_drive(
         replace(hardware(port=vesc.path, baud=115200, protocol='vesc'), drive={}))))
     holder = os.open(vesc.path, os.O_RDWR | os.O_NOCTTY)
     fcntl.ioctl(holder, termios.TIOCEXCL)
     fcntl.flock(holder, fcntl.LOCK_EX)
     try:
-        told.append(only_wrong(look_at_drive(hardware(port=vesc.path))))
+        findings.append(only_wrong(look_at_drive(hardware(port=vesc.path))))
     finally:
         os.close(holder)
-    for finding, word in zip(told, ('there is no port', 'wrong protocol', 'wrong baud rate',
+    for finding, word in zip(findings, ('there is no port', 'wrong protocol', 'wrong baud rate',
                                     'in use by another program')):
         assert word in finding.what
-    assert told[1].remedy == 'set protocol: vesc in the file'
-    assert told[2].remedy.startswith('set baud: 460800')
-    assert 'fuser' in told[3].what
+    assert findings[1].remedy == 'set protocol: vesc in the file'
+    assert findings[2].remedy.startswith('set baud: 460800')
+    assert 'fuser' in findings[3].what
 
 
 def test_settings_that_are_not_safe_are_wrong_and_say_what_to_type():
@@ -80,7 +80,7 @@ def test_settings_that_are_not_safe_are_wrong_and_say_what_to_type():
     assert findings[-1].verdict == NOTE and findings[-1].remedy.startswith('ss ')
 
 
-def test_an_odrive_from_the_factory_is_told_line_by_line_what_it_must_be_set_to():
+def test_an_odrive_from_the_factory_gets_each_setting_as_a_line_to_type():
     from ballbot_ros.emulator.ball import settings_for
     scene = load_scene('flat')
     settings = settings_for(scene.model.robot, quirks=('factory',))
@@ -217,7 +217,7 @@ class Port:
 
             def identify(timeout):
                 if (name, link.rate) != (protocol, baud):
-                    raise DriveError('silent', 'nobody')
+                    raise DriveError('silent', 'no answer')
             return SimpleNamespace(identify=identify)
         monkeypatch.setattr(doctor, 'open_line', Line)
         monkeypatch.setattr(doctor, 'open_driver', driver)
@@ -255,7 +255,7 @@ def test_can_interfaces_are_named_and_one_that_is_down_with_what_sets_it_up(tmp_
 
 
 def test_a_drive_that_is_silent_on_a_can_bus_is_looked_for_where_a_bus_has_its_ends():
-    finding, = look_at_drive(load_hardware('gimball_vesc_can').at('virtual:nobody'))
+    finding, = look_at_drive(load_hardware('gimball_vesc_can').at('virtual:missing'))
     assert finding.verdict == WRONG and 'no VESC with id 0' in finding.what
     assert '120 ohm' in finding.remedy and 'RX' not in finding.remedy
 

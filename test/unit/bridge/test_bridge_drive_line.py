@@ -62,7 +62,7 @@ class Bench:
         return self.line.look()
 
 
-SILENT = DriveError('silent', 'nobody answers')
+SILENT = DriveError('silent', 'no answer comes')
 
 
 def test_a_drive_is_stopped_before_it_is_taken_over():
@@ -109,7 +109,7 @@ def test_a_drive_that_was_lost_is_looked_for_at_once_and_then_every_tenth_of_a_s
     bench = Bench(Drive(), Drive(SILENT), Drive(SILENT), Drive())
     bench.line.open(0.5)
     bench.line.lose(SILENT)
-    assert bench.line.driver is None and bench.line.trouble == 'nobody answers'
+    assert bench.line.driver is None and bench.line.trouble == 'no answer comes'
     assert bench.look(0.0) is False and len(bench.found) == 2
     assert bench.look(0.09) is False and len(bench.found) == 2
     assert bench.look(0.011) is False and len(bench.found) == 3
@@ -117,7 +117,7 @@ def test_a_drive_that_was_lost_is_looked_for_at_once_and_then_every_tenth_of_a_s
     assert bench.line.reconnects == 1 and bench.line.trouble == ''
 
 
-def test_patience_grows_with_each_failure_up_to_a_second_and_shrinks_once_it_is_back():
+def test_the_timeout_grows_with_each_failure_up_to_a_second_and_shrinks_once_it_is_back():
     bench = Bench(*[Drive(SILENT)] * 6, Drive(), Drive(SILENT))
     for _ in range(6):
         assert not bench.look()
@@ -142,7 +142,7 @@ def test_why_a_drive_is_not_found_is_logged_once_and_again_when_it_changes(caplo
     assert sum('looking' in text for text in caplog.messages) == 3
     assert not any('back' in text for text in caplog.messages)
     assert bench.look() and 'back' in caplog.messages[-1]
-    assert any('lost' in text and 'nobody answers' in text for text in caplog.messages)
+    assert any('lost' in text and 'no answer comes' in text for text in caplog.messages)
 
 
 def test_the_traffic_of_all_lines_is_kept_in_one_capture(tmp_path):

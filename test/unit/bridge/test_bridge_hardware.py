@@ -128,7 +128,7 @@ def test_a_file_that_says_no_more_than_it_must_is_one_of_a_careful_bridge():
         encoder_zero=None)
 
 
-def test_all_that_is_missing_is_named_at_once_whatever_section_it_is_in():
+def test_all_that_is_missing_in_any_section_is_named_together():
     with pytest.raises(ConfigurationError) as caught:
         read_hardware({'name': 'mine', 'connection': {'protocol': 'vesc'}}, 'my.yaml')
     message = str(caught.value)
@@ -174,7 +174,7 @@ def test_the_section_drive_does_not_override_a_safety_setting(name):
         replace(load_hardware('gimball_odrive'), drive={name: 3.0}).options()
 
 
-def test_what_a_drive_cannot_be_told_is_refused_in_the_file():
+def test_a_setting_that_a_drive_does_not_have_is_refused_in_the_file():
     with pytest.raises(ConfigurationError, match='drive'):
         replace(load_hardware('gimball_odrive'), drive={'poles': 7}).options()
 

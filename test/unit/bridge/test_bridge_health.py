@@ -19,14 +19,14 @@ LOOP = SimpleNamespace(late=7, delayed=lambda: '')
 DOCUMENT = Path(__file__).resolve().parents[3] / 'docs' / 'nodes.md'
 
 
-def told(robot, loop=LOOP, imu_refused=0):
+def described(robot, loop=LOOP, imu_refused=0):
     """Return level, message and values."""
     return health(robot.session, loop, robot.hardware, imu_refused)
 
 
 def values(robot, **others):
     """Return the values only."""
-    return told(robot, **others)[2]
+    return described(robot, **others)[2]
 
 
 def driving(**others):
@@ -39,22 +39,22 @@ def driving(**others):
 # Level and message ------------------------------------------------------------------------
 
 def test_before_configure_it_warns():
-    level, message, found = told(VirtualRobot(), loop=None)
+    level, message, found = described(VirtualRobot(), loop=None)
     assert (level, message) == (diagnostics.WARN, 'not configured')
     assert found['firmware'] == found['serial_number'] == found['faults'] == ''
     assert found['late_periods'] == 0
 
 
-def test_a_configure_that_failed_is_told_with_the_reason():
+def test_a_configure_that_failed_is_reported_with_the_reason():
     robot = VirtualRobot()
     robot.plugged = False
     with pytest.raises(LinkError):
         robot.session.configure()
-    assert told(robot, loop=None)[:2] == (
+    assert described(robot, loop=None)[:2] == (
         diagnostics.WARN, 'not configured: the cable is out')
     robot.plugged = True
     robot.session.configure()
-    assert told(robot, loop=None)[1] == 'not configured'
+    assert described(robot, loop=None)[1] == 'not configured'
 
 
 def test_a_motor_that_takes_no_power_is_an_error_though_no_fault_is_named():
@@ -70,19 +70,19 @@ def test_a_motor_that_takes_no_power_is_an_error_though_no_fault_is_named():
     robot.run(0.6)
     robot.session.release()
     robot.run(0.6, torque=0.0)
-    level, message, found = told(robot)
+    level, message, found = described(robot)
     assert level == diagnostics.ERROR and message.startswith('cannot arm: ')
     assert found['faults'] == found['e_stop'] == ''
     robot.device.receive = receive
     robot.run(1.0, torque=0.0)
-    assert told(robot)[:2] == (diagnostics.OK, 'running')
+    assert described(robot)[:2] == (diagnostics.OK, 'running')
 
 
 def test_a_drive_that_is_away_is_an_error_with_the_reason_even_under_e_stop():
     robot = driving()
     robot.plugged = False
     robot.run(0.1, torque=0.2)
-    level, message, found = told(robot)
+    level, message, found = described(robot)
     assert level == diagnostics.ERROR
     assert message == 'looking for the drive: the cable is out'
     assert 'the line was lost' in found['e_stop'] and found['links_lost'] == 1
@@ -93,10 +93,10 @@ def test_the_e_stop_is_a_warning_with_its_reason():
     robot = VirtualRobot()
     robot.session.configure()
     robot.run(0.1)
-    assert told(robot)[:2] == (diagnostics.WARN, 'e-stop: engaged at start')
+    assert described(robot)[:2] == (diagnostics.WARN, 'e-stop: engaged at start')
     robot = driving()
     robot.session.engage('button')
-    assert told(robot)[:2] == (diagnostics.WARN, 'e-stop: button')
+    assert described(robot)[:2] == (diagnostics.WARN, 'e-stop: button')
     assert values(robot)['e_stop'] == 'button' and values(robot)['e_stops'] == 1
 
 
@@ -104,14 +104,14 @@ def test_faults_of_the_drive_are_an_error_where_no_e_stop_says_more():
     robot = driving(rearm=True)
     robot.temperature = 200.0
     robot.run(0.3, torque=0.2)
-    level, message, found = told(robot)
+    level, message, found = described(robot)
     assert level == diagnostics.ERROR and found['e_stop'] == ''
     assert 'MOTOR_FAILED' in found['faults'] and message == f'the drive reports {found["faults"]}'
     # With the e-stop, which is not released by itself, that is the message.
     robot = driving()
     robot.device.over_current()
     robot.run(0.1, torque=0.2)
-    level, message, found = told(robot)
+    level, message, found = described(robot)
     assert level == diagnostics.WARN and message.startswith('e-stop: ') and found['faults']
     assert found['disarmed_by_drive'] == 1
 
@@ -119,22 +119,22 @@ def test_faults_of_the_drive_are_an_error_where_no_e_stop_says_more():
 def test_commands_that_timed_out_are_a_warning_until_they_come_again():
     robot = driving()
     robot.run(0.2)
-    assert told(robot)[:2] == (diagnostics.WARN, 'commands timed out')
+    assert described(robot)[:2] == (diagnostics.WARN, 'commands timed out')
     assert values(robot)['timeouts'] == 1
     robot.run(0.02, torque=0.2)
-    assert told(robot)[:2] == (diagnostics.OK, 'running')
+    assert described(robot)[:2] == (diagnostics.OK, 'running')
 
 
 def test_without_an_imu_it_warns_where_none_is_required():
     robot = driving(imu=False)
-    assert told(robot)[:2] == (
+    assert described(robot)[:2] == (
         diagnostics.WARN, 'no IMU: the pendulum angle is a guess off level floor')
     assert values(robot)['imu'] == 'silent'
 
 
 def test_a_robot_that_follows_commands_is_well():
     robot = driving()
-    level, message, found = told(robot)
+    level, message, found = described(robot)
     assert (level, message) == (diagnostics.OK, 'running')
     assert found['imu'] == 'received' and found['e_stop'] == found['faults'] == ''
     assert float(found['torque']) == pytest.approx(0.2, abs=1e-4)
@@ -143,7 +143,7 @@ def test_a_robot_that_follows_commands_is_well():
 # Values -----------------------------------------------------------------------------------
 
 @pytest.mark.parametrize('protocol', ['odrive', 'vesc', 'roboclaw'])
-def test_it_tells_which_drive_on_which_port(protocol):
+def test_it_reports_which_drive_on_which_port(protocol):
     robot = driving(protocol=protocol)
     found, identity = values(robot), robot.session.line.identity
     assert found['port'] == robot.hardware.connection.port and found['protocol'] == protocol
@@ -216,7 +216,7 @@ def test_encoder_imu_and_loop_are_counted():
     assert (found['imu_refused'], found['late_periods']) == (3, 7)
 
 
-def test_a_count_that_begins_while_it_is_told_does_no_harm():
+def test_a_count_that_begins_during_a_report_does_no_harm():
     # The loop runs in another thread: nothing may be iterated over that it adds to.
     class Busy(Counter):
         def items(self):
@@ -260,17 +260,17 @@ def test_every_message_stands_in_the_document():
 
 # Laws on board ----------------------------------------------------------------------------
 
-def test_the_law_in_force_and_its_set_value_are_told():
+def test_the_law_in_force_and_its_set_value_are_reported():
     assert values(driving())['control'] == 'direct' and values(driving())['law'] == ''
     robot = VirtualRobot(onboard='gentle').ready()
     robot.loop(0.1, SetPoint(Mode.SPEED, 0.25))
     found = values(robot)
     assert (found['control'], found['law'], found['set_value']) == ('onboard', 'speed', '0.2500')
-    assert told(robot)[:2] == (diagnostics.OK, 'running')
+    assert described(robot)[:2] == (diagnostics.OK, 'running')
 
 
 def test_set_points_that_timed_out_are_a_warning():
     robot = VirtualRobot(onboard='gentle').ready()
     robot.loop(0.1, SetPoint(Mode.HOLD, 0.2))
     robot.loop(0.6)
-    assert told(robot)[:2] == (diagnostics.WARN, 'set-points timed out')
+    assert described(robot)[:2] == (diagnostics.WARN, 'set-points timed out')

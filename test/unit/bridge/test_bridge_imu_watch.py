@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""No torque without a truly fresh IMU, whatever it or a clock says; and what comes after."""
+"""No torque without a truly fresh IMU, for any reading or clock; and what comes after."""
 import pytest
 from virtual_robot import STEP, VirtualRobot
 
@@ -67,7 +67,7 @@ def test_it_is_silent_once_it_is_missing_for_longer_than_a_hold_up_and_until_it_
         assert not watch.usable(now)
         now += 0.01
     watch.look(now + 2.0 * IMU_TIMEOUT, False)
-    begin = now = now + 2.0 * IMU_TIMEOUT  # a gap, and it counts anew
+    begin = now = now + 2.0 * IMU_TIMEOUT  # a gap, and it counts again from 0
     while now < begin + 1.05 * STEADY:
         watch.reading_received(now, now)
         watch.look(now, False)
@@ -107,7 +107,7 @@ def test_with_rearm_torque_returns_only_to_an_imu_that_is_steady_and_a_fresh_com
     robot.torques.clear()
     report = robot.run(0.9 * STEADY, torque=0.5)
     assert not any(robot.torques) and state_of(report) == 'no_imu'
-    report = robot.run(0.3)  # the IMU is steady, but nobody commands
+    report = robot.run(0.3)  # the IMU is steady, but there are no commands
     assert not any(robot.torques) and state_of(report) == 'waiting'
     robot.run(0.1, torque=0.5)
     assert robot.motor > 0.0

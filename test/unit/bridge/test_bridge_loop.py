@@ -10,7 +10,7 @@ from ballbot_ros.bridge.loop import Loop
 from ballbot_ros.bridge.observer import SessionObserver
 
 RATE = 100.0
-PATIENCE = 20.0  # with a busy machine [s]
+TIMEOUT = 20.0  # with a busy machine [s]
 
 
 class FakeSession:
@@ -46,7 +46,7 @@ class FakeSession:
 def run(session, publish=lambda report: None, rate=RATE):
     """Run a loop for twenty ticks, and end it."""
     loop = Loop(session, rate, publish)
-    assert session.ticked.wait(PATIENCE)
+    assert session.ticked.wait(TIMEOUT)
     was_running = loop.running
     loop.end()
     assert was_running and not loop.running
@@ -102,7 +102,7 @@ def test_its_end_closes_the_session_and_a_second_time_does_no_harm():
 def test_a_tick_that_hangs_does_not_keep_the_session_open(monkeypatch):
     monkeypatch.setattr(loop_module, 'JOIN', 0.1)
     session, released = FakeSession(), threading.Event()
-    session.on_tick = lambda: released.wait(PATIENCE)
+    session.on_tick = lambda: released.wait(TIMEOUT)
     loop = Loop(session, RATE, lambda report: None)
     loop.end()
     assert loop.running and session.closed == 1
@@ -118,7 +118,7 @@ def test_an_error_wherever_it_comes_from_closes_the_session_and_is_kept(where):
     if where == 'tick':
         session.on_tick = fail
     loop = Loop(session, RATE, fail)
-    deadline = time.monotonic() + PATIENCE
+    deadline = time.monotonic() + TIMEOUT
     while loop.running:
         assert time.monotonic() < deadline
         time.sleep(0.001)
@@ -136,7 +136,7 @@ def test_it_does_not_keep_a_process_alive():
 def test_a_loop_that_misses_periods_reports_the_scheduling():
     session = FakeSession()
     loop = Loop(session, RATE, lambda report: time.sleep(0.05))
-    assert session.ticked.wait(PATIENCE)
+    assert session.ticked.wait(TIMEOUT)
     delayed = loop.delayed()
     loop.end()
     assert 'the machine delays the loop' in delayed and 'without real-time priority' in delayed

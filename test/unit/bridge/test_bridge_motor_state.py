@@ -41,7 +41,7 @@ def test_a_line_may_be_lost_wherever_there_is_one_and_closed_wherever_there_is_n
     assert ways(to=DISCONNECTED) == ways(by=Event.LOST) | ways(by=Event.CLOSED)
 
 
-def test_what_nobody_asked_for_is_a_fault_where_the_motor_had_power():
+def test_an_unrequested_change_is_a_fault_where_the_motor_had_power():
     faults = {way for way, (_, fault) in TRANSITIONS.items() if fault}
     assert faults == {(ARMED, event) for event in UNASKED} | {
         (STOPPING, Event.LOST), (DISARMED, Event.NOT_ARMED)}
@@ -56,13 +56,13 @@ def test_what_cannot_happen_is_an_error_and_no_silent_change():
 
 
 @given(strategies.lists(strategies.sampled_from(Event)))
-def test_after_any_events_power_began_with_the_last_of_them_that_counted(events):
-    power, began = Power(), 0.0
+def test_power_lasts_since_the_last_event_that_changed_it(events):
+    power, since = Power(), 0.0
     for number, event in enumerate(events, 1):
         if (power.state, event) in TRANSITIONS:
-            power, began = power.after(event, float(number)), float(number)
+            power, since = power.after(event, float(number)), float(number)
             assert (power.state is ARMED) is (event is Event.ARMED)
-    assert power.since == began
+    assert power.since == since
 
 
 # What a drive does by itself --------------------------------------------------------------
@@ -70,9 +70,9 @@ def test_after_any_events_power_began_with_the_last_of_them_that_counted(events)
 WELL = Telemetry(status_time=11.0, armed=True)
 
 
-def observed(silence=0.0, state=ARMED, status_age=0.0, **told):
+def observed(silence=0.0, state=ARMED, status_age=0.0, **telemetry):
     """Return the event that a power since 10 s observes, None for none."""
-    found = Power(state, 10.0).observe(WELL._replace(**told), silence, status_age)
+    found = Power(state, 10.0).observe(WELL._replace(**telemetry), silence, status_age)
     return None if found is None else found[0]
 
 
@@ -80,10 +80,10 @@ def test_a_drive_that_answers_and_says_that_all_is_well_has_done_nothing():
     assert observed() is None and observed(armed=None) is None
 
 
-@pytest.mark.parametrize('told', [{'armed': False}, {'faults': ('HOT',)},
-                                  {'faults': ('HOT',), 'armed': None}])
-def test_a_drive_that_says_so_has_disarmed(told):
-    assert observed(**told) is Event.DISARMED_BY_DRIVE
+@pytest.mark.parametrize('telemetry', [{'armed': False}, {'faults': ('HOT',)},
+                                       {'faults': ('HOT',), 'armed': None}])
+def test_a_drive_that_says_so_has_disarmed(telemetry):
+    assert observed(**telemetry) is Event.DISARMED_BY_DRIVE
 
 
 @pytest.mark.parametrize('status_time', [None, 9.0, 10.0])
@@ -91,7 +91,7 @@ def test_what_it_said_before_it_was_armed_does_not_count(status_time):
     assert observed(status_time=status_time, armed=False, faults=('HOT',)) is None
 
 
-def test_a_drive_that_owes_an_answer_for_long_is_silent_whatever_it_said_before():
+def test_a_drive_that_owes_an_answer_for_long_is_silent_after_any_report():
     assert observed(SILENCE) is None
     assert observed(SILENCE + 1e-6) is Event.SILENT
     assert observed(SILENCE + 1e-6, armed=False) is Event.SILENT
@@ -108,7 +108,7 @@ def test_without_power_there_is_nothing_to_lose(state):
 
 
 def test_the_faults_are_named_and_their_lack_too():
-    def why(**told):
-        return Power(ARMED).observe(WELL._replace(armed=False, **told), 0.0, 0.0)[1]
+    def why(**telemetry):
+        return Power(ARMED).observe(WELL._replace(armed=False, **telemetry), 0.0, 0.0)[1]
     assert 'HOT, OVER_CURRENT' in why(faults=('HOT', 'OVER_CURRENT'))
     assert why() != why(faults=('HOT',)) and why().strip(': ') == why()

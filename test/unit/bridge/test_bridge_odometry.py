@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A session knows where its ball has rolled to, whatever happens to the drive."""
+"""A session keeps the position of its ball, also when the drive is lost."""
 import math
 
 import pytest
@@ -29,7 +29,7 @@ def test_a_ball_that_is_pushed_is_found_where_it_is():
     assert found.speed == pytest.approx(robot.plant.state.velocity_x, abs=0.02)
 
 
-def test_speed_is_told_as_after_the_last_imu_reading_unless_that_is_long_ago():
+def test_speed_is_reported_as_after_the_last_imu_reading_unless_that_is_long_ago():
     sensing = Sensing(load_hardware('gimball_odrive'), load_robot('gimball'))
     sensing.begin(10.0)
     for number in range(1, 11):
@@ -37,9 +37,9 @@ def test_speed_is_told_as_after_the_last_imu_reading_unless_that_is_long_ago():
         take(sensing, 10.0 + number * STEP)
     for number in range(11, 20):  # the IMU is late
         take(sensing, 10.0 + number * STEP)
-    told, newest = sensing.steady_odometry(), sensing.odometry
-    assert told.stamp == pytest.approx(10.02) and newest.stamp == pytest.approx(10.038)
-    assert told.speed_variance < 0.01 * newest.speed_variance
+    steady, newest = sensing.steady_odometry(), sensing.odometry
+    assert steady.stamp == pytest.approx(10.02) and newest.stamp == pytest.approx(10.038)
+    assert steady.speed_variance < 0.01 * newest.speed_variance
     take(sensing, 10.06)
     assert sensing.steady_odometry() is sensing.odometry
     sensing.fusion.imu(ImuReading(10.061, 0.0, 0.0, 9.81))
@@ -47,13 +47,13 @@ def test_speed_is_told_as_after_the_last_imu_reading_unless_that_is_long_ago():
     assert sensing.steady_odometry().stamp == pytest.approx(10.061)
 
 
-def test_without_an_imu_the_newest_is_told():
+def test_without_an_imu_the_newest_is_reported():
     robot = VirtualRobot(imu=False).ready()
     robot.run(0.5, torque=0.2)
     assert robot.session.odometry is robot.session.control.sensing.odometry
 
 
-def test_the_place_survives_a_drive_that_is_configured_anew():
+def test_the_place_survives_a_drive_that_is_configured_again():
     robot = VirtualRobot().ready()
     robot.run(1.0, torque=0.5)
     before = robot.session.odometry

@@ -40,12 +40,13 @@ def refusal(robot):
 # Limits
 
 @both
-def test_a_drive_with_factory_velocity_limits_is_refused_and_then_told_what_to_type(kind):
+def test_a_drive_with_factory_velocity_limits_is_refused_with_the_lines_to_type(kind):
     robot = robot_with(kind, 'vel_limit')
-    told = refusal(robot)
-    assert 'velocity limit in torque mode is' in told and 'overspeed error is' in told
+    refused_with = refusal(robot)
+    assert 'velocity limit in torque mode is' in refused_with
+    assert 'overspeed error is' in refused_with
     line = f'w {CONTROLLER}vel_limit 144'
-    assert line in told
+    assert line in refused_with
     type_lines(robot, line)
     robot.ready()
     for _ in range(3):  # faster than 0.07 m/s, which was its end
@@ -65,21 +66,21 @@ def test_with_factory_limits_a_rolling_ball_would_be_disarmed():
 
 
 @both
-def test_a_drive_that_may_not_feed_its_supply_is_refused_and_mended_by_what_is_told(kind):
+def test_a_drive_that_may_not_feed_its_supply_is_refused_and_set_right_by_the_remedy(kind):
     robot = robot_with(kind, 'regeneration')
-    told = refusal(robot)
-    assert 'braking is 0.01 A into the supply, no brake resistor' in told
-    line = told.split('brake resistor: ')[1].split(' (')[0]
+    refused_with = refusal(robot)
+    assert 'braking is 0.01 A into the supply, no brake resistor' in refused_with
+    line = refused_with.split('brake resistor: ')[1].split(' (')[0]
     assert line.startswith('w config.dc_max_negative_current -')
     type_lines(robot, line)
     assert robot.ready().run(0.2, torque=0.5).state is MotorState.ARMED
 
 
-def test_a_drive_from_the_factory_drives_after_all_that_is_told_was_typed():
+def test_a_drive_from_the_factory_drives_after_each_remedy_was_typed():
     robot = robot_with('odrive 0.5', 'factory')
-    told = refusal(robot)
-    lines = re.findall(r'w [\w.]+ [-+\w.]+', told)
-    calibration = 'w axis0.requested_state 3'  # before a watchdog that nobody feeds
+    refused_with = refusal(robot)
+    lines = re.findall(r'w [\w.]+ [-+\w.]+', refused_with)
+    calibration = 'w axis0.requested_state 3'  # before a watchdog that is not fed
     lines.remove(calibration)
     lines.remove('w axis0.config.enable_watchdog 0')
     type_lines(robot, calibration)
@@ -106,11 +107,11 @@ def test_0_5_4_says_what_disarmed_it_though_it_cuts_the_number():
     assert 'MOTOR_ERROR_UNKNOWN_VOLTAGE_COMMAND, CONTROLLER_ERROR_OVERSPEED' in report.e_stop
 
 
-# Told what disarmed it
+# The cause of a disarm
 
 @pytest.mark.parametrize('phase', [0.002 * number for number in range(0, 66, 3)])
 @both
-def test_a_watchdog_that_expired_is_named_whatever_was_asked_for_next(kind, phase):
+def test_a_watchdog_that_expired_is_named_before_any_next_request(kind, phase):
     robot = VirtualRobot(kind).ready()
     robot.run(0.3 + phase, torque=0.1)
     robot.pass_time(0.15)  # the computer stalls
@@ -169,15 +170,15 @@ def test_faults_are_not_cleared_where_the_motor_could_turn():
     assert robot.session.control.power.state is MotorState.DISCONNECTED
 
 
-@pytest.mark.parametrize('error, told', [
+@pytest.mark.parametrize('error, message', [
     (DriveError('not_clearable', 'not from here'), 'not from here'),
     (LinkError('gone', 'the cable is out'), 'the cable is out')])
-def test_why_faults_cannot_be_cleared_is_told(monkeypatch, error, told):
+def test_why_faults_cannot_be_cleared_is_reported(monkeypatch, error, message):
     robot = tripped('odrive 0.5')
 
     def refuse(self, timeout):
         raise error
     monkeypatch.setattr(type(robot.session.line.driver), 'clear_faults', refuse)
     assert issubclass(type(robot.session.line.driver), Driver)
-    with pytest.raises(RefusedError, match=told):
+    with pytest.raises(RefusedError, match=message):
         robot.session.clear_faults()

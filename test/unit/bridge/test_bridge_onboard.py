@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Laws in the loop: each estimate is answered at once, and every end is an end of torque."""
+"""Laws in the loop: each estimate is answered immediately, and every end is an end of torque."""
 import math
 
 import pytest
@@ -133,12 +133,12 @@ def test_estimates_that_end_take_the_torque_away_within_the_command_timeout(prot
     assert robot.motor != 0.0
     # The drive goes on to take torques and answers no question for positions.
     robot.session.line.driver._requests = lambda: b''
-    begun = robot.now
+    start = robot.now
     while robot.motor != 0.0:
         robot.session.give(UP)
         robot.session.tick()
         robot.pass_time(STEP)
-    assert robot.now - begun <= robot.hardware.limits.command_timeout + 2 * STEP
+    assert robot.now - start <= robot.hardware.limits.command_timeout + 2 * STEP
 
 
 def test_commands_are_refused_on_board_and_set_points_in_direct_control_with_the_parameter():

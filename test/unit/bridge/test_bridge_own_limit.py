@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A drive that keeps its own limit, whatever less the file asks for or a calibration finds."""
+"""A drive that keeps its own limit where the file or a calibration asks for less."""
 from dataclasses import replace
 
 import pytest

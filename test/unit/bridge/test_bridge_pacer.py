@@ -79,7 +79,7 @@ def test_a_share_of_the_line_that_was_not_used_is_not_saved_up():
     assert later.has_room(20.0) and not later.commanded().sent_torque(20.0).has_room(20.0)
 
 
-def test_decisions_are_never_further_apart_than_the_supervisor_is_told():
+def test_decisions_are_never_further_apart_than_the_supervisor_expects():
     # A repetition is due at the first tick after one and a half periods.
     sent, ticks = NEW.commanded().sent_torque(10.0), [10.0 + 0.49 * PERIOD]
     while not sent.is_torque_due(ticks[-1]):

@@ -80,7 +80,7 @@ def test_a_vesc_that_grows_hot_warns_and_goes_on():
 
 @pytest.mark.parametrize('bus_voltage, temperature, warning', [
     (24.0, 90.0, 'TEMPERATURE_WARNING'), (9.5, 35.0, 'MAIN_VOLTAGE_LOW_WARNING')])
-def test_a_roboclaw_that_warns_is_told_and_goes_on(bus_voltage, temperature, warning):
+def test_a_roboclaw_that_warns_is_reported_and_goes_on(bus_voltage, temperature, warning):
     robot = VirtualRobot('roboclaw').ready()
     robot.bus_voltage, robot.temperature = bus_voltage, temperature
     report = robot.run(0.2, torque=0.3)
@@ -110,11 +110,11 @@ def test_the_serial_timeout_of_a_roboclaw_is_set_at_every_start():
     robot.device.__init__(replace(robot.device.settings, watchdog=0.0))
     robot.ready()
     robot.run(0.1, torque=0.5)
-    robot.pass_time(0.12)  # nobody ticks
+    robot.pass_time(0.12)  # without a tick
     assert robot.motor == 0.0 and robot.device._timeout == 1
     robot.device.reboot(robot.now)
     robot.run(1.5, torque=0.0)
-    assert robot.session.line.reconnects == 0  # too short to look for it anew
+    assert robot.session.line.reconnects == 0  # too short to look for it again
     robot.session.release()
     robot.run(0.1)
     assert robot.session.control.power.state is MotorState.ARMED and robot.device._timeout == 1
@@ -130,7 +130,7 @@ def test_a_roboclaw_without_a_serial_timeout_is_refused():
 
 @pytest.mark.parametrize('protocol', ['odrive 0.5', 'vesc', 'roboclaw'])
 @pytest.mark.parametrize('turns', [2.0, -2.0])
-def test_a_jump_of_two_turns_is_told_and_the_angle_stays_right(protocol, turns, caplog):
+def test_a_jump_of_two_turns_is_reported_and_the_angle_stays_right(protocol, turns, caplog):
     robot = VirtualRobot(protocol).ready()
     robot.run(0.3, torque=0.8)
     robot.encoder_jump = turns * math.tau
@@ -141,9 +141,10 @@ def test_a_jump_of_two_turns_is_told_and_the_angle_stays_right(protocol, turns, 
             assert abs(error) < math.radians(1.5)
     assert report.state is MotorState.ARMED and not report.e_stop
     assert robot.session.fusion.rezeroed == 1
-    told = [text for text in caplog.messages if 'encoder has jumped' in text]
-    assert told == [f'the encoder has jumped by {turns * math.tau / 50.0:.3f} rad at the joint, '
-                    'and counts on from there']
+    warnings = [text for text in caplog.messages if 'encoder has jumped' in text]
+    assert warnings == [
+        f'the encoder has jumped by {turns * math.tau / 50.0:.3f} rad at the joint, '
+        'and counts on from there']
 
 
 def test_an_encoder_that_goes_on_jumping_takes_the_torque_away_and_then_the_power():

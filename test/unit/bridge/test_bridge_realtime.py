@@ -100,15 +100,15 @@ def test_the_loop_goes_first_the_other_threads_second_and_memory_stays():
     run(PREPARED)
 
 
-@pytest.mark.skipif(os.geteuid() != 0, reason='only root can become somebody else')
-@pytest.mark.parametrize('asked, told', [
+@pytest.mark.skipif(os.geteuid() != 0, reason='only root can become another user')
+@pytest.mark.parametrize('asked, words', [
     ('priority=20', ('realtime_priority 20', 'RLIMIT_RTPRIO is 0', 'limits.d', 'LimitRTPRIO',
                      'docs/realtime.md')),
     ('lock_memory=True', ('lock_memory', '65536 bytes', 'limits.d', 'LimitMEMLOCK=infinity',
                           'docs/realtime.md'))])
-def test_what_the_system_does_not_allow_is_refused_with_the_remedy(asked, told):
+def test_what_the_system_does_not_allow_is_refused_with_the_remedy(asked, words):
     text = run(REFUSED.format(asked))
-    assert text.startswith('ConfigurationError') and all(word in text for word in told), text
+    assert text.startswith('ConfigurationError') and all(word in text for word in words), text
 
 
 def test_a_processor_that_is_not_there_is_refused_and_those_that_are_are_named():
@@ -142,7 +142,7 @@ def test_a_limit_on_locked_memory_counts_only_where_it_binds(monkeypatch):
     assert not locked(65536, may=False)
 
 
-def test_nothing_is_asked_for_unless_somebody_does(monkeypatch, caplog):
+def test_nothing_is_asked_for_by_default(monkeypatch, caplog):
     caplog.set_level('INFO')
     for name in ('sched_setscheduler', 'sched_setaffinity'):
         monkeypatch.setattr(os, name, lambda *_: pytest.fail('asked for'))

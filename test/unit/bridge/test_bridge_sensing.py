@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is known of the robot, when it was measured, and for how long it counts."""
+"""Measurements of the robot: their values, times and lifetimes."""
 from dataclasses import replace
 
 import pytest
@@ -25,7 +25,7 @@ def sensing(imu_required=False, encoder_zero=None):
 
 
 def take(found, time, position=0.0, measured=None):
-    """Give an answer of the drive, measured when it comes unless told otherwise."""
+    """Give an answer of the drive, measured by default when it comes."""
     return found.take(Telemetry(
         time=time, measured=time if measured is None else measured, position=position), 0.0)
 
@@ -47,7 +47,7 @@ def test_an_estimate_is_of_the_time_when_the_drive_measured_however_late_that_is
     assert take(found, 10.133, measured=10.101).stamp == 10.102  # never back
 
 
-def test_an_answer_of_which_nobody_knows_when_it_was_measured_is_an_answer_only():
+def test_an_answer_without_a_time_of_measurement_is_an_answer_only():
     found = sensing()
     found.ask(10.1)
     assert found.take(Telemetry(time=10.101, position=1.0), 0.0) is None
@@ -59,7 +59,7 @@ def test_what_is_no_new_measurement_is_none():
     assert found.take(Telemetry(), 0.0) is None
     assert found.take(Telemetry(time=10.1), 0.0) is None
     assert found.take(Telemetry(position=1.0), 0.0) is None
-    assert take(found, 10.0) is None and take(found, 9.9) is None  # from before it began
+    assert take(found, 10.0) is None and take(found, 9.9) is None  # from before it started
     assert take(found, 10.1) is not None and take(found, 10.1) is None
 
 

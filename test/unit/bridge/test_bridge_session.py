@@ -67,7 +67,7 @@ def test_a_joint_of_the_other_direction_gives_the_same_pendulum():
     assert angles[0] == pytest.approx(angles[1], rel=1e-3)
 
 
-def test_configure_stops_a_motor_that_somebody_left_turning():
+def test_configure_stops_a_motor_that_was_left_turning():
     robot = VirtualRobot()
     robot.device.receive(b'w axis0.requested_state 8\nc 0 0.05\n', robot.now)
     assert robot.device.torque() > 0.0
@@ -240,7 +240,7 @@ def test_a_bridge_that_vanishes_is_outlived_by_no_torque(protocol):
     robot = VirtualRobot(protocol).ready()
     robot.run(0.2, torque=1.0)
     assert robot.motor != 0.0
-    robot.pass_time(0.11)  # nobody ticks: SIGKILL
+    robot.pass_time(0.11)  # without a tick: SIGKILL
     assert robot.motor == 0.0
 
 
@@ -388,7 +388,7 @@ def test_after_deactivate_it_measures_on_and_has_to_be_activated_and_released_ag
     assert robot.run(0.1).state is MotorState.ARMED
 
 
-def test_after_close_the_e_stop_is_engaged_whoever_has_closed():
+def test_after_close_by_any_caller_the_e_stop_is_engaged():
     robot = VirtualRobot().ready()
     robot.session.close()
     assert robot.session.supervisor.e_stop == 'the bridge was shut down'

@@ -310,7 +310,7 @@ numbers = strategies.one_of(strategies.floats(), strategies.floats(-20.0, 20.0))
     strategies.sampled_from(('offer', 'decide', 'trigger', 'reset')), numbers,
     strategies.floats(0.0, 0.2), strategies.floats(-2.0, 2.0), strategies.floats(-20.0, 20.0)),
     max_size=40), strategies.sampled_from(('coast', 'brake', 'settle')))
-def test_whatever_comes_torque_is_finite_limited_and_only_after_a_fresh_command(events, policy):
+def test_torque_is_finite_limited_and_only_after_a_fresh_command(events, policy):
     supervisor = Supervisor(Limits(torque_limit=4.0, on_timeout=policy), PERIOD)
     now, fresh = 0.0, -math.inf
     for what, number, pause, angle, rate in events:

@@ -42,7 +42,7 @@ def test_a_session_compiles_nothing_once_it_is_there():
         **os.environ, 'PYTHONPATH': os.pathsep.join([os.path.dirname(__file__), *sys.path])})
 
 
-def test_compiling_is_told_where_it_took_long(monkeypatch, caplog):
+def test_compiling_is_reported_where_it_took_long(monkeypatch, caplog):
     caplog.set_level('INFO')
     assert module.warm_up(load_robot('gimball')) < 60.0
     caplog.clear()

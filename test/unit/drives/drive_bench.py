@@ -19,8 +19,8 @@ LINE_TIME = 0.0009
 FOLDER = tempfile.TemporaryDirectory(prefix='ballbot_endpoints')
 
 
-def told_besides(device):
-    """Return the options by which a driver knows what a drive does not tell over its line."""
+def confirmed_options(device):
+    """Return the options that replace what a drive does not report over its line."""
     if device.protocol != 'odrive_can':
         return {}
     if device.settings.firmware == '0.6':
@@ -39,7 +39,7 @@ class Bench(MemoryLine):
             replace(settings or DriveSettings(), firmware=firmware)), LINE_TIME)
         self.driver = open_driver(
             protocol, self, read_options(protocol, {
-                'torque_limit': 0.1, **told_besides(self.device), **options}, 'test'),
+                'torque_limit': 0.1, **confirmed_options(self.device), **options}, 'test'),
             self.clock)
 
     def cycles(self, number, torque=0.0, period=0.002):

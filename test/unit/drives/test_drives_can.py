@@ -82,7 +82,7 @@ def pair():
         yield link, other
 
 
-def test_frames_go_both_ways_as_python_can_knows_them(pair):
+def test_frames_go_both_ways_as_python_can_has_them(pair):
     link, other = pair
     link.write(record(CanFrame(0x2A, b'ab')) + record(CanFrame(0x1ABCDEF0, b'', True))
                + record(CanFrame(7, remote=True)))
@@ -147,7 +147,7 @@ def test_a_bus_that_does_not_open_says_why(port, rate, reason, words):
 @pytest.mark.parametrize('number, reason, words', [
     (errno.ENODEV, 'missing', 'ip link'), (errno.EAFNOSUPPORT, 'missing', 'modprobe can'),
     (errno.ENETDOWN, 'gone', 'ip link set can0 up type can bitrate 1000000')])
-def test_the_kernel_s_refusals_are_told_with_the_command_that_mends_them(
+def test_the_kernel_s_refusals_come_with_the_command_that_remedies_them(
         monkeypatch, number, reason, words):
     def refuse(**_):
         raise OSError(number, 'planted')
@@ -191,7 +191,7 @@ class VirtualBusDrive(threading.Thread):
         self._line = CanLink(f'virtual:{name}', RATE)
 
     def run(self):
-        """Answer until told to end."""
+        """Answer until ended."""
         while self.running:
             self._line.wait(0.001)
             now = time.monotonic()
@@ -278,7 +278,7 @@ def test_a_vesc_of_another_id_is_not_taken_for_ours_and_is_named():
         bench.driver.identify(0.2)
 
 
-def test_a_vesc_tells_a_ping_who_it_is():
+def test_a_vesc_answers_a_ping_with_its_name():
     device = VescCanDevice(DriveSettings())
     ping = record(vesc_can.packet(vesc_can.PING, 0, bytes((254,))))
     assert RecordParser().feed(device.receive(ping, 0.0)) == [
@@ -329,7 +329,7 @@ def test_an_adapter_without_that_bit_rate_says_so():
     ('odrive_can 0.5', CanFrame(0x0E, bytes(4))), ('odrive_can 0.6', CanFrame(0x07, bytes(4))),
     ('odrive_can 0.6', CanFrame(0x09, remote=True)), ('vesc_can', CanFrame(0x100, bytes(4), True)),
     ('vesc_can', CanFrame(0x800, b'\1\0\4', True))])
-def test_a_drive_that_somebody_else_commands_is_refused(kind, frame):
+def test_a_drive_that_another_node_commands_is_refused(kind, frame):
     def only(bench):
         found, = (item for item in bench.driver.read_settings() if item.name == 'only sender')
         return found

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Golden frames of the makers, and nothing believed that a checksum does not vouch for."""
+"""Golden frames of the makers, and nothing is used without a valid checksum."""
 import re
 
 from hypothesis import given, strategies as st
@@ -150,7 +150,7 @@ def test_every_lost_byte_costs_that_reply_only(protocol):
 
 @each_protocol
 @given(noise=st.binary(max_size=300), cuts=st.lists(st.integers(1, 40), max_size=20))
-def test_noise_is_not_believed_and_does_not_hide_what_follows(protocol, noise, cuts):
+def test_noise_is_not_decoded_and_does_not_hide_what_follows(protocol, noise, cuts):
     feed, reply, meaning = REPLIES[protocol]
     assert feed(noise) == []
     stream = noise + b'\r\n' + 60 * reply  # a line takes up to its end, a packet its length
@@ -253,7 +253,7 @@ def test_roboclaw_answers_to_another_question_are_not_taken_for_ours():
     assert feed_roboclaw(other) == []
 
 
-def test_a_single_roboclaw_answer_is_not_believed():
+def test_a_single_roboclaw_answer_is_not_used():
     assert feed_roboclaw(roboclaw.answer(0x80, 16, 5, 0) + bytes(100)) == []
 
 

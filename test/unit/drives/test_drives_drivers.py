@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What every driver does, whatever its protocol."""
+"""What every driver does, for each protocol."""
 from dataclasses import replace
 import itertools
 import math
@@ -14,7 +14,7 @@ from ballbot_ros.emulator.slcan import BIT_RATES
 from ballbot_ros.errors import ConfigurationError, DriveError, MessageError
 
 
-def test_a_drive_tells_who_it_is(bench, kind):
+def test_a_drive_reports_its_identity(bench, kind):
     identity = bench.driver.identify()
     assert f'{identity.protocol} {identity.generation}'.strip() == kind
     assert identity.firmware.startswith(identity.generation)
@@ -112,7 +112,7 @@ def test_a_torque_that_is_not_finite_is_refused_and_not_sent(bench, torque):
 
 
 @pytest.mark.parametrize('ask', [False, True])
-def test_without_commands_the_drive_disarms_by_itself_whatever_is_asked(bench, ask):
+def test_without_commands_the_drive_disarms_by_itself_despite_requests(bench, ask):
     bench.driver.arm()
     bench.cycles(20, torque=0.05)
     for _ in range(150):
@@ -161,7 +161,7 @@ def test_a_stop_is_repeated_while_the_line_loses_it(bench):
     assert len(lost) == 5 and bench.device.torque() == 0.0
 
 
-def test_a_stop_that_nobody_confirms_is_an_error(bench):
+def test_an_unconfirmed_stop_is_an_error(bench):
     bench.driver.arm()
     bench.to_drive = lambda data: b''
     with pytest.raises(DriveError, match='did not confirm') as raised:
@@ -171,7 +171,7 @@ def test_a_stop_that_nobody_confirms_is_an_error(bench):
 
 @pytest.mark.parametrize('call, reason', [
     ('identify', 'silent'), ('read_settings', 'silent'), ('arm', None), ('stop', 'not_stopped')])
-def test_whatever_waits_gives_up_after_half_a_second(bench, call, reason):
+def test_each_call_that_waits_gives_up_after_half_a_second(bench, call, reason):
     bench.cycles(3, None)
     for _ in range(3):  # until nothing is under way
         bench.pass_time(0.002)
@@ -196,7 +196,7 @@ def test_a_motor_with_a_fault_is_not_armed(kind):
         bench.driver.send_torque(0.01)
 
 
-def test_nobody_at_the_other_end_is_silence(kind):
+def test_a_line_without_a_drive_is_silence(kind):
     bench = Bench(kind)
     bench.to_drive = lambda data: b''
     with pytest.raises(DriveError) as raised:
@@ -205,7 +205,7 @@ def test_nobody_at_the_other_end_is_silence(kind):
     assert bench.now < 0.5
 
 
-def test_bytes_that_make_no_sense_are_told_from_silence(kind):
+def test_bytes_that_make_no_sense_are_distinguished_from_silence(kind):
     bench = Bench(kind)
     bench.from_drive = lambda data: bytes(0xAA ^ byte >> 1 for byte in data)
     with pytest.raises(DriveError) as raised:
@@ -329,7 +329,7 @@ def test_no_torque_is_sent_before_arming_or_after_a_stop(bench):
     assert bench.device.torque() == 0.0
 
 
-def test_position_velocity_and_health_are_told(bench, kind):
+def test_position_velocity_and_health_are_reported(bench, kind):
     bench.device.sensed = bench.device.sensed._replace(
         position=2.3, velocity=-45.0, bus_voltage=23.5, temperature=41.0)
     bench.driver.arm()
@@ -337,9 +337,9 @@ def test_position_velocity_and_health_are_told(bench, kind):
     assert telemetry.position == pytest.approx(2.3, abs=2e-3)
     assert telemetry.velocity == pytest.approx(-45.0, rel=0.01)
     assert telemetry.bus_voltage == pytest.approx(23.5, abs=0.06)
-    # An ODrive 0.5 does not tell it over CAN.
-    told = kind != 'odrive_can 0.5'
-    assert telemetry.temperature == (pytest.approx(41.0, abs=0.1) if told else None)
+    # An ODrive 0.5 does not report it over CAN.
+    reported = kind != 'odrive_can 0.5'
+    assert telemetry.temperature == (pytest.approx(41.0, abs=0.1) if reported else None)
     assert telemetry.current == pytest.approx(2.0, abs=0.1)
     assert telemetry.armed is True and telemetry.faults == ()
 
@@ -372,7 +372,7 @@ def test_the_budget_covers_what_really_goes_over_the_line(bench, kind):
     bench.cycles(400, torque=-0.09)
     budget = bench.driver.budget()
     # Numbers as text may have fewer digits, and 0.6 is asked one thing at a time.
-    # A heartbeat comes by itself.
+    # A heartbeat comes unasked.
     spare = {'odrive 0.5': (10, 25), 'odrive 0.6': (40, 25), 'odrive_can 0.5': (0, 16),
              'odrive_can 0.6': (0, 16)}.get(kind, (0, 0))
     assert max(written) <= budget.bytes_out <= max(written) + spare[0]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""ODrives of both generations: what is asked, what is believed, and how they must be set."""
+"""ODrives of both generations: requests, checked answers, and required settings."""
 import itertools
 import math
 
@@ -86,7 +86,7 @@ def test_a_marker_is_written_to_and_read_from_a_property_that_does_nothing():
 
 
 @both
-def test_half_a_line_that_somebody_left_is_not_obeyed(kind):
+def test_half_a_line_left_in_the_buffer_is_not_obeyed(kind):
     bench = Bench(kind)
     bench.device.receive(b'w axis0.requested_state 8', 0.0)
     bench.driver.identify()
@@ -165,7 +165,7 @@ def test_one_property_is_asked_for_at_a_time_and_its_answer_is_known():
     assert properties.take('invalid property') == 'state' and properties.value is None
 
 
-def test_a_value_that_nobody_asked_for_is_believed_of_nothing_until_a_marker_comes_back():
+def test_an_unrequested_value_is_ignored_until_a_marker_comes_back():
     properties = Properties(timeout=0.05)
     assert properties.take('some text') is None and properties.in_sync
     assert properties.take('7') is None and not properties.in_sync
@@ -196,16 +196,16 @@ def test_each_marker_is_another_number_and_only_the_last_one_counts():
     assert properties.take(str(last)) == MARKER
 
 
-# Who is there
+# Identity
 
-@pytest.mark.parametrize('kind, told', [
+@pytest.mark.parametrize('kind, words', [
     ('odrive 0.5', 'odrive v3.6-56V 208F3387304B, firmware 0.5.6, generation 0.5'),
     ('odrive 0.6', 'odrive S1 (5.2.0), firmware 0.6.11, generation 0.6')])
-def test_board_firmware_and_generation_are_told(kind, told):
-    assert Bench(kind).driver.identify().in_words == told
+def test_board_firmware_and_generation_are_reported(kind, words):
+    assert Bench(kind).driver.identify().in_words == words
 
 
-def test_a_serial_number_that_comes_whole_is_told_as_it_is_printed_on_the_board(monkeypatch):
+def test_a_serial_number_that_comes_whole_is_reported_as_printed_on_the_board(monkeypatch):
     monkeypatch.setattr('ballbot_ros.drives.odrive.ascii.emulated.LONGEST_VALUE', 20)
     assert Bench('odrive 0.6').driver.identify().serial_number == '208F3387304B'
 
@@ -266,13 +266,13 @@ def test_a_firmware_of_another_generation_is_refused_and_named(version):
     bench = Bench('odrive 0.5')
     bench.device.properties.update(zip(
         ('fw_version_major', 'fw_version_minor', 'fw_version_revision'), version))
-    told = '.'.join(map(str, version))
-    with pytest.raises(DriveError, match=f'must be 0.5 or 0.6, got {told}: older ones') as raised:
+    printed = '.'.join(map(str, version))
+    with pytest.raises(DriveError, match=f'must be 0.5 or 0.6, got {printed}: older') as raised:
         bench.driver.identify()
     assert raised.value.reason == 'firmware'
 
 
-def test_a_drive_that_does_not_tell_its_firmware_is_refused():
+def test_a_drive_that_does_not_report_its_firmware_is_refused():
     bench = Bench('odrive 0.6')
     del bench.device.properties['fw_version_minor']
     with pytest.raises(DriveError, match='got 0.nan.11'):
@@ -324,7 +324,7 @@ BOTH_WRONG = [
 
 @pytest.mark.parametrize('kind, name, changes', [
     (kind, *case) for kind in KINDS for case in (*WRONG[kind], *BOTH_WRONG)])
-def test_a_setting_that_is_not_safe_is_refused_and_mended_by_its_remedy(kind, name, changes):
+def test_a_setting_that_is_not_safe_is_refused_and_set_right_by_its_remedy(kind, name, changes):
     bench = Bench(kind)
     bench.device.properties.update(changes)
     wrong, = refused(bench)
@@ -334,18 +334,18 @@ def test_a_setting_that_is_not_safe_is_refused_and_mended_by_its_remedy(kind, na
     assert not refused(bench)
 
 
-@pytest.mark.parametrize('kind, name, changes, told', [
+@pytest.mark.parametrize('kind, name, changes, reported', [
     ('odrive 0.5', 'encoder', {'axis0.encoder.is_ready': 0}, '0 (not ready)'),
     ('odrive 0.6', 'encoder', {'axis0.pos_vel_mapper.status': 1}, '1 (NO_RESPONSE)'),
     ('odrive 0.6', 'encoder', {'axis0.pos_vel_mapper.status': 99}, '99'),
     ('odrive 0.6', 'commutation', {'axis0.commutation_mapper.status': 6},
      '6 (PHASES_NOT_CALIBRATED)')])
 def test_an_encoder_that_is_not_ready_is_refused_and_its_state_is_named(
-        kind, name, changes, told):
+        kind, name, changes, reported):
     bench = Bench(kind)
     bench.device.properties.update(changes)
     wrong, = refused(bench)
-    assert (wrong.name, wrong.value) == (name, told)
+    assert (wrong.name, wrong.value) == (name, reported)
     assert 'w axis0.requested_state 3 ' in wrong.remedy
 
 
@@ -354,7 +354,7 @@ def test_an_encoder_that_is_not_ready_is_refused_and_its_state_is_named(
         *generation.torque_limits, generation.current_limit, generation.torque_constant,
         'axis0.config.enable_watchdog', 'axis0.config.watchdog_timeout',
         *(rule.name for rule in generation.rules))])
-def test_a_property_that_the_drive_does_not_know_is_refused(kind, property_name):
+def test_a_property_that_the_drive_does_not_have_is_refused(kind, property_name):
     bench = Bench(kind)
     bench.to_drive = lambda data: data.replace(codec.read(property_name), codec.read('blahblah'))
     wrong, = refused(bench)
@@ -390,7 +390,7 @@ def test_arming_leaves_the_drive_in_torque_control_at_zero(kind):
 
 
 @both
-def test_a_drive_that_does_not_tell_its_errors_is_not_armed(kind):
+def test_a_drive_that_does_not_report_its_errors_is_not_armed(kind):
     bench = Bench(kind)
     generation = GENERATIONS[KINDS.index(kind)]
     bench.driver.identify()
@@ -409,27 +409,27 @@ def test_a_drive_that_does_not_enter_torque_control_is_not_armed():
         bench.driver.arm()
 
 
-@pytest.mark.parametrize('kind, changes, told', [
+@pytest.mark.parametrize('kind, changes, reported', [
     ('odrive 0.5', {'axis0.encoder.is_ready': 0}, 'INVALID_STATE'),
     ('odrive 0.6', {'axis0.commutation_mapper.status': 6}, 'NOT_CALIBRATED')])
-def test_a_drive_that_cannot_be_armed_says_why(kind, changes, told):
+def test_a_drive_that_cannot_be_armed_says_why(kind, changes, reported):
     bench = Bench(kind)
     bench.driver.identify()
     bench.device.properties.update(changes)
     begin = bench.now
-    with pytest.raises(DriveError, match=told) as raised:
+    with pytest.raises(DriveError, match=reported) as raised:
         bench.driver.arm(timeout=0.2)
     assert raised.value.reason == 'not_armed'
-    # 0.5 names an error at once; 0.6 might still get there.
+    # 0.5 names an error immediately; 0.6 might still get there.
     assert bench.now - begin < 0.2 and (bench.now - begin > 0.1) is (kind == 'odrive 0.6')
 
 
-@pytest.mark.parametrize('changes, told', [
+@pytest.mark.parametrize('changes, reported', [
     ({'axis0.procedure_result': 13}, ['INVALID_STATE']),
     ({'axis0.procedure_result': 13, 'axis0.disarm_reason': 0x2000}, [
         'INVALID_STATE', 'MOTOR_OVER_TEMP']),
     ({'axis0.procedure_result': 99}, ['99'])])
-def test_a_drive_that_stays_disarmed_names_result_and_reason(changes, told):
+def test_a_drive_that_stays_disarmed_names_result_and_reason(changes, reported):
     bench = Bench('odrive 0.6')
     bench.driver.identify()
     bench.to_drive = lambda data: b'' if b'requested_state 8' in data else data
@@ -443,17 +443,17 @@ def test_a_drive_that_stays_disarmed_names_result_and_reason(changes, told):
     bench.device.receive = receive
     with pytest.raises(DriveError) as raised:
         bench.driver.arm()
-    assert all(name in str(raised.value) for name in told)
+    assert all(name in str(raised.value) for name in reported)
 
 
-@pytest.mark.parametrize('result, bits, told', [
+@pytest.mark.parametrize('result, bits, reported', [
     (math.nan, math.nan, ()), (math.nan, 1.0, ('INITIALIZING',)), (0.0, 0.0, ()),
     (3.0, 0.0, ()),  # that it is disarmed is no reason
     (2.0, 0.0, ('CANCELLED',)), (99.0, 2.0, ('SYSTEM_LEVEL', '99'))])
-def test_faults_are_made_of_what_the_drive_knows(result, bits, told):
+def test_faults_are_made_of_what_the_drive_reports(result, bits, reported):
     values = {'axis0.current_state': 1.0, 'axis0.disarm_reason': bits,
               'axis0.procedure_result': result}
-    assert DriveStatus(GENERATION_6, 0.1).faults(values, ours=True) == told
+    assert DriveStatus(GENERATION_6, 0.1).faults(values, ours=True) == reported
 
 
 @both
@@ -461,7 +461,7 @@ def test_a_motor_that_lost_its_power_is_seen_to_be_disarmed_though_no_fault_is_n
     bench = Bench(kind)
     bench.driver.arm()
     assert bench.cycles(100, torque=0.05).armed is True
-    bench.device.properties['axis0.requested_state'] = IDLE  # somebody else's doing
+    bench.device.properties['axis0.requested_state'] = IDLE  # by another program
     telemetry = bench.cycles(100, torque=0.05)
     assert telemetry.armed is False and telemetry.faults == ()
 
@@ -571,7 +571,7 @@ def test_what_took_the_power_away_is_named_once_it_is_gone(kind):
     bench.cycles(50, torque=0.05)
     bench.pass_time(0.2)  # the watchdog
     if kind == 'odrive 0.6':
-        bench.device.properties['axis0.active_errors'] = 0  # it may go by itself
+        bench.device.properties['axis0.active_errors'] = 0  # it may vanish without a request
     telemetry = bench.cycles(200, torque=0.05)
     assert telemetry.faults == ('WATCHDOG_TIMER_EXPIRED',) and telemetry.armed is False
 
@@ -619,7 +619,7 @@ def test_a_value_that_is_no_number_is_not_put_into_the_telemetry(kind):
 
 @both
 def test_a_late_value_is_not_taken_for_another_property(kind):
-    # A line that stalls now and then: values come when the next request has long been asked.
+    # A line that stalls from time to time: values come when the next request has long been asked.
     bench = Bench(kind, status_period=0.0, reply_timeout=0.01)
     bench.driver.arm()
     held, count = [], itertools.count()
@@ -638,8 +638,8 @@ def test_a_late_value_is_not_taken_for_another_property(kind):
         telemetry = bench.cycles(1, torque=0.01)
         seen.add((telemetry.bus_voltage, telemetry.temperature, telemetry.faults))
     assert (24.0, 35.0, ()) in seen
-    assert {value for told in seen for value in told} == {None, 24.0, 35.0, ()}
-    assert {told[0] for told in seen} == {None, 24.0}
+    assert {value for reported in seen for value in reported} == {None, 24.0, 35.0, ()}
+    assert {reported[0] for reported in seen} == {None, 24.0}
     assert bench.driver.counts['lost'] > 50
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""CANSimple: golden frames, what only a heartbeat tells, and what is not told at all."""
+"""CANSimple: golden frames, what only a heartbeat reports, and what is not reported at all."""
 from dataclasses import replace
 import json
 import math
@@ -48,9 +48,9 @@ def test_the_frames_are_those_of_the_maker_s_examples():
     assert frames(codec.set_mode(0, 1, 1)) == [CanFrame(0x0B, b'\x01\0\0\0\x01\0\0\0')]
     assert frames(codec.ask(3, codec.ENCODER_ESTIMATES)) == [CanFrame(0x69, remote=True)]
     assert frames(codec.read_endpoint(0, 0x1A2)) == [CanFrame(0x04, b'\0\xa2\x01\0')]
-    told = b'\0\xa2\x01\0' + struct.pack('<f', 1.234)
-    assert codec.parse_endpoint(told, 0x1A2, 'float') == pytest.approx(1.234)
-    assert codec.parse_endpoint(told, 0x1A3, 'float') is None
+    reply = b'\0\xa2\x01\0' + struct.pack('<f', 1.234)
+    assert codec.parse_endpoint(reply, 0x1A2, 'float') == pytest.approx(1.234)
+    assert codec.parse_endpoint(reply, 0x1A3, 'float') is None
     beat = codec.parse_heartbeat(bytes.fromhex('0008000008000100'))
     assert beat == codec.Heartbeat(0x800, 8, 0, 1, 0)
     assert codec.parse_floats(struct.pack('<ff', 1.5, -2.0)) == (1.5, -2.0)
@@ -75,7 +75,7 @@ def test_a_heartbeat_from_before_the_stop_does_not_confirm_it(kind):
     bench.driver.identify()
     bench.cycles(10, torque=None)
     begin = bench.now
-    bench.to_drive = lambda data: b''  # nothing is heard any more, and idle heartbeats go on
+    bench.to_drive = lambda data: b''  # nothing is received any more, and idle heartbeats go on
     bench.pass_time(0.001)
     bench.driver.send_stop()
     for _ in range(100):
@@ -107,7 +107,7 @@ def test_an_encoder_that_is_not_ready_is_the_reason_why_it_does_not_arm():
         new.driver.arm()
 
 
-def test_to_a_0_5_whatever_is_sent_is_a_command_and_so_a_request_goes_with_no_torque():
+def test_to_a_0_5_each_frame_is_a_command_and_so_a_request_goes_with_no_torque():
     bench = Bench(KINDS[0])
     bench.driver.arm()
     bench.cycles(5, torque=0.05)
@@ -124,7 +124,7 @@ def test_to_a_0_5_whatever_is_sent_is_a_command_and_so_a_request_goes_with_no_to
 
 @pytest.mark.parametrize('watchdog, expires', [(0.1, True), (0.05, True), (0.0, False),
                                                (0.5, False)])
-def test_the_watchdog_of_a_0_5_is_tried_whatever_a_person_confirmed(watchdog, expires):
+def test_the_watchdog_of_a_0_5_is_tried_despite_a_confirmation(watchdog, expires):
     bench = Bench(KINDS[0], DriveSettings(watchdog=watchdog))
     said = {**bench.driver.options.confirmed, 'axis0.config.enable_watchdog': 1,
             'axis0.config.watchdog_timeout': 0.1}
@@ -148,7 +148,7 @@ def test_the_watchdog_is_not_tried_on_a_motor_under_power():
     assert (tried.value, tried.acceptable) == ('not tried', False) and 'power' in tried.remedy
 
 
-def test_what_is_neither_told_nor_confirmed_is_refused_by_name():
+def test_what_is_neither_reported_nor_confirmed_is_refused_by_name():
     bench = Bench(KINDS[0])
     confirmed = dict(bench.driver.options.confirmed)
     del confirmed['axis0.motor.config.torque_lim']
@@ -162,7 +162,7 @@ def test_what_is_neither_told_nor_confirmed_is_refused_by_name():
     assert not settings['heartbeat'].remedy.startswith('w ')
 
 
-def test_a_0_5_whose_version_nobody_names_is_refused():
+def test_a_0_5_without_a_confirmed_version_is_refused():
     bench = Bench(KINDS[0], firmware='')
     assert bench.driver.identify().generation == '0.5'
     unnamed = setting(bench, 'firmware')
@@ -319,7 +319,7 @@ def test_numbers_that_are_none_are_no_telemetry(kind):
 
 
 @pytest.mark.parametrize('version', [(0, 7, 1), (1, 0, 0), (0, 4, 12)])
-def test_a_version_that_is_told_and_not_known_is_refused(version):
+def test_an_unsupported_reported_version_is_refused(version):
     bench = Bench(KINDS[1])
     bench.device.names = replace(bench.device.names, version=version)
     with pytest.raises(DriveError, match='.'.join(map(str, version))) as raised:
@@ -346,7 +346,7 @@ def test_the_torque_is_the_first_frame_of_a_stop_and_power_off_the_second():
 
 
 @both
-def test_arming_is_not_refused_for_an_error_told_before_it_was_cleared(kind):
+def test_arming_is_not_refused_for_an_error_reported_before_it_was_cleared(kind):
     for share in range(100):  # of the time between two heartbeats
         bench = Bench(kind)
         bench.driver.identify()

@@ -24,13 +24,13 @@ def armed(kind, *quirks, **settings):
 
 
 def until_disarmed(bench, cycles=200):
-    """Run periods until something is told; return all that is told from there on."""
-    told = []
+    """Run periods until something is reported; return all reports from there on."""
+    reports = []
     for _ in range(cycles):
         telemetry = bench.cycles(1)
         if telemetry.armed is False or telemetry.faults:
-            told.append((telemetry.armed, telemetry.faults))
-    return told
+            reports.append((telemetry.armed, telemetry.faults))
+    return reports
 
 
 # Names
@@ -69,7 +69,7 @@ def test_errors_of_parts_have_the_bits_of_the_maker(prefix, number, name):
     assert register.names[number] == name
 
 
-# Told once, with the reason
+# One report, with the reason
 
 CAUSES = [
     ('odrive 0.5', (), 'overspeed', ('CONTROLLER_FAILED', 'CONTROLLER_ERROR_OVERSPEED')),
@@ -90,7 +90,7 @@ CAUSES = [
 
 @pytest.mark.parametrize('phase', range(4))
 @pytest.mark.parametrize('kind, quirks, cause, names', CAUSES)
-def test_a_loss_of_power_is_told_with_all_that_the_drive_names_and_at_once(
+def test_a_loss_of_power_is_reported_immediately_with_all_that_the_drive_names(
         kind, quirks, cause, names, phase):
     bench = armed(kind, *quirks)
     bench.cycles(phase)  # state or errors may be asked for first
@@ -98,11 +98,11 @@ def test_a_loss_of_power_is_told_with_all_that_the_drive_names_and_at_once(
     begin = bench.now
     while not bench.cycles(1).faults:
         assert bench.driver.telemetry.armed and bench.now - begin < 0.05
-    told = until_disarmed(bench)
-    assert set(told) == {(False, names)}
+    reports = until_disarmed(bench)
+    assert set(reports) == {(False, names)}
 
 
-def test_an_error_that_the_drive_adds_later_is_told_as_well():
+def test_an_error_that_the_drive_adds_later_is_reported_as_well():
     bench = armed('odrive 0.5')
     bench.device.board.trip('too_hot')
     bench.cycles(50)
@@ -113,7 +113,7 @@ def test_an_error_that_the_drive_adds_later_is_told_as_well():
 
 
 @both
-def test_registers_that_are_not_answered_do_not_keep_a_loss_of_power_from_being_told(kind):
+def test_registers_that_are_not_answered_do_not_hide_a_loss_of_power(kind):
     bench = armed(kind)
     last = {'odrive 0.5': b'r error ', 'odrive 0.6': b'r axis0.procedure_result '}[kind]
     bench.to_drive = lambda data: b'' if last in data else data
@@ -174,8 +174,8 @@ def test_faults_are_cleared_and_those_that_stay_are_named(kind):
     assert bench.driver.clear_faults() == ()
     assert bench.cycles(100, torque=None).faults == ()
     bench.device.sensed = bench.device.sensed._replace(temperature=200.0)
-    told = bench.driver.clear_faults()
-    assert 'INVERTER_OVER_TEMP' in told or 'MOTOR_ERROR_FET_THERMISTOR_OVER_TEMP' in told
+    reports = bench.driver.clear_faults()
+    assert 'INVERTER_OVER_TEMP' in reports or 'MOTOR_ERROR_FET_THERMISTOR_OVER_TEMP' in reports
     assert not bench.device.armed
 
 
@@ -187,14 +187,14 @@ def test_faults_of_a_motor_under_power_are_not_cleared(kind):
         with pytest.raises(DriveError, match='under power') as raised:
             bench.driver.clear_faults()
         assert raised.value.reason == 'not_clearable' and bench.device.armed
-        bench.driver._armed = False  # somebody else did it
+        bench.driver._armed = False  # another program did it
         bench.device.properties['axis0.config.enable_watchdog'] = 0
 
 
 # Warnings, and what the supply gives
 
 @both
-def test_current_from_the_supply_and_back_into_it_is_told(kind):
+def test_current_from_the_supply_and_back_into_it_is_reported(kind):
     bench = armed(kind)
     bench.cycles(120, torque=0.05)
     assert bench.driver.telemetry.bus_current == pytest.approx(3.125 * 2.0**2 / 24.0, abs=1e-5)

@@ -71,21 +71,21 @@ def test_from_the_factory_a_free_shaft_is_braked_though_no_torque_is_commanded(f
     assert device.torque() == 0.0
 
 
-@pytest.mark.parametrize('firmware, quirks, told', [
+@pytest.mark.parametrize('firmware, quirks, expected', [
     ('0.5', (), {'axis0.error': 0x200, 'axis0.controller.error': 0x1, 'axis0.motor.error': 0}),
     # motor.cpp and foc.cpp of 0.5.4: no torque, hence no voltage.
     ('0.5', ('0.5.4',), {'axis0.error': 0x40, 'axis0.controller.error': 0x1,
                          'axis0.motor.error': 0x10000000 | 0x100000000}),
     ('0.6', (), {'axis0.active_errors': 0x8000, 'axis0.disarm_reason': 0x8000})])
 def test_a_shaft_faster_than_the_velocity_limit_and_its_tolerance_is_disarmed(
-        firmware, quirks, told):
+        firmware, quirks, expected):
     device = drive(firmware, 'vel_limit', *quirks)
     limit = {'0.5': 2.4, '0.6': 12.0}[firmware]
     turn(device, -0.99 * limit)
     assert device.armed
     turn(device, -1.01 * limit)
     assert not device.armed
-    assert {name: device.properties[name] for name in told} == told
+    assert {name: device.properties[name] for name in expected} == expected
 
 
 def test_0_5_4_sends_nine_of_the_ten_digits_of_its_motor_error():
@@ -115,7 +115,7 @@ def test_from_the_factory_braking_feeds_the_supply_which_is_an_error(firmware):
         assert device.properties['axis0.disarm_reason'] == 0x800
 
 
-def test_a_battery_may_be_charged_where_the_drive_is_told_so():
+def test_a_battery_may_be_charged_where_the_drive_is_set_so():
     device = drive('0.5', 'regeneration')
     write(device, 'config.dc_max_negative_current', -2)
     braking(device)
@@ -146,12 +146,12 @@ def test_a_brake_resistor_takes_what_comes_back_once_it_is_armed(firmware):
 def test_a_hot_drive_takes_current_away_before_it_trips():
     device = drive('0.5', highest_temperature=100.0, torque_limit=1.0, current_limit=4.0)
     device.receive(b'c 0 1.0\n', 1.0)
-    told = []
+    limits = []
     for temperature in (35.0, 75.0, 85.0, 95.0, 99.0):
         device.sensed = replace_temperature(device.sensed, temperature)
-        told.append(float(ask(device, 'r axis0.motor.effective_current_lim')))
-        assert device.torque() == pytest.approx(0.025 * told[-1])
-    assert told == [4.0, 4.0, 2.0, 0.0, 0.0] and device.armed
+        limits.append(float(ask(device, 'r axis0.motor.effective_current_lim')))
+        assert device.torque() == pytest.approx(0.025 * limits[-1])
+    assert limits == [4.0, 4.0, 2.0, 0.0, 0.0] and device.armed
 
 
 def replace_temperature(sensed, temperature):

@@ -44,7 +44,7 @@ def test_the_overspeed_error_of_the_factory_comes_at_7_cm_per_second_of_gimball(
 
 
 @both
-def test_all_that_the_factory_leaves_open_is_refused_and_mended_by_what_is_written_there(kind):
+def test_all_that_the_factory_leaves_open_is_refused_and_set_right_by_the_remedy(kind):
     here = bench(kind, 'factory')
     wrong = refused(here)
     calibrated = {'odrive 0.5': 'encoder', 'odrive 0.6': 'commutation'}[kind]
@@ -52,7 +52,7 @@ def test_all_that_the_factory_leaves_open_is_refused_and_mended_by_what_is_writt
     velocity = {'odrive 0.5': '2', 'odrive 0.6': '10'}[kind]
     assert wrong[VELOCITY].value == f'{velocity} turn/s'
     assert wrong[BRAKING].value == '0.01 A into the supply, no brake resistor'
-    # A watchdog that nobody feeds would disarm the motor while it is calibrated.
+    # A watchdog that is not fed would disarm the motor while it is calibrated.
     type_lines(here, wrong.pop(calibrated).remedy)
     here.pass_time(3.0)
     for item in wrong.values():
@@ -67,7 +67,7 @@ def test_all_that_the_factory_leaves_open_is_refused_and_mended_by_what_is_writt
 
 
 @both
-def test_a_watchdog_that_nobody_feeds_spoils_a_calibration(kind):
+def test_an_unfed_watchdog_spoils_a_calibration(kind):
     here = bench(kind, 'factory')
     remedy = refused(here)['watchdog'].remedy
     type_lines(here, f'{remedy}, w axis0.requested_state 3')

@@ -30,7 +30,7 @@ def written(bench):
     return kept
 
 
-def told(bench, number, *values):
+def reply(bench, number, *values):
     """Let the drive answer a request with other values."""
     right = codec.answer(0x80, number, *bench.device._answers[number]())
     bench.from_drive = lambda data: data.replace(right, codec.answer(0x80, number, *values))
@@ -136,7 +136,7 @@ def test_the_position_goes_on_where_the_counter_of_the_encoder_wraps(bench, turn
 
 @pytest.mark.parametrize('bit', range(32))
 def test_only_errors_take_the_power_off_and_every_bit_has_one_name(bench, bit):
-    told(bench, codec.GET_STATUS, 1 << bit)
+    reply(bench, codec.GET_STATUS, 1 << bit)
     telemetry = bench.cycles(30)
     # The manual lists errors in the lower half, warnings in the upper one.
     assert (len(telemetry.faults), len(telemetry.warnings)) == ((1, 0) if bit < 16 else (0, 1))
@@ -185,9 +185,9 @@ def test_status_bits_have_the_names_of_the_library_of_the_maker(bits, name):
 
 def test_a_warning_does_not_keep_the_motor_from_being_armed():
     bench = Bench('roboclaw')
-    told(bench, codec.GET_STATUS, 0x10000)
+    reply(bench, codec.GET_STATUS, 0x10000)
     bench.driver.arm()
-    told(bench, codec.GET_STATUS, 0x8000)
+    reply(bench, codec.GET_STATUS, 0x8000)
     with pytest.raises(DriveError, match='0x8000'):
         bench.driver.arm()
 
@@ -209,7 +209,7 @@ def test_the_serial_timeout_is_set_at_each_start_in_tenths_of_a_second(watchdog,
     (0.02, 1, True), (0.02, 2, False), (0.1, 0, False)])
 def test_a_serial_timeout_that_stays_otherwise_is_judged(watchdog, timeout, acceptable):
     bench = Bench('roboclaw', watchdog=watchdog)
-    told(bench, codec.GET_TIMEOUT, timeout)
+    reply(bench, codec.GET_TIMEOUT, timeout)
     bench.to_drive = lambda data: data[5:] if data[1] == 14 else data
     judged = {item.name: item.acceptable for item in bench.driver.read_settings()}
     assert judged['watchdog'] is acceptable

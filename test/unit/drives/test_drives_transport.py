@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whatever happens to a port comes out as one kind of error, with what to do."""
+"""Each failure of a port becomes one kind of error, with a remedy."""
 import errno
 import os
 import pty
@@ -78,16 +78,16 @@ def test_a_pseudo_terminal_carries_every_byte(terminal):
         assert link.wait(1.0) and link.read() == everything
 
 
-def test_the_four_ways_to_fail_to_open_are_told_apart(terminal, tmp_path):
+def test_the_four_ways_to_fail_to_open_are_distinguished(terminal, tmp_path):
     _, path = terminal
-    told = [reason('/dev/ttyNowhere')]
+    reasons = [reason('/dev/ttyNowhere')]
     with Link(path, 115200):
-        told.append(reason(path))
+        reasons.append(reason(path))
     (tmp_path / 'file').touch()
-    told.append(reason(str(tmp_path / 'file')))
-    told.append(reason('nonsense://x'))
-    assert [word for word, _ in told] == ['missing', 'busy', 'not_a_port', 'bad_address']
-    assert all(name in text for (_, text), name in zip(told, (
+    reasons.append(reason(str(tmp_path / 'file')))
+    reasons.append(reason('nonsense://x'))
+    assert [word for word, _ in reasons] == ['missing', 'busy', 'not_a_port', 'bad_address']
+    assert all(name in text for (_, text), name in zip(reasons, (
         '/dev/ttyNowhere', 'fuser', 'not a serial port', 'nonsense')))
 
 
@@ -104,7 +104,7 @@ def test_no_permission_names_the_group(monkeypatch):
     (errno.EAGAIN, 'busy'), (errno.EBUSY, 'busy'), (errno.ENOTTY, 'not_a_port'),
     (errno.EISDIR, 'not_a_port'), (errno.EINVAL, 'not_a_port'), (errno.EIO, 'missing')])
 @pytest.mark.parametrize('kind', [serial.SerialException, OSError, termios.error, 'converted'])
-def test_whatever_pyserial_raises_on_opening_is_told_apart_by_its_number(
+def test_errors_of_pyserial_on_opening_are_distinguished_by_number(
         monkeypatch, kind, number, word):
     def refuse(*_, **__):
         if kind != 'converted':
@@ -128,7 +128,7 @@ def test_the_number_of_the_error_itself_counts_before_that_of_its_origin(monkeyp
 
 
 @pytest.mark.parametrize('error', [serial.SerialException, OSError, termios.error])
-def test_whatever_pyserial_raises_on_an_open_port_is_a_port_that_is_gone(monkeypatch, error):
+def test_each_error_of_pyserial_on_an_open_port_is_a_port_that_is_gone(monkeypatch, error):
     port = serial.serial_for_url('loop://')
     monkeypatch.setattr(serial, 'serial_for_url', lambda *_, **__: port)
     link = Link('loop://', 115200)
@@ -209,15 +209,15 @@ def test_a_device_is_read_and_written_past_pyserial(terminal, monkeypatch):
 
 def test_a_port_that_is_listened_to_goes_by_pyserial(terminal, tmp_path):
     master, path = terminal
-    with Link(f'spy://{path}?file={tmp_path}/heard', 115200) as link:
+    with Link(f'spy://{path}?file={tmp_path}/received', 115200) as link:
         link.write(b'abc')
         os.write(master, b'def')
         assert link.wait(1.0) and link.read() == b'def'
-    heard = (tmp_path / 'heard').read_text()
-    assert 'abc' in heard and 'def' in heard
+    received = (tmp_path / 'received').read_text()
+    assert 'abc' in received and 'def' in received
 
 
-def test_a_reply_that_comes_in_pieces_is_told_of_once_there_is_enough_of_it(terminal):
+def test_a_reply_that_comes_in_pieces_is_returned_once_there_is_enough_of_it(terminal):
     master, path = terminal
     with Link(path, 115200) as link:
         os.write(master, b'1234')
@@ -226,7 +226,7 @@ def test_a_reply_that_comes_in_pieces_is_told_of_once_there_is_enough_of_it(term
         assert link.wait(1.0, least=5) and link.read() == b'12345' and link.read() == b''
         os.write(master, b'1234')
         assert not link.wait(0.02, least=5)
-        assert link.read() == b'1234'  # fewer are read, but not told of
+        assert link.read() == b'1234'  # fewer are read, but not reported
         os.write(master, b'1')
         assert link.wait(1.0) and link.read() == b'1'
         os.close(master)
@@ -338,7 +338,7 @@ def test_a_capture_is_bounded_and_both_its_parts_are_read(tmp_path):
     numbers = [record.data[0] for record in records]
     assert numbers == list(range(numbers[0], 200)) and 25 < len(numbers) < 60
     assert [record.time for record in records] == [float(number) for number in numbers]
-    Recorder(path).close()  # another capture begins anew
+    Recorder(path).close()  # another capture starts again
     assert read_capture(path) == []
 
 

@@ -116,7 +116,7 @@ def test_values_that_were_asked_for_before_a_stop_do_not_confirm_it(bench):
         bench.driver.stop(timeout=0.1)
 
 
-def test_values_that_nobody_asked_for_confirm_no_stop():
+def test_unrequested_values_confirm_no_stop():
     bench = Bench('vesc')
     bench.waiting.append((0.0, codec.frame(codec.pack_values(VALUES._replace(current=0.0)))))
     assert bench.driver.poll().current is None
@@ -177,7 +177,7 @@ def test_a_drive_that_does_not_report_is_not_armed(bench):
 @pytest.mark.parametrize('status, faults', [
     (0, ()), (codec.KILL_SWITCH, ('KILL_SW_ACTIVE',)),
     (codec.TIMED_OUT | codec.KILL_SWITCH, ('HAS_TIMEOUT', 'KILL_SW_ACTIVE'))])
-def test_under_power_the_status_is_told_by_its_names(bench, status, faults):
+def test_under_power_the_status_is_reported_by_its_names(bench, status, faults):
     reporting(bench, status=status)
     assert bench.cycles(2).faults == faults
 

@@ -52,13 +52,14 @@ def emulator(scene, tmp_path):
 def connect(emulator, protocol='odrive'):
     """Return an open link and a driver that has shaken hands."""
     link = open_line(protocol, emulator.path, rates(protocol)[0])
-    # What an ODrive does not tell over CAN a person has read with odrivetool.
-    told = {'firmware': '0.5.6', 'confirmed': dict(emulator.device.properties)} \
+    # What an ODrive does not report over CAN a person has read with odrivetool.
+    confirmed = {'firmware': '0.5.6', 'confirmed': dict(emulator.device.properties)} \
         if protocol == 'odrive_can' else {}
     driver = open_driver(protocol, link, read_options(
-        protocol, {'torque_limit': emulator.settings.torque_limit, 'watchdog': WATCHDOG, **told},
+        protocol, {
+            'torque_limit': emulator.settings.torque_limit, 'watchdog': WATCHDOG, **confirmed},
         'test'))
-    driver.told = driver.identify()
+    driver.identity = driver.identify()
     return link, driver
 
 
@@ -100,7 +101,7 @@ def test_a_torque_over_the_line_swings_the_pendulum_and_rolls_the_ball(scene, pr
 
 
 @pytest.mark.parametrize('protocol', sorted(DRIVES))
-def test_a_wrong_baud_rate_is_told_from_silence(scene, protocol):
+def test_a_wrong_baud_rate_is_distinguished_from_silence(scene, protocol):
     with made(protocol, scene) as emulator:
         with open_line(protocol, emulator.path, rates(protocol)[1]) as link:
             driver = open_driver(protocol, link, read_options(
@@ -323,7 +324,7 @@ def test_the_command_prints_the_device_obeys_lines_and_keeps_the_log(tmp_path):
                 torque_limit = 0.1
         link, driver = connect(There)
         with link:
-            assert driver.told.generation == '0.6'
+            assert driver.identity.generation == '0.6'
             watchdog, = (item for item in driver.read_settings() if item.name == 'watchdog')
             assert watchdog.value == '0.5 s'
             driver.arm()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Moments from arrivals that are late by whatever the machine does."""
+"""Times of measurement from arrivals that a machine delays at random."""
 from hypothesis import given, strategies as some
 import numpy as np
 import pytest
@@ -53,7 +53,7 @@ def test_a_clock_that_runs_wrong_is_followed(clock):
     assert np.abs(found - sent)[500:].max() < 0.002
 
 
-def test_after_a_gap_it_begins_anew():
+def test_after_a_gap_it_starts_again():
     clock = ArrivalClock(PERIOD)
     clock.sent(1.0)
     assert clock.sent(1.0 + (LOST + 2.0) * PERIOD) == 1.0 + (LOST + 2.0) * PERIOD

@@ -58,7 +58,7 @@ def test_it_does_not_matter_how_the_bytes_are_cut(readings, sizes):
 
 @given(some.binary(max_size=200), some.lists(some.tuples(counts, counts), max_size=4),
        some.binary(max_size=200))
-def test_whatever_comes_nothing_is_invented(noise, readings, more):
+def test_no_bytes_make_it_invent_readings(noise, readings, more):
     data = noise + b''.join(reading(*item) for item in readings) + more
     parser = PacketParser()
     for found in parser.feed(data):
@@ -79,7 +79,7 @@ def test_a_bit_that_is_turned_costs_its_reading_and_no_other(position, bit):
     assert 3 <= len(found) <= 4
 
 
-def test_the_first_packet_after_noise_is_not_believed():
+def test_the_first_packet_after_noise_is_not_used():
     parser = PacketParser()
     assert not parser.feed(b'\x00' + reading())
     assert len(parser.feed(reading())) == 1

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A plant with an accuracy knows, while it runs, how wrong it may be."""
+"""A plant with an accuracy estimates its error while it runs."""
 from dataclasses import replace
 import math
 
@@ -25,7 +25,7 @@ def test_the_error_is_below_the_estimate_and_that_below_the_accuracy():
     assert plant.lost_at == math.inf
 
 
-def test_a_reset_starts_the_estimate_anew():
+def test_a_reset_restarts_the_estimate():
     plant = run(Plant(load_scene('fig7_top'), 500.0, accuracy=1e-5), 0.0)
     assert plant.error_estimate > 0.0
     plant.reset()

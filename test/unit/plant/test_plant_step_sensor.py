@@ -80,10 +80,10 @@ def faulty(height=0.03, height_sd=0.0, **faults):
                   faults=SensorFaults(**faults))
 
 
-@pytest.mark.parametrize('told', [0.0, 0.5, 1.0])
-def test_a_sensor_tells_a_part_of_its_noise_and_makes_all_of_it(told):
-    sensor = faulty(height_sd=0.002, reported_sd=told)
-    assert (sensor.distance_sd, sensor.height_sd) == (told * 0.01, told * 0.002)
+@pytest.mark.parametrize('share', [0.0, 0.5, 1.0])
+def test_a_sensor_reports_a_part_of_its_noise_and_makes_all_of_it(share):
+    sensor = faulty(height_sd=0.002, reported_sd=share)
+    assert (sensor.distance_sd, sensor.height_sd) == (share * 0.01, share * 0.002)
     assert sensor.look(0.0, 3) == faulty(height_sd=0.002).look(0.0, 3)
 
 
@@ -113,7 +113,7 @@ def test_what_is_late_comes_in_its_order_when_it_is_old_enough():
     assert late.due(9.0) == []
 
 
-def test_a_sensor_without_noise_tells_its_resolution_for_0_means_unknown():
+def test_a_sensor_without_noise_reports_its_resolution_for_0_means_unknown():
     exact = Sensor(Terrain.step(0.03), 3.0)
     assert exact.distance_sd > 0.0 and exact.height_sd == 0.0005
     silent = Sensor(Terrain.step(0.03), 3.0, faults=SensorFaults(reported_sd=0.0))

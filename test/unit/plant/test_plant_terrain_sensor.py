@@ -57,7 +57,7 @@ def test_nothing_is_seen_behind_a_wall_and_the_range_ends_there():
     assert z.max() == pytest.approx(0.5 - RADIUS, abs=0.016)
 
 
-def test_the_noise_is_a_function_of_seed_and_number_and_is_what_is_told():
+def test_the_noise_is_a_function_of_seed_and_number_and_equals_the_reported_one():
     assert looked(Terrain.flat(), height_sd=0.003, number=5)[2] \
         == looked(Terrain.flat(), height_sd=0.003, number=5)[2]
     assert looked(Terrain.flat(), height_sd=0.003, number=5, seed=1)[2] \

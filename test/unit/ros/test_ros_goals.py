@@ -158,4 +158,4 @@ def test_the_rollout_planner_takes_the_step_of_31_mm_for_a_goal(start):
     status, result = graph.result(graph.send(CrossStep))
     assert (status, result.outcome) == (GoalStatus.STATUS_SUCCEEDED, result.OUTCOME_CROSSED)
     assert result.height == pytest.approx(0.031, abs=1e-3) and result.position > 0.726
-    assert max(one.probability for one in graph.node.feedback) > 0.5
+    assert any(one.probability > 0.5 for one in graph.node.feedback)

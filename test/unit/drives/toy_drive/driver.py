@@ -7,7 +7,7 @@ from ballbot_ros.drives.driver import Driver
 
 
 class Toy(Driver):
-    """Believes every reply."""
+    """Accepts every reply."""
 
     protocol = maker = 'toy'
 

@@ -6,7 +6,7 @@ from ballbot_ros.drives.emulated_device import Device
 
 
 class ToyDevice(Device):
-    """Does as it is told."""
+    """Obeys each command."""
 
     protocol = 'toy'
 
