@@ -262,13 +262,14 @@ class PlanSelector:
         if kept is not None and braking_room < 0.0:
             self._deliberation = None
         if self._deliberation is None:
+            room = max(0.0, motion.position - situation.free_from)
             arrived = kept is not None and _arrived(kept, ahead, motion)
+            if kept is not None and arrived:
+                kept, room = from_here(kept), 0.0
             if arrived or self._is_news(now, braking_room):
-                room = 0.0 if arrived else max(0.0, motion.position - situation.free_from)
                 self._task, self.basis = task, now
                 self._deliberation = deliberate(
-                    task, self._tuning, room, from_here(kept) if arrived else kept, failures,
-                    braking_room < TOO_LATE)
+                    task, self._tuning, room, kept, failures, braking_room < TOO_LATE)
         if self._deliberation is None or self._task is None:
             self._look_again(task, braking_room)
             return
