@@ -189,9 +189,3 @@ class WireBudget(NamedTuple):
     def highest_rate(self, baud: float) -> float:
         """Return the highest rate at which each period gets the reply to its request [Hz]."""
         return 1.0 / self.duration(baud)
-
-    def least_baud(self, rate: float) -> float:
-        """Return the lowest baud rate for a loop rate [Hz]; infinite if none is sufficient."""
-        left = 1.0 / rate - self.turnaround
-        return (self.bytes_out + self.bytes_in) * BITS_PER_BYTE / left if left > 0.0 \
-            else float('inf')

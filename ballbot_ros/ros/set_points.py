@@ -18,6 +18,9 @@ from ballbot_ros.ros.single_publisher import SinglePublisher
 # A node whose set-points are followed holds authority for this long after its last one [s of wall
 # time].
 AUTHORITY_TIMEOUT = 0.5
+# Pause of the executor after a refused message [s]: it bounds the work of a flood of them to 500
+# per second.  The subscriptions hold one message, so the middleware drops the others.
+REFUSED_PAUSE = 0.002
 
 
 class SetPoints:
@@ -68,6 +71,7 @@ class SetPoints:
             self._refused[error.reason] += 1
             self._node.get_logger().warning(
                 f'{topic} refused: {error}', throttle_duration_sec=1.0)
+            time.sleep(REFUSED_PAUSE)
 
     def _check(self, topic: str, given: SetPoint) -> None:
         """Refuse a set-point of a node that has no authority."""

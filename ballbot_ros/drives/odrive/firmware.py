@@ -214,11 +214,6 @@ class Generation:
         return self.axis.path
 
     @property
-    def error_names(self) -> Mapping[int, str]:
-        """Return the names of its bits."""
-        return self.axis.names
-
-    @property
     def name(self) -> str:
         """Return major and minor version as text."""
         return '.'.join(map(str, self.version))

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the motor bridge subscribes to and serves: commands, set-points, the IMU, the e-stop."""
 from dataclasses import replace
+from time import sleep
 
 from rclpy.node import Node
 from sensor_msgs.msg import Imu
@@ -12,7 +13,7 @@ from ballbot_ros.nodes.bridge.motor import Clocks, imu_reading
 from ballbot_ros.ros.conversions import command_torque, to_seconds
 from ballbot_ros.ros.endpoints import create_subscription, create_trigger, subscribe_e_stop
 from ballbot_ros.ros.fast_path.joint_state_bytes import AnyJointState, subscribe_joint_states
-from ballbot_ros.ros.set_points import SetPoints
+from ballbot_ros.ros.set_points import REFUSED_PAUSE, SetPoints
 from ballbot_ros.ros.single_publisher import SinglePublisher
 
 
@@ -61,11 +62,15 @@ class MotorInputs:
         except MessageError as error:
             self._session.supervisor.overhear(torque, self._session.clock())
             self._session.supervisor.gate.refuse(error.reason)
-            return self._refused('command', error)
+            return self._command_refused(error)
         try:
             self._session.command(torque, self._clocks.steady(to_seconds(message.header.stamp)))
         except MessageError as error:
-            self._refused('command', error)
+            self._command_refused(error)
+
+    def _command_refused(self, error: MessageError) -> None:
+        self._refused('command', error)
+        sleep(REFUSED_PAUSE)
 
     def _give(self, given: SetPoint) -> None:
         try:

@@ -104,10 +104,10 @@ def test_error_bits_have_the_names_of_their_generation(generation, bits, names):
 
 @pytest.mark.parametrize('generation', GENERATIONS, ids=lambda item: item.name)
 def test_every_error_of_the_table_has_one_bit_of_its_own(generation):
-    bits = list(generation.error_names)
+    bits = list(generation.axis.names)
     assert all(bit > 0 and bit & bit - 1 == 0 for bit in bits)
     assert [generation.names_of(bit) for bit in bits] == [
-        (name,) for name in generation.error_names.values()]
+        (name,) for name in generation.axis.names.values()]
 
 
 @pytest.mark.parametrize('generation, names', [
@@ -118,7 +118,7 @@ def test_every_error_of_the_table_has_one_bit_of_its_own(generation):
                     0x8: 'MISSING_ESTIMATE', 0x40: 'MISSING_INPUT', 0x100: 'DC_BUS_OVER_VOLTAGE',
                     0x1000000: 'WATCHDOG_TIMER_EXPIRED', 0x40000000: 'CALIBRATION_ERROR'})])
 def test_errors_that_decide_something_have_the_bits_of_the_maker(generation, names):
-    assert {bit: generation.error_names.get(bit) for bit in names} == names
+    assert {bit: generation.axis.names.get(bit) for bit in names} == names
 
 
 def test_states_modes_and_results_have_the_numbers_of_the_maker():

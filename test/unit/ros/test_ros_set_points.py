@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Two that ask for motion on board: one is followed, the other is refused."""
 from collections import Counter
+import math
 import time
 
 from geometry_msgs.msg import Twist, TwistStamped
@@ -13,7 +14,7 @@ from sensor_msgs.msg import JointState
 from ballbot_ros.control import Mode
 from ballbot_ros.ros.conversions import set_point_message, to_time
 from ballbot_ros.ros.rclpy_compat import new_executor
-from ballbot_ros.ros.set_points import SetPoints
+from ballbot_ros.ros.set_points import REFUSED_PAUSE, SetPoints
 
 # What was asked for and is not followed.
 overheard = []
@@ -55,6 +56,15 @@ def test_the_first_is_followed_until_it_is_silent_for_long_enough(robot):
     assert {one.mode for one in overheard} == {Mode.SPEED}
     until(lambda: followed[-1].mode is Mode.SPEED, ask[1])
     assert inputs.authority.holder == '/b'
+
+
+def test_a_flood_of_refused_messages_is_processed_at_a_bounded_rate(robot):
+    inputs, followed, refused, *_ = robot
+    start, message = time.monotonic(), set_point_message(to_time(1.0), math.nan)
+    for _ in range(50):
+        inputs._on_set_point(message)
+    assert time.monotonic() - start >= 50 * REFUSED_PAUSE
+    assert refused['not_finite'] == 50 and not followed
 
 
 def speed(kind, linear=0.0, angular=0.0):
