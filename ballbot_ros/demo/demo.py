@@ -22,6 +22,7 @@ from ballbot_ros.demo.recorded_graph import recorded_graph, RecordedGraph
 from ballbot_ros.demo.timeline import account, Expected, NAMES, Passage, Timeline
 from ballbot_ros.figures.film import Mark, strip
 from ballbot_ros.figures.run import save
+from ballbot_ros.msg import StepDecision
 from ballbot_ros.physics import load_scene, Scene, Trajectory
 from ballbot_ros.results.faces import LEAST_HEIGHT, LEAST_SLOPE, SHORT
 
@@ -172,10 +173,11 @@ def perform(out: Path, act: Act, quiet: bool,
     marks: List[Mark] = []
 
     def report(when: float, word: str, sentence: str) -> None:
-        if word in NAMES.values() and [mark.word for mark in marks[-1:]] != [word]:
+        decided = word in NAMES.values() and word != NAMES[StepDecision.DECISION_CLEAR]
+        if decided and [mark.word for mark in marks[-1:]] != [word]:
             ahead = timeline.passages[timeline.next_step:]
             step = ahead[0].x if ahead and word in ('CROSS', 'GO ROUND', 'BACK OFF') else None
-            marks.append(Mark(when, word, word in ('CROSS', 'CLEAR'), step))
+            marks.append(Mark(when, word, word == 'CROSS', step))
         if not quiet:
             print_event(when, word, sentence)
     timeline = Timeline(passages_of(scene, act.expected), scene.model.robot, report)

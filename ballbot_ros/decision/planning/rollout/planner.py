@@ -103,8 +103,9 @@ def refuse(choice: Choice, ahead: Ahead, motion: Motion, braking_room: float,
     hopeless = choice.reason in HOPELESS
     what = f'drops by {-1e3 * face.height:.0f} mm' if face.height < 0.0 else \
         f'{1e3 * face.height:.0f} mm'
-    said = (f'{what} at {face.position - motion.position:.2f} m: '
-            f'{WHY.get(choice.reason, "no plan is good enough")}')
+    searching = choice.reason is Reason.NOT_LIKELY and not seen.attempts
+    why = 'weighing plans' if searching else WHY.get(choice.reason, 'no plan is good enough')
+    said = f'{what} at {face.position - motion.position:.2f} m: {why}'
     if choice.reason is Reason.LANDING and not ahead.known:
         said += (f'; the floor behind it is not seen, and unseen_room grants '
                  f'{tuning.unseen_room:g} m: set unseen_room to the floor that this site has '
