@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """State estimate of a session, and its validity."""
 import math
-from typing import Optional
+from typing import NamedTuple, Optional
 
 from ballbot_ros.bridge.hardware_file import Hardware
 from ballbot_ros.bridge.imu_watch import ImuWatch
@@ -19,6 +19,49 @@ from ballbot_ros.physics.model.robot import Robot
 SWING_OVERSHOOT = 0.8
 # Age above which a newer estimate replaces the odometry of the last IMU reading [s].
 FELT_LONG_AGO = 0.03
+# Comparison of the encoder with the velocity that the drive reports: time constant [s],
+SMOOTHING = 0.1
+# longest time between two readings [s],
+LONGEST_PAUSE = 0.05
+# smallest smoothed travel by velocity [rad] and part of it that the encoder contradicts,
+TRAVEL_MIN, CONTRADICTED_MIN = 0.1, 0.6
+# limit of the difference of one reading, as a multiple of its travel: reduces the weight of jumps,
+DIFFERENCE_MAX = 2.5
+# and time after which the e-stop engages [s].
+CONTRADICTION_TIME = 0.04
+
+
+class VelocityCheck(NamedTuple):
+    """
+    Comparison of encoder steps with the velocity of the drive; `after` gives the next.
+
+    A frozen encoder differs by the whole travel, one that counts backwards by twice that.
+    """
+
+    stamp: float = -math.inf
+    angle: float = 0.0
+    travel: float = 0.0  # by the velocity, smoothed [rad]
+    difference: float = 0.0  # of the encoder from it, smoothed [rad]
+    contradicted_for: float = 0.0  # [s]
+
+    def after(self, stamp: float, angle: float, rate: Optional[float]) -> 'VelocityCheck':
+        """Return the check after a reading of the joint angle [rad] and its rate [rad/s]."""
+        pause = stamp - self.stamp
+        if rate is None or not 0.0 < pause <= LONGEST_PAUSE:
+            return VelocityCheck(stamp, angle)
+        keep, step = math.exp(-pause / SMOOTHING), rate * pause
+        largest = DIFFERENCE_MAX * abs(step)
+        error = min(max(angle - self.angle - step, -largest), largest)
+        travel = keep * self.travel + abs(step)
+        difference = keep * self.difference + error
+        contradicted = travel >= TRAVEL_MIN and abs(difference) >= CONTRADICTED_MIN * travel
+        return VelocityCheck(stamp, angle, travel, difference,
+                             self.contradicted_for + pause if contradicted else 0.0)
+
+    @property
+    def contradicts(self) -> bool:
+        """Return whether encoder and velocity contradict each other for too long."""
+        return self.contradicted_for >= CONTRADICTION_TIME
 
 
 class Sensing:
@@ -50,6 +93,7 @@ class Sensing:
         self.odometry: Optional[OdometryState] = None
         self._felt: Optional[OdometryState] = None  # the last one after an IMU reading
         self.fusion.follower = self._follow
+        self._velocity_check = VelocityCheck()
         self._answered = self._waiting_since = 0.0
         self.expecting = False
         self._stamp = -math.inf  # of the last estimate
@@ -78,7 +122,8 @@ class Sensing:
         Return an estimate from a new measurement, None if there is none in the telemetry.
 
         A measurement of unknown time yields no estimate but counts as a reply.
-        Raises as `Fusion.encoder` does.
+        Raises as `Fusion.encoder` does, and `EstimateLostError` if the encoder contradicts the
+        velocity that the drive reports.
         """
         if telemetry.position is None or telemetry.time is None \
                 or telemetry.time <= self._answered:
@@ -87,11 +132,18 @@ class Sensing:
         if telemetry.measured is None:
             return None
         self._stamp = max(telemetry.measured, self._stamp)
+        angle = self._joint.joint_angle(telemetry.position)
+        rate = None if telemetry.velocity is None else self._joint.joint_angle(telemetry.velocity)
+        self._velocity_check = self._velocity_check.after(self._stamp, angle, rate)
         try:
-            estimate = self.fusion.encoder(
-                self._stamp, self._joint.joint_angle(telemetry.position), torque,
-                None if telemetry.velocity is None else self._joint.joint_angle(
-                    telemetry.velocity))
+            if self._velocity_check.contradicts:
+                self._velocity_check = VelocityCheck()
+                self.fusion.reset()
+                raise EstimateLostError(
+                    'the encoder contradicts the velocity that the drive reports: it is frozen, '
+                    'reversed or slips; look at its cable, its magnet and the settings of the '
+                    'drive for it; let the robot come to rest')
+            estimate = self.fusion.encoder(self._stamp, angle, torque, rate)
         except EstimateLostError:
             if self.odometry is not None:
                 self.odometry = self._rolling.lost(self.odometry)

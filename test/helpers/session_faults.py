@@ -52,6 +52,12 @@ def reversed_encoder(robot):
         position=2.0 * position - true.position, velocity=-true.velocity)
 
 
+def reversed_position(robot):
+    """Let the encoder count backwards from where it is, with the true velocity."""
+    position = robot.device.sensed.position
+    robot.encoder = lambda true: true._replace(position=2.0 * position - true.position)
+
+
 def lost_status(robot):
     """Let status replies get lost, and the drive trip."""
     driver = robot.session.line.driver

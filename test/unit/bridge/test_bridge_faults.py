@@ -4,7 +4,7 @@ import pytest
 from refusals import refused
 from session_faults import (
     FAULTS, FORWARD, frozen, in_degrees, in_g, loop, lost_status, repeated, reversed_encoder,
-    time_to_zero, upside_down)
+    reversed_position, time_to_zero, upside_down)
 from virtual_robot import VirtualRobot
 
 from ballbot_ros.bridge.motor_state import MotorState
@@ -25,6 +25,19 @@ def test_an_encoder_that_contradicts_the_torque_engages_the_e_stop(protocol, tun
     assert 'the joint does not follow its torque' in robot.session.supervisor.e_stop
     assert robot.session.control.power.state is MotorState.DISARMED
     assert max(abs(state.pendulum_angle) for state in robot.history.values()) < 1.6
+
+
+@pytest.mark.parametrize('protocol', PROTOCOLS)
+@pytest.mark.parametrize('fault', [frozen(True), reversed_position],
+                         ids=['frozen', 'position reversed'])
+def test_an_encoder_that_contradicts_the_velocity_of_the_drive_engages_the_e_stop(
+        protocol, fault):
+    robot = VirtualRobot(protocol).ready()
+    robot.run(0.4, torque=2.0)
+    fault(robot)
+    report = robot.run(0.4, torque=0.1)  # too little torque for a contradiction to it
+    assert 'contradicts the velocity' in report.e_stop
+    assert report.state is not MotorState.ARMED and robot.motor == 0.0
 
 
 def test_steps_and_walls_at_full_torque_are_no_contradiction():
