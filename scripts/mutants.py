@@ -16,7 +16,7 @@ import subprocess
 import sys
 
 ROOT = Path(__file__).resolve().parent.parent
-PACKAGES = ('bridge', 'control', 'decision', 'drives', 'estimation', 'physics')
+PACKAGES = ('bridge', 'control', 'decision', 'drives', 'estimation', 'imus', 'physics')
 CONFIG = """\
 [cosmic-ray]
 module-path = ["ballbot_ros/{package}"]
