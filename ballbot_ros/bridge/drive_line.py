@@ -135,7 +135,8 @@ def handshake(connect: Callable[[], Driver], timeout: float
             raise ConfigurationError(
                 'the drive is not set as it must be: ' + '; '.join(
                     f'{item.name} is {item.value}, must be {item.wanted}'
-                    + (f': {item.remedy}' if item.remedy else '') for item in wrong))
+                    + (f': {item.remedy}' if item.remedy else '') for item in wrong),
+                'inconsistent', wrong[0].name)
     except BaseException:
         driver.line.close()
         raise

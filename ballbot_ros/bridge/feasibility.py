@@ -70,12 +70,12 @@ def check_feasible(hardware: Hardware, robot: Robot, tuning: ControlTuning,
             f'{hardware.name}: a period of {protocol} takes '
             f'{budget.bytes_out} + {budget.bytes_in} bytes, so {baud} baud carry '
             f'{budget.highest_rate(baud):.0f} Hz at most and loop_rate is {rate:g} Hz; '
-            + ', or '.join(ways))
+            + ', or '.join(ways), 'inconsistent', 'loop_rate')
     if connection.watchdog < 3.0 / rate:
         raise ConfigurationError(
             f'{hardware.name}: watchdog must be at least three periods of the loop '
             f'({3.0 / rate:.3g} s at {rate:g} Hz), got {connection.watchdog:g} s: the drive would '
-            'disarm at the first late command')
+            'disarm at the first late command', 'inconsistent', 'watchdog')
     try:
         for law in LAWS:
             check_loop(robot, tuning, law, rate, delay, lag)
@@ -94,7 +94,7 @@ def check_joint_state_rate(hardware: Hardware, rate: float) -> None:
     if rate > loop:
         raise ConfigurationError(
             f'joint_state_rate must be at most loop_rate of {hardware.name} ({loop:g} Hz), got '
-            f'{rate:g} Hz')
+            f'{rate:g} Hz', 'inconsistent', 'joint_state_rate')
 
 
 def _ways(budget: WireBudget, baud: int, rate: float, lowest: float,

@@ -72,7 +72,8 @@ class Scheduling(NamedTuple):
         if self.cpu >= 0 and self.cpu not in allowed:
             raise ConfigurationError(
                 f'cpu {self.cpu} is not one that this process may run on, which are '
-                f'{", ".join(map(str, allowed))}; choose one of them, or -1 for any; {PAGE}')
+                f'{", ".join(map(str, allowed))}; choose one of them, or -1 for any; {PAGE}',
+                'unavailable', 'cpu')
         if self.lock_memory:
             _lock_memory()
         if self.priority:
@@ -123,7 +124,8 @@ def _set_priority(thread: int, priority: int) -> None:
         raise ConfigurationError(
             f'the system does not allow realtime_priority {priority} ({error.strerror}; '
             f'RLIMIT_RTPRIO is {most}): raise rtprio in /etc/security/limits.d, or LimitRTPRIO '
-            f'of the systemd unit, or set realtime_priority to 0; {PAGE}') from error
+            f'of the systemd unit, or set realtime_priority to 0; {PAGE}',
+            'unavailable', 'realtime_priority') from error
 
 
 def _lock_memory() -> None:
@@ -139,7 +141,7 @@ def _lock_memory() -> None:
         f'the system does not allow lock_memory ({os.strerror(number)}; RLIMIT_MEMLOCK is '
         f'{"unlimited" if most == resource.RLIM_INFINITY else f"{most} bytes"}): set memlock to '
         'unlimited in /etc/security/limits.d, or LimitMEMLOCK=infinity in the systemd unit, or '
-        f'set lock_memory to false; {PAGE}')
+        f'set lock_memory to false; {PAGE}', 'unavailable', 'lock_memory')
 
 
 def _may_lock() -> bool:

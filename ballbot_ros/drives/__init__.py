@@ -99,7 +99,8 @@ def _module(protocol: str, name: str) -> ModuleType:
 def _check(protocol: str) -> None:
     if protocol not in DRIVES:
         raise ConfigurationError(
-            f'{protocol!r} is not a protocol{suggestion(str(protocol), DRIVES)}')
+            f'{protocol!r} is not a protocol{suggestion(str(protocol), DRIVES)}',
+            'unknown_name', 'protocol')
 
 
 def read_options(protocol: str, mapping: Mapping[str, Any], where: str) -> DriveOptions:
@@ -163,5 +164,6 @@ def open_driver(protocol: str, line: SerialLine, options: DriveOptions,
     found = driver_class(protocol)
     if not isinstance(options, found.Options):
         raise ConfigurationError(
-            f'{protocol} wants {found.Options.__name__}, got {type(options).__name__}')
+            f'{protocol} wants {found.Options.__name__}, got {type(options).__name__}',
+            'wrong_type', 'drive')
     return found(line, options, clock)

@@ -50,7 +50,7 @@ class ODriveCanOptions(DriveOptions):
         if self.firmware and not self.version:
             raise ConfigurationError(
                 'firmware must be the version of a firmware 0.5 from 0.5.3 on, such as "0.5.6", '
-                f'got {self.firmware!r}')
+                f'got {self.firmware!r}', 'out_of_range', 'firmware')
 
     @property
     def version(self) -> tuple[int, ...]:

@@ -53,12 +53,14 @@ def load_endpoints(path: str, version: Sequence[int]) -> Mapping[str, Endpoint]:
                  for name, item in listed.items() if item.get('type') in TYPES}
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise ConfigurationError(
-            f'endpoints: {path} is no flat_endpoints.json of an ODrive: {error}') from error
+            f'endpoints: {path} is no flat_endpoints.json of an ODrive: {error}',
+            'unreadable', 'endpoints') from error
     wanted = '.'.join(map(str, version))
     if firmware.partition('-')[0] != wanted:
         raise ConfigurationError(
             f'endpoints: {path} is for firmware {firmware}, the drive has {wanted}: its numbers '
-            'mean something else there; take the list of that firmware from the maker')
+            'mean something else there; take the list of that firmware from the maker',
+            'inconsistent', 'endpoints')
     return found
 
 
@@ -68,11 +70,13 @@ def check_confirmed(confirmed: Any) -> None:
         return
     if not isinstance(confirmed, Mapping):
         raise ConfigurationError(
-            f'confirmed must be names of properties with their values, got {confirmed!r}')
+            f'confirmed must be names of properties with their values, got {confirmed!r}',
+            'wrong_type', 'confirmed')
     for name, value in confirmed.items():
         if not isinstance(value, (bool, int, float)) or math.isnan(value):
             raise ConfigurationError(
-                f'confirmed: {name} must be a number as odrivetool shows it, got {value!r}')
+                f'confirmed: {name} must be a number as odrivetool shows it, got {value!r}',
+                'wrong_type', 'confirmed')
 
 
 def in_odrivetool(remedy: str) -> str:
