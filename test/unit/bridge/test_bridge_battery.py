@@ -23,7 +23,7 @@ def watch(voltage, seconds, current=0.0, before=BatteryWatch(), begin=0.0, batte
     return before
 
 
-def test_the_first_reading_counts_at_once_and_later_ones_are_smoothed():
+def test_the_first_reading_counts_immediately_and_later_ones_are_smoothed():
     first = watch(24.0, EVERY)
     assert first.voltage == 24.0
     later = watch(22.0, 2.0, before=first, begin=EVERY)
@@ -100,7 +100,7 @@ def test_an_empty_battery_that_recovers_at_rest_stays_empty_until_it_is_charged(
     assert charged.part(SIX_CELLS, 130.0) == 1.0
 
 
-def test_without_a_fade_time_the_torque_ends_at_once():
+def test_without_a_fade_time_the_torque_ends_immediately():
     battery = Battery(empty_voltage=20.4, fade_time=0.0)
     found = watch(20.0, 6.0, battery=battery)
     assert found.part(battery, found.fading_since) == 0.0

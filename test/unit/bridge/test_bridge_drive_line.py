@@ -105,7 +105,7 @@ def test_opening_closes_what_was_open():
     assert bench.found[0].asked[-1] == 'close' and bench.line.driver is bench.found[1]
 
 
-def test_a_drive_that_was_lost_is_looked_for_at_once_and_then_every_tenth_of_a_second():
+def test_a_drive_that_was_lost_is_looked_for_immediately_and_then_every_tenth_of_a_second():
     bench = Bench(Drive(), Drive(SILENT), Drive(SILENT), Drive())
     bench.line.open(0.5)
     bench.line.lose(SILENT)

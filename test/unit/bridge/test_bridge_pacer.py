@@ -31,7 +31,7 @@ def test_after_a_late_one_periods_go_on_from_there_and_are_never_made_up_for():
 
 # Torques ----------------------------------------------------------------------------------
 
-def test_the_first_torque_is_due_at_once():
+def test_the_first_torque_is_due_immediately():
     assert NEW.is_torque_due(0.0) and NEW.has_room(0.0)
 
 
@@ -100,7 +100,7 @@ def test_a_stop_outdates_a_command_that_waited():
     assert not sent.sent_stop(10.0).is_torque_due(10.0)
 
 
-def test_arming_is_tried_at_once_and_after_a_failure_three_tenths_of_a_second_later():
+def test_arming_is_tried_immediately_and_after_a_failure_three_tenths_of_a_second_later():
     assert NEW.may_arm(0.0)
     failed = NEW.not_armed(10.0)
     assert not failed.may_arm(10.299) and failed.may_arm(10.0 + 0.3)

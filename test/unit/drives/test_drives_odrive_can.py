@@ -328,7 +328,7 @@ def test_an_unsupported_reported_version_is_refused(version):
     assert raised.value.reason == 'firmware'
 
 
-def test_of_four_answers_at_once_a_0_5_loses_one():
+def test_of_four_simultaneous_answers_a_0_5_loses_one():
     # odrive_can.cpp, send_message: three mailboxes.
     device = ODriveCanDevice(DriveSettings())
     device.receive(b'', 1.0)  # the heartbeat

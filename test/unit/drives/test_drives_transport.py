@@ -185,7 +185,7 @@ def test_a_peer_that_reads_slowly_gets_every_byte_in_order(terminal):
     assert bytes(received) == sent
 
 
-def test_a_line_that_takes_a_few_bytes_now_and_then_is_stuck_all_the_same(monkeypatch):
+def test_a_line_that_takes_a_few_bytes_occasionally_is_stuck_all_the_same(monkeypatch):
     monkeypatch.setattr(transport, 'LONGEST_WRITE', 0.03)
     ours, theirs = socket.socketpair()
     ours.setblocking(False)
@@ -207,7 +207,7 @@ def test_a_device_is_read_and_written_past_pyserial(terminal, monkeypatch):
         assert link.wait(1.0) and link.read() == b'def' and link.read() == b''
 
 
-def test_a_port_that_is_listened_to_goes_by_pyserial(terminal, tmp_path):
+def test_a_port_that_is_listened_to_uses_pyserial(terminal, tmp_path):
     master, path = terminal
     with Link(f'spy://{path}?file={tmp_path}/received', 115200) as link:
         link.write(b'abc')

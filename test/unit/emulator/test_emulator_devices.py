@@ -98,7 +98,7 @@ def test_odrive_passes_over_a_line_that_is_too_long(board):
 
 # VESC
 
-def test_vesc_lets_go_when_its_timeout_expires_and_follows_the_next_command(settings):
+def test_vesc_releases_the_motor_when_its_timeout_expires_and_follows_the_next_command(settings):
     drive = VescDevice(settings)
     drive.receive(vesc.set_current(4.0), 0.0)
     assert drive.torque() == pytest.approx(0.1)

@@ -52,7 +52,7 @@ def test_a_corrupted_byte_is_always_another_one():
     assert sum(byte != 0 for byte in arrived) == pytest.approx(1000, abs=150)
 
 
-def test_garbage_comes_by_itself_at_its_rate():
+def test_garbage_arrives_unrequested_at_its_rate():
     bad = line(garbage=5000.0)
     bad.take(0.0)
     assert sum(len(bad.take(0.01 * tick)) for tick in range(1, 101)) == pytest.approx(
