@@ -19,7 +19,10 @@ TYPES = {'geometry_msgs/msg/TwistStamped': TwistStamped, 'geometry_msgs/msg/Twis
 TYPE_PERIOD = 0.2
 # The largest value that a stick at rest sends [m/s, rad/s].
 NEGLIGIBLE = 0.01
-# Components that one motor cannot drive, with their units.
+# A turn needs the lateral axis.
+TURN = ('angular', 'z')
+LATERAL = ' (no node commands the lateral axis, of robots with a section steering either)'
+# Components that the speed law does not follow, with their units.
 OTHERS = (('linear', 'y', 'm/s'), ('linear', 'z', 'm/s'), ('angular', 'x', 'rad/s'),
           ('angular', 'y', 'rad/s'), ('angular', 'z', 'rad/s'))
 
@@ -101,8 +104,9 @@ def speed_set_point(message: Union[Twist, TwistStamped]) -> SetPoint:
             raise MessageError('not_finite', f'{kind}.{axis} must be finite, got {value!r}')
         if abs(value) > NEGLIGIBLE:
             raise MessageError(
-                'other_axes', f'{kind}.{axis} is {value:.3g} {unit}, and the one motor of this '
-                'robot drives straight ahead only; nothing of the message is followed: send '
-                f'linear.x alone, and the rest within {NEGLIGIBLE:g} of 0')
+                'other_axes', f'{kind}.{axis} is {value:.3g} {unit}, and the speed law drives '
+                f'straight ahead only{LATERAL if (kind, axis) == TURN else ""}; nothing of the '
+                'message is followed: send linear.x alone, and the rest within '
+                f'{NEGLIGIBLE:g} of 0')
     return SetPoint(Mode.SPEED, twist.linear.x,
                     to_seconds(message.header.stamp) if stamped else 0.0)

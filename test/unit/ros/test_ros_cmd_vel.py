@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Speeds from any publisher; what one motor cannot do is refused, not half done."""
+"""Speeds from any publisher; what the speed law does not follow is refused, not half done."""
 import math
 
 from geometry_msgs.msg import Twist, TwistStamped
@@ -28,7 +28,7 @@ def test_both_types_give_the_forward_speed_and_the_stamp_that_they_have():
 @pytest.mark.parametrize('kind, axis, unit', OTHERS)
 @pytest.mark.parametrize('wrap', [stamped, lambda twist: twist])
 @pytest.mark.parametrize('sign', [-1.0, 1.0])
-def test_what_one_motor_cannot_do_is_refused_as_a_whole_above_what_a_stick_at_rest_sends(
+def test_what_is_not_followed_is_refused_as_a_whole_above_what_a_stick_at_rest_sends(
         kind, axis, unit, wrap, sign):
     twist = Twist()
     twist.linear.x = 0.4
@@ -39,6 +39,7 @@ def test_what_one_motor_cannot_do_is_refused_as_a_whole_above_what_a_stick_at_re
         speed_set_point(wrap(twist))
     assert refused.value.reason == 'other_axes'
     assert f'{kind}.{axis} is {sign * 0.02:g} {unit}' in str(refused.value)
+    assert ('steering' in str(refused.value)) == ((kind, axis) == ('angular', 'z'))
 
 
 @pytest.mark.parametrize('kind, axis', [('linear', 'x'), ('linear', 'y'), ('angular', 'z')])
