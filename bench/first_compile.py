@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Time the first compilation of all kernels, in processor time: others may use the machine, too.
+Time the first compilation of kernels, in processor time: others may use the machine, too.
 
-Each entry into compiled code is called once, in a process of its own with an empty cache.
+Each entry point is called once, in a process of its own with an empty cache; then all kernels are.
 """
 import os
 import subprocess
@@ -30,13 +30,39 @@ max_step_height(robot, 0.3, accuracy=1e-3, scan=2)
 try_step(robot, 0.3, 0.01)
 print(imported - before, time.process_time() - imported)
 """
+ENTRY = """
+import time
+before = time.process_time()
+{imports}
+imported = time.process_time()
+{call}
+print(imported - before, time.process_time() - imported)
+"""
+SCENE = 'from ballbot_ros.physics import load_scene'
+NODE = 'from ballbot_ros.demo.prepare import prepare'
+# Imports and call of each entry point.
+ENTRIES = {
+    'simulate': (SCENE, "load_scene('fig7_top').simulate(duration=0.01)"),
+    'simulate, rk4': (
+        f'{SCENE}, Solver\nfrom dataclasses import replace',
+        "scene = load_scene('fig7_top')\n"
+        "model = replace(scene.model, solver=Solver('rk4'))\n"
+        "replace(scene, model=model).simulate(duration=0.01)"),
+    'max_step_height': (
+        'from ballbot_ros import load_robot, max_step_height',
+        "max_step_height(load_robot('gimball'), 0.3, accuracy=1e-3, scan=2)"),
+    'node simulator': (NODE, "prepare(['simulator'])"),
+    'node controller': (NODE, "prepare(['controller'])"),
+    'node obstacle_decision': (NODE, "prepare(['decision'])"),
+    'node bridge': (NODE, "prepare(['bridge'])"),
+}
 
 
-def seconds():
-    """Return the processor time of imports, and of all compilations [s]."""
+def seconds(program=PROGRAM):
+    """Return the processor time of imports, and of the compilations of a program [s]."""
     with tempfile.TemporaryDirectory() as folder:
         done = subprocess.run(
-            [sys.executable, '-c', PROGRAM], check=True, capture_output=True, text=True,
+            [sys.executable, '-c', program], check=True, capture_output=True, text=True,
             env={**os.environ, 'XDG_CACHE_HOME': folder,
                  'PYTHONPATH': os.pathsep.join(path for path in sys.path if path)})
     return [float(value) for value in done.stdout.split()]
@@ -44,4 +70,7 @@ def seconds():
 
 def measure():
     """Yield name, unit, values and target of each measurement."""
+    for name, (imports, call) in ENTRIES.items():
+        yield (f'first compilation of {name}', 's',
+               [seconds(ENTRY.format(imports=imports, call=call))[1]], None)
     yield 'first compilation of all kernels', 's', [seconds()[1]], None
