@@ -21,8 +21,6 @@ RUN_UPS = (0.2, 0.35, 0.5, 0.75, 1.0, 1.4, 1.8, 2.4)
 ROOMS = (0.4, 0.65, 1.0, 1.5, 2.5)
 # A longer run-up must raise the probability by this to be a choice of its own.
 BETTER = 0.005
-# Steps down up to this height are planned; higher ones count as drops [m].
-HIGHEST_DESCENT = 0.05
 # Standard deviation of the place of a step when the ball crosses it, and of a level floor's slope.
 PLACE_SD, SLOPE_SD = 0.01, 0.003
 
@@ -117,8 +115,8 @@ class Capability:
         seen_to = last + room + self._radius
         points = ((-run_up - 4.0, 0.0), (seen_to, sum(height for _, height in steps)))
         profile = Profile(0.0, faces, points, seen_to=seen_to, slope=0.0, slope_sd=SLOPE_SD)
-        ahead = look_ahead(profile, faces, -run_up - self._radius, 0.0, SLOPE_SD, self._radius,
-                           0.0, HIGHEST_DESCENT)
+        ahead = look_ahead(
+            profile, faces, -run_up - self._radius, 0.0, SLOPE_SD, self._radius, 0.0)
         if not ahead.ends or ahead.ends[-1].faces < len(faces):
             return None
         start = (ahead.touch - run_up, 0.0, 0.0, 0.0)

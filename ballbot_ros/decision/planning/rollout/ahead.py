@@ -11,8 +11,9 @@ from ballbot_ros.decision.planning.terrain import GroundProfile
 from ballbot_ros.decision.values import Face, Profile
 from ballbot_ros.physics.model.terrain import Array
 
-# Down by less than this behind a face is the same floor [m].
-SMALLEST_DROP = 0.005
+# Down by less than this behind a face is the same floor.  Down by less than the second is planned
+# like other steps where the floor below is seen; by more it is a drop [m].
+SMALLEST_DROP, HIGHEST_DESCENT = 0.005, 0.05
 # Faces that are farther apart than this are taken one by one [m].
 TOGETHER = 1.0
 # Ground is drawn this far behind the ball, and this far behind the last that is known [m].
@@ -55,7 +56,7 @@ class Ahead:
     faces : tuple of Face
         At most `FACES`.
     ends : tuple of End
-        From near to far; none if the first face is a drop that is not made up for.
+        From near to far; none if the first face is a drop.
     deviations : (2, FACES) array
         Standard deviations of height and place of each face [m].
     slope, slope_sd : float
@@ -110,12 +111,13 @@ def look_ahead(profile: Profile, faces: Sequence[Face], position: float, slope: 
 
     """
     floor = GroundProfile(profile.points, slope)
+    seen = bool(profile.points)
     rows: List[Tuple[float, float, int, float, float]] = [
         (position - BEYOND, -BEYOND * math.tan(slope), -1, 0.0, 0.0)]
     here, level = position, 0.0
     ends: List[End] = []
     feet: List[int] = []
-    last = -math.inf
+    last, falls = -math.inf, False
     for index, face in enumerate(faces):
         foot = max(face.position, here)
         for x, rise in floor.bends(here, foot):
@@ -126,14 +128,15 @@ def look_ahead(profile: Profile, faces: Sequence[Face], position: float, slope: 
         level += face.height
         here = foot + max(face.run, 0.0)
         rows.append((here, level, index, 1.0, 1.0))
+        # Down again is fine as far as it went up before.
+        descent = HIGHEST_DESCENT - 2.0 * face.height_sd if seen else 0.0
+        falls = falls or -face.height > max(descent, climbed + SMALLEST_DROP)
         climbed += face.height
-        if index > 0 and foot - last > TOGETHER:
+        if falls or index > 0 and foot - last > TOGETHER:
             continue
         last = here
-        # Down again is fine as far as it went up before.
-        if climbed >= -SMALLEST_DROP:
-            ends.append(End(index + 1, len(rows) - 1, here))
-    known = bool(profile.points) and profile.seen_to > here + radius
+        ends.append(End(index + 1, len(rows) - 1, here))
+    known = seen and profile.seen_to > here + radius
     seen_to = profile.seen_to if known else here + unseen_room
     for x, rise in floor.bends(here, seen_to):
         rows.append((x, level + rise, len(faces) - 1, 1.0, 1.0))

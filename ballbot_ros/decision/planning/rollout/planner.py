@@ -10,7 +10,7 @@ import math
 from typing import List, Optional, Sequence
 
 from ballbot_ros.decision.planning.rollout.ahead import (
-    Ahead, faces_ahead, look_ahead, TOGETHER, touch_distance_on)
+    Ahead, faces_ahead, HIGHEST_DESCENT, look_ahead, TOGETHER, touch_distance_on)
 from ballbot_ros.decision.planning.rollout.candidates import Candidate, HELD
 from ballbot_ros.decision.planning.rollout.layout import TIGHT
 from ballbot_ros.decision.planning.rollout.plan_selector import (
@@ -138,8 +138,6 @@ CONTACT, LONGEST_CONTACT = 0.005, 3.0
 GAP = 0.03
 # A face within this distance of the ball counts as a slope [m].
 NEAR = 0.35
-# Drops up to this height are descended deliberately [m].
-SMALL = 0.05
 # Margin for announcing a stop, and distance kept from unobserved terrain [m].
 AT_EASE = 0.2
 # Reasons that further rollouts do not change.
@@ -191,11 +189,12 @@ class RolloutPlanner:
         deviation = profile.slope_sd if math.isfinite(profile.slope_sd) else SLOPE_SD
         ahead = look_ahead(profile, faces, motion.position, slope, deviation,
                            self._robot.ball_radius, self._tuning.unseen_room, climbed)
-        if not ahead.ends and -SMALL < faces[0].height \
+        if not ahead.ends and -HIGHEST_DESCENT < faces[0].height \
                 and self._braking_room(ahead, motion) < TOO_LATE:
             # To go down a small drop on purpose is better than to slide down it.
             ahead = look_ahead(profile, faces, motion.position, slope, deviation,
-                               self._robot.ball_radius, self._tuning.unseen_room, SMALL)
+                               self._robot.ball_radius, self._tuning.unseen_room,
+                               HIGHEST_DESCENT)
         return self._face(ahead, situation, previous)
 
     def _alone(self, situation: Situation, slope: float,
