@@ -20,12 +20,15 @@ def start(given):
     """Return the nodes; only a simulated robot makes its own time."""
     simulated = given['target'] == 'sim'
     nodes = simulation(given) if simulated else hardware(given)
+    real = None if simulated else load_hardware(given['hardware'])
     if given.flag('decision'):
+        # The bridge refuses set-points beyond its angle limit.
+        limits = {} if real is None else {'largest_swing': real.limits.angle_limit}
         nodes.append(given.node('obstacle_decision', {
             'use_sim_time': simulated, 'robot': given.robot(real=not simulated),
             'control_tuning': given['tuning'],
-            'terrain_frame': given['frame_prefix'] + 'base_link'}))
-    robot = given.robot(False) if simulated else load_hardware(given['hardware']).robot
+            'terrain_frame': given['frame_prefix'] + 'base_link', **limits}))
+    robot = given.robot(False) if real is None else real.robot
     return [*nodes, *given.viewers(robot, simulated)]
 
 

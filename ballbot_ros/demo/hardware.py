@@ -66,7 +66,8 @@ def run_hardware_demo(out: Path, protocol: str, firmware: str = '', serial_imu: 
         link = str((folder / 'motor').resolve())
         imu = str((folder / 'imu').resolve()) if serial_imu else ''
         bridge = {'hardware': hardware.name, 'port': link, 'tuning': TUNING}
-        decision = {'curve': CURVE, 'control_tuning': TUNING}
+        decision = {'curve': CURVE, 'control_tuning': TUNING,
+                    'largest_swing': hardware.limits.angle_limit}
         metadata = bag_metadata(BRIDGE, bridge, decision=decision)
         nodes = {
             'emulated_robot': {
