@@ -153,7 +153,9 @@ class RoutePlanner:
         at = (np.clip(((self._y - bottom) / floor.resolution).astype(int), 0, clear.shape[0] - 1),
               np.clip(((self._x - left) / floor.resolution).astype(int), 0, clear.shape[1] - 1))
         self._walls = clear[at] < self.ball_radius + CLEARANCE
-        self._near = []  # per feature: cells that the centre must not enter
+        # Per feature: distance that the centre keeps [m], and cells that it must not enter.
+        self._keep: List[float] = []
+        self._near: List[NDArray[np.bool_]] = []
         for feature in floor.features:
             keep = CLEARANCE
             if feature.kind in ('drop', 'stairs'):
@@ -165,6 +167,7 @@ class RoutePlanner:
                 near |= distance_to_segment(self._x, self._y, begin, end) < keep
             if feature.kind in ('keep_out', 'stairs'):
                 near |= inside(self._x, self._y, feature.polygon)
+            self._keep.append(keep)
             self._near.append(near)
         self._blocked = np.logical_or.reduce([self._walls, *self._near])
         self._graph, self._open = _grid_graph(self._blocked, size), _grid_graph(
@@ -194,12 +197,16 @@ class RoutePlanner:
             along = ((end[0] - begin[0]) / length, (end[1] - begin[1]) / length) if length else (
                 1.0, 0.0)
             left = (-along[1], along[0])
+            # The other edges of the feature end run-up and room as other features do.
+            elsewhere = self._near[number] & (distance_to_segment(
+                self._x, self._y, begin, end) >= self._keep[number] + self._size)
             for index in range(max(1, math.floor(length / SPACING))):
                 share = (index + 0.5) / max(1, math.floor(length / SPACING)) * length
                 middle = (begin[0] + share * along[0], begin[1] + share * along[1])
                 for sign in (1, -1):
                     found += self._crossings_at(number, feature, middle,
-                                                (sign * left[0], sign * left[1]), sign, others)
+                                                (sign * left[0], sign * left[1]), sign,
+                                                others | elsewhere)
         return found
 
     def _crossings_at(self, number: int, feature: Feature, middle: Point, way: Point, sign: int,

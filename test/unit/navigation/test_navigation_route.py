@@ -86,6 +86,27 @@ def test_a_route_back_descends_the_steps(flat):
     assert names[:2] == ['bathroom step', 'bedroom step']
 
 
+@pytest.mark.parametrize('width', [0.2, 0.3])
+def test_a_strip_without_room_between_its_edges_is_not_crossed_as_one_step(width, tmp_path):
+    planner = planner_of(tmp_path, [
+        '{kind: carpet, height: 0.03, '
+        f'polygon: [[2.0, 0.0], [{2 + width}, 0.0], [{2 + width}, 4.0], [2.0, 4.0]]}}'])
+    with pytest.raises(RefusedError) as caught:
+        planner.route((0.8, 2.0), (3.3, 2.0))
+    assert caught.value.reason == 'no_route'
+
+
+@pytest.mark.parametrize('joints', [1, 8])
+def test_joints_of_a_straight_step_do_not_change_the_route(joints, tmp_path):
+    def time(points):
+        planner = planner_of(tmp_path, [f'{{kind: step, line: {points}, height: 0.02}}'])
+        return planner.route((0.8, 2.0), (3.3, 2.0)).time
+    straight = time([[2.0, 4.0], [2.0, 0.0]])
+    jointed = time([[2.0, 4.0 - 4.0 * index / (joints + 1)] for index in range(joints + 2)])
+    # Places of crossings lie 0.2 m apart, and shift with the joints.
+    assert jointed == pytest.approx(straight, abs=0.2 / TUNING.cruise_speed)
+
+
 @settings(max_examples=25, deadline=None)
 @given(strategies.tuples(*[strategies.floats(0.3, 8.7), strategies.floats(0.3, 6.7)] * 2))
 def test_no_route_comes_near_stairs_or_through_walls(flat, ends):
