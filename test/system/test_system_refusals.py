@@ -155,21 +155,28 @@ def test_bad_observations_stop_the_robot_with_their_reason(graph, planner, good_
                        f'what is at {stamp} s is decided')
         return decisions[-1].decision, decisions[-1].reason, points[-1].position[0]
 
+    def approve():
+        """Ask until a search for plans has ended, which takes several decisions."""
+        answers = []
+        while good not in answers:
+            answers.append(ask({})[:2])
+            assert len(answers) < 100, answers[-1]
+
     graph.wait(lambda: graph.node.count_publishers('step_decision')
                and graph.node.count_publishers('set_point'), 'the decision publishes')
     good = StepDecision.DECISION_CROSS, good_reason
-    assert ask({})[:2] == good
+    approve()
     for name, (change, reason) in BAD.items():
         for _ in range(3):  # one or two rejected observations count as lost
             decision, why, angle = ask(change)
         assert (decision, why) == (StepDecision.DECISION_STOP, reason), name
         assert angle < 0.0, name  # it brakes
         assert decisions[-1].speed == 0.0 and decisions[-1].explanation
-        assert ask({})[:2] == good, name
+        approve()
     assert ask({}, speed=NAN) == (
         StepDecision.DECISION_STOP, StepDecision.REASON_BAD_OBSERVATION, 0.0)
     assert ask({}, x=INF)[:2] == (StepDecision.DECISION_STOP, StepDecision.REASON_BAD_OBSERVATION)
-    assert ask({})[:2] == good
+    approve()
     # Odometry goes on, and observations do not.
     assert ask()[:2] == (StepDecision.DECISION_STOP, StepDecision.REASON_STALE)
     graph.wait_for_health('obstacle_decision', diagnostics.WARN)

@@ -98,8 +98,11 @@ def test_decision_that_dies_on_the_way_is_replaced_and_nothing_is_guessed(graph,
     graph.trigger('resume')
     graph.wait(lambda: at_rest(states), 'the ball has come to rest')
 
-    first = [decision for decision in decisions if 0.0 < decision.height < 0.05]
-    second = [decision for decision in decisions if decision.height > 0.05]
+    # While a search for plans goes on, the ball may stand or roll on.
+    found = [decision for decision in decisions
+             if decision.reason != StepDecision.REASON_NOT_LIKELY]
+    first = [decision for decision in found if 0.0 < decision.height < 0.05]
+    second = [decision for decision in found if decision.height > 0.05]
     assert first and all(decision.explanation for decision in decisions)
     for decision in first:
         if decision.reason == StepDecision.REASON_LIKELY:

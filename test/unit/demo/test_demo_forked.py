@@ -23,7 +23,7 @@ def test_the_exit_code_of_the_work_is_that_of_the_process():
 def test_what_does_not_end_in_time_runs_on_until_a_signal():
     process = Forked(lambda: time.sleep(TIMEOUT) or 0)
     with pytest.raises(subprocess.TimeoutExpired):
-        process.wait(0.05)
+        process.wait(1.0)
     assert process.poll() is None
     process.send_signal(signal.SIGTERM)
     assert process.wait(TIMEOUT) == -signal.SIGTERM
