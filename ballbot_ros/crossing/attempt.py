@@ -19,9 +19,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ballbot_ros.jit import compiled, unlocked
-from ballbot_ros.physics.mechanics.contact import spring_energy
+from ballbot_ros.physics.mechanics.contact import IntArray, spring_energy
 from ballbot_ros.physics.mechanics.equations import kinetic_energy, potential_energy
-from ballbot_ros.physics.mechanics.modes import IntArray
 from ballbot_ros.physics.model.parameters import FREE, Parameters, System
 from ballbot_ros.physics.model.state import (
     BALL_RATE, PENDULUM_ANGLE, SIZE, VELOCITY_X, VELOCITY_Y, X, Y)

@@ -15,7 +15,7 @@ from ballbot_ros.crossing.attempt import attempt, Course, Crossing, OVER, VERTIC
 from ballbot_ros.crossing.rules import Rules, Site
 from ballbot_ros.crossing.search import find
 from ballbot_ros.jit import compiled, direct, row_reader, unlocked
-from ballbot_ros.physics.mechanics.modes import IntArray
+from ballbot_ros.physics.mechanics.contact import IntArray
 from ballbot_ros.physics.model.actuation import Actuation
 from ballbot_ros.physics.model.contact_options import ContactOptions
 from ballbot_ros.physics.model.parameters import Parameters, read_actuator, read_parameters, System

@@ -21,16 +21,29 @@ force of each contact is in `contact_law`.
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ballbot_ros.jit import compiled, inlined
 from ballbot_ros.physics.mechanics.contact_law import (
-    COLUMNS, contact_load, CORNER, EDGE, force_and_slip, FRICTION, KIND, NORMAL_X, NORMAL_Y,
-    PENETRATION, POINT_X, POINT_Y, pressed_sign, pressing_and_slipping, sliding_sign, slip_lever,
-    stored_energy, SURFACE)
+    COLUMNS, CORNER, EDGE, FEATURE, FRICTION, KIND, normal_and_friction, NORMAL_X, NORMAL_Y,
+    PENETRATION, POINT_X, POINT_Y, PRESSED, pressed_sign, pressing_and_slipping, SLIDING,
+    sliding_sign, slip_lever, stored_energy, SURFACE)
 from ballbot_ros.physics.model.parameters import Parameters
 from ballbot_ros.physics.model.state import BALL_RATE, VELOCITY_X, VELOCITY_Y, X, Y
 from ballbot_ros.physics.model.terrain import (
     Array, EDGE_FRICTION, SURFACE_FRICTION, TANGENT_X, TANGENT_Y, TURN, VERTEX_X, VERTEX_Y)
+
+IntArray = NDArray[np.int64]
+Loads = tuple[float, float, float, float, float]  # see `loads_of`
+Accelerations = tuple[float, float, float, float]  # of ball, pendulum, x and y
+# What forces of the ground add: a newton along x and y to the pendulum (two), along x to x, along
+# x to y and along y to x, along y to y; a newton metre to the ball.
+Compliance = tuple[float, float, float, float, float, float]
+Response = tuple[Accelerations, Compliance]
+SUMMED: Response = (0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 1.0, 0.0, 1.0, 1.0)
+ContactSum = tuple[float, float, float, float, float, float]  # see `contact_sum`
+OWN, FROZEN, QUICK = range(3)  # forms of a `contact_sum`
+NO_SIGNS: IntArray = np.zeros((0, 3), dtype=np.int64)
 
 
 def contact_table(vertices: int) -> Array:
@@ -58,6 +71,62 @@ def ground_height(ground: Array, x: float) -> float:
     slope = ground[segment, TANGENT_Y] / ground[segment, TANGENT_X]
     height: float = ground[segment, VERTEX_Y] + slope * (x - ground[segment, VERTEX_X])
     return height
+
+
+@compiled
+def line_distance(segment: int, x: float, y: float, ground: Array) -> float:
+    """
+    Return the distance of a point above the line of a segment [m].
+
+    All on the segment, with its ends, is at least that far away.
+    """
+    return ((y - ground[segment, VERTEX_Y]) * ground[segment, TANGENT_X]
+            - (x - ground[segment, VERTEX_X]) * ground[segment, TANGENT_Y])
+
+
+@compiled
+def feature_guard(feature: int, x: float, y: float, radius: float, ground: Array) -> float:
+    """
+    Return by how much the ball touches a feature, negative if it does not [m].
+
+    It touches a segment that holds the foot of the perpendicular, a vertex in whose cone the
+    centre is, and both only nearer than the radius: the least of three distances.
+    """
+    segment = feature // 2
+    last = len(ground) - 2
+    end_x, end_y = x - ground[segment + 1, VERTEX_X], y - ground[segment + 1, VERTEX_Y]
+    tangent_x, tangent_y = ground[segment, TANGENT_X], ground[segment, TANGENT_Y]
+    after_end = end_x * tangent_x + end_y * tangent_y
+    if feature % 2 == 1:
+        next_after = (end_x * ground[segment + 1, TANGENT_X]
+                      + end_y * ground[segment + 1, TANGENT_Y])
+        depth = radius - math.sqrt(end_x * end_x + end_y * end_y)
+        if ground[segment + 1, TURN] > 0.0:
+            return min(depth, -after_end, next_after)
+        return min(depth, after_end, -next_after)
+    start_x, start_y = x - ground[segment, VERTEX_X], y - ground[segment, VERTEX_Y]
+    distance = start_y * tangent_x - start_x * tangent_y
+    guard = min(radius - distance, distance)
+    if segment > 0:
+        guard = min(guard, start_x * tangent_x + start_y * tangent_y)
+    if segment < last:
+        guard = min(guard, -after_end)
+    return guard
+
+
+@compiled
+def touches(feature: int, guard: float, ground: Array) -> bool:
+    """Return whether a guard means contact; a convex vertex includes the rim of its cone."""
+    rim = feature % 2 == 1 and ground[feature // 2 + 1, TURN] <= 0.0
+    return guard > 0.0 or (rim and guard == 0.0)
+
+
+@compiled
+def features_within(x: float, reach: float, ground: Array) -> tuple[int, int]:
+    """Return the first feature within `reach` of x, and the one after the last."""
+    first = 2 * first_segment(ground, x - reach)
+    # The last segment is infinite and has no vertex at its end.
+    return first, min(2 * first_segment(ground, x + reach) + 2, 2 * len(ground) - 3)
 
 
 @compiled
@@ -170,79 +239,115 @@ def find_contacts(x: float, y: float, radius: float, ground: Array, contacts: Ar
         See `contact_table`; rows are overwritten, from left to right.
 
     """
-    last = len(ground) - 2
     count = corners = 0
-    for segment in range(first_segment(ground, x - radius), last + 1):
-        start_x, start_y = ground[segment, VERTEX_X], ground[segment, VERTEX_Y]
-        if start_x > x + radius and segment > 0:
-            break
-        tangent_x, tangent_y = ground[segment, TANGENT_X], ground[segment, TANGENT_Y]
-        end_x, end_y = x - ground[segment + 1, VERTEX_X], y - ground[segment + 1, VERTEX_Y]
-        # How far the foot of the perpendicular lies behind either end of the segment.
-        after_start = (x - start_x) * tangent_x + (y - start_y) * tangent_y
-        after_end = end_x * tangent_x + end_y * tangent_y
-        if (segment == 0 or after_start > 0.0) and (segment == last or after_end < 0.0):
-            distance = (y - start_y) * tangent_x - (x - start_x) * tangent_y
-            if 0.0 < distance < radius:
-                write_contact(contacts, count, 2 * segment, x, y, radius, ground)
-                count += 1
-        if segment == last:
-            break
-        next_after = (end_x * ground[segment + 1, TANGENT_X]
-                      + end_y * ground[segment + 1, TANGENT_Y])
-        concave = ground[segment + 1, TURN] > 0.0
-        nearest = not concave and after_end >= 0.0 and next_after <= 0.0
-        farthest = concave and after_end < 0.0 and next_after > 0.0
-        if nearest or farthest:
-            if 0.0 < math.sqrt(end_x * end_x + end_y * end_y) < radius:
-                write_contact(contacts, count, 2 * segment + 1, x, y, radius, ground)
-                count += 1
-                corners += 0 if nearest else 1
+    first, behind = features_within(x, radius, ground)
+    for feature in range(first, behind):
+        if touches(feature, feature_guard(feature, x, y, radius, ground), ground):
+            write_contact(contacts, count, feature, x, y, radius, ground)
+            count += 1
+            corners += int(feature & 1 == 1 and ground[(feature >> 1) + 1, TURN] > 0.0)
     if corners > 0:
         share_friction(contacts, count)
     return count
 
 
 @inlined
-def sum_of_loads(state: Array, parameters: Parameters, contacts: Array,
-                 count: int) -> tuple[float, float, float, float, float]:
+def contact_sum(motion: Array, parameters: Parameters, ground: Array, contacts: Array,
+                signs: IntArray, count: int, form: int, response: Response) -> ContactSum:
     """
-    Return what all contacts together do to the ball.
+    Return what all contacts together do to the ball: eqs. (7) to (10), summed.
 
     Parameters
     ----------
-    contacts, count
-        See `find_contacts`.
+    motion : (8,) array, or longer
+    parameters : Parameters
+    ground : (n, 7) array
+        See `Terrain.profile`.
+    contacts : (2 n, 7) array
+        The table of the contacts.
+    signs : (m, 3) array
+        Their features and pieces of the law, see `modes`.
+    count : int
+    form : int
+        OWN: contacts from the table, pieces of the law from the motion.  FROZEN: contacts from
+        the table, pieces from the signs.  QUICK: features and pieces from the signs, without the
+        table; there must be no CORNER then.
+    response : tuple
+        What the contacts add to, and how: see `equations.unforced`.  With `SUMMED` they add up to
+        force and torque.
 
     Returns
     -------
-    force_x, force_y : float
-        [N]
-    torque : float
-        About the centre, counter-clockwise [N m]; eq. (10).
+    turn, swing, along_x, along_y : float
+        Accelerations, or the sums of torque, nothing, and force.
     contact_loss, friction_loss : float
         Power that dampers and friction take out [W].
 
     """
-    force_x = force_y = torque = contact_loss = friction_loss = 0.0
+    (turn, swing, along_x, along_y), (sway_x, sway_y, own_x, cross, own_y, per_inertia) = response
+    contact_loss = friction_loss = 0.0
+    velocity_x, velocity_y, spin = motion[VELOCITY_X], motion[VELOCITY_Y], motion[BALL_RATE]
     for row in range(count):
-        force, slip, _ = force_and_slip(state, parameters, contacts, row)
-        load = contact_load(state, pressed_sign(force, parameters),
-                            sliding_sign(slip, parameters), parameters, contacts, row)
-        force_x += load[0]
-        force_y += load[1]
-        torque += load[2]
-        contact_loss += load[3]
-        friction_loss -= load[4]
+        sign = 1.0  # the normal force of a CORNER counts negatively
+        if form != QUICK:
+            normal_x, normal_y = contacts[row, NORMAL_X], contacts[row, NORMAL_Y]
+            penetration, friction = contacts[row, PENETRATION], contacts[row, FRICTION]
+            distance = parameters.radius - penetration
+            if contacts[row, KIND] == CORNER:
+                sign = -1.0
+        else:
+            normal_x, normal_y, distance, friction = meeting(
+                signs[row, FEATURE], motion[X], motion[Y], ground)
+            penetration = parameters.radius - distance
+        force, slip, away, along = pressing_and_slipping(
+            normal_x, normal_y, penetration, slip_lever(distance, parameters), velocity_x,
+            velocity_y, spin, parameters)
+        if form != OWN:
+            pressed, sliding = signs[row, PRESSED], signs[row, SLIDING]
+        else:
+            pressed, sliding = pressed_sign(force, parameters), sliding_sign(slip, parameters)
+        pressing, rubbing = normal_and_friction(
+            force, slip, pressed, sliding, parameters, friction)
+        # The spring takes -k pen v_n; what the normal force takes beyond that is lost.
+        contact_loss += sign * (parameters.stiffness * penetration - pressing) * away
+        friction_loss -= rubbing * (along + distance * spin)
+        pressing *= sign
+        # Friction, along the tangent (normal_y, -normal_x), is known last.
+        swing += pressing * (sway_x * normal_x + sway_y * normal_y)
+        along_x += pressing * (own_x * normal_x + cross * normal_y)
+        along_y += pressing * (cross * normal_x + own_y * normal_y)
+        turn += rubbing * (per_inertia * distance)
+        swing += rubbing * (sway_x * normal_y - sway_y * normal_x)
+        along_x += rubbing * (own_x * normal_y - cross * normal_x)
+        along_y += rubbing * (cross * normal_y - own_y * normal_x)
+    return turn, swing, along_x, along_y, contact_loss, friction_loss
+
+
+@inlined
+def loads_of(motion: Array, parameters: Parameters, ground: Array, contacts: Array,
+             signs: IntArray, count: int, form: int) -> Loads:
+    """
+    Return force_x, force_y [N], torque about the centre [N m], and the losses of `contact_sum`.
+
+    The torque is counter-clockwise, eq. (10).
+    """
+    torque, _, force_x, force_y, contact_loss, friction_loss = contact_sum(
+        motion, parameters, ground, contacts, signs, count, form, SUMMED)
     return force_x, force_y, torque, contact_loss, friction_loss
 
 
 @inlined
-def contact_loads(state: Array, parameters: Parameters, ground: Array,
-                  contacts: Array) -> tuple[float, float, float, float, float]:
-    """Find all contacts of a state, and return their `sum_of_loads`."""
-    count = find_contacts(state[X], state[Y], parameters.radius, ground, contacts)
-    return sum_of_loads(state, parameters, contacts, count)
+def found_loads(motion: Array, parameters: Parameters, ground: Array, contacts: Array,
+                count: int) -> Loads:
+    """Return the `loads_of` contacts that `find_contacts` has found."""
+    return loads_of(motion, parameters, ground, contacts, NO_SIGNS, count, OWN)
+
+
+@inlined
+def contact_loads(motion: Array, parameters: Parameters, ground: Array, contacts: Array) -> Loads:
+    """Find all contacts of a motion, and return the `loads_of` them."""
+    count = find_contacts(motion[X], motion[Y], parameters.radius, ground, contacts)
+    return found_loads(motion, parameters, ground, contacts, count)
 
 
 @compiled

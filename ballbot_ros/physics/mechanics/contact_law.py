@@ -33,6 +33,9 @@ CORNER = 3
 KIND, POINT_X, POINT_Y, NORMAL_X, NORMAL_Y, PENETRATION, FRICTION = range(7)
 COLUMNS = 7
 
+# Columns of the pieces that are in force, a row per contact from left to right; see `modes`.
+FEATURE, PRESSED, SLIDING = range(3)
+
 
 @compiled
 def slip_lever(distance: float, parameters: Parameters) -> float:
@@ -177,37 +180,6 @@ def normal_and_friction(force: float, slip: float, pressed: int, sliding: int,
     """
     normal = 0.0 if pressed == 0 else force
     return normal, -normal * pressed * friction * friction_scale(slip, sliding, parameters)
-
-
-@compiled
-def contact_load(state: Array, pressed: int, sliding: int, parameters: Parameters,
-                 contacts: Array, row: int) -> tuple[float, float, float, float, float]:
-    """
-    Return what one contact does to the ball; the normal force of a CORNER counts negatively.
-
-    Returns
-    -------
-    force_x, force_y : float
-        [N]
-    torque : float
-        About the centre, counter-clockwise [N m]; eq. (10).
-    contact_loss, friction_power : float
-        Power that the damper takes out, and that friction puts in [W].
-
-    """
-    normal_x, normal_y = contacts[row, NORMAL_X], contacts[row, NORMAL_Y]
-    distance = parameters.radius - contacts[row, PENETRATION]
-    force, slip, normal_velocity = force_and_slip(state, parameters, contacts, row)
-    # The spring takes -k pen v_n; what the normal force takes beyond that is lost.
-    spring = parameters.stiffness * contacts[row, PENETRATION]
-    normal, friction = normal_and_friction(
-        force, slip, pressed, sliding, parameters, contacts[row, FRICTION])
-    if contacts[row, KIND] == CORNER:
-        normal, spring = -normal, -spring
-    return (normal * normal_x + friction * normal_y, normal * normal_y - friction * normal_x,
-            friction * distance, (spring - normal) * normal_velocity,
-            friction * (state[VELOCITY_X] * normal_y - state[VELOCITY_Y] * normal_x
-                        + distance * state[BALL_RATE]))
 
 
 @compiled

@@ -28,9 +28,11 @@ line is left out.
 import math
 
 from ballbot_ros.jit import compiled, inlined
-from ballbot_ros.physics.mechanics.contact import contact_loads
+from ballbot_ros.physics.mechanics.contact import (
+    Accelerations, Compliance, contact_loads, Loads, Response)
 from ballbot_ros.physics.mechanics.laws import (
     limited, motor_torque, position_feedback, velocity_feedback)
+from ballbot_ros.physics.mechanics.turned import Direction
 from ballbot_ros.physics.model.parameters import (
     Actuator, Parameters, POSITION, System, TORQUE, VELOCITY, VOLTAGE)
 from ballbot_ros.physics.model.state import (
@@ -38,8 +40,6 @@ from ballbot_ros.physics.model.state import (
     PENDULUM_RATE, ROLLING_LOSS, VELOCITY_X, VELOCITY_Y, X, Y)
 from ballbot_ros.physics.model.terrain import Array
 
-# What the ground does to the ball, see `contact.contact_loads`.
-Loads = tuple[float, float, float, float, float]
 
 
 @compiled
@@ -94,56 +94,90 @@ def actuator_torque(time: float, state: Array, actuator: Actuator) -> float:
     return limited(unsaturated_torque(time, state, actuator), actuator.limit)
 
 
+@compiled
+def unforced(motion: Array, hanging: Direction, motor: float, parameters: Parameters
+             ) -> Response:
+    """
+    Return the accelerations without the ground, and what its forces add; eq. (13).
+
+    Parameters
+    ----------
+    motion : (8,) array, or longer
+        Its positions are not used.
+    hanging : tuple
+        Sine and cosine of the pendulum angle.
+    motor : float
+        Torque tau2 of the pendulum motor [N m].
+    parameters : Parameters
+
+    """
+    sine, cosine = hanging
+    per_mass = 1.0 / parameters.mass  # a division in each call would take as long as all else
+    per_inertia = 1.0 / parameters.ball_inertia
+    spin = motion[BALL_RATE]
+    rolling = parameters.rolling_friction * spin
+    if parameters.swing_inertia <= 0.0:
+        return ((-per_inertia * rolling, 0.0, 0.0, -parameters.gravity),
+                (0.0, 0.0, per_mass, 0.0, per_mass, per_inertia))
+    rate = motion[PENDULUM_RATE]
+    joint = motor - parameters.joint_friction * (rate - spin)
+    per_swing = 1.0 / parameters.swing_inertia
+    arm = parameters.pendulum_moment * per_mass
+    share, away, own = arm * per_swing, arm * rate * rate, per_swing * joint
+    sway_x, sway_y = share * cosine, share * sine
+    arm_x, arm_y = arm * cosine, arm * sine
+    return ((-per_inertia * (rolling + joint), own, away * sine - arm_x * own,
+             -parameters.gravity - away * cosine - arm_y * own),
+            (-sway_x, -sway_y, per_mass + arm_x * sway_x, arm_x * sway_y,
+             per_mass + arm_y * sway_y, per_inertia))
+
+
+@compiled
+def forced(free: Accelerations, compliance: Compliance, force_x: float, force_y: float,
+           torque: float) -> Accelerations:
+    """Return the accelerations under force [N] and torque [N m] of the ground; see `unforced`."""
+    turn, swing, along_x, along_y = free
+    sway_x, sway_y, own_x, cross, own_y, per_inertia = compliance
+    return (turn + per_inertia * torque, swing + sway_x * force_x + sway_y * force_y,
+            along_x + own_x * force_x + cross * force_y,
+            along_y + cross * force_x + own_y * force_y)
+
+
+@compiled
+def write_motion(motion: Array, found: Accelerations, parameters: Parameters,
+                 rates: Array) -> None:
+    """Write velocities and accelerations of a motion."""
+    rates[BALL_ANGLE] = motion[BALL_RATE]
+    rates[PENDULUM_ANGLE] = motion[PENDULUM_RATE] if parameters.swing_inertia > 0.0 else 0.0
+    rates[X], rates[Y] = motion[VELOCITY_X], motion[VELOCITY_Y]
+    rates[BALL_RATE], rates[PENDULUM_RATE], rates[VELOCITY_X], rates[VELOCITY_Y] = found
+
+
 @inlined
 def write_rates(state: Array, parameters: Parameters, loads: Loads, motor: float,
                 rates: Array) -> None:
     """
-    Write the time derivative of `state` under given loads into `rates`; eq. (13).
+    Write the time derivative of `state` under given loads, with the flows of energy.
 
     Parameters
     ----------
     state, rates : (13,) arrays
     parameters : Parameters
     loads : tuple
-        What the ground does to the ball, see `contact.contact_loads`.
+        What the ground does to the ball, see `contact.loads_of`.
     motor : float
         Torque tau2 of the pendulum motor [N m].
 
     """
-    ball_rate = state[BALL_RATE]
     force_x, force_y, torque, contact_loss, friction_loss = loads
-    rolling_torque = parameters.rolling_friction * ball_rate
-
-    rates[BALL_ANGLE] = ball_rate
-    rates[X] = state[VELOCITY_X]
-    rates[Y] = state[VELOCITY_Y]
-    rates[CONTACT_LOSS] = contact_loss
-    rates[FRICTION_LOSS] = friction_loss
-    rates[ROLLING_LOSS] = rolling_torque * ball_rate
-
-    if parameters.swing_inertia > 0.0:
-        angle, rate = state[PENDULUM_ANGLE], state[PENDULUM_RATE]
-        sine, cosine = math.sin(angle), math.cos(angle)
-        joint_rate = rate - ball_rate
-        friction = parameters.joint_friction * joint_rate
-        moment = parameters.pendulum_moment
-        swing = (motor - friction - moment / parameters.mass * (force_x * cosine + force_y * sine)
-                 ) / parameters.swing_inertia
-        rates[PENDULUM_ANGLE] = rate
-        rates[PENDULUM_RATE] = swing
-        rates[JOINT_LOSS] = friction * joint_rate
-        rates[MOTOR_WORK] = motor * joint_rate
-        torque += friction - motor
-        force_x -= moment * (cosine * swing - sine * rate * rate)
-        force_y -= moment * (sine * swing + cosine * rate * rate)
-    else:
-        rates[PENDULUM_ANGLE] = 0.0
-        rates[PENDULUM_RATE] = 0.0
-        rates[JOINT_LOSS] = 0.0
-        rates[MOTOR_WORK] = 0.0
-    rates[BALL_RATE] = (torque - rolling_torque) / parameters.ball_inertia
-    rates[VELOCITY_X] = force_x / parameters.mass
-    rates[VELOCITY_Y] = force_y / parameters.mass - parameters.gravity
+    angle, spin = state[PENDULUM_ANGLE], state[BALL_RATE]
+    free, compliance = unforced(state, (math.sin(angle), math.cos(angle)), motor, parameters)
+    write_motion(state, forced(free, compliance, force_x, force_y, torque), parameters, rates)
+    joint_rate = state[PENDULUM_RATE] - spin if parameters.swing_inertia > 0.0 else 0.0
+    rates[CONTACT_LOSS], rates[FRICTION_LOSS] = contact_loss, friction_loss
+    rates[ROLLING_LOSS] = parameters.rolling_friction * spin * spin
+    rates[JOINT_LOSS] = parameters.joint_friction * joint_rate * joint_rate
+    rates[MOTOR_WORK] = motor * joint_rate
 
 
 @compiled

@@ -22,11 +22,11 @@ import numpy as np
 from ballbot_ros.jit import compiled
 from ballbot_ros.physics.mechanics.contact import meeting
 from ballbot_ros.physics.mechanics.contact_law import (
-    CORNER, FRICTION, friction_scale, friction_slope, KIND, normal_and_friction,
-    normal_law, pressing_and_slipping, slip_lever)
-from ballbot_ros.physics.mechanics.equations import torque_asked, torque_slopes
+    CORNER, FEATURE, FRICTION, friction_scale, friction_slope, KIND, normal_and_friction,
+    normal_law, PRESSED, pressing_and_slipping, SLIDING, slip_lever)
+from ballbot_ros.physics.mechanics.equations import torque_slopes
 from ballbot_ros.physics.mechanics.modes import (
-    contact_count, ContactMode, FEATURE, MOTOR, PRESSED, SLIDING, smooth_contacts)
+    contact_count, ContactMode, mode_torque, MOTOR, smooth_contacts)
 from ballbot_ros.physics.mechanics.turned import Direction
 from ballbot_ros.physics.model.parameters import System
 from ballbot_ros.physics.model.state import (
@@ -160,23 +160,20 @@ def write_jacobian(time: float, state: Array, hanging: Direction, system: System
     out[ALONG_X, BALL_RATE] = per_mass * out[LOADS, 4]
     out[ALONG_Y, BALL_RATE] = per_mass * out[LOADS + 1, 4]
     if parameters.swing_inertia > 0.0:
-        saturated = mode.signs[len(mode.signs) - 1, MOTOR]
-        add_pendulum(time, state, hanging, saturated, system, (force_x, force_y), out)
+        add_pendulum(time, state, hanging, system, mode, (force_x, force_y), out)
     return force_x, force_y, torque
 
 
 @compiled
-def add_pendulum(time: float, state: Array, hanging: Direction, saturated: int, system: System,
-                 force: tuple[float, float], out: Array) -> None:
+def add_pendulum(time: float, state: Array, hanging: Direction, system: System,
+                 mode: ContactMode, force: tuple[float, float], out: Array) -> None:
     """Add to the derivative what the pendulum and its motor do, and how they feel the loads."""
     (force_x, force_y), actuator, parameters = force, system.actuator, system.parameters
     (sine, cosine), rate = hanging, state[PENDULUM_RATE]
     # Slopes of the torque with ball and pendulum angle, ball and pendulum rate, and time.
     by_ball = by_angle = by_spin = by_rate = by_time = 0.0
-    if saturated != 0:
-        motor = saturated * actuator.limit
-    else:
-        motor = torque_asked(time, state, sine, actuator)
+    motor = mode_torque(time, state, sine, system, mode)
+    if mode.signs[len(mode.signs) - 1, MOTOR] == 0:
         by_ball, by_angle, by_spin, by_rate, by_time = torque_slopes(actuator)
         by_angle += actuator.gravity_torque * cosine
     damping, per_inertia = parameters.joint_friction, 1.0 / parameters.swing_inertia

@@ -17,7 +17,7 @@ import math
 
 from ballbot_ros.jit import compiled, outlined
 from ballbot_ros.physics.mechanics.contact import away_from, first_segment
-from ballbot_ros.physics.mechanics.holding import mode_holds
+from ballbot_ros.physics.mechanics.guards import mode_holds
 from ballbot_ros.physics.model.parameters import System
 from ballbot_ros.physics.model.state import VELOCITY_X, VELOCITY_Y, X, Y
 from ballbot_ros.physics.model.terrain import Array, VERTEX_X

@@ -3,10 +3,11 @@
 import numpy as np
 
 from ballbot_ros.jit import compiled
-from ballbot_ros.physics.mechanics.holding import mode_holds
-from ballbot_ros.physics.mechanics.modes import (
-    contact_count, ContactMode, guard_of, in_contact, OF_FEATURE, OF_FORCE, PRESSED, touches,
-    violated_guards)
+from ballbot_ros.physics.mechanics.contact import touches
+from ballbot_ros.physics.mechanics.contact_law import PRESSED
+from ballbot_ros.physics.mechanics.guards import (
+    guard_of, in_contact, mode_holds, OF_FEATURE, OF_FORCE, violated_guards)
+from ballbot_ros.physics.mechanics.modes import contact_count, ContactMode
 from ballbot_ros.physics.model.parameters import System
 from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.solvers import rows

@@ -14,10 +14,10 @@ form, the ball flies to its next touch in one step without error (`touch_down`).
 import math
 
 from ballbot_ros.jit import compiled, outlined
-from ballbot_ros.physics.mechanics.contact import ground_height
+from ballbot_ros.physics.mechanics.contact import features_within, ground_height
 from ballbot_ros.physics.mechanics.equations import is_finite
-from ballbot_ros.physics.mechanics.modes import (
-    contact_count, ContactMode, features_within, find_mode, smooth_contacts)
+from ballbot_ros.physics.mechanics.guards import find_mode
+from ballbot_ros.physics.mechanics.modes import contact_count, ContactMode, smooth_contacts
 from ballbot_ros.physics.model.parameters import Parameters, System
 from ballbot_ros.physics.model.state import X, Y
 from ballbot_ros.physics.model.terrain import Array

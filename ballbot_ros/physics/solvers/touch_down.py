@@ -4,7 +4,8 @@ import math
 
 from ballbot_ros.jit import compiled, outlined
 from ballbot_ros.physics.mechanics.contact import spring_energy
-from ballbot_ros.physics.mechanics.modes import contact_count, ContactMode, PRESSED
+from ballbot_ros.physics.mechanics.contact_law import PRESSED
+from ballbot_ros.physics.mechanics.modes import contact_count, ContactMode
 from ballbot_ros.physics.model.parameters import Parameters, System
 from ballbot_ros.physics.model.state import CONTACT_LOSS, PENDULUM_RATE, SIZE
 from ballbot_ros.physics.model.terrain import Array

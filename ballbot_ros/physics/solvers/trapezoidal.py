@@ -15,8 +15,8 @@ import math
 from ballbot_ros.jit import compiled, outlined
 from ballbot_ros.physics.mechanics.contact import ground_height
 from ballbot_ros.physics.mechanics.equations import derivative, is_finite
+from ballbot_ros.physics.mechanics.guards import find_mode
 from ballbot_ros.physics.mechanics.jacobian import write_jacobian
-from ballbot_ros.physics.mechanics.modes import find_mode
 from ballbot_ros.physics.mechanics.turned import turned_by
 from ballbot_ros.physics.model.parameters import Parameters, System
 from ballbot_ros.physics.model.state import PENDULUM_ANGLE, SIZE, X, Y

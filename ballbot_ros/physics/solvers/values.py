@@ -5,8 +5,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ballbot_ros.jit import compiled, in_python, packer, unpacker
+from ballbot_ros.physics.mechanics.contact import IntArray
 from ballbot_ros.physics.mechanics.jacobian import jacobian_table
-from ballbot_ros.physics.mechanics.modes import ContactMode, IntArray
+from ballbot_ros.physics.mechanics.modes import ContactMode
 from ballbot_ros.physics.model.parameters import System
 from ballbot_ros.physics.model.state import SIZE
 from ballbot_ros.physics.model.terrain import Array

@@ -16,9 +16,10 @@ import math
 
 from ballbot_ros.jit import compiled
 from ballbot_ros.physics.mechanics.contact import away_from, meeting
+from ballbot_ros.physics.mechanics.contact_law import FEATURE, PRESSED, SLIDING
 from ballbot_ros.physics.mechanics.equations import torque_slopes, unsaturated_torque
-from ballbot_ros.physics.mechanics.modes import (
-    contact_count, ContactMode, FEATURE, in_contact, MOTOR, PRESSED, SLIDING, smooth_contacts)
+from ballbot_ros.physics.mechanics.guards import in_contact
+from ballbot_ros.physics.mechanics.modes import contact_count, ContactMode, MOTOR, smooth_contacts
 from ballbot_ros.physics.model.parameters import System
 from ballbot_ros.physics.model.state import BALL_ANGLE, BALL_RATE, PENDULUM_ANGLE, VELOCITY_X, X
 from ballbot_ros.physics.model.terrain import Array, TANGENT_X, TANGENT_Y, TURN, VERTEX_X, VERTEX_Y

@@ -10,7 +10,7 @@ from ballbot_ros.crossing import held_at
 from ballbot_ros.jit import compiled
 from ballbot_ros.physics import (
     Actuation, ContactOptions, load_robot, load_scene, Model, simulate, Solver, State, Terrain)
-from ballbot_ros.physics.mechanics import contact, equations, holding, modes, motion
+from ballbot_ros.physics.mechanics import contact, equations, guards, modes, motion
 from ballbot_ros.physics.mechanics.turned import turned_by
 from ballbot_ros.physics.model.parameters import System
 from ballbot_ros.physics.model.state import SIZE
@@ -127,7 +127,7 @@ def test_the_formulas_of_a_mode_are_the_law_itself_inside_the_mode(state, choice
     mode, table = modes.ContactMode.of(size), contact.contact_table(size)
     vector, law, formulas = np.array(state[1:]), np.zeros(SIZE), np.zeros(SIZE)
     equations.derivative(0.0, vector, system, table, law)
-    count = modes.find_mode(0.0, vector, system, mode)
+    count = guards.find_mode(0.0, vector, system, mode)
     modes.mode_derivative(0.0, vector, system, mode, formulas)
     assert count == contact.find_contacts(
         state.x, state.y, model.robot.ball_radius, model.profile, table)
@@ -147,8 +147,8 @@ def test_no_guard_of_the_mode_of_a_state_is_violated_by_that_state(state):
     system = System(model.parameters, model.profile, Actuation().actuator(model.robot))
     size, vector = len(model.profile), np.array(state[1:])
     workspace = Workspace.of(size)
-    modes.find_mode(0.0, vector, system, workspace.mode)
-    assert modes.violated_guards(0.0, vector, system, workspace.mode, 0, 2 * size - 3,
+    guards.find_mode(0.0, vector, system, workspace.mode)
+    assert guards.violated_guards(0.0, vector, system, workspace.mode, 0, 2 * size - 3,
                                  workspace.violated) == 0
 
 
@@ -160,11 +160,11 @@ def test_a_quick_look_says_of_a_mode_what_all_its_guards_say(state, other, share
     size, workspace = len(model.profile), Workspace.of(len(model.profile))
     vector = np.array(state[1:])
     later = vector + share * (np.array(other[1:]) - vector)
-    modes.find_mode(0.0, vector, system, workspace.mode)
+    guards.find_mode(0.0, vector, system, workspace.mode)
     assume(modes.smooth_contacts(workspace.mode))
-    violated = modes.violated_guards(0.0, later, system, workspace.mode, 0, 2 * size - 3,
+    violated = guards.violated_guards(0.0, later, system, workspace.mode, 0, 2 * size - 3,
                                      workspace.violated)
-    assert holding.mode_holds(0.0, later, 0, 2 * size - 3, system, workspace.mode) == (
+    assert guards.mode_holds(0.0, later, 0, 2 * size - 3, system, workspace.mode) == (
         violated == 0)
 
 

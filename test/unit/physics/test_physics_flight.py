@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from ballbot_ros.physics import Actuation, load_robot, Model, simulate, Solver, State, Terrain
-from ballbot_ros.physics.mechanics import contact, equations, modes
+from ballbot_ros.physics.mechanics import contact, equations, guards, modes
 from ballbot_ros.physics.model.parameters import System
 from ballbot_ros.physics.model.state import (
     BALL_RATE, JOINT_LOSS, PENDULUM_RATE, ROLLING_LOSS, SIZE, VELOCITY_X, VELOCITY_Y, X, Y)
@@ -117,7 +117,7 @@ def test_a_ball_that_is_let_go_is_not_pushed_before_it_touches_again():
         if robot is GIMBALL:
             vector[PENDULUM_RATE] = draw.normal() * 9.0
         mode = modes.ContactMode.of(len(model.profile))
-        if modes.find_mode(0.0, vector, system, mode) == 0 or not touch_down.is_let_go(
+        if guards.find_mode(0.0, vector, system, mode) == 0 or not touch_down.is_let_go(
                 mode, model.parameters):
             continue
         spin = flight.spin_start(vector, model.parameters, system.actuator)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ballbot_ros.physics import Actuation, ContactOptions, load_robot, Model, Terrain
-from ballbot_ros.physics.mechanics import equations, modes
+from ballbot_ros.physics.mechanics import contact, contact_law, equations, guards, modes
 from ballbot_ros.physics.model.parameters import System
 from ballbot_ros.physics.model.state import BALL_RATE, SIZE, VELOCITY_X, VELOCITY_Y, X, Y
 from ballbot_ros.physics.solvers.dense import motion_at
@@ -31,7 +31,7 @@ def random_step(draw, model, workspace):
     slip = draw.choice([0.3, 1.0, 10.0]) * draw.normal() * model.robot.slip_threshold
     vector[BALL_RATE] = (slip - speed) / model.robot.ball_radius
     system = System(model.parameters, model.profile, Actuation().actuator(model.robot))
-    modes.find_mode(0.0, vector, system, workspace.mode)
+    guards.find_mode(0.0, vector, system, workspace.mode)
     dense, scale = workspace.dense, 10.0**draw.uniform(-4.0, -1.5)
     dense[:, :8] = scale * draw.normal(size=(5, 8)) * draw.choice([0.1, 1.0], size=(5, 8))
     dense[0, :8] = vector[:8]
@@ -42,7 +42,7 @@ def says_so(system, workspace, step=1.0):
     """Return whether the mode is said to hold, with the features that a step looks at."""
     dense, radius = workspace.dense, system.parameters.radius
     way = float(np.sum(np.abs(dense[1:, X])))
-    first, behind = modes.features_within(dense[0, X], radius + way, system.ground)
+    first, behind = contact.features_within(dense[0, X], radius + way, system.ground)
     return holds_throughout(0.0, step, workspace.work, first, behind, system, workspace.mode)
 
 
@@ -50,7 +50,7 @@ def violated_within(system, workspace, step=1.0):
     """Return whether any guard is violated at any of many times within the step."""
     for theta in THETAS:
         motion_at(theta, workspace.work)
-        if modes.violated_guards(theta * step, workspace.probe, system, workspace.mode, 0,
+        if guards.violated_guards(theta * step, workspace.probe, system, workspace.mode, 0,
                                  2 * len(system.ground) - 3, workspace.violated):
             return True
     return False
@@ -69,7 +69,7 @@ def test_where_it_says_that_a_mode_holds_no_guard_is_violated_at_any_time(lever,
         if says_so(system, workspace):
             assert not violated_within(system, workspace)
             said[modes.contact_count(workspace.mode)] += 1
-            edges += workspace.mode.signs[0, modes.FEATURE] % 2
+            edges += workspace.mode.signs[0, contact_law.FEATURE] % 2
     # It has something to say in the air, on a segment, and on an edge.
     assert said[0] > 100 and said[1] > 400 and edges > 50
 
@@ -82,7 +82,7 @@ def test_it_has_much_to_say_of_small_steps():
         system = random_step(draw, model, workspace)
         workspace.dense[1:, :8] *= 1e-3
         signs, count = workspace.mode.signs, modes.contact_count(workspace.mode)
-        if count and np.all(signs[:count, modes.PRESSED] == 1):
+        if count and np.all(signs[:count, contact_law.PRESSED] == 1):
             steps += 1
             said += says_so(system, workspace)
     assert said > 0.8 * steps > 200
@@ -113,7 +113,7 @@ def test_of_a_motor_near_its_limit_it_says_nothing_that_is_not(actuation):
         torque = equations.unsaturated_torque(0.0, workspace.dense[0], plain)
         limit = abs(torque) * draw.choice([0.9, 0.99, 1.01, 1.1, 1.5])
         system = system._replace(actuator=plain._replace(limit=limit))
-        modes.find_mode(0.0, workspace.dense[0], system, workspace.mode)
+        guards.find_mode(0.0, workspace.dense[0], system, workspace.mode)
         if says_so(system, workspace, 1e-3):
             assert not violated_within(system, workspace, 1e-3)
             said[workspace.mode.signs[-1, modes.MOTOR]] += 1

@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 from ballbot_ros.decision.planning.rollout.layout import Drive
 from ballbot_ros.jit import compiled
-from ballbot_ros.physics.mechanics.contact import find_contacts, sum_of_loads
+from ballbot_ros.physics.mechanics.contact import find_contacts, found_loads
 from ballbot_ros.physics.mechanics.contact_law import POINT_X
 from ballbot_ros.physics.mechanics.equations import write_rates
 from ballbot_ros.physics.mechanics.laws import applied_torque, position_torque
@@ -106,6 +106,7 @@ def push(state: Array, torque: float, step: float, robot: Parameters, ground: Ar
          contacts: Array, rates: Array) -> float:
     """Advance a state in place, and return the x of its foremost contact [m]; -inf for none."""
     count = find_contacts(state[X], state[Y], robot.radius, ground, contacts)
-    write_rates(state, robot, sum_of_loads(state, robot, contacts, count), torque, rates)
+    loads = found_loads(state, robot, ground, contacts, count)
+    write_rates(state, robot, loads, torque, rates)
     apply_rates(state, step, rates, VELOCITY_Y + 1)
     return contacts[count - 1, POINT_X] if count > 0 else -math.inf
