@@ -19,11 +19,6 @@ TYPED = ('errors.py', 'compile_notice.py', 'jit.py', 'config', 'physics', 'cross
          'studies', 'results', 'figures', 'paper', 'view')
 
 
-# Tests that still use discouraged words.
-NOT_YET = tuple(f'test/unit/{folder}/' for folder in (
-    'decision', 'physics'))
-
-
 def project_files(*suffixes):
     """List the files of the project, new ones too, but nothing that git ignores."""
     try:
@@ -160,7 +155,6 @@ def test_no_discouraged_word_is_used():
     found = [f'{path.relative_to(ROOT)}:{number}: {match[0]!r}; use {instead}'
              for path in project_files('.py', '.md', '.yaml', '.msg', '.srv', '.action')
              if path.name != 'vocabulary.yaml'
-             and not str(path.relative_to(ROOT)).startswith(NOT_YET)
              for number, line in enumerate(path.read_text(encoding='utf-8').split('\n'), 1)
              for word, instead in words.items()
              for match in re.finditer(rf'(?<![a-z])(?:{word})(?![a-z])', line, re.IGNORECASE)]

@@ -37,7 +37,7 @@ UNSEEN = (99.0, 99.0)
 
 @lru_cache(maxsize=None)
 def drive(ground, speed, lean, robot=GIMBALL, unseen=UNSEEN, seconds=4.5):
-    """Push a ball at a ground whatever comes, on the full model with odometry that slips."""
+    """Push a ball at any ground, on the full model with odometry that slips."""
     terrain = Terrain(GROUNDS[ground])
     faces = [(face[0, 0], face[-1, 1] - face[0, 1]) for face in terrain.faces(1.0, 0.002)]
     model = Model(robot, terrain, solver=Solver(step=5e-4))
@@ -79,7 +79,7 @@ def drive(ground, speed, lean, robot=GIMBALL, unseen=UNSEEN, seconds=4.5):
     ('drop behind', 0.9, 0.7, ['fell']),
     ('drop', 0.4, 0.7, ['fell']),
 ])
-def test_what_came_of_it_is_told(ground, speed, lean, results):
+def test_the_outcome_is_reported(ground, speed, lean, results):
     outcomes, _ = drive(ground, speed, lean)
     assert [item.result for item in outcomes] == results
 
@@ -103,12 +103,12 @@ def test_a_ball_that_spins_at_the_foot_of_a_step_has_not_got_over():
     assert {item.result for item in outcomes} == {'stuck'}
 
 
-def test_of_what_nobody_saw_nothing_is_claimed():
+def test_an_attempt_that_was_not_observed_has_no_outcome():
     outcomes, state = drive('step', 0.9, 0.7, unseen=(2.0, 99.0))
     assert state.x > 1.3 and not outcomes
 
 
-def test_what_is_seen_only_later_is_told_later():
+def test_a_late_observation_gives_a_late_outcome():
     outcomes, _ = drive('step', 0.9, 0.7, unseen=(2.0, 3.2))
     assert [item.result for item in outcomes] == ['over']
     assert 3.2 <= outcomes[0].stamp < 3.3

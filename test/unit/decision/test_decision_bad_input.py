@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whatever sensors say: a clear answer, no angle beyond limits, no crossing beyond energy."""
+"""For any sensor data: a clear answer, no angle beyond limits, no crossing beyond energy."""
 from dataclasses import replace
 from functools import lru_cache
 import math
@@ -66,7 +66,7 @@ def decider(planner):
 @pytest.mark.parametrize('planner', PLANNERS)
 @given(stream=strategies.lists(strategies.tuples(looks, motions), min_size=1, max_size=12))
 @settings(max_examples=25, deadline=None)
-def test_whatever_comes_the_answer_is_clear_and_within_limits(planner, stream):
+def test_for_any_data_the_answer_is_clear_and_within_limits(planner, stream):
     deciding, now, position = decider(planner), 0.0, 0.0
     deciding.reset()
     for look, (passed, moved, speed) in stream:

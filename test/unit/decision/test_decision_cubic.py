@@ -156,9 +156,9 @@ def test_it_stands_with_the_gap_before_what_it_does_not_cross(height, kind):
     assert answer.plan.stop_position == 2.0 - GIMBALL.ball_radius - TUNING.stop_gap
     near = on(height, 0.6, 0.2)
     assert 0.0 < near.set_speed < TUNING.cruise_speed
-    # Where there is no such room, at once; not back over ground that may not be free.
-    at_once = on(height, 0.4, 0.2)
-    assert at_once.set_speed == 0.0 and at_once.plan.stop_position == math.inf
+    # Where there is no such room, immediately; not back over ground that may not be free.
+    immediate = on(height, 0.4, 0.2)
+    assert immediate.set_speed == 0.0 and immediate.plan.stop_position == math.inf
     step = Face(1, 0.4, height, 0.01, 0.0)
     free = DECIDE(Situation(Motion(0.0, 0.0, 0.2), Profile(0.0, (step,)), free_from=-0.2), None)
     assert free.plan.stop_position == pytest.approx(0.4 - GIMBALL.ball_radius - TUNING.stop_gap)
@@ -256,7 +256,7 @@ def test_a_rejected_observation_stops_with_its_reason(reason):
     assert 'it is a test' in answer.explanation
 
 
-def test_a_crossing_that_was_begun_goes_on_with_half_the_margins():
+def test_a_crossing_in_progress_goes_on_with_half_the_margins():
     # Full margins ask for 0.93 m/s, half of them for 0.86 m/s, the step itself for 0.80 m/s.
     assert on(distance=0.87, speed=0.4).reason is Reason.NO_ROOM
     answer = on(distance=0.87, speed=0.4, previous=crossing())
@@ -276,8 +276,8 @@ def test_what_cannot_be_avoided_any_more_is_rather_crossed_than_hit():
 
 
 def test_what_was_given_up_is_not_taken_up_again_while_rolling_without_news():
-    begun = on(distance=0.92, speed=0.4)
-    assert begun.kind is Kind.CROSS and begun.height_margin < 0.002
+    crossing = on(distance=0.92, speed=0.4)
+    assert crossing.kind is Kind.CROSS and crossing.height_margin < 0.002
     given_up = replace(on(distance=0.87, speed=0.4), reason=Reason.NO_ROOM)
     assert on(distance=0.92, speed=0.4, previous=given_up).kind is Kind.STOP
     assert on(0.026, distance=0.92, speed=0.4, previous=given_up).kind is Kind.CROSS

@@ -102,7 +102,7 @@ def test_the_speed_limit_holds_on_the_way():
     assert ride.fastest < 0.25
 
 
-def test_canceled_on_the_way_the_ball_rests_before_that_is_told():
+def test_canceled_on_the_way_the_ball_rests_before_the_result():
     ride = Ride()
     ride.drive(5.0)
     while ride.motion.speed < 0.35:
@@ -170,7 +170,7 @@ def test_the_step_ahead_is_crossed_and_the_ball_rests_behind_it():
     assert ride.phases[0] is Phase.APPROACHING and ride.phases[-1] is Phase.STOPPING
 
 
-def test_a_goal_tells_of_its_own_step_and_not_of_the_one_behind_it():
+def test_a_goal_reports_its_own_step_and_not_the_one_behind_it():
     goal = cross_goal(START, 0.0)
     first = Decision(Kind.CROSS, Reason.LIKELY, 0.6, 'cross', height=0.012, distance=1.0, step=1)
     second = replace(first, kind=Kind.GO_ROUND, distance=1.4, height=0.08, step=2)
@@ -199,7 +199,7 @@ def test_without_a_step_the_ball_does_not_set_out():
     assert abs(ride.motion.position) < 0.05
 
 
-def test_one_goal_at_a_time_and_rest_after_it_until_told_to_go_on():
+def test_one_goal_at_a_time_and_rest_after_it_until_resumed():
     ride = Ride()
     ride.drive(0.5)
     with pytest.raises(RefusedError, match='another goal'):

@@ -73,9 +73,9 @@ def test_backing_off_stays_on_ground_known_to_be_free():
     back = Decision(Kind.BACK_OFF, Reason.RUN_UP, 0.2, '', plan=Plan(Strategy.BACK_OFF, -0.5))
     known = replace(situation(), free_from=-0.5)
     assert checked(back, known, KNOWN) is back
-    for told in (situation(), replace(known, free_from=-0.45)):
-        assert checked(back, told, KNOWN).reason is Reason.NO_ROOM
-    # By as little as a face is believed to have moved, the start is moved, not refused.
+    for other in (situation(), replace(known, free_from=-0.45)):
+        assert checked(back, other, KNOWN).reason is Reason.NO_ROOM
+    # By as little as the estimate of a face has moved, the start is moved, not refused.
     moved = checked(back, replace(known, free_from=-0.49), KNOWN)
     assert moved.kind is Kind.BACK_OFF and moved.plan.start == -0.49
     nowhere = replace(back, plan=Plan(Strategy.BACK_OFF, math.nan))
@@ -116,13 +116,13 @@ def test_latency_near_the_limit_does_not_alternate():
 
 
 @given(*[anything] * 9)
-def test_whatever_a_planner_says_no_limit_is_passed(
+def test_no_plan_passes_a_limit(
         now, position, speed, place, height, sd, asked, planned, swing):
     bold = Decision(Kind.CROSS, Reason.LIKELY, asked, '', step=1,
                     plan=Plan(Strategy.SWING, speed=planned, swing_angle=swing))
-    told = Situation(Motion(now, position, speed),
-                     Profile(0.0, (Face(1, place, height, sd, sd),)))
-    answer = with_safety_filter(lambda situation, previous: bold, KNOWN)(told, None)
+    scene = Situation(Motion(now, position, speed),
+                      Profile(0.0, (Face(1, place, height, sd, sd),)))
+    answer = with_safety_filter(lambda situation, previous: bold, KNOWN)(scene, None)
     if answer.kind is Kind.CROSS:
         assert 0.0 <= asked <= TUNING.highest_speed and abs(swing) <= TUNING.largest_swing
         assert height <= energy_bound(GIMBALL, max(speed, TUNING.highest_speed), math.pi)

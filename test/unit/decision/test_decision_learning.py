@@ -114,7 +114,7 @@ def test_a_swing_is_tried_with_the_angle_of_its_plan():
     assert Touching.of(outcome(TOUCHING, 'over')).set_angle == 0.7
 
 
-def test_a_speed_past_the_face_tells_more_than_over_or_not():
+def test_a_speed_past_the_face_has_more_information_than_over_or_not():
     touching = TOUCHING._replace(height=0.030)
     dull = learned(PARTICLES, [outcome(touching, 'over')])
     slow = learned(PARTICLES, [outcome(touching, 'over', 0.1)])

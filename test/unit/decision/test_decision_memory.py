@@ -96,7 +96,7 @@ def test_where_the_ball_does_not_get_on_is_noticed(speed, seconds, reason):
 @pytest.mark.parametrize('decision', [
     replace(DRIVING, kind=Kind.STOP), replace(DRIVING, kind=Kind.GO_ROUND),
     replace(DRIVING, set_speed=0.05), replace(DRIVING, kind=Kind.CROSS, contact_since=0.0)])
-def test_who_does_not_want_on_or_pushes_at_a_step_is_not_stuck(decision):
+def test_a_ball_without_a_command_or_in_contact_is_not_stuck(decision):
     memory = Memory(TUNING, RADIUS)
     for index in range(400):
         memory.watch(Motion(0.02 * index, 0.5, 0.0), decision)
@@ -117,7 +117,7 @@ def test_a_ball_that_gets_on_is_not_stuck_and_what_it_passes_was_no_obstruction(
     assert memory.obstruction is None
 
 
-def test_what_is_felt_at_a_step_is_no_slope():
+def test_a_slope_estimate_at_a_step_is_no_slope():
     memory = Memory(TUNING, RADIUS)
     moved(memory, *[0.01 * index for index in range(300)], slope=0.03)
     assert memory.slope == pytest.approx(0.03, abs=0.002)
@@ -173,9 +173,9 @@ def test_backing_off_ends_where_the_run_up_is_long_enough():
     planner = with_safety_filter(cubic.planner(KNOWN), KNOWN)
     position, previous = 0.6, None
     for index in range(200):
-        told = Situation(Motion(0.02 * index, position, 0.0), Profile(0.02 * index, (STEP,)),
+        given = Situation(Motion(0.02 * index, position, 0.0), Profile(0.02 * index, (STEP,)),
                          free_from=-3.0)
-        previous = planner(told, previous)
+        previous = planner(given, previous)
         if previous.kind is not Kind.BACK_OFF:
             break
         start = previous.plan.start

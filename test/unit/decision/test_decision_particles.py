@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Robots that may be the one at hand: drawn, weighed and drawn anew."""
+"""Robots that may be the one at hand: drawn, weighed and resampled."""
 from dataclasses import replace
 from time import perf_counter
 
@@ -77,7 +77,7 @@ def test_each_particle_is_drawn_as_often_as_its_weight_says(number, seed):
 
 
 @pytest.mark.parametrize('deviation', [0.006, 0.003])
-def test_drawn_anew_they_keep_mean_and_deviation_but_for_a_tenth(deviation):
+def test_resampled_they_keep_mean_and_deviation_but_for_a_tenth(deviation):
     weights = np.exp(-0.5 * ((PARTICLES.column('edge_friction') - 0.12) / deviation)**2)
     after = pulled(PARTICLES, 'edge_friction', 0.12, deviation)
     assert after.effective_size == pytest.approx(len(after))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whatever stream of observations comes, in whatever order: what the perception promises."""
+"""Properties of the perception for any stream of observations in any order."""
 from dataclasses import astuple, replace
 import math
 
@@ -67,12 +67,12 @@ def test_no_stream_makes_it_raise_or_say_what_is_no_number(stream):
        some.floats(-0.1, 0.1), some.integers(0, 99))
 def test_a_rejected_look_changes_nothing_and_lowers_no_face(scenes, grade, seed):
     tracking, stamp, before = ProfileTracker(GIMBALL, TUNING), 0.0, None
-    for height, place, told in scenes:
+    for height, place, reported in scenes:
         terrain = Terrain([(-9.0, -9.0 * grade), (place, place * grade),
                            (place, place * grade + height), (9.0, 9.0 * grade + height)]
                           if abs(height) > 0.001 else [(0.0, 0.0), (1.0, grade)])
         stamp += 0.1
-        observation = look(terrain, 0.0, stamp, seed, 0.001, reported_sd=float(told))
+        observation = look(terrain, 0.0, stamp, seed, 0.001, reported_sd=float(reported))
         profile = tracking.update(observation, 0.0)
         check(profile)
         if profile.rejection is not None and before is not None:
@@ -85,11 +85,12 @@ def test_a_rejected_look_changes_nothing_and_lowers_no_face(scenes, grade, seed)
        some.sampled_from([0.0, 1.0]), some.floats(0.0, 0.5), some.floats(-0.06, 0.06),
        some.integers(0, 99))
 def test_noise_dropouts_and_slopes_leave_the_height_within_its_deviation(
-        height, place, height_sd, told, dropout, grade, seed):
+        height, place, height_sd, reported, dropout, grade, seed):
     terrain = Terrain([(-9.0, -9.0 * grade), (place, place * grade),
                        (place, place * grade + height), (9.0, 9.0 * grade + height)])
     sensor = TerrainSensor(terrain, 3.0, height_sd, seed,
-                           SensorFaults(reported_sd=told, dropout=dropout, holes=0.5 * dropout))
+                           SensorFaults(reported_sd=reported, dropout=dropout,
+                                        holes=0.5 * dropout))
     tracking, profile = ProfileTracker(GIMBALL, TUNING), None
     for number in range(40):
         x = 0.01 * number
@@ -121,10 +122,10 @@ def test_an_observation_is_fused_where_the_ball_was_when_it_was_made():
     motions = [Motion(0.02 * index, 0.01 * index, 0.5) for index in range(40)]
     late = [look(terrain, 0.005 * index, 0.01 * index) for index in (0, 5, 11, 20)]
     count = len(late)
-    at_once = fused(late, motions, [*range(count), *range(count, count + 40)])
+    same = fused(late, motions, [*range(count), *range(count, count + 40)])
     afterwards = fused(late, motions, [*range(count, count + 40), *range(count)])
-    assert at_once == afterwards
-    assert at_once.face.position == pytest.approx(1.2, abs=0.01)
+    assert same == afterwards
+    assert same.face.position == pytest.approx(1.2, abs=0.01)
 
 
 def test_latency_of_half_a_second_moves_no_face():
@@ -166,7 +167,7 @@ def test_an_observation_waits_for_its_odometry():
     assert fusion.profile.face.position == 1.2
 
 
-def test_what_is_known_gets_less_certain_with_way_and_time_but_is_not_lost():
+def test_the_map_gets_less_certain_with_way_and_time_but_is_not_lost():
     fusion = GroundFusion(GIMBALL, TUNING)
     fusion.move(Motion(0.0, 0.0, 0.0))
     fusion.observe(StepObservation(0.0, True, 1.0, 0.03, 0.01, 0.001))
@@ -200,7 +201,7 @@ def both(step_height, step_sd, terrain_height=0.03):
     return profile
 
 
-def test_two_sensors_that_agree_know_more_and_keep_the_polyline():
+def test_two_sensors_that_agree_are_more_certain_and_keep_the_polyline():
     profile = both(0.031, 0.001)
     assert profile.rejection is None and len(profile.faces) == 1 and len(profile.points) > 3
     assert 0.03 < profile.face.height < 0.031
@@ -227,7 +228,7 @@ def test_a_sensor_that_has_fallen_silent_is_not_waited_for():
     assert tracking.update(look(Terrain.flat(), 0.0, 1.5), 0.0).rejection is None
 
 
-def test_odometry_that_slips_moves_what_is_known_with_it():
+def test_odometry_that_slips_moves_the_map_with_it():
     terrain = Terrain([(-9, 0), (1.2, 0), (1.2, 0.03), (1.7, 0.03), (1.7, 0.05), (9, 0.05)])
     tracking, slip = ProfileTracker(GIMBALL, TUNING), 0.0
     for number in range(62):

@@ -60,7 +60,7 @@ def test_it_comes_to_rest_at_the_place_and_stands_there(slope_deg):
 
 
 @pytest.mark.parametrize('slope_deg', [-3.0, 0.0, 3.0])
-def test_told_to_stop_at_once_it_stands_where_it_came_to_rest(slope_deg):
+def test_after_an_immediate_stop_it_stands_where_it_came_to_rest(slope_deg):
     log = drive(slope_deg, lambda now: CRUISE if now < 3.0 else STOP)
     rest = [x for now, x, *_ in log if now > 6.0]
     assert max(rest) - min(rest) < 0.01

@@ -42,7 +42,7 @@ def test_noise_averages_out_while_the_ball_rolls():
     assert step.height_sd < 0.0006
 
 
-def test_deviation_of_zero_is_not_believed():
+def test_deviation_of_zero_is_not_accepted():
     step = tracker().update(seen(0.0, distance_sd=0.0, height_sd=0.0), 0.0).face
     assert step.position_sd > 0.0 and step.height_sd > 0.0
 
@@ -79,7 +79,7 @@ def test_contradictions_are_reported_and_not_averaged_in(second):
     assert track.face == before
 
 
-def test_a_world_that_really_changed_is_believed_after_some_looks():
+def test_a_world_that_really_changed_is_accepted_after_some_looks():
     tracking = tracker()
     tracking.update(seen(0.0, height=0.03), 0.0)
     answers = [tracking.update(seen(0.1 * index, height=0.06), 0.0) for index in range(1, 6)]
@@ -163,11 +163,11 @@ def test_a_deviation_that_is_not_given_is_unknown():
 def test_no_number_of_looks_makes_a_step_known_exactly():
     tracking = tracker()
     for index in range(5):
-        told = tracking.update(seen(0.1 * index, distance_sd=0.01, height_sd=1e-5), 0.0).face
-        assert (told.position_sd, told.height_sd) == (0.01, 0.0005)
+        reported = tracking.update(seen(0.1 * index, distance_sd=0.01, height_sd=1e-5), 0.0).face
+        assert (reported.position_sd, reported.height_sd) == (0.01, 0.0005)
 
 
-def test_a_sensor_that_tells_nothing_is_bad_until_its_looks_show_how_they_scatter():
+def test_a_sensor_that_reports_nothing_is_bad_until_its_looks_show_how_they_scatter():
     tracking = tracker()
     steps = [tracking.update(seen(0.1 * index, distance_sd=0.0, height_sd=0.0), 0.0).face
              for index in range(20)]
@@ -176,13 +176,13 @@ def test_a_sensor_that_tells_nothing_is_bad_until_its_looks_show_how_they_scatte
     assert (steps[-1].position_sd, steps[-1].height_sd) == (0.01, 0.002)
 
 
-@pytest.mark.parametrize('told', [0.0, 0.0005])
-def test_looks_that_scatter_more_than_told_are_believed_by_their_scatter(told):
+@pytest.mark.parametrize('reported', [0.0, 0.0005])
+def test_looks_that_scatter_more_than_reported_count_by_their_scatter(reported):
     random, errors = np.random.default_rng(1), []
     for _ in range(40):
         tracking = tracker()
         for index in range(30):
-            step = tracking.update(seen(0.1 * index, height_sd=told, height=float(
+            step = tracking.update(seen(0.1 * index, height_sd=reported, height=float(
                 random.normal(0.03, 0.004))), 0.0).face
         errors.append((step.height - 0.03) / step.height_sd)
     assert 0.3 < np.sqrt(np.mean(np.square(errors))) < 1.35
@@ -248,7 +248,7 @@ def test_of_two_looks_of_one_moment_the_first_counts_and_not_that_it_was_late():
     tracking = tracker()
     tracking.update(seen(0.0), 0.0)
     assert tracking.update(seen(0.1, height=0.06), 0.0).rejection is Reason.CONTRADICTORY
-    assert tracking.update(seen(0.0), 0.0).rejection is None, 'the one of 0.1 s was not believed'
+    assert tracking.update(seen(0.0), 0.0).rejection is None, 'the one of 0.1 s was not accepted'
 
 
 def test_one_good_look_between_them_makes_contradictions_none_in_a_row():
@@ -282,7 +282,7 @@ def test_after_a_step_was_forgotten_the_next_is_given_as_many_looks():
 @pytest.mark.parametrize('height, moved, number', [
     (0.03, 1.9, 1), (0.03, 2.0, 2),     # a radius away is another step
     (0.032, 1.9, 1), (0.06, 1.9, 2)])   # and so is one of another height
-def test_a_place_that_is_believed_anew_is_the_same_step_if_slip_explains_it(
+def test_a_place_that_is_accepted_again_is_the_same_step_if_slip_explains_it(
         height, moved, number):
     tracking, radius = tracker(), GIMBALL.ball_radius
     tracking.update(seen(0.0, radius), 0.0)
@@ -302,7 +302,7 @@ def test_an_observation_that_overtook_another_is_lost_and_changes_nothing():
 
 
 @pytest.mark.parametrize('position, distance, number', [
-    (0.47, 0.13, 1),     # not passed: it is looked at once more
+    (0.47, 0.13, 1),     # not passed: it is observed one more time
     (0.49, 0.10, 1),     # passed, and displaced by slip
     (0.49, 0.12, 2)])    # passed, and further on than slip explains
 def test_a_step_is_the_next_one_once_the_last_is_passed_and_it_is_further_on(

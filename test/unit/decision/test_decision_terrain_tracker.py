@@ -129,7 +129,7 @@ def test_faces_keep_their_numbers_and_a_passed_one_is_not_ahead_any_more():
 
 @pytest.mark.parametrize('looks', [2, 8, 30])
 @pytest.mark.parametrize('height_sd', [0.001, 0.003])
-def test_errors_of_height_are_as_large_as_told(looks, height_sd):
+def test_errors_of_height_are_as_large_as_reported(looks, height_sd):
     errors = []
     for seed in range(30):
         face = approach(SCENES['rise'][0], looks, 0.01 * looks, height_sd, seed)[-1].face
@@ -141,13 +141,13 @@ def test_errors_of_height_are_as_large_as_told(looks, height_sd):
     assert squares > 0.02 * len(errors)
 
 
-@pytest.mark.parametrize('told, floor', [(1.0, 0.0005), (0.0, 0.002)])
-def test_no_number_of_looks_makes_a_height_known_exactly(told, floor):
-    face = approach(SCENES['rise'][0], 60, 0.3, 0.0005, reported_sd=told)[-1].face
+@pytest.mark.parametrize('reported, floor', [(1.0, 0.0005), (0.0, 0.002)])
+def test_no_number_of_looks_makes_a_height_known_exactly(reported, floor):
+    face = approach(SCENES['rise'][0], 60, 0.3, 0.0005, reported_sd=reported)[-1].face
     assert face.height_sd == floor
 
 
-def test_noise_that_is_not_told_is_estimated_and_not_believed_at_first():
+def test_noise_that_is_not_reported_is_estimated_and_not_trusted_at_first():
     profiles = approach(SCENES['rise'][0], 40, 0.4, 0.003, reported_sd=0.0)
     assert all(profile.face is None or profile.face.height_sd > 0.0025 for profile in profiles[:4])
     assert abs(profiles[-1].face.height - 0.03) < 3.0 * profiles[-1].face.height_sd
@@ -201,7 +201,7 @@ def test_the_same_stamp_gives_the_same_answer():
     assert tracking.update(exact(Terrain.step(0.1, at=1.0)), 0.0) is first
 
 
-def test_ground_that_changed_is_a_contradiction_and_believed_if_it_insists():
+def test_ground_that_changed_is_a_contradiction_and_accepted_if_it_lasts():
     tracking = tracker()
     for index in range(5):
         before = tracking.update(exact(Terrain.step(0.06, at=1.0), stamp=0.1 * index), 0.0)
@@ -220,7 +220,7 @@ def test_a_look_from_before_the_last_one_is_a_contradiction():
 
 
 @pytest.mark.parametrize('place', [1.2, 1.203, 1.207, 1.2099])
-def test_a_wall_that_ends_what_is_seen_is_seen_wherever_it_stands(place):
+def test_a_wall_that_ends_the_view_is_seen_wherever_it_stands(place):
     terrain = Terrain([(-9.0, 0.0), (place, 0.0), (place, 0.5), (9.0, 0.5)])
     face = approach(terrain, 5, 0.05)[-1].face
     assert face.height > 0.3 and face.height + 4.0 * face.height_sd > 0.5

@@ -31,10 +31,10 @@ def test_shipped_tuning_fits_the_shipped_curves():
     check_decision(GIMBALL, load_curve('gimball_down'), TUNING)
 
 
-@pytest.mark.parametrize('name, told', [('gimball_horizontal', '1.5708 rad'),
+@pytest.mark.parametrize('name, shown', [('gimball_horizontal', '1.5708 rad'),
                                         ('gimball_free', 'law ')])
-def test_a_curve_for_another_approach_is_refused(name, told):
-    with pytest.raises(ConfigurationError, match=told + '.*held by law position at 0 rad'):
+def test_a_curve_for_another_approach_is_refused(name, shown):
+    with pytest.raises(ConfigurationError, match=shown + '.*held by law position at 0 rad'):
         check_decision(GIMBALL, load_curve(name), TUNING)
     unknown = replace(load_curve(name), made=None)
     check_decision(GIMBALL, unknown, TUNING)

@@ -89,10 +89,10 @@ def test_how_often_progress_is_reported_does_not_change_the_run(name, method, mo
     model, runs = replace(scene.model, solver=solver), []
     for chunk in (7, 100, 10**9):
         monkeypatch.setattr('ballbot_ros.physics.simulation.run.CHUNK', chunk)
-        heard = []
+        reports = []
         runs.append(simulate(model, scene.start, scene.actuation, 0.6, 1e-3,
-                             progress=heard.append))
-        assert heard[-1] == pytest.approx(0.6) and (len(heard) > 1) == (chunk < 10**9)
+                             progress=reports.append))
+        assert reports[-1] == pytest.approx(0.6) and (len(reports) > 1) == (chunk < 10**9)
     for run in runs[1:]:
         assert np.array_equal(run.rows, runs[0].rows)
         assert run.effort == runs[0].effort

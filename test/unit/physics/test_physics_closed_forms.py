@@ -301,7 +301,7 @@ def test_steady_speed_under_a_voltage_with_all_friction():
 
 
 def test_velocity_law_rolls_at_the_speed_it_is_asked_for():
-    # The integral leaves no error; it takes long, because the rocking is hardly damped.
+    # The integral leaves no error; it takes long, because the rocking is damped very little.
     model = Model(GIMBALL, Terrain.flat(), solver=Solver(step=1e-3))
     drive = Actuation('velocity', set_rate=4.0, velocity_ki=5.0, gravity_compensation=False)
     run = simulate(model, model.at_rest(0.0), drive, 400.0, 1e-1)

@@ -14,7 +14,7 @@ GIMBALL, SHELLBALL = load_robot('gimball'), load_robot('shellball')
 
 
 def full_collision(robot, start, harder):
-    """Return the state after a blow of the full model on a floor, its contact so much harder."""
+    """Return the state after an impact of the full model, its contact harder by a factor."""
     stiff = replace(robot, contact_stiffness=harder * robot.contact_stiffness,
                     contact_damping=math.sqrt(harder) * robot.contact_damping,
                     slip_threshold=robot.slip_threshold / harder, rolling_friction=0.0,

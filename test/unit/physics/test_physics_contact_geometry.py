@@ -71,7 +71,7 @@ def test_minima_and_maxima_alternate_and_each_lies_on_the_ground(case):
             point + (RADIUS - row[PENETRATION]) * normal, [x, y], atol=1e-12)
         starts, steps = terrain.vertices[:-1], np.diff(terrain.vertices, axis=0)
         place = np.einsum('ij,ij->i', point - starts, steps) / np.einsum('ij,ij->i', steps, steps)
-        place[1:] = np.maximum(place[1:], 0.0)  # the end segments go on for ever
+        place[1:] = np.maximum(place[1:], 0.0)  # the end segments go on without end
         place[:-1] = np.minimum(place[:-1], 1.0)
         gap = np.hypot(*(starts + place[:, None] * steps - point).T).min()
         assert gap < 1e-9
@@ -82,7 +82,7 @@ def test_minima_and_maxima_alternate_and_each_lies_on_the_ground(case):
     (-0.115, [SURFACE, CORNER, EDGE]),  # lower plane and corner, Fig. 2
     (0.02, [SURFACE])])              # upper plane
 def test_the_three_contacts_of_figure_2(x, kinds):
-    # A low step, so that both are touched at once; the edge keeps its point while surfaces roll.
+    # A low step, so that both are touched together; the edge keeps its point while surfaces roll.
     terrain = Terrain.step(0.03)
     rows = rows_at(terrain, x, terrain.height(x) + RADIUS - 0.002)
     assert [int(row[KIND]) for row in rows] in (kinds, [kind for kind in kinds if kind != CORNER])
@@ -127,7 +127,7 @@ def test_an_edge_is_touched_within_its_normal_cone_only():
 # Symmetries -------------------------------------------------------------------------------
 
 def same_kinds(rows, other):
-    """Tell whether two balls have like contacts; where a foot falls on a vertex rounding says."""
+    """Return whether two balls have like contacts; rounding decides at a vertex."""
     return np.array_equal(rows[:, KIND], other[:, KIND])
 
 

@@ -15,7 +15,7 @@ from ballbot_ros.physics.simulation.run import TooLongSteps
 ROBOTS = {name: load_robot(name) for name in ('gimball', 'shellball')}
 LOSSES = ('contact_loss', 'friction_loss', 'rolling_loss', 'joint_loss')
 SCENES = sorted(path.stem for path in (config_folder() / 'scenes').glob('*.yaml'))
-# Nothing drives the ball here, until somebody sends a torque.
+# Nothing drives the ball here, until the caller sends a torque.
 STILL = {'flat', 'doorstep', 'drop_on_slope'}
 
 

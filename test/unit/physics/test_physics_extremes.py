@@ -111,7 +111,7 @@ def test_a_short_touch_is_met_at_every_tolerance(seed, tolerances):
 
 
 @pytest.mark.parametrize('tolerance', [2.26e-7, 6.78e-9])
-def test_an_event_within_what_dies_out_at_once_is_where_explicit_steps_have_it(tolerance):
+def test_an_event_within_a_fast_transient_is_where_explicit_steps_have_it(tolerance):
     # Implicit steps of 0.1 ms passed a slip that begins and ends its transient within 2 ns.
     case = make_case('combined', 9008773)
 
@@ -187,7 +187,7 @@ def test_a_touch_is_located_where_the_ball_touches_and_not_a_rounding_before():
     assert len(run) == 51 and run.effort.events < 10_000
 
 
-def test_what_is_over_before_time_can_tell_is_stepped_over():
+def test_an_event_shorter_than_the_resolution_of_time_is_stepped_over():
     # 40 kN m turn a ball of 0.05 g: it slips through its threshold in less than 1e-16 s.
     run = extreme_run('combined', 120, 5.9e-12, 20_000)
     assert len(run) == 51 and np.max(np.abs(run.energy_residual)) < 1e-3 * run.energy_in_play
@@ -232,13 +232,13 @@ def test_what_grows_is_added_up_where_a_loop_slips_flies_or_swings():
             2.0 * max(growth, 0.0) / case.rate)
 
 
-def methods_asked(monkeypatch, told):
-    """Return the methods of the runs that an accuracy takes, where `told` changes each of them."""
+def methods_asked(monkeypatch, altered):
+    """Return the methods of the runs that an accuracy takes; `altered` changes each."""
     scene, methods = load_scene('fig7_top'), []
 
     def watched(model, *rest):
         methods.append(model.solver.method)
-        return told(run_once(model, *rest), methods)
+        return altered(run_once(model, *rest), methods)
     monkeypatch.setattr('ballbot_ros.physics.simulation.run.run_once', watched)
     found = simulate(
         scene.model, scene.start, scene.actuation, 0.5, 0.01, accuracy=1e-4)
@@ -248,27 +248,27 @@ def methods_asked(monkeypatch, told):
 
 def test_work_that_runs_away_has_to_be_confirmed_by_a_still_finer_run(monkeypatch):
     # A finer tolerance takes twice the work; where it takes ten times, it is not what limits it.
-    def told(run, methods):
+    def altered(run, methods):
         work = 1000 if len(methods) == 1 else 10_000
         return replace(run, effort=run.effort._replace(evaluations=work, events=0))
-    assert methods_asked(monkeypatch, told) == ['adaptive'] * 3
+    assert methods_asked(monkeypatch, altered) == ['adaptive'] * 3
     assert methods_asked(monkeypatch, lambda run, _: replace(
         run, effort=run.effort._replace(evaluations=1000, events=0))) == ['adaptive'] * 2
 
 
 def test_runs_that_met_other_kinks_are_confirmed_by_another_method(monkeypatch):
     # Two tolerances agreed on a ball to 0.9 um, by chance, where both were 9 um off.
-    def told(run, methods):
+    def altered(run, methods):
         return replace(run, effort=run.effort._replace(events=len(methods), evaluations=1000))
-    assert methods_asked(monkeypatch, told) == ['adaptive', 'adaptive', 'implicit']
+    assert methods_asked(monkeypatch, altered) == ['adaptive', 'adaptive', 'implicit']
 
 
 def test_where_another_method_disagreed_once_it_has_to_agree_twice(monkeypatch):
-    def told(run, methods):
+    def altered(run, methods):
         off = 0.01 if methods[-1] == 'implicit' and methods.count('implicit') == 1 else 0.0
         return replace(run, rows=run.rows + off, effort=run.effort._replace(
             events=len(methods), evaluations=1000))
-    assert methods_asked(monkeypatch, told) == ['adaptive', 'adaptive', 'implicit'] + 2 * [
+    assert methods_asked(monkeypatch, altered) == ['adaptive', 'adaptive', 'implicit'] + 2 * [
         'adaptive', 'implicit']
 
 

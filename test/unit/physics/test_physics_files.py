@@ -92,12 +92,12 @@ def test_malformed_robots_are_refused(tmp_path, name, line, words):
         assert word in message, message
 
 
-def test_all_that_a_scene_lacks_is_named_at_once(tmp_path):
+def test_all_that_a_scene_lacks_is_named_together(tmp_path):
     message = message_of(load_scene, write(tmp_path, 'output_step: 0.01'))
     assert 'duration is missing' in message and 'robot is missing' in message
 
 
-def test_what_is_wrong_with_several_pieces_of_ground_is_named_at_once(tmp_path):
+def test_what_is_wrong_with_several_pieces_of_ground_is_named_together(tmp_path):
     message = message_of(load_scene, write(
         tmp_path, 'robot: gimball\nduration: 1\nterrain: [step: {}, flat: {length: 1}, cord: {}]'))
     assert 'piece 1 (step): height is missing' in message
@@ -238,7 +238,7 @@ def test_output_step_that_is_no_multiple_names_two_that_are(tmp_path):
         load_scene(path).simulate()
 
 
-def test_names_and_paths_that_do_not_exist_are_told_apart(tmp_path):
+def test_names_and_paths_that_do_not_exist_are_distinguished(tmp_path):
     with pytest.raises(ConfigurationError, match="no scene named 'nowhere'; known are .*flat"):
         load_scene('nowhere')
     with pytest.raises(ConfigurationError, match='scene file .*nowhere.yaml.* does not exist'):

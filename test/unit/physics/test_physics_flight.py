@@ -103,7 +103,7 @@ def test_the_first_touch_is_not_passed_and_is_a_touch(x, y, velocity_x, velocity
     assert contacts(found + 1e-9)
 
 
-def test_a_ball_that_is_let_go_is_not_pushed_before_it_touches_again():
+def test_a_ball_that_is_released_is_not_pushed_before_it_touches_again():
     draw, flown, refused = np.random.default_rng(5), 0, 0
     for _ in range(2000):
         robot = SHELLBALL if draw.random() < 0.5 else GIMBALL
@@ -136,7 +136,7 @@ def test_a_ball_that_is_let_go_is_not_pushed_before_it_touches_again():
 
 
 @pytest.mark.parametrize('robot', [SHELLBALL, GIMBALL], ids=lambda robot: robot.name)
-def test_a_ball_that_bounces_loses_what_is_in_the_spring_that_lets_go_of_it(robot):
+def test_a_ball_that_bounces_loses_what_is_in_the_spring_that_releases_it(robot):
     start = State(y=robot.ball_radius + 0.05, velocity_x=0.5, ball_rate=3.0)
     auto, full = (simulate(
         Model(robot, Terrain.flat(), solver=Solver('adaptive', tolerance=1e-12, models=models)),

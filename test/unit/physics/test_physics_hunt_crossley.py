@@ -72,7 +72,7 @@ def test_a_scene_file_selects_it():
     assert scene.model.robot.digest != GIMBALL.digest
 
 
-def test_the_maximum_step_height_hardly_depends_on_the_law_at_equal_restitution():
+def test_the_maximum_step_height_depends_little_on_the_law_at_equal_restitution():
     for speed in (0.3, 0.6):
         dissipation = brentq(
             lambda value: restitution(value, speed) - GIMBALL.restitution, 1e-3, 10.0)

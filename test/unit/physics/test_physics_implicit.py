@@ -27,7 +27,7 @@ def with_solver(scene, **solver):
 
 
 @pytest.mark.parametrize('name', MOVING)
-def test_all_methods_with_chosen_steps_tell_the_same_story(name):
+def test_all_methods_with_chosen_steps_agree(name):
     scene = load_scene(name)
     end = with_solver(scene, method='explicit', tolerance=1e-11).simulate()['x'][-1]
     for method in ('implicit', 'adaptive'):

@@ -55,7 +55,7 @@ def bounced(method, step, drop):
 
 @pytest.mark.parametrize('method', FIXED)
 def test_through_the_kinks_of_a_bounce_only_the_first_order_is_left(method):
-    # The damper of eq. (7) sets in at once, somewhere within a step: an average over where.
+    # The damper of eq. (7) sets in immediately, somewhere within a step: an average over where.
     drops = np.linspace(1e-4, 3e-4, 23)
     steps = [1e-4, 5e-5, 2.5e-5, 1.25e-5]
     truth = np.array([bounced('rk4', 5e-7, drop) for drop in drops])

@@ -121,7 +121,7 @@ def test_the_ball_starts_at_its_first_touch_with_the_collision_speed():
             assert math.hypot(start.velocity_x, start.velocity_y) == pytest.approx(0.8)
             assert math.atan2(start.velocity_y, start.velocity_x) == pytest.approx(before)
             model = Model(GIMBALL, Site(slope_before=before).terrain(height))
-            # All contacts but that of the floor have just begun, or not quite.
+            # All contacts but that of the floor have just started, or not quite.
             floor = max(model.touches(start), key=lambda touch: touch.penetration)
             assert floor.normal_force == pytest.approx(
                 GIMBALL.weight * math.cos(before), rel=1e-9)
@@ -149,14 +149,14 @@ def test_a_wound_up_pendulum_may_win_at_a_later_attempt():
     assert crosses(GIMBALL, 0.2, between, law, rules=Rules(attempts='any'))
 
 
-def test_a_bouncing_ball_whose_later_attempts_count_is_not_monotone_and_told_so():
+def test_a_bouncing_ball_whose_later_attempts_count_is_reported_as_not_monotone():
     rules = Rules(attempts='any', time_limit=3.0)
     assert max_step_height(SHELLBALL, 3.0, rules=rules, scan=40).monotone is False
     assert max_step_height(SHELLBALL, 1.2, scan=40).monotone is True
     assert max_step_height(SHELLBALL, 1.2).monotone is None
 
 
-def test_a_ball_that_presses_against_the_step_for_ever_has_failed():
+def test_a_ball_that_presses_against_the_step_indefinitely_has_failed():
     crossing = crossing_of(0.05, held_at(math.pi / 2), Rules(time_limit=1.0))
     verdict, score, _ = attempt(0.005, 1e-8, crossing)
     assert verdict == UNDECIDED and score < 0.0
@@ -202,7 +202,7 @@ def test_impossible_searches_are_refused(change, complaint):
         max_step_height(**{'robot': GIMBALL, 'speed': 0.6, **change})
 
 
-def test_an_attempt_that_cannot_go_on_tells_when_and_why():
+def test_an_attempt_that_cannot_go_on_reports_when_and_why():
     soft = replace(GIMBALL, contact_stiffness=300.0)
     with pytest.raises(SimulationError, match='under the ground'):
         max_step_height(soft, 3.0)

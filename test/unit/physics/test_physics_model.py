@@ -79,16 +79,16 @@ def test_duration_is_rounded_up_to_a_whole_number_of_samples():
     assert len(simulate(MODEL, START, Actuation(), 0.01)) == 11
 
 
-def test_progress_is_told_and_an_interruption_keeps_what_there_is():
-    told = []
+def test_progress_is_reported_and_an_interruption_keeps_what_there_is():
+    reported = []
 
     def stop(elapsed):
-        told.append(elapsed)
-        if len(told) == 2:
+        reported.append(elapsed)
+        if len(reported) == 2:
             raise KeyboardInterrupt
 
     run = simulate(MODEL, START, Actuation(), 3.0, progress=stop)
-    assert told == pytest.approx([CHUNK * 1e-3, 2 * CHUNK * 1e-3], rel=1e-12)
+    assert reported == pytest.approx([CHUNK * 1e-3, 2 * CHUNK * 1e-3], rel=1e-12)
     assert len(run) == 2 * CHUNK + 1
 
 

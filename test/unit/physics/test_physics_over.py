@@ -57,15 +57,15 @@ def test_a_ball_is_given_up_before_it_is_clear_only_where_it_cannot_be():
         site = Site(slope_behind=slope)
         middle = max_step_height(GIMBALL, 0.7, accuracy=1e-7, site=site, rules=CLEAR).height
         shares = np.concatenate([np.linspace(0.1, 2.0, 12), [0.99, 0.999, 1.003, 1.01]])
-        told = []
+        verdicts = []
         for law in (Actuation(), Actuation('torque', torque=0.0)):
             crossing = Crossing.of(CLEAR.course(0.7, 0.0), System(
                 Parameters.of(GIMBALL, ContactOptions()), site.profile(GIMBALL),
                 law.actuator(GIMBALL)), 10**8)
             results = [attempt(share * middle, 1e-8, crossing) for share in shares.tolist()]
             assert all((score > 0.0) == (verdict == OVER) for verdict, score, _ in results)
-            told.append([verdict == OVER for verdict, _, _ in results])
-        assert told[0] == told[1] == (shares < 1.0).tolist()
+            verdicts.append([verdict == OVER for verdict, _, _ in results])
+        assert verdicts[0] == verdicts[1] == (shares < 1.0).tolist()
 
 
 @pytest.mark.parametrize('change, complaint', [

@@ -59,15 +59,15 @@ def test_half_a_turn_either_way_is_an_angle():
     assert held_at(math.pi).set_angle == math.pi and held_at(-math.pi).set_angle == -math.pi
 
 
-@pytest.mark.parametrize('values, told', [
+@pytest.mark.parametrize('values, named', [
     ({'voltage': 5.0}, "write Actuation('voltage', voltage=5)"),
     ({'torque': -0.4}, "write Actuation('torque', torque=-0.4)"),
     ({'set_angle': 1.0}, "write Actuation('position', set_angle=1)"),
     ({'set_rate': 2.0}, "write Actuation('velocity', set_rate=2)")])
-def test_a_value_without_its_law_is_refused(values, told):
+def test_a_value_without_its_law_is_refused(values, named):
     with pytest.raises(ConfigurationError) as refused:
         Actuation(**values)
-    assert told in str(refused.value)
+    assert named in str(refused.value)
 
 
 def test_a_scene_with_a_value_of_another_law_is_refused():
@@ -103,7 +103,7 @@ def test_a_table_says_its_units_or_what_is_missing(trajectory, monkeypatch):
         trajectory.to_pandas()
 
 
-def test_a_duration_may_be_given_alone_and_a_column_that_is_none_is_told_with_those_there_are():
+def test_a_duration_may_be_given_alone_and_a_column_that_is_unknown_is_named_with_the_known_ones():
     run = load_scene('flat').simulate(0.01)
     assert run['x'][-1] == run.columns['x'][-1] and run['time'][-1] == pytest.approx(0.01)
     with pytest.raises(KeyError, match="'pendulum_angel' is no column; did you mean 'pendulum_a"):

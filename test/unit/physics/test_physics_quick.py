@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Functions written anew because a step calls them often: as exact as they say."""
+"""Functions written again because a step calls them often: as exact as they say."""
 import math
 
 from hypothesis import given, strategies as st
