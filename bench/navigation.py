@@ -8,7 +8,8 @@ import numpy as np
 
 from ballbot_ros.decision import Knowledge, load_curve, load_decision_tuning
 from ballbot_ros.errors import RefusedError
-from ballbot_ros.navigation import load_floor, RoutePlanner
+from ballbot_ros.floors import load_floor
+from ballbot_ros.navigation import RoutePlanner
 from ballbot_ros.physics import load_robot
 
 KNOWLEDGE = Knowledge(load_robot('gimball'), load_curve('gimball_down'),

@@ -14,7 +14,8 @@ from ballbot_ros.decision import Knowledge, load_curve, load_decision_tuning  # 
 from ballbot_ros.figures import canvas  # noqa: E402
 from ballbot_ros.figures.route import route_figure  # noqa: E402
 from ballbot_ros.figures.run import animate, save, strip  # noqa: E402
-from ballbot_ros.navigation import load_floor, RoutePlanner  # noqa: E402
+from ballbot_ros.floors import load_floor  # noqa: E402
+from ballbot_ros.navigation import RoutePlanner  # noqa: E402
 from ballbot_ros.paper.gallery import FIGURES  # noqa: E402
 from ballbot_ros.physics import load_robot, load_scene  # noqa: E402
 

@@ -22,15 +22,18 @@ LAYERS = {
     'control': ('errors', 'config', 'physics'),
     # Lateral motion beside the planar physics.
     'steering': ('errors', 'config', 'physics'),
+    # Maps of the ground, and profiles cut from them.
+    'floors': ('errors', 'config', 'physics'),
     'estimation': ('errors', 'config', 'physics', 'control'),
-    'plant': ('errors', 'config', 'physics'),
+    'plant': ('errors', 'config', 'physics', 'steering', 'floors'),
     'drives': ('errors', 'config'),
     # Inertial sensors, on lines that drives opens.
     'imus': ('errors', 'config', 'drives'),
     'decision': ('errors', 'config', 'physics', 'crossing', 'control'),
     # Motor controllers in software: what a drive says on its line, and a plant behind it.
     'emulator': ('errors', 'config', 'physics', 'plant', 'drives', 'imus'),
-    'navigation': ('errors', 'config', 'physics', 'crossing', 'control', 'decision'),
+    'navigation': ('errors', 'config', 'physics', 'crossing', 'control', 'steering', 'floors',
+                   'decision'),
     # Between commands and a real motor.
     'black_box': ('errors', 'config', 'physics', 'control', 'estimation', 'plant', 'drives',
                   'bridge', 'results'),

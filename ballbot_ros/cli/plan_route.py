@@ -32,7 +32,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _planner(arguments: argparse.Namespace) -> Any:
     from ballbot_ros.decision import Knowledge, load_curve, load_decision_tuning
-    from ballbot_ros.navigation import load_floor, RoutePlanner
+    from ballbot_ros.floors import load_floor
+    from ballbot_ros.navigation import RoutePlanner
     knowledge = Knowledge(options.read_robot(arguments), load_curve(arguments.curve),
                           load_decision_tuning(arguments.tuning))
     return RoutePlanner(load_floor(arguments.floor), knowledge)

@@ -7,8 +7,8 @@ import numpy as np
 
 from ballbot_ros.figures.canvas import (
     BLUE, drawing, GREEN, GREY, INK, ORANGE, PALE, SOIL, VERMILION)
-from ballbot_ros.navigation import Floor, Route
-from ballbot_ros.navigation.floor import FREE, UNKNOWN
+from ballbot_ros.floors.floor import Floor, FREE, UNKNOWN
+from ballbot_ros.navigation import Route
 
 COLOURS = {'step': VERMILION, 'threshold': ORANGE, 'cord': ORANGE, 'drop': INK, 'stairs': INK,
            'carpet': SOIL, 'keep_out': GREY}

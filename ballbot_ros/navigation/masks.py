@@ -11,7 +11,7 @@ from typing import List
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot_ros.navigation.floor import distance_to_segment, FREE, inside
+from ballbot_ros.floors.floor import distance_to_segment, FREE, inside
 from ballbot_ros.navigation.route import RoutePlanner
 
 # Types of nav2_msgs/CostmapFilterInfo: keep-out zones, and speed limits in percent.

@@ -20,9 +20,9 @@ from ballbot_ros.crossing.rules import touch_distance
 from ballbot_ros.decision import Knowledge
 from ballbot_ros.decision.planning.braking import Braking
 from ballbot_ros.errors import RefusedError
-from ballbot_ros.navigation.capability import Capability, CrossingPlan
-from ballbot_ros.navigation.floor import (
+from ballbot_ros.floors.floor import (
     distance_to_segment, Feature, Floor, FREE, inside, Point, UNKNOWN)
+from ballbot_ros.navigation.capability import Capability, CrossingPlan
 
 # Size of a cell of the search; maps with finer cells are sampled [m].
 GRID = 0.1

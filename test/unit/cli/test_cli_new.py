@@ -13,7 +13,7 @@ from ballbot_ros.control import ControlTuning, load_tuning
 from ballbot_ros.crossing import max_step_height
 from ballbot_ros.decision import DecisionTuning, load_decision_tuning
 from ballbot_ros.drives import DRIVES
-from ballbot_ros.navigation import load_floor
+from ballbot_ros.floors import load_floor
 from ballbot_ros.physics import load_robot, load_scene
 
 LOADERS = {'robot': load_robot, 'scene': load_scene, 'hardware': load_hardware,

@@ -11,8 +11,9 @@ import pytest
 
 from ballbot_ros.decision import Knowledge, load_curve, load_decision_tuning
 from ballbot_ros.errors import RefusedError
-from ballbot_ros.navigation import Capability, load_floor, RoutePlanner, write_masks
-from ballbot_ros.navigation.floor import distance_to_segment
+from ballbot_ros.floors import load_floor
+from ballbot_ros.floors.floor import distance_to_segment
+from ballbot_ros.navigation import Capability, RoutePlanner, write_masks
 from ballbot_ros.navigation.route import ALIGNMENT
 from ballbot_ros.physics import load_robot
 

@@ -5,8 +5,8 @@ from PIL import Image
 import pytest
 
 from ballbot_ros.errors import ConfigurationError
-from ballbot_ros.navigation import load_floor, read_map
-from ballbot_ros.navigation.floor import distance_to_segment, FREE, inside, OCCUPIED, UNKNOWN
+from ballbot_ros.floors import load_floor, read_map
+from ballbot_ros.floors.floor import distance_to_segment, FREE, inside, OCCUPIED, UNKNOWN
 
 MAP = 'image: plan.pgm\nresolution: 0.1\norigin: [-1.0, 2.0, 0.0]\nnegate: {}\n' \
     'occupied_thresh: 0.65\nfree_thresh: 0.2\n'
