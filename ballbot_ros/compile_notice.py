@@ -16,6 +16,12 @@ COMPILES = ('compiling for this machine, which takes a minute or so the first ti
 # Receives the number of kernels compiled so far, and whether more are being compiled.
 OnCompiling = Callable[[int, bool], None]
 _report: Optional[OnCompiling] = None
+_unfinished = 0  # kernels that are being compiled
+
+
+def compiling() -> bool:
+    """Return whether a kernel is being compiled, in any thread of this process."""
+    return _unfinished > 0
 
 
 def on_compiling(callback: Optional[OnCompiling]) -> None:
@@ -37,12 +43,13 @@ class CompileNotice:
 
     def __init__(self) -> None:
         self.spent = 0.0
-        self._open, self._done, self._since, self._warned = 0, 0, 0.0, False
+        self._done, self._since, self._warned = 0, 0.0, False
 
     def begins(self, warns: bool) -> None:
         """Record the start of a compilation, which may be nested."""
+        global _unfinished
         self._count()
-        self._open += 1
+        _unfinished += 1
         if _report is not None:
             _report(self._done, True)
         elif self.spent > MOMENT and warns and not self._warned:
@@ -51,13 +58,14 @@ class CompileNotice:
 
     def ends(self) -> None:
         """Record the end of a compilation."""
+        global _unfinished
         self._count()
-        self._open, self._done = max(self._open - 1, 0), self._done + 1
+        _unfinished, self._done = max(_unfinished - 1, 0), self._done + 1
         if _report is not None:
-            _report(self._done, self._open > 0)
+            _report(self._done, _unfinished > 0)
 
     def _count(self) -> None:
         now = monotonic()
-        if self._open:
+        if _unfinished:
             self.spent += now - self._since
         self._since = now

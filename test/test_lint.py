@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Style and types: the rules of ROS 2, checked with and without the linters of ROS 2."""
+import ast
 import configparser
 import importlib.util
 from pathlib import Path
@@ -51,9 +52,15 @@ def misplaced_imports(*paths):
         'application_import_names': settings['application-import-names'].split(','),
         'import_order_style': lookup_entry_point(settings['import-order-style'])}
     ignored = settings['extend-ignore'].split(',')
+
+    def checker(path):
+        tree = ast.parse(path.read_text(encoding='utf-8'))
+        # It reads no other statements, and would visit each number in them.
+        tree.body = [statement for statement in tree.body
+                     if isinstance(statement, (ast.Import, ast.ImportFrom, ast.If))]
+        return ImportOrderChecker(str(path), tree)
     return [f'{path}:{error.lineno}: {error.code} {error.message}' for path in paths
-            for error in ImportOrderChecker(str(path), None).check_order()
-            if error.code not in ignored]
+            for error in checker(path).check_order() if error.code not in ignored]
 
 
 def has(module):
@@ -152,10 +159,13 @@ def test_nothing_names_a_package_host_or_a_home_folder():
 
 def test_no_discouraged_word_is_used():
     words = yaml.safe_load((ROOT / 'test' / 'vocabulary.yaml').read_text(encoding='utf-8'))
-    found = [f'{path.relative_to(ROOT)}:{number}: {match[0]!r}; use {instead}'
-             for path in project_files('.py', '.md', '.yaml', '.msg', '.srv', '.action')
-             if path.name != 'vocabulary.yaml'
-             for number, line in enumerate(path.read_text(encoding='utf-8').split('\n'), 1)
-             for word, instead in words.items()
-             for match in re.finditer(rf'(?<![a-z])(?:{word})(?![a-z])', line, re.IGNORECASE)]
+    found = []
+    for path in project_files('.py', '.md', '.yaml', '.msg', '.srv', '.action'):
+        text = path.read_text(encoding='utf-8').lower()
+        for word, instead in words.items() if path.name != 'vocabulary.yaml' else ():
+            # A look at the letter before in the expression itself would be five times as slow.
+            found += [f'{path.relative_to(ROOT)}:{text.count(chr(10), 0, match.start()) + 1}: '
+                      f'{match[0]!r}; use {instead}'
+                      for match in re.finditer(rf'(?:{word})(?![a-z])', text)
+                      if not re.match('[a-z]', text[max(match.start() - 1, 0)])]
     assert not found, found

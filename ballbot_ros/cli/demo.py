@@ -44,7 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--duration', type=float, metavar='SECONDS',
                         help='end of the run, in simulated time (default: 30)')
     parser.add_argument('--timeout', type=float, default=60.0, metavar='SECONDS',
-                        help='longest wall time of an act (default: %(default)g)')
+                        help='longest wall time without a new state (default: %(default)g)')
     add_quiet(parser)
 
 

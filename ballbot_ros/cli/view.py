@@ -45,10 +45,7 @@ def run(arguments: argparse.Namespace) -> int:
     source = other_source(arguments)
     if source is not None:
         return serve(source, arguments, begin=not arguments.live)
-    from ballbot_ros.cli.simulate import load_machine_code
-    from ballbot_ros.physics.simulation.scene import load_scene
     from ballbot_ros.view.scene_source import SceneSource
-    load_machine_code(load_scene(arguments.scene))
     return serve(SceneSource(arguments.scene, paused=True), arguments, begin=True)
 
 

@@ -2,11 +2,14 @@
 """Run the demo: simulator, controller and decision, with timeline, bag, picture and verdict."""
 from contextlib import contextmanager
 from functools import partial
+import os
 from pathlib import Path
 import signal
 import sys
+from tempfile import TemporaryFile
 import time
-from typing import Any, Callable, Iterable, Iterator, List, NamedTuple, Optional, Sequence, Tuple
+from typing import (
+    Any, BinaryIO, Callable, Iterable, Iterator, List, NamedTuple, Optional, Sequence, Tuple)
 
 import numpy as np
 from rclpy.node import Node
@@ -62,6 +65,9 @@ def run_demo(out: Path, real_time: bool = False, quiet: bool = False, timeout: f
     """
     Run the demo: two steps, and a drop on a slope.
 
+    Acts in lockstep run at the same time, each on a ROS domain of its own, unless the environment
+    sets the domain.
+
     Parameters
     ----------
     out : Path
@@ -71,7 +77,7 @@ def run_demo(out: Path, real_time: bool = False, quiet: bool = False, timeout: f
     quiet : bool
         Print only the verdict.
     timeout : float
-        Timeout of an act in wall time [s].
+        Longest wall time without a new state [s].
     acts : sequence of Act
     watched : bool
         Limit lockstep to real time, for viewers.
@@ -87,10 +93,13 @@ def run_demo(out: Path, real_time: bool = False, quiet: bool = False, timeout: f
         f'in lockstep, {"at most in real time" if watched else "as fast as it goes"}')
     prepare(('simulator', 'controller', 'decision'))  # before anything is waited for
     import_nodes(('simulator', 'controller', 'obstacle_decision'))
+    together = len(acts) > 1 and not (real_time or watched or os.environ.get('ROS_DOMAIN_ID'))
+    domains = [own_domain(number if together else 0) for number in range(len(acts))]
     if not quiet:
-        print(f'Three nodes on ROS domain {own_domain()}, {how}.', flush=True)
+        print('Three nodes on ROS domain '
+              f'{" and ".join(map(str, dict.fromkeys(domains)))}, {how}.', flush=True)
 
-    def play(act: Act, folder: Path, timeline: Timeline) -> List[str]:
+    def play(act: Act, domain: int, folder: Path, timeline: Timeline) -> List[str]:
         simulator = {
             'scene': act.scene, 'robot': act.robot, 'control_rate': CONTROL_RATE,
             'lockstep': not real_time,
@@ -102,31 +111,51 @@ def run_demo(out: Path, real_time: bool = False, quiet: bool = False, timeout: f
         controller = {'robot': act.robot, 'tuning': act.tuning, 'rate': CONTROL_RATE,
                       'lockstep_set_point_period': lockstep_period}
         nodes = {'controller': controller, 'obstacle_decision': decision, 'simulator': simulator}
-        with recorded_graph(folder, (*TOPICS, *ALSO), timeline, nodes, metadata) as graph:
+        with recorded_graph(
+                folder, (*TOPICS, *ALSO), timeline, nodes, metadata, domain) as graph:
             start = SynchronizedStart(graph.node, graph.bag, TOPICS)
             wrong = graph.run(start.poll, timeout, act.longest, TOPICS)
         return wrong + check_bag(graph, real_time, quiet)
 
+    return max(in_processes([
+        partial(perform, out / Path(act.scene).stem, act, quiet, partial(play, act, domain))
+        for act, domain in zip(acts, domains)], together))
+
+
+def in_processes(works: Sequence[Callable[[], int]], together: bool) -> List[int]:
+    """
+    Perform acts in copies of this process, so that their nodes can be copies of it, too.
+
+    Returns their exit codes.  Acts that run together print one after the other.
+    """
+    processes: List[Forked] = []
+
+    def begin(work: Callable[[], int]) -> Tuple[Forked, List[BinaryIO]]:
+        kept = [TemporaryFile() for _ in range(2)] if together and processes else []
+
+        def work_alone() -> int:
+            signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent sends SIGTERM instead
+            for stream, file in enumerate(kept, start=1):  # standard output and error
+                os.dup2(file.fileno(), stream)
+            return work()
+        processes.append(Forked(work_alone))
+        return processes[-1], kept
+
     codes = []
-    for act in acts:
-        codes.append(perform_alone(out / Path(act.scene).stem, act, quiet, partial(play, act)))
-    return max(codes)
-
-
-def perform_alone(out: Path, act: Act, quiet: bool,
-                  play: Callable[[Path, Timeline], List[str]]) -> int:
-    """Perform an act in a copy of this process, so that its nodes can be copies of it, too."""
-    def work() -> int:
-        signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent sends SIGTERM instead
-        return perform(out, act, quiet, play)
-
     with ending_by_signal():
-        process = Forked(work)
         try:
-            return process.wait()
+            started = map(begin, works)
+            for process, kept in list(started) if together else started:
+                codes.append(process.wait())
+                for stream, file in zip((sys.stdout, sys.stderr), kept):
+                    file.seek(0)
+                    print(file.read().decode(), end='', file=stream, flush=True)
         finally:
-            process.send_signal(signal.SIGTERM)
-            process.wait()
+            for process in processes:
+                process.send_signal(signal.SIGTERM)
+            for process in processes:
+                process.wait()
+    return codes
 
 
 def check_bag(graph: RecordedGraph, real_time: bool, quiet: bool) -> List[str]:

@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
 """The demo through a serial line: an emulated drive, laws on board the bridge, decision."""
-import math
 import os
 from pathlib import Path
 import time
@@ -48,7 +47,7 @@ def run_hardware_demo(out: Path, protocol: str, firmware: str = '', serial_imu: 
     quiet : bool
         Print only the verdict.
     timeout : float
-        Timeout in wall time [s].
+        Longest wall time without a new state, and longest time of the run [s].
 
     Returns
     -------
@@ -78,7 +77,7 @@ def run_hardware_demo(out: Path, protocol: str, firmware: str = '', serial_imu: 
         import_nodes(nodes)
         with recorded_graph(
                 folder, (*TOPICS, *ALSO, *MORE_TOPICS), timeline, nodes, metadata) as graph:
-            return graph.run(GetGoing(graph.node).poll, timeout, math.inf)
+            return graph.run(GetGoing(graph.node).poll, timeout, longest=timeout)
 
     prepare(('simulator', 'bridge', 'decision'))  # before anything is waited for
     if not quiet:

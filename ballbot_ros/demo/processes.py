@@ -3,6 +3,7 @@
 import os
 from pathlib import Path
 import signal
+import socket
 import subprocess
 import sys
 from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple, Union
@@ -10,20 +11,52 @@ from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple, Union
 import yaml
 
 from ballbot_ros.demo.forked import detached, Forked
+from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.nodes.start import start
 from ballbot_ros.ros import discovery
 
 GRACE = 15.0  # wall time for a node to end after SIGINT before it is killed [s]
 
 
-def own_domain() -> int:
-    """
-    Return the ROS domain to use: that of the environment, or one of few others' use.
+_claims: Dict[Tuple[int, int], Tuple[int, socket.socket]] = {}  # by process and number
 
-    101 domains are free of clashes with the ports of ordinary programs.
+
+def own_domain(number: int = 0) -> int:
+    """
+    Return the ROS domain to use: that of the environment, or one of this process alone.
+
+    101 domains are free of clashes with the ports of ordinary programs.  A bound socket claims a
+    domain for as long as this process or a copy of it runs.
+
+    Parameters
+    ----------
+    number : int
+        For several domains in one process.
+
+    Raises
+    ------
+    ConfigurationError
+        If all 101 are claimed.
+
     """
     given = os.environ.get('ROS_DOMAIN_ID')
-    return int(given) if given else 1 + os.getpid() % 101
+    if given:
+        return int(given)
+    key = (os.getpid(), number)
+    for domain in ((key[0] + shift) % 101 + 1 for shift in range(0 if key in _claims else 101)):
+        claim = socket.socket(socket.AF_UNIX)
+        try:
+            claim.bind(f'\0ballbot_ros_domain_{domain}')
+        except OSError:
+            claim.close()
+            continue
+        _claims[key] = domain, claim
+        break
+    if key not in _claims:
+        raise ConfigurationError(
+            'the ROS domains 1 to 101 are all in use by other runs of this package on this '
+            'machine; end some of them, or set ROS_DOMAIN_ID', 'unavailable', 'ROS_DOMAIN_ID')
+    return _claims[key][0]
 
 
 def environment(domain: int, folder: Path) -> Dict[str, str]:

@@ -42,16 +42,17 @@ class RecordedGraph:
         Record until the ball rests, and these topics up to then; end the nodes; return failures.
 
         Calls `poll` often, which returns why it is no use to go on, or nothing; gives up after
-        `timeout` of wall time [s], and ends after `longest` on the timeline [s], when the robot
-        has had its chance.
+        `timeout` of wall time without a new state [s], and ends after `longest` on the timeline
+        [s], when the robot has had its chance.
         """
-        deadline = time.monotonic() + timeout
-        ended = False
+        deadline, reached, ended = time.monotonic() + timeout, self.timeline.now, False
         while not (ended and self._recorded_to_end(topics)):
             self.executor.spin_once(timeout_sec=TAKE_AGAIN)
             while not (ended or self.updates.empty()):
                 self.updates.get()()
                 ended = self.timeline.rested is not None or self.timeline.now > longest
+            if self.timeline.now > reached:
+                deadline, reached = time.monotonic() + timeout, self.timeline.now
             hopeless = poll()
             if hopeless:
                 return [hopeless]
@@ -61,8 +62,8 @@ class RecordedGraph:
             if failed is not None:
                 return [self._badly(*failed)]
             if time.monotonic() > deadline:
-                return [f'given up after {timeout:g} s; where the machine was just too slow, '
-                        'allow more (--timeout)']
+                return [f'given up after {timeout:g} s without a new state on ball_state; where '
+                        'the machine was just too slow, allow more (--timeout)']
         codes = self.nodes.stop()
         self.bag.take_all()
         return [self._badly(name, code) for name, code in codes.items() if code]
@@ -78,14 +79,16 @@ class RecordedGraph:
 @contextmanager
 def recorded_graph(out: Path, topics: Sequence[str], timeline: Timeline,
                    nodes: Mapping[str, Mapping[str, Any]],
-                   metadata: Optional[Mapping[str, str]] = None) -> Iterator[RecordedGraph]:
+                   metadata: Optional[Mapping[str, str]] = None,
+                   domain: Optional[int] = None) -> Iterator[RecordedGraph]:
     """
     Yield a graph of nodes, given by their parameters; terminate all processes on exit.
 
     The topics are recorded to a bag in the folder `out`; ``ball_state`` and ``step_decision``
-    also go to the timeline.  The bag contains the `metadata`.
+    also go to the timeline.  The bag contains the `metadata`.  By default the ROS domain is
+    `own_domain`.
     """
-    domain = own_domain()
+    domain = own_domain() if domain is None else domain
     discovery.apply(os.environ)
     updates: SimpleQueue[Callable[[], None]] = SimpleQueue()
 

@@ -10,6 +10,7 @@ from time import monotonic
 from types import MappingProxyType
 from typing import Callable, Mapping, NamedTuple, Optional, Tuple
 
+from ballbot_ros.compile_notice import compiling
 from ballbot_ros.config.files import shipped_files
 from ballbot_ros.decision.planning.curve import HeightCurve
 from ballbot_ros.errors import BallbotError, ConfigurationError, SimulationError
@@ -93,6 +94,8 @@ class SceneSource(Source):
     def health(self) -> Health:
         """Return the state of the run."""
         run, notes = self._run, []
+        if compiling():
+            notes.append('Compiling for this machine, which takes some seconds the first time.')
         if run.lost_at < math.inf:
             notes.append(f'The accuracy of {run.accuracy:g} m holds up to t = {run.lost_at:.2f} s '
                          'only: the motion is chaotic.')

@@ -154,11 +154,12 @@ def test_a_viewer_sees_it_in_real_time_at_most_and_slower_where_that_is_too_fast
     class Started(Exception):
         """Takes the place of all that follows."""
 
-    def graph(folder, topics, timeline, nodes, metadata):
+    def graph(folder, topics, timeline, nodes, metadata, domain):
         assert nodes['simulator'] == metadata
         raise Started(metadata)
     monkeypatch.setattr(demo, 'prepare', lambda nodes: None)
-    monkeypatch.setattr(demo, 'perform_alone', demo.perform)
+    monkeypatch.setattr(demo, 'in_processes', lambda works, together: [
+        work() for work in works])
     monkeypatch.setattr(demo, 'recorded_graph', graph)
     monkeypatch.setattr(demo, 'bag_metadata', lambda name, simulator, *_: simulator)
     with pytest.raises(Started) as started:

@@ -30,6 +30,17 @@ def test_a_domain_that_is_given_is_used_and_else_one_of_ones_own(monkeypatch):
     assert 1 <= own_domain() <= 101
 
 
+def test_runs_of_one_and_of_several_processes_have_domains_of_their_own(monkeypatch):
+    monkeypatch.delenv('ROS_DOMAIN_ID', raising=False)
+    here = {own_domain(number) for number in range(3)}
+    there = subprocess.run(
+        [sys.executable, '-c', 'import os; from ballbot_ros.demo import processes\n'
+         f'os.getpid = lambda: {os.getpid()}\nprint(processes.own_domain())'],
+        capture_output=True, text=True, check=True)
+    assert len(here) == 3 and own_domain(1) in here
+    assert int(there.stdout) not in here
+
+
 def test_nodes_stay_on_this_machine_and_settings_of_the_user_go_first(tmp_path, monkeypatch):
     for name in (*discovery.CHOICES, *discovery.SETTINGS):
         monkeypatch.delenv(name, raising=False)
