@@ -72,5 +72,5 @@ def _draw_route(axes: Any, route: Route, radius: float) -> None:
             axes.annotate('', points[-1], points[0], arrowprops={
                 'arrowstyle': '-|>', 'color': GREEN, 'linewidth': 2.2, 'shrinkA': 0, 'shrinkB': 0})
             axes.add_patch(Circle(tuple(points[0]), radius, facecolor='none', edgecolor=GREEN))
-    for point in (route.points[0], route.points[-1]):
+    for point in (route.points[:1] + route.points[-1:]):
         axes.add_patch(Circle(point, radius, facecolor=PALE, edgecolor=BLUE, linewidth=1.4))

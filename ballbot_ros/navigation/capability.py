@@ -2,11 +2,20 @@
 """
 Which steps a robot crosses from rest: run-up and room to speed, swing, probability and time.
 
-The entries come from the rollouts of the obstacle decision, in the worlds that its robot file and
-tuning imply; so a route asks for no crossing that the decision would refuse.
+The entries come from the rollouts of the obstacle decision, in the worlds that its robot file,
+tuning and learned particles imply; so a route asks for no crossing that the decision would refuse.
+They are computed when they are needed, for heights rounded away from 0, and kept in
+``$XDG_CACHE_HOME/ballbot_ros/capability``, a file for each robot, tuning and version of the code.
 """
+from contextlib import suppress
+import hashlib
+import json
 import math
+import os
+from pathlib import Path
 from typing import Dict, List, NamedTuple, Optional, Sequence, Tuple
+
+import numpy as np
 
 from ballbot_ros.decision import Face, Knowledge, Profile
 from ballbot_ros.decision.learning.particles import Particles
@@ -21,6 +30,8 @@ RUN_UPS = (0.2, 0.35, 0.5, 0.75, 1.0, 1.4, 1.8, 2.4)
 ROOMS = (0.4, 0.65, 1.0, 1.5, 2.5)
 # A longer run-up must raise the probability by this to be a choice of its own.
 BETTER = 0.005
+# Heights, standard deviations of heights, and widths are rounded up to multiples of this [m].
+HEIGHT, HEIGHT_SD, WIDTH = 0.0025, 0.001, 0.01
 # Standard deviation of the place of a step when the ball crosses it, and of a level floor's slope.
 PLACE_SD, SLOPE_SD = 0.01, 0.003
 
@@ -58,7 +69,7 @@ class Capability:
     Parameters
     ----------
     knowledge : Knowledge
-        Robot, curve and tuning of the obstacle decision.
+        Robot, curve, tuning and particles of the obstacle decision.
 
     """
 
@@ -67,7 +78,23 @@ class Capability:
         self._worlds = Worlds(knowledge)
         self._worlds.set_particles(knowledge.particles or Particles.of(
             knowledge.robot, knowledge.tuning.height_bias_sd))
-        self._known: Dict[Tuple[object, ...], Optional[CrossingPlan]] = {}
+        self._file = _folder() / f'{_digest(knowledge)}.json'
+        self._known: Dict[str, Optional[CrossingPlan]] = {}
+        with suppress(OSError, ValueError, TypeError):
+            self._known = {key: None if value is None else CrossingPlan(*value) for key, value in
+                           json.loads(self._file.read_text(encoding='utf-8')).items()}
+        self._kept = len(self._known)
+
+    def keep(self) -> None:
+        """Write what was computed; without a writable cache, the next run computes it again."""
+        if len(self._known) == self._kept:
+            return
+        with suppress(OSError):
+            self._file.parent.mkdir(parents=True, exist_ok=True)
+            temporary = self._file.with_suffix(f'.{os.getpid()}')
+            temporary.write_text(json.dumps(self._known), encoding='utf-8')
+            temporary.replace(self._file)
+            self._kept = len(self._known)
 
     def choices(self, faces: Sequence[Tuple[float, float]], height_sd: float, run_up: float,
                 room: float) -> List[CrossingPlan]:
@@ -101,8 +128,9 @@ class Capability:
 
     def _crossing(self, steps: Tuple[Tuple[float, float], ...], height_sd: float, run_up: float,
                   room: float) -> Optional[CrossingPlan]:
-        key = (tuple((round(at, 3), round(height, 4)) for at, height in steps),
-               round(height_sd, 4), run_up, room)
+        steps = tuple((_rounded(at, WIDTH), _rounded(height, HEIGHT)) for at, height in steps)
+        height_sd = _rounded(height_sd, HEIGHT_SD)
+        key = repr((steps, height_sd, run_up, room))
         if key not in self._known:
             self._known[key] = self._search(steps, height_sd, run_up, room)
         return self._known[key]
@@ -141,3 +169,27 @@ class Capability:
             + speed / self._tuning.deceleration
         return CrossingPlan(
             run_up, plan.speed, plan.swing, plan.angle, chosen.many.probability, time)
+
+
+def _rounded(value: float, unit: float) -> float:
+    """Round away from 0 to a multiple of a unit."""
+    return math.copysign(round(math.ceil(abs(value) / unit - 1e-6) * unit, 6), value)
+
+
+def _folder() -> Path:
+    """Return the folder of the tables."""
+    base = Path(os.environ.get('XDG_CACHE_HOME') or Path.home() / '.cache')
+    return base / 'ballbot_ros' / 'capability'
+
+
+def _digest(knowledge: Knowledge) -> str:
+    """Return a digest of all that the table depends on."""
+    code = Path(__file__).resolve().parent.parent
+    digest = hashlib.sha256(repr((
+        knowledge.robot.digest, knowledge.tuning, knowledge.control, knowledge.seed)).encode())
+    for source in (Path(__file__), *sorted((code / 'decision').rglob('*.py'))):
+        digest.update(source.read_bytes())
+    if knowledge.particles is not None:
+        for array in (knowledge.particles.values, knowledge.particles.weights):
+            digest.update(np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()[:16]

@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Routes on a floor, where crossing a step takes a run-up before it and room behind it.
+Routes on a floor, for a ball that turns only while it rolls and crosses steps with a run-up.
 
-Free floor is a grid, on which `scipy.sparse.csgraph` finds shortest ways.  A crossing is an edge
-from where its run-up begins to where the ball stands behind it, perpendicular to the step.  A
-route is a sequence of ways and crossings: of those whose probability is at least the required one,
-that of least expected time.
+The search is A* on a lattice of poses (`lattice`): its primitives have a curvature that the ball
+can drive, forward or backward.  A crossing is an edge of the same graph, from the pose at rest
+where its run-up begins to the pose behind the step.  Cost is expected time; the product of the
+crossings' probabilities stays above the required one.  The heuristic is the time of a point that
+turns freely, from `scipy.sparse.csgraph`.
 """
-import heapq
 import math
 from typing import Dict, List, NamedTuple, Optional, Sequence, Tuple
 
@@ -23,22 +23,35 @@ from ballbot_ros.errors import RefusedError
 from ballbot_ros.floors.floor import (
     distance_to_segment, Feature, Floor, FREE, inside, Point, UNKNOWN)
 from ballbot_ros.navigation.capability import Capability, CrossingPlan
+from ballbot_ros.navigation.lattice import (
+    CELL_SHARE, COUNT, HEADINGS, LEVELS, Moves, primitives, Problem, Tree, VECTORS)
+from ballbot_ros.navigation.learned import Learned
+from ballbot_ros.steering import curvature_limit, height_factor
+from ballbot_ros.steering.model import required_steering
 
-# Size of a cell of the search; maps with finer cells are sampled [m].
-GRID = 0.1
 # Clearance between the ball and walls, and between it and steps that it does not cross [m].
 CLEARANCE = 0.05
-# Distance between crossings of one feature along its line, and between samples along a run-up [m].
-SPACING, SAMPLE = 0.2, 0.05
-# Longest run-up, and longest room behind an edge, that are looked for [m].
-LONGEST = 3.0
-# Time to align with a crossing from rest, and to set out [s].
-ALIGNMENT = 2.0
+# Clearance that a route prefers [m], and the factor on times with less.
+COMFORT, CLOSE = 0.15, 1.3
+# Distance between samples along a run-up, and longest run-up and room that are looked for [m].
+SAMPLE, LONGEST = 0.05, 3.0
+# Largest angle between a crossing and the normal of the step: half of what separates headings.
+OBLIQUE = math.radians(13.5)
+# Speeds on arcs and backward [m/s]; largest cell of the lattice [m].
+ARC_SPEED, BACKWARD_SPEED, LARGEST_CELL = 0.25, 0.2, 0.12
+# Time to stop and change direction, and to align and set out for a crossing [s].
+REVERSAL, ALIGNMENT = 2.0, 2.0
+# Time that a deviation of the start from its state costs [s/m], [s/rad].
+OFFSET_COST, TURN_COST = 10.0, 4.0
+# How far the ball backs out of a place where no state is [m].
+ESCAPE = 1.0
+# Octile distances exceed Euclidean ones by up to this factor.
+OCTILE = 1.0824
 
 
 class Segment(NamedTuple):
     """
-    A part of a route.
+    A part of a route, driven without a stop.
 
     Attributes
     ----------
@@ -49,6 +62,10 @@ class Segment(NamedTuple):
     crossing : CrossingPlan or None
     time : float
         [s]
+    direction : int
+        1 forward, -1 backward.
+    heading : float
+        At its end [rad].
 
     """
 
@@ -56,6 +73,8 @@ class Segment(NamedTuple):
     feature: Optional[Feature]
     crossing: Optional[CrossingPlan]
     time: float
+    direction: int = 1
+    heading: float = math.nan
 
 
 class Route(NamedTuple):
@@ -86,11 +105,12 @@ class Route(NamedTuple):
 
 
 class _Arc(NamedTuple):
-    """A crossing at a place."""
+    """A crossing at a place: from the state `start` to the state `end`, along one heading."""
 
-    start: Point
-    end: Point
-    feature: Feature
+    start: int
+    end: int
+    number: int  # of the feature
+    sign: int
     crossing: CrossingPlan
 
 
@@ -111,6 +131,10 @@ class RoutePlanner:
     floor : Floor
     knowledge : Knowledge
         Robot, curve and tuning of the obstacle decision.
+    learned : Learned, optional
+        What the robot has learned about the floor.
+    capability : Capability, optional
+        To share between planners.
 
     Attributes
     ----------
@@ -120,39 +144,75 @@ class RoutePlanner:
     drop_distance : float
         That the centre keeps from drops: a radius and the stopping distance at cruise speed [m].
 
+    Raises
+    ------
+    ConfigurationError
+        If the robot has no steering.
+
     """
 
-    def __init__(self, floor: Floor, knowledge: Knowledge):
-        """Compute crossings and the ways between them."""
+    def __init__(self, floor: Floor, knowledge: Knowledge, learned: Learned = Learned(),
+                 capability: Optional[Capability] = None):
+        """Compute the crossings."""
+        required_steering(knowledge.robot)
         self.floor, self._tuning = floor, knowledge.tuning
         self.ball_radius = knowledge.robot.ball_radius
         self.drop_distance = self.ball_radius + Braking(
             knowledge.robot, knowledge.tuning, knowledge.control).distance(
                 knowledge.tuning.cruise_speed, 0.0)
-        self._capability = Capability(knowledge)
+        self._capability = capability or Capability(knowledge)
+        radius = 1.0 / curvature_limit(knowledge.robot, ARC_SPEED)
+        self._size = min(LARGEST_CELL, CELL_SHARE * radius)
+        self._table = primitives(radius / self._size)
+        self._rows = [item for items in self._table for item in items]
+        speed = self._tuning.cruise_speed
+        self._moves = Moves.of(self._table, [
+            item.length * self._size / min(
+                speed, ARC_SPEED if item.curvature else speed,
+                BACKWARD_SPEED if item.direction < 0 else speed) for item in self._rows])
+        self._tree = Tree()
         self._lay_grid()
+        self._arcs: Dict[int, List[_Arc]] = {}
         self._limits: Dict[Tuple[int, int], _Limit] = {}
-        self._arcs = [arc for number, feature in enumerate(floor.features)
-                      for arc in self._crossings(number, feature)]
-        ends = sorted({self._node(arc.end) for arc in self._arcs})
-        self._rows = {node: row for row, node in enumerate(ends)}
-        self._far = csgraph.dijkstra(self._graph, directed=False, indices=ends) if ends \
-            else np.zeros((0, self._blocked.size))
+        self._learned: Optional[Learned] = None
+        self.learn(learned)
+
+    def learn(self, learned: Learned) -> None:
+        """Take over what has been learned about the floor; only what changed is computed."""
+        before, self._learned = self._learned, learned
+        obstacles = np.array(learned.obstacles).reshape(-1, 2)
+        self._blocked = np.logical_or.reduce([self._fixed, *self._near])
+        if len(obstacles):
+            self._blocked |= self._near_points(obstacles)
+        for number, feature in enumerate(self.floor.features):
+            if before is None or learned.height(number, feature) != before.height(
+                    number, self.floor.features[number]):
+                self._arcs[number] = self._crossings(number, learned.corrected(number, feature))
+        self._capability.keep()
+        self._lay_graph(obstacles)
+
+    def _near_points(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Return the cells in which the ball would touch one of some points."""
+        result = np.zeros(self._fixed.shape, bool)
+        for x, y in points:
+            result |= np.hypot(self._x - x, self._y - y) < self.ball_radius + CLEARANCE
+        return result
 
     def _lay_grid(self) -> None:
         """Mark the cells that the centre may reach without a crossing."""
-        floor = self.floor
+        floor, size = self.floor, self._size
         left, right, bottom, top = floor.extent
-        size = max(GRID, floor.resolution)
-        self._size, self._origin = size, (left, bottom)
+        self._origin = (left, bottom)
         rows, columns = (max(1, round(length / size)) for length in (top - bottom, right - left))
         self._x = left + (np.arange(columns)[None, :] + 0.5) * size
         self._y = bottom + (np.arange(rows)[:, None] + 0.5) * size
         clear: NDArray[np.float64] = ndimage.distance_transform_edt(np.pad(floor.cells == FREE, 1))
-        clear = clear[1:-1, 1:-1] * floor.resolution
+        # The edge of an occupied cell lies half a cell before its centre.
+        clear = (clear[1:-1, 1:-1] - 0.5) * floor.resolution
         at = (np.clip(((self._y - bottom) / floor.resolution).astype(int), 0, clear.shape[0] - 1),
               np.clip(((self._x - left) / floor.resolution).astype(int), 0, clear.shape[1] - 1))
-        self._walls = clear[at] < self.ball_radius + CLEARANCE
+        self._clear = clear[at]
+        self._walls = self._clear < self.ball_radius + CLEARANCE
         # Per feature: distance that the centre keeps [m], and cells that it must not enter.
         self._keep: List[float] = []
         self._near: List[NDArray[np.bool_]] = []
@@ -169,20 +229,53 @@ class RoutePlanner:
                 near |= inside(self._x, self._y, feature.polygon)
             self._keep.append(keep)
             self._near.append(near)
-        self._blocked = np.logical_or.reduce([self._walls, *self._near])
-        self._graph, self._open = _grid_graph(self._blocked, size), _grid_graph(
-            np.logical_or.reduce([self._walls] + [
-                near for near, feature in zip(self._near, floor.features)
-                if feature.kind in ('drop', 'stairs', 'keep_out')]), size)
+        # Cells that no crossing opens.
+        self._fixed = np.logical_or.reduce([self._walls] + [
+            near for near, feature in zip(self._near, floor.features)
+            if feature.kind in ('drop', 'stairs', 'keep_out')])
+        self._open = _grid_graph(self._fixed, size)
+
+    def _lay_graph(self, obstacles: NDArray[np.float64]) -> None:
+        """Set up slowness, the crossings that are left, and the graph of the heuristic."""
+        self._slowness = np.where(self._blocked, np.inf, np.where(
+            self._clear < self.ball_radius + COMFORT, CLOSE, 1.0))
+        self._graph = _grid_graph(self._blocked, self._size)
+        limit = -math.log(self._tuning.required_probability)
+        arcs, self._levels = [], []
+        for items in self._arcs.values():
+            for arc in items:
+                probability = self._probability(arc)
+                begin, end = self._point(arc.start // COUNT), self._point(arc.end // COUNT)
+                level = math.ceil(-math.log(probability) / limit * LEVELS - 1e-9)
+                if level <= LEVELS and not (len(obstacles) and (distance_to_segment(
+                        *obstacles.T, begin, end) < self.ball_radius + CLEARANCE).any()):
+                    arcs.append((arc, level))
+        arcs.sort(key=lambda item: item[0].start)
+        self._offered = [arc for arc, _ in arcs]
+        self._arc_arrays = (
+            np.array([arc.start for arc, _ in arcs], np.int64),
+            np.array([arc.end for arc, _ in arcs], np.int64),
+            np.array([arc.crossing.time + ALIGNMENT for arc, _ in arcs], float),
+            np.array([level for _, level in arcs], np.int64))
+        starts, ends, times, _ = self._arc_arrays
+        # From the goal backward.
+        self._backward = self._graph + self._graph.T + sparse.csr_matrix(
+            (times * self._tuning.cruise_speed * OCTILE, (ends // COUNT, starts // COUNT)),
+            shape=self._graph.shape)
+
+    def _probability(self, arc: _Arc) -> float:
+        """Return the probability of a crossing, corrected by learned outcomes."""
+        assert self._learned is not None
+        return self._learned.probability(arc.number, arc.sign, arc.crossing.probability)
 
     def _node(self, point: Sequence[float]) -> int:
         rows, columns = self._walls.shape
-        row = min(max(int((point[1] - self._origin[1]) / self._size), 0), rows - 1)
-        column = min(max(int((point[0] - self._origin[0]) / self._size), 0), columns - 1)
-        return int(row * columns + column)
+        row = min(max(math.floor((point[1] - self._origin[1]) / self._size), 0), rows - 1)
+        column = min(max(math.floor((point[0] - self._origin[0]) / self._size), 0), columns - 1)
+        return row * columns + column
 
     def _point(self, node: int) -> Point:
-        row, column = divmod(node, self._blocked.shape[1])
+        row, column = divmod(node, self._walls.shape[1])
         return float(self._x[0, column]), float(self._y[row, 0])
 
     def _crossings(self, number: int, feature: Feature) -> List[_Arc]:
@@ -193,57 +286,83 @@ class RoutePlanner:
             near for other, near in enumerate(self._near) if other != number])
         found = []
         for begin, end in feature.segments:
-            length = math.dist(begin, end)
-            along = ((end[0] - begin[0]) / length, (end[1] - begin[1]) / length) if length else (
-                1.0, 0.0)
-            left = (-along[1], along[0])
+            if math.dist(begin, end) < 1e-6:
+                continue
             # The other edges of the feature end run-up and room as other features do.
-            elsewhere = self._near[number] & (distance_to_segment(
+            elsewhere = others | self._near[number] & (distance_to_segment(
                 self._x, self._y, begin, end) >= self._keep[number] + self._size)
-            for index in range(max(1, math.floor(length / SPACING))):
-                share = (index + 0.5) / max(1, math.floor(length / SPACING)) * length
-                middle = (begin[0] + share * along[0], begin[1] + share * along[1])
-                for sign in (1, -1):
-                    found += self._crossings_at(number, feature, middle,
-                                                (sign * left[0], sign * left[1]), sign,
-                                                others | elsewhere)
+            normal = math.atan2(end[0] - begin[0], begin[1] - end[1])
+            for heading in range(COUNT):
+                for sign, way in ((1, normal), (-1, normal + math.pi)):
+                    angle = math.remainder(HEADINGS[heading] - way, 2.0 * math.pi)
+                    if abs(angle) <= OBLIQUE:
+                        found += self._along(number, feature, (begin, end), heading, sign, angle,
+                                             elsewhere)
         return found
 
-    def _crossings_at(self, number: int, feature: Feature, middle: Point, way: Point, sign: int,
-                      others: NDArray[np.bool_]) -> List[_Arc]:
-        """Return the crossings at a place in a direction."""
-        faces = self._faces(feature, middle, way, sign)
-        half = 0.5 * faces[-1][0]
-        touch = touch_distance(self.ball_radius, max(faces[0][1], 0.0)) + half
-        run_up = self._free(middle, (-way[0], -way[1]), others) - touch
-        room = self._free(middle, way, others) - half
-        known = self._limits.get((number, sign))
-        if known is None or run_up > known.run_up:
-            easiest = self._capability.choices(faces, feature.height_sd, LONGEST, LONGEST)
-            self._limits[number, sign] = _Limit(
-                max(run_up, 0.0), max(room, 0.0), easiest[0].run_up if easiest else None)
-        on = half + min(room, self.ball_radius + CLEARANCE + 0.2)
-        stand = (middle[0] + on * way[0], middle[1] + on * way[1])
-        arcs = []
-        for crossing in self._capability.choices(faces, feature.height_sd, run_up, room):
-            back = touch + crossing.run_up
-            start = (middle[0] - back * way[0], middle[1] - back * way[1])
-            if not self._blocked.flat[self._node(start)] \
-                    and not self._blocked.flat[self._node(stand)]:
-                arcs.append(_Arc(start, stand, feature, crossing))
-        return arcs
+    def _along(self, number: int, feature: Feature, line: Tuple[Point, Point], heading: int,
+               sign: int, angle: float, others: NDArray[np.bool_]) -> List[_Arc]:
+        """Return the crossings of a segment of a feature along a heading."""
+        (x0, y0), (x1, y1) = line
+        across, up = VECTORS[heading]
+        step_x, step_y = across * self._size, up * self._size
+        spacing = math.hypot(step_x, step_y)
+        way = step_x / spacing, step_y / spacing
+        # The last cell before the segment on each line of cells: share of a vector to the
+        # segment, and share along the segment.
+        turn = step_x * (y1 - y0) - step_y * (x1 - x0)
+        ahead = ((x0 - self._x) * (y1 - y0) - (y0 - self._y) * (x1 - x0)) / turn
+        along = ((x0 - self._x) * step_y - (y0 - self._y) * step_x) / turn
+        rows, columns = np.nonzero((ahead >= 0.0) & (ahead < 1.0) & (along >= 0.0)
+                                   & (along <= 1.0))
+        found = []
+        for row, column in zip(rows.tolist(), columns.tolist()):
+            share = float(ahead[row, column])
+            middle = (float(self._x[0, column]) + share * step_x,
+                      float(self._y[row, 0]) + share * step_y)
+            faces = self._faces(feature, middle, way, sign, angle)
+            half = 0.5 * faces[-1][0]
+            touch = touch_distance(self.ball_radius, max(faces[0][1], 0.0)) + half
+            run_up = self._free(middle, (-way[0], -way[1]), others) - touch
+            room = self._free(middle, way, others) - half
+            known = self._limits.get((number, sign))
+            if known is None or run_up > known.run_up:
+                easiest = self._capability.choices(faces, feature.height_sd, LONGEST, LONGEST)
+                self._limits[number, sign] = _Limit(
+                    max(run_up, 0.0), max(room, 0.0), easiest[0].run_up if easiest else None)
+            on = half + min(room, self.ball_radius + CLEARANCE + 0.2)
+            after = max(1, math.ceil(on / spacing + share))
+            stand = row + after * up, column + after * across
+            if after - share > room / spacing or not self._inside(*stand):
+                continue
+            for crossing in self._capability.choices(faces, feature.height_sd, run_up, room):
+                back = max(0, math.ceil((touch + crossing.run_up) / spacing - share - 1e-9))
+                begin = row - back * up, column - back * across
+                if (back + share) * spacing - touch <= run_up + 1e-9 and self._inside(*begin):
+                    found.append(_Arc(
+                        (begin[0] * self._walls.shape[1] + begin[1]) * COUNT + heading,
+                        (stand[0] * self._walls.shape[1] + stand[1]) * COUNT + heading,
+                        number, sign, crossing))
+        return found
+
+    def _inside(self, row: int, column: int) -> bool:
+        """Return whether a cell exists and the centre may be there."""
+        rows, columns = self._walls.shape
+        return 0 <= row < rows and 0 <= column < columns and not (
+            self._fixed[row, column] or any(near[row, column] for near in self._near))
 
     @staticmethod
-    def _faces(feature: Feature, middle: Point, way: Point, sign: int
+    def _faces(feature: Feature, middle: Point, way: Point, sign: int, angle: float
                ) -> Tuple[Tuple[float, float], ...]:
         """Return the faces that a ball meets that crosses a feature in a direction."""
         if feature.kind in ('threshold', 'cord'):
-            return (0.0, feature.height), (feature.width, -feature.height)
+            return ((0.0, feature.height / height_factor(angle)),
+                    (feature.width / math.cos(angle), -feature.height))
         rises = sign > 0
         if feature.kind == 'carpet':
             beyond = (middle[0] + 0.01 * way[0], middle[1] + 0.01 * way[1])
             rises = bool(inside(*beyond, feature.polygon))
-        return ((0.0, feature.height if rises else -feature.height),)
+        return ((0.0, feature.height / height_factor(angle) if rises else -feature.height),)
 
     def _free(self, middle: Point, way: Point, others: NDArray[np.bool_]) -> float:
         """Return how far the centre may go from a place in a direction [m]."""
@@ -260,11 +379,23 @@ class RoutePlanner:
         Raises
         ------
         RefusedError
-            With the reason ``'off_map'``, ``'unknown'``, ``'wall'``, ``'feature'`` or
-            ``'not_finite'``.
+            With the reason ``'off_map'``, ``'unknown'``, ``'wall'``, ``'feature'``,
+            ``'obstacle'`` or ``'not_finite'``.
 
         """
-        if not all(math.isfinite(item) for item in point):
+        self._check_walls(point, what)
+        where, node = f'{what} ({point[0]:g}, {point[1]:g}) m', self._node(point)
+        for near, feature in zip(self._near, self.floor.features):
+            if near.flat[node]:
+                raise RefusedError(f'{where} is too close to the {feature.label}; choose a place '
+                                   'farther from it', 'feature', what)
+        if self._blocked.flat[node]:
+            raise RefusedError(
+                f'{where} is where the robot has seen an obstacle that is not on the map; '
+                'choose another place, or forget the obstacle', 'obstacle', what)
+
+    def _check_walls(self, point: Sequence[float], what: str) -> None:
+        if not all(math.isfinite(item) for item in point[:2]):
             raise RefusedError(f'{what} {tuple(point)} is not finite', 'not_finite', what)
         where = f'{what} ({point[0]:g}, {point[1]:g}) m'
         if not self.floor.contains(point):
@@ -274,15 +405,10 @@ class RoutePlanner:
                 f'{self.floor.extent[3]:g} m; are these metres?', 'off_map', what)
         if self.floor.cells[self.floor.cell_of(point)] == UNKNOWN:
             raise RefusedError(f'{where} is in unknown space', 'unknown', what)
-        node = self._node(point)
-        if self._walls.flat[node]:
+        if self._walls.flat[self._node(point)]:
             raise RefusedError(
                 f'{where} is nearer than {self.ball_radius + CLEARANCE:.2f} m to a wall or to '
                 'unknown space; the ball does not fit there', 'wall', what)
-        for near, feature in zip(self._near, self.floor.features):
-            if near.flat[node]:
-                raise RefusedError(f'{where} is too close to the {feature.label}; choose a place '
-                                   'farther from it', 'feature', what)
 
     def route(self, start: Sequence[float], goal: Sequence[float]) -> Route:
         """
@@ -290,8 +416,8 @@ class RoutePlanner:
 
         Parameters
         ----------
-        start, goal : (float, float)
-            [m]
+        start, goal : (float, float) or (float, float, float)
+            Position [m] and heading [rad]; without a heading, any.
 
         Raises
         ------
@@ -301,38 +427,122 @@ class RoutePlanner:
             way, and what they lack.
 
         """
-        self.check_place(start, 'start')
         self.check_place(goal, 'goal')
-        first, last = self._node(start), self._node(goal)
-        shortest, passed = self._shortest(first, last)
-        found = self._search(first, last)
-        if found is None:
-            if not math.isfinite(shortest):
-                raise RefusedError('no route: walls, drops or keep-out areas separate start and '
-                                   'goal', 'no_route', 'goal')
-            raise RefusedError(
-                'no route reaches the required probability of '
-                f'{self._tuning.required_probability:g}. On the shortest way, ' + '; '.join(
-                    self._lack(number, sign) for number, sign in passed), 'no_route', 'goal')
-        time, risk, arcs = found
-        segments, at, node = [], tuple(map(float, start)), first
-        for arc in arcs:
-            segments.append(self._way(at, node, arc.start, self._node(arc.start)))
-            segments.append(Segment((arc.start, arc.end), arc.feature, arc.crossing,
-                                    arc.crossing.time + ALIGNMENT))
-            at, node = arc.end, self._node(arc.end)
-        segments.append(self._way(at, node, tuple(map(float, goal)), last))
-        crossed = {id(arc.feature) for arc in arcs}
-        why = [self._lack(number, sign) for number, sign in passed
-               if id(self.floor.features[number]) not in crossed]
-        why += [f'{self._described(arc.feature)} needs {arc.crossing.run_up:.2f} m of run-up, '
-                f'from ({arc.start[0]:.2f}, {arc.start[1]:.2f}) m' for arc in arcs]
+        states, costs = self._starts(start)
+        last = self._node(goal)
+        heading = -1 if len(goal) < 3 else min(range(COUNT), key=lambda item: abs(
+            math.remainder(HEADINGS[item] - goal[2], 2.0 * math.pi)))
+        far = csgraph.dijkstra(self._backward, directed=True, indices=last)
+        time, path = self._tree.find(Problem(
+            states, costs, last, heading, self._slowness,
+            far / (OCTILE * self._tuning.cruise_speed), *self._moves, REVERSAL,
+            *self._arc_arrays, LEVELS))
+        shortest, passed = self._shortest(self._node(start), last)
+        if not math.isfinite(time):
+            self._refuse(shortest, passed, math.isfinite(far[states // COUNT].min()))
+        segments, taken = self._segments(path)
+        crossed = {arc.number for arc in taken}
+        why = [self._lack(number, sign) for number, sign in passed if number not in crossed]
+        why += [f'{self._described(arc.number)} needs {arc.crossing.run_up:.2f} m of run-up, '
+                'from ({:.2f}, {:.2f}) m'.format(*self._point(arc.start // COUNT))
+                for arc in taken]
         longer = sum(segment.time for segment in segments if segment.feature is None) \
             - shortest / self._tuning.cruise_speed
         if why and longer > 1.0:
             why.insert(0, f'{longer:.0f} s longer than the shortest way')
-        return Route(tuple(segments), sum(segment.time for segment in segments),
-                     math.exp(-risk), '; '.join(why))
+        return Route(segments, sum(segment.time for segment in segments),
+                     math.prod(self._probability(arc) for arc in taken), '; '.join(why))
+
+    def _refuse(self, shortest: float, passed: List[Tuple[int, int]], point_gets_there: bool
+                ) -> None:
+        if not math.isfinite(shortest):
+            raise RefusedError('no route: walls, drops or keep-out areas separate start and goal',
+                               'no_route', 'goal')
+        lacks = '; '.join(self._lack(number, sign) for number, sign in passed)
+        if point_gets_there or not lacks:
+            lacks = 'the ball cannot turn in the room that it has' + (f'; {lacks}' * bool(lacks))
+        raise RefusedError(
+            'no route reaches the required probability of '
+            f'{self._tuning.required_probability:g}. On the shortest way, {lacks}',
+            'no_route', 'goal')
+
+    def _starts(self, start: Sequence[float]) -> Tuple[NDArray[np.int64], NDArray[np.float64]]:
+        """Return the states in which a route may begin, and what the way to them costs [s]."""
+        self._check_walls(start, 'start')
+        for feature in self.floor.features:
+            on = self.ball_radius if feature.kind in ('drop', 'stairs') else 0.0 \
+                if feature.kind == 'keep_out' else touch_distance(self.ball_radius, feature.height)
+            if self._distance(feature, start) < on or feature.kind in ('stairs', 'keep_out') \
+                    and inside(start[0], start[1], feature.polygon):
+                raise RefusedError(
+                    f'start ({start[0]:g}, {start[1]:g}) m is on the {feature.label}; move the '
+                    'ball to a level place', 'feature', 'start')
+        x, y = float(start[0]), float(start[1])
+        states, costs = [], []
+        near = math.hypot(*np.array(self._point(self._node((x, y)))) - (x, y)) + 1e-9
+        reach = near if not self._blocked.flat[self._node((x, y))] else ESCAPE
+        row, column = divmod(self._node((x, y)), self._walls.shape[1])
+        span = math.ceil(reach / self._size)
+        for r in range(max(0, row - span), min(self._walls.shape[0], row + span + 1)):
+            for c in range(max(0, column - span), min(self._walls.shape[1], column + span + 1)):
+                if self._blocked[r, c]:
+                    continue
+                dx, dy = float(self._x[0, c]) - x, float(self._y[r, 0]) - y
+                for heading, angle in enumerate(HEADINGS):
+                    turned = 0.0 if len(start) < 3 else abs(
+                        math.remainder(angle - start[2], 2.0 * math.pi))
+                    if turned > math.radians(23.0):
+                        continue
+                    # Along the heading the ball gets there, sideways it does not.
+                    aside = abs(-math.sin(angle) * dx + math.cos(angle) * dy)
+                    if aside <= 1.01 * self._size and math.hypot(dx, dy) <= reach:
+                        states.append((r * self._walls.shape[1] + c) * COUNT + heading)
+                        costs.append(OFFSET_COST * aside + TURN_COST * turned
+                                     + math.hypot(dx, dy) / BACKWARD_SPEED)
+        if not states:
+            self.check_place(start, 'start')
+            raise RefusedError(f'start ({x:g}, {y:g}) m leaves no room to drive', 'wall', 'start')
+        return np.array(states, np.int64), np.array(costs)
+
+    @staticmethod
+    def _distance(feature: Feature, point: Sequence[float]) -> float:
+        """Return the distance of a point to the edges of a feature [m]."""
+        return min(float(distance_to_segment(point[0], point[1], *segment))
+                   for segment in feature.segments)
+
+    def _segments(self, path: List[Tuple[int, int]]) -> Tuple[Tuple[Segment, ...], List[_Arc]]:
+        """Return the segments of a path of states, and its crossings."""
+        segments: List[Segment] = []
+        taken: List[_Arc] = []
+        points: List[Point] = [self._point(path[0][0] // COUNT)]
+        direction, time = 0, 0.0
+
+        def end(heading: float) -> None:
+            if direction:
+                segments.append(Segment(tuple(points), None, None, time, direction, heading))
+        for (before, _), (state, move) in zip(path, path[1:]):
+            at = self._point(before // COUNT)
+            if move <= -2:
+                end(HEADINGS[before % COUNT])
+                arc = self._offered[-2 - move]
+                taken.append(arc)
+                target = self._point(arc.end // COUNT)
+                segments.append(Segment(
+                    (at, target), self.floor.features[arc.number], arc.crossing,
+                    arc.crossing.time + ALIGNMENT, 1, HEADINGS[state % COUNT]))
+                points, direction, time = [target], 0, 0.0
+                continue
+            item = self._rows[move]
+            if item.direction != direction:
+                end(HEADINGS[before % COUNT])
+                time = REVERSAL if direction and item.direction != direction else 0.0
+                points, direction = [at], item.direction
+            points += [(at[0] + self._size * x, at[1] + self._size * y)
+                       for x, y in item.points.tolist()]
+            cells = self._moves.cells[move] + divmod(before // COUNT, self._walls.shape[1])
+            time += float(self._moves.times[move] * self._slowness[tuple(cells.T)].max())
+        end(HEADINGS[path[-1][0] % COUNT])
+        return tuple(segments), taken
 
     def _shortest(self, first: int, last: int) -> Tuple[float, List[Tuple[int, int]]]:
         """Return the shortest way as if each step could be crossed, and what it crosses."""
@@ -342,8 +552,13 @@ class RoutePlanner:
             return math.inf, []
         points = [self._point(node) for node in _chain(before, last)]
         passed: List[Tuple[int, int]] = []
-        for one, two in zip(points, points[1:]):
-            for number, feature in enumerate(self.floor.features):
+        for number, feature in enumerate(self.floor.features):
+            near = [index for index, point in enumerate(points)
+                    if self._near[number].flat[self._node(point)]]
+            if not near:
+                continue
+            for one, two in zip(points[max(0, near[0] - 1):near[-1] + 1],
+                                points[max(0, near[0] - 1) + 1:near[-1] + 2]):
                 for begin, end in feature.segments:
                     sign = _side(one, two, begin, end)
                     if sign and (number, sign) not in passed:
@@ -352,8 +567,7 @@ class RoutePlanner:
 
     def _lack(self, number: int, sign: int) -> str:
         """Return why a feature is not crossed in a direction."""
-        limit, label = self._limits.get((number, sign)), self._described(
-            self.floor.features[number])
+        limit, label = self._limits.get((number, sign)), self._described(number)
         if limit is None or limit.needed is None:
             return f'{label} cannot be crossed with the required probability'
         if limit.run_up < limit.needed:
@@ -362,66 +576,12 @@ class RoutePlanner:
         return (f'{label} can be crossed with {limit.needed:.2f} m of run-up; '
                 f'{limit.run_up:.2f} m before it and {limit.room:.2f} m behind it are free')
 
-    @staticmethod
-    def _described(feature: Feature) -> str:
+    def _described(self, number: int) -> str:
         """Return the name of a feature with its height."""
+        assert self._learned is not None
+        feature = self._learned.corrected(number, self.floor.features[number])
         return f'the {feature.label} of {1e3 * feature.height:.0f} mm' if feature.name \
             else f'the {feature.label}'
-
-    def _search(self, first: int, last: int) -> Optional[Tuple[float, float, List[_Arc]]]:
-        """Return time, risk and crossings of the best route, None if there is none."""
-        from_start, from_goal = csgraph.dijkstra(self._graph, directed=False,
-                                                 indices=[first, last])
-        speed, limit = self._tuning.cruise_speed, -math.log(self._tuning.required_probability)
-        starts = [self._node(arc.start) for arc in self._arcs]
-        # A label: time and risk at the end of the crossings so far; -1 is the start, -2 the goal.
-        queue: List[Tuple[float, float, int, Tuple[int, ...]]] = [(0.0, 0.0, -1, ())]
-        settled: Dict[int, List[float]] = {}
-        while queue:
-            time, risk, place, taken = heapq.heappop(queue)
-            if place == -2:
-                return time, risk, [self._arcs[index] for index in taken]
-            if any(other <= risk + 1e-12 for other in settled.get(place, ())):
-                continue
-            settled.setdefault(place, []).append(risk)
-            node = first if place == -1 else self._node(self._arcs[place].end)
-            far = from_start if place == -1 else self._far[self._rows[node]]
-            if math.isfinite(from_goal[node]):
-                heapq.heappush(queue, (time + from_goal[node] / speed, risk, -2, taken))
-            for index, arc in enumerate(self._arcs):
-                more = risk - math.log(arc.crossing.probability)
-                if more <= limit + 1e-12 and math.isfinite(far[starts[index]]) \
-                        and index not in taken:
-                    heapq.heappush(queue, (
-                        time + far[starts[index]] / speed + arc.crossing.time + ALIGNMENT, more,
-                        index, (*taken, index)))
-        return None
-
-    def _way(self, start: Sequence[float], first: int, end: Sequence[float],
-             last: int) -> Segment:
-        """Return a way over free floor, shortened where the ball can go straight."""
-        far, before = csgraph.dijkstra(
-            self._graph, directed=False, indices=first, return_predecessors=True,
-            limit=10.0 * sum(self._blocked.shape) * self._size)
-        points: List[Point] = [(start[0], start[1]),
-                  *(self._point(node) for node in _chain(before, last))][:-1] + [(end[0], end[1])]
-        kept, index = [points[0]], 0
-        while index < len(points) - 1:
-            farthest = index + 1
-            for other in range(len(points) - 1, index + 1, -1):
-                if self._is_free(points[index], points[other]):
-                    farthest = other
-                    break
-            kept.append(points[farthest])
-            index = farthest
-        length = sum(math.dist(one, two) for one, two in zip(kept, kept[1:]))
-        return Segment(tuple(kept), None, None, length / self._tuning.cruise_speed)
-
-    def _is_free(self, one: Point, two: Point) -> bool:
-        count = max(2, math.ceil(math.dist(one, two) / SAMPLE))
-        return not any(self._blocked.flat[self._node(
-            (one[0] + (two[0] - one[0]) * index / count,
-             one[1] + (two[1] - one[1]) * index / count))] for index in range(1, count))
 
 
 def _grid_graph(blocked: NDArray[np.bool_], size: float) -> 'sparse.csr_matrix':

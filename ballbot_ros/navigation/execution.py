@@ -1,0 +1,496 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Execution of a route: path following, crossings, replanning, and an end at rest.
+
+A `Navigator` has no state of its own but what it has computed about floor and robot: `advance`
+takes a `NavigationState` and a `Percept`, and returns the next state and a `Command`.  Crossings
+are carried out by the obstacle decision: while the command is CROSS, the caller lets it drive, and
+reports how it ended in the percept (see `crossing.Crossing`).
+"""
+from dataclasses import dataclass, replace
+from enum import Enum
+import math
+from typing import NamedTuple, Optional, Tuple
+
+import numpy as np
+
+from ballbot_ros.decision import Knowledge
+from ballbot_ros.errors import RefusedError
+from ballbot_ros.floors.floor import distance_to_segment, Point
+from ballbot_ros.navigation.learned import Learned
+from ballbot_ros.navigation.route import CLEARANCE, Route, RoutePlanner, Segment
+from ballbot_ros.navigation.tracking import Path, Tracker
+
+# The ball rests when it is slower than this [m/s] for this time [s].
+RESTING, RESTS_AFTER = 0.03, 0.4
+# A segment is finished this close to its end [m]; the goal is reached within this distance [m].
+CLOSE, TOLERANCE = 0.03, 0.15
+# Deviations from a path with which it is planned anew [m], [rad].
+ASIDE, TURNED = 0.15, math.radians(40.0)
+# Deviations from the line of a crossing with which it may begin [m], [rad].
+CROSS_ASIDE, CROSS_TURNED = 0.08, math.radians(6.0)
+# Alignments that are tried before a crossing begins with larger deviations.
+ALIGNMENTS = 2
+# A localisation that moves farther than the ball between two percepts has jumped [m], [rad].
+JUMP, JUMP_TURN = 0.25, 0.5
+# A larger gap between percepts says nothing about jumps [s].
+LONGEST_GAP = 1.0
+# Distance over which the path is checked for obstacles [m], and percepts that must agree.
+LOOK_AHEAD, AGREEING = 1.5, 3
+# Walls of the map explain observed points within this distance [m].
+EXPLAINED = 0.2
+# Height of an unmapped face that stops the ball [m]; deviation from a mapped height [m].
+FACE, HIGHER = 0.004, 0.004
+# The ball is stuck with less progress than this [m] in this time [s].
+PROGRESS, STUCK_AFTER = 0.03, 8.0
+# Before the edge by this, a crossing is not steered any more [m].
+EDGE = 0.35
+REPLANS = 12
+CROSSING_TIMEOUT = 90.0
+
+
+class Status(str, Enum):
+    """What the navigator does, or how it ended."""
+
+    IDLE = 'idle'
+    DRIVING = 'driving'
+    CROSSING = 'crossing'
+    STOPPING = 'stopping'
+    SUCCEEDED = 'succeeded'
+    FAILED = 'failed'
+    CANCELED = 'canceled'
+
+    @property
+    def ended(self) -> bool:
+        """Return whether no goal is active."""
+        return self in (Status.IDLE, Status.SUCCEEDED, Status.FAILED, Status.CANCELED)
+
+
+class CrossingReport(NamedTuple):
+    """
+    What came of a crossing.
+
+    Attributes
+    ----------
+    crossed : bool
+    message : str
+    height : float
+        Of the step as observed, NaN if not [m].
+    touched : bool
+        Whether the ball attempted it.
+
+    """
+
+    crossed: bool
+    message: str
+    height: float = math.nan
+    touched: bool = False
+
+
+class Percept(NamedTuple):
+    """
+    What is known at a time.
+
+    Attributes
+    ----------
+    stamp : float
+        [s]
+    x, y, heading : float
+        Localisation on the map [m], [rad].
+    speed : float
+        Along the heading [m/s].
+    points : tuple of (float, float)
+        Observed obstacles on the map, such as of a laser scan [m].
+    faces : tuple of (float, float)
+        Distance ahead of the centre and height of observed faces [m].
+    crossing : CrossingReport or None
+        Once, when the crossing has ended.
+
+    """
+
+    stamp: float
+    x: float
+    y: float
+    heading: float
+    speed: float
+    points: Tuple[Point, ...] = ()
+    faces: Tuple[Tuple[float, float], ...] = ()
+    crossing: Optional[CrossingReport] = None
+
+
+class Mode(str, Enum):
+    """Who drives."""
+
+    REST = 'rest'
+    DRIVE = 'drive'
+    CROSS = 'cross'
+
+
+class Command(NamedTuple):
+    """
+    What to do until the next percept.
+
+    Attributes
+    ----------
+    mode : Mode
+        With CROSS the obstacle decision drives; a change to another mode ends its goal.
+    speed : float
+        Along the heading, with DRIVE [m/s].
+    yaw_rate : float
+        With DRIVE and CROSS [rad/s].
+
+    """
+
+    mode: Mode
+    speed: float = 0.0
+    yaw_rate: float = 0.0
+
+
+REST = Command(Mode.REST)
+
+
+@dataclass(frozen=True)
+class NavigationState:
+    """
+    State of a navigation.
+
+    Attributes
+    ----------
+    status : Status
+    reason, message : str
+        Of the end, or of the latest change.
+    goal : tuple of float or None
+        Position [m], and heading [rad] if one is required.
+    route : Route or None
+    index : int
+        Of the segment.
+    along : float
+        Progress on it [m].
+    learned : Learned
+    replans : int
+    recoveries : int
+        Replans after failures, obstacles and jumps.
+
+    """
+
+    status: Status = Status.IDLE
+    reason: str = ''
+    message: str = ''
+    goal: Optional[Tuple[float, ...]] = None
+    route: Optional[Route] = None
+    index: int = 0
+    along: float = 0.0
+    path: Optional[Path] = None
+    learned: Learned = Learned()
+    replans: int = 0
+    recoveries: int = 0
+    alignments: int = 0
+    moving: float = -math.inf  # when the ball was last seen moving
+    anchor: Tuple[float, float] = (0.0, -math.inf)  # progress, and when it was made
+    begun: float = 0.0  # when the crossing began
+    seen: Tuple[Point, ...] = ()  # obstacles on the path in the last percepts
+    agreeing: int = 0
+    last: Optional[Percept] = None
+    next: Optional[Status] = None  # after a stop: CANCELED, FAILED, or DRIVING with a new route
+
+    @property
+    def segment(self) -> Optional[Segment]:
+        """Return the segment that is driven."""
+        return self.route.segments[self.index] \
+            if self.route is not None and self.index < len(self.route.segments) else None
+
+    @property
+    def remaining(self) -> float:
+        """Return the expected time to the goal [s]."""
+        if self.route is None or self.status.ended:
+            return 0.0
+        left = sum(segment.time for segment in self.route.segments[self.index + 1:])
+        segment = self.segment
+        if segment is not None:
+            share = self.along / self.path.length if self.path is not None else 0.0
+            left += segment.time * min(max(1.0 - share, 0.0), 1.0)
+        return left
+
+
+class Navigator:
+    """
+    Drives routes of a planner.
+
+    Parameters
+    ----------
+    planner : RoutePlanner
+    knowledge : Knowledge
+        Robot, curve and tuning of the obstacle decision.
+
+    """
+
+    def __init__(self, planner: RoutePlanner, knowledge: Knowledge):
+        self.planner, self._tuning = planner, knowledge.tuning
+        self._tracker = Tracker(knowledge.robot, knowledge.tuning.cruise_speed)
+        self._radius = knowledge.robot.ball_radius
+
+    def begin(self, state: NavigationState, goal: Tuple[float, ...], percept: Percept
+              ) -> NavigationState:
+        """
+        Return the state with a new goal, which replaces an active one.
+
+        A ball that moves is stopped first.
+
+        Raises
+        ------
+        RefusedError
+            If the goal, or the place of the ball, is refused; the state before remains valid.
+
+        """
+        self._check(percept)
+        self.planner.check_place(goal, 'goal')
+        begun = replace(state, status=Status.STOPPING, reason='', message='planning', goal=goal,
+                        next=Status.DRIVING, replans=0, recoveries=0, alignments=0,
+                        seen=(), agreeing=0, last=percept, moving=percept.stamp)
+        if state.status.ended and abs(percept.speed) < RESTING:
+            # A ball at rest is answered at once.
+            route = self._route(begun, percept)
+            return self._enter(replace(begun, route=route), 0, percept)
+        return begun
+
+    def cancel(self, state: NavigationState, reason: str = 'canceled',
+               message: str = 'canceled: the ball was stopped') -> NavigationState:
+        """Return the state that stops the ball and ends the goal."""
+        if state.status.ended:
+            return state
+        status = Status.CANCELED if reason == 'canceled' else Status.FAILED
+        return replace(state, status=Status.STOPPING, next=status, reason=reason, message=message)
+
+    def with_planner(self, state: NavigationState, planner: RoutePlanner) -> NavigationState:
+        """Drive on another map; an active goal is stopped for and planned anew."""
+        self.planner = planner
+        planner.learn(state.learned)
+        return state if state.status.ended else self._stop(
+            state, 'map_replaced', 'the map was replaced')
+
+    def advance(self, state: NavigationState, percept: Percept
+                ) -> Tuple[NavigationState, Command]:
+        """Return the next state and the command; nothing is raised for what a sensor says."""
+        if state.status.ended:
+            return replace(state, last=percept), REST
+        try:
+            self._check(percept)
+        except RefusedError as error:
+            return replace(self.cancel(state, error.reason, str(error)), last=state.last), REST
+        if abs(percept.speed) >= RESTING:
+            state = replace(state, moving=percept.stamp)
+        jumped = state.status is not Status.STOPPING and self._jumped(state.last, percept)
+        state = replace(state, last=percept)
+        if jumped:
+            state = self._stop(state, 'localisation_jump', 'the localisation jumped')
+        if state.status is Status.STOPPING:
+            return self._stopping(state, percept)
+        if state.status is Status.CROSSING:
+            return self._crossing(state, percept)
+        return self._driving(state, percept)
+
+    @staticmethod
+    def _check(percept: Percept) -> None:
+        if not all(math.isfinite(item) for item in percept[:5]):
+            raise RefusedError(f'localisation or odometry is not finite: {percept[:5]}',
+                               'not_finite', 'pose')
+
+    @staticmethod
+    def _jumped(last: Optional[Percept], percept: Percept) -> bool:
+        if last is None or not 0.0 <= percept.stamp - last.stamp <= LONGEST_GAP:
+            return False
+        moved = max(abs(last.speed), abs(percept.speed)) * (percept.stamp - last.stamp)
+        return math.hypot(percept.x - last.x, percept.y - last.y) > moved + JUMP or abs(
+            math.remainder(percept.heading - last.heading, 2.0 * math.pi)) > JUMP_TURN
+
+    def _stop(self, state: NavigationState, reason: str, message: str) -> NavigationState:
+        """Stop for a new route."""
+        return replace(state, status=Status.STOPPING, next=Status.DRIVING, reason=reason,
+                       message=message, recoveries=state.recoveries + 1)
+
+    def _stopping(self, state: NavigationState, percept: Percept
+                  ) -> Tuple[NavigationState, Command]:
+        if percept.stamp - state.moving < RESTS_AFTER:
+            return state, REST
+        if state.next is not Status.DRIVING:
+            assert state.next is not None
+            return replace(state, status=state.next, next=None), REST
+        if state.replans >= REPLANS:
+            return replace(state, status=Status.FAILED, next=None, message=(
+                f'no arrival after {REPLANS} routes; the last one ended because '
+                f'{state.message}')), REST
+        try:
+            route = self._route(state, percept)
+        except RefusedError as error:
+            return replace(state, status=Status.FAILED, next=None, reason=error.reason,
+                           message=str(error)), REST
+        return self._enter(replace(state, route=route, replans=state.replans + 1), 0,
+                           percept), REST
+
+    def _route(self, state: NavigationState, percept: Percept) -> Route:
+        assert state.goal is not None
+        self.planner.learn(state.learned)
+        return self.planner.route((percept.x, percept.y, percept.heading), state.goal)
+
+    def _enter(self, state: NavigationState, index: int, percept: Percept) -> NavigationState:
+        """Begin a segment at rest."""
+        assert state.route is not None and state.goal is not None
+        if index >= len(state.route.segments):
+            away = math.dist((percept.x, percept.y), state.goal[:2])
+            if away <= TOLERANCE or state.replans >= REPLANS:
+                return replace(state, status=Status.SUCCEEDED, index=index, path=None, reason='',
+                               message=f'arrived {away:.2f} m from the goal')
+            return replace(state, status=Status.STOPPING, next=Status.DRIVING,
+                           message=f'{away:.2f} m from the goal')
+        segment = state.route.segments[index]
+        path = Path.of(segment.points, segment.direction)
+        state = replace(state, status=Status.DRIVING, index=index, along=0.0, path=path, next=None,
+                        anchor=(0.0, percept.stamp), seen=(), agreeing=0)
+        if segment.feature is None:
+            return state
+        along, left = path.project(percept.x, percept.y, 0.0)
+        turned = abs(math.remainder(percept.heading - segment.heading, 2.0 * math.pi))
+        if (abs(left) > CROSS_ASIDE or turned > CROSS_TURNED) and state.alignments < ALIGNMENTS:
+            return replace(state, status=Status.STOPPING, next=Status.DRIVING,
+                           alignments=state.alignments + 1,
+                           message=f'{left:+.2f} m and {math.degrees(turned):.0f} degrees off the '
+                           f'line of the {segment.feature.label}')
+        return replace(state, status=Status.CROSSING, begun=percept.stamp, alignments=0)
+
+    def _driving(self, state: NavigationState, percept: Percept
+                 ) -> Tuple[NavigationState, Command]:
+        assert state.path is not None
+        path = state.path
+        along, left = path.project(percept.x, percept.y, state.along)
+        state = replace(state, along=max(along, state.along))
+        course = percept.heading + (0.0 if path.direction > 0 else math.pi)
+        turned = math.remainder(course - float(np.interp(along, path.along, path.courses)),
+                                2.0 * math.pi)
+        resting = percept.stamp - state.moving >= RESTS_AFTER
+        if path.length - along <= CLOSE:
+            if resting:
+                return self._enter(state, state.index + 1, percept), REST
+            return state, REST
+        if abs(left) > ASIDE or abs(turned) > TURNED:
+            return self._stop(state, 'off_path', (
+                f'the ball is {left:+.2f} m and {math.degrees(turned):+.0f} degrees off its '
+                'path')), REST
+        if along > state.anchor[0] + PROGRESS:
+            state = replace(state, anchor=(along, percept.stamp))
+        elif percept.stamp - state.anchor[1] > STUCK_AFTER:
+            stuck = (percept.x + (self._radius + CLEARANCE) * math.cos(course),
+                     percept.y + (self._radius + CLEARANCE) * math.sin(course))
+            return self._stop(replace(state, learned=state.learned.with_obstacles((stuck,))),
+                              'stuck', 'the ball does not get on'), REST
+        state = self._watch(state, percept)
+        if state.status is Status.STOPPING:
+            return state, REST
+        speed, yaw_rate = self._tracker.follow(
+            path, along, left, percept.heading, percept.speed, self._tuning.cruise_speed
+            if path.direction > 0 else 0.5 * self._tuning.cruise_speed)
+        return state, Command(Mode.DRIVE, speed, yaw_rate)
+
+    def _watch(self, state: NavigationState, percept: Percept) -> NavigationState:
+        """Look for obstacles on the path, and for steps that the map does not have."""
+        assert state.path is not None and state.route is not None
+        ahead = state.path.ahead(state.along, LOOK_AHEAD)
+        if not len(ahead):
+            return state
+        found, learned = [], state.learned
+        for point in percept.points:
+            if self._on(point, ahead) and not self._explained(point):
+                found.append(point)
+        for distance, height in percept.faces:
+            point = (percept.x + distance * math.cos(percept.heading),
+                     percept.y + distance * math.sin(percept.heading))
+            if abs(height) < FACE or state.path.direction < 0:
+                continue
+            number = self._feature_at(point)
+            if number is not None:
+                known = learned.height(number, self.planner.floor.features[number])
+                if height > known + HIGHER and any(
+                        segment.feature is self.planner.floor.features[number]
+                        for segment in state.route.segments[state.index:]):
+                    learned = learned.with_height(number, height)
+            elif self._on(point, ahead) and not self._explained(point):
+                found.append(point)
+        if not found and learned is state.learned:
+            return replace(state, agreeing=0)
+        state = replace(state, agreeing=state.agreeing + 1)
+        if state.agreeing < AGREEING:
+            return state
+        if found:
+            learned = learned.with_obstacles(tuple(found))
+        return self._stop(replace(state, learned=learned, agreeing=0), 'obstacle' if found else
+                          'higher', 'an obstacle lies on the path' if found else
+                          'a step is higher than on the map')
+
+    def _on(self, point: Point, ahead: 'np.ndarray') -> bool:
+        """Return whether the ball would touch a point on its path."""
+        return bool((np.hypot(ahead[:, 0] - point[0], ahead[:, 1] - point[1])
+                     < self._radius + 0.5 * CLEARANCE).any())
+
+    def _explained(self, point: Point) -> bool:
+        """Return whether a wall of the map lies near a point."""
+        floor = self.planner.floor
+        reach = math.ceil(EXPLAINED / floor.resolution)
+        row, column = floor.cell_of(point)
+        near = floor.cells[max(0, row - reach):row + reach + 1,
+                           max(0, column - reach):column + reach + 1]
+        return bool((near != 0).any())
+
+    def _feature_at(self, point: Point) -> Optional[int]:
+        """Return the number of the feature whose line passes near a point."""
+        for number, feature in enumerate(self.planner.floor.features):
+            if min(float(distance_to_segment(*point, *segment)) for segment in feature.segments) \
+                    < EXPLAINED + 0.5 * feature.width:
+                return number
+        return None
+
+    def _crossing(self, state: NavigationState, percept: Percept
+                  ) -> Tuple[NavigationState, Command]:
+        segment = state.segment
+        assert segment is not None and segment.feature is not None and state.path is not None
+        number = self.planner.floor.features.index(segment.feature)
+        report = percept.crossing
+        if report is not None:
+            learned = state.learned
+            if report.crossed or report.touched:
+                learned = learned.with_outcome(number, self._sign(segment), report.crossed)
+            if report.crossed:
+                # Where the ball comes to rest behind the step is known only now.
+                return replace(state, status=Status.STOPPING, next=Status.DRIVING,
+                               learned=learned, replans=max(state.replans - 1, 0),
+                               message=report.message), REST
+            known = learned.height(number, segment.feature)
+            if report.height > known + HIGHER:
+                learned = learned.with_height(number, report.height)
+            elif not report.touched:
+                learned = learned.with_outcome(number, self._sign(segment), False)
+            return self._stop(replace(state, learned=learned), 'crossing_failed', (
+                f'the {segment.feature.label} was not crossed: {report.message}')), REST
+        if percept.stamp - state.begun > CROSSING_TIMEOUT:
+            return self._stop(replace(state, learned=state.learned.with_outcome(
+                number, self._sign(segment), False)), 'timed_out', (
+                    f'the {segment.feature.label} took more than {CROSSING_TIMEOUT:g} s')), REST
+        along, left = state.path.project(percept.x, percept.y, state.along)
+        state = replace(state, along=along)
+        to_edge = min(float(distance_to_segment(percept.x, percept.y, *piece))
+                      for piece in segment.feature.segments)
+        yaw_rate = 0.0
+        if to_edge > EDGE and percept.speed > RESTING:
+            yaw_rate = self._tracker.yaw_rate(state.path, along, left, percept.heading,
+                                              percept.speed)
+        return state, Command(Mode.CROSS, 0.0, yaw_rate)
+
+    @staticmethod
+    def _sign(segment: Segment) -> int:
+        """Return 1 for a crossing towards the left of the feature's line, else -1."""
+        assert segment.feature is not None
+        (x, y), (u, v) = segment.points[0], segment.points[-1]
+        for (a, b), (c, d) in segment.feature.segments:
+            before = (c - a) * (y - b) - (d - b) * (x - a)
+            after = (c - a) * (v - b) - (d - b) * (u - a)
+            if (before > 0.0) != (after > 0.0):
+                return 1 if after > 0.0 else -1
+        return 1

@@ -1,0 +1,344 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+A lattice of poses, and the search on it.
+
+States are the centres of the cells of a square grid with one of 16 headings, those of the vectors
+(1, 0), (2, 1), (1, 1), (1, 2) and so on.  A motion primitive leads along the heading, or through
+an arc to a neighbouring heading; it ends exactly on a state, and its curvature is within that of
+the robot (Pivtoraiko and Kelly, 2005).  Each primitive exists forward and backward.
+"""
+import math
+from typing import Any, List, NamedTuple, Tuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot_ros.jit import compiled
+
+VECTORS = ((1, 0), (2, 1), (1, 1), (1, 2), (0, 1), (-1, 2), (-1, 1), (-2, 1),
+           (-1, 0), (-2, -1), (-1, -1), (-1, -2), (0, -1), (1, -2), (1, -1), (2, -1))
+HEADINGS = tuple(math.atan2(y, x) for x, y in VECTORS)
+COUNT = len(VECTORS)
+# Cell size over turning radius at which single vectors make the arcs.
+CELL_SHARE = 0.118
+# Levels of the risk -log(probability) up to its limit.
+LEVELS = 50
+# Most nodes of a search; answers of `expand` without a way.
+MOST_NODES = 1 << 22
+NONE, FULL = -1, -2
+
+
+class Primitive(NamedTuple):
+    """
+    A motion from the cell (0, 0).
+
+    Attributes
+    ----------
+    start, end : int
+        Headings.
+    direction : int
+        1 forward, -1 backward.
+    column, row : int
+        Of its end.
+    points : (n, 2) array
+        Positions along it [cells], without the first.
+    curvature : float
+        Of its arc, yaw angle over travelled length [1/cell].
+    length : float
+        [cells]
+
+    """
+
+    start: int
+    end: int
+    direction: int
+    column: int
+    row: int
+    points: NDArray[np.float64]
+    curvature: float
+    length: float
+
+
+def primitives(radius: float) -> Tuple[Tuple[Primitive, ...], ...]:
+    """Return the primitives from each heading, for a turning radius [cells]."""
+    forward: List[Primitive] = []
+    for start in range(COUNT):
+        x, y = VECTORS[start]
+        length = math.hypot(x, y)
+        points = np.linspace((0.0, 0.0), (x, y), 3 if length > 1.0 else 2)[1:]
+        forward.append(Primitive(start, start, 1, x, y, points, 0.0, length))
+        forward += [_arc(start, (start + turn) % COUNT, turn, radius) for turn in (1, -1)]
+    backward = [Primitive(
+        item.end, item.start, -1, -item.column, -item.row,
+        np.vstack([item.points[-2::-1], np.zeros((1, 2))]) - (item.column, item.row),
+        -item.curvature, item.length) for item in forward]
+    return tuple(tuple(item for item in (*forward, *backward) if item.start == start)
+                 for start in range(COUNT))
+
+
+def _arc(start: int, end: int, turn: int, radius: float) -> Primitive:
+    """Return a line, an arc and a line from heading to heading, with the least length."""
+    one, two = np.array(VECTORS[start], float), np.array(VECTORS[end], float)
+    lengths = np.hypot(*one), np.hypot(*two)
+    angle = turn * math.acos(min(1.0, one @ two / (lengths[0] * lengths[1])))
+    tangent = radius * math.tan(0.5 * abs(angle))
+    # The corner lies a whole number of vectors from both ends, each at least the tangent away.
+    first, second = (math.ceil(tangent / length - 0.01) for length in lengths)
+    legs = first * lengths[0], second * lengths[1]
+    tangent = min(legs)
+    curvature = math.tan(0.5 * abs(angle)) / tangent
+    corner = first * one
+    arc = abs(angle) / curvature
+    length = legs[0] + legs[1] - 2.0 * tangent + arc
+    points = []
+    for along in np.linspace(0.0, length, max(2, math.ceil(length / 0.5)) + 1)[1:]:
+        if along <= legs[0] - tangent:
+            point = one / lengths[0] * along
+        elif along >= legs[0] - tangent + arc:
+            point = corner + two / lengths[1] * (legs[1] - length + along)
+        else:
+            turned = (along - legs[0] + tangent) * curvature
+            left = np.array([-one[1], one[0]]) / lengths[0] * turn
+            begin = corner - one / lengths[0] * tangent
+            point = begin + (math.sin(turned) * one / lengths[0]
+                             + (1.0 - math.cos(turned)) * left) / curvature
+        points.append(point)
+    final = first * np.array(VECTORS[start]) + second * np.array(VECTORS[end])
+    return Primitive(start, end, 1, int(final[0]), int(final[1]), np.array(points),
+                     turn * curvature, length)
+
+
+class Moves(NamedTuple):
+    """
+    The primitives as arrays; rows are numbered heading by heading, the same number for each.
+
+    Attributes
+    ----------
+    ends : (16 * n, 4) array of int64
+        Row and column of the end, heading of the end, direction.
+    cells : (16 * n, k, 2) array of int64
+        Rows and columns of the cells on the way, the last one repeated.
+    times : (16 * n,) array
+        [s]
+
+    """
+
+    ends: NDArray[np.int64]
+    cells: NDArray[np.int64]
+    times: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, table: Tuple[Tuple[Primitive, ...], ...], times: List[float]) -> 'Moves':
+        """Return the arrays of a table and the time of each primitive."""
+        rows = [item for items in table for item in items]
+        longest = max(len(item.points) for item in rows)
+        ends = np.array([(item.row, item.column, item.end, item.direction) for item in rows],
+                        np.int64)
+        cells = np.array([
+            np.vstack([item.points] + [item.points[-1:]] * (longest - len(item.points)))[:, ::-1]
+            for item in rows])
+        return cls(ends, np.floor(cells + 0.5).astype(np.int64), np.array(times))
+
+
+class Problem(NamedTuple):
+    """
+    A search; states are cell * 16 + heading, cells are numbered row by row.
+
+    Attributes
+    ----------
+    starts : (n,) array of int64
+        States.
+    start_costs : (n,) array
+        [s]
+    goal_cell, goal_heading : int
+        A heading of -1 stands for any.
+    slowness : (rows, columns) array
+        Factor on times in a cell; infinite where the centre must not be.
+    heuristic : (cells,) array
+        Lower bound of the time to the goal [s].
+    ends, cells, times
+        See `Moves`.
+    reversal : float
+        Time for a change of direction [s].
+    arc_starts, arc_ends : (m,) arrays of int64
+        States that crossings lead from and to, sorted by start.
+    arc_times, arc_levels : (m,) arrays
+        Time [s] and risk level of each.
+    most_level : int
+
+    """
+
+    starts: NDArray[np.int64]
+    start_costs: NDArray[np.float64]
+    goal_cell: int
+    goal_heading: int
+    slowness: NDArray[np.float64]
+    heuristic: NDArray[np.float64]
+    ends: NDArray[np.int64]
+    cells: NDArray[np.int64]
+    times: NDArray[np.float64]
+    reversal: float
+    arc_starts: NDArray[np.int64]
+    arc_ends: NDArray[np.int64]
+    arc_times: NDArray[np.float64]
+    arc_levels: NDArray[np.int64]
+    most_level: int
+
+
+class Tree:
+    """Arrays of a search tree, which searches share and which grow as needed."""
+
+    def __init__(self, nodes: int = 1 << 16):
+        self._lay(nodes)
+
+    def _lay(self, nodes: int) -> None:
+        self.slots = np.empty(4 * nodes, np.int32)
+        self.keys, self.parents, self.moves = (np.empty(nodes, np.int64) for _ in range(3))
+        self.costs = np.empty(nodes)
+        self.closed = np.empty(nodes, np.uint8)
+        self.heap_costs, self.heap_nodes = np.empty(3 * nodes), np.empty(3 * nodes, np.int64)
+
+    def find(self, problem: Problem) -> Tuple[float, List[Tuple[int, int]]]:
+        """
+        Return the least time to the goal, and the way.
+
+        Returns
+        -------
+        time : float
+            [s]; infinite if there is no way.
+        way : list of (int, int)
+            State, and the move to it: the number of a primitive, -2 - number of a crossing, or
+            -1 for the start.
+
+        """
+        while True:
+            self.slots.fill(-1)
+            found = expand(problem[:], (self.slots, self.keys, self.parents, self.moves,
+                                        self.costs, self.closed, self.heap_costs,
+                                        self.heap_nodes))
+            if found != FULL or len(self.keys) >= MOST_NODES:
+                break
+            self._lay(4 * len(self.keys))
+        if found < 0:
+            return math.inf, []
+        way, node, states = [], found, problem.slowness.size * COUNT
+        while node >= 0:
+            way.append((int(self.keys[node]) % states, int(self.moves[node])))
+            node = int(self.parents[node])
+        return float(self.costs[found]), way[::-1]
+
+
+@compiled
+def expand(problem: Any, tree: Any) -> int:
+    """
+    Search by A* over (risk level, direction, heading, cell); return the node of the goal.
+
+    `NONE` if there is no way, `FULL` if the arrays are too short.
+
+    Parameters
+    ----------
+    problem : tuple
+        The fields of a `Problem`.
+    tree : tuple of arrays
+        Hash table of nodes, filled with -1; key, parent, move, cost and whether closed of each
+        node; costs and nodes of the heap.
+
+    """
+    (starts, start_costs, goal_cell, goal_heading, slowness, heuristic, ends, cells, times,
+     reversal, arc_starts, arc_ends, arc_times, arc_levels, most_level) = problem
+    slots, keys, parents, moves, costs, closed, heap_costs, heap_nodes = tree
+    rows, columns = slowness.shape
+    states, per, mask = rows * columns * 16, len(times) // 16, len(slots) - 1
+    count = size = 0
+    expanded = -1
+    while True:
+        base, level, direction = 0.0, 0, 1
+        row = column = heading = first = 0
+        number = len(starts)
+        if expanded >= 0:
+            state, rest = keys[expanded] % states, keys[expanded] // states
+            direction, level = 1 - 2 * (rest % 2), rest // 2
+            row, column = state // 16 // columns, state // 16 % columns
+            heading, base = state % 16, costs[expanded]
+            first = np.searchsorted(arc_starts, state)
+            number = per
+            while first + number - per < len(arc_starts) \
+                    and arc_starts[first + number - per] == state:
+                number += 1
+        for item in range(number):
+            new_level, new_direction = level, direction
+            if expanded < 0:
+                target, cost, move = starts[item], start_costs[item], -1
+            elif item < per:
+                move = heading * per + item
+                new_direction = ends[move, 3]
+                factor = 0.0
+                for index in range(cells.shape[1]):
+                    r, c = row + cells[move, index, 0], column + cells[move, index, 1]
+                    if r < 0 or c < 0 or r >= rows or c >= columns:
+                        factor = math.inf
+                    else:
+                        factor = max(factor, slowness[r, c])
+                if factor == math.inf:
+                    continue
+                target = ((row + ends[move, 0]) * columns + column + ends[move, 1]) * 16 \
+                    + ends[move, 2]
+                cost = base + times[move] * factor
+                if new_direction != direction:
+                    cost += reversal
+            else:
+                arc = first + item - per
+                new_level, new_direction = level + arc_levels[arc], 1
+                if new_level > most_level:
+                    continue
+                target, cost, move = arc_ends[arc], base + arc_times[arc], -2 - arc
+            remaining = heuristic[target // 16]
+            if remaining == math.inf:
+                continue
+            key = (new_level * 2 + (1 - new_direction) // 2) * states + target
+            slot = (key * 0x9E3779B1 >> 7) & mask
+            while slots[slot] >= 0 and keys[slots[slot]] != key:
+                slot = (slot + 1) & mask
+            node = slots[slot]
+            if node >= 0 and (closed[node] or costs[node] <= cost):
+                continue
+            if node < 0:
+                if count == len(keys):
+                    return FULL
+                node = count
+                slots[slot] = node
+                count += 1
+                keys[node], closed[node] = key, 0
+            costs[node], parents[node], moves[node] = cost, expanded, move
+            if size == len(heap_costs):
+                return FULL
+            # Sift up.
+            place, total = size, cost + remaining
+            size += 1
+            while place > 0 and heap_costs[(place - 1) // 2] > total:
+                heap_costs[place] = heap_costs[(place - 1) // 2]
+                heap_nodes[place] = heap_nodes[(place - 1) // 2]
+                place = (place - 1) // 2
+            heap_costs[place], heap_nodes[place] = total, node
+        expanded = -1
+        while size > 0 and expanded < 0:
+            if not closed[heap_nodes[0]]:
+                expanded = heap_nodes[0]
+            size -= 1
+            # Sift the last one down from the top.
+            total, node, place = heap_costs[size], heap_nodes[size], 0
+            while 2 * place + 1 < size:
+                child = 2 * place + 1
+                if child + 1 < size and heap_costs[child + 1] < heap_costs[child]:
+                    child += 1
+                if heap_costs[child] >= total:
+                    break
+                heap_costs[place], heap_nodes[place] = heap_costs[child], heap_nodes[child]
+                place = child
+            heap_costs[place], heap_nodes[place] = total, node
+        if expanded < 0:
+            return NONE
+        closed[expanded] = 1
+        state = keys[expanded] % states
+        if state // 16 == goal_cell and (goal_heading < 0 or state % 16 == goal_heading):
+            return expanded

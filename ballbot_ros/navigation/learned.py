@@ -1,0 +1,109 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a robot learns about a floor: heights, obstacles, outcomes; kept beside the map."""
+from dataclasses import asdict, dataclass, replace
+import json
+from pathlib import Path
+from typing import Dict, Tuple
+
+from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.floors.floor import Feature, Point
+
+# Attempts whose weight the predicted probability of a crossing has, beside learned outcomes.
+PRIOR = 5.0
+# Obstacles nearer to each other than this are one [m].
+SAME = 0.08
+VERSION = 1
+
+
+@dataclass(frozen=True)
+class Learned:
+    """
+    What has been learned; immutable.
+
+    Attributes
+    ----------
+    heights : tuple of (int, float)
+        Number of a feature of the floor, and its observed height [m].
+    obstacles : tuple of (float, float)
+        Points that are not on the map [m].
+    outcomes : tuple of (int, int, int, int)
+        Number of a feature, direction (1 towards the left of its line), crossings and failures.
+
+    """
+
+    heights: Tuple[Tuple[int, float], ...] = ()
+    obstacles: Tuple[Point, ...] = ()
+    outcomes: Tuple[Tuple[int, int, int, int], ...] = ()
+
+    def height(self, number: int, feature: Feature) -> float:
+        """Return the height of a feature of the floor [m]."""
+        return dict(self.heights).get(number, feature.height)
+
+    def corrected(self, number: int, feature: Feature) -> Feature:
+        """Return a feature with its learned height."""
+        height = self.height(number, feature)
+        return feature if height == feature.height else replace(feature, height=height)
+
+    def probability(self, number: int, sign: int, predicted: float) -> float:
+        """Return the mean of the beta distribution with the prediction as its prior."""
+        for feature, direction, crossed, failed in self.outcomes:
+            if (feature, direction) == (number, sign):
+                return (PRIOR * predicted + crossed) / (PRIOR + crossed + failed)
+        return predicted
+
+    def with_height(self, number: int, height: float) -> 'Learned':
+        """Return this with the observed height of a feature [m]."""
+        return replace(self, heights=tuple(sorted({**dict(self.heights),
+                                                   number: height}.items())))
+
+    def with_obstacles(self, points: Tuple[Point, ...]) -> 'Learned':
+        """Return this with further obstacles [m]."""
+        known = list(self.obstacles)
+        for x, y in points:
+            if not any(abs(x - a) < SAME and abs(y - b) < SAME for a, b in known):
+                known.append((x, y))
+        return replace(self, obstacles=tuple(known))
+
+    def with_outcome(self, number: int, sign: int, crossed: bool) -> 'Learned':
+        """Return this with the outcome of an attempt."""
+        counts: Dict[Tuple[int, int], Tuple[int, int]] = {
+            item[:2]: item[2:] for item in self.outcomes}
+        before = counts.get((number, sign), (0, 0))
+        counts[number, sign] = before[0] + crossed, before[1] + (not crossed)
+        return replace(self, outcomes=tuple(
+            (*key, *value) for key, value in sorted(counts.items())))
+
+    @classmethod
+    def read(cls, path: Path) -> 'Learned':
+        """
+        Read a file; nothing has been learned if there is none.
+
+        Raises
+        ------
+        ConfigurationError
+            If the file is damaged.
+
+        """
+        if not path.is_file():
+            return cls()
+        try:
+            content = json.loads(path.read_text(encoding='utf-8'))
+            if content['version'] != VERSION:
+                raise ValueError(f'version {content["version"]}')
+            return cls(tuple((int(number), float(height)) for number, height in
+                             content['heights']),
+                       tuple((float(x), float(y)) for x, y in content['obstacles']),
+                       tuple((int(a), int(b), int(c), int(d)) for a, b, c, d in
+                             content['outcomes']))
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            raise ConfigurationError(
+                f'{path}: cannot be read ({error}); remove it to start with the map alone',
+                'unreadable', str(path)) from error
+
+    def write(self, path: Path) -> None:
+        """Write a file, whole or not at all."""
+        path.parent.mkdir(parents=True, exist_ok=True)
+        temporary = path.with_suffix('.new')
+        temporary.write_text(json.dumps({'version': VERSION, **asdict(self)}, indent=1),
+                             encoding='utf-8')
+        temporary.replace(path)

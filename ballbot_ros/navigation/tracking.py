@@ -1,0 +1,168 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Path following: speed and yaw rate that keep the ball on a path within its curvature.
+
+The law is that of a unicycle with feedforward curvature and feedback of cross-track and heading
+error, both poles at one distance (Kanayama et al., 1990).  The path's sense of travel may be
+backward; errors are then those of the travelled direction.
+"""
+import math
+from typing import NamedTuple, Sequence, Tuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot_ros.floors.floor import Point
+from ballbot_ros.physics.model.robot import Robot
+from ballbot_ros.steering import curvature_limit
+
+# Distance of both poles of the errors: at least, and per speed [m], [s].
+SETTLING, SETTLING_TIME = 0.3, 0.8
+# The lean follows later: the feedforward looks ahead by this time [s].
+LEAD = 0.25
+# Speed is reduced this far before a turn [m].
+EARLY = 0.3
+# Deceleration towards the end of a path [m/s2], and time constant of the last part [s].
+BRAKING, LAST = 0.15, 0.7
+# Part of the curvature limit that the path may use; feedback has the rest.
+SHARE = 0.95
+
+
+class Path(NamedTuple):
+    """
+    A path with the sense in which it is travelled.
+
+    Attributes
+    ----------
+    points : (n, 2) array
+        [m]
+    along : (n,) array
+        Length up to each point [m].
+    courses : (n,) array
+        Travelled direction, unwrapped [rad].
+    curvatures : (n,) array
+        Of the travelled direction over length [1/m].
+    direction : int
+        1 forward, -1 backward.
+
+    """
+
+    points: NDArray[np.float64]
+    along: NDArray[np.float64]
+    courses: NDArray[np.float64]
+    curvatures: NDArray[np.float64]
+    direction: int
+
+    @classmethod
+    def of(cls, points: Sequence[Point], direction: int) -> 'Path':
+        """Return the path through at least two points."""
+        array = np.array(points, float)
+        array = array[np.concatenate([[True], np.hypot(*np.diff(array, axis=0).T) > 1e-6])]
+        steps = np.diff(array, axis=0)
+        lengths = np.hypot(*steps.T)
+        courses = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
+        # Each step's course holds in its middle.
+        along = np.concatenate([[0.0], np.cumsum(lengths)])
+        middles = 0.5 * (along[1:] + along[:-1])
+        at_points = np.interp(along, middles, courses)
+        curvatures = np.gradient(at_points, along) if len(along) > 2 else np.zeros(len(along))
+        return cls(array, along, at_points, curvatures, direction)
+
+    @property
+    def length(self) -> float:
+        """Return the length [m]."""
+        return float(self.along[-1])
+
+    def project(self, x: float, y: float, since: float) -> Tuple[float, float]:
+        """
+        Return how far along a place is, and how far to the left of the travelled direction [m].
+
+        Only the part from 0.1 m before `since` to 0.5 m behind it is considered.
+        """
+        first = max(0, int(np.searchsorted(self.along, since - 0.1)) - 1)
+        last = min(len(self.along) - 1, int(np.searchsorted(self.along, since + 0.5)))
+        one, two = self.points[first:last], self.points[first + 1:last + 1]
+        step = two - one
+        lengths = np.hypot(*step.T)
+        share = np.clip(((x - one[:, 0]) * step[:, 0] + (y - one[:, 1]) * step[:, 1])
+                        / lengths**2, 0.0, 1.0)
+        if last == len(self.along) - 1:
+            # Past the end the last direction goes on.
+            share[-1] = max(share[-1], float(
+                ((x, y) - one[-1]) @ step[-1] / lengths[-1]**2))
+        foot = one + share[:, None] * step
+        best = int(np.argmin(np.hypot(x - foot[:, 0], y - foot[:, 1])))
+        left = (step[best, 0] * (y - foot[best, 1])
+                - step[best, 1] * (x - foot[best, 0])) / lengths[best]
+        return float(self.along[first + best] + share[best] * lengths[best]), float(left)
+
+    def ahead(self, since: float, distance: float) -> NDArray[np.float64]:
+        """Return the points of the part from `since` on [m]."""
+        return self.points[(self.along >= since) & (self.along <= since + distance)]
+
+
+class Tracker:
+    """
+    Computes speed and yaw rate on a path.
+
+    Parameters
+    ----------
+    robot : Robot
+        With steering.
+    cruise_speed : float
+        [m/s]
+
+    """
+
+    def __init__(self, robot: Robot, cruise_speed: float):
+        """Tabulate the curvature limit."""
+        self._speeds = np.linspace(0.05, max(cruise_speed, 1.2), 24)
+        self._limits = np.array([curvature_limit(robot, speed) for speed in self._speeds])
+        self._cruise = cruise_speed
+
+    def limit(self, speed: float) -> float:
+        """Return the curvature limit at a speed [1/m]."""
+        return float(np.interp(abs(speed), self._speeds, self._limits))
+
+    def speed_for(self, curvature: float) -> float:
+        """Return the speed at which a curvature is within the limit [m/s]."""
+        return float(np.interp(-abs(curvature), -SHARE * self._limits, self._speeds))
+
+    def follow(self, path: Path, along: float, left: float, heading: float, speed: float,
+               top_speed: float) -> Tuple[float, float]:
+        """
+        Return speed along the heading [m/s] and yaw rate [rad/s].
+
+        Parameters
+        ----------
+        path : Path
+        along, left : float
+            See `Path.project`.
+        heading : float
+            [rad]
+        speed : float
+            Along the heading, measured [m/s].
+        top_speed : float
+            [m/s]
+
+        """
+        near = (path.along >= along - 0.05) & (path.along <= along + EARLY)
+        sharpest = float(np.abs(path.curvatures[near]).max(initial=0.0))
+        remaining = max(path.length - along, 0.0)
+        lost = BRAKING * LAST
+        wanted = min(top_speed, self._cruise, self.speed_for(sharpest),
+                     2.0 * BRAKING * remaining
+                     / (math.sqrt(lost * lost + 2.0 * BRAKING * remaining) + lost))
+        return path.direction * wanted, self.yaw_rate(path, along, left, heading, speed)
+
+    def yaw_rate(self, path: Path, along: float, left: float, heading: float, speed: float
+                 ) -> float:
+        """Return the yaw rate that leads back to the path [rad/s]; see `follow`."""
+        settling = max(SETTLING, SETTLING_TIME * abs(speed))
+        course = heading if path.direction > 0 else heading + math.pi
+        error = math.remainder(course - float(np.interp(along, path.along, path.courses)),
+                               2.0 * math.pi)
+        feedforward = float(np.interp(along + LEAD * abs(speed), path.along, path.curvatures))
+        curvature = feedforward - left / settling**2 - 2.0 * math.sin(error) / settling
+        limit = self.limit(speed)
+        return abs(speed) * min(max(curvature, -limit), limit)

@@ -1,0 +1,228 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Execution of routes by a ball with delayed speed and yaw rate: arrival, replanning, rest."""
+from dataclasses import replace
+import math
+
+import numpy as np
+import pytest
+
+from ballbot_ros.decision import Knowledge, load_curve, load_decision_tuning
+from ballbot_ros.errors import RefusedError
+from ballbot_ros.floors import load_floor
+from ballbot_ros.navigation import RoutePlanner
+from ballbot_ros.navigation.execution import (
+    CrossingReport, Mode, NavigationState, Navigator, Percept, Status)
+from ballbot_ros.physics import load_robot
+
+KNOWLEDGE = Knowledge(load_robot('gimball'), load_curve('gimball_down'),
+                      load_decision_tuning('decision_default'))
+KITCHEN, STUDY, BEDROOM = (1.7, 1.4), (1.8, 5.5), (5.3, 5.8)
+PERIOD, LAG = 0.05, 0.3
+
+
+class Ball:
+    """A unicycle whose speed and yaw rate follow commands with a lag; crossings succeed."""
+
+    def __init__(self, navigator, x, y, heading=0.0):
+        self.navigator, self.state = navigator, NavigationState()
+        self.x, self.y, self.heading = x, y, heading
+        self.speed = self.yaw_rate = self.time = 0.0
+        self.offset = (0.0, 0.0)
+        self.points, self.faces, self.report, self.trail = (), (), None, []
+        self.crosses = self._cross
+        self.path = []
+
+    def percept(self):
+        report, self.report = self.report, None
+        return Percept(self.time, self.x + self.offset[0], self.y + self.offset[1], self.heading,
+                       self.speed, self.points, self.faces, report)
+
+    def _cross(self, segment):
+        self.x, self.y = segment.points[-1]
+        self.heading = segment.heading
+        return CrossingReport(True, 'over')
+
+    def begin(self, goal):
+        self.state = self.navigator.begin(self.state, goal, self.percept())
+
+    def run(self, seconds, until=lambda ball: ball.state.status.ended):
+        for _ in range(round(seconds / PERIOD)):
+            if until(self):
+                return
+            self.step()
+
+    def step(self):
+        before = self.state.segment
+        self.state, command = self.navigator.advance(self.state, self.percept())
+        if command.mode is Mode.CROSS:
+            self.report = self.crosses(before)
+            # A jump of place within one period is a crossing here, not a jump.
+            self.state = replace(self.state, last=None)
+        share = 1.0 - math.exp(-PERIOD / LAG)
+        self.speed += share * (command.speed - self.speed)
+        self.yaw_rate += share * (command.yaw_rate - self.yaw_rate)
+        self.heading += PERIOD * self.yaw_rate
+        self.x += PERIOD * self.speed * math.cos(self.heading)
+        self.y += PERIOD * self.speed * math.sin(self.heading)
+        self.time += PERIOD
+        self.path.append((self.x, self.y))
+
+
+@pytest.fixture(scope='module')
+def planner():
+    return RoutePlanner(load_floor('apartment'), KNOWLEDGE)
+
+
+@pytest.fixture
+def navigator(planner):
+    planner.learn(NavigationState().learned)
+    return Navigator(planner, KNOWLEDGE)
+
+
+def at_rest(ball):
+    return abs(ball.speed) < 0.03
+
+
+@pytest.mark.parametrize('heading', [0.0, 2.0, -1.3])
+def test_the_ball_arrives_and_stays_clear_of_walls(navigator, planner, heading):
+    ball = Ball(navigator, *KITCHEN, heading)
+    ball.begin(BEDROOM)
+    expected = ball.state.remaining
+    ball.run(200.0)
+    assert ball.state.status is Status.SUCCEEDED, ball.state.message
+    assert math.dist((ball.x, ball.y), BEDROOM) < 0.15 and at_rest(ball)
+    assert 0.0 < expected and ball.state.remaining == 0.0
+    clear = min(planner._clear.flat[planner._node(point)] for point in ball.path)
+    assert clear > planner.ball_radius - 0.02
+
+
+def test_cancellation_ends_at_rest(navigator):
+    ball = Ball(navigator, *KITCHEN)
+    ball.begin(STUDY)
+    ball.run(4.0)
+    assert not at_rest(ball)
+    ball.state = navigator.cancel(ball.state)
+    ball.run(10.0)
+    assert ball.state.status is Status.CANCELED and at_rest(ball)
+
+
+def test_another_goal_stops_the_ball_and_replaces_the_first(navigator):
+    ball = Ball(navigator, *KITCHEN)
+    ball.begin(STUDY)
+    ball.run(4.0)
+    ball.begin((2.5, 1.0))
+    assert ball.state.status is Status.STOPPING
+    ball.run(120.0)
+    assert ball.state.status is Status.SUCCEEDED
+    assert math.dist((ball.x, ball.y), (2.5, 1.0)) < 0.15
+
+
+def test_a_refused_goal_leaves_the_active_one(navigator):
+    ball = Ball(navigator, *KITCHEN)
+    ball.begin(STUDY)
+    ball.run(2.0)
+    with pytest.raises(RefusedError) as caught:
+        ball.begin((0.05, 3.0))
+    assert caught.value.reason == 'wall'
+    assert ball.state.goal == STUDY and ball.state.status is Status.DRIVING
+
+
+def test_an_obstacle_on_the_path_is_driven_around(navigator):
+    ball = Ball(navigator, 0.6, 5.0)
+    ball.begin((2.8, 5.0))
+    ball.points = tuple((1.8, 4.95 + 0.04 * number) for number in range(8))
+    ball.run(120.0)
+    assert ball.state.status is Status.SUCCEEDED, ball.state.message
+    assert ball.state.learned.obstacles
+    away = min(math.dist(point, place) for place in ball.points for point in ball.path)
+    assert away > navigator.planner.ball_radius
+
+
+def test_walls_of_the_map_are_no_obstacles(navigator, planner):
+    ball = Ball(navigator, *KITCHEN)
+    rows, columns = np.nonzero(planner.floor.cells == 2)
+    ball.points = tuple(planner.floor.center_of(int(row), int(column))
+                        for row, column in zip(rows[::3], columns[::3]))
+    ball.begin((2.8, 0.8))
+    ball.run(60.0)
+    assert ball.state.status is Status.SUCCEEDED and not ball.state.learned.obstacles
+
+
+def test_a_refused_crossing_is_learned_and_another_way_is_taken_or_none(navigator):
+    ball = Ball(navigator, *KITCHEN, 1.57)
+    ball.crosses = lambda segment: CrossingReport(False, 'too high', 0.2)
+    ball.begin(STUDY)
+    ball.run(200.0)
+    assert (ball.state.status, ball.state.reason) == (Status.FAILED, 'no_route')
+    assert 'kitchen threshold of 200 mm' in ball.state.message and at_rest(ball)
+    assert dict(ball.state.learned.heights) == {0: 0.2}
+
+
+def test_repeated_failures_exclude_a_crossing(navigator):
+    ball = Ball(navigator, *KITCHEN, 1.57)
+    ball.crosses = lambda segment: CrossingReport(False, 'slipped', touched=True)
+    ball.begin(STUDY)
+    ball.run(400.0)
+    assert (ball.state.status, ball.state.reason) == (Status.FAILED, 'no_route')
+    (number, _, crossed, failed), = ball.state.learned.outcomes
+    assert (number, crossed) == (0, 0) and failed >= 1
+
+
+@pytest.mark.parametrize('mode', [Mode.DRIVE, Mode.CROSS])
+def test_a_jump_of_the_localisation_stops_the_ball_and_it_plans_anew(navigator, mode):
+    ball = Ball(navigator, *KITCHEN, 1.57)
+    ball.crosses = lambda segment: None
+    ball.begin(STUDY)
+    ball.run(60.0, until=lambda ball: ball.speed > 0.2 if mode is Mode.DRIVE
+             else ball.state.status is Status.CROSSING)
+    ball.run(0.2)
+    ball.state = replace(ball.state, last=ball.percept())
+    ball.offset = (0.0, -1.0)
+    ball.step()
+    assert ball.state.reason == 'localisation_jump' and ball.state.recoveries == 1
+    # A ball that rests before a crossing has no way to stop.
+    assert (ball.state.status is Status.STOPPING) == (mode is Mode.DRIVE)
+    ball.run(10.0, until=lambda ball: ball.state.status is not Status.STOPPING)
+    assert ball.state.status is Status.DRIVING and at_rest(ball)
+
+
+def test_a_place_that_is_not_finite_ends_the_goal_at_rest(navigator):
+    ball = Ball(navigator, *KITCHEN)
+    ball.begin(STUDY)
+    ball.run(4.0)
+    ball.offset = (math.nan, 0.0)
+    ball.step()
+    ball.offset = (0.0, 0.0)
+    ball.run(10.0)
+    assert (ball.state.status, ball.state.reason) == (Status.FAILED, 'not_finite')
+    assert at_rest(ball)
+
+
+def test_a_replaced_map_is_planned_on_after_a_stop(navigator):
+    ball = Ball(navigator, *KITCHEN, 1.57)
+    ball.begin((2.9, 2.2))
+    ball.run(3.0)
+    floor = load_floor('apartment')
+    floor.cells[floor.cell_of((2.9, 2.2))] = 2
+    ball.state = navigator.with_planner(ball.state, RoutePlanner(floor, KNOWLEDGE))
+    assert ball.state.status is Status.STOPPING
+    ball.run(20.0)
+    assert (ball.state.status, ball.state.reason) == (Status.FAILED, 'wall') and at_rest(ball)
+
+
+def test_a_ball_that_does_not_get_on_remembers_an_obstacle(navigator):
+    ball = Ball(navigator, *KITCHEN)
+    ball.begin((2.9, 1.4))
+    held = (ball.x + 0.3, 0.0)
+
+    def hold():
+        if ball.x > held[0] and ball.y > 1.2:
+            ball.x, ball.speed = held[0], 0.0
+    for _ in range(400):
+        if ball.state.learned.obstacles:
+            break
+        ball.step()
+        hold()
+    assert ball.state.reason == 'stuck'
+    (x, _), = ball.state.learned.obstacles
+    assert x > ball.x
