@@ -9,15 +9,13 @@ from ballbot_ros.navigation.execution import CrossingReport
 
 
 class Drive(NamedTuple):
-    """
-    Set angle of the pendulum for law (11) [rad], and the report when the crossing has ended.
-    """
+    """Set angle of the pendulum for law (11) [rad], and the report at the end of the crossing."""
 
     set_angle: float
     report: Optional[CrossingReport]
 
 
-class Crossing:
+class CrossingDriver:
     """
     Lets a `Decider` drive over the step ahead, as often as a route needs it.
 

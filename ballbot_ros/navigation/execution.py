@@ -5,7 +5,7 @@ Execution of a route: path following, crossings, replanning, and an end at rest.
 A `Navigator` has no state of its own but what it has computed about floor and robot: `advance`
 takes a `NavigationState` and a `Percept`, and returns the next state and a `Command`.  Crossings
 are carried out by the obstacle decision: while the command is CROSS, the caller lets it drive, and
-reports how it ended in the percept (see `crossing.Crossing`).
+reports how it ended in the percept (see `crossing.CrossingDriver`).
 """
 from dataclasses import dataclass, replace
 from enum import Enum
@@ -13,6 +13,7 @@ import math
 from typing import NamedTuple, Optional, Tuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ballbot_ros.decision import Knowledge
 from ballbot_ros.errors import RefusedError
@@ -25,7 +26,7 @@ from ballbot_ros.navigation.tracking import Path, Tracker
 RESTING, RESTS_AFTER = 0.03, 0.4
 # A segment is finished this close to its end [m]; the goal is reached within this distance [m].
 CLOSE, TOLERANCE = 0.03, 0.15
-# Deviations from a path with which it is planned anew [m], [rad].
+# Deviations from a path with which it is planned again [m], [rad].
 ASIDE, TURNED = 0.15, math.radians(40.0)
 # Deviations from the line of a crossing with which it may begin [m], [rad].
 CROSS_ASIDE, CROSS_TURNED = 0.08, math.radians(6.0)
@@ -49,7 +50,7 @@ REPLANS = 12
 CROSSING_TIMEOUT = 90.0
 
 
-class Status(str, Enum):
+class NavStatus(str, Enum):
     """What the navigator does, or how it ended."""
 
     IDLE = 'idle'
@@ -63,7 +64,7 @@ class Status(str, Enum):
     @property
     def ended(self) -> bool:
         """Return whether no goal is active."""
-        return self in (Status.IDLE, Status.SUCCEEDED, Status.FAILED, Status.CANCELED)
+        return self in (NavStatus.IDLE, NavStatus.SUCCEEDED, NavStatus.FAILED, NavStatus.CANCELED)
 
 
 class CrossingReport(NamedTuple):
@@ -89,7 +90,7 @@ class CrossingReport(NamedTuple):
 
 class Percept(NamedTuple):
     """
-    What is known at a time.
+    Localisation and measurements at a time.
 
     Attributes
     ----------
@@ -118,8 +119,8 @@ class Percept(NamedTuple):
     crossing: Optional[CrossingReport] = None
 
 
-class Mode(str, Enum):
-    """Who drives."""
+class CommandKind(str, Enum):
+    """What a command demands."""
 
     REST = 'rest'
     DRIVE = 'drive'
@@ -132,7 +133,7 @@ class Command(NamedTuple):
 
     Attributes
     ----------
-    mode : Mode
+    kind : CommandKind
         With CROSS the obstacle decision drives; a change to another mode ends its goal.
     speed : float
         Along the heading, with DRIVE [m/s].
@@ -141,12 +142,12 @@ class Command(NamedTuple):
 
     """
 
-    mode: Mode
+    kind: CommandKind
     speed: float = 0.0
     yaw_rate: float = 0.0
 
 
-REST = Command(Mode.REST)
+REST = Command(CommandKind.REST)
 
 
 @dataclass(frozen=True)
@@ -156,7 +157,7 @@ class NavigationState:
 
     Attributes
     ----------
-    status : Status
+    status : NavStatus
     reason, message : str
         Of the end, or of the latest change.
     goal : tuple of float or None
@@ -173,7 +174,7 @@ class NavigationState:
 
     """
 
-    status: Status = Status.IDLE
+    status: NavStatus = NavStatus.IDLE
     reason: str = ''
     message: str = ''
     goal: Optional[Tuple[float, ...]] = None
@@ -187,11 +188,10 @@ class NavigationState:
     alignments: int = 0
     moving: float = -math.inf  # when the ball was last seen moving
     anchor: Tuple[float, float] = (0.0, -math.inf)  # progress, and when it was made
-    begun: float = 0.0  # when the crossing began
-    seen: Tuple[Point, ...] = ()  # obstacles on the path in the last percepts
-    agreeing: int = 0
+    crossing_start: float = 0.0  # [s]
+    agreeing: int = 0  # percepts with an obstacle on the path
     last: Optional[Percept] = None
-    next: Optional[Status] = None  # after a stop: CANCELED, FAILED, or DRIVING with a new route
+    next: Optional[NavStatus] = None  # after a stop: CANCELED, FAILED, or DRIVING with a new route
 
     @property
     def segment(self) -> Optional[Segment]:
@@ -244,25 +244,27 @@ class Navigator:
         """
         self._check(percept)
         self.planner.check_place(goal, 'goal')
-        begun = replace(state, status=Status.STOPPING, reason='', message='planning', goal=goal,
-                        next=Status.DRIVING, replans=0, recoveries=0, alignments=0,
-                        seen=(), agreeing=0, last=percept, moving=percept.stamp)
+        started = replace(
+            state, status=NavStatus.STOPPING, reason='', message='planning', goal=goal,
+            next=NavStatus.DRIVING, replans=0, recoveries=0, alignments=0, agreeing=0,
+            last=percept, moving=percept.stamp)
         if state.status.ended and abs(percept.speed) < RESTING:
-            # A ball at rest is answered at once.
-            route = self._route(begun, percept)
-            return self._enter(replace(begun, route=route), 0, percept)
-        return begun
+            # A ball at rest needs no stop.
+            route = self._route(started, percept)
+            return self._enter(replace(started, route=route), 0, percept)
+        return started
 
     def cancel(self, state: NavigationState, reason: str = 'canceled',
                message: str = 'canceled: the ball was stopped') -> NavigationState:
         """Return the state that stops the ball and ends the goal."""
         if state.status.ended:
             return state
-        status = Status.CANCELED if reason == 'canceled' else Status.FAILED
-        return replace(state, status=Status.STOPPING, next=status, reason=reason, message=message)
+        status = NavStatus.CANCELED if reason == 'canceled' else NavStatus.FAILED
+        return replace(state, status=NavStatus.STOPPING, next=status, reason=reason,
+                       message=message)
 
     def with_planner(self, state: NavigationState, planner: RoutePlanner) -> NavigationState:
-        """Drive on another map; an active goal is stopped for and planned anew."""
+        """Drive on another map; an active goal is stopped for and planned again."""
         self.planner = planner
         planner.learn(state.learned)
         return state if state.status.ended else self._stop(
@@ -279,13 +281,13 @@ class Navigator:
             return replace(self.cancel(state, error.reason, str(error)), last=state.last), REST
         if abs(percept.speed) >= RESTING:
             state = replace(state, moving=percept.stamp)
-        jumped = state.status is not Status.STOPPING and self._jumped(state.last, percept)
+        jumped = state.status is not NavStatus.STOPPING and self._jumped(state.last, percept)
         state = replace(state, last=percept)
         if jumped:
             state = self._stop(state, 'localisation_jump', 'the localisation jumped')
-        if state.status is Status.STOPPING:
+        if state.status is NavStatus.STOPPING:
             return self._stopping(state, percept)
-        if state.status is Status.CROSSING:
+        if state.status is NavStatus.CROSSING:
             return self._crossing(state, percept)
         return self._driving(state, percept)
 
@@ -305,24 +307,24 @@ class Navigator:
 
     def _stop(self, state: NavigationState, reason: str, message: str) -> NavigationState:
         """Stop for a new route."""
-        return replace(state, status=Status.STOPPING, next=Status.DRIVING, reason=reason,
+        return replace(state, status=NavStatus.STOPPING, next=NavStatus.DRIVING, reason=reason,
                        message=message, recoveries=state.recoveries + 1)
 
     def _stopping(self, state: NavigationState, percept: Percept
                   ) -> Tuple[NavigationState, Command]:
         if percept.stamp - state.moving < RESTS_AFTER:
             return state, REST
-        if state.next is not Status.DRIVING:
+        if state.next is not NavStatus.DRIVING:
             assert state.next is not None
             return replace(state, status=state.next, next=None), REST
         if state.replans >= REPLANS:
-            return replace(state, status=Status.FAILED, next=None, message=(
+            return replace(state, status=NavStatus.FAILED, next=None, message=(
                 f'no arrival after {REPLANS} routes; the last one ended because '
                 f'{state.message}')), REST
         try:
             route = self._route(state, percept)
         except RefusedError as error:
-            return replace(state, status=Status.FAILED, next=None, reason=error.reason,
+            return replace(state, status=NavStatus.FAILED, next=None, reason=error.reason,
                            message=str(error)), REST
         return self._enter(replace(state, route=route, replans=state.replans + 1), 0,
                            percept), REST
@@ -338,24 +340,25 @@ class Navigator:
         if index >= len(state.route.segments):
             away = math.dist((percept.x, percept.y), state.goal[:2])
             if away <= TOLERANCE or state.replans >= REPLANS:
-                return replace(state, status=Status.SUCCEEDED, index=index, path=None, reason='',
-                               message=f'arrived {away:.2f} m from the goal')
-            return replace(state, status=Status.STOPPING, next=Status.DRIVING,
+                return replace(state, status=NavStatus.SUCCEEDED, index=index, path=None,
+                               reason='', message=f'arrived {away:.2f} m from the goal')
+            return replace(state, status=NavStatus.STOPPING, next=NavStatus.DRIVING,
                            message=f'{away:.2f} m from the goal')
         segment = state.route.segments[index]
         path = Path.of(segment.points, segment.direction)
-        state = replace(state, status=Status.DRIVING, index=index, along=0.0, path=path, next=None,
-                        anchor=(0.0, percept.stamp), seen=(), agreeing=0)
+        state = replace(state, status=NavStatus.DRIVING, index=index, along=0.0, path=path,
+                        next=None, anchor=(0.0, percept.stamp), agreeing=0)
         if segment.feature is None:
             return state
         along, left = path.project(percept.x, percept.y, 0.0)
         turned = abs(math.remainder(percept.heading - segment.heading, 2.0 * math.pi))
         if (abs(left) > CROSS_ASIDE or turned > CROSS_TURNED) and state.alignments < ALIGNMENTS:
-            return replace(state, status=Status.STOPPING, next=Status.DRIVING,
+            return replace(state, status=NavStatus.STOPPING, next=NavStatus.DRIVING,
                            alignments=state.alignments + 1,
                            message=f'{left:+.2f} m and {math.degrees(turned):.0f} degrees off the '
                            f'line of the {segment.feature.label}')
-        return replace(state, status=Status.CROSSING, begun=percept.stamp, alignments=0)
+        return replace(state, status=NavStatus.CROSSING, crossing_start=percept.stamp,
+                       alignments=0)
 
     def _driving(self, state: NavigationState, percept: Percept
                  ) -> Tuple[NavigationState, Command]:
@@ -383,12 +386,12 @@ class Navigator:
             return self._stop(replace(state, learned=state.learned.with_obstacles((stuck,))),
                               'stuck', 'the ball does not get on'), REST
         state = self._watch(state, percept)
-        if state.status is Status.STOPPING:
+        if state.status is NavStatus.STOPPING:
             return state, REST
         speed, yaw_rate = self._tracker.follow(
             path, along, left, percept.heading, percept.speed, self._tuning.cruise_speed
             if path.direction > 0 else 0.5 * self._tuning.cruise_speed)
-        return state, Command(Mode.DRIVE, speed, yaw_rate)
+        return state, Command(CommandKind.DRIVE, speed, yaw_rate)
 
     def _watch(self, state: NavigationState, percept: Percept) -> NavigationState:
         """Look for obstacles on the path, and for steps that the map does not have."""
@@ -425,7 +428,7 @@ class Navigator:
                           'higher', 'an obstacle lies on the path' if found else
                           'a step is higher than on the map')
 
-    def _on(self, point: Point, ahead: 'np.ndarray') -> bool:
+    def _on(self, point: Point, ahead: NDArray[np.float64]) -> bool:
         """Return whether the ball would touch a point on its path."""
         return bool((np.hypot(ahead[:, 0] - point[0], ahead[:, 1] - point[1])
                      < self._radius + 0.5 * CLEARANCE).any())
@@ -459,7 +462,7 @@ class Navigator:
                 learned = learned.with_outcome(number, self._sign(segment), report.crossed)
             if report.crossed:
                 # Where the ball comes to rest behind the step is known only now.
-                return replace(state, status=Status.STOPPING, next=Status.DRIVING,
+                return replace(state, status=NavStatus.STOPPING, next=NavStatus.DRIVING,
                                learned=learned, replans=max(state.replans - 1, 0),
                                message=report.message), REST
             known = learned.height(number, segment.feature)
@@ -469,19 +472,20 @@ class Navigator:
                 learned = learned.with_outcome(number, self._sign(segment), False)
             return self._stop(replace(state, learned=learned), 'crossing_failed', (
                 f'the {segment.feature.label} was not crossed: {report.message}')), REST
-        if percept.stamp - state.begun > CROSSING_TIMEOUT:
+        if percept.stamp - state.crossing_start > CROSSING_TIMEOUT:
             return self._stop(replace(state, learned=state.learned.with_outcome(
                 number, self._sign(segment), False)), 'timed_out', (
                     f'the {segment.feature.label} took more than {CROSSING_TIMEOUT:g} s')), REST
-        along, left = state.path.project(percept.x, percept.y, state.along)
+        path = state.path
+        along, left = path.project(percept.x, percept.y, state.along)
         state = replace(state, along=along)
         to_edge = min(float(distance_to_segment(percept.x, percept.y, *piece))
                       for piece in segment.feature.segments)
         yaw_rate = 0.0
         if to_edge > EDGE and percept.speed > RESTING:
-            yaw_rate = self._tracker.yaw_rate(state.path, along, left, percept.heading,
+            yaw_rate = self._tracker.yaw_rate(path, along, left, percept.heading,
                                               percept.speed)
-        return state, Command(Mode.CROSS, 0.0, yaw_rate)
+        return state, Command(CommandKind.CROSS, 0.0, yaw_rate)
 
     @staticmethod
     def _sign(segment: Segment) -> int:

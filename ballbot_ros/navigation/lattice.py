@@ -65,7 +65,7 @@ def primitives(radius: float) -> Tuple[Tuple[Primitive, ...], ...]:
     for start in range(COUNT):
         x, y = VECTORS[start]
         length = math.hypot(x, y)
-        points = np.linspace((0.0, 0.0), (x, y), 3 if length > 1.0 else 2)[1:]
+        points = np.array([(0.5 * x, 0.5 * y), (x, y)] if length > 1.0 else [(x, y)], float)
         forward.append(Primitive(start, start, 1, x, y, points, 0.0, length))
         forward += [_arc(start, (start + turn) % COUNT, turn, radius) for turn in (1, -1)]
     backward = [Primitive(

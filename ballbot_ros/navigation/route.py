@@ -241,14 +241,15 @@ class RoutePlanner:
             self._clear < self.ball_radius + COMFORT, CLOSE, 1.0))
         self._graph = _grid_graph(self._blocked, self._size)
         limit = -math.log(self._tuning.required_probability)
-        arcs, self._levels = [], []
+        arcs: List[Tuple[_Arc, int]] = []
         for items in self._arcs.values():
             for arc in items:
                 probability = self._probability(arc)
                 begin, end = self._point(arc.start // COUNT), self._point(arc.end // COUNT)
                 level = math.ceil(-math.log(probability) / limit * LEVELS - 1e-9)
                 if level <= LEVELS and not (len(obstacles) and (distance_to_segment(
-                        *obstacles.T, begin, end) < self.ball_radius + CLEARANCE).any()):
+                        obstacles[:, 0], obstacles[:, 1], begin, end)
+                        < self.ball_radius + CLEARANCE).any()):
                     arcs.append((arc, level))
         arcs.sort(key=lambda item: item[0].start)
         self._offered = [arc for arc, _ in arcs]
@@ -272,7 +273,7 @@ class RoutePlanner:
         rows, columns = self._walls.shape
         row = min(max(math.floor((point[1] - self._origin[1]) / self._size), 0), rows - 1)
         column = min(max(math.floor((point[0] - self._origin[0]) / self._size), 0), columns - 1)
-        return row * columns + column
+        return int(row * columns + column)
 
     def _point(self, node: int) -> Point:
         row, column = divmod(node, self._walls.shape[1])
@@ -435,8 +436,8 @@ class RoutePlanner:
         far = csgraph.dijkstra(self._backward, directed=True, indices=last)
         time, path = self._tree.find(Problem(
             states, costs, last, heading, self._slowness,
-            far / (OCTILE * self._tuning.cruise_speed), *self._moves, REVERSAL,
-            *self._arc_arrays, LEVELS))
+            far / (OCTILE * self._tuning.cruise_speed), self._moves.ends, self._moves.cells,
+            self._moves.times, REVERSAL, *self._arc_arrays, LEVELS))
         shortest, passed = self._shortest(self._node(start), last)
         if not math.isfinite(time):
             self._refuse(shortest, passed, math.isfinite(far[states // COUNT].min()))

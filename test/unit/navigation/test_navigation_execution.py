@@ -11,7 +11,7 @@ from ballbot_ros.errors import RefusedError
 from ballbot_ros.floors import load_floor
 from ballbot_ros.navigation import RoutePlanner
 from ballbot_ros.navigation.execution import (
-    CrossingReport, Mode, NavigationState, Navigator, Percept, Status)
+    CrossingReport, CommandKind, NavigationState, Navigator, Percept, NavStatus)
 from ballbot_ros.physics import load_robot
 
 KNOWLEDGE = Knowledge(load_robot('gimball'), load_curve('gimball_down'),
@@ -54,7 +54,7 @@ class Ball:
     def step(self):
         before = self.state.segment
         self.state, command = self.navigator.advance(self.state, self.percept())
-        if command.mode is Mode.CROSS:
+        if command.kind is CommandKind.CROSS:
             self.report = self.crosses(before)
             # A jump of place within one period is a crossing here, not a jump.
             self.state = replace(self.state, last=None)
@@ -89,7 +89,7 @@ def test_the_ball_arrives_and_stays_clear_of_walls(navigator, planner, heading):
     ball.begin(BEDROOM)
     expected = ball.state.remaining
     ball.run(200.0)
-    assert ball.state.status is Status.SUCCEEDED, ball.state.message
+    assert ball.state.status is NavStatus.SUCCEEDED, ball.state.message
     assert math.dist((ball.x, ball.y), BEDROOM) < 0.15 and at_rest(ball)
     assert 0.0 < expected and ball.state.remaining == 0.0
     clear = min(planner._clear.flat[planner._node(point)] for point in ball.path)
@@ -103,7 +103,7 @@ def test_cancellation_ends_at_rest(navigator):
     assert not at_rest(ball)
     ball.state = navigator.cancel(ball.state)
     ball.run(10.0)
-    assert ball.state.status is Status.CANCELED and at_rest(ball)
+    assert ball.state.status is NavStatus.CANCELED and at_rest(ball)
 
 
 def test_another_goal_stops_the_ball_and_replaces_the_first(navigator):
@@ -111,9 +111,9 @@ def test_another_goal_stops_the_ball_and_replaces_the_first(navigator):
     ball.begin(STUDY)
     ball.run(4.0)
     ball.begin((2.5, 1.0))
-    assert ball.state.status is Status.STOPPING
+    assert ball.state.status is NavStatus.STOPPING
     ball.run(120.0)
-    assert ball.state.status is Status.SUCCEEDED
+    assert ball.state.status is NavStatus.SUCCEEDED
     assert math.dist((ball.x, ball.y), (2.5, 1.0)) < 0.15
 
 
@@ -124,7 +124,7 @@ def test_a_refused_goal_leaves_the_active_one(navigator):
     with pytest.raises(RefusedError) as caught:
         ball.begin((0.05, 3.0))
     assert caught.value.reason == 'wall'
-    assert ball.state.goal == STUDY and ball.state.status is Status.DRIVING
+    assert ball.state.goal == STUDY and ball.state.status is NavStatus.DRIVING
 
 
 def test_an_obstacle_on_the_path_is_driven_around(navigator):
@@ -132,7 +132,7 @@ def test_an_obstacle_on_the_path_is_driven_around(navigator):
     ball.begin((2.8, 5.0))
     ball.points = tuple((1.8, 4.95 + 0.04 * number) for number in range(8))
     ball.run(120.0)
-    assert ball.state.status is Status.SUCCEEDED, ball.state.message
+    assert ball.state.status is NavStatus.SUCCEEDED, ball.state.message
     assert ball.state.learned.obstacles
     away = min(math.dist(point, place) for place in ball.points for point in ball.path)
     assert away > navigator.planner.ball_radius
@@ -145,7 +145,7 @@ def test_walls_of_the_map_are_no_obstacles(navigator, planner):
                         for row, column in zip(rows[::3], columns[::3]))
     ball.begin((2.8, 0.8))
     ball.run(60.0)
-    assert ball.state.status is Status.SUCCEEDED and not ball.state.learned.obstacles
+    assert ball.state.status is NavStatus.SUCCEEDED and not ball.state.learned.obstacles
 
 
 def test_a_refused_crossing_is_learned_and_another_way_is_taken_or_none(navigator):
@@ -153,7 +153,7 @@ def test_a_refused_crossing_is_learned_and_another_way_is_taken_or_none(navigato
     ball.crosses = lambda segment: CrossingReport(False, 'too high', 0.2)
     ball.begin(STUDY)
     ball.run(200.0)
-    assert (ball.state.status, ball.state.reason) == (Status.FAILED, 'no_route')
+    assert (ball.state.status, ball.state.reason) == (NavStatus.FAILED, 'no_route')
     assert 'kitchen threshold of 200 mm' in ball.state.message and at_rest(ball)
     assert dict(ball.state.learned.heights) == {0: 0.2}
 
@@ -163,27 +163,27 @@ def test_repeated_failures_exclude_a_crossing(navigator):
     ball.crosses = lambda segment: CrossingReport(False, 'slipped', touched=True)
     ball.begin(STUDY)
     ball.run(400.0)
-    assert (ball.state.status, ball.state.reason) == (Status.FAILED, 'no_route')
+    assert (ball.state.status, ball.state.reason) == (NavStatus.FAILED, 'no_route')
     (number, _, crossed, failed), = ball.state.learned.outcomes
     assert (number, crossed) == (0, 0) and failed >= 1
 
 
-@pytest.mark.parametrize('mode', [Mode.DRIVE, Mode.CROSS])
-def test_a_jump_of_the_localisation_stops_the_ball_and_it_plans_anew(navigator, mode):
+@pytest.mark.parametrize('mode', [CommandKind.DRIVE, CommandKind.CROSS])
+def test_a_jump_of_the_localisation_stops_the_ball_and_it_plans_again(navigator, mode):
     ball = Ball(navigator, *KITCHEN, 1.57)
     ball.crosses = lambda segment: None
     ball.begin(STUDY)
-    ball.run(60.0, until=lambda ball: ball.speed > 0.2 if mode is Mode.DRIVE
-             else ball.state.status is Status.CROSSING)
+    ball.run(60.0, until=lambda ball: ball.speed > 0.2 if mode is CommandKind.DRIVE
+             else ball.state.status is NavStatus.CROSSING)
     ball.run(0.2)
     ball.state = replace(ball.state, last=ball.percept())
     ball.offset = (0.0, -1.0)
     ball.step()
     assert ball.state.reason == 'localisation_jump' and ball.state.recoveries == 1
     # A ball that rests before a crossing has no way to stop.
-    assert (ball.state.status is Status.STOPPING) == (mode is Mode.DRIVE)
-    ball.run(10.0, until=lambda ball: ball.state.status is not Status.STOPPING)
-    assert ball.state.status is Status.DRIVING and at_rest(ball)
+    assert (ball.state.status is NavStatus.STOPPING) == (mode is CommandKind.DRIVE)
+    ball.run(10.0, until=lambda ball: ball.state.status is not NavStatus.STOPPING)
+    assert ball.state.status is NavStatus.DRIVING and at_rest(ball)
 
 
 def test_a_place_that_is_not_finite_ends_the_goal_at_rest(navigator):
@@ -194,7 +194,7 @@ def test_a_place_that_is_not_finite_ends_the_goal_at_rest(navigator):
     ball.step()
     ball.offset = (0.0, 0.0)
     ball.run(10.0)
-    assert (ball.state.status, ball.state.reason) == (Status.FAILED, 'not_finite')
+    assert (ball.state.status, ball.state.reason) == (NavStatus.FAILED, 'not_finite')
     assert at_rest(ball)
 
 
@@ -205,9 +205,9 @@ def test_a_replaced_map_is_planned_on_after_a_stop(navigator):
     floor = load_floor('apartment')
     floor.cells[floor.cell_of((2.9, 2.2))] = 2
     ball.state = navigator.with_planner(ball.state, RoutePlanner(floor, KNOWLEDGE))
-    assert ball.state.status is Status.STOPPING
+    assert ball.state.status is NavStatus.STOPPING
     ball.run(20.0)
-    assert (ball.state.status, ball.state.reason) == (Status.FAILED, 'wall') and at_rest(ball)
+    assert (ball.state.status, ball.state.reason) == (NavStatus.FAILED, 'wall') and at_rest(ball)
 
 
 def test_a_ball_that_does_not_get_on_remembers_an_obstacle(navigator):

@@ -236,7 +236,7 @@ def test_unknown_space_is_no_goal(tmp_path):
 
 def test_without_a_route_the_message_names_the_step_that_lacks_run_up(tmp_path):
     planner = planner_of(
-        tmp_path, ['{kind: step, name: sill, line: [[1.35, 4.0], [1.35, 0.0]], height: 0.047}'])
+        tmp_path, ['{kind: step, name: sill, line: [[1.2, 4.0], [1.2, 0.0]], height: 0.047}'])
     with pytest.raises(RefusedError) as caught:
         planner.route((0.7, 2.0), (3.3, 2.0))
     assert caught.value.reason == 'no_route' and 'sill' in str(caught.value)
