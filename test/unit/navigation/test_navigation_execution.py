@@ -11,7 +11,7 @@ from ballbot_ros.errors import RefusedError
 from ballbot_ros.floors import load_floor
 from ballbot_ros.navigation import RoutePlanner
 from ballbot_ros.navigation.execution import (
-    CrossingReport, CommandKind, NavigationState, Navigator, Percept, NavStatus)
+    CommandKind, CrossingReport, NavigationState, Navigator, NavStatus, Percept)
 from ballbot_ros.physics import load_robot
 
 KNOWLEDGE = Knowledge(load_robot('gimball'), load_curve('gimball_down'),
