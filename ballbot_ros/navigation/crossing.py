@@ -8,7 +8,7 @@ from ballbot_ros.decision import (
 from ballbot_ros.navigation.execution import CrossingReport
 
 
-class Drive(NamedTuple):
+class CrossingStep(NamedTuple):
     """Set angle of the pendulum for law (11) [rad], and the report at the end of the crossing."""
 
     set_angle: float
@@ -46,7 +46,7 @@ class CrossingDriver:
         self._goal = None
         self.decider.goals.end()
 
-    def drive(self, motion: Motion, observations: Iterable[Observation]) -> Drive:
+    def drive(self, motion: Motion, observations: Iterable[Observation]) -> CrossingStep:
         """Begin or continue; `motion` is along the line of the crossing."""
         decider = self.decider
         if self._goal is None:
@@ -60,10 +60,10 @@ class CrossingDriver:
         if decider.outcome is not None or answer.decision.contact_since is not None:
             self._touched = True
         if decider.end is None:
-            return Drive(answer.set_angle, None)
+            return CrossingStep(answer.set_angle, None)
         end, goal, planned = decider.end, self._goal, decider.planned
         self._goal = None
         too_high = planned is not None and planned.kind is Kind.GO_ROUND
-        return Drive(answer.set_angle, CrossingReport(
+        return CrossingStep(answer.set_angle, CrossingReport(
             end.ending is Ending.CROSSED, end.message,
             goal.height if too_high and goal is not None else math.nan, self._touched))
