@@ -16,9 +16,9 @@ from numba.np.arrayobj import make_array, populate_array
 import numpy as np
 import peers
 
-from ballbot_ros.physics.mechanics import equations, guards, jacobian, modes
+from ballbot_ros.physics.mechanics import equations, jacobian, modes
 from ballbot_ros.physics.mechanics.contact import contact_table
-from ballbot_ros.physics.mechanics.turned import turned_by
+from ballbot_ros.physics.mechanics.equations import turned_by
 from ballbot_ros.physics.model.parameters import System
 from ballbot_ros.physics.model.state import COORDINATES, PENDULUM_ANGLE, PENDULUM_RATE, SIZE
 
@@ -89,7 +89,7 @@ def compiled_case(case, with_slopes=True):
             whole_table(space, room, signs, sign_columns),
             table(space, SIZE, rows, columns))
         found = table(space, room + signs * sign_columns, slope_rows, slope_columns)
-        guards.find_mode(time, state, system, mode)
+        modes.find_mode(time, state, system, mode)
         jacobian.write_jacobian(
             time, state, turned_by(state[PENDULUM_ANGLE])[1:], system, mode, found)
         target = table(out, 0, MOTION, MOTION)

@@ -6,7 +6,7 @@ import numpy as np
 
 from ballbot_ros.jit import direct
 from ballbot_ros.physics.model.state import X, Y
-from ballbot_ros.physics.solvers.registry import METHODS
+from ballbot_ros.physics.simulation.solver import METHODS
 from ballbot_ros.physics.solvers.values import (
     EVALUATIONS, FINISHED, NO_OUTPUT, Options, Status, Workspace)
 

@@ -23,9 +23,8 @@ from ballbot_ros.paper import mujoco_check
 from ballbot_ros.paper.cases import Case
 from ballbot_ros.physics import Actuation
 from ballbot_ros.physics.model.state import X, Y
-from ballbot_ros.physics.simulation.integrator import Integrator
 from ballbot_ros.physics.simulation.run import simulate
-from ballbot_ros.physics.solvers.registry import METHODS
+from ballbot_ros.physics.simulation.solver import Integrator, METHODS
 from ballbot_ros.physics.solvers.values import EVALUATIONS, FINISHED, Status
 
 REPEATS = 3

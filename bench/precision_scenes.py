@@ -8,7 +8,7 @@ from ballbot_ros.crossing import held_at
 from ballbot_ros.crossing.rules import LEAD, touch_distance
 from ballbot_ros.physics import Actuation, load_robot, load_scene, Model, Solver, Terrain
 from ballbot_ros.physics.model.state import State
-from ballbot_ros.physics.model.terrain_file import read_terrain
+from ballbot_ros.physics.model.terrain import read_terrain
 
 # A constant, so that the scene does not depend on the search [m].
 NEAR_CRITICAL = 0.01983297

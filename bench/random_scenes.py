@@ -7,7 +7,7 @@ import numpy as np
 
 from ballbot_ros.physics import Actuation, ContactOptions, load_robot, Model, Solver, State
 from ballbot_ros.physics.model.actuation import LAWS
-from ballbot_ros.physics.model.terrain_file import read_terrain
+from ballbot_ros.physics.model.terrain import read_terrain
 
 DURATION = 1.5
 

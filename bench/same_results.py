@@ -23,7 +23,7 @@ from ballbot_ros.crossing import cruising, held_at, max_step_height, rolling, Ru
 from ballbot_ros.errors import SimulationError
 from ballbot_ros.physics import (
     Actuation, ContactOptions, load_robot, load_scene, Model, simulate, Solver, Terrain)
-from ballbot_ros.physics.solvers.registry import METHODS
+from ballbot_ros.physics.simulation.solver import METHODS
 
 RANDOM_SCENES = 40
 

@@ -32,7 +32,7 @@ from ballbot_ros.nodes.imu.publisher import VALUES as IMU_VALUES
 from ballbot_ros.nodes.imu.settings import ImuSettings
 from ballbot_ros.nodes.obstacle_decision.settings import DecisionSettings
 from ballbot_ros.nodes.simulator.settings import SimulatorSettings
-from ballbot_ros.physics.model.terrain_file import PIECES
+from ballbot_ros.physics.model.terrain import PIECES
 from ballbot_ros.ros.parameters.fields import Settings
 from ballbot_ros.ros.topics import TOPICS
 

@@ -74,7 +74,7 @@ def test_a_solver_is_a_file_and_a_line(house):
     house.change('physics/solvers/midpoint.py', (r'ORDER = 4', 'ORDER = 2'),
                  (r'EVALUATIONS = 4', 'EVALUATIONS = 2'),
                  (r'    stages, probe, contacts.*?(?=\n\n\nadvance)', MIDPOINT.rstrip()))
-    house.change('physics/solvers/registry.py',
+    house.change('physics/simulation/solver.py',
                  (r'import integrate,', 'import integrate, midpoint,'),
                  (r"    'rk4': ", "    'midpoint': Method(midpoint.advance, midpoint.ORDER,\n"
                   "                       midpoint.EVALUATIONS, step=True),\n    'rk4': "))

@@ -92,7 +92,7 @@ def print_table(robot: Any) -> None:
 
 def _rows(robot: Any) -> Iterator[tuple[str, str, str, str, str, str]]:
     """Yield the cells of each parameter, then those of derived values."""
-    from ballbot_ros.physics.model.named_parameters import MOTOR, ROBOT, STEERING
+    from ballbot_ros.physics.model.robot import MOTOR, ROBOT, STEERING
     described = {**ROBOT, **(MOTOR if robot.motor else {}),
                  **(STEERING if robot.steering else {})}
     for name, metadata in described.items():

@@ -99,7 +99,7 @@ def warn(arguments: argparse.Namespace, sentences: Iterable[str]) -> None:
 
 def warn_speeds(arguments: argparse.Namespace, option: str, speeds: Iterable[float]) -> None:
     """Warn if the fastest of several speeds [m/s] is implausible."""
-    from ballbot_ros.physics.model.plausibility import speed_warnings
+    from ballbot_ros.physics.model.robot import speed_warnings
     warn(arguments, speed_warnings(max(speeds, key=abs), option))
 
 
@@ -119,7 +119,7 @@ def read_law(arguments: argparse.Namespace) -> Any:
             raise ConfigurationError(
                 f'--angle-deg must be at least -180 and at most 180 degrees, got {angle:g}',
                 'out_of_range', '--angle-deg')
-        from ballbot_ros.physics.model.plausibility import angle_warnings
+        from ballbot_ros.physics.model.robot import angle_warnings
         warn(arguments, angle_warnings(angle))
         return held_at(math.radians(angle))
     if law == 'voltage':

@@ -218,7 +218,7 @@ def read_scene(arguments: argparse.Namespace) -> Any:
     from ballbot_ros.config.fields import check_value, suggestion
     from ballbot_ros.physics.simulation.scene import load_scene
     from ballbot_ros.physics.simulation.solver import ACCURACY, PRESETS, Solver
-    from ballbot_ros.physics.solvers.registry import METHODS
+    from ballbot_ros.physics.simulation.solver import METHODS
     scene = load_scene(arguments.scene)
 
     def change(part: Any, *names: str) -> Any:
@@ -257,7 +257,7 @@ def refuse_idle(arguments: argparse.Namespace, scene: Any) -> None:
         Naming the option and the ones that it needs.
 
     """
-    from ballbot_ros.physics.solvers.registry import METHODS
+    from ballbot_ros.physics.simulation.solver import METHODS
     if scene.run.accuracy is not None:
         for name in ('step', 'method', 'tolerance'):
             if getattr(arguments, name) is not None:

@@ -98,7 +98,7 @@ def given(word: str, option: str) -> Tuple[str, Values]:
 
 def question(arguments: argparse.Namespace, robot: Any, values: Mapping[str, Values]) -> None:
     """Warn about an implausible fastest speed or highest step."""
-    from ballbot_ros.physics.model.plausibility import height_warnings
+    from ballbot_ros.physics.model.robot import height_warnings
     if 'speed' in values:
         options.warn_speeds(arguments, 'speed', values['speed'])
     if 'height' in values:

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ballbot_ros.paper.cases import Case, step_height, step_heights
-from ballbot_ros.physics.model.named_parameters import MOTOR, ROBOT
+from ballbot_ros.physics.model.robot import MOTOR, ROBOT
 from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.model.uncertainty import changed, draw, independent, ranges
 from ballbot_ros.studies.progress import ignore, Progress, tracked
@@ -92,4 +92,3 @@ def heights_on_slopes(case: Case, speeds: Array, slopes: Array, progress: Progre
     return np.array([
         step_heights(case._replace(site=replace(case.site, slope_behind=slope)), speeds)
         for slope in tracked(slopes.tolist(), progress)])
-

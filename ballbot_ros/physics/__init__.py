@@ -38,8 +38,7 @@ and says what a state has and touches:
     (True, True)
 """
 from ballbot_ros.physics.model.actuation import Actuation
-from ballbot_ros.physics.model.contact_options import ContactOptions
-from ballbot_ros.physics.model.robot import load_robot, Robot
+from ballbot_ros.physics.model.robot import ContactOptions, load_robot, Robot
 from ballbot_ros.physics.model.state import Energies, State, Touch
 from ballbot_ros.physics.model.terrain import Terrain
 from ballbot_ros.physics.simulation.model import Model

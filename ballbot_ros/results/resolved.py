@@ -5,9 +5,8 @@ from typing import Iterator
 
 import numpy as np
 
-from ballbot_ros.physics.simulation.integrator import Integrator
+from ballbot_ros.physics.simulation.solver import Integrator, METHODS
 from ballbot_ros.physics.simulation.trajectory import Trajectory
-from ballbot_ros.physics.solvers.registry import METHODS
 from ballbot_ros.physics.solvers.values import FINISHED, Output, Status
 
 EVENT_STEP = 1e-3  # largest sampling period for events and extremes [s]

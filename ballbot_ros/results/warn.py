@@ -5,11 +5,11 @@ from typing import Iterator, Optional
 
 import numpy as np
 
-from ballbot_ros.physics.model.plausibility import (
+from ballbot_ros.physics.model.robot import (
     angle_warnings, height_warnings, implausible, speed_warnings)
 from ballbot_ros.physics.simulation.scene import Scene
+from ballbot_ros.physics.simulation.solver import METHODS
 from ballbot_ros.physics.simulation.trajectory import Trajectory
-from ballbot_ros.physics.solvers.registry import METHODS
 from ballbot_ros.results.faces import rising_faces
 
 # Relative energy balance error above which a smaller step is needed.
@@ -71,7 +71,7 @@ def scene_warnings(scene: Scene) -> Iterator[str]:
     yield from implausible(robot)
     for face in rising_faces(scene.model.terrain, robot.ball_radius):
         yield from height_warnings(robot, float(face[-1, 1] - face[0, 1]),
-                              f'at x = {face[0, 0]:g} m')
+                                   f'at x = {face[0, 0]:g} m')
     for name in ('speed', 'velocity_x', 'velocity_y'):
         yield from speed_warnings(getattr(start, name) or 0.0, f'initial {name}')
     if abs(start.pendulum_angle_deg) > TOP_DEG:

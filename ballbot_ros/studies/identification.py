@@ -24,11 +24,10 @@ from scipy.stats import chi2, qmc
 from ballbot_ros.config.fields import suggestion
 from ballbot_ros.errors import BallbotError, ConfigurationError
 from ballbot_ros.physics import Scene
-from ballbot_ros.physics.model.named_parameters import described, MOTOR, ROBOT, with_parameters
+from ballbot_ros.physics.model.robot import described, MOTOR, ROBOT, with_parameters
 from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.simulation.scene import Initial
-from ballbot_ros.physics.simulation.solver import Solver
-from ballbot_ros.physics.solvers.registry import METHODS
+from ballbot_ros.physics.simulation.solver import METHODS, Solver
 from ballbot_ros.results.units import CONVERSIONS
 from ballbot_ros.studies.fit_quality import (
     channel_fit, ChannelFit, CONFIDENCE, judge, ParameterEstimate)

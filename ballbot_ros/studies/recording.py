@@ -9,8 +9,7 @@ from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics import Model, Scene, simulate, Solver, Trajectory
 from ballbot_ros.physics.model.parameters import Actuator, TORQUE
 from ballbot_ros.physics.model.terrain import Array
-from ballbot_ros.physics.simulation.failures import failure
-from ballbot_ros.physics.simulation.integrator import Integrator
+from ballbot_ros.physics.simulation.solver import failure, Integrator
 from ballbot_ros.physics.solvers.values import FINISHED, Status
 
 # Channels that can be compared, and their units.

@@ -14,7 +14,7 @@ from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple
 import numpy as np
 
 from ballbot_ros.crossing import max_step_height, try_step
-from ballbot_ros.crossing.table import Crossings, TOLERANCE
+from ballbot_ros.crossing.max_step_height import Crossings, TOLERANCE
 from ballbot_ros.errors import BallbotError, ConfigurationError
 from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.solvers.values import FINISHED

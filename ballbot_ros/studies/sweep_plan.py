@@ -20,12 +20,12 @@ from ballbot_ros.config.columns import changed
 from ballbot_ros.config.fields import (
     check_value, Checked, count, quantity, suggestion, text, within)
 from ballbot_ros.crossing import actuation_for, Rules, Site
+from ballbot_ros.crossing.max_step_height import Crossings
 from ballbot_ros.crossing.rules import HEIGHT, SPEED
-from ballbot_ros.crossing.table import Crossings
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics import Actuation, Robot
 from ballbot_ros.physics.model.actuation import SET_VALUES
-from ballbot_ros.physics.model.named_parameters import described, MOTOR, ROBOT, with_parameters
+from ballbot_ros.physics.model.robot import described, MOTOR, ROBOT, with_parameters
 from ballbot_ros.physics.model.terrain import Array
 
 DESIGNS = ('grid', 'sobol', 'random')

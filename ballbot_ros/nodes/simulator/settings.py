@@ -5,7 +5,7 @@ from typing import Any
 
 from ballbot_ros.config.fields import count, fixed, flag, live, quantity, text
 from ballbot_ros.control import ControlTuning, load_tuning
-from ballbot_ros.physics.solvers.registry import METHODS
+from ballbot_ros.physics.simulation.solver import METHODS
 from ballbot_ros.plant import SensorFaults
 from ballbot_ros.ros.frames import described, frame, frame_prefix, marked
 from ballbot_ros.ros.parameters.fields import file_in, numbers_in, rate_of, Settings

@@ -24,10 +24,9 @@ from ballbot_ros.physics.mechanics.contact import meeting
 from ballbot_ros.physics.mechanics.contact_law import (
     CORNER, FEATURE, FRICTION, friction_scale, friction_slope, KIND, normal_and_friction,
     normal_law, PRESSED, pressing_and_slipping, SLIDING, slip_lever)
-from ballbot_ros.physics.mechanics.equations import torque_slopes
+from ballbot_ros.physics.mechanics.equations import Direction, torque_slopes
 from ballbot_ros.physics.mechanics.modes import (
     contact_count, ContactMode, mode_torque, MOTOR, smooth_contacts)
-from ballbot_ros.physics.mechanics.turned import Direction
 from ballbot_ros.physics.model.parameters import System
 from ballbot_ros.physics.model.state import (
     BALL_RATE, PENDULUM_ANGLE, PENDULUM_RATE, VELOCITY_X, VELOCITY_Y, X, Y)
@@ -121,7 +120,7 @@ def add_contact(state: Array, row: int, system: System, mode: ContactMode,
 def write_jacobian(time: float, state: Array, hanging: Direction, system: System,
                    mode: ContactMode, out: Array) -> tuple[float, float, float]:
     """
-    Write the derivative of `motion.accelerations` into the first four rows of `out`.
+    Write the derivative of `modes.mode_accelerations` into the first four rows of `out`.
 
     Parameters
     ----------
@@ -205,6 +204,3 @@ def add_pendulum(time: float, state: Array, hanging: Direction, system: System,
     out[BALL, BALL_RATE] -= (by_spin + damping) * per_ball
     out[BALL, PENDULUM_RATE] += (damping - by_rate) * per_ball
     out[BALL, TIME] -= by_time * per_ball
-
-
-__all__ = ['jacobian_table', 'smooth_contacts', 'write_jacobian']

@@ -1,27 +1,33 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The smooth pieces (modes) of the contact law, and the events between them.
+The smooth pieces (modes) of the contact law: their motion, and the guards at their ends.
 
 The forces of eqs. (7)-(10) are piecewise smooth: a contact begins or ends, the damper would
 pull, the slip passes the threshold of eq. (9), the motor reaches its limit.  A *mode* stores
 the side of the state for each of these conditions.  Within a mode the forces are smooth
 formulas without `max`, which extend beyond the end of the mode; that end is a zero of one of
-the *guards*, each positive inside.  An integrator that freezes the mode, locates the zero and
-restarts there keeps its order.
+the *guards*, each positive inside and negative beyond.  An integrator that freezes the mode,
+locates the zero and restarts there keeps its order.
+
+`find_mode` finds the mode of a state, `mode_holds` is a quick check whether it still holds, which
+most steps pass, and `violated_guards` lists what has ended it.
 """
 import math
 from typing import NamedTuple
 
 import numpy as np
 
-from ballbot_ros.jit import compiled
+from ballbot_ros.jit import compiled, inlined
 from ballbot_ros.physics.mechanics.contact import (
-    contact_table, FROZEN, IntArray, loads_of, share_friction,
-    write_contact)
+    Accelerations, contact_sum, contact_table, feature_guard, features_within, FROZEN, IntArray,
+    line_distance, loads_of, pressed_and_slid, QUICK, share_friction, touches, write_contact)
 from ballbot_ros.physics.mechanics.contact_law import (
-    CORNER, FEATURE, KIND)
-from ballbot_ros.physics.mechanics.equations import torque_asked, write_rates
-from ballbot_ros.physics.model.parameters import System
+    CORNER, FEATURE, force_and_slip, FRICTION, KIND, PRESSED, pressed_sign, sign_beyond, SLIDING,
+    sliding_sign)
+from ballbot_ros.physics.mechanics.equations import (
+    Direction, direction_near, forced, torque_asked, Turned, unforced, unsaturated_torque,
+    write_motion, write_rates)
+from ballbot_ros.physics.model.parameters import Parameters, System
 from ballbot_ros.physics.model.state import PENDULUM_ANGLE, X, Y
 from ballbot_ros.physics.model.terrain import Array
 
@@ -90,3 +96,228 @@ def mode_derivative(time: float, state: Array, system: System, mode: ContactMode
                      contact_count(mode), FROZEN)
     motor = mode_torque(time, state, math.sin(state[PENDULUM_ANGLE]), system, mode)
     write_rates(state, system.parameters, loads, motor, rates)
+
+
+@inlined
+def mode_accelerations(time: float, motion: Array, start: Turned, system: System,
+                       mode: ContactMode) -> Accelerations:
+    """Return the four accelerations in a frozen mode without a CORNER; see `write_mode_motion`."""
+    hanging = direction_near(motion[PENDULUM_ANGLE], start)
+    motor = mode_torque(time, motion, hanging[0], system, mode)
+    turn, swing, along_x, along_y, _, _ = contact_sum(
+        motion, system.parameters, system.ground, mode.contacts, mode.signs, contact_count(mode),
+        QUICK, unforced(motion, hanging, motor, system.parameters))
+    return turn, swing, along_x, along_y
+
+
+@compiled
+def write_mode_motion_under(time: float, motion: Array, hanging: Direction,
+                            push: tuple[float, float, float], system: System, mode: ContactMode,
+                            out: Array) -> None:
+    """
+    Write what `write_mode_motion` does, where more is known.
+
+    The direction of the pendulum, and force [N] and torque [N m] of the ground on the ball.
+    """
+    force_x, force_y, torque = push
+    motor = mode_torque(time, motion, hanging[0], system, mode)
+    free, compliance = unforced(motion, hanging, motor, system.parameters)
+    found = forced(free, compliance, force_x, force_y, torque)
+    write_motion(motion, found, system.parameters, out)
+
+
+@compiled
+def write_mode_motion(time: float, motion: Array, start: Turned, system: System,
+                      mode: ContactMode, out: Array) -> None:
+    """
+    Write how a motion goes on in a frozen mode without a CORNER: what steps call most.
+
+    The same as `mode_derivative` without the flows of energy, and without a table of contacts:
+    all numbers stay in registers.  What the motion does without the ground, and what each newton
+    of its forces adds, is computed before these forces are known.
+
+    Parameters
+    ----------
+    time : float
+        [s]
+    motion, out : (8,) arrays, or longer
+        Coordinates and velocities; velocities and accelerations.
+    start : tuple
+        A pendulum angle nearby and its direction, see `turned_by`.
+
+    """
+    found = mode_accelerations(time, motion, start, system, mode)
+    write_motion(motion, found, system.parameters, out)
+
+
+@compiled
+def in_contact(feature: int, mode: ContactMode) -> bool:
+    """Return whether a feature of the ground is among the contacts of a mode."""
+    for row in range(contact_count(mode)):
+        if mode.signs[row, FEATURE] == feature:
+            return True
+    return False
+
+
+@compiled
+def find_mode(time: float, state: Array, system: System, mode: ContactMode) -> int:
+    """Write the mode of a state into `mode` and return how many contacts it has."""
+    signs, parameters, actuator = mode.signs, system.parameters, system.actuator
+    ground, count = system.ground, 0
+    first, behind = features_within(state[X], parameters.radius, ground)
+    for feature in range(first, behind):
+        guard = feature_guard(feature, state[X], state[Y], parameters.radius, ground)
+        if touches(feature, guard, ground):
+            signs[count, FEATURE] = feature
+            count += 1
+    last = len(signs) - 1
+    signs[last, COUNT], signs[last, CORNERS] = count, 0
+    write_contacts(state, system, mode)
+    for row in range(count):
+        signs[last, CORNERS] += int(mode.contacts[row, KIND] == CORNER)
+        force, slip, _ = force_and_slip(state, parameters, mode.contacts, row)
+        signs[row, PRESSED] = pressed_sign(force, parameters)
+        signs[row, SLIDING] = sliding_sign(slip, parameters)
+    signs[last, MOTOR] = sign_beyond(unsaturated_torque(time, state, actuator), actuator.limit)
+    return count
+
+
+# What a guard belongs to.
+OF_FEATURE, OF_FORCE, OF_SLIP, OF_MOTOR = range(4)
+
+
+@compiled
+def side(value: float, sign: int, limit: float) -> float:
+    """Return how far a value is inside +-limit (sign 0), or beyond it on the side of `sign`."""
+    if sign == 0:
+        return limit - abs(value)
+    return sign * value - limit
+
+
+@compiled
+def stays_pressed(force: float, pressed: int) -> bool:
+    """Return whether the force of spring and damper has the sign of its piece of the law."""
+    return (force > 0.0) == (pressed > 0)
+
+
+@compiled
+def stays_sliding(slip: float, friction: float, pressed: int, sliding: int,
+                  parameters: Parameters) -> bool:
+    """Return whether the slip is on its side of the threshold, where there is friction at all."""
+    return not (friction > 0.0 and pressed != 0
+                and side(slip, sliding, parameters.slip_threshold) < 0.0)
+
+
+@compiled
+def motor_guard(time: float, state: Array, system: System, mode: ContactMode) -> float:
+    """Return how far the torque is inside its limit, or beyond it where it is at the limit."""
+    actuator = system.actuator
+    return side(unsaturated_torque(time, state, actuator),
+                mode.signs[len(mode.signs) - 1, MOTOR], actuator.limit)
+
+
+@compiled
+def guard_of(kind: int, item: int, time: float, state: Array, system: System,
+             mode: ContactMode) -> float:
+    """
+    Return a guard: positive inside the mode, negative beyond its end.
+
+    Parameters
+    ----------
+    kind : int
+        OF_FEATURE (`item` is the feature), OF_FORCE or OF_SLIP (`item` is the row of the
+        contact), or OF_MOTOR.
+
+    """
+    if kind == OF_FEATURE:
+        guard = feature_guard(item, state[X], state[Y], system.parameters.radius, system.ground)
+        return guard if in_contact(item, mode) else -guard
+    if kind == OF_MOTOR:
+        return motor_guard(time, state, system, mode)
+    _, _, _, _, force, slip = pressed_and_slid(
+        mode.signs[item, FEATURE], state, system.ground, system.parameters)
+    if kind == OF_FORCE:
+        return force if mode.signs[item, PRESSED] > 0 else -force
+    return side(slip, mode.signs[item, SLIDING], system.parameters.slip_threshold)
+
+
+@compiled
+def violated_guards(time: float, state: Array, system: System, mode: ContactMode, first: int,
+                    behind: int, violated: IntArray) -> int:
+    """
+    List the guards that have become negative, among features from `first` to `behind`.
+
+    Returns how many there are; the rows of `violated` say kind and item of each.
+    """
+    signs, parameters, count = mode.signs, system.parameters, contact_count(mode)
+    found = row = 0
+    for feature in range(first, behind):
+        guard = feature_guard(feature, state[X], state[Y], parameters.radius, system.ground)
+        # Both go from left to right: no need to search, which takes long on rough ground.
+        while row < count and signs[row, FEATURE] < feature:
+            row += 1
+        inside = row < count and signs[row, FEATURE] == feature
+        if touches(feature, guard, system.ground) != inside:
+            violated[found, 0], violated[found, 1] = OF_FEATURE, feature
+            found += 1
+    if count > 0:
+        write_contacts(state, system, mode)
+    for row in range(count):
+        force, slip, _ = force_and_slip(state, parameters, mode.contacts, row)
+        if not stays_pressed(force, signs[row, PRESSED]):
+            violated[found, 0], violated[found, 1] = OF_FORCE, row
+            found += 1
+        if not stays_sliding(slip, mode.contacts[row, FRICTION], signs[row, PRESSED],
+                             signs[row, SLIDING], parameters):
+            violated[found, 0], violated[found, 1] = OF_SLIP, row
+            found += 1
+    if motor_guard(time, state, system, mode) < 0.0:
+        violated[found, 0], violated[found, 1] = OF_MOTOR, 0
+        found += 1
+    return found
+
+
+@compiled
+def contact_holds(motion: Array, row: int, system: System, mode: ContactMode) -> bool:
+    """Return whether a contact of a mode is still there, pressed and sliding as it was."""
+    signs, parameters = mode.signs, system.parameters
+    feature, pressed, x, y = signs[row, FEATURE], signs[row, PRESSED], motion[X], motion[Y]
+    if not touches(feature, feature_guard(feature, x, y, parameters.radius, system.ground),
+                   system.ground):
+        return False
+    _, _, _, friction, force, slip = pressed_and_slid(feature, motion, system.ground, parameters)
+    return stays_pressed(force, pressed) and stays_sliding(
+        slip, friction, pressed, signs[row, SLIDING], parameters)
+
+
+@compiled
+def is_new(feature: int, x: float, y: float, system: System, mode: ContactMode) -> bool:
+    """Return whether the ball touches a feature that is not in its mode."""
+    return not in_contact(feature, mode) and touches(
+        feature, feature_guard(feature, x, y, system.parameters.radius, system.ground),
+        system.ground)
+
+
+@compiled
+def mode_holds(time: float, motion: Array, first: int, behind: int, system: System,
+               mode: ContactMode) -> bool:
+    """
+    Return whether no guard is violated, among features from `first` to `behind`.
+
+    With a CORNER it does not say: then `violated_guards` is to be asked, as where the mode
+    does not hold.
+    """
+    if not smooth_contacts(mode):
+        return False
+    x, y, ground, radius = motion[X], motion[Y], system.ground, system.parameters.radius
+    for row in range(contact_count(mode)):
+        if not contact_holds(motion, row, system, mode):
+            return False
+    for segment in range(first >> 1, (behind + 1) >> 1):
+        if line_distance(segment, x, y, ground) <= radius:
+            feature = 2 * segment
+            if is_new(feature, x, y, system, mode) or (
+                    feature + 1 < behind and is_new(feature + 1, x, y, system, mode)):
+                return False
+    return not (system.actuator.limit < math.inf
+                and motor_guard(time, motion, system, mode) < 0.0)

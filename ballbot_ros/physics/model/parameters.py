@@ -4,8 +4,7 @@ import math
 from typing import NamedTuple
 
 from ballbot_ros.jit import row_reader
-from ballbot_ros.physics.model.contact_options import ContactOptions
-from ballbot_ros.physics.model.robot import Robot
+from ballbot_ros.physics.model.robot import ContactOptions, Robot
 from ballbot_ros.physics.model.terrain import Array
 
 # Laws of actuation, for Actuator.law.

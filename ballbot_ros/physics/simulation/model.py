@@ -8,16 +8,12 @@ import numpy as np
 
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics.mechanics import contact, contact_law, equations
-from ballbot_ros.physics.model.contact_options import ContactOptions
 from ballbot_ros.physics.model.parameters import Actuator, Parameters
-from ballbot_ros.physics.model.robot import load_robot, Robot
+from ballbot_ros.physics.model.robot import ContactOptions, load_robot, Robot
 from ballbot_ros.physics.model.state import Energies, State, Touch
 from ballbot_ros.physics.model.terrain import Array, Terrain, VERTEX_X
-from ballbot_ros.physics.simulation.failures import (
-    check_work, failure, Ledger, LEDGER_BOUND, out_of_balance)
-from ballbot_ros.physics.simulation.integrator import Integrator
-from ballbot_ros.physics.simulation.solver import Solver
-from ballbot_ros.physics.solvers.registry import METHODS
+from ballbot_ros.physics.simulation.solver import (
+    check_work, failure, Integrator, Ledger, LEDGER_BOUND, METHODS, out_of_balance, Solver)
 from ballbot_ros.physics.solvers.values import FINISHED, Status
 
 # Of the radius that a ball at rest sinks in with the stiffness that a refusal names.  At a tenth,

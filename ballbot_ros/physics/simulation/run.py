@@ -26,14 +26,12 @@ from ballbot_ros.errors import ConfigurationError, SimulationError
 from ballbot_ros.physics.model.actuation import Actuation
 from ballbot_ros.physics.model.state import SIZE, State, X, Y
 from ballbot_ros.physics.model.terrain import Array
-from ballbot_ros.physics.simulation.failures import (
-    check_start, check_work, failure, Ledger, LEDGER_BOUND, out_of_balance, OutOfBalance)
-from ballbot_ros.physics.simulation.integrator import Integrator
 from ballbot_ros.physics.simulation.model import Model
-from ballbot_ros.physics.simulation.solver import ACCURACY, LARGEST, SMALLEST, Solver
+from ballbot_ros.physics.simulation.solver import (
+    ACCURACY, check_start, check_work, failure, Integrator, LARGEST, Ledger, LEDGER_BOUND, METHODS,
+    out_of_balance, OutOfBalance, SMALLEST, Solver)
 from ballbot_ros.physics.simulation.trajectory import Assurance, Effort, Trajectory
 from ballbot_ros.physics.solvers.controller import MEMORY
-from ballbot_ros.physics.solvers.registry import METHODS
 from ballbot_ros.physics.solvers.values import FINISHED, Output, PAUSED, Status
 
 # Rows per call into compiled code: progress is reported, and Ctrl-C handled, in between. The
@@ -155,8 +153,8 @@ def output_steps(duration: float, output_step: float) -> int:
 
 
 def run_once(model: Model, start: State, actuation: Actuation, duration: float,
-                  output_step: float = 1e-3,
-                  progress: Optional[Callable[[float], None]] = None) -> Trajectory:
+             output_step: float = 1e-3,
+             progress: Optional[Callable[[float], None]] = None) -> Trajectory:
     """Run the solver of a model once; only the energy balance of the run is checked."""
     if not duration > 0.0 or not np.isfinite(duration):
         raise ConfigurationError(f'duration must be above 0 s and finite, got {duration!r}')
@@ -412,7 +410,7 @@ def _halved(run: Trajectory, start: State, actuation: Actuation, duration: float
     half = replace(solver, step=0.5 * solver.step, work_budget=10**15)
     try:
         return run_once(replace(run.model, solver=half), start, actuation, duration,
-                             output_step)
+                        output_step)
     except (SimulationError, ConfigurationError) as error:
         raise TooLongSteps(
             start.time, f'nothing confirms steps of {solver.step:g} s: with half of it {error}',

@@ -10,11 +10,9 @@ from ballbot_ros.config.fields import (
 from ballbot_ros.config.files import read_config
 from ballbot_ros.errors import ConfigurationError, SimulationError
 from ballbot_ros.physics.model.actuation import Actuation, set_rate_for_speed, SET_VALUES
-from ballbot_ros.physics.model.contact_options import ContactOptions
-from ballbot_ros.physics.model.robot import load_robot, Robot
+from ballbot_ros.physics.model.robot import ContactOptions, load_robot, Robot
 from ballbot_ros.physics.model.state import State
-from ballbot_ros.physics.model.terrain import Terrain
-from ballbot_ros.physics.model.terrain_file import read_terrain
+from ballbot_ros.physics.model.terrain import read_terrain, Terrain
 from ballbot_ros.physics.simulation.model import Model
 from ballbot_ros.physics.simulation.run import simulate
 from ballbot_ros.physics.simulation.solver import ACCURACY, LARGEST, PRESETS, SMALLEST, Solver

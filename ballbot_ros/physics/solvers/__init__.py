@@ -15,10 +15,10 @@ pausing does not change the results.  It adds its steps and right-hand sides to
 ``workspace.statistics``, works in the other arrays of the workspace, and allocates none.  Its
 types are those of `values`; right-hand sides are `mechanics.equations.derivative`, or
 `mode_derivative` of a frozen mode.  To add a solver, copy ``rk4.py``, and add its line to
-`registry.METHODS`.
+`simulation.solver.METHODS`.
 
 **A step of the adaptive method is a file with three functions** (`dormand_prince`, `rodas5p`),
-entered in `step_methods`::
+entered in `integrate`::
 
     step(time, state, size, ready, system, workspace) -> stiffness
     prepare_dense(size, workspace)
@@ -31,9 +31,10 @@ over the longest stable step of an explicit method.  `prepare_dense` writes the 
 accepted step to DENSE, see `dense.motion_at`.  `end_step` prepares the workspace for a next step
 that starts at END.
 
-END, ERROR, F0 and DENSE are `rows` of `Workspace.work` and hold the motion alone; the energy
-balance is an integral along it (``Options.ledger``).  The state between two calls of a solver is
-in `Status`; its `has_mode` and `ready` state which arrays of the workspace are still valid.
+END, ERROR, F0 and DENSE are rows of `Workspace.work`, see `linear`, and hold the motion alone; the
+energy balance is an integral along it (``Options.ledger``).  The state between two calls of a
+solver is in `Status`; its `has_mode` and `ready` state which arrays of the workspace are still
+valid.
 
 The `controller`, an immutable value, chooses length and method of the next step.  `events` locates
 the events of the contact law within a step.  `integrate` is the loop over these three.

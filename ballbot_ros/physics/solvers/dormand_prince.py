@@ -12,15 +12,14 @@ import math
 import numpy as np
 
 from ballbot_ros.jit import compiled
-from ballbot_ros.physics.mechanics.modes import mode_derivative, smooth_contacts
-from ballbot_ros.physics.mechanics.motion import write_motion
-from ballbot_ros.physics.mechanics.turned import Turned, turned_by
+from ballbot_ros.physics.mechanics.equations import Turned, turned_by
+from ballbot_ros.physics.mechanics.modes import mode_derivative, smooth_contacts, write_mode_motion
 from ballbot_ros.physics.model.parameters import System
 from ballbot_ros.physics.model.state import PENDULUM_ANGLE, SIZE
 from ballbot_ros.physics.model.terrain import Array
-from ballbot_ros.physics.solvers import rows
+from ballbot_ros.physics.solvers import linear
 from ballbot_ros.physics.solvers.controller import STABLE
-from ballbot_ros.physics.solvers.rows import ALONE, MOTION, sum_rows, WIDTH
+from ballbot_ros.physics.solvers.linear import ALONE, MOTION, sum_rows, WIDTH
 from ballbot_ros.physics.solvers.values import EVALUATIONS, NOTHING, RATES, Workspace
 
 STAGES = 7
@@ -39,17 +38,17 @@ ERROR = np.array([71 / 57600, 0.0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 /
 CONTINUE = np.array([
     -12715105075 / 11282082432, 0.0, 87487479700 / 32700410799, -10690763975 / 1880347072,
     701980252875 / 199316789632, -1453857185 / 822651844, 69997945 / 29380423])
-STARTS = A.ravel()  # as `rows.sum_rows` takes them
+STARTS = A.ravel()  # as `linear.sum_rows` takes them
 
 
 @compiled
 def write_rates(time: float, motion: int, out: int, start: Turned, system: System,
                 workspace: Workspace) -> None:
-    """Write the rates of a motion, a row of the workspace, into another one; see `motion`."""
+    """Write the rates of a motion, a row of the workspace, into another one."""
     work = workspace.work
     if smooth_contacts(workspace.mode):
-        write_motion(time, work[motion:motion + MOTION], start, system, workspace.mode,
-                     work[out:out + MOTION])
+        write_mode_motion(time, work[motion:motion + MOTION], start, system, workspace.mode,
+                          work[out:out + MOTION])
     else:
         mode_derivative(time, work[motion:motion + SIZE], system, workspace.mode,
                         work[out:out + SIZE])
@@ -60,7 +59,7 @@ def write_first(time: float, state: Array, system: System, workspace: Workspace)
     """Write F0, the rates at the begin of a step."""
     for i in range(MOTION):
         workspace.y_new[i] = state[i]
-    write_rates(time, rows.END, rows.F0, turned_by(state[PENDULUM_ANGLE]), system, workspace)
+    write_rates(time, linear.END, linear.F0, turned_by(state[PENDULUM_ANGLE]), system, workspace)
     workspace.statistics[EVALUATIONS] += 1
 
 
@@ -75,21 +74,22 @@ def step(time: float, state: Array, size: float, ready: int, system: System,
     """
     if ready == NOTHING:
         write_first(time, state, system, workspace)
-    work, last = workspace.work, rows.F0 + WIDTH * (STAGES - 1)
+    work, last = workspace.work, linear.F0 + WIDTH * (STAGES - 1)
     start = turned_by(state[PENDULUM_ANGLE])
     for i in range(MOTION):
-        work[rows.START + i] = state[i]
+        work[linear.START + i] = state[i]
     for stage in range(1, STAGES):
         if stage == STAGES - 1:
-            sum_rows(work, rows.PROBE, rows.END, 0.0, ALONE, 0, rows.ZERO, 1)
-        sum_rows(work, rows.END, rows.START, size, STARTS, (STAGES - 1) * stage, rows.F0, stage)
-        write_rates(time + C[stage] * size, rows.END, rows.F0 + WIDTH * stage, start, system,
+            sum_rows(work, linear.PROBE, linear.END, 0.0, ALONE, 0, linear.ZERO, 1)
+        sum_rows(work, linear.END, linear.START, size, STARTS, (STAGES - 1) * stage, linear.F0,
+                 stage)
+        write_rates(time + C[stage] * size, linear.END, linear.F0 + WIDTH * stage, start, system,
                     workspace)
     apart = faster = 0.0
     for i in range(MOTION):
-        apart += (work[rows.END + i] - work[rows.PROBE + i])**2
+        apart += (work[linear.END + i] - work[linear.PROBE + i])**2
         faster += (work[last + i] - work[last - WIDTH + i])**2
-    sum_rows(work, rows.ERROR, rows.ZERO, size, ERROR, 0, rows.F0, STAGES)
+    sum_rows(work, linear.ERROR, linear.ZERO, size, ERROR, 0, linear.F0, STAGES)
     workspace.statistics[EVALUATIONS] += STAGES - 1
     return size * math.sqrt(faster / apart) / STABLE if apart > 0.0 else 0.0
 
@@ -97,20 +97,21 @@ def step(time: float, state: Array, size: float, ready: int, system: System,
 @compiled
 def end_step(workspace: Workspace) -> int:
     """Make the last stage the first one of the next step."""
-    sum_rows(workspace.work, rows.F0, rows.ZERO, 1.0, ALONE, 0, rows.F0 + WIDTH * (STAGES - 1), 1)
+    last = linear.F0 + WIDTH * (STAGES - 1)
+    sum_rows(workspace.work, linear.F0, linear.ZERO, 1.0, ALONE, 0, last, 1)
     return RATES
 
 
 @compiled
 def prepare_dense(size: float, workspace: Workspace) -> None:
     """Compute the coefficients of the dense output, of order 4."""
-    work, dense = workspace.work, rows.DENSE
-    sum_rows(work, dense, rows.START, 0.0, ALONE, 0, rows.ZERO, 1)
-    sum_rows(work, dense + WIDTH, rows.END, -1.0, ALONE, 0, rows.START, 1)
+    work, dense = workspace.work, linear.DENSE
+    sum_rows(work, dense, linear.START, 0.0, ALONE, 0, linear.ZERO, 1)
+    sum_rows(work, dense + WIDTH, linear.END, -1.0, ALONE, 0, linear.START, 1)
     # How the motion bends at the begin, and at the end.
-    sum_rows(work, dense + 2 * WIDTH, rows.ZERO, size, ALONE, 0, rows.F0, 1)
+    sum_rows(work, dense + 2 * WIDTH, linear.ZERO, size, ALONE, 0, linear.F0, 1)
     sum_rows(work, dense + 2 * WIDTH, dense + 2 * WIDTH, -1.0, ALONE, 0, dense + WIDTH, 1)
     sum_rows(work, dense + 3 * WIDTH, dense + WIDTH, -size, ALONE, 0,
-             rows.F0 + WIDTH * (STAGES - 1), 1)
+             linear.F0 + WIDTH * (STAGES - 1), 1)
     sum_rows(work, dense + 3 * WIDTH, dense + 3 * WIDTH, -1.0, ALONE, 0, dense + 2 * WIDTH, 1)
-    sum_rows(work, dense + 4 * WIDTH, rows.ZERO, size, CONTINUE, 0, rows.F0, STAGES)
+    sum_rows(work, dense + 4 * WIDTH, linear.ZERO, size, CONTINUE, 0, linear.F0, STAGES)

@@ -15,8 +15,8 @@ from ballbot_ros.physics.model.state import X, Y
 from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.solvers.dense import write_row
 from ballbot_ros.physics.solvers.values import (
-    EVALUATIONS, FINISHED, named, NOT_FINITE, Options, Output, Packed, packed, PAUSED,
-    PENETRATED, Status, STEPS, Workspace)
+    EVALUATIONS, FINISHED, named, NOT_FINITE, Options, Output, Packed, packed, PAUSED, PENETRATED,
+    Status, STEPS, Workspace)
 
 # ``step(time, state, size, system, workspace)`` advances a state in place.
 Step = Callable[[float, Array, float, System, Workspace], None]

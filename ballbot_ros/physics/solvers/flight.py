@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-r"""
-Ballistic flight in closed form: no step, no error but rounding.
+"""
+Ballistic flight in closed form, no error but rounding, and the touch that ends it.
 
 Without contact the centre of mass of ball and pendulum follows a parabola, and gravity drops
 out of the equations of the two angles (see `mechanics.equations`).  With c1, c2 and a torque
@@ -15,18 +15,38 @@ exp(A t) = P1 exp(l1 t) + P2 exp(l2 t) with real l1, l2 and well-conditioned pro
 
 The loss of c1 is a quadrature of the closed form; joint and motor follow from the balance of
 energy.
+
+The time to contact is bounded: the distance of a point to a segment is convex along a straight
+line, and the centre leaves the straight line by at most A t^2 / 2, where A bounds its
+acceleration.  So for each segment ``gap + gap' h - A h^2 / 2 <= 0`` gives a time h before which
+there is no touch, and the least h of all segments is a safe step.  Repeated, this converges
+quadratically to the first contact, and cannot pass it.
+
+A ball at release still overlaps the ground: gap < 0.  Its speed away stays above gap' - A h,
+so with ``gap'^2 > -2 A gap`` it has left before it comes back, and all the while the force of
+spring and damper, k (-gap) - d gap', stays below a parabola that opens upwards and is not above
+zero at either end.  Then the later root is the time h.
 """
 import math
 
 import numpy as np
 
 from ballbot_ros.jit import compiled, outlined
+from ballbot_ros.physics.mechanics.contact import away_from, first_segment, spring_energy
+from ballbot_ros.physics.mechanics.contact_law import PRESSED
 from ballbot_ros.physics.mechanics.laws import limited
-from ballbot_ros.physics.model.parameters import Actuator, FREE, Parameters, TORQUE, VOLTAGE
+from ballbot_ros.physics.mechanics.modes import contact_count, ContactMode, mode_holds
+from ballbot_ros.physics.model.parameters import (
+    Actuator, FREE, Parameters, System, TORQUE, VOLTAGE)
 from ballbot_ros.physics.model.state import (
     BALL_ANGLE, BALL_RATE, CONTACT_LOSS, FRICTION_LOSS, JOINT_LOSS, MOTOR_WORK, PENDULUM_ANGLE,
-    PENDULUM_RATE, ROLLING_LOSS, VELOCITY_X, VELOCITY_Y, X, Y)
-from ballbot_ros.physics.model.terrain import Array
+    PENDULUM_RATE, ROLLING_LOSS, SIZE, VELOCITY_X, VELOCITY_Y, X, Y)
+from ballbot_ros.physics.model.terrain import Array, VERTEX_X
+from ballbot_ros.physics.solvers import linear
+from ballbot_ros.physics.solvers.controller import smallest_step, time_width
+from ballbot_ros.physics.solvers.dense import motion_at, write_row
+from ballbot_ros.physics.solvers.linear import WIDTH
+from ballbot_ros.physics.solvers.values import FLIGHTS, Output, Workspace
 
 # What `spin_start` returns.
 Spin = tuple[float, float, float, float, float, float]
@@ -233,3 +253,193 @@ def within_limit(state: Array, time: float, spin: Spin, parameters: Parameters,
     least = joint + min(first, 0.0) + min(second, 0.0)
     return (actuator.kp * abs(actuator.set_value - actuator.kd_or_ki * most) < actuator.limit
             and actuator.kp * abs(actuator.set_value - actuator.kd_or_ki * least) < actuator.limit)
+
+
+STEP_LOOKS = 64     # within a step; then it is left to the looks at fixed times
+SHORTEST = 1e-4     # of the step: a touch that is shorter may be passed
+
+
+@compiled
+def clear_time(x: float, y: float, velocity_x: float, velocity_y: float, bend: float,
+               reach: float, radius: float, ground: Array) -> float:
+    """
+    Return a time before which no contact force acts on a released ball [s].
+
+    Parameters
+    ----------
+    bend : float
+        Bound of the acceleration of the centre [m/s2], above 0.
+    reach : float
+        Segments farther from x than this are ignored [m].
+
+    """
+    least = math.inf
+    last = len(ground) - 2
+    for segment in range(first_segment(ground, x - reach), last + 1):
+        if ground[segment, VERTEX_X] - x > reach and segment > 0:
+            break
+        away_x, away_y = away_from(segment, x, y, ground)
+        distance = math.sqrt(away_x * away_x + away_y * away_y)
+        gap = distance - radius
+        speed = (velocity_x * away_x + velocity_y * away_y) / distance
+        square = speed * speed + 2.0 * bend * gap
+        # The later root of gap + speed h - bend h^2 / 2, without cancellation.
+        wait = 0.0
+        if speed > 0.0 and square > 0.0:
+            wait = (speed + math.sqrt(square)) / bend
+        elif gap > 0.0:
+            wait = 2.0 * gap / (math.sqrt(square) - speed)
+        least = min(least, wait)
+    return least
+
+
+@compiled
+def most_acceleration(step: float, work: Array) -> float:
+    """Return a bound of the acceleration of the centre within the last step [m/s2]."""
+    change_x = change_y = 0.0
+    for row in range(1, 5):
+        # Slopes of the functions of theta that each coefficient is multiplied with, see `dense`.
+        steepest = 0.2 if row == 4 else 1.0
+        at = linear.DENSE + WIDTH * row
+        change_x += steepest * abs(work[at + VELOCITY_X])
+        change_y += steepest * abs(work[at + VELOCITY_Y])
+    return (change_x + change_y) / step + 1e-9
+
+
+@outlined
+def touch_within(time: float, step: float, first: int, behind: int, system: System,
+                 workspace: Workspace) -> float:
+    """Return theta of the last step where a ball in the air touches, infinity if it does not."""
+    work, probe, radius = workspace.work, workspace.probe, system.parameters.radius
+    bend, done = most_acceleration(step, work), 0.0
+    for _ in range(STEP_LOOKS):
+        motion_at(done, work)
+        if done > 0.0 and not mode_holds(
+                time + done * step, probe, first, behind, system, workspace.mode):
+            return done
+        left = (1.0 - done) * step
+        speed = abs(probe[VELOCITY_X]) + abs(probe[VELOCITY_Y])
+        wait = clear_time(probe[X], probe[Y], probe[VELOCITY_X], probe[VELOCITY_Y], bend,
+                          radius + (speed + bend * left) * left, radius, system.ground)
+        done += max(wait / step, SHORTEST)
+        if done >= 1.0:
+            break
+    return math.inf
+
+
+# A search looks so far at a time [s]: the bound of the acceleration is one of that time.
+WINDOW = 0.05
+MOST_LOOKS = 200
+SHORT_FLIGHT = 1e-6  # [s]: not worth another one
+
+
+@outlined
+def time_of_touch(state: Array, most: float, width: float, spin: Spin, parameters: Parameters,
+                  ground: Array) -> float:
+    """
+    Return the time of flight until the ball first touches the ground [s].
+
+    Parameters
+    ----------
+    most : float
+        How far to search [s].
+    width : float
+        How closely to locate [s]; the time returned is up to that later than the touch.
+
+    Returns
+    -------
+    float
+        Infinity where there is none.
+
+    """
+    done = 0.0
+    l1, l2, g1, h1, g2, h2 = spin
+    arm = parameters.pendulum_moment / parameters.mass if parameters.swing_inertia > 0.0 else 0.0
+    swing_up = abs(h1) + abs(h2)  # a bound of |phi''|: each part only decays
+    looks = 0
+    while done < most:
+        window = min(WINDOW, most - done)
+        until = done + window
+        swing = abs(state[PENDULUM_RATE]) + swing_up * until
+        bend = parameters.gravity + arm * (swing * swing + swing_up) + 1e-9
+        while done < until:
+            x, y, velocity_x, velocity_y = centre_after(state, done, spin, parameters)
+            speed = math.sqrt(velocity_x * velocity_x + velocity_y * velocity_y)
+            reach = parameters.radius + (speed + bend * window) * window
+            wait = clear_time(x, y, velocity_x, velocity_y, bend, reach, parameters.radius, ground)
+            looks += 1
+            done += wait + 0.5 * width
+            if wait <= 0.5 * width or looks > MOST_LOOKS:
+                return done
+        done = min(done, until)  # the bound holds no further
+    return math.inf
+
+
+@compiled
+def is_let_go(mode: ContactMode, parameters: Parameters) -> bool:
+    """
+    Return whether the ground exerts no force in a mode: no contact, or one that would pull.
+
+    Where the damper grows with the penetration, the bound of `clear_time` does not hold for a ball
+    that still overlaps the ground.
+    """
+    count = contact_count(mode)
+    return count == 0 or (count == 1 and mode.signs[0, PRESSED] == 0
+                          and parameters.dissipation == 0.0)
+
+
+@outlined
+def fly_to_touch(time: float, state: Array, end: float, system: System, output: Output,
+                 filled: int, ledger: bool, workspace: Workspace) -> tuple[float, int]:
+    """
+    Advance a state that `is_let_go` in place until the ground pushes again.
+
+    Returns
+    -------
+    time : float
+        Reached time [s]; unchanged where the motor might reach its limit, or where a contact
+        force might act immediately.
+    filled : int
+        Number of filled rows.
+
+    """
+    parameters, actuator, later = system.parameters, system.actuator, workspace.probe
+    spin = spin_start(state, parameters, actuator)
+    most = end - time
+    wait = time_of_touch(state, most, 2.0 * time_width(time), spin, parameters, system.ground)
+    lasting = min(wait, most)
+    overlapping = contact_count(workspace.mode) > 0
+    if not within_limit(state, lasting, spin, parameters, actuator) or (
+            overlapping and lasting < SHORT_FLIGHT):
+        return time, filled
+    reached, stored = end if wait == math.inf else time + lasting, 0.0
+    if reached > time:
+        workspace.statistics[FLIGHTS] += 1
+    if ledger and overlapping:
+        stored = spring_energy(state, parameters, system.ground, workspace.mode.contacts)
+    while (filled < len(output.rows) and output.begin + (filled + 1) * output.interval
+           <= reached + smallest_step(time)):
+        moment = output.begin + (filled + 1) * output.interval
+        fly_for(min(moment - time, lasting), state, spin, stored, system, ledger, workspace)
+        write_row(output, filled, moment, later, actuator)
+        filled += 1
+    fly_for(lasting, state, spin, stored, system, ledger, workspace)
+    for i in range(SIZE):
+        state[i] = later[i]
+    return reached, filled
+
+
+@compiled
+def fly_for(lasting: float, state: Array, spin: Spin, stored: float, system: System,
+            ledger: bool, workspace: Workspace) -> None:
+    """
+    Write the state after a time of flight [s] into the probe.
+
+    What was stored in the spring of a contact [J] that would pull is lost as the ball leaves.
+    """
+    fly(state, lasting, spin, system.parameters, workspace.probe)
+    if ledger:
+        add_to_ledger(state, lasting, spin, system.parameters, system.actuator, workspace.probe)
+    if stored > 0.0:
+        workspace.probe[CONTACT_LOSS] += stored - spring_energy(
+            workspace.probe, system.parameters, system.ground, workspace.mode.contacts)

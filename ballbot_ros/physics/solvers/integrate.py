@@ -7,37 +7,63 @@ where the mode ends within the step, the end is located on the dense output and 
 starts there in the new mode.  So the order holds through impacts, lift-offs and the onset of
 slip, where a fixed step loses it.
 
-Three ideas, a file each: a *step* (`step_methods`), the *controller* of step size and method, and
-*events*.  Where the ground exerts no force and the law of the motor has a closed
-form, the ball flies to its next touch in one step without error (`touch_down`).
+Three ideas, a file each: a *step* (`dormand_prince`, `rodas5p`), the *controller* of step size
+and method, and *events*.  Where the ground exerts no force and the law of the motor has a closed
+form, the ball flies to its next touch in one step without error (`flight`).
 """
 import math
 
 from ballbot_ros.jit import compiled, outlined
 from ballbot_ros.physics.mechanics.contact import features_within, ground_height
 from ballbot_ros.physics.mechanics.equations import is_finite
-from ballbot_ros.physics.mechanics.guards import find_mode
-from ballbot_ros.physics.mechanics.modes import contact_count, ContactMode, smooth_contacts
+from ballbot_ros.physics.mechanics.modes import (
+    contact_count, ContactMode, find_mode, smooth_contacts)
 from ballbot_ros.physics.model.parameters import Parameters, System
 from ballbot_ros.physics.model.state import X, Y
 from ballbot_ros.physics.model.terrain import Array
-from ballbot_ros.physics.solvers import rows
+from ballbot_ros.physics.solvers import dormand_prince, linear, rodas5p
 from ballbot_ros.physics.solvers.controller import (
     accepted, after_event, clear_distance, error_length, FASTEST_SHRINKING, rejected, shortened,
     shortest, smallest_step, started, stiffness_seen, unavoidable, with_step)
 from ballbot_ros.physics.solvers.dense import interpolate, motion_at, prepare_ledger, write_rows
 from ballbot_ros.physics.solvers.events import CROWD, first_event, LOOKS, rated, STUCK
-from ballbot_ros.physics.solvers.flight import has_closed_form
-from ballbot_ros.physics.solvers.rows import MOTION, WIDTH
-from ballbot_ros.physics.solvers.step_methods import end_step, prepare_dense, STAGES, take_step
-from ballbot_ros.physics.solvers.touch_down import fly_to_touch, is_let_go, SHORT_FLIGHT
+from ballbot_ros.physics.solvers.flight import (
+    fly_to_touch, has_closed_form, is_let_go, SHORT_FLIGHT)
+from ballbot_ros.physics.solvers.linear import MOTION, WIDTH
 from ballbot_ros.physics.solvers.values import (
     BUDGET_EXCEEDED, EVALUATIONS, EventRate, EVENTS, EXPLICIT, FINISHED, JACOBIAN, named,
-    NOT_FINITE, NOTHING, Options, Output, Packed, packed, PAUSED, PENETRATED, RATES,
-    REJECTED, SEARCH, Status, STEP_TOO_SMALL, STEPS, Workspace)
+    NOT_FINITE, NOTHING, Options, Output, Packed, packed, PAUSED, PENETRATED, RATES, REJECTED,
+    SEARCH, Status, STEP_TOO_SMALL, STEPS, Workspace)
 
+STAGES = dormand_prince.STAGES  # right-hand sides of an explicit step
 PASSED = 100.0      # tolerances that a step may begin otherwise than its rates say; most do by few
 FREE_FEATURES = 32  # of the ground that a right-hand side pays for; more cost work, too
+
+
+@compiled
+def take_step(implicit: bool, time: float, state: Array, size: float, ready: int, system: System,
+              workspace: Workspace) -> float:
+    """Take a step and return its stiffness."""
+    if implicit:
+        return rodas5p.step(time, state, size, ready, system, workspace)
+    return dormand_prince.step(time, state, size, ready, system, workspace)
+
+
+@compiled
+def prepare_dense(implicit: bool, size: float, workspace: Workspace) -> None:
+    """Compute the coefficients of the dense output of the last step."""
+    if implicit:
+        rodas5p.prepare_dense(size, workspace)
+    else:
+        dormand_prince.prepare_dense(size, workspace)
+
+
+@compiled
+def end_step(implicit: bool, workspace: Workspace) -> int:
+    """Return what is ready for a step that begins where the last one ends."""
+    if implicit:
+        return rodas5p.end_step(workspace)
+    return dormand_prince.end_step(workspace)
 
 
 @compiled
@@ -50,17 +76,17 @@ def too_small(error: float, method: int, mode: ContactMode) -> int:
 
 @outlined
 def skips_transient(used: float, smallest: float, tolerance: float, parameters: Parameters,
-                     workspace: Workspace) -> bool:
+                    workspace: Workspace) -> bool:
     """
     Return whether to repeat an implicit step [s] that contains an event with a shorter step.
 
     L-stable steps may skip a fast transient and still end correctly; then the dense output does
     not start with the initial rates, and its event times are wrong.
     """
-    work, statistics = workspace.work, workspace.statistics
+    work, statistics, dense = workspace.work, workspace.statistics, linear.DENSE
     for i in range(MOTION):
-        work[rows.ERROR + i] = (work[rows.DENSE + WIDTH + i] + work[rows.DENSE + 2 * WIDTH + i]
-                                - used * work[rows.F0 + i])
+        work[linear.ERROR + i] = (work[dense + WIDTH + i] + work[dense + 2 * WIDTH + i]
+                                  - used * work[linear.F0 + i])
     if used <= smallest or error_length(workspace.error, parameters) <= PASSED * tolerance:
         return False
     statistics[STEPS] -= 1
@@ -89,11 +115,11 @@ def write_end(theta: float, state: Array, implicit: bool, workspace: Workspace,
     if theta <= 1.0:
         motion_at(theta, work)
         for i in range(MOTION):
-            state[i] = work[rows.PROBE + i]
+            state[i] = work[linear.PROBE + i]
         workspace.statistics[EVENTS] += 1
         return NOTHING
     for i in range(MOTION):
-        state[i] = work[rows.END + i]
+        state[i] = work[linear.END + i]
     return end_step(implicit, workspace)
 
 

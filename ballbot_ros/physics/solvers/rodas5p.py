@@ -15,18 +15,17 @@ import math
 import numpy as np
 
 from ballbot_ros.jit import compiled
+from ballbot_ros.physics.mechanics.equations import turned_by
 from ballbot_ros.physics.mechanics.jacobian import BALL, TIME, write_jacobian
-from ballbot_ros.physics.mechanics.modes import ContactMode
-from ballbot_ros.physics.mechanics.motion import accelerations, write_motion_under
-from ballbot_ros.physics.mechanics.turned import turned_by
+from ballbot_ros.physics.mechanics.modes import (
+    ContactMode, mode_accelerations, write_mode_motion_under)
 from ballbot_ros.physics.model.parameters import System
 from ballbot_ros.physics.model.state import (
     BALL_RATE, COORDINATES, PENDULUM_ANGLE, PENDULUM_RATE, VELOCITY_X, VELOCITY_Y)
 from ballbot_ros.physics.model.terrain import Array
-from ballbot_ros.physics.solvers import rows
+from ballbot_ros.physics.solvers import linear
 from ballbot_ros.physics.solvers.controller import STABLE
-from ballbot_ros.physics.solvers.elimination import invert
-from ballbot_ros.physics.solvers.rows import ALONE, MOTION, sum_rows, WIDTH
+from ballbot_ros.physics.solvers.linear import ALONE, invert, MOTION, sum_rows, WIDTH
 from ballbot_ros.physics.solvers.values import EVALUATIONS, JACOBIAN, NOTHING, Workspace
 
 STAGES = 8
@@ -69,15 +68,15 @@ CONTINUED = np.array([
      -52.072871366152654, -59.78993625266729, -0.15582684282751913, 4.883087185713722]])
 # How the dense output is made of the stages: its last three coefficients.
 CONTINUE = np.array([CONTINUED[0], CONTINUED[1] + CONTINUED[2], -CONTINUED[2]]).ravel()
-# As `rows.sum_rows` takes them.
+# As `linear.sum_rows` takes them.
 STARTS, COUPLINGS = A.ravel(), COUPLING.ravel()
 COUPLED = STAGES - 1  # factors in a row of the latter
 
 
 @compiled
 def solve(right: int, out: int, work: Array) -> None:
-    """Solve ``(I / scale - J) out = right`` for a motion; both are rows, see `elimination`."""
-    sum_rows(work, out, rows.ZERO, 1.0, work, right, rows.COLUMNS, MOTION)
+    """Solve ``(I / scale - J) out = right`` for a motion; both are rows, see `linear`."""
+    sum_rows(work, out, linear.ZERO, 1.0, work, right, linear.COLUMNS, MOTION)
 
 
 @compiled
@@ -95,37 +94,38 @@ def begin_stage(stage: int, per_size: float, work: Array) -> None:
         See `rows`.
 
     """
-    end, start, right, stages = rows.END, rows.START, rows.RIGHT, rows.STAGES
+    end, start, right, stages = linear.END, linear.START, linear.RIGHT, linear.STAGES
     # One branch per stage makes factors and row counts compile-time constants.
     if stage == 1:
         sum_rows(work, end, start, 1.0, STARTS, 1 * OWN_START, stages, 1)
-        sum_rows(work, right, rows.ZERO, per_size, COUPLINGS, 1 * COUPLED, stages, 1)
+        sum_rows(work, right, linear.ZERO, per_size, COUPLINGS, 1 * COUPLED, stages, 1)
     elif stage == 2:
         sum_rows(work, end, start, 1.0, STARTS, 2 * OWN_START, stages, 2)
-        sum_rows(work, right, rows.ZERO, per_size, COUPLINGS, 2 * COUPLED, stages, 2)
+        sum_rows(work, right, linear.ZERO, per_size, COUPLINGS, 2 * COUPLED, stages, 2)
     elif stage == 3:
         sum_rows(work, end, start, 1.0, STARTS, 3 * OWN_START, stages, 3)
-        sum_rows(work, right, rows.ZERO, per_size, COUPLINGS, 3 * COUPLED, stages, 3)
+        sum_rows(work, right, linear.ZERO, per_size, COUPLINGS, 3 * COUPLED, stages, 3)
     elif stage == 4:
         sum_rows(work, end, start, 1.0, STARTS, 4 * OWN_START, stages, 4)
-        sum_rows(work, right, rows.ZERO, per_size, COUPLINGS, 4 * COUPLED, stages, 4)
+        sum_rows(work, right, linear.ZERO, per_size, COUPLINGS, 4 * COUPLED, stages, 4)
     elif stage == 5:
         sum_rows(work, end, start, 1.0, STARTS, 5 * OWN_START, stages, 5)
-        sum_rows(work, right, rows.ZERO, per_size, COUPLINGS, 5 * COUPLED, stages, 5)
+        sum_rows(work, right, linear.ZERO, per_size, COUPLINGS, 5 * COUPLED, stages, 5)
     elif stage == 6:
         sum_rows(work, end, end, 1.0, ALONE, 0, stages + 5 * WIDTH, 1)
-        sum_rows(work, right, rows.ZERO, per_size, COUPLINGS, 6 * COUPLED, stages, 6)
+        sum_rows(work, right, linear.ZERO, per_size, COUPLINGS, 6 * COUPLED, stages, 6)
     elif stage == 7:
         sum_rows(work, end, end, 1.0, ALONE, 0, stages + 6 * WIDTH, 1)
-        sum_rows(work, right, rows.ZERO, per_size, COUPLINGS, 7 * COUPLED, stages, 7)
+        sum_rows(work, right, linear.ZERO, per_size, COUPLINGS, 7 * COUPLED, stages, 7)
 
 
 @compiled
 def add_motion(time: float, work: Array, system: System, mode: ContactMode) -> None:
     """Add how the motion at the end of a stage goes on to the right-hand side of the next."""
-    motion, right = work[rows.END:rows.END + MOTION], rows.RIGHT
-    start = work[rows.PENDULUM_TRIG], work[rows.PENDULUM_TRIG + 1], work[rows.PENDULUM_TRIG + 2]
-    turn, swing, along_x, along_y = accelerations(time, motion, start, system, mode)
+    motion, right = work[linear.END:linear.END + MOTION], linear.RIGHT
+    trig = linear.PENDULUM_TRIG
+    start = work[trig], work[trig + 1], work[trig + 2]
+    turn, swing, along_x, along_y = mode_accelerations(time, motion, start, system, mode)
     work[right] += motion[BALL_RATE]
     if system.parameters.swing_inertia > 0.0:
         work[right + 1] += motion[PENDULUM_RATE]
@@ -145,29 +145,29 @@ def step(time: float, state: Array, size: float, ready: int, system: System,
     if ready != JACOBIAN:
         start = turned_by(state[PENDULUM_ANGLE])
         push = write_jacobian(time, state, start[1:], system, workspace.mode, jacobian)
-        trig = rows.PENDULUM_TRIG
+        trig = linear.PENDULUM_TRIG
         work[trig], work[trig + 1], work[trig + 2] = start
-        write_motion_under(time, state, start[1:], push, system, workspace.mode,
-                           work[rows.F0:rows.F0 + MOTION])
+        write_mode_motion_under(time, state, start[1:], push, system, workspace.mode,
+                                work[linear.F0:linear.F0 + MOTION])
         workspace.statistics[EVALUATIONS] += 2  # these rates, and the Jacobian
     timed = jacobian[BALL, TIME] != 0.0
     scale = GAMMA * size
     invert(jacobian, scale, work)
     for i in range(MOTION):
-        work[rows.START + i] = work[rows.END + i] = state[i]
-        work[rows.RIGHT + i] = work[rows.F0 + i]
+        work[linear.START + i] = work[linear.END + i] = state[i]
+        work[linear.RIGHT + i] = work[linear.F0 + i]
     for stage in range(STAGES):
-        row = rows.STAGES + WIDTH * stage
+        row = linear.STAGES + WIDTH * stage
         if stage > 0:
             begin_stage(stage, 1.0 / size, work)
             add_motion(time + NODES[stage] * size, work, system, workspace.mode)
         if timed and BY_TIME[stage] != 0.0:
             for i in range(VELOCITIES):
-                work[rows.RIGHT + COORDINATES + i] += size * BY_TIME[stage] * jacobian[i, TIME]
-        solve(rows.RIGHT, row, work)
-    last = rows.STAGES + WIDTH * (STAGES - 1)
-    sum_rows(work, rows.ERROR, rows.ZERO, 1.0, ALONE, 0, last, 1)
-    sum_rows(work, rows.END, rows.END, 1.0, ALONE, 0, last, 1)
+                work[linear.RIGHT + COORDINATES + i] += size * BY_TIME[stage] * jacobian[i, TIME]
+        solve(linear.RIGHT, row, work)
+    last = linear.STAGES + WIDTH * (STAGES - 1)
+    sum_rows(work, linear.ERROR, linear.ZERO, 1.0, ALONE, 0, last, 1)
+    sum_rows(work, linear.END, linear.END, 1.0, ALONE, 0, last, 1)
     workspace.statistics[EVALUATIONS] += STAGES - 1
     return size / longest_stable(jacobian)
 
@@ -192,8 +192,8 @@ def longest_stable(jacobian: Array) -> float:
 def prepare_dense(_: float, workspace: Workspace) -> None:
     """Compute the coefficients of the dense output, of order 4."""
     work = workspace.work
-    sum_rows(work, rows.DENSE, rows.START, 1.0, ALONE, 0, rows.ZERO, 1)
-    sum_rows(work, rows.DENSE + WIDTH, rows.END, -1.0, ALONE, 0, rows.START, 1)
+    sum_rows(work, linear.DENSE, linear.START, 1.0, ALONE, 0, linear.ZERO, 1)
+    sum_rows(work, linear.DENSE + WIDTH, linear.END, -1.0, ALONE, 0, linear.START, 1)
     for item in range(3):
-        sum_rows(work, rows.DENSE + WIDTH * (2 + item), rows.ZERO, 1.0, CONTINUE, STAGES * item,
-                 rows.STAGES, STAGES)
+        sum_rows(work, linear.DENSE + WIDTH * (2 + item), linear.ZERO, 1.0, CONTINUE,
+                 STAGES * item, linear.STAGES, STAGES)

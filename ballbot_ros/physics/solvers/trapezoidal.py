@@ -14,23 +14,21 @@ import math
 
 from ballbot_ros.jit import compiled, outlined
 from ballbot_ros.physics.mechanics.contact import ground_height
-from ballbot_ros.physics.mechanics.equations import derivative, is_finite
-from ballbot_ros.physics.mechanics.guards import find_mode
+from ballbot_ros.physics.mechanics.equations import derivative, is_finite, turned_by
 from ballbot_ros.physics.mechanics.jacobian import write_jacobian
-from ballbot_ros.physics.mechanics.turned import turned_by
+from ballbot_ros.physics.mechanics.modes import find_mode
 from ballbot_ros.physics.model.parameters import Parameters, System
 from ballbot_ros.physics.model.state import PENDULUM_ANGLE, SIZE, X, Y
 from ballbot_ros.physics.model.terrain import Array
-from ballbot_ros.physics.solvers import rows
+from ballbot_ros.physics.solvers import linear
 from ballbot_ros.physics.solvers.controller import (
     error_length, next_step, SAFETY, smallest_step, with_step)
 from ballbot_ros.physics.solvers.dense import write_rows
-from ballbot_ros.physics.solvers.elimination import invert
+from ballbot_ros.physics.solvers.linear import invert, MOTION
 from ballbot_ros.physics.solvers.rodas5p import solve
-from ballbot_ros.physics.solvers.rows import MOTION
 from ballbot_ros.physics.solvers.values import (
-    BUDGET_EXCEEDED, EVALUATIONS, FINISHED, named, NOT_FINITE, Packed, packed, PAUSED,
-    PENETRATED, REJECTED, Status, STEP_TOO_SMALL, STEPS, Workspace)
+    BUDGET_EXCEEDED, EVALUATIONS, FINISHED, named, NOT_FINITE, Packed, packed, PAUSED, PENETRATED,
+    REJECTED, Status, STEP_TOO_SMALL, STEPS, Workspace)
 
 # Rows of the stages: f0, and that of the step before.
 F0, PREVIOUS = range(2)
@@ -61,7 +59,7 @@ def iterate(time: float, state: Array, step: float, tolerance: float, system: Sy
         statistics[EVALUATIONS] += 1
         for i in range(MOTION):
             rates[i] += (state[i] - y_new[i]) / half + stages[F0, i]
-        solve(rows.RIGHT, rows.ERROR, work)
+        solve(linear.RIGHT, linear.ERROR, work)
         for i in range(MOTION):
             y_new[i] += error[i]
         if error_length(error, system.parameters) <= CONVERGED * tolerance:

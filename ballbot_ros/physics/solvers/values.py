@@ -11,7 +11,8 @@ from ballbot_ros.physics.mechanics.modes import ContactMode
 from ballbot_ros.physics.model.parameters import System
 from ballbot_ros.physics.model.state import SIZE
 from ballbot_ros.physics.model.terrain import Array
-from ballbot_ros.physics.solvers import rows
+from ballbot_ros.physics.solvers import linear
+from ballbot_ros.physics.solvers.linear import WIDTH
 
 # The outcome of a run.
 FINISHED, NOT_FINITE, PENETRATED, STEP_TOO_SMALL, BUDGET_EXCEEDED, PAUSED = range(6)
@@ -108,17 +109,17 @@ def status_at(time: float) -> Status:
 @compiled
 def views(work: Array) -> tuple[Array, Array, Array, Array, Array]:
     """Return the views of `Workspace.work` that have names there."""
-    return (work[rows.RIGHT:rows.RIGHT + rows.WIDTH], work[rows.END:rows.END + rows.WIDTH],
-            work[rows.ERROR:rows.ERROR + rows.WIDTH],
-            work[rows.DENSE:rows.COLUMNS].reshape(-1, rows.WIDTH),
-            work[rows.PROBE:rows.PROBE + rows.WIDTH])
+    return (work[linear.RIGHT:linear.RIGHT + WIDTH], work[linear.END:linear.END + WIDTH],
+            work[linear.ERROR:linear.ERROR + WIDTH],
+            work[linear.DENSE:linear.COLUMNS].reshape(-1, WIDTH),
+            work[linear.PROBE:linear.PROBE + WIDTH])
 
 
 class Workspace(NamedTuple):
     """The arrays that solvers work in; one set for each thread."""
 
     mode: ContactMode
-    work: Array  # all rows of a step of the adaptive method, see `rows`; of these are views:
+    work: Array  # all rows of a step of the adaptive method, see `linear`; of these are views:
     rates: Array  # (16,)
     y_new: Array  # (16,): the state at the end of the step
     error: Array  # (16,): its estimated error
@@ -132,7 +133,7 @@ class Workspace(NamedTuple):
     @classmethod
     def of(cls, vertices: int) -> 'Workspace':
         """Return the workspace for a terrain with a number of vertices."""
-        work = np.zeros(rows.ROWS)
+        work = np.zeros(linear.ROWS)
         # In Python: a kernel must not return arrays, see `compiled`.
         rates, y_new, error, dense, probe = in_python(views)(work)
         return cls(

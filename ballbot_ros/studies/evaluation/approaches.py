@@ -14,8 +14,7 @@ from ballbot_ros.control import load_tuning
 from ballbot_ros.crossing.rules import touch_distance
 from ballbot_ros.decision.planning.braking import Braking
 from ballbot_ros.decision.tuning import DecisionTuning
-from ballbot_ros.physics.model.named_parameters import with_parameters
-from ballbot_ros.physics.model.robot import Robot
+from ballbot_ros.physics.model.robot import Robot, with_parameters
 from ballbot_ros.physics.model.uncertainty import changed, independent, uncertain
 from ballbot_ros.studies.evaluation.search import limit_at, set_robots
 from ballbot_ros.studies.evaluation.sensors import draw_sensor, SensorModel

@@ -19,13 +19,11 @@ from ballbot_ros.physics.model.robot import Robot
 from ballbot_ros.physics.model.state import (
     BALL_RATE, PENDULUM_ANGLE, PENDULUM_RATE, State, VELOCITY_X, X, Y)
 from ballbot_ros.physics.model.terrain import Array, Terrain
-from ballbot_ros.physics.simulation.failures import failure
 from ballbot_ros.physics.simulation.model import Model
-from ballbot_ros.physics.simulation.solver import Solver
+from ballbot_ros.physics.simulation.solver import failure, Solver
 from ballbot_ros.physics.solvers.integrate import integrate
 from ballbot_ros.physics.solvers.values import (
-    AUTOMATIC, FINISHED, NO_OUTPUT, Options, Output, Packed, status_at, unpacked,
-    Workspace)
+    AUTOMATIC, FINISHED, NO_OUTPUT, Options, Output, Packed, status_at, unpacked, Workspace)
 from ballbot_ros.studies.evaluation.terrains import FACE_HEIGHT, FACE_SLOPE
 
 PERIOD = 0.002  # of control [s]

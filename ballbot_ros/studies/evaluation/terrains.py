@@ -11,8 +11,7 @@ from typing import Callable, List, Mapping, Optional, Tuple
 
 import numpy as np
 
-from ballbot_ros.physics.model.terrain import Terrain
-from ballbot_ros.physics.model.terrain_file import PIECES
+from ballbot_ros.physics.model.terrain import PIECES, Terrain
 
 Strides = List[Tuple[float, float]]
 Random = np.random.Generator

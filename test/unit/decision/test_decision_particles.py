@@ -11,8 +11,8 @@ from ballbot_ros.config.provenance import Provenance
 from ballbot_ros.decision.learning.particles import Particles, Prior
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics import load_robot
-from ballbot_ros.physics.model.contact_options import ContactOptions
 from ballbot_ros.physics.model.parameters import Parameters
+from ballbot_ros.physics.model.robot import ContactOptions
 
 GIMBALL, SHELLBALL = load_robot('gimball'), load_robot('shellball')
 PARTICLES = Particles.of(GIMBALL, 0.0005)

@@ -10,12 +10,12 @@ from ballbot_ros.crossing import held_at
 from ballbot_ros.jit import compiled
 from ballbot_ros.physics import (
     Actuation, ContactOptions, load_robot, load_scene, Model, simulate, Solver, State, Terrain)
-from ballbot_ros.physics.mechanics import contact, equations, guards, modes, motion
-from ballbot_ros.physics.mechanics.turned import turned_by
+from ballbot_ros.physics.mechanics import contact, equations, modes
+from ballbot_ros.physics.mechanics.equations import turned_by
 from ballbot_ros.physics.model.parameters import System
 from ballbot_ros.physics.model.state import SIZE
-from ballbot_ros.physics.solvers import rows
-from ballbot_ros.physics.solvers.registry import METHODS
+from ballbot_ros.physics.simulation.solver import METHODS
+from ballbot_ros.physics.solvers import linear
 from ballbot_ros.physics.solvers.values import Workspace
 
 MOVING = ('fig7_top', 'fig7_middle', 'fig7_bottom', 'household', 'ramp_release',
@@ -127,7 +127,7 @@ def test_the_formulas_of_a_mode_are_the_law_itself_inside_the_mode(state, choice
     mode, table = modes.ContactMode.of(size), contact.contact_table(size)
     vector, law, formulas = np.array(state[1:]), np.zeros(SIZE), np.zeros(SIZE)
     equations.derivative(0.0, vector, system, table, law)
-    count = guards.find_mode(0.0, vector, system, mode)
+    count = modes.find_mode(0.0, vector, system, mode)
     modes.mode_derivative(0.0, vector, system, mode, formulas)
     assert count == contact.find_contacts(
         state.x, state.y, model.robot.ball_radius, model.profile, table)
@@ -137,7 +137,7 @@ def test_the_formulas_of_a_mode_are_the_law_itself_inside_the_mode(state, choice
         quick = np.zeros(8)
         for apart in (0.0, 0.3, -2.0):  # from a pendulum angle whose direction is known
             start = turned_by(state.pendulum_angle + apart)
-            motion.write_motion(0.0, vector, start, system, mode, quick)
+            modes.write_mode_motion(0.0, vector, start, system, mode, quick)
             assert quick == pytest.approx(law[:8], rel=1e-9, abs=1e-9)
 
 
@@ -147,8 +147,8 @@ def test_no_guard_of_the_mode_of_a_state_is_violated_by_that_state(state):
     system = System(model.parameters, model.profile, Actuation().actuator(model.robot))
     size, vector = len(model.profile), np.array(state[1:])
     workspace = Workspace.of(size)
-    guards.find_mode(0.0, vector, system, workspace.mode)
-    assert guards.violated_guards(0.0, vector, system, workspace.mode, 0, 2 * size - 3,
+    modes.find_mode(0.0, vector, system, workspace.mode)
+    assert modes.violated_guards(0.0, vector, system, workspace.mode, 0, 2 * size - 3,
                                  workspace.violated) == 0
 
 
@@ -160,24 +160,24 @@ def test_a_quick_look_says_of_a_mode_what_all_its_guards_say(state, other, share
     size, workspace = len(model.profile), Workspace.of(len(model.profile))
     vector = np.array(state[1:])
     later = vector + share * (np.array(other[1:]) - vector)
-    guards.find_mode(0.0, vector, system, workspace.mode)
+    modes.find_mode(0.0, vector, system, workspace.mode)
     assume(modes.smooth_contacts(workspace.mode))
-    violated = guards.violated_guards(0.0, later, system, workspace.mode, 0, 2 * size - 3,
+    violated = modes.violated_guards(0.0, later, system, workspace.mode, 0, 2 * size - 3,
                                      workspace.violated)
-    assert guards.mode_holds(0.0, later, 0, 2 * size - 3, system, workspace.mode) == (
+    assert modes.mode_holds(0.0, later, 0, 2 * size - 3, system, workspace.mode) == (
         violated == 0)
 
 
 @compiled
 def call_sum(work, factors, count):
-    rows.sum_rows(work, rows.END, rows.START, 0.5, factors, 1, rows.STAGES, count)
+    linear.sum_rows(work, linear.END, linear.START, 0.5, factors, 1, linear.STAGES, count)
 
 
 def test_sums_of_rows_are_sums_of_rows():
     draw = np.random.default_rng(7)
-    work, factors = draw.normal(size=rows.ROWS), draw.normal(size=8)
-    stages = work[rows.STAGES:rows.DENSE].reshape(8, rows.WIDTH)[:, :8]
-    start = work[rows.START:rows.START + 8].copy()
+    work, factors = draw.normal(size=linear.ROWS), draw.normal(size=8)
+    stages = work[linear.STAGES:linear.DENSE].reshape(8, linear.WIDTH)[:, :8]
+    start = work[linear.START:linear.START + 8].copy()
     call_sum(work, factors, 3)
     expected = start + 0.5 * (factors[1:4] @ stages[:3])
-    assert work[rows.END:rows.END + 8] == pytest.approx(expected, rel=1e-12, abs=1e-12)
+    assert work[linear.END:linear.END + 8] == pytest.approx(expected, rel=1e-12, abs=1e-12)

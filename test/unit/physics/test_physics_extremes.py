@@ -13,9 +13,8 @@ from ballbot_ros.errors import ConfigurationError, SimulationError
 from ballbot_ros.physics import (
     Actuation, load_robot, load_scene, Model, simulate, Solver, State, Terrain)
 from ballbot_ros.physics.mechanics.equations import X
-from ballbot_ros.physics.simulation.failures import out_of_balance
-from ballbot_ros.physics.simulation.integrator import Integrator
 from ballbot_ros.physics.simulation.run import run_once
+from ballbot_ros.physics.simulation.solver import Integrator, out_of_balance
 from ballbot_ros.physics.solvers.values import FINISHED, Status
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[3] / 'extremes'))

@@ -13,7 +13,7 @@ from ballbot_ros.config.provenance import SOURCES
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics import (
     Actuation, ContactOptions, load_robot, load_scene, Robot, Solver, Terrain)
-from ballbot_ros.physics.model.terrain_file import PIECES, read_terrain
+from ballbot_ros.physics.model.terrain import PIECES, read_terrain
 
 ROBOT = (config_folder() / 'robots' / 'gimball.yaml').read_text(encoding='utf-8')
 SCENE = """\

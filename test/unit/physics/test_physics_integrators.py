@@ -8,7 +8,7 @@ import pytest
 
 from ballbot_ros.physics import (
     Actuation, ContactOptions, load_robot, Model, Solver, State, Terrain)
-from ballbot_ros.physics.solvers.registry import METHODS
+from ballbot_ros.physics.simulation.solver import METHODS
 
 GIMBALL = load_robot('gimball')
 SHELLBALL = load_robot('shellball')

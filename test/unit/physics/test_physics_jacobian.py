@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from ballbot_ros.physics import Actuation, ContactOptions, load_robot, Model, Terrain
-from ballbot_ros.physics.mechanics import guards, jacobian, modes
-from ballbot_ros.physics.mechanics.turned import turned_by
+from ballbot_ros.physics.mechanics import jacobian, modes
+from ballbot_ros.physics.mechanics.equations import turned_by
 from ballbot_ros.physics.model.parameters import System
 from ballbot_ros.physics.model.state import PENDULUM_ANGLE
 
@@ -24,7 +24,7 @@ def rates_and_slopes(model, actuation, vector, time=0.5):
     """Return the rates as a function of time and state in the mode of a state, and slopes."""
     system = System(model.parameters, model.profile, actuation.actuator(model.robot, 0.0, 0.1))
     mode, out = modes.ContactMode.of(len(model.profile)), jacobian.jacobian_table()
-    count = guards.find_mode(time, vector, system, mode)
+    count = modes.find_mode(time, vector, system, mode)
     hanging = turned_by(vector[PENDULUM_ANGLE])[1:]
     jacobian.write_jacobian(time, vector, hanging, system, mode, out)
     complete = jacobian.smooth_contacts(mode)

@@ -5,7 +5,7 @@ import math
 from hypothesis import given, strategies as st
 import pytest
 
-from ballbot_ros.physics.mechanics.turned import direction_near, NEARBY, turned_by
+from ballbot_ros.physics.mechanics.equations import direction_near, NEARBY, turned_by
 from ballbot_ros.physics.solvers.controller import fifth_root
 
 angles = st.floats(-math.pi, math.pi)

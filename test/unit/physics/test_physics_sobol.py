@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.stats import qmc
 
-from ballbot_ros.physics.model.sobol import DIMENSIONS, sobol
+from ballbot_ros.physics.model.uncertainty import DIMENSIONS, sobol
 
 
 @pytest.mark.parametrize('dimensions', [1, 2, 9, DIMENSIONS])

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from ballbot_ros.physics import Actuation, ContactOptions, load_robot, Model, Terrain
-from ballbot_ros.physics.mechanics import contact, contact_law, equations, guards, modes
+from ballbot_ros.physics.mechanics import contact, contact_law, equations, modes
 from ballbot_ros.physics.model.parameters import System
 from ballbot_ros.physics.model.state import BALL_RATE, SIZE, VELOCITY_X, VELOCITY_Y, X, Y
 from ballbot_ros.physics.solvers.dense import motion_at
+from ballbot_ros.physics.solvers.events import holds_throughout, least, most
 from ballbot_ros.physics.solvers.values import Workspace
-from ballbot_ros.physics.solvers.whole_step import holds_throughout, least, most
 
 # A gentle bend, a ramp, a step, a narrow ridge, a notch, and a face that hangs nearly over.
 GROUND = Terrain([[-1.0, 0.0], [0.0, 0.0], [0.5, 0.03], [0.9, 0.03], [0.901, 0.06], [1.3, 0.06],
@@ -31,7 +31,7 @@ def random_step(draw, model, workspace):
     slip = draw.choice([0.3, 1.0, 10.0]) * draw.normal() * model.robot.slip_threshold
     vector[BALL_RATE] = (slip - speed) / model.robot.ball_radius
     system = System(model.parameters, model.profile, Actuation().actuator(model.robot))
-    guards.find_mode(0.0, vector, system, workspace.mode)
+    modes.find_mode(0.0, vector, system, workspace.mode)
     dense, scale = workspace.dense, 10.0**draw.uniform(-4.0, -1.5)
     dense[:, :8] = scale * draw.normal(size=(5, 8)) * draw.choice([0.1, 1.0], size=(5, 8))
     dense[0, :8] = vector[:8]
@@ -50,7 +50,7 @@ def violated_within(system, workspace, step=1.0):
     """Return whether any guard is violated at any of many times within the step."""
     for theta in THETAS:
         motion_at(theta, workspace.work)
-        if guards.violated_guards(theta * step, workspace.probe, system, workspace.mode, 0,
+        if modes.violated_guards(theta * step, workspace.probe, system, workspace.mode, 0,
                                  2 * len(system.ground) - 3, workspace.violated):
             return True
     return False
@@ -113,7 +113,7 @@ def test_of_a_motor_near_its_limit_it_says_nothing_that_is_not(actuation):
         torque = equations.unsaturated_torque(0.0, workspace.dense[0], plain)
         limit = abs(torque) * draw.choice([0.9, 0.99, 1.01, 1.1, 1.5])
         system = system._replace(actuator=plain._replace(limit=limit))
-        guards.find_mode(0.0, workspace.dense[0], system, workspace.mode)
+        modes.find_mode(0.0, workspace.dense[0], system, workspace.mode)
         if says_so(system, workspace, 1e-3):
             assert not violated_within(system, workspace, 1e-3)
             said[workspace.mode.signs[-1, modes.MOTOR]] += 1

@@ -5,7 +5,7 @@ import pytest
 
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics import Terrain
-from ballbot_ros.physics.model.terrain_file import read_terrain
+from ballbot_ros.physics.model.terrain import read_terrain
 from ballbot_ros.plant import Latency, Sensor, SensorFaults
 from ballbot_ros.plant.step_sensor import faces
 

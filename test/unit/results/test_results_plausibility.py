@@ -12,7 +12,7 @@ from ballbot_ros.cli.options import read_law
 from ballbot_ros.config.files import config_folder
 from ballbot_ros.errors import ConfigurationError, PlausibilityWarning
 from ballbot_ros.physics import load_robot, load_scene
-from ballbot_ros.physics.model.plausibility import implausible
+from ballbot_ros.physics.model.robot import implausible
 from ballbot_ros.physics.simulation.scene import read_scene
 from ballbot_ros.results.warn import scene_warnings
 

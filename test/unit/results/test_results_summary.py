@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ballbot_ros.physics import load_scene, Terrain
-from ballbot_ros.physics.model.terrain_file import read_terrain
+from ballbot_ros.physics.model.terrain import read_terrain
 from ballbot_ros.physics.simulation.scene import read_scene
 from ballbot_ros.results import report, summarise
 from ballbot_ros.results.faces import rising_faces

@@ -74,7 +74,7 @@ def test_the_limit_of_a_tilted_wheel_at_rest():
 @pytest.mark.parametrize('field, low', [
     ('steering.largest_lean', 0.2), ('steering.largest_torque', 0.15), ('surface_friction', 0.01)])
 def test_each_limit_counts(field, low):
-    from ballbot_ros.physics.model.named_parameters import with_parameters
+    from ballbot_ros.physics.model.robot import with_parameters
     less = with_parameters(GIMBALL, {field: low})
     assert curvature_limit(less, 0.6) < 0.8 * curvature_limit(GIMBALL, 0.6)
 

@@ -7,7 +7,7 @@ from refusals import refused
 from ballbot_ros.config.files import read_yaml, shipped_folder
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics import Actuation, load_robot, Model, Robot, simulate, Terrain
-from ballbot_ros.physics.model.named_parameters import STEERING, with_parameters
+from ballbot_ros.physics.model.robot import STEERING, with_parameters
 
 GIMBALL = load_robot('gimball')
 CONTENT = read_yaml(shipped_folder('config') / 'robots' / 'gimball.yaml')
