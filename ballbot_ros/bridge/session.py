@@ -229,6 +229,11 @@ class Session:
             return (f'no IMU reading arrives, or none did in the last {STEADY:g} s without a gap, '
                     'and without one the pendulum angle is a guess; publish imu, or set '
                     'imu_required: false in the hardware file for a level floor')
+        estimate, limit = self.fusion.estimate, self.hardware.limits.angle_limit
+        if estimate is not None and abs(estimate.readings.pendulum_angle) > limit:
+            return (f'the pendulum angle is {estimate.readings.pendulum_angle:.2f} rad, beyond '
+                    f'angle_limit of {limit:g} rad: let the robot come to rest, and look at '
+                    'encoder_zero of the hardware file and at how the IMU is mounted')
         return self.law.inhibit() if self.law is not None else ''
 
     def clear_faults(self) -> str:

@@ -8,13 +8,18 @@ from sensor_msgs.msg import Imu
 
 from ballbot_ros.bridge.session import Session
 from ballbot_ros.control import Authority, SetPoint
-from ballbot_ros.errors import MessageError
-from ballbot_ros.nodes.bridge.motor import Clocks, imu_reading
+from ballbot_ros.errors import MessageError, RefusedError
+from ballbot_ros.nodes.bridge.motor import Clocks, imu_reading, MotorOutputs
 from ballbot_ros.ros.conversions import command_torque, to_seconds
 from ballbot_ros.ros.endpoints import create_subscription, create_trigger, subscribe_e_stop
 from ballbot_ros.ros.fast_path.joint_state_bytes import AnyJointState, subscribe_joint_states
 from ballbot_ros.ros.set_points import REFUSED_PAUSE, SetPoints
 from ballbot_ros.ros.single_publisher import SinglePublisher
+
+# A release is refused for this time after the e-stop engaged [s], less than a person takes to
+# react: it was requested before.  The bridge receives its own message of an engaged e-stop
+# meanwhile, which would engage the e-stop again after the release.
+RELEASE_DELAY = 0.1
 
 
 class MotorInputs:
@@ -26,6 +31,7 @@ class MotorInputs:
     node : Node
     session : Session
     clocks : Clocks
+    outputs : MotorOutputs
 
     Attributes
     ----------
@@ -35,8 +41,10 @@ class MotorInputs:
 
     """
 
-    def __init__(self, node: Node, session: Session, clocks: Clocks):
+    def __init__(self, node: Node, session: Session, clocks: Clocks,
+                 outputs: MotorOutputs):
         """Create subscriptions and services."""
+        self._outputs = outputs
         self._session, self._clocks, self._logger = session, clocks, node.get_logger()
         self._publisher = SinglePublisher(node, 'joint_commands')
         self.imu_refused = 0
@@ -101,5 +109,9 @@ class MotorInputs:
         return 'the e-stop is engaged'
 
     def _release(self) -> str:
+        if self._session.clock() - self._outputs.engaged_at < RELEASE_DELAY:
+            raise RefusedError(
+                f'the e-stop has been engaged for less than {RELEASE_DELAY:g} s, so this request '
+                'may have been sent before; release again')
         self._session.release()
         return 'the e-stop is released'

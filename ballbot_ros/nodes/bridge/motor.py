@@ -140,6 +140,7 @@ class MotorOutputs:
         self._status = create_publisher(node, 'motor_status')
         self._e_stop = create_publisher(node, 'e_stop')
         self._published: Optional[bool] = None
+        self.engaged_at = -math.inf  # when an engaged e-stop was published last [s]
         self._reporting = threading.Lock()
         self._next, self._state = 0.0, ''
         self._estimate: Optional[Estimate] = None
@@ -154,6 +155,8 @@ class MotorOutputs:
         with self._reporting:  # the loop and the executor both call this
             if engaged is not self._published:
                 self._published = engaged
+                if engaged:
+                    self.engaged_at = time.monotonic()
                 self._e_stop.publish(Bool(data=engaged))
 
     def publish(self, report: Report) -> None:

@@ -54,7 +54,7 @@ class Bridge(ManagedNode):
         self._service = ServiceManager()
         self._complaint = ''
         self.failure: Optional[DriveError] = None
-        self._inputs = MotorInputs(self, self._session, clocks)
+        self._inputs = MotorInputs(self, self._session, clocks, self._outputs)
         self._diagnostics = diagnostics.Diagnostics(self, 'motor', lambda: health(
             self._session, self._loop, self._hardware, self._inputs.imu_refused,
             self._inputs.authority), self._session.robot.name)

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Faults of sensors, line and drive in simulated time: no torque on data that cannot be right."""
+from dataclasses import replace
+import math
+
 import pytest
 from refusals import refused
 from session_faults import (
@@ -104,3 +107,32 @@ def test_each_fault_ends_the_torque(protocol, fault):
     robot = VirtualRobot(protocol, onboard='gentle').ready()
     loop(robot, 0.2, FORWARD)
     time_to_zero(robot, FAULTS[fault], 3.0, SetPoint(Mode.SPEED, 0.5))
+
+
+@pytest.mark.parametrize('protocol', PROTOCOLS)
+def test_an_imu_upside_down_inhibits_the_release_where_the_encoder_has_a_zero(protocol):
+    robot = VirtualRobot(protocol, onboard='gentle')
+    robot.hardware = replace(robot.hardware, joint=replace(robot.hardware.joint, encoder_zero=0.0))
+    robot.start()
+    upside_down(robot)
+    robot.session.configure()
+    robot.run(0.7)
+    robot.session.activate()
+    with pytest.raises(RefusedError):
+        robot.session.release()
+    loop(robot, 0.5, SetPoint(Mode.IDLE))
+    assert not any(robot.torques)
+
+
+@pytest.mark.parametrize('fault', [frozen(False), reversed_encoder, upside_down])
+def test_sensors_that_contradict_each_other_stop_slow_motion_before_the_ball_has_turned(fault):
+    robot = VirtualRobot().ready()
+    robot.run(0.3, torque=0.35)  # below that of a check of the torque
+    fault(robot)
+    begin = robot.plant.state.ball_angle
+    for _ in range(600):
+        robot.run(0.02, torque=0.35)
+        if robot.session.supervisor.e_stop:
+            break
+    assert robot.session.supervisor.e_stop == EXPLANATIONS['imu_turn_rate']
+    assert abs(robot.plant.state.ball_angle - begin) < math.tau

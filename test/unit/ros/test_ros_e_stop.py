@@ -6,6 +6,9 @@ import pytest
 from rclpy.node import Node
 from std_msgs.msg import Bool
 
+from ballbot_ros.bridge.session import Wanted
+from ballbot_ros.errors import RefusedError
+from ballbot_ros.nodes.bridge.inputs import RELEASE_DELAY
 from ballbot_ros.nodes.bridge.node import Bridge
 from ballbot_ros.nodes.controller.node import Controller
 from ballbot_ros.nodes.obstacle_decision.node import ObstacleDecision
@@ -43,3 +46,21 @@ def test_a_stop_request_of_any_publisher_engages_the_e_stop(cls, profile, make_n
     executor.remove_node(node)
     executor.shutdown()
     getattr(node, 'make_safe', lambda: None)()
+
+
+def test_a_release_that_was_requested_before_the_e_stop_engaged_is_refused(make_node):
+    node = make_node(Bridge, **NODES[Bridge][0])
+    session, inputs, outputs = node._session, node._inputs, node._outputs
+    session._wanted, session._inhibit = Wanted.ACTIVE, lambda: ''
+    time.sleep(1.1 * RELEASE_DELAY)
+    assert inputs._release() and not session.supervisor.e_stop
+    outputs.publish_e_stop(False)
+    session.engage('test')
+    outputs.publish_e_stop(True)
+    with pytest.raises(RefusedError):
+        inputs._release()
+    assert session.supervisor.e_stop == 'test'
+    time.sleep(1.1 * RELEASE_DELAY)
+    inputs._on_e_stop(True)  # its own message, which takes less time
+    assert inputs._release() and not session.supervisor.e_stop
+    session.close()
