@@ -6,9 +6,10 @@ The occupancy map is either a map of Nav2's map_server (YAML and image) or a lis
 floor file.  Coordinates are those of the frame ``map`` [m].
 """
 from dataclasses import dataclass
+from functools import cached_property
 import math
 from pathlib import Path
-from typing import Any, List, Sequence, Tuple, Union
+from typing import Any, Dict, List, Optional, Sequence, Tuple, Union
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +27,7 @@ MOST_CELLS = 16_000_000
 FREE, UNKNOWN, OCCUPIED = 0, 1, 2
 # What a feature is: lines that the ball crosses, or areas.
 LINES = ('step', 'threshold', 'cord', 'drop')
-AREAS = ('carpet', 'keep_out', 'stairs')
+AREAS = ('carpet', 'level', 'ramp', 'friction', 'keep_out', 'stairs')
 
 
 @dataclass(frozen=True)
@@ -40,16 +41,20 @@ class Feature(Checked):
         ``step``: the floor on the left of the line, seen from its first point to its last, is
         higher by `height`.  ``threshold``: a bar of `height` and `width`, the line is its middle.
         ``cord``: the same, flexible.  ``drop``: the floor on the right of the line is lower by
-        `height`, and no route crosses it.  ``carpet``: an area that is higher by `height`.
-        ``keep_out`` and ``stairs``: areas that no route enters; a route keeps the stopping
-        distance from stairs.
+        `height`, and no route crosses it.  ``carpet`` and ``level``: an area that is higher by
+        `height`, or lower where that of a level is negative.  ``ramp``: an area that rises by
+        `height` along its line, from the foot to the top.  ``friction``: an area with a
+        coefficient of friction.  ``keep_out`` and ``stairs``: areas that no route enters; a route
+        keeps the stopping distance from stairs.
     name : str
     line : tuple of (float, float)
-        Of a line; at least two points [m].
+        Of a line or a ramp; at least two points [m].
     polygon : tuple of (float, float)
         Of an area; at least three points [m].
     height, height_sd, width : float
         [m]
+    friction : float or None
+        Coefficient of an area of friction [1].
 
     """
 
@@ -57,12 +62,14 @@ class Feature(Checked):
     name: str = text('name for explanations', default='')
     line: Any = section('points of a line [m]', default=())
     polygon: Any = section('corners of an area [m]', default=())
-    height: float = quantity('m', 'height of the step, bar, carpet or drop', default=0.0,
-                             minimum=0.0, maximum=1.0)
+    height: float = quantity('m', 'height of the step, bar, area or drop', default=0.0,
+                             minimum=-1.0, maximum=1.0)
     height_sd: float = quantity('m', 'standard deviation of the height', default=0.001,
                                 minimum=0.0, maximum=0.1)
     width: float = quantity('m', 'width of a threshold or cord', default=0.05, above=0.0,
                             maximum=2.0)
+    friction: Optional[float] = quantity('1', 'coefficient of friction of an area of friction',
+                                         minimum=0.0, maximum=2.0, optional=True)
 
     def __post_init__(self) -> None:
         """Check the points as well."""
@@ -70,13 +77,28 @@ class Feature(Checked):
         is_line = self.kind in LINES
         wanted, other = ('line', 'polygon') if is_line else ('polygon', 'line')
         points = _points(getattr(self, wanted), wanted, 2 if is_line else 3)
-        if getattr(self, other):
+        if self.kind == 'ramp':
+            object.__setattr__(self, 'line', _points(self.line, 'line', 2))
+            if self.line[0] == self.line[-1]:
+                raise ConfigurationError(
+                    f'line of a ramp must lead from its foot to its top, got {self.line}',
+                    'inconsistent', 'line')
+        elif getattr(self, other):
             raise ConfigurationError(
                 f'{other} must not be given for a {self.kind}; give {wanted}', 'inconsistent',
                 other)
         object.__setattr__(self, wanted, points)
-        object.__setattr__(self, other, ())
-        if self.kind in ('step', 'threshold', 'cord', 'carpet') and not self.height > 0.0:
+        if self.kind != 'ramp':
+            object.__setattr__(self, other, ())
+        if (self.friction is None) == (self.kind == 'friction'):
+            raise ConfigurationError(
+                'friction must be given for an area of friction, and for nothing else, got '
+                f'{self.friction!r} for a {self.kind}', 'inconsistent', 'friction')
+        if self.height < 0.0 and self.kind != 'level':
+            raise ConfigurationError(
+                f'height of a {self.kind} must be at least 0 m, got {self.height:g}',
+                'out_of_range', 'height')
+        if self.kind in ('step', 'threshold', 'cord', 'carpet', 'ramp') and not self.height > 0.0:
             raise ConfigurationError(
                 f'height of a {self.kind} must be more than 0 m, got {self.height:g}',
                 'out_of_range', 'height')
@@ -89,7 +111,7 @@ class Feature(Checked):
     @property
     def segments(self) -> Tuple[Tuple[Point, Point], ...]:
         """Return the segments of the line, or of the outline of the area."""
-        points = self.line or (*self.polygon, self.polygon[0])
+        points = (*self.polygon, self.polygon[0]) if self.polygon else self.line
         return tuple(zip(points, points[1:]))
 
 
@@ -131,6 +153,29 @@ class Floor:
         """Return whether a point lies on the map."""
         row, column = self.cell_of(point)
         return 0 <= row < self.cells.shape[0] and 0 <= column < self.cells.shape[1]
+
+    @cached_property
+    def walls(self) -> NDArray[np.float64]:
+        """
+        Return rectangles that cover the occupied cells, an (n, 4) array.
+
+        Columns: x and y of the centre, half the width and half the height [m].
+        """
+        found: List[Tuple[int, int, int, int]] = []
+        started: Dict[Tuple[int, int], int] = {}  # row in which a run of columns begins
+        rows = self.cells.shape[0]
+        padded = np.pad(self.cells == OCCUPIED, 1)
+        for row in range(rows + 1):
+            change = np.flatnonzero(np.diff(padded[row + 1].astype(np.int8))).tolist()
+            runs = set(zip(change[::2], change[1::2]))
+            for run in [run for run in started if run not in runs]:
+                found.append((*run, started.pop(run), row))
+            for run in runs - started.keys():
+                started[run] = row
+        left, right, bottom, top = np.array(found, float).reshape(-1, 4).T
+        x, y = self.origin
+        return self.resolution * 0.5 * np.column_stack([
+            left + right, bottom + top, right - left, top - bottom]) + (x, y, 0.0, 0.0)
 
     @property
     def extent(self) -> Tuple[float, float, float, float]:

@@ -18,6 +18,7 @@ A `TerrainSensor` sees the ground ahead, with noise that depends on the seed and
     >>> bool(0.01 < max(sight.z) - min(sight.z) < 0.03)
     True
 """
+from ballbot_ros.plant.floor_plant import FloorPlant
 from ballbot_ros.plant.imu import Imu, ImuSample
 from ballbot_ros.plant.pacing import Pace, periods_per, Speedometer
 from ballbot_ros.plant.plant import Plant
@@ -26,5 +27,5 @@ from ballbot_ros.plant.step_sensor import Sensor, Sight
 from ballbot_ros.plant.terrain_sensor import TerrainSensor, TerrainSight
 
 __all__ = [
-    'Imu', 'ImuSample', 'Latency', 'Pace', 'periods_per', 'Plant', 'Sensor', 'SensorFaults',
-    'Sight', 'Speedometer', 'TerrainSensor', 'TerrainSight']
+    'FloorPlant', 'Imu', 'ImuSample', 'Latency', 'Pace', 'periods_per', 'Plant', 'Sensor',
+    'SensorFaults', 'Sight', 'Speedometer', 'TerrainSensor', 'TerrainSight']

@@ -1,0 +1,340 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+The ground along a straight line over a floor, cut exactly, as a `Terrain`.
+
+The height of the ground at a place is the sum of areas (carpets, levels, ramps, bars, stairs),
+which depend on the place only, and of the steps and drops that were passed on the way there.
+"""
+from dataclasses import dataclass
+import math
+from typing import Callable, List, NamedTuple, Optional, Sequence, Tuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot_ros.floors.floor import Feature, Floor, inside, Point
+from ballbot_ros.physics.model.terrain import Terrain
+
+Array = NDArray[np.float64]
+
+WALL_HEIGHT = 1.0  # [m]
+# Depth of stairs and of drops whose height is not given [m].
+UNKNOWN_DEPTH = 0.5
+# Places on a line that are nearer to each other count as one [m].
+SAME = 1e-9
+# Length over which the ground falls from a crest to its height, see `cut` [m].
+CREST_LENGTH = 0.1
+# A face along the path is as high for the ball as a wall: highest crest [m].
+HIGHEST_CREST = 0.3
+
+
+class Edge(NamedTuple):
+    """A face of the ground on a line."""
+
+    distance: float  # ahead, negative behind [m]
+    height: float  # rise in the direction of the line, negative for a drop [m]
+    angle: float  # of the line to the normal of the edge, positive if the normal is right of it
+
+
+@dataclass(frozen=True)
+class Cut:
+    """
+    The ground along a line.
+
+    Attributes
+    ----------
+    vertices : (n, 2) array
+        Distance ahead and height [m].
+    friction : (n - 1,) array
+        Surface friction of each segment, NaN for that of the robot.
+    edges : tuple of Edge
+        All faces but walls, by their distance.
+
+    """
+
+    vertices: Array
+    friction: Array
+    edges: Tuple[Edge, ...]
+
+    def terrain(self, offset: float = 0.0) -> Terrain:
+        """Return the terrain with an x that is `offset` at the place of the cut [m]."""
+        return Terrain(self.vertices + (offset, 0.0), self.friction)
+
+
+class _Part(NamedTuple):
+    """What a feature adds to the ground between two places on the line."""
+
+    begin: float
+    end: float
+    at_begin: float
+    at_end: float
+
+
+def cut(floor: Floor, place: Point, heading: float, level: float = 0.0, radius: float = 0.0,
+        factor: Optional[Callable[[float], float]] = None) -> Cut:
+    """
+    Return the ground along a line.
+
+    Parameters
+    ----------
+    floor : Floor
+    place : (float, float)
+        Where the line is at distance 0 [m].
+    heading : float
+        Direction of the line [rad].
+    level : float, optional
+        Height that the steps and drops give the ground at `place`, see `passed` [m].
+    radius : float, optional
+        Of a ball along the line: a wall is where the ball touches it first, not where its centre
+        would [m].
+    factor : callable, optional
+        Returns which part of its head-on height a ball climbs at an angle to the normal of an
+        edge [rad].  With it, a rising edge has a crest that a ball climbs head-on as it climbs
+        the edge at its angle, and from which the ground falls to its height.  Without it,
+        heights are exact.
+
+    """
+    along = (math.cos(heading), math.sin(heading))
+    parts: List[_Part] = []
+    edges: List[Edge] = []
+    slips: List[Tuple[float, float, float]] = []
+    for feature in floor.features:
+        if feature.kind in ('step', 'drop'):
+            for at, side, angle in _crossings(feature.segments, place, along):
+                rise = side * depth(feature)
+                # Heights count from the place of the cut, to both sides.
+                parts.append(_Part(at, math.inf, rise, rise) if at > 0.0
+                             else _Part(-math.inf, at, -rise, -rise))
+                edges.append(Edge(at, rise, angle))
+        elif feature.kind == 'friction':
+            slips += [(begin[0], end[0], float(feature.friction or 0.0)) for begin, end in
+                      _intervals(feature.polygon, place, along)]
+        elif feature.kind != 'keep_out':
+            for begin, end in _areas(feature, place, along):
+                low, high = (_added(feature, place, along, at[0]) for at in (begin, end))
+                parts.append(_Part(begin[0], end[0], low, high))
+                edges += [Edge(begin[0], low, begin[1]), Edge(end[0], -high, end[1])]
+    edges = sorted(edge for edge in edges if abs(edge.height) > SAME)
+    if factor is not None:
+        parts += _crests(edges, factor)
+    breaks = {at for part in parts for at in part[:2]} | {at for slip in slips for at in slip[:2]}
+    ahead, behind = (sign * _wall(floor, place, (sign * along[0], sign * along[1]), radius)
+                     for sign in (1.0, -1.0))
+    inner = sorted([at for at in breaks if behind + SAME < at < ahead - SAME]
+                   + [at for at in (behind, ahead) if math.isfinite(at)])
+    inner = [at for number, at in enumerate(inner)
+             if not number or at - inner[number - 1] > SAME] or [0.0]
+    xs = np.array([inner[0] - 1.0, *inner, inner[-1] + 1.0])
+    middle = 0.5 * (xs[:-1] + xs[1:])
+    left, right = (np.full(len(middle), level) for _ in range(2))
+    friction = np.full(len(middle), np.nan)
+    for part in parts:
+        within = (part.begin < middle) & (middle < part.end)
+        if part.at_begin == part.at_end:
+            left[within] += part.at_begin
+            right[within] += part.at_begin
+        else:
+            slope = (part.at_end - part.at_begin) / (part.end - part.begin)
+            left[within] += part.at_begin + slope * (xs[:-1][within] - part.begin)
+            right[within] += part.at_begin + slope * (xs[1:][within] - part.begin)
+    for slip in slips:
+        friction[(slip[0] < middle) & (middle < slip[1])] = slip[2]
+    if math.isfinite(behind):
+        left[0] = right[0] = left[1] + WALL_HEIGHT
+    if math.isfinite(ahead):
+        left[-1] = right[-1] = right[-2] + WALL_HEIGHT
+    return Cut(*_joined(xs, left, right, friction), tuple(edges))
+
+
+def passed(floor: Floor, begin: Point, end: Point) -> float:
+    """Return by how much the steps and drops between two places raise the ground [m]."""
+    length = math.dist(begin, end)
+    if not length:
+        return 0.0
+    along = ((end[0] - begin[0]) / length, (end[1] - begin[1]) / length)
+    return sum(side * depth(feature) for feature in floor.features
+               if feature.kind in ('step', 'drop')
+               for at, side, _ in _crossings(feature.segments, begin, along)
+               if 0.0 < at <= length)
+
+
+def area_height(floor: Floor, place: Point) -> float:
+    """Return the height that areas give the ground at a place [m]."""
+    return sum(_added(feature, place, (1.0, 0.0), 0.0) for feature in floor.features
+               if feature.kind not in ('step', 'drop', 'friction', 'keep_out')
+               and any(inside(*place, polygon) for polygon in _polygons(feature)))
+
+
+def ranges(floor: Floor, place: Point, headings: Sequence[float], limit: float) -> Array:
+    """Return the distance to the first wall in each direction, inf beyond `limit` [m]."""
+    walls = floor.walls
+    found = np.array([_entry(walls[:, :2] - place, walls[:, 2:],
+                             (math.cos(heading), math.sin(heading)), 0.0)
+                      for heading in headings])
+    found[found > limit] = np.inf
+    return found
+
+
+def depth(feature: Feature) -> float:
+    """Return the height of a feature, also of a drop or stairs of unknown depth [m]."""
+    unknown = feature.kind in ('drop', 'stairs') and feature.height == 0.0
+    return UNKNOWN_DEPTH if unknown else feature.height
+
+
+def _polygons(feature: Feature) -> List[Tuple[Point, ...]]:
+    """Return the areas of a feature: of a threshold or cord, a rectangle for each segment."""
+    if feature.kind in ('step', 'drop'):
+        return []
+    if feature.polygon:
+        return [feature.polygon]
+    found: List[Tuple[Point, ...]] = []
+    for (x0, y0), (x1, y1) in feature.segments:
+        length = math.hypot(x1 - x0, y1 - y0) or 1.0
+        right = (0.5 * feature.width * (y1 - y0) / length,
+                 -0.5 * feature.width * (x1 - x0) / length)
+        found.append(((x0 + right[0], y0 + right[1]), (x1 + right[0], y1 + right[1]),
+                      (x1 - right[0], y1 - right[1]), (x0 - right[0], y0 - right[1])))
+    return found
+
+
+def _areas(feature: Feature, place: Point, along: Point
+           ) -> List[Tuple[Tuple[float, float], Tuple[float, float]]]:
+    """Return the intervals of the line on a feature; those of joined bars are one."""
+    found = sorted(interval for polygon in _polygons(feature)
+                   for interval in _intervals(polygon, place, along))
+    merged = found[:1]
+    for begin, end in found[1:]:
+        if begin[0] <= merged[-1][1][0]:
+            merged[-1] = (merged[-1][0], max(merged[-1][1], end))
+        else:
+            merged.append((begin, end))
+    return merged
+
+
+def _added(feature: Feature, place: Point, along: Point, at: float) -> float:
+    """Return the height that an area has at a place on the line that lies in it [m]."""
+    if feature.kind == 'stairs':
+        return -depth(feature)
+    if feature.kind != 'ramp':
+        return feature.height
+    foot, top = feature.line[0], feature.line[-1]
+    way = (top[0] - foot[0], top[1] - foot[1])
+    x, y = place[0] + at * along[0] - foot[0], place[1] + at * along[1] - foot[1]
+    return float(feature.height * (x * way[0] + y * way[1]) / (way[0]**2 + way[1]**2))
+
+
+def _crossings(segments: Sequence[Tuple[Point, Point]], place: Point, along: Point
+               ) -> List[Tuple[float, int, float]]:
+    """
+    Return where a line crosses segments.
+
+    Returns
+    -------
+    list of (float, int, float)
+        Distance ahead [m]; 1 where the line goes to the left of the segment, -1 to the right; and
+        the angle from the normal of the segment to the line [rad].
+
+    """
+    found = []
+    for begin, end in segments:
+        length = math.dist(begin, end)
+        if not length:
+            continue
+        # Unit normal to the left of the segment.
+        normal = (-(end[1] - begin[1]) / length, (end[0] - begin[0]) / length)
+        towards = normal[0] * along[0] + normal[1] * along[1]
+        sides = [along[0] * (point[1] - place[1]) - along[1] * (point[0] - place[0])
+                 for point in (begin, end)]
+        # A point on the line counts as left of it: a joint of a polyline is crossed once.
+        if towards == 0.0 or (sides[0] >= 0.0) == (sides[1] >= 0.0):
+            continue
+        at = (normal[0] * (begin[0] - place[0]) + normal[1] * (begin[1] - place[1])) / towards
+        side = 1 if towards > 0.0 else -1
+        across = side * (normal[0] * along[1] - normal[1] * along[0])
+        found.append((at, side, math.atan2(across, abs(towards))))
+    return found
+
+
+def _intervals(polygon: Sequence[Point], place: Point, along: Point
+               ) -> List[Tuple[Tuple[float, float], Tuple[float, float]]]:
+    """Return the intervals of a line in a polygon: distance and angle at their ends."""
+    ends = sorted((at, angle) for at, _, angle in _crossings(
+        tuple(zip(polygon, (*polygon[1:], polygon[0]))), place, along))
+    return [(begin, end) for begin, end in zip(ends[::2], ends[1::2])
+            if end[0] - begin[0] > SAME]
+
+
+def _crests(edges: Sequence[Edge], factor: Callable[[float], float]) -> List[_Part]:
+    """Return what raises each edge to its crest; one that falls ahead rises backwards."""
+    found = []
+    for number, edge in enumerate(edges):
+        share = factor(edge.angle)
+        extra = abs(edge.height) * (1.0 / share - 1.0) if share > 0.0 else HIGHEST_CREST
+        extra = min(extra, max(0.0, HIGHEST_CREST - abs(edge.height)))
+        if extra <= SAME:
+            continue
+        rises = edge.height > 0.0
+        next_ = number + (1 if rises else -1)
+        room = abs(edges[next_].distance - edge.distance) \
+            if 0 <= next_ < len(edges) else math.inf
+        length, left = min(CREST_LENGTH, room), extra * max(0.0, 1.0 - room / CREST_LENGTH)
+        found.append(_Part(edge.distance, edge.distance + length, extra, left) if rises
+                     else _Part(edge.distance - length, edge.distance, left, extra))
+    return found
+
+
+def _wall(floor: Floor, place: Point, along: Point, radius: float) -> float:
+    """Return where the face of the first wall on a line is for a ball [m]."""
+    centres, halves = floor.walls[:, :2] - place, floor.walls[:, 2:]
+    # A ball that touches a wall beside it moves on, unless it moves towards it.
+    nearest = centres - np.clip(centres, -halves, halves)
+    near = nearest[:, 0] * along[0] + nearest[:, 1] * along[1] > 0.0
+    return _entry(centres[near], halves[near], along, radius) + radius
+
+
+def _entry(centres: Array, halves: Array, along: Point, radius: float) -> float:
+    """Return the least distance at which a ball from the origin touches rectangles [m]."""
+    if not len(centres):
+        return math.inf
+    entries = []
+    for wider in np.array([(radius, 0.0), (0.0, radius)])[:2 if radius else 1]:
+        low, far = np.full(len(centres), -np.inf), np.full(len(centres), np.inf)
+        for axis, size in enumerate((halves + wider).T):
+            if abs(along[axis]) < SAME:
+                far[np.abs(centres[:, axis]) > size] = -np.inf
+                continue
+            one = (centres[:, axis] - size) / along[axis]
+            two = (centres[:, axis] + size) / along[axis]
+            low, far = np.maximum(low, np.minimum(one, two)), np.minimum(far, np.maximum(one, two))
+        entries.append(np.where((low <= far) & (far >= 0.0), low, np.inf))
+    if not radius:
+        return float(np.maximum(entries, 0.0).min())
+    for signs in ((1, 1), (1, -1), (-1, 1), (-1, -1)):
+        corner = centres + halves * signs
+        ahead = corner[:, 0] * along[0] + corner[:, 1] * along[1]
+        across = corner[:, 0] * along[1] - corner[:, 1] * along[0]
+        chord = np.sqrt(np.maximum(radius**2 - across**2, 0.0))
+        entries.append(np.where((np.abs(across) <= radius) & (ahead + chord >= 0.0),
+                                ahead - chord, np.inf))
+    # A ball that rolls along a wall and turns towards it has touched it long ago.
+    nearest = np.hypot(*(centres - np.clip(centres, -halves, halves)).T)
+    return float(np.min(np.maximum(entries, -np.maximum(radius - nearest, 0.0))))
+
+
+def _joined(xs: Array, left: Array, right: Array, friction: Array) -> Tuple[Array, Array]:
+    """Return vertices and friction of the segments between places, without needless vertices."""
+    points = [(float(xs[0]), float(left[0]))]
+    slips: List[float] = []
+    for number in range(len(left)):
+        begin = (float(xs[number]), float(left[number]))
+        if begin != points[-1]:
+            points.append(begin)
+            slips.append(float(friction[number]))
+        elif len(points) > 1 and begin[1] == points[-2][1] == right[number] \
+                and points[-2][0] < begin[0] \
+                and np.array_equal(slips[-1], friction[number], equal_nan=True):
+            points.pop()  # level ground goes on
+            slips.pop()
+        points.append((float(xs[number + 1]), float(right[number])))
+        slips.append(float(friction[number]))
+    return np.array(points), np.array(slips)

@@ -1,0 +1,210 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+The simulated robot on a floor: planar physics along its path, and the lateral model beside it.
+
+The ground along the path is cut from the floor along the heading, and is cut again where the
+heading leaves the cut.
+"""
+from dataclasses import replace
+import math
+from typing import Optional, Tuple
+
+import numpy as np
+
+from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.floors.floor import Floor
+from ballbot_ros.floors.levels import level
+from ballbot_ros.floors.profile import Cut, cut, passed
+from ballbot_ros.physics.mechanics.contact_law import EDGE
+from ballbot_ros.physics.model.actuation import Actuation
+from ballbot_ros.physics.model.robot import Robot
+from ballbot_ros.physics.model.state import State
+from ballbot_ros.physics.model.terrain import Terrain
+from ballbot_ros.physics.simulation.model import Model
+from ballbot_ros.physics.simulation.scene import Initial, Run, Scene
+from ballbot_ros.physics.simulation.solver import Solver
+from ballbot_ros.plant.plant import Plant
+from ballbot_ros.steering import height_factor, LateralState, required_steering, step
+
+# Heading and place that still lie on the line of a cut where the ball is on or before a face, and
+# where the ground is level that far beyond its radius [rad], [m].
+ON_LINE, NEAR_LINE, MARGIN = 1e-6, 0.01, 0.1
+# Largest angle to an edge at which its push to the side is known, see `steering.oblique` [rad].
+STEEPEST = math.radians(45.0)
+
+
+class FloorPlant(Plant):
+    """
+    A robot on a floor, with a torque and a set-point of the lean per control period.
+
+    A robot without steering drives straight.  A straight drive is bit-identical to that of a
+    `Plant` on the same profile.
+
+    Parameters
+    ----------
+    robot : Robot
+    floor : Floor
+    pose : (float, float, float)
+        x, y and heading of the start [m], [rad].
+    control_rate : float
+        [Hz]; a control period must be a whole number of solver steps.
+    torque_limit : float, optional
+        [N m]; an additional limit.
+    solver : Solver, optional
+
+    Attributes
+    ----------
+    floor : Floor
+    lateral : LateralState
+        Its heading is not wrapped.
+
+    Raises
+    ------
+    ConfigurationError
+        If the pose is not finite or lies off the map, see also `Plant`.
+
+    """
+
+    def __init__(self, robot: Robot, floor: Floor,
+                 pose: Tuple[float, float, float] = (0.0, 0.0, 0.0), control_rate: float = 500.0,
+                 torque_limit: Optional[float] = None, solver: Solver = Solver()):
+        """Stand at the start pose at rest."""
+        if not all(map(math.isfinite, pose)) or not floor.contains(pose[:2]):
+            left, right, bottom, top = floor.extent
+            raise ConfigurationError(
+                f'start pose {tuple(pose)} must lie on the map, which is x {left:g} to {right:g} '
+                f'm, y {bottom:g} to {top:g} m', 'out_of_range', 'pose')
+        self.floor, self._radius = floor, robot.ball_radius
+        self._start_pose = self._place(pose)
+        scene = Scene(floor.name, Model(robot, self._cut.terrain(), solver=solver), Initial(),
+                      Actuation(), Run(duration=1.0))
+        super().__init__(scene, control_rate, torque_limit)
+
+    @property
+    def pose(self) -> Tuple[float, float, float]:
+        """Return x, y and heading [m], [rad]."""
+        return (*self._at, self.lateral.heading)
+
+    @property
+    def level(self) -> float:
+        """Return the height that the steps passed since the start give the ground [m]."""
+        return self._level
+
+    def advance(self, torque: float, lean_set_point: float = 0.0) -> State:
+        """
+        Advance by one control period and return the new planar state, whose x is the path length.
+
+        Parameters
+        ----------
+        torque : float
+            See `Plant.advance`.
+        lean_set_point : float, optional
+            Of the pendulum, see `steering.law`; 0 of a robot that drives straight [rad].
+
+        Raises
+        ------
+        SimulationError
+            If the run cannot go on; state and time stay at the last good ones.
+        ConfigurationError
+            If a robot without steering should lean.
+
+        """
+        if lean_set_point:
+            required_steering(self.model.robot)
+        self._follow()
+        before = self.state
+        after = super().advance(torque)
+        self._move(before, after, lean_set_point)
+        return after
+
+    def reset(self, time: bool = False) -> State:
+        """Return to the start pose, and to time 0 where `time` is true."""
+        self._place(self._start_pose)
+        self._use(self._cut)
+        return super().reset(time)
+
+    def put(self, state: State, pose: Optional[Tuple[float, float, float]] = None) -> State:
+        """Set the planar state, and the pose where one is given; the ball does not lean then."""
+        if pose is not None:
+            self._place(pose, state.x)
+            self._use(self._cut)
+        return super().put(state)
+
+    def profile(self) -> Terrain:
+        """
+        Return the exact ground along the heading, whose x is the path length.
+
+        At walls, it is that along the path of the centre.
+        """
+        x, y = self._at
+        return cut(self.floor, (x, y), self.lateral.heading, self._level).terrain(self.state.x)
+
+    def _place(self, pose: Tuple[float, float, float], x: float = 0.0
+               ) -> Tuple[float, float, float]:
+        """Put the ball at a pose without lean, at a path length; cut the ground."""
+        self._at = (float(pose[0]), float(pose[1]))
+        self.lateral = LateralState(heading=float(pose[2]))
+        self._level = level(self.floor, self._at)
+        self._cut_at = (*self._at, self.lateral.heading, x)
+        self._cut = self._new_cut()
+        return (*self._at, self.lateral.heading)
+
+    def _new_cut(self) -> Cut:
+        return cut(self.floor, self._at, self.lateral.heading, self._level, self._radius,
+                   _climbed)
+
+    def _follow(self) -> None:
+        """Cut the ground again if the ball has left the line of the cut."""
+        x, y, heading, begin = self._cut_at
+        away, turned = (self._at[0] - x, self._at[1] - y), self.lateral.heading - heading
+        across = away[1] * math.cos(heading) - away[0] * math.sin(heading)
+        there = self.state.x - begin
+        near = np.min(np.abs(self._cut.vertices[:, 0] - there)) < self._radius + MARGIN
+        if max(abs(turned), abs(across)) < (ON_LINE if near else NEAR_LINE):
+            return
+        self._cut_at = (*self._at, self.lateral.heading, self.state.x)
+        self._cut = self._new_cut()
+        self._use(self._cut)
+
+    def _use(self, new: Cut) -> None:
+        """Have the ground of a cut from now on."""
+        self.model = replace(self.model, terrain=new.terrain(self._cut_at[3]))
+
+    def _move(self, before: State, after: State, lean_set_point: float) -> None:
+        """Move pose and lateral state on by a period in which the planar state changed."""
+        robot, lateral = self.model.robot, self.lateral
+        steers = robot.steering is not None and robot.has_pendulum
+        speed = 0.5 * (before.velocity_x + after.velocity_x)
+        acceleration = (after.velocity_x - before.velocity_x) / self.period
+        tilt_rate = lateral.tilt_rate
+        # The edge takes speed across it, so that an oblique one pushes sideways, too.
+        angle = self._edge_angle(after)
+        if angle and steers:
+            tilt_rate += (before.velocity_x - after.velocity_x) * math.tan(angle) \
+                / robot.ball_radius
+            lateral = lateral._replace(tilt_rate=tilt_rate)
+        if steers and (lean_set_point or lateral._replace(heading=0.0) != LateralState()):
+            lateral = step(robot, lateral, speed, lean_set_point, self.period, acceleration)
+        heading = 0.5 * (self.lateral.heading + lateral.heading)
+        sideways = 0.5 * (tilt_rate + lateral.tilt_rate) * robot.ball_radius * self.period
+        forward = after.x - before.x
+        there = (self._at[0] + forward * math.cos(heading) - sideways * math.sin(heading),
+                 self._at[1] + forward * math.sin(heading) + sideways * math.cos(heading))
+        self._level += passed(self.floor, self._at, there)
+        self._at, self.lateral = there, lateral
+
+    def _edge_angle(self, state: State) -> float:
+        """Return the angle of the edge that the ball is on to the path, 0 on none [rad]."""
+        place = state.x - self._cut_at[3]
+        edges = [edge for edge in self._cut.edges
+                 if edge.angle and abs(edge.distance - place) < self._radius]
+        if not edges or not any(touch.kind == EDGE for touch in self.model.touches(state)):
+            return 0.0
+        angle = min(edges, key=lambda edge: abs(edge.distance - place)).angle
+        return min(max(angle, -STEEPEST), STEEPEST)
+
+
+def _climbed(angle: float) -> float:
+    """Return the part of its head-on height that the ball climbs at an angle to an edge [rad]."""
+    # Nothing was measured beyond the table: the energy of the speed across the edge.
+    return height_factor(angle) or math.cos(angle)**2

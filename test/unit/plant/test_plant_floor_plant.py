@@ -1,0 +1,175 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A robot on a floor: planar along a straight path, in a steady turn, at walls and edges."""
+from dataclasses import replace
+import math
+
+import numpy as np
+import pytest
+
+from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.floors import Feature, Floor
+from ballbot_ros.floors.floor import OCCUPIED
+from ballbot_ros.physics import load_robot, load_scene, Terrain
+from ballbot_ros.plant import FloorPlant, Plant
+from ballbot_ros.steering import course_change, law, steady_turn, yaw_rate_limit
+
+ROBOT = load_robot('gimball')
+
+
+def floor_of(*features, walls=(), size=16.0):
+    cells = np.zeros((round(size / 0.0625),) * 2, np.uint8)
+    for rows, columns in walls:
+        cells[rows, columns] = OCCUPIED
+    return Floor('test', cells, 0.0625, (0.0, 0.0),
+                 tuple(Feature(**feature) for feature in features))
+
+
+def torque_for(plant, speed):
+    """Return the torque of a simple speed control."""
+    state = plant.state
+    swing = min(max(1.2 * (speed - state.velocity_x), -0.9), 0.9)
+    return 20.0 * (swing - state.pendulum_angle) - 2.0 * state.pendulum_rate
+
+
+def drive(plant, speed, yaw_rate, seconds):
+    """Drive, and return a pose per control period."""
+    poses = []
+    for _ in range(round(seconds / plant.period)):
+        lean = law(ROBOT, plant.lateral, plant.state.velocity_x, yaw_rate)
+        plant.advance(torque_for(plant, speed), lean)
+        poses.append(plant.pose)
+    return np.array(poses)
+
+
+# The larger part of the floor, before the step, has the level 0.
+STEP = {'kind': 'step', 'line': [[11.0, 16.0], [11.0, 0.0]], 'height': 0.02}
+
+
+@pytest.mark.parametrize('line, pose', [
+    (STEP['line'], (10.0, 8.0, 0.0)), ([[5.0, 0.0], [5.0, 16.0]], (6.0, 8.0, math.pi))])
+def test_a_straight_drive_equals_the_planar_scene_to_the_last_digit(line, pose):
+    plant = FloorPlant(ROBOT, floor_of({**STEP, 'line': line}), pose)
+    scene = load_scene('flat', ROBOT)
+    scene = replace(scene, model=replace(
+        scene.model, terrain=Terrain.step(0.02, at=1.0), solver=plant.model.solver))
+    planar = Plant(scene, 500.0)
+    for _ in range(1500):
+        torque = torque_for(planar, 0.8)
+        assert planar.advance(torque) == plant.advance(torque)
+    assert planar.state.x > 1.1 and planar.state.y > 0.24
+    assert plant.pose[0] == pytest.approx(pose[0] + math.cos(pose[2]) * planar.state.x)
+    assert plant.pose[2] == pose[2]
+
+
+@pytest.mark.parametrize('speed, share', [(0.3, 0.9), (0.6, -0.7), (-0.4, 0.8)])
+def test_a_steady_turn_has_yaw_rate_and_radius_of_the_limits(speed, share):
+    plant = FloorPlant(ROBOT, floor_of(), (8.0, 8.0, 0.3))
+    yaw_rate = share * yaw_rate_limit(ROBOT, speed)
+    drive(plant, speed, yaw_rate, 6.0)
+    poses = drive(plant, speed, yaw_rate, 4.0)
+    turned = (poses[-1, 2] - poses[0, 2]) / (plant.period * (len(poses) - 1))
+    true_speed = plant.state.velocity_x
+    assert turned == pytest.approx(yaw_rate, rel=0.02)
+    # Centres of the circle by points a third of the turn apart agree.
+    radius = np.hypot(*np.diff(poses[[0, -1], :2], axis=0)[0]) / (
+        2.0 * math.sin(0.5 * abs(poses[-1, 2] - poses[0, 2])))
+    assert radius == pytest.approx(abs(true_speed / yaw_rate), rel=0.02)
+    turn = steady_turn(ROBOT, true_speed, yaw_rate / true_speed)
+    # The tilt differs by the vertical angular momentum from the start of the turn.
+    swing = plant.lateral.lean - plant.lateral.tilt
+    assert swing == pytest.approx(turn.lean - turn.tilt, rel=0.02)
+
+
+def test_a_yaw_rate_beyond_the_limit_is_followed_up_to_it():
+    plant = FloorPlant(ROBOT, floor_of(), (8.0, 8.0, 0.0))
+    drive(plant, 0.5, 3.0, 6.0)
+    assert plant.lateral.yaw_rate == pytest.approx(
+        yaw_rate_limit(ROBOT, plant.state.velocity_x), rel=0.02)
+
+
+@pytest.mark.parametrize('degrees', [0.0, 20.0, 50.0, -35.0])
+def test_a_ball_does_not_enter_a_wall(degrees):
+    heading = math.radians(degrees)
+    floor = floor_of(walls=[(slice(None), slice(160, 176))])
+    plant = FloorPlant(ROBOT, floor, (9.0, 8.0, heading))
+    poses = drive(plant, 0.5, 0.0, 4.0)
+    assert poses[:, 0].max() < 10.0 - ROBOT.ball_radius + 0.01
+    assert poses[:, 0].max() > 10.0 - ROBOT.ball_radius - 0.001
+    assert not math.isfinite(plant.state.velocity_x) or abs(plant.state.velocity_x) < 0.5
+
+
+def test_a_ball_that_turns_along_a_wall_keeps_its_radius_from_it():
+    floor = floor_of(walls=[(slice(160, 176), slice(None))])
+    plant = FloorPlant(ROBOT, floor, (4.0, 9.6, 0.0))
+    poses = np.vstack([drive(plant, 0.4, 0.2, 6.0), drive(plant, -0.4, 0.2, 6.0)])
+    assert poses[:, 1].max() < 10.0 - ROBOT.ball_radius + 0.01
+
+
+def test_a_turning_ball_climbs_and_keeps_the_level():
+    plant = FloorPlant(ROBOT, floor_of(STEP), (10.0, 8.0, 0.1))
+    drive(plant, 0.9, 0.05, 3.5)
+    assert plant.pose[0] > 11.5
+    assert plant.level == 0.02
+    assert plant.state.y == pytest.approx(0.02 + ROBOT.ball_radius - ROBOT.static_penetration,
+                                          abs=1e-3)
+
+
+def test_backing_off_returns_to_the_start_and_a_run_up_crosses():
+    high = {**STEP, 'height': 0.035}
+    plant = FloorPlant(ROBOT, floor_of(high), (10.6, 8.0, 0.0))
+    drive(plant, 0.5, 0.0, 2.0)
+    assert plant.level == 0.0
+    drive(plant, -0.5, 0.0, 4.0)
+    assert plant.pose[0] < 10.0
+    drive(plant, 1.1, 0.0, 5.0)
+    assert plant.level == 0.035
+
+
+def test_an_edge_turns_the_course_away_from_its_normal_as_measured():
+    angle, height = math.radians(30.0), 0.015
+    plant = FloorPlant(ROBOT, floor_of({**STEP, 'height': height}),
+                       (9.5, 8.0, angle))
+    poses = drive(plant, 0.9, 0.0, 4.0)
+    over = poses[:, 0] > 11.0
+    first = np.argmax(over)
+    step = poses[first + 40] - poses[first + 20]
+    course = math.atan2(step[1], step[0]) - angle
+    low, high = course_change(angle, 0.5)
+    assert 0.5 * low < course < 1.5 * high
+
+
+def test_a_robot_without_steering_refuses_to_lean():
+    plant = FloorPlant(load_robot('shellball'), floor_of(), (8.0, 8.0, 0.0))
+    plant.advance(0.1)
+    with pytest.raises(ConfigurationError) as caught:
+        plant.advance(0.1, 0.1)
+    assert (caught.value.reason, caught.value.field) == ('missing', 'steering')
+
+
+@pytest.mark.parametrize('pose', [(math.nan, 1.0, 0.0), (-1.0, 1.0, 0.0), (1.0, 1.0, math.inf)])
+def test_a_start_off_the_map_is_refused(pose):
+    with pytest.raises(ConfigurationError) as caught:
+        FloorPlant(ROBOT, floor_of(), pose)
+    assert (caught.value.reason, caught.value.field) == ('out_of_range', 'pose')
+
+
+def test_reset_and_put_restore_pose_and_ground():
+    plant = FloorPlant(ROBOT, floor_of(STEP), (10.0, 8.0, 0.1))
+    drive(plant, 0.9, 0.1, 2.5)
+    first = plant.reset(time=True)
+    assert plant.pose == (10.0, 8.0, 0.1)
+    again = drive(plant, 0.9, 0.1, 2.5)
+    plant.reset(time=True)
+    assert np.array_equal(again, drive(plant, 0.9, 0.1, 2.5))
+    plant.put(first._replace(y=first.y + 0.02), (12.0, 8.0, 0.0))
+    assert plant.level == 0.02
+    drive(plant, 0.3, 0.0, 0.5)
+    assert plant.state.y > 0.24
+
+
+def test_what_lies_ahead_is_seen_along_the_heading():
+    plant = FloorPlant(ROBOT, floor_of(STEP), (10.0, 8.0, 0.0))
+    drive(plant, 0.3, 0.1, 1.0)
+    x, _, heading = plant.pose
+    ahead = (11.0 - x) / math.cos(heading)
+    assert plant.profile().vertices[1, 0] == pytest.approx(plant.state.x + ahead)
