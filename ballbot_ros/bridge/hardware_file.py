@@ -7,9 +7,9 @@ from typing import Any, Mapping, Optional
 from ballbot_ros.bridge.battery import Battery
 from ballbot_ros.bridge.derating import Thermal
 from ballbot_ros.config.fields import (
-    build, Checked, count, expect_mapping, flag, quantity, refuse_missing, refuse_unknown, text)
+    build, Checked, count, expect_mapping, flag, Provenance, quantity, read_values,
+    refuse_missing, refuse_unknown, text)
 from ballbot_ros.config.files import read_config
-from ballbot_ros.config.provenance import Provenance, read_values
 from ballbot_ros.drives import driver_class, DRIVES, read_options
 from ballbot_ros.drives.contract import DriveOptions
 from ballbot_ros.errors import ConfigurationError

@@ -21,7 +21,7 @@ from typing import Any, Callable, Iterator, NamedTuple, NoReturn, Optional, Sequ
 import warnings
 
 from ballbot_ros import __version__
-from ballbot_ros.cli.progress import compilation_shown
+from ballbot_ros.cli.output import compilation_shown
 from ballbot_ros.errors import BallbotError, ConfigurationError, PlausibilityWarning
 
 

@@ -33,7 +33,7 @@ def run(arguments: argparse.Namespace) -> int:
         raise ConfigurationError(
             f'--angle-deg must be finite, got {angle!r}', 'not_finite', '--angle-deg')
     robot = read_robot(arguments)
-    from ballbot_ros.cli.progress import watched
+    from ballbot_ros.cli.output import watched
     from ballbot_ros.paper.cases import Case, holding, SPEEDS
     from ballbot_ros.paper.comparison import compare, count_heights
     case = holding(robot, math.radians(angle)) if arguments.actuation == 'held' \

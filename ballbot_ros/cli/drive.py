@@ -3,12 +3,16 @@
 import argparse
 from contextlib import contextmanager
 from dataclasses import dataclass
+from importlib import import_module
 import math
+import os
+import select
 import shutil
 import signal
 import sys
+import termios
 import time
-from typing import Any, Iterator, Optional
+from typing import Any, Iterator, NamedTuple, Optional, TextIO
 
 from ballbot_ros.cli.command import DONE, FAILED, print_error
 from ballbot_ros.errors import ConfigurationError
@@ -49,9 +53,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.step > arguments.max_speed:
         raise ConfigurationError(f'--step {arguments.step:g} is more than --max-speed '
                                  f'{arguments.max_speed:g}', 'inconsistent', '--step')
-    from ballbot_ros.cli.gamepad import open_gamepad
     from ballbot_ros.cli.graph import note, tool
-    from ballbot_ros.cli.keyboard import Keyboard
     keyboard = Keyboard()
     gamepad = open_gamepad() if arguments.gamepad else None
     observer_class, driver = tool('observer').Observer, tool('driver')
@@ -238,3 +240,206 @@ def line(wanted: float, speed: Optional[float], pendulum: Optional[float], decis
         words.append(' '.join(said.split()))
     text = '  '.join(words)
     return text if len(text) < width else f'{text[:max(width - 4, 0)]}...'
+
+
+# Escape sequences of terminals; both modes of the arrows.
+_KEYS = {b'\x1b[A': 'up', b'\x1b[B': 'down', b'\x1b[C': 'right', b'\x1b[D': 'left',
+         b'\x1bOA': 'up', b'\x1bOB': 'down', b'\x1bOC': 'right', b'\x1bOD': 'left',
+         b' ': 'space', b'\x03': 'interrupt', b'\x04': 'interrupt'}
+_BYTES_MAX = 1024
+
+
+def keys_of(data: bytes) -> list[str]:
+    """Return names of keys, ``'up'`` for instance; letters as they are, others left out."""
+    found = []
+    while data:
+        for code, name in _KEYS.items():
+            if data.startswith(code):
+                found.append(name)
+                data = data[len(code):]
+                break
+        else:
+            if data[:1] == b'\x1b':  # an unknown sequence: skip all of it
+                end = 2
+                while end < len(data) and not data[end:end + 1].isalpha() \
+                        and data[end:end + 1] != b'~':
+                    end += 1
+                data = data[end + 1:]
+                continue
+            if data[:1].isalnum():
+                found.append(data[:1].decode())
+            data = data[1:]
+    return found
+
+
+class Keyboard:
+    """
+    The keys of a terminal as they are pressed, without Enter and without an echo.
+
+    Use as a context manager: every exit restores the settings of the terminal.  Ctrl-C is a key
+    here and interrupts nothing, so that the robot is stopped first.
+
+    Parameters
+    ----------
+    stream : text stream, optional
+        Standard input by default.
+
+    Attributes
+    ----------
+    gone : bool
+        Whether the terminal has been closed.
+
+    Raises
+    ------
+    ConfigurationError
+        If it is not a terminal.
+
+    """
+
+    def __init__(self, stream: Optional[TextIO] = None):
+        stream = sys.stdin if stream is None else stream
+        try:
+            self._file = stream.fileno()
+            self._before: Any = termios.tcgetattr(self._file)
+        except (AttributeError, OSError, ValueError, termios.error) as error:
+            raise ConfigurationError(
+                'the keyboard is read from a terminal, and standard input is not one: run it in a '
+                'terminal, or publish cmd_vel from a program',
+                'unavailable', 'terminal') from error
+        self.gone = False
+
+    def __enter__(self) -> 'Keyboard':
+        """Switch to single keys; drop keys pressed before."""
+        mode = termios.tcgetattr(self._file)
+        mode[0] &= ~termios.IXON
+        mode[3] &= ~(termios.ICANON | termios.ECHO | termios.ISIG | termios.IEXTEN)
+        mode[6][termios.VMIN], mode[6][termios.VTIME] = 0, 0
+        termios.tcsetattr(self._file, termios.TCSAFLUSH, mode)
+        return self
+
+    def __exit__(self, *_: Any) -> None:
+        """Restore the terminal; drop keys pressed meanwhile."""
+        try:
+            termios.tcsetattr(self._file, termios.TCSAFLUSH, self._before)
+        except termios.error:
+            self.gone = True
+
+    def keys(self, wait: float) -> list[str]:
+        """Return the pressed keys; wait at most this time [s] for the first."""
+        try:
+            ready, _, _ = select.select([self._file], [], [], wait)
+            data = os.read(self._file, _BYTES_MAX) if ready else None
+        except OSError:
+            data = b''
+        if data == b'':  # ready, and nothing to read: closed
+            self.gone = True
+        return keys_of(data or b'')
+
+
+# Positions of a released stick, as part of its range.
+DEAD_ZONE = 0.1
+MISSING = ('a gamepad is read with the Python package evdev or pygame, and neither is installed: '
+           'pip install evdev')
+NONE_THERE = 'no gamepad is connected, or this user may not open it: sudo usermod -aG input $USER'
+
+
+class StickReading(NamedTuple):
+    """Position of the stick, forward positive from -1 to 1, and keys of the buttons."""
+
+    stick: float
+    keys: list[str]
+
+
+def open_gamepad() -> Any:
+    """
+    Return the first gamepad, which has a method ``read``.
+
+    Raises
+    ------
+    ConfigurationError
+        If no gamepad or no package to read it is available.
+
+    """
+    for module, reader in (('evdev', EvdevGamepad), ('pygame', PygameGamepad)):
+        try:
+            return reader(import_module(module))
+        except ImportError:
+            continue
+    raise ConfigurationError(MISSING, 'not_installed', 'evdev')
+
+
+def centred(part: float) -> float:
+    """Return a position of a stick without its dead zone, still from -1 to 1."""
+    if abs(part) <= DEAD_ZONE:
+        return 0.0
+    return (abs(part) - DEAD_ZONE) / (1.0 - DEAD_ZONE) * (1.0 if part > 0.0 else -1.0)
+
+
+class EvdevGamepad:
+    """
+    A gamepad read by evdev.
+
+    Parameters
+    ----------
+    evdev : module
+
+    """
+
+    def __init__(self, evdev: Any):
+        codes = self._codes = evdev.ecodes
+        for path in evdev.list_devices():
+            device = evdev.InputDevice(path)
+            able = device.capabilities(absinfo=False)
+            if codes.ABS_Y in able.get(codes.EV_ABS, ()) \
+                    and codes.BTN_SOUTH in able.get(codes.EV_KEY, ()):
+                break
+        else:
+            raise ConfigurationError(NONE_THERE, 'unavailable', 'gamepad')
+        self._device = device
+        # A: stop, B: e-stop.  The button to release it is a key on purpose.
+        self._buttons = {codes.BTN_SOUTH: 'space', codes.BTN_EAST: 'e'}
+        information = device.absinfo(codes.ABS_Y)
+        self._low, self._high = information.min, information.max
+        self._value = information.value
+
+    def read(self) -> StickReading:
+        """Return stick and keys since the last call; raise OSError if unplugged."""
+        keys = []
+        while (event := self._device.read_one()) is not None:
+            if event.type == self._codes.EV_ABS and event.code == self._codes.ABS_Y:
+                self._value = event.value
+            elif event.type == self._codes.EV_KEY and event.value == 1 \
+                    and event.code in self._buttons:
+                keys.append(self._buttons[event.code])
+        part = (2.0 * self._value - self._low - self._high) / (self._high - self._low)
+        return StickReading(centred(-part), keys)  # forward is towards low
+
+
+class PygameGamepad:
+    """
+    A gamepad read by pygame.
+
+    Parameters
+    ----------
+    pygame : module
+
+    """
+
+    def __init__(self, pygame: Any):
+        self._pygame = pygame
+        pygame.display.init()  # its events need that, not a window
+        pygame.joystick.init()
+        if not pygame.joystick.get_count():
+            raise ConfigurationError(NONE_THERE, 'unavailable', 'gamepad')
+        self._stick = pygame.joystick.Joystick(0)
+        self._stick.init()
+
+    def read(self) -> StickReading:
+        """Return stick and keys since the last call; raise OSError if unplugged."""
+        keys = []
+        for event in self._pygame.event.get():
+            if event.type == self._pygame.JOYBUTTONDOWN and event.button in (0, 1):
+                keys.append(('space', 'e')[event.button])
+            if event.type == self._pygame.JOYDEVICEREMOVED:
+                raise OSError('the gamepad was unplugged')
+        return StickReading(centred(-self._stick.get_axis(1)), keys)

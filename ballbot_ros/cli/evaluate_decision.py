@@ -69,7 +69,7 @@ def run(arguments: argparse.Namespace) -> int:
             if arguments.only is not None:
                 print_one(arguments, evaluation)
                 return DONE
-            from ballbot_ros.cli.progress import watched
+            from ballbot_ros.cli.output import watched
             with watched(evaluation.size, arguments.quiet, 'evaluating', 'approaches') as progress:
                 rows = run_evaluation(evaluation, arguments.out, pool, workers, progress)
     except KeyboardInterrupt:
@@ -84,7 +84,7 @@ def with_limits(arguments: argparse.Namespace, evaluation: Any, pool: Any) -> An
     if not any(group == 'crossable' and count for _, group, count in evaluation.parts) or (
             arguments.only is not None and arguments.crossable != 1):
         return evaluation
-    from ballbot_ros.cli.progress import watched
+    from ballbot_ros.cli.output import watched
     from ballbot_ros.studies.evaluation.search import limits_of_most
     with watched(1.0, arguments.quiet, 'searching the limits of most robots:', 'in all',
                  keeps=False) as progress:

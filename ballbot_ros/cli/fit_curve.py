@@ -6,8 +6,8 @@ from typing import Any, Optional
 
 from ballbot_ros.cli import options
 from ballbot_ros.cli.command import DONE
+from ballbot_ros.cli.options import read_range
 from ballbot_ros.cli.output import check_new_file
-from ballbot_ros.cli.ranges import read_range
 from ballbot_ros.errors import ConfigurationError
 
 
@@ -40,7 +40,7 @@ def run(arguments: argparse.Namespace) -> int:
         raise ConfigurationError(
             f'--out must end in .yaml, got {str(arguments.out)!r}', 'not_a_choice', 'out')
     robot = options.read_robot(arguments)
-    from ballbot_ros.cli.progress import watched
+    from ballbot_ros.cli.output import watched
     from ballbot_ros.decision.planning.curve_file import curve_text
     from ballbot_ros.results.files import write_text
     from ballbot_ros.studies.curve_fit import fit_curve, heights_for, Request

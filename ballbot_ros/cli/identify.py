@@ -37,7 +37,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Estimate, write the files and print the table."""
     import json
 
-    from ballbot_ros.cli.progress import watched
+    from ballbot_ros.cli.output import watched
     from ballbot_ros.figures.residuals import residual_figure
     from ballbot_ros.physics import load_scene
     from ballbot_ros.results.files import read_columns, write_text

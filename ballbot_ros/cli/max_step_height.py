@@ -4,8 +4,8 @@ import argparse
 
 from ballbot_ros.cli import options
 from ballbot_ros.cli.command import DONE
+from ballbot_ros.cli.options import METAVAR, read_numbers, WORDING
 from ballbot_ros.cli.output import print_json
-from ballbot_ros.cli.ranges import METAVAR, read_numbers, WORDING
 
 # Fields of `MaxStepHeight` -> columns of all results; "height" is the height of a tried step.
 COLUMNS = {'height': 'max_height'}

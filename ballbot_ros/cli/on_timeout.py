@@ -5,8 +5,8 @@ import math
 from typing import Any, Iterator, List
 
 from ballbot_ros.cli.command import DONE
+from ballbot_ros.cli.options import METAVAR, read_numbers, WORDING
 from ballbot_ros.cli.output import table_row, table_rule
-from ballbot_ros.cli.ranges import METAVAR, read_numbers, WORDING
 from ballbot_ros.errors import ConfigurationError
 
 AFTER = (1.0, 3.0, 10.0)  # at which distance and speed are printed [s]

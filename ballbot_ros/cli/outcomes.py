@@ -155,7 +155,7 @@ def print_learned(outcomes: Sequence[Any], robot: Any) -> int:
 
 def show_learning(arguments: argparse.Namespace) -> int:
     """Print predicted and observed success rates before and after some attempts."""
-    from ballbot_ros.cli.progress import watched
+    from ballbot_ros.cli.output import watched
     from ballbot_ros.studies.learning import CASES, study, report_lines
     if arguments.robots < 1 or arguments.attempts < 1:
         raise ConfigurationError(

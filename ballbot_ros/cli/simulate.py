@@ -73,7 +73,7 @@ def animation_file(text: str) -> Path:
 def run(arguments: argparse.Namespace) -> int:
     """Simulate, write the files and print the summary."""
     scene = read_scene(arguments)
-    from ballbot_ros.cli.progress import watched
+    from ballbot_ros.cli.output import watched
     from ballbot_ros.errors import SimulationError
     from ballbot_ros.jit import compile_time
     folder = result_folder(arguments.out, DEFAULT_FOLDER / scene.name, ALL_FILES,
@@ -179,7 +179,7 @@ def playback_of(arguments: argparse.Namespace) -> float:
 
 def write_animation(trajectory: Any, path: Path, name: str, arguments: argparse.Namespace) -> bool:
     """Write the animation; return False if Ctrl-C ended it."""
-    from ballbot_ros.cli.progress import watched
+    from ballbot_ros.cli.output import watched
     from ballbot_ros.figures.run import animate
     duration = float(trajectory['time'][-1])
     try:

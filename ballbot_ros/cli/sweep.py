@@ -7,8 +7,8 @@ from typing import Any, Mapping, Tuple
 
 from ballbot_ros.cli import options
 from ballbot_ros.cli.command import DONE, INTERRUPTED, print_error
+from ballbot_ros.cli.options import METAVAR, read_varied, Values, WORDING
 from ballbot_ros.cli.output import check_new_file
-from ballbot_ros.cli.ranges import METAVAR, read_varied, Values, WORDING
 from ballbot_ros.errors import ConfigurationError
 
 
@@ -49,7 +49,7 @@ def run(arguments: argparse.Namespace) -> int:
             'file; pandas converts it, pandas.read_parquet(FILE).to_csv(...)', 'not_a_choice',
             'out')
     robot = options.read_robot(arguments)
-    from ballbot_ros.cli.progress import watched
+    from ballbot_ros.cli.output import watched
     from ballbot_ros.studies.parallel_map import worker_pool
     from ballbot_ros.studies.sweep import load_arrow, refuse_foreign, run_sweep
     from ballbot_ros.studies.sweep_plan import SweepPlan

@@ -41,7 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Roll, write the files and print the thresholds."""
     robot, bench = read_robot(arguments), make_bench(arguments)
-    from ballbot_ros.cli.progress import watched
+    from ballbot_ros.cli.output import watched
     from ballbot_ros.paper.procedure import HEIGHTS, run_tests
     if arguments.seed < 0:
         raise ConfigurationError(

@@ -22,11 +22,10 @@ from typing import Any, Callable, List, NamedTuple, Optional, Sequence, Tuple, U
 
 import numpy as np
 
-from ballbot_ros.config.columns import changed, table
-from ballbot_ros.config.fields import check_value, count, quantity
+from ballbot_ros.config.fields import changed, check_value, count, quantity
 from ballbot_ros.crossing.attempt import (
     attempt, Course, Crossing, find, FINEST, OVER, TOO_FAST, VERTICES)
-from ballbot_ros.crossing.rules import check_gravity, HEIGHT, Rules, Site, SPEED, too_fast
+from ballbot_ros.crossing.rules import check_gravity, HEIGHT, Rules, Site, SPEED, table, too_fast
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.jit import compiled, direct, row_reader, unlocked
 from ballbot_ros.physics.mechanics.contact import IntArray

@@ -17,11 +17,10 @@ indefinitely.
 """
 from dataclasses import dataclass, replace
 import math
-from typing import Any, Callable, Optional
+from typing import Any, Callable, Optional, Sequence
 
 import numpy as np
 
-from ballbot_ros.config.columns import table
 from ballbot_ros.config.fields import Checked, quantity, text
 from ballbot_ros.crossing.attempt import Course, VERTICES
 from ballbot_ros.errors import ConfigurationError
@@ -37,6 +36,14 @@ STEEPEST = math.radians(80.0)
 
 # How far beyond the edge a ball gets that is clear of it, over its radius.
 CLEARANCE = 0.25
+
+
+def table(values: Sequence[Any], number: int) -> Array:
+    """Return values, some of which may be columns, as a table with a row for each case."""
+    rows = np.empty((number, len(values)))
+    for place, value in enumerate(values):
+        rows[:, place] = value
+    return rows
 
 
 @dataclass(frozen=True)

@@ -7,9 +7,8 @@ from typing import Any, Sequence
 
 import numpy as np
 
-from ballbot_ros.config.fields import Checked, section, text
+from ballbot_ros.config.fields import Checked, section, SOURCES, text
 from ballbot_ros.config.files import load_config
-from ballbot_ros.config.provenance import SOURCES
 from ballbot_ros.errors import ConfigurationError
 
 

@@ -16,9 +16,8 @@ import numpy as np
 from scipy.stats import qmc
 
 from ballbot_ros import __version__
-from ballbot_ros.config.columns import changed
 from ballbot_ros.config.fields import (
-    check_value, Checked, count, quantity, suggestion, text, within)
+    changed, check_value, Checked, count, quantity, suggestion, text, within)
 from ballbot_ros.crossing import actuation_for, Rules, Site
 from ballbot_ros.crossing.max_step_height import Crossings
 from ballbot_ros.crossing.rules import HEIGHT, SPEED

@@ -8,11 +8,10 @@ from types import MappingProxyType
 from typing import Any, Dict, Iterator, Mapping, Optional, Type, Union
 import warnings
 
-from ballbot_ros.config.columns import changed
 from ballbot_ros.config.fields import (
-    build, Checked, checked_values, expect_mapping, flag, Problems, quantity, text)
+    build, changed, Checked, checked_values, expect_mapping, flag, Problems, Provenance,
+    quantity, read_values, text)
 from ballbot_ros.config.files import load_config
-from ballbot_ros.config.provenance import Provenance, read_values
 from ballbot_ros.errors import ConfigurationError, PlausibilityWarning
 
 

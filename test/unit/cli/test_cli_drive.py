@@ -15,9 +15,9 @@ from types import SimpleNamespace
 import pytest
 from refusals import refused
 
-from ballbot_ros.cli.drive import drive, Driving, HELD, HELD_FIRST, line
-from ballbot_ros.cli.gamepad import centred, NONE_THERE, open_gamepad
-from ballbot_ros.cli.keyboard import Keyboard, keys_of
+from ballbot_ros.cli.drive import (
+    centred, drive, Driving, HELD, HELD_FIRST, Keyboard, keys_of, line, NONE_THERE,
+    open_gamepad)
 
 UNUSED = 60  # numbers of terminals that other tests do not come to
 OPTIONS = argparse.Namespace(step=0.1, max_speed=0.6, hold=False, node='bridge')

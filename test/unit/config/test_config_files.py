@@ -9,9 +9,8 @@ import pytest
 from refusals import refused
 
 import ballbot_ros
-from ballbot_ros.config.fields import Checked, quantity
+from ballbot_ros.config.fields import Checked, Provenance, quantity, read_values
 from ballbot_ros.config.files import load_config, read_yaml
-from ballbot_ros.config.provenance import Provenance, read_values
 from ballbot_ros.errors import ConfigurationError
 
 

@@ -7,7 +7,7 @@ from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
 
-from ballbot_ros.config.provenance import Provenance
+from ballbot_ros.config.fields import Provenance
 from ballbot_ros.decision.learning.particles import Particles, Prior
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics import load_robot

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 import yaml
 
+from ballbot_ros.config.fields import SOURCES
 from ballbot_ros.config.files import config_folder
-from ballbot_ros.config.provenance import SOURCES
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics import (
     Actuation, ContactOptions, load_robot, load_scene, Robot, Solver, Terrain)

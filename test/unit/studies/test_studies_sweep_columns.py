@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from refusals import refused
 
-from ballbot_ros.config.columns import changed, table
+from ballbot_ros.config.fields import changed
 from ballbot_ros.crossing import held_at, max_step_height, Rules, Site, try_step
+from ballbot_ros.crossing.rules import table
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.physics import Actuation, load_robot
 from ballbot_ros.studies import sweep as sweep_module
