@@ -33,7 +33,7 @@ from ballbot_ros.nodes.imu.settings import ImuSettings
 from ballbot_ros.nodes.obstacle_decision.settings import DecisionSettings
 from ballbot_ros.nodes.simulator.settings import SimulatorSettings
 from ballbot_ros.physics.model.terrain import PIECES
-from ballbot_ros.ros.parameters.fields import Settings
+from ballbot_ros.ros.settings import Settings
 from ballbot_ros.ros.topics import TOPICS
 
 DOCS = Path(__file__).resolve().parent.parent / 'docs'

@@ -10,7 +10,7 @@ from rclpy.qos import QoSProfile
 
 from ballbot_ros.bags.writer import BagRecorder
 from ballbot_ros.errors import BallbotError, ConfigurationError
-from ballbot_ros.ros.tools.observer import Observer
+from ballbot_ros.ros.graph import Observer
 from ballbot_ros.ros.topics import message_class
 
 # So deep that nothing is lost while the recorder is held up.

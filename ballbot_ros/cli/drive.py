@@ -53,12 +53,12 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.step > arguments.max_speed:
         raise ConfigurationError(f'--step {arguments.step:g} is more than --max-speed '
                                  f'{arguments.max_speed:g}', 'inconsistent', '--step')
-    from ballbot_ros.cli.graph import note, tool
+    from ballbot_ros.cli.graph import from_ros, note
     keyboard = Keyboard()
     gamepad = open_gamepad() if arguments.gamepad else None
-    observer_class, driver = tool('observer').Observer, tool('driver')
+    graph, driver = from_ros(), from_ros('ballbot_ros.ros.robot_driver')
     note('looking for the robot ...')
-    with ended_by_exception(), observer_class('drive') as observer:
+    with ended_by_exception(), graph.Observer('drive') as observer:
         robot = driver.RobotDriver(observer, arguments.node)
         try:
             with keyboard:

@@ -11,9 +11,9 @@ from ballbot_ros.cli.command import DONE, FAILED, print_error, Verb
 from ballbot_ros.errors import ConfigurationError
 
 
-def tool(name: str) -> Any:
+def from_ros(module: str = 'ballbot_ros.ros.graph') -> Any:
     """
-    Return a module of `ros.tools`.
+    Return a module that needs ROS.
 
     Raises
     ------
@@ -21,11 +21,6 @@ def tool(name: str) -> Any:
         If ROS cannot be imported, with the remedy.
 
     """
-    return from_ros(f'ballbot_ros.ros.tools.{name}')
-
-
-def from_ros(module: str) -> Any:
-    """Return a module that needs ROS; raises as `tool` does."""
     try:
         return import_module(module)
     except ImportError as error:
@@ -59,9 +54,9 @@ def add_topics(parser: argparse.ArgumentParser) -> None:
 
 def list_topics(arguments: argparse.Namespace) -> int:
     """Print a line per topic."""
-    listed = tool('topics').topics
-    with tool('observer').Observer('topics') as observer:
-        found = listed(observer)
+    graph = from_ros()
+    with graph.Observer('topics') as observer:
+        found = graph.topics(observer)
     width = max((len(topic.name) for topic in found), default=0)
     for topic in found:
         types = f'[{", ".join(topic.types)}]'
@@ -98,12 +93,12 @@ def check_timeout(arguments: argparse.Namespace) -> None:
 def echo(arguments: argparse.Namespace) -> int:
     """Print messages until Ctrl-C; 1 if there was none before the timeout."""
     check_timeout(arguments)
-    topics = tool('topics')
-    form = topics.as_csv if arguments.csv else topics.as_yaml
+    graph = from_ros()
+    form = graph.as_csv if arguments.csv else graph.as_yaml
     shown = 0
-    with tool('observer').Observer('echo') as observer:
+    with graph.Observer('echo') as observer:
         try:
-            shown = topics.echo(
+            shown = graph.echo(
                 observer, arguments.topic, lambda message: print(form(message), flush=True),
                 arguments.once, arguments.timeout,
                 note_once(f'waiting for a message on {arguments.topic} ...'))
@@ -124,10 +119,10 @@ def hz(arguments: argparse.Namespace) -> int:
     check_timeout(arguments)
     waiting = note_once(f'waiting for messages on {arguments.topic} ...')
     came = False
-    rates = tool('topics').rates
-    with tool('observer').Observer('hz') as observer:
+    graph = from_ros()
+    with graph.Observer('hz') as observer:
         try:
-            for sentence in rates(observer, arguments.topic, arguments.timeout, waiting):
+            for sentence in graph.rates(observer, arguments.topic, arguments.timeout, waiting):
                 came = came or sentence is not None
                 if sentence is None:
                     waiting()
@@ -161,7 +156,7 @@ def record(arguments: argparse.Namespace) -> int:
     recorder.check_new(folder)
     from ballbot_ros.results.files import check_writable
     check_writable(folder.parent / f'{folder.name}.mcap')
-    with tool('observer').Observer('record') as observer:
+    with from_ros().Observer('record') as observer:
         counts = recorder.record(observer, folder, arguments.topics, arguments.duration, note)
     for topic, count in sorted(counts.items()):
         print(f'{count:8d}  {topic}')
@@ -183,9 +178,9 @@ def call_e_stop(arguments: argparse.Namespace, service: str) -> int:
         raise ConfigurationError(
             f'--timeout must be above 0 s and finite, got {arguments.timeout:g}', 'out_of_range',
             '--timeout')
-    trigger = tool('e_stop').trigger
-    with tool('observer').Observer(service) as observer:
-        reply = trigger(observer, arguments.node, service, arguments.timeout)
+    graph = from_ros()
+    with graph.Observer(service) as observer:
+        reply = graph.trigger(observer, arguments.node, service, arguments.timeout)
     if not reply.success:
         print_error(reply.message)
         return FAILED

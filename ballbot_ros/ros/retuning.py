@@ -7,7 +7,7 @@ from rclpy.timer import Timer
 
 from ballbot_ros.control import checked_rate, ControlTuning, SupervisedController, Supervision
 from ballbot_ros.physics.model.robot import Robot
-from ballbot_ros.ros.parameters.changes import Commit
+from ballbot_ros.ros.parameters import Commit
 from ballbot_ros.ros.separate_process import run_in_process
 
 

@@ -20,8 +20,7 @@ from ballbot_ros.nodes.bridge.settings import BridgeSettings
 from ballbot_ros.ros import diagnostics
 from ballbot_ros.ros.frames import Frames
 from ballbot_ros.ros.logs import DeferredLogs
-from ballbot_ros.ros.parameters.changes import Commit
-from ballbot_ros.ros.parameters.declare import declare
+from ballbot_ros.ros.parameters import Commit, declare
 from ballbot_ros.ros.run import run
 
 SWITCH = 5e-4  # longest time that a thread keeps others from running [s]

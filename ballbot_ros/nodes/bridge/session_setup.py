@@ -15,7 +15,7 @@ from ballbot_ros.nodes.bridge.black_box import black_box
 from ballbot_ros.nodes.bridge.settings import BridgeSettings
 from ballbot_ros.physics.model.robot import load_robot
 from ballbot_ros.ros.endpoints import publisher_names
-from ballbot_ros.ros.parameters.changes import Commit
+from ballbot_ros.ros.parameters import Commit
 from ballbot_ros.ros.separate_process import run_in_process
 
 

@@ -6,7 +6,7 @@ from ballbot_ros.bridge.realtime import Scheduling
 from ballbot_ros.config.fields import count, fixed, flag, live, quantity, text
 from ballbot_ros.control import ControlTuning, load_tuning
 from ballbot_ros.ros.frames import described, frame, frame_prefix
-from ballbot_ros.ros.parameters.fields import file_in, numbers_in, rate_of, Settings
+from ballbot_ros.ros.settings import file_in, numbers_in, rate_of, Settings
 
 
 @dataclass(frozen=True)

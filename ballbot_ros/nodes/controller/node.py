@@ -19,8 +19,7 @@ from ballbot_ros.ros.endpoints import (
     create_publisher, create_subscription, subscribe_e_stop, wait_until_received)
 from ballbot_ros.ros.fast_path.joint_state_bytes import (
     AnyJointState, CommandBytes, subscribe_joint_states)
-from ballbot_ros.ros.parameters.changes import Commit
-from ballbot_ros.ros.parameters.declare import declare
+from ballbot_ros.ros.parameters import Commit, declare
 from ballbot_ros.ros.retuning import change_period, LoopNumbers, prepare_laws
 from ballbot_ros.ros.run import run
 

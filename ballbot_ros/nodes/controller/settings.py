@@ -5,7 +5,7 @@ from typing import Tuple
 
 from ballbot_ros.config.fields import count, fixed, live, quantity
 from ballbot_ros.control import ControlTuning, load_tuning, Supervision
-from ballbot_ros.ros.parameters.fields import file_in, numbers_in, Settings
+from ballbot_ros.ros.settings import file_in, numbers_in, Settings
 
 
 @dataclass(frozen=True)

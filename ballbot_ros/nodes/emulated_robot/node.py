@@ -20,8 +20,7 @@ from ballbot_ros.ros.conversions import (
     ball_state_message, observation_message, odometry_message, terrain_message, to_time)
 from ballbot_ros.ros.endpoints import create_publisher
 from ballbot_ros.ros.frames import Frames
-from ballbot_ros.ros.parameters.changes import Commit
-from ballbot_ros.ros.parameters.declare import declare
+from ballbot_ros.ros.parameters import Commit, declare
 from ballbot_ros.ros.retuning import change_period
 from ballbot_ros.ros.run import run
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from ballbot_ros.config.fields import fixed, flag, live, quantity, text
 from ballbot_ros.ros.frames import frame, frame_prefix
-from ballbot_ros.ros.parameters.fields import file_in, rate_of, Settings
+from ballbot_ros.ros.settings import file_in, rate_of, Settings
 
 
 @dataclass(frozen=True)

@@ -13,8 +13,7 @@ from ballbot_ros.imus.source import ImuSource
 from ballbot_ros.nodes.imu.publisher import ImuOutput
 from ballbot_ros.nodes.imu.settings import ImuSettings
 from ballbot_ros.ros.frames import Frames
-from ballbot_ros.ros.parameters.changes import Commit
-from ballbot_ros.ros.parameters.declare import declare
+from ballbot_ros.ros.parameters import Commit, declare
 from ballbot_ros.ros.run import run
 
 # Longest time that a thread keeps the other from running [s].

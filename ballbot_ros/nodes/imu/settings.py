@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from ballbot_ros.config.fields import count, fixed, live, quantity, text
 from ballbot_ros.imus import IMUS
 from ballbot_ros.ros.frames import frame, frame_prefix
-from ballbot_ros.ros.parameters.fields import Settings
+from ballbot_ros.ros.settings import Settings
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,7 @@ from nav_msgs.msg import Odometry
 from rclpy.node import Node
 
 from ballbot_ros.control import load_tuning
-from ballbot_ros.decision import (
-    check_decision, Decider, Kind, Knowledge, load_curve, Observation)
+from ballbot_ros.decision import check_decision, Decider, Kind, Knowledge, load_curve, Observation
 from ballbot_ros.nodes.obstacle_decision.goals import GoalServers
 from ballbot_ros.nodes.obstacle_decision.outcomes import Experience
 from ballbot_ros.nodes.obstacle_decision.outputs import DecisionOutputs
@@ -20,8 +19,7 @@ from ballbot_ros.physics.model.robot import load_robot
 from ballbot_ros.ros import diagnostics
 from ballbot_ros.ros.conversions import exact, motion, observation, terrain_observation, to_seconds
 from ballbot_ros.ros.endpoints import create_subscription
-from ballbot_ros.ros.parameters.changes import Commit
-from ballbot_ros.ros.parameters.declare import declare
+from ballbot_ros.ros.parameters import Commit, declare
 from ballbot_ros.ros.run import run
 
 # Where observations come more slowly, set-points are published with the odometry in between [s].

@@ -6,7 +6,7 @@ from ballbot_ros.config.fields import fixed, flag, live, text
 from ballbot_ros.decision import DecisionTuning, load_decision_tuning
 from ballbot_ros.decision.planning.planners import PLANNERS
 from ballbot_ros.ros.frames import marked
-from ballbot_ros.ros.parameters.fields import file_in, numbers_in, Settings
+from ballbot_ros.ros.settings import file_in, numbers_in, Settings
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.nodes.simulator.settings import SimulatorSettings
 from ballbot_ros.plant import periods_per, Plant
 from ballbot_ros.ros.endpoints import subscribe_e_stop
-from ballbot_ros.ros.parameters.changes import Commit
+from ballbot_ros.ros.parameters import Commit
 from ballbot_ros.ros.retuning import LoopNumbers, prepare_laws
 from ballbot_ros.ros.set_points import SetPoints
 

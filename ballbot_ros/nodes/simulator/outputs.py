@@ -19,7 +19,7 @@ from ballbot_ros.ros.fast_path.joint_state_bytes import JointStateBytes
 from ballbot_ros.ros.frames import Frames
 from ballbot_ros.ros.markers import MarkerTopic, world_markers
 from ballbot_ros.ros.odometry import OdometryTopics
-from ballbot_ros.ros.parameters.changes import Commit
+from ballbot_ros.ros.parameters import Commit
 
 # A serialized rosgraph_msgs/Clock (little-endian CDR): made so often, messages would cost more.
 LITTLE_ENDIAN, CLOCK = b'\0\1\0\0', struct.Struct('<4siI')

@@ -8,7 +8,7 @@ from ballbot_ros.control import ControlTuning, load_tuning
 from ballbot_ros.physics.simulation.solver import METHODS
 from ballbot_ros.plant import SensorFaults
 from ballbot_ros.ros.frames import described, frame, frame_prefix, marked
-from ballbot_ros.ros.parameters.fields import file_in, numbers_in, rate_of, Settings
+from ballbot_ros.ros.settings import file_in, numbers_in, rate_of, Settings
 
 
 def _fault(name: str) -> Any:

@@ -23,7 +23,7 @@ from ballbot_ros.nodes.simulator.settings import SimulatorSettings
 from ballbot_ros.physics import load_robot, Model, State, Terrain
 from ballbot_ros.plant import TerrainSensor
 from ballbot_ros.ros import conversions
-from ballbot_ros.ros.parameters.declare import describe
+from ballbot_ros.ros.parameters import describe
 
 GIMBALL = load_robot('gimball')
 

@@ -13,7 +13,7 @@ from ballbot_ros.nodes.emulated_robot.node import EmulatedRobot
 from ballbot_ros.nodes.imu.node import ImuNode
 from ballbot_ros.nodes.obstacle_decision.node import ObstacleDecision
 from ballbot_ros.nodes.simulator.node import Simulator
-from ballbot_ros.ros.parameters.overrides import BUILT_IN
+from ballbot_ros.ros.parameters import BUILT_IN
 
 NODES = {
     Simulator: {'start_paused': True}, Controller: {}, ObstacleDecision: {'planner': 'cubic'},

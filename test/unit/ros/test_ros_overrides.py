@@ -8,7 +8,7 @@ from rclpy.node import Node
 from refusals import refused
 
 from ballbot_ros.nodes.controller.settings import ControllerSettings
-from ballbot_ros.ros.parameters.declare import declare
+from ballbot_ros.ros.parameters import declare
 
 FILE = """
 /**:

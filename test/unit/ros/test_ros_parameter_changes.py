@@ -14,9 +14,9 @@ from refusals import refused
 from ballbot_ros.config.fields import count, fixed, flag, live, quantity, text
 from ballbot_ros.control import ControlTuning, load_tuning
 from ballbot_ros.errors import ConfigurationError
-from ballbot_ros.ros.parameters.declare import declare
-from ballbot_ros.ros.parameters.fields import file_in, numbers_in, Settings
+from ballbot_ros.ros.parameters import declare
 from ballbot_ros.ros.rclpy_compat import new_executor
+from ballbot_ros.ros.settings import file_in, numbers_in, Settings
 
 # A number so small that ros2cli sends it as text.
 TINY = 1e-5

@@ -10,8 +10,8 @@ from refusals import refused
 from ballbot_ros.config.fields import count, fixed, flag, live, quantity, text
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.nodes.bridge.settings import BridgeSettings
-from ballbot_ros.ros.parameters.declare import declare
-from ballbot_ros.ros.parameters.fields import Settings
+from ballbot_ros.ros.parameters import declare
+from ballbot_ros.ros.settings import Settings
 
 
 @dataclass(frozen=True)

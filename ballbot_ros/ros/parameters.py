@@ -1,27 +1,40 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Parameters that change while a node runs: all values of a request, or none.
+ROS parameters from the described fields of a dataclass, and their changes at run time.
+
+One declaration gives the parameter, its description, its range, its error message and the row in
+docs/nodes.md.  Integers are accepted for floats, and undeclared parameters are refused instead of
+ignored.
+
+An unknown name given to this node is an error.  In a section for many nodes (``/**:``) it may be
+meant for another node.  rclpy merges all sections, so the section of a name is looked up in the
+files themselves.
 
 Settings are immutable values.  A change makes other settings, has them checked as a whole by the
-node, and then hands them over, in rclpy's pre-set, on-set and post-set callbacks.  A check may
-take long (the stability of the laws takes a tenth of a second or more), so for a request by
-service it runs in a thread of its own, and the callbacks use its result between two periods.
+node, and then hands them over, in rclpy's pre-set, on-set and post-set callbacks: all values of a
+request, or none.  A check may take long (the stability of the laws takes a tenth of a second or
+more), so for a request by service it runs in a thread of its own, and the callbacks use its
+result between two periods.
 """
 from contextlib import contextmanager
+from pathlib import Path
 import sys
 import threading
-from typing import Any, Callable, Dict, Generic, Iterator, List, NamedTuple, Optional, Sequence
+from typing import (
+    Any, Callable, Generic, Iterable, Iterator, Mapping, NamedTuple, Optional, Sequence, Type)
 
-from rcl_interfaces.msg import SetParametersResult
+from rcl_interfaces.msg import (
+    FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult)
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.task import Future
 import yaml
 
-from ballbot_ros.config.fields import check_value, READ_AT_START, suggestion, why_fixed
+from ballbot_ros.config.fields import (
+    allowed, check_value, READ_AT_START, suggestion, why_fixed)
 from ballbot_ros.errors import BallbotError, ConfigurationError
-from ballbot_ros.ros.parameters.fields import Described, S
-from ballbot_ros.ros.rclpy_compat import answer_later, parameter_services
+from ballbot_ros.ros.rclpy_compat import answer_later, parameter_overrides, parameter_services
+from ballbot_ros.ros.settings import Described, S
 
 # Puts settings in force, in the thread of the executor; must not fail.
 Commit = Callable[[], None]
@@ -30,6 +43,152 @@ Prepare = Callable[[S], Commit]
 EXECUTOR_CHECK_PERIOD = 0.2
 # Longest time that a check keeps other threads from running [s].
 SWITCH_INTERVAL = 5e-4
+# Parameters that rclpy itself declares.  Those named qos_overrides are not among them: no
+# publisher or subscriber here asks for them, so they would have no effect.
+BUILT_IN = ('use_sim_time', 'start_type_description_service')
+
+
+def describe(metadata: Mapping[str, Any], why: str) -> ParameterDescriptor:
+    """Return the descriptor of a described field, and why it cannot change, if so."""
+    unit = metadata.get('unit', '1')
+    text = metadata['doc'] + ('' if unit == '1' else f' [{unit}]')
+    text += f'. Cannot change while the node runs: {why}' if why else (
+        '. Can change while the node runs')
+    descriptor = ParameterDescriptor(description=text, read_only=bool(why))
+    if metadata['kind'] is float:
+        descriptor.additional_constraints = allowed(metadata)
+        descriptor.floating_point_range = [FloatingPointRange(
+            from_value=float(max(metadata['minimum'], metadata['above'])),
+            to_value=float(metadata['maximum']))]
+    elif metadata['kind'] is int:
+        descriptor.integer_range = [IntegerRange(
+            from_value=int(metadata['minimum']), to_value=int(metadata['maximum']), step=1)]
+    elif metadata['kind'] is str and metadata['choices']:
+        descriptor.additional_constraints = 'one of ' + ', '.join(metadata['choices'])
+    return descriptor
+
+
+def declare(node: Node, cls: Type[S], prepare: Optional[Prepare[S]] = None) -> S:
+    """
+    Declare the parameters of a node, and let those change at run time that can.
+
+    Parameters
+    ----------
+    node : Node
+    cls : type
+        The settings, whose fields all have defaults.
+    prepare : callable, optional
+        Takes settings that are wanted while the node runs; raises `BallbotError` if they cannot
+        work, or returns a function that puts them in force.  See `Changes`.  Without it no
+        parameter can change.
+
+    Returns
+    -------
+    Settings
+        Checked.
+
+    Raises
+    ------
+    ConfigurationError
+        For a value that is not acceptable, or an override that is no parameter; the message
+        names the nearest one that is.
+
+    """
+    described = cls.described()
+    refuse_unknown_overrides(node, described)
+    given = {}
+    for name, parameter in parameter_overrides(node).items():
+        if name in described:
+            # Checked before rclpy sees it: its own message would name neither value nor range.
+            given[name] = check_value(name, parameter.value, described[name].metadata,
+                                      f'node {node.get_name()}')
+            parameter_overrides(node)[name] = Parameter(name, value=given[name])
+    settings = cls.of(given)
+    for name, item in described.items():
+        why = why_fixed(item.metadata) if prepare else READ_AT_START
+        node.declare_parameter(name, item.value(settings), describe(item.metadata, why))
+    # Log values of a file only where they are overridden.
+    logged = {name: item for name, item in described.items() if not item.part or name in given}
+    node.get_logger().info('running with ' + ', '.join(
+        f'{name} {item.value(settings)!r}' for name, item in logged.items()))
+    Changes(node, settings, prepare)
+    return settings
+
+
+def refuse_unknown_overrides(node: Node, known: Iterable[str]) -> None:
+    """
+    Raise `ConfigurationError` for a name given to this node that is none of its parameters.
+
+    One that only a section for many nodes gives is left to those, with a warning.
+    """
+    names = sorted({*known, *BUILT_IN})
+    unknown = [name for name in parameter_overrides(node) if name not in names]
+    if not unknown:
+        return
+    for_many, for_one = _given(sys.argv, node.get_fully_qualified_name())
+    ignored = []
+    for name in unknown:
+        if name in for_one or name not in for_many:
+            raise ConfigurationError(
+                f'{name!r} is not a parameter of node {node.get_name()}'
+                + suggestion(name, names), 'unknown_name', name)
+        ignored.append(f'{name!r}{suggestion(name, names, listing=False)}')
+    node.get_logger().warning(
+        f'not parameters of node {node.get_name()}, and ignored, as a section for many nodes '
+        f'gives them: {", ".join(ignored)}')
+
+
+def _given(arguments: Sequence[str], node: str) -> tuple[set[str], set[str]]:
+    """Return the names that arguments and their files give to many nodes, and to this one."""
+    for_many: set[str] = set()
+    for_one: set[str] = set()
+    for option, value in _options(arguments):
+        if option == '--params-file':
+            for section, names in _sections(value):
+                if '*' in section:
+                    for_many |= names
+                elif section == node:
+                    for_one |= names
+        else:  # -p [NODE:]NAME:=VALUE
+            target, colon, name = value.partition(':=')[0].rpartition(':')
+            (for_many if '*' in target else for_one).add(name)
+    return for_many, for_one
+
+
+def _options(arguments: Sequence[str]) -> Iterator[tuple[str, str]]:
+    """Yield the options that give parameters, with what follows them."""
+    inside = False
+    for one, following in zip(arguments, [*arguments[1:], '']):
+        inside = one == '--ros-args' or (inside and one != '--')
+        if inside and one in ('-p', '--param', '--params-file'):
+            yield one, following
+
+
+def _sections(path: str) -> list[tuple[str, set[str]]]:
+    """Return the nodes that a parameter file is for, each with the names that it gives."""
+    try:
+        content = yaml.safe_load(Path(path).read_text(encoding='utf-8'))
+    except (OSError, UnicodeDecodeError, yaml.YAMLError):
+        return []  # rcl has read it by its own rules
+    found: list[tuple[str, set[str]]] = []
+
+    def look(place: str, value: Any) -> None:
+        for key, inner in value.items() if isinstance(value, Mapping) else ():
+            if key == 'ros__parameters':
+                found.append((place, set(_flat(inner))))
+            else:
+                look(f'{place}/{str(key).strip("/")}', inner)
+    look('', content)
+    return found
+
+
+def _flat(value: Any, prefix: str = '') -> Iterator[str]:
+    """Yield the names of parameters, those in mappings with dots."""
+    for key, inner in value.items() if isinstance(value, Mapping) else ():
+        if isinstance(inner, Mapping):
+            yield from _flat(inner, f'{prefix}{key}.')
+        else:
+            yield f'{prefix}{key}'
 
 
 class Change(NamedTuple):
@@ -64,7 +223,7 @@ class Changes(Generic[S]):
     def __init__(self, node: Node, settings: S, prepare: Optional[Prepare[S]]):
         self._node, self._settings = node, settings
         self._prepare = prepare
-        self._described: Dict[str, Described] = settings.described()
+        self._described: dict[str, Described] = settings.described()
         self._change = Change()
         self._ahead: Optional[Change] = None  # computed for the request that comes next
         self._busy = threading.Lock()
@@ -76,16 +235,16 @@ class Changes(Generic[S]):
 
     # Callbacks of rclpy
 
-    def _pre_set(self, parameters: List[Parameter]) -> List[Parameter]:
+    def _pre_set(self, parameters: list[Parameter]) -> list[Parameter]:
         self._change, self._ahead = self._ahead or self._computed(parameters), None
         # rclpy takes no empty list; a value that stays keeps the request alive up to _on_set.
         return list(self._change.parameters) or [self._node.get_parameter(self._live_name)]
 
-    def _on_set(self, parameters: List[Parameter]) -> SetParametersResult:
+    def _on_set(self, parameters: list[Parameter]) -> SetParametersResult:
         return SetParametersResult(
             successful=not self._change.refusal, reason=self._change.refusal)
 
-    def _post_set(self, parameters: List[Parameter]) -> None:
+    def _post_set(self, parameters: list[Parameter]) -> None:
         change, self._change = self._change, Change()
         if change.text:
             self._settings = change.settings
@@ -114,7 +273,7 @@ class Changes(Generic[S]):
             return answer
         service.callback = serve
 
-    def _serve(self, parameters: List[Parameter], atomically: bool, response: Any,
+    def _serve(self, parameters: list[Parameter], atomically: bool, response: Any,
                answer: Future) -> None:
         """Compute the change, let rclpy make it in the executor, and answer."""
         with self._busy, _yielding():
@@ -126,7 +285,7 @@ class Changes(Generic[S]):
             response.results = results
         self._in_executor(lambda: answer.set_result(response))
 
-    def _set(self, parameters: List[Parameter]) -> SetParametersResult:
+    def _set(self, parameters: list[Parameter]) -> SetParametersResult:
         if not parameters:
             return SetParametersResult(successful=True)
         change = self._computed(parameters)
@@ -164,7 +323,7 @@ class Changes(Generic[S]):
     def _compute(self, parameters: Sequence[Parameter]) -> Change:
         """Return the change; raise `BallbotError` if a part of it is refused."""
         where = f'node {self._node.get_name()}'
-        values: Dict[str, Any] = {}
+        values: dict[str, Any] = {}
         foreign = []
         for one in parameters:
             item = self._described.get(one.name)
@@ -187,7 +346,7 @@ class Changes(Generic[S]):
         own = [Parameter(name, value=value) for name, value in changed.items()]
         return Change('', [*foreign, *own], wanted, commit, text)
 
-    def _add_value(self, values: Dict[str, Any], one: Parameter, item: Described, where: str
+    def _add_value(self, values: dict[str, Any], one: Parameter, item: Described, where: str
                    ) -> None:
         """Add the value of a parameter, unless it is the one in force."""
         if not same(item.value(self._settings), one.value):

@@ -15,7 +15,7 @@ from ballbot_ros.ros import cmd_vel, qos
 from ballbot_ros.ros.conversions import readings
 from ballbot_ros.ros.endpoints import (
     create_publisher, create_subscription, subscribe_e_stop, wait_until_received)
-from ballbot_ros.ros.tools.observer import Observer
+from ballbot_ros.ros.graph import Observer
 
 DECISIONS: Dict[int, str] = {
     getattr(StepDecision, f'DECISION_{kind.name}'): kind.name.replace('_', ' ') for kind in Kind}

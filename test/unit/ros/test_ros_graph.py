@@ -23,19 +23,17 @@ from ballbot_ros.bags import record
 from ballbot_ros.cli import main
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.msg import BallState, Contact, StepDecision
-from ballbot_ros.ros import qos
+from ballbot_ros.ros import graph, qos
 from ballbot_ros.ros.conversions import to_time
-from ballbot_ros.ros.tools import e_stop, observer, topics
-from ballbot_ros.ros.tools.driver import RobotDriver
-from ballbot_ros.ros.tools.observer import Observer
-from ballbot_ros.ros.tools.topics import as_csv, as_yaml, rate_in_words
+from ballbot_ros.ros.graph import as_csv, as_yaml, Observer, rate_in_words
+from ballbot_ros.ros.robot_driver import RobotDriver
 from ballbot_ros.ros.topics import message_class
 
 
 @pytest.fixture
 def look(context, monkeypatch):
     """Return an observer with short timeouts: here it discovers all nodes immediately."""
-    monkeypatch.setattr(observer, 'SETTLED', 0.05)
+    monkeypatch.setattr(graph, 'SETTLED', 0.05)
     with Observer('test', context) as one:
         yield one
 
@@ -67,19 +65,19 @@ def odometry():
 def test_topics_are_listed_with_types_and_who_has_them(look, robot):
     robot.create_publisher(Odometry, 'odom', 10)
     robot.create_subscription(Odometry, 'odom', lambda _: None, 10)
-    found = {topic.name: topic for topic in topics.topics(look)}
+    found = {topic.name: topic for topic in graph.topics(look)}
     assert found['/odom'] == ('/odom', ['nav_msgs/msg/Odometry'], 1, 1)
 
 
 def test_what_only_the_observer_has_is_no_topic_of_the_graph(look, robot):
     look.node.create_publisher(Bool, 'mine', 1)
-    assert '/mine' not in [topic.name for topic in topics.topics(look)]
+    assert '/mine' not in [topic.name for topic in graph.topics(look)]
 
 
 def test_echo_finds_the_type_and_prints_what_ros2_prints(look, robot):
     publish_while(robot, Odometry, 'odom', odometry())
     shown = []
-    assert topics.echo(look, 'odom', shown.append, once=True, timeout=30.0) == 1
+    assert graph.echo(look, 'odom', shown.append, once=True, timeout=30.0) == 1
     text = as_yaml(shown[0])
     assert text.startswith('header:\n  stamp:\n    sec: 12\n    nanosec: 500000000\n'
                            '  frame_id: odom\nchild_frame_id:')
@@ -92,10 +90,10 @@ def test_echo_finds_the_type_and_prints_what_ros2_prints(look, robot):
 def test_echo_of_what_is_latched_gets_it_and_of_best_effort_too(look, robot):
     robot.create_publisher(Bool, 'e_stop', qos.LATCHED).publish(Bool(data=True))
     shown = []
-    topics.echo(look, 'e_stop', shown.append, once=True, timeout=30.0)
+    graph.echo(look, 'e_stop', shown.append, once=True, timeout=30.0)
     assert shown[0].data is True
     publish_while(robot, String, 'loose', String(data='hello'), qos.SENSOR)
-    topics.echo(look, '/loose', shown.append, once=True, timeout=30.0)
+    graph.echo(look, '/loose', shown.append, once=True, timeout=30.0)
     assert shown[1].data == 'hello'
 
 
@@ -103,18 +101,18 @@ def test_a_topic_that_is_not_there_is_waited_for_and_its_neighbour_named(look, r
     robot.create_publisher(Odometry, 'odom', 10)
     said = []
     with refused('unknown_name', 'topic') as caught:
-        topics.echo(look, 'odmo', print, timeout=0.2, waiting=lambda: said.append(1))
+        graph.echo(look, 'odmo', print, timeout=0.2, waiting=lambda: said.append(1))
     assert "did you mean '/odom'" in str(caught.value)
     assert said == [1]
     with refused('wrong_type', 'topic'):
-        topics.echo(look, 'a b', print, timeout=0.2)
+        graph.echo(look, 'a b', print, timeout=0.2)
 
 
 def test_a_topic_of_two_types_and_one_of_a_missing_package_are_refused(look, monkeypatch):
     # Not even DDS lets one process make both.
     monkeypatch.setattr(look, '_types', lambda name: ['std_msgs/msg/Bool', 'std_msgs/msg/String'])
     with refused('ambiguous', 'topic'):
-        topics.echo(look, 'torn', print, timeout=1.0)
+        graph.echo(look, 'torn', print, timeout=1.0)
     with refused('missing', 'my_msgs/msg/Thing'):
         message_class('my_msgs/msg/Thing')
 
@@ -123,15 +121,15 @@ def test_nested_messages_and_arrays_are_printed():
     message = BallState(contacts=[Contact(kind=2, x=0.5)], pendulum_rate=math.nan)
     content = yaml.safe_load(as_yaml(message)[:-3])
     assert content['contacts'][0]['x'] == 0.5 and math.isnan(content['pendulum_rate'])
-    assert topics.plain(np.array([1.0, 2.0])) == [1.0, 2.0]
-    assert topics.plain(b'\x02') == 2 and topics.plain((1, b'ab')) == [1, [97, 98]]
+    assert graph.plain(np.array([1.0, 2.0])) == [1.0, 2.0]
+    assert graph.plain(b'\x02') == 2 and graph.plain((1, b'ab')) == [1, [97, 98]]
     joints = JointState(name=['shell', 'a,b'], position=[1.0, 2.0])
     assert as_csv(joints) == '0,0,,shell,"a,b",1.0,2.0'
 
 
 def test_the_rate_is_that_of_the_messages(look, robot):
     publish_while(robot, Bool, 'tick', Bool())
-    said = [sentence for sentence in topics.rates(look, 'tick', 1.1, lambda: None)]
+    said = [sentence for sentence in graph.rates(look, 'tick', 1.1, lambda: None)]
     assert said[-1].startswith('average rate: ')
     assert rate_in_words([1.0]) is None
     assert rate_in_words([0.0, 0.1, 0.3]) == (
@@ -182,14 +180,14 @@ def answer(success, message):
 def test_an_e_stop_is_called_by_the_name_of_its_node_and_a_refusal_handed_on(look, robot):
     robot.create_service(Trigger, 'bridge/release_e_stop', answer(False, 'no IMU'))
     robot.create_service(Trigger, 'left/bridge/release_e_stop', answer(True, 'released'))
-    assert e_stop.trigger(look, 'bridge', 'release_e_stop', 30.0) == (False, 'no IMU')
-    assert e_stop.trigger(look, '/left/bridge', 'release_e_stop', 30.0) == (True, 'released')
+    assert graph.trigger(look, 'bridge', 'release_e_stop', 30.0) == (False, 'no IMU')
+    assert graph.trigger(look, '/left/bridge', 'release_e_stop', 30.0) == (True, 'released')
     with pytest.raises(ConfigurationError) as refusal:
-        e_stop.trigger(look, 'brigde', 'release_e_stop', 0.2)
+        graph.trigger(look, 'brigde', 'release_e_stop', 0.2)
     assert "did you mean '/bridge'" in str(refusal.value)
     assert '/bridge, /left/bridge have one' in str(refusal.value)
     with refused('unknown_name', '--node'):
-        e_stop.trigger(look, 'bridge', 'engage_e_stop', 0.2)
+        graph.trigger(look, 'bridge', 'engage_e_stop', 0.2)
 
 
 def test_who_drives_has_a_name_and_sees_the_robot(look, robot):
@@ -293,7 +291,7 @@ def test_an_unknown_node_and_a_missing_verb_of_recording_are_refused(capsys):
 
 
 def test_without_ros_the_verbs_say_what_to_do(monkeypatch, capsys):
-    monkeypatch.setitem(sys.modules, 'ballbot_ros.ros.tools.observer', None)
+    monkeypatch.setitem(sys.modules, 'ballbot_ros.ros.graph', None)
     for words in (['topics'], ['echo', '/odom'], ['release-e-stop']):
         assert main(words) == 2
         error = capsys.readouterr().err

@@ -1,0 +1,329 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The running graph as commands see it: topics, rates, messages and Trigger services."""
+import array
+from collections import deque
+import csv
+import io
+import os
+import time
+from typing import Any, Callable, Deque, Iterator, List, NamedTuple, Optional
+
+import rclpy
+from rclpy.context import Context
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.signals import SignalHandlerOptions
+from std_srvs.srv import Trigger
+import yaml
+
+from ballbot_ros.config.fields import suggestion
+from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.ros import discovery
+from ballbot_ros.ros.endpoints import create_subscription
+from ballbot_ros.ros.rclpy_compat import new_executor
+from ballbot_ros.ros.topics import message_class
+
+# Discovery is complete when the graph has not changed for the first time, at the latest after the
+# second one [s].  It takes less than half a second on an idle machine.
+SETTLED, LONGEST = 0.5, 4.0
+POLL = 0.05  # [s]
+# Number of messages in the window of a rate.
+WINDOW = 10000
+
+
+class Observer:
+    """
+    Node and executor of a command; use as a context manager.
+
+    Parameters
+    ----------
+    name : str
+        Of the command; the node is named after it and the process.
+    context : Context, optional
+        An existing context; by default a new one, configured by `ros.discovery`.
+
+    """
+
+    def __init__(self, name: str, context: Optional[Context] = None):
+        """Join the graph."""
+        self._own = context is None
+        if context is None:
+            discovery.apply(os.environ)
+            context = Context()
+            rclpy.init(context=context, args=[], signal_handler_options=SignalHandlerOptions.NO)
+        self._context = context
+        self.node = Node(f'ballbot_{name}_{os.getpid()}', context=context,
+                         use_global_arguments=False, enable_rosout=False,
+                         start_parameter_services=False)
+        self._executor = new_executor(context)
+        self._executor.add_node(self.node)
+
+    def __enter__(self) -> 'Observer':
+        """Return itself."""
+        return self
+
+    def __exit__(self, *_: Any) -> None:
+        """Leave the graph."""
+        self._executor.remove_node(self.node)
+        self.node.destroy_node()
+        self._executor.shutdown()
+        if self._own:
+            rclpy.try_shutdown(context=self._context)
+
+    def spin(self, seconds: float = POLL) -> None:
+        """Process callbacks for at most a time [s]."""
+        self._executor.spin_once(timeout_sec=seconds)
+
+    def wait(self, condition: Callable[[], Any], seconds: float) -> Any:
+        """Return the result of a condition once it is true, or after a timeout [s]."""
+        deadline = time.monotonic() + seconds
+        while not (found := condition()) and time.monotonic() < deadline:
+            self.spin()
+        return found
+
+    def settle(self) -> None:
+        """Wait until the graph has not changed for a while, so discovery is complete."""
+        self.wait(self._others, LONGEST)
+        start = changed = time.monotonic()
+        known = None
+        while time.monotonic() < min(changed + SETTLED, start + LONGEST):
+            now = self._graph()
+            if now != known:
+                known, changed = now, time.monotonic()
+            self.spin()
+
+    def _others(self) -> bool:
+        return any(name != self.node.get_name() for name in self.node.get_node_names())
+
+    def _graph(self) -> List[Any]:
+        return [sorted(self.node.get_node_names_and_namespaces()),
+                sorted(self.node.get_topic_names_and_types())]
+
+    def resolve(self, topic: str) -> str:
+        """Return the full name of a topic in the namespace of the command."""
+        try:
+            return self.node.resolve_topic_name(topic)
+        except Exception as error:
+            raise ConfigurationError(
+                f'{topic!r} is no name of a topic: {error}', 'wrong_type', 'topic') from error
+
+    def type_of(self, topic: str, seconds: float, waiting: Callable[[], None]) -> str:
+        """
+        Return the type of a topic; calls `waiting` once if it does not exist yet.
+
+        Raises
+        ------
+        ConfigurationError
+            If it has several types, or does not appear; names the most similar topic.
+
+        """
+        name = self.resolve(topic)
+        found = self.wait(lambda: self._types(name), min(SETTLED, seconds))
+        if not found and seconds > SETTLED:
+            waiting()
+            found = self.wait(lambda: self._types(name), seconds - SETTLED)
+        if not found:
+            known = [one for one, _ in self.node.get_topic_names_and_types()]
+            raise ConfigurationError(
+                f'no node publishes or subscribes to {name}{suggestion(name, known)}; '
+                f'"ballbot topics" lists what there is', 'unknown_name', 'topic')
+        if len(found) > 1:
+            raise ConfigurationError(f'{name} has several types, {" and ".join(found)}: '
+                                     'end those nodes that mean the other one',
+                                     'ambiguous', 'topic')
+        return str(found[0])
+
+    def _types(self, name: str) -> List[str]:
+        return dict(self.node.get_topic_names_and_types()).get(name, [])
+
+    def profile(self, topic: str, depth: int = 1000) -> QoSProfile:
+        """Return a profile that is compatible with all publishers."""
+        offered = [one.qos_profile for one in self.node.get_publishers_info_by_topic(topic)]
+        reliable = all(one.reliability == ReliabilityPolicy.RELIABLE for one in offered)
+        latched = all(one.durability == DurabilityPolicy.TRANSIENT_LOCAL for one in offered)
+        return QoSProfile(
+            history=HistoryPolicy.KEEP_LAST, depth=depth,
+            reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+            durability=DurabilityPolicy.TRANSIENT_LOCAL if offered and latched
+            else DurabilityPolicy.VOLATILE)
+
+
+class GraphTopic(NamedTuple):
+    """A topic, its types, and the numbers of publishers and subscribers."""
+
+    name: str
+    types: List[str]
+    publishers: int
+    subscribers: int
+
+
+def topics(observer: Observer) -> List[GraphTopic]:
+    """Return the topics of the graph by name, without those of the observer alone."""
+    observer.settle()
+    node = observer.node
+
+    def count(endpoints: List[Any]) -> int:
+        return sum(one.node_name != node.get_name() for one in endpoints)
+
+    found = [GraphTopic(name, types, count(node.get_publishers_info_by_topic(name)),
+                   count(node.get_subscriptions_info_by_topic(name)))
+             for name, types in sorted(node.get_topic_names_and_types())]
+    return [topic for topic in found if topic.publishers + topic.subscribers]
+
+
+def echo(observer: Observer, topic: str, show: Callable[[Any], None], once: bool = False,
+         timeout: float = float('inf'), waiting: Callable[[], None] = lambda: None) -> int:
+    """
+    Pass on the messages of a topic until interrupted, and return their number.
+
+    Parameters
+    ----------
+    observer : Observer
+    topic : str
+    show : callable
+        Takes a message.
+    once : bool
+        End after the first.
+    timeout : float
+        End after this long [s].
+    waiting : callable
+        Called once if the topic does not exist, or no message arrives at first.
+
+    Raises
+    ------
+    ConfigurationError
+        See `Observer.type_of`.
+
+    """
+    start = time.monotonic()
+    kind = message_class(observer.type_of(topic, timeout, waiting))
+    name = observer.resolve(topic)
+    # Discovery of the publisher may follow that of the topic.
+    observer.wait(lambda: observer.node.count_publishers(name), 0.2)
+    came: Deque[Any] = deque()
+    # rclpy inspects the signature of a callback, and a builtin has none.
+    create_subscription(observer.node, name, lambda message: came.append(message), kind,
+                        observer.profile(name))
+    if not observer.wait(lambda: came, 1.0):
+        waiting()
+    shown = 0
+    while time.monotonic() < start + timeout or came:
+        while came:
+            show(came.popleft())
+            shown += 1
+            if once:
+                return shown
+        observer.spin()
+    return shown
+
+
+def rates(observer: Observer, topic: str, timeout: float,
+          waiting: Callable[[], None]) -> Iterator[Optional[str]]:
+    """Yield the rate of a topic as text each second, None without messages."""
+    kind = message_class(observer.type_of(topic, timeout, waiting))
+    name = observer.resolve(topic)
+    observer.wait(lambda: observer.node.count_publishers(name), 0.2)
+    times: Deque[float] = deque(maxlen=WINDOW)
+    create_subscription(observer.node, name, lambda _: times.append(time.monotonic()), kind,
+                        observer.profile(name), raw=True)
+    end = time.monotonic() + timeout
+    while (now := time.monotonic()) < end:
+        observer.wait(lambda until=now + 1.0: time.monotonic() >= until, min(1.0, end - now))
+        yield rate_in_words(list(times))
+
+
+def rate_in_words(times: List[float]) -> Optional[str]:
+    """Return rate and spread of the times of messages [s], None for less than two."""
+    gaps = [after - before for before, after in zip(times, times[1:])]
+    if not gaps:
+        return None
+    mean = sum(gaps) / len(gaps)
+    spread = (sum((gap - mean) ** 2 for gap in gaps) / len(gaps)) ** 0.5
+    return (f'average rate: {1.0 / mean:.3f}\n\tmin: {min(gaps):.3f}s max: {max(gaps):.3f}s '
+            f'std dev: {spread:.5f}s window: {len(gaps) + 1}')
+
+
+def plain(value: Any) -> Any:
+    """Return a message, or a value in one, as dicts, lists and numbers."""
+    if hasattr(value, 'get_fields_and_field_types'):
+        return {name: plain(getattr(value, name)) for name in value.get_fields_and_field_types()}
+    if isinstance(value, (bytes, bytearray)):
+        return list(value) if len(value) != 1 else value[0]
+    if hasattr(value, 'tolist'):  # an array, of numpy or of Python
+        return value.tolist()
+    if isinstance(value, (list, tuple, array.array)):
+        return [plain(one) for one in value]
+    return value
+
+
+def as_yaml(message: Any) -> str:
+    """Return a message as ``ros2 topic echo`` prints it, with the line that ends it."""
+    text = yaml.safe_dump(plain(message), sort_keys=False, default_flow_style=False,
+                          allow_unicode=True, width=float('inf'))
+    return f'{text}---'
+
+
+def as_csv(message: Any) -> str:
+    """Return the numbers and texts of a message in one line."""
+    line = io.StringIO()
+    csv.writer(line, lineterminator='').writerow(list(_leaves(plain(message))))
+    return line.getvalue()
+
+
+def _leaves(value: Any) -> Iterator[Any]:
+    """Yield the leaves of nested dicts and lists in order."""
+    if isinstance(value, (dict, list)):
+        for one in value.values() if isinstance(value, dict) else value:
+            yield from _leaves(one)
+    else:
+        yield value
+
+
+class ServiceAnswer(NamedTuple):
+    """Answer of a service."""
+
+    success: bool
+    message: str
+
+
+def trigger(observer: Observer, node: str, verb: str, timeout: float) -> ServiceAnswer:
+    """
+    Call a service of a node.
+
+    Parameters
+    ----------
+    observer : Observer
+    node : str
+        Name of the node, with its namespace if it has one.
+    verb : str
+        ``'release_e_stop'`` for instance.
+    timeout : float
+        For the service to appear, and for its answer [s].
+
+    Raises
+    ------
+    ConfigurationError
+        If there is no such service, or it does not answer; names the nodes that have one.
+
+    """
+    # Look up the server first: a client would count as one, too.
+    def who() -> List[str]:
+        return sorted(name[:-len(verb) - 1] for name, _ in
+                      observer.node.get_service_names_and_types() if name.endswith(f'/{verb}'))
+
+    wanted = observer.resolve(f'{node.rstrip("/")}/{verb}')[:-len(verb) - 1]
+    observer.wait(lambda: wanted in who(), timeout)
+    known = who()
+    client = observer.node.create_client(Trigger, f'{node.rstrip("/")}/{verb}')
+    if wanted not in known or not observer.wait(client.service_is_ready, timeout):
+        there = f'; {", ".join(known)} {"has" if len(known) == 1 else "have"} one (--node)' \
+            if known else '; is the node running, in this ROS_DOMAIN_ID?'
+        raise ConfigurationError(
+            f'no node {node!r} with a service {verb}{suggestion(wanted, known, listing=False)}'
+            f'{there}', 'unknown_name', '--node')
+    answer = client.call_async(Trigger.Request())
+    if not observer.wait(answer.done, timeout):
+        raise ConfigurationError(f'{node}/{verb} has not answered within {timeout:g} s; look '
+                                 'whether it did what it was asked for', 'unavailable', '--node')
+    result = answer.result()
+    return ServiceAnswer(result.success, result.message)
