@@ -44,8 +44,8 @@ EXPLAINED = 0.2
 FACE, HIGHER = 0.004, 0.004
 # The ball is stuck with less progress than this [m] in this time [s].
 PROGRESS, STUCK_AFTER = 0.03, 8.0
-# Before the edge by this, a crossing is not steered any more [m].
-EDGE = 0.35
+# Before the edge, a crossing is not steered any more: distance [m], and time [s].
+EDGE, EDGE_TIME = 0.3, 0.8
 REPLANS = 12
 CROSSING_TIMEOUT = 90.0
 
@@ -482,7 +482,7 @@ class Navigator:
         to_edge = min(float(distance_to_segment(percept.x, percept.y, *piece))
                       for piece in segment.feature.segments)
         yaw_rate = 0.0
-        if to_edge > EDGE and percept.speed > RESTING:
+        if to_edge > EDGE + EDGE_TIME * percept.speed > EDGE:
             yaw_rate = self._tracker.yaw_rate(path, along, left, percept.heading,
                                               percept.speed)
         return state, Command(CommandKind.CROSS, 0.0, yaw_rate)

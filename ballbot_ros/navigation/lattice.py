@@ -150,6 +150,8 @@ class Problem(NamedTuple):
         States.
     start_costs : (n,) array
         [s]
+    aligned_cost : float
+        Starts that cost more are too far from the pose of the ball for a crossing [s].
     goal_cell, goal_heading : int
         A heading of -1 stands for any.
     slowness : (rows, columns) array
@@ -170,6 +172,7 @@ class Problem(NamedTuple):
 
     starts: NDArray[np.int64]
     start_costs: NDArray[np.float64]
+    aligned_cost: float
     goal_cell: int
     goal_heading: int
     slowness: NDArray[np.float64]
@@ -244,8 +247,8 @@ def expand(problem: Any, tree: Any) -> int:
         node; costs and nodes of the heap.
 
     """
-    (starts, start_costs, goal_cell, goal_heading, slowness, heuristic, ends, cells, times,
-     reversal, arc_starts, arc_ends, arc_times, arc_levels, most_level) = problem
+    (starts, start_costs, aligned_cost, goal_cell, goal_heading, slowness, heuristic, ends, cells,
+     times, reversal, arc_starts, arc_ends, arc_times, arc_levels, most_level) = problem
     slots, keys, parents, moves, costs, closed, heap_costs, heap_nodes = tree
     rows, columns = slowness.shape
     states, per, mask = rows * columns * 16, len(times) // 16, len(slots) - 1
@@ -262,6 +265,8 @@ def expand(problem: Any, tree: Any) -> int:
             heading, base = state % 16, costs[expanded]
             first = np.searchsorted(arc_starts, state)
             number = per
+            if parents[expanded] < 0 and base > aligned_cost:
+                first = len(arc_starts)
             while first + number - per < len(arc_starts) \
                     and arc_starts[first + number - per] == state:
                 number += 1

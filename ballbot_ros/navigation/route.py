@@ -43,6 +43,8 @@ ARC_SPEED, BACKWARD_SPEED, LARGEST_CELL = 0.25, 0.2, 0.12
 REVERSAL, ALIGNMENT = 2.0, 2.0
 # Time that a deviation of the start from its state costs [s/m], [s/rad].
 OFFSET_COST, TURN_COST = 10.0, 4.0
+# Largest cost of a start from which the ball may cross a step without driving first [s].
+ALIGNED_COST = 1.2
 # How far the ball backs out of a place where no state is [m].
 ESCAPE = 1.0
 # Octile distances exceed Euclidean ones by up to this factor.
@@ -435,7 +437,7 @@ class RoutePlanner:
             math.remainder(HEADINGS[item] - goal[2], 2.0 * math.pi)))
         far = csgraph.dijkstra(self._backward, directed=True, indices=last)
         time, path = self._tree.find(Problem(
-            states, costs, last, heading, self._slowness,
+            states, costs, ALIGNED_COST, last, heading, self._slowness,
             far / (OCTILE * self._tuning.cruise_speed), self._moves.ends, self._moves.cells,
             self._moves.times, REVERSAL, *self._arc_arrays, LEVELS))
         shortest, passed = self._shortest(self._node(start), last)

@@ -17,11 +17,11 @@ from ballbot_ros.physics.model.robot import Robot
 from ballbot_ros.steering import curvature_limit
 
 # Distance of both poles of the errors: at least, and per speed [m], [s].
-SETTLING, SETTLING_TIME = 0.3, 0.8
+SETTLING, SETTLING_TIME = 0.35, 1.2
 # The lean follows later: the feedforward looks ahead by this time [s].
-LEAD = 0.25
-# Speed is reduced this far before a turn [m].
-EARLY = 0.3
+LEAD = 0.6
+# Speed is reduced this far before a turn, and kept this far behind it [m].
+EARLY, BEHIND = 0.2, 0.1
 # Deceleration towards the end of a path [m/s2], and time constant of the last part [s].
 BRAKING, LAST = 0.15, 0.7
 # Part of the curvature limit that the path may use; feedback has the rest.
@@ -79,14 +79,15 @@ class Path(NamedTuple):
 
         Only the part from 0.1 m before `since` to 0.5 m behind it is considered.
         """
-        first = max(0, int(np.searchsorted(self.along, since - 0.1)) - 1)
-        last = min(len(self.along) - 1, int(np.searchsorted(self.along, since + 0.5)))
+        end = len(self.along) - 1
+        first = min(max(0, int(np.searchsorted(self.along, since - 0.1)) - 1), end - 1)
+        last = min(end, int(np.searchsorted(self.along, since + 0.5)))
         one, two = self.points[first:last], self.points[first + 1:last + 1]
         step = two - one
         lengths = np.hypot(*step.T)
         share = np.clip(((x - one[:, 0]) * step[:, 0] + (y - one[:, 1]) * step[:, 1])
                         / lengths**2, 0.0, 1.0)
-        if last == len(self.along) - 1:
+        if last == end:
             # Past the end the last direction goes on.
             share[-1] = max(share[-1], float(
                 ((x, y) - one[-1]) @ step[-1] / lengths[-1]**2))
@@ -124,9 +125,11 @@ class Tracker:
         """Return the curvature limit at a speed [1/m]."""
         return float(np.interp(abs(speed), self._speeds, self._limits))
 
-    def speed_for(self, curvature: float) -> float:
-        """Return the speed at which a curvature is within the limit [m/s]."""
-        return float(np.interp(-abs(curvature), -SHARE * self._limits, self._speeds))
+    def speeds_for(self, curvatures: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the speeds at which curvatures are within the limit [m/s]."""
+        found: NDArray[np.float64] = np.interp(
+            -np.abs(curvatures), -SHARE * self._limits, self._speeds)
+        return found
 
     def follow(self, path: Path, along: float, left: float, heading: float, speed: float,
                top_speed: float) -> Tuple[float, float]:
@@ -146,11 +149,14 @@ class Tracker:
             [m/s]
 
         """
-        near = (path.along >= along - 0.05) & (path.along <= along + EARLY)
-        sharpest = float(np.abs(path.curvatures[near]).max(initial=0.0))
+        ahead = path.along >= along - BEHIND
+        # Braking ends a delay before a turn begins.
+        room = np.maximum(path.along[ahead] - along - EARLY, 0.0)
+        turns = self.speeds_for(path.curvatures[ahead])
         remaining = max(path.length - along, 0.0)
         lost = BRAKING * LAST
-        wanted = min(top_speed, self._cruise, self.speed_for(sharpest),
+        wanted = min(top_speed, self._cruise,
+                     float(np.sqrt(turns**2 + 2.0 * BRAKING * room).min(initial=math.inf)),
                      2.0 * BRAKING * remaining
                      / (math.sqrt(lost * lost + 2.0 * BRAKING * remaining) + lost))
         return path.direction * wanted, self.yaw_rate(path, along, left, heading, speed)

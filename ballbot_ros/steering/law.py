@@ -8,6 +8,7 @@ from ballbot_ros.steering.model import LateralState, required_steering
 
 DAMPING_RATIO = 0.7  # of the nutation at rest; with the speed it becomes faster, not less damped
 STANDSTILL = 0.02  # below this speed the pendulum hangs straight [m/s]
+SLOW = 0.1  # below this speed the feedback fades, as a tilt turns the ball less and less [m/s]
 
 
 def law(robot: Robot, state: LateralState, speed: float, yaw_rate: float) -> float:
@@ -50,7 +51,8 @@ def law(robot: Robot, state: LateralState, speed: float, yaw_rate: float) -> flo
                 curvature_limit(robot, speed), yaw_rate / speed))
         # The vertical angular momentum of the state stays, so the tilt follows from it.
         missing = vertical / (robot.ball_inertia * rolling) * (turn.yaw_rate - state.yaw_rate)
-        lean = turn.lean - turn.tilt + math.atan(math.tan(state.tilt) + missing)
+        lean = turn.lean - turn.tilt + min(abs(speed) / SLOW, 1.0) * math.atan(
+            math.tan(state.tilt) + missing)
     lean -= (2.0 * DAMPING_RATIO * math.sqrt(inertia / (first * robot.gravity))
              * state.tilt_rate)
     return min(max(lean, -limits.largest_lean), limits.largest_lean)

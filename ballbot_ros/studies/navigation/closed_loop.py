@@ -1,0 +1,188 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A simulated robot on a floor that a `Navigator` drives, with its sensors and localisation."""
+from dataclasses import dataclass
+import math
+from typing import Callable, List, Optional, Tuple
+
+import numpy as np
+
+from ballbot_ros.control import JointReadings, Mode, PendulumController, SetPoint
+from ballbot_ros.decision import Knowledge, Motion, TerrainObservation
+from ballbot_ros.floors import Floor
+from ballbot_ros.floors.floor import OCCUPIED, Point
+from ballbot_ros.navigation.crossing import CrossingDriver
+from ballbot_ros.navigation.execution import (
+    Command, CommandKind, NavigationState, Navigator, Percept)
+from ballbot_ros.navigation.sensing import faces_in
+from ballbot_ros.physics.model.robot import Robot
+from ballbot_ros.physics.simulation.solver import Solver
+from ballbot_ros.plant import TerrainSensor
+from ballbot_ros.plant.floor_plant import FloorPlant
+from ballbot_ros.steering import law
+
+CONTROL_RATE = 500  # [Hz]
+TICK = 10  # control periods between two commands
+LOOK = 5  # commands between two looks of the sensors while the ball drives freely
+RAYS, RAY_STEP = 48, 0.04  # of the planar laser, and distance between its samples [m]
+LASER_REACH, TERRAIN_REACH = 3.0, 3.0  # [m]
+CORRELATION = 20.0  # time constant of the drift of the localisation [s]
+
+
+@dataclass(frozen=True)
+class Errors:
+    """
+    Errors of sensors and localisation; without arguments, none.
+
+    Attributes
+    ----------
+    place_sd, heading_sd : float
+        Stationary standard deviations of the localisation's drift [m], [rad].
+    height_sd, laser_sd : float
+        White noise of terrain heights and of laser ranges [m].
+
+    """
+
+    place_sd: float = 0.0
+    heading_sd: float = 0.0
+    height_sd: float = 0.0
+    laser_sd: float = 0.0
+
+
+class FloorLoop:
+    """
+    Robot, sensors, localisation, `Navigator` and obstacle decision in one process.
+
+    Parameters
+    ----------
+    navigator : Navigator
+        Plans on the map.
+    knowledge : Knowledge
+        Of the decision: the nominal robot.
+    robot : Robot
+        The true one.
+    floor : Floor
+        The true one.
+    pose : (float, float, float)
+        [m], [rad]
+    errors : Errors
+    seed : int
+    planner : str or callable
+        Of the obstacle decision.
+
+    Attributes
+    ----------
+    plant : FloorPlant
+    state : NavigationState
+    command : Command
+    hit : float
+        Largest speed of a contact with a wall so far [m/s].
+
+    """
+
+    def __init__(self, navigator: Navigator, knowledge: Knowledge, robot: Robot, floor: Floor,
+                 pose: Tuple[float, float, float], errors: Errors = Errors(), seed: int = 0,
+                 planner: str = 'rollout'):
+        self._navigator, self._nominal = navigator, knowledge.robot
+        self.plant = FloorPlant(robot, floor, pose, CONTROL_RATE,
+                                solver=Solver('adaptive', tolerance=1e-7))
+        self._controller = PendulumController(knowledge.robot, knowledge.control)
+        self._crossing = CrossingDriver(knowledge, planner)
+        self._floor, self._errors, self._seed = floor, errors, seed
+        self._random = np.random.default_rng([seed, 7])
+        self._drift = np.array([errors.place_sd, errors.place_sd, errors.heading_sd]) \
+            * self._random.standard_normal(3)
+        self.state, self.command = NavigationState(), Command(CommandKind.REST)
+        self.ticks = 0
+        self._report = None
+        self.offset = (0.0, 0.0, 0.0)  # of the localisation, set from outside
+
+    @property
+    def percept(self) -> Percept:
+        """Return localisation and odometry."""
+        x, y, heading = (true + drift + offset for true, drift, offset in zip(
+            self.plant.pose, self._drift, self.offset))
+        report, self._report = self._report, None
+        return Percept(self.plant.time, float(x), float(y), float(heading),
+                       self.plant.state.velocity_x, crossing=report)
+
+    def begin(self, goal: Tuple[float, ...]) -> None:
+        """Set a goal; raises `RefusedError` as `Navigator.begin` does."""
+        self.state = self._navigator.begin(self.state, goal, self.percept)
+
+    def step(self) -> None:
+        """Sense, command and advance by one tick."""
+        percept, observations = self.percept, []
+        driving = self.command.kind is CommandKind.DRIVE
+        if (self.ticks % LOOK == 0 and driving) or self.command.kind is CommandKind.CROSS:
+            observation = self._terrain()
+            if observation is not None:
+                observations.append(observation)
+        if observations and driving:
+            percept = percept._replace(points=self._scan(percept),
+                                       faces=faces_in(observations[0]))
+        self.state, self.command = self._navigator.advance(self.state, percept)
+        self._carry(observations)
+        self._advance()
+        self.ticks += 1
+
+    def _carry(self, observations: List[TerrainObservation]) -> None:
+        """Give the controller its set-point."""
+        state, command = self.plant.state, self.command
+        if command.kind is CommandKind.CROSS:
+            done = self._crossing.drive(
+                Motion(self.plant.time, state.x, state.velocity_x), observations)
+            self._report = done.report
+            set_point = SetPoint(Mode.HOLD, done.set_angle, self.plant.time)
+        else:
+            if self._crossing.active:
+                self._crossing.end()
+            set_point = SetPoint(Mode.SPEED, command.speed, self.plant.time)
+        self._controller.give(set_point)
+
+    def _advance(self) -> None:
+        plant, decay = self.plant, math.exp(-TICK / CONTROL_RATE / CORRELATION)
+        lean = law(self._nominal, plant.lateral, plant.state.velocity_x, self.command.yaw_rate)
+        for _ in range(TICK):
+            state = plant.state
+            plant.advance(self._controller.torque(JointReadings(
+                plant.time, state.ball_angle, state.joint_angle, state.ball_rate,
+                state.joint_rate)), lean)
+        errors = self._errors
+        self._drift = decay * self._drift + math.sqrt(1.0 - decay * decay) * np.array(
+            [errors.place_sd, errors.place_sd, errors.heading_sd]) \
+            * self._random.standard_normal(3)
+
+    def _terrain(self) -> Optional[TerrainObservation]:
+        """Return a look of the terrain sensor along the heading."""
+        state = self.plant.state
+        sensor = TerrainSensor(self.plant.profile(), TERRAIN_REACH, self._errors.height_sd,
+                               self._seed)
+        seen = sensor.look(state.x, state.y, self.ticks)
+        return None if seen is None else TerrainObservation(
+            self.plant.time, seen.x, seen.z, seen.z_sd, seen.x_min, seen.x_max)
+
+    def _scan(self, percept: Percept) -> Tuple[Point, ...]:
+        """Return the points of the planar laser, placed by the localisation [m]."""
+        x, y, heading = self.plant.pose
+        angles = np.linspace(-0.5 * math.pi, 0.5 * math.pi, RAYS)
+        ranges = np.arange(RAY_STEP, LASER_REACH, RAY_STEP)
+        floor = self._floor
+        columns = ((x + np.cos(heading + angles)[:, None] * ranges - floor.origin[0])
+                   / floor.resolution).astype(int)
+        rows = ((y + np.sin(heading + angles)[:, None] * ranges - floor.origin[1])
+                / floor.resolution).astype(int)
+        hit = floor.cells[np.clip(rows, 0, floor.cells.shape[0] - 1),
+                          np.clip(columns, 0, floor.cells.shape[1] - 1)] == OCCUPIED
+        found = hit.any(axis=1)
+        measured = ranges[hit.argmax(axis=1)] + self._errors.laser_sd \
+            * self._random.standard_normal(RAYS)
+        return tuple((percept.x + float(d) * math.cos(percept.heading + float(a)),
+                      percept.y + float(d) * math.sin(percept.heading + float(a)))
+                     for a, d in zip(angles[found], measured[found]))
+
+    def run(self, limit: float, listener: Optional[Callable[['FloorLoop'], None]] = None) -> None:
+        """Run until the goal has ended, or for a time [s]."""
+        while self.plant.time < limit and not self.state.status.ended:
+            self.step()
+            if listener is not None:
+                listener(self)
