@@ -8,7 +8,7 @@ from ballbot_ros.steering.model import LateralState, required_steering
 
 DAMPING_RATIO = 0.7  # of the nutation at rest; with the speed it becomes faster, not less damped
 STANDSTILL = 0.02  # below this speed the pendulum hangs straight [m/s]
-SLOW = 0.1  # below this speed the feedback fades, as a tilt turns the ball less and less [m/s]
+SLOW = 0.06  # below this speed the feedback fades, as a tilt turns the ball less and less [m/s]
 
 
 def law(robot: Robot, state: LateralState, speed: float, yaw_rate: float) -> float:

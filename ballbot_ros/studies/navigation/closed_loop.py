@@ -12,7 +12,7 @@ from ballbot_ros.floors import Floor
 from ballbot_ros.floors.floor import OCCUPIED, Point
 from ballbot_ros.navigation.crossing import CrossingDriver
 from ballbot_ros.navigation.execution import (
-    Command, CommandKind, NavigationState, Navigator, Percept)
+    Command, CommandKind, CrossingReport, NavigationState, Navigator, Percept)
 from ballbot_ros.navigation.sensing import faces_in
 from ballbot_ros.physics.model.robot import Robot
 from ballbot_ros.physics.simulation.solver import Solver
@@ -74,8 +74,6 @@ class FloorLoop:
     plant : FloorPlant
     state : NavigationState
     command : Command
-    hit : float
-        Largest speed of a contact with a wall so far [m/s].
 
     """
 
@@ -93,7 +91,7 @@ class FloorLoop:
             * self._random.standard_normal(3)
         self.state, self.command = NavigationState(), Command(CommandKind.REST)
         self.ticks = 0
-        self._report = None
+        self._report: Optional[CrossingReport] = None
         self.offset = (0.0, 0.0, 0.0)  # of the localisation, set from outside
 
     @property

@@ -1,0 +1,72 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A drive through the shipped flat in closed loop: full physics, lateral model, decision."""
+import math
+
+import pytest
+
+from ballbot_ros.decision import Knowledge, load_curve, load_decision_tuning
+from ballbot_ros.floors import load_floor
+from ballbot_ros.navigation import RoutePlanner
+from ballbot_ros.navigation.execution import CommandKind, Navigator, NavStatus
+from ballbot_ros.physics import load_robot
+from ballbot_ros.studies.navigation.closed_loop import Errors, FloorLoop
+
+KNOWLEDGE = Knowledge(load_robot('gimball'), load_curve('gimball_down'),
+                      load_decision_tuning('decision_default'))
+HALL, BEDROOM, STUDY = (4.2, 3.4, 0.0), (5.4, 5.8), (1.8, 5.5)
+
+
+@pytest.fixture(scope='module')
+def flat():
+    return RoutePlanner(load_floor('apartment'), KNOWLEDGE)
+
+
+def loop_at(flat, pose, **more):
+    flat.learn(flat._learned.__class__())
+    return FloorLoop(Navigator(flat, KNOWLEDGE), KNOWLEDGE, KNOWLEDGE.robot, flat.floor, pose,
+                     **more)
+
+
+def test_the_ball_crosses_the_bedroom_step_with_a_run_up_from_the_living_room(flat):
+    loop, south = loop_at(flat, HALL), []
+    loop.begin(BEDROOM)
+    loop.run(120.0, lambda loop: south.append(loop.plant.pose[1]))
+    assert loop.state.status is NavStatus.SUCCEEDED, loop.state.message
+    assert math.dist(loop.plant.pose[:2], BEDROOM) < 0.2 and min(south) < 2.9
+    assert abs(loop.plant.state.velocity_x) < 0.05
+
+
+def test_sensor_noise_and_drift_cause_no_obstacles(flat):
+    loop = loop_at(flat, (1.7, 1.4, 1.5), errors=Errors(0.02, 0.01, 0.002, 0.01), seed=3)
+    loop.begin(STUDY)
+    loop.run(120.0)
+    assert loop.state.status is NavStatus.SUCCEEDED, loop.state.message
+    assert not loop.state.learned.obstacles
+
+
+@pytest.mark.parametrize('kind', [CommandKind.DRIVE, CommandKind.CROSS])
+def test_a_jump_of_1_m_ends_in_a_clear_reason_or_arrival_and_at_rest(flat, kind):
+    loop = loop_at(flat, (1.76, 2.0, 1.57))
+    loop.begin(STUDY)
+
+    def jump(loop):
+        if loop.command.kind is kind and loop.plant.state.velocity_x > 0.15:
+            loop.offset = (0.0, -1.0, 0.0)
+    loop.run(25.0, jump)
+    assert loop.offset[1] and loop.state.recoveries
+    loop.run(140.0)
+    assert loop.state.status.ended and abs(loop.plant.state.velocity_x) < 0.05
+    assert loop.state.status is NavStatus.SUCCEEDED or loop.state.reason
+
+
+def test_cancellation_during_a_crossing_ends_at_rest(flat):
+    loop = loop_at(flat, (1.76, 2.2, 1.57))
+    loop.begin(STUDY)
+    for _ in range(2000):
+        loop.step()
+        if loop.command.kind is CommandKind.CROSS and loop.plant.state.velocity_x > 0.2:
+            break
+    loop.state = loop._navigator.cancel(loop.state)
+    loop.run(loop.plant.time + 20.0)
+    assert loop.state.status is NavStatus.CANCELED
+    assert abs(loop.plant.state.velocity_x) < 0.05
