@@ -14,15 +14,16 @@ import shutil
 import sqlite3
 import subprocess
 import sys
+from time import monotonic
 
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGES = ('bridge', 'control', 'decision', 'drives', 'estimation', 'imus', 'physics')
 CONFIG = """\
 [cosmic-ray]
 module-path = ["ballbot_ros/{package}"]
-timeout = {timeout}
+timeout = {timeout:.0f}
 excluded-modules = []
-test-command = "{python} -m pytest -x -q -p no:cacheprovider test/unit/{package}"
+test-command = "{command}"
 
 [cosmic-ray.distributor]
 name = "local"
@@ -45,30 +46,38 @@ def main(argv=None):
     parser.add_argument('package', choices=PACKAGES)
     parser.add_argument('--count', type=int, default=40, help='mutations (default: %(default)s)')
     parser.add_argument('--seed', type=int, default=1, help='of the sample (default: %(default)s)')
-    parser.add_argument('--timeout', type=float, default=1200.0,
-                        help='of the tests of one mutation [s] (default: %(default)s)')
     parser.add_argument('--fail-over', type=float, default=10.0, metavar='PERCENT',
                         help='largest accepted survival rate (default: %(default)s)')
     arguments = parser.parse_args(argv)
     folder = ROOT / 'build' / 'mutants' / f'{arguments.package}-{arguments.seed}'
     copy, session = folder / 'checkout', folder / 'session.sqlite'
 
-    def cosmic_ray(tool, *words):
+    tests = [sys.executable, '-m', 'pytest', '-x', '-q', '-p', 'no:cacheprovider',
+             f'test/unit/{arguments.package}']
+
+    def run(*words):
         return subprocess.run(
-            [Path(sys.executable).with_name(tool), *map(str, words)], cwd=copy,
+            [str(word) for word in words], cwd=copy,
             env={'PATH': '/usr/bin:/bin', 'PYTHONPATH': str(copy), 'BALLBOT_UNCOMPILED': '1'})
+
+    def cosmic_ray(tool, *words):
+        return run(Path(sys.executable).with_name(tool), *words)
     if not session.exists():
         shutil.rmtree(folder, ignore_errors=True)
         copy.mkdir(parents=True)
-        files = subprocess.run(['git', 'ls-files', '-z'], cwd=ROOT, check=True,
-                               capture_output=True).stdout
-        subprocess.run(['xargs', '-0', 'cp', '--parents', '-t', copy], cwd=ROOT, input=files,
-                       check=True)
-        (folder / 'config.toml').write_text(CONFIG.format(
-            package=arguments.package, timeout=arguments.timeout, python=sys.executable))
-        if cosmic_ray('cosmic-ray', 'baseline', folder / 'config.toml').returncode:
+        files = subprocess.run(['git', 'ls-files'], cwd=ROOT, check=True, capture_output=True,
+                               text=True).stdout.splitlines()
+        present = '\0'.join(name for name in files if (ROOT / name).exists())
+        subprocess.run(['xargs', '-0', 'cp', '--parents', '-t', copy], cwd=ROOT, text=True,
+                       input=present, check=True)
+        start = monotonic()
+        if run(*tests).returncode:
             shutil.rmtree(folder)
             sys.exit('the tests fail without any mutation: repair them first')
+        # A mutation that takes much longer than the original code has been detected.
+        (folder / 'config.toml').write_text(CONFIG.format(
+            package=arguments.package, timeout=60.0 + 3.0 * (monotonic() - start),
+            command=' '.join(tests)))
         new = folder / 'new.sqlite'
         cosmic_ray('cosmic-ray', 'init', folder / 'config.toml', new).check_returncode()
         sample(new, arguments.count, arguments.seed)

@@ -64,6 +64,7 @@ def task():
         decider.decide()
 """,
     '`max-step-height` to its number': """
+import ballbot_ros.cli.max_step_height, ballbot_ros.crossing, ballbot_ros.physics
 from ballbot_ros.cli.command import main
 def task():
     main(['max-step-height', '--speed', '0.8', '--json'])

@@ -63,9 +63,10 @@ def test_a_correct_sensor_is_plausible(rolling):
     (lambda rate, forward, upward: (0.01, 0.02, 9.8), 'imu_frozen', 1.0),
     (lambda rate, forward, upward: (rate, forward / 9.81, upward / 9.81), 'imu_gravity', 1.6),
     (lambda rate, forward, upward: (rate, 0.1 * forward, upward - 9.81), 'imu_gravity', 1.6),
+    (lambda rate, forward, upward: (rate, 9.81 * forward, 9.81 * upward), 'imu_gravity', 1.6),
     (lambda rate, forward, upward: (math.degrees(rate), forward, upward), 'imu_turn_rate', 2.0),
     (lambda rate, forward, upward: (-rate, forward, -upward), 'imu_turn_rate', 6.0)],
-    ids=['frozen', 'in g', 'without gravity', 'deg/s', 'upside down'])
+    ids=['frozen', 'in g', 'without gravity', 'gravity twice', 'deg/s', 'upside down'])
 def test_a_wrong_sensor_is_found(rolling, change, reason, within):
     found, when = fault(rolling, change)
     assert found == reason and when < within and EXPLANATIONS[reason]
