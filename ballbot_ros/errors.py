@@ -63,7 +63,7 @@ class ConfigurationError(BallbotError, ValueError):
         ``'out_of_range'``, ``'not_finite'``, ``'inconsistent'`` (with another value),
         ``'unreadable'`` (a file or its syntax), ``'wrong_kind'`` (of a file), ``'exists'`` (a
         file that would be replaced), ``'not_writable'``, ``'not_installed'``, ``'ambiguous'``
-        (several match), ``'unavailable'`` (now, on this machine), or ``'invalid'``.
+        (several match) or ``'unavailable'`` (now, on this machine).
     problems : tuple of ConfigurationError
         Each of several in a file; empty for a single one.
 
@@ -71,7 +71,7 @@ class ConfigurationError(BallbotError, ValueError):
 
     problems: tuple['ConfigurationError', ...] = ()
 
-    def __init__(self, explanation: str, reason: str = 'invalid', field: str = ''):
+    def __init__(self, explanation: str, reason: str, field: str):
         super().__init__(explanation)
         self.reason = reason
         self.field = field
@@ -113,6 +113,7 @@ class SimulationError(BallbotError, ArithmeticError):
 
     """
 
+    reason = 'failed'
     trajectory: Any = None
 
     def __init__(self, time: float, quantity: str, remedy: str):
@@ -124,6 +125,8 @@ class SimulationError(BallbotError, ArithmeticError):
 
 class UnstableLoopError(BallbotError, ValueError):
     """A control law, closed at the given rate and delay, amplifies instead of damping."""
+
+    reason = 'unstable'
 
 
 class MessageError(_ErrorWithReason, ValueError):
@@ -168,6 +171,8 @@ class DriveError(_ErrorWithReason):
 class EstimateLostError(BallbotError, ArithmeticError):
     """The state of the robot cannot be estimated from its sensors any more."""
 
+    reason = 'estimate_lost'
+
 
 class RefusedError(BallbotError):
     """
@@ -182,7 +187,7 @@ class RefusedError(BallbotError):
 
     """
 
-    def __init__(self, explanation: str, reason: str = 'refused', field: str = ''):
+    def __init__(self, explanation: str, reason: str, field: str):
         super().__init__(explanation)
         self.reason = reason
         self.field = field

@@ -74,7 +74,7 @@ def open_bag(path: Path) -> Iterator[Bag]:
     elif find_spec('rosbag2_py') is not None:
         yield _open_with_rosbag2(path)
     else:
-        raise ConfigurationError(MISSING, 'not_installed')
+        raise ConfigurationError(MISSING, 'not_installed', 'rosbags')
 
 
 def unreadable(path: Path, error: BaseException) -> ConfigurationError:
@@ -82,9 +82,9 @@ def unreadable(path: Path, error: BaseException) -> ConfigurationError:
     if 'magic' in str(error):
         return ConfigurationError(
             f'{path}: is no bag that can be read, or one that was cut short ({error}); what was '
-            'recorded before its end can be had with "mcap recover"', 'unreadable')
+            'recorded before its end can be had with "mcap recover"', 'unreadable', str(path))
     return ConfigurationError(
-        f'{path}: is no bag that can be read: {error or repr(error)}', 'unreadable')
+        f'{path}: is no bag that can be read: {error or repr(error)}', 'unreadable', str(path))
 
 
 def custom_data(path: Path) -> Mapping[str, str]:

@@ -47,7 +47,7 @@ def bag_writer(folder: Path, metadata: Mapping[str, str]) -> BagWriter:
         return RosbagsWriter(folder, metadata)
     if find_spec('rosbag2_py') is not None:
         return Rosbag2Writer(folder, metadata)
-    raise ConfigurationError(MISSING, 'not_installed')
+    raise ConfigurationError(MISSING, 'not_installed', 'rosbag2_py')
 
 
 class RosbagsWriter:
@@ -114,7 +114,7 @@ class Rosbag2Writer:
         except RuntimeError as error:
             raise ConfigurationError(f'{self._storage.uri}: rosbag2_py cannot write: {error}; '
                                      'is ros-...-rosbag2-storage-mcap installed?',
-                                     'not_writable') from error
+                                     'not_writable', str(self._storage.uri)) from error
 
     def add_topic(self, name: str, kind: str, offered: Sequence[Qos] = ()) -> str:
         """Return the name."""

@@ -138,13 +138,15 @@ def read_black_box(path: PathLike) -> BlackBoxRecording:
                 damage.append(f'the file is damaged or was cut off: {error!r}')
     except OSError as error:
         raise ConfigurationError(
-            f'{path}: cannot be read: {error.strerror or error}') from error
+            f'{path}: cannot be read: {error.strerror or error}',
+            'unreadable', str(path)) from error
     try:
         reason, when = metadata['fault']['reason'], float(metadata['fault']['time'])
     except (KeyError, ValueError):
         raise ConfigurationError(
             f'{path}: is not a file of a black box, or its metadata are damaged: '
-            f'{", ".join(damage) or "it has no record of a fault"}') from None
+            f'{", ".join(damage) or "it has no record of a fault"}',
+            'unreadable', str(path)) from None
     if not complete and not damage:
         damage.append('the file was cut off')
     traffic = sorted(

@@ -64,7 +64,8 @@ class Battery(Checked):
         for (lower, low), (upper, high) in zip(given, given[1:]):
             if not low < high:
                 raise ConfigurationError(
-                    f'Battery: {lower} must be below {upper}, got {low:g} and {high:g} V')
+                    f'Battery: {lower} must be below {upper}, got {low:g} and {high:g} V',
+                    'inconsistent', lower)
 
 
 class BatteryWatch(NamedTuple):

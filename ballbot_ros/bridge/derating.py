@@ -51,11 +51,11 @@ class Thermal(Checked):
             if (warn_at is None) != (zero_at is None):
                 raise ConfigurationError(
                     f'Thermal: {part}_warn_at and {part}_zero_at go together, got {warn_at} and '
-                    f'{zero_at} degC; give both or neither')
+                    f'{zero_at} degC; give both or neither', 'missing', f'{part}_warn_at')
             if warn_at is not None and zero_at is not None and not warn_at < zero_at:
                 raise ConfigurationError(
                     f'Thermal: {part}_warn_at must be below {part}_zero_at, got {warn_at:g} and '
-                    f'{zero_at:g} degC')
+                    f'{zero_at:g} degC', 'inconsistent', f'{part}_warn_at')
 
 
 class Derating(NamedTuple):

@@ -153,10 +153,10 @@ class DriveControl:
         try:
             return driver.clear_faults(HANDSHAKE)
         except DriveError as error:
-            raise RefusedError(str(error)) from error
+            raise RefusedError(str(error), 'failed', 'drive') from error
         except LinkError as error:
             self.lose(driver, error)
-            raise RefusedError(str(error)) from error
+            raise RefusedError(str(error), 'failed', 'drive') from error
         finally:
             self.sensing.restart(self._clock())  # no measurement was requested meanwhile
 

@@ -56,7 +56,8 @@ class Joint(Checked):
         """Check each value; direction has no middle."""
         super().__post_init__()
         if self.direction == 0:
-            raise ConfigurationError('Joint: direction must be 1 or -1, got 0')
+            raise ConfigurationError('Joint: direction must be 1 or -1, got 0',
+                                     'not_a_choice', 'direction')
 
     def joint_angle(self, position: float) -> float:
         """Return the joint angle for a position of the drive [rad]; applies to rates, too."""

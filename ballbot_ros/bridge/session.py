@@ -118,7 +118,8 @@ class Session:
         """Enable power once the e-stop is released; raise `RefusedError` without a drive."""
         with self.lock:
             if self.line.driver is None:
-                raise RefusedError(f'there is no drive: {self.line.trouble or "not configured"}')
+                raise RefusedError(f'there is no drive: {self.line.trouble or "not configured"}',
+                                   'missing', 'drive')
             self._wanted = Wanted.ACTIVE
 
     def deactivate(self) -> None:
@@ -250,17 +251,20 @@ class Session:
         with self.lock:
             driver = self.line.driver
             if driver is None:
-                raise RefusedError(f'there is no drive: {self.line.trouble or "not configured"}')
+                raise RefusedError(f'there is no drive: {self.line.trouble or "not configured"}',
+                                   'missing', 'drive')
             if not self.supervisor.e_stop:
                 raise RefusedError(
                     'the e-stop is released: a motor whose faults are cleared could turn '
-                    'immediately; engage it first')
+                    'immediately; engage it first', 'refused', 'e_stop')
             if self.control.power.state is not MotorState.DISARMED:
-                raise RefusedError('the motor is under power, or its stop is not confirmed yet')
+                raise RefusedError('the motor is under power, or its stop is not confirmed yet',
+                                   'busy', 'motor')
             left = self.control.clear_faults(driver)
             self.observer.event(f'faults cleared, left: {", ".join(left) or "none"}')
         if left:
-            raise RefusedError(f'the drive still names {", ".join(left)}; remove the cause')
+            raise RefusedError(f'the drive still names {", ".join(left)}; remove the cause',
+                               'standing', 'drive')
         return 'the drive names no fault any more'
 
     # Each period

@@ -102,11 +102,12 @@ class Supervisor:
     def reset(self, now: float, inhibit: str = '') -> None:
         """Release the e-stop; `RefusedError` if inhibited, or after a recent nonzero command."""
         if inhibit:
-            raise RefusedError(f'the e-stop stays engaged: {inhibit}')
+            raise RefusedError(f'the e-stop stays engaged: {inhibit}', 'standing', 'e_stop')
         if now - self._pushed < QUIET:
             raise RefusedError(
                 'the e-stop stays engaged: commands other than zero are arriving, and the robot '
-                f'would jump; let the controller command zero (no set-point) for {QUIET:g} s')
+                f'would jump; let the controller command zero (no set-point) for {QUIET:g} s',
+                'refused', 'set_point')
         self.e_stop = ''
         self.quiet()
 

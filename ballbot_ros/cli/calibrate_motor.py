@@ -33,7 +33,8 @@ class Console:
         except EOFError:
             answer = 'q'
         if answer.strip().lower() == 'q':
-            raise RefusedError('calibration ended; nothing was written', 'cancelled')
+            raise RefusedError('calibration ended; nothing was written', 'cancelled',
+                               'calibration')
         return answer
 
 

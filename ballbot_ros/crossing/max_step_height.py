@@ -296,7 +296,7 @@ def _prepare(robot: Robot, speed: float, actuation: Actuation, pendulum_angle: O
     if not isinstance(actuation, Actuation):
         raise ConfigurationError(
             "max_step_height: actuation must be an Actuation, such as Actuation('velocity', "
-            f'set_rate=3.0) or held_at(0.0), got {actuation!r}')
+            f'set_rate=3.0) or held_at(0.0), got {actuation!r}', 'wrong_type', 'actuation')
     actuation.check_fits(robot)
     if pendulum_angle is None:
         pendulum_angle = actuation.start_angle
@@ -304,7 +304,7 @@ def _prepare(robot: Robot, speed: float, actuation: Actuation, pendulum_angle: O
     if not math.isfinite(pendulum_angle):
         raise ConfigurationError(
             'max_step_height: pendulum_angle must be any finite number rad, '
-            f'got {pendulum_angle!r}')
+            f'got {pendulum_angle!r}', 'not_finite', 'pendulum_angle')
     return Crossings.of(1, robot, speed, pendulum_angle, actuation, site, rules, options)
 
 
@@ -361,7 +361,7 @@ def cruising(robot: Robot, actuation: Actuation = Actuation()) -> Callable[[floa
     if motor is None:
         raise ConfigurationError(
             f"law 'voltage' needs a motor and robot {robot.name!r} describes none; add a motor "
-            'section to its file')
+            'section to its file', 'missing', 'motor')
     per_volt = motor.gear_ratio * motor.gear_efficiency * motor.torque_constant / motor.resistance
     per_rate = ((robot.rolling_friction + robot.joint_friction) / per_volt
                 + motor.gear_ratio * motor.speed_constant)

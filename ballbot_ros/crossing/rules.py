@@ -169,14 +169,15 @@ def check_gravity(robot: Robot) -> None:
     """Refuse a robot that no step can stop."""
     if robot.gravity == 0.0:
         raise ConfigurationError(
-            f'robot {robot.name!r} has no gravity: there is no highest step')
+            f'robot {robot.name!r} has no gravity: there is no highest step',
+            'out_of_range', 'gravity')
 
 
 def too_fast(robot: Robot, speed: float, passed: float) -> ConfigurationError:
     """Return the error of a speed [m/s] at which no step is too high, up to one passed [m]."""
     return ConfigurationError(
         f'no step up to {passed:g} m stops {robot.name!r} at {speed:g} m/s: this speed is '
-        'outside what the search is made for')
+        'outside what the search is made for', 'out_of_range', 'speed')
 
 
 def held_at(angle: float, actuation: Actuation = Actuation()) -> Actuation:

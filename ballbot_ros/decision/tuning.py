@@ -93,11 +93,13 @@ class DecisionTuning(Checked):
         if self.cruise_speed > self.highest_speed:
             raise ConfigurationError(
                 f'DecisionTuning: cruise_speed must be at most highest_speed '
-                f'({self.highest_speed:g} m/s), got {self.cruise_speed:g} m/s')
+                f'({self.highest_speed:g} m/s), got {self.cruise_speed:g} m/s',
+                'inconsistent', 'cruise_speed')
         if self.emergency_lean < self.largest_lean:
             raise ConfigurationError(
                 f'DecisionTuning: emergency_lean must be at least largest_lean '
-                f'({self.largest_lean:g} rad), got {self.emergency_lean:g} rad')
+                f'({self.largest_lean:g} rad), got {self.emergency_lean:g} rad',
+                'inconsistent', 'emergency_lean')
 
 
 def load_decision_tuning(name_or_path: str) -> DecisionTuning:
@@ -128,36 +130,39 @@ def check_decision(robot: Robot, curve: HeightCurve, tuning: DecisionTuning) -> 
     if curve.robot != robot.name:
         raise ConfigurationError(
             f'curve {curve.name} was made for {curve.robot}, not for {robot.name}: make one '
-            'for this robot')
+            'for this robot', 'inconsistent', 'curve')
     if curve.made is not None and curve.made.robot_digest != robot.digest:
         raise ConfigurationError(
             f'curve {curve.name} was made for a {robot.name} of other numbers (digest '
             f'{curve.made.robot_digest}, this one has {robot.digest}): make it again with '
-            'ballbot fit-curve')
+            'ballbot fit-curve', 'inconsistent', 'curve')
     if curve.made is not None and curve.made.clearance < CLEARANCE:
         rule = 'its centre has passed the edge' if curve.made.over == 'edge' else \
             f'it gets {curve.made.clearance:g} radii beyond the edge'
         raise ConfigurationError(
             f'curve {curve.name} was made by the rule that a ball is over when {rule}; from there '
             f'it may come back, so a decision needs at least {CLEARANCE:g} radii: make it again '
-            'with ballbot fit-curve --over clear')
+            'with ballbot fit-curve --over clear', 'inconsistent', 'curve')
     if tuning.highest_speed < curve.lowest_speed:
         raise ConfigurationError(
             f'highest_speed must be at least the lowest speed of curve {curve.name} '
-            f'({curve.lowest_speed:g} m/s), got {tuning.highest_speed:g} m/s')
+            f'({curve.lowest_speed:g} m/s), got {tuning.highest_speed:g} m/s',
+            'inconsistent', 'highest_speed')
     if tuning.height_margin < curve.residual:
         raise ConfigurationError(
             f'height_margin must be at least the residual of curve {curve.name} '
-            f'({curve.residual:g} m), got {tuning.height_margin:g} m')
+            f'({curve.residual:g} m), got {tuning.height_margin:g} m',
+            'inconsistent', 'height_margin')
     if curve.made is not None and (curve.made.law, curve.made.set_angle) != APPROACH:
         raise ConfigurationError(
             f'curve {curve.name} is for law {curve.made.law} at a set angle of '
             f'{curve.made.set_angle:g} rad, but the ball touches with its pendulum held by law '
-            f'{APPROACH[0]} at {APPROACH[1]:g} rad: make a curve for that')
+            f'{APPROACH[0]} at {APPROACH[1]:g} rad: make a curve for that',
+            'inconsistent', 'curve')
     possible = RollingModel(robot).held_acceleration(tuning.largest_lean)
     for name in ('acceleration', 'deceleration'):
         if getattr(tuning, name) > possible:
             raise ConfigurationError(
                 f'{name} must be at most {possible:.3g} m/s2, what {robot.name} gains at a '
                 f'largest_lean of {tuning.largest_lean:g} rad, got {getattr(tuning, name):g} '
-                'm/s2')
+                'm/s2', 'out_of_range', name)

@@ -92,7 +92,8 @@ class Recorder:
             part_before(self._path).unlink(missing_ok=True)
             self._open()
         except OSError as error:
-            raise ConfigurationError(f'cannot record to {path}: {error}') from error
+            raise ConfigurationError(f'cannot record to {path}: {error}',
+                                     'not_writable', str(path)) from error
 
     def record(self, direction: str, data: bytes) -> None:
         """Write a piece of traffic."""
@@ -142,9 +143,11 @@ def _read(path: Path) -> list[Record]:
     try:
         lines = path.read_text(encoding='ascii').splitlines(keepends=True)
     except (OSError, UnicodeDecodeError) as error:
-        raise ConfigurationError(f'{path}: cannot be read: {error}') from error
+        raise ConfigurationError(f'{path}: cannot be read: {error}',
+                                 'unreadable', str(path)) from error
     if not lines or lines[0].rstrip('\n') != HEADER:
-        raise ConfigurationError(f'{path}: is no capture, the first line must be {HEADER!r}')
+        raise ConfigurationError(f'{path}: is no capture, the first line must be {HEADER!r}',
+                                 'wrong_kind', str(path))
     records = []
     for number, line in enumerate(lines[1:], start=2):
         if not line.endswith('\n'):
@@ -156,7 +159,8 @@ def _read(path: Path) -> list[Record]:
             records.append(Record(float(stamp), direction, bytes.fromhex(''.join(data))))
         except ValueError as error:
             raise ConfigurationError(
-                f'{path}:{number}: is not "time > hex" or "time < hex": {error}') from error
+                f'{path}:{number}: is not "time > hex" or "time < hex": {error}',
+                'unreadable', str(path)) from error
     return records
 
 

@@ -89,12 +89,12 @@ class Device(ABC):
             known = ' or '.join(self.firmwares) or 'left out: all are alike'
             raise ConfigurationError(
                 f'firmware of an emulated {self.protocol} must be {known}, got '
-                f'{settings.firmware!r}')
+                f'{settings.firmware!r}', 'not_a_choice', 'firmware')
         for quirk in settings.quirks:
             if quirk not in self.quirks:
                 raise ConfigurationError(
                     f'{quirk!r} is no quirk of an emulated {self.protocol}'
-                    + suggestion(quirk, self.quirks))
+                    + suggestion(quirk, self.quirks), 'unknown_name', quirk)
         self.settings = settings
         self.sensed = Sensed()
         self.baud = 921600.0

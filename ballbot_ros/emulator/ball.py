@@ -23,7 +23,8 @@ def motor_of(robot: Robot) -> Motor:
     """
     if robot.motor is None or not robot.has_pendulum:
         raise ConfigurationError(
-            f'robot {robot.name!r} has no pendulum motor; take one that has, such as gimball')
+            f'robot {robot.name!r} has no pendulum motor; take one that has, such as gimball',
+            'missing', 'robot')
     return robot.motor
 
 

@@ -127,11 +127,13 @@ def obey(emulator: Emulator, line: str) -> str:
         fault = FAULTS[name]
         number = _number(name, words, fault.default)
         if fault.argument == '' and words:
-            raise ConfigurationError(f'{name} takes no number, got {words[0]!r}')
+            raise ConfigurationError(f'{name} takes no number, got {words[0]!r}',
+                                     'wrong_type', name)
         emulator.call(lambda: fault.act(emulator, number, time.monotonic()))
     else:
         known = (*FAULTS, *LINE_FAULTS, 'state')
-        raise ConfigurationError(f'{name!r} is no fault{suggestion(name, known)}')
+        raise ConfigurationError(f'{name!r} is no fault{suggestion(name, known)}',
+                                 'unknown_name', name)
     return 'ok'
 
 
@@ -141,7 +143,8 @@ def _directions(name: str, words: list[str]) -> tuple[str, ...]:
         direction = words.pop()
         if direction not in DIRECTIONS:
             raise ConfigurationError(
-                f'{name}: the second word must be "to" or "from" (the drive), got {direction!r}')
+                f'{name}: the second word must be "to" or "from" (the drive), got {direction!r}',
+                'not_a_choice', name)
         return (direction,)
     return DIRECTIONS
 
@@ -154,10 +157,12 @@ def _number(name: str, words: list[str], default: Optional[float]) -> float:
         number, = (float(word) for word in words)
     except ValueError:
         raise ConfigurationError(
-            f'{name} takes one number, got {" ".join(words) or "nothing"}') from None
+            f'{name} takes one number, got {" ".join(words) or "nothing"}',
+            'wrong_type', name) from None
     if math.isnan(number) or name in FAULTS and FAULTS[name].argument.startswith(
             ('seconds', 'bytes')) and number < 0.0:
-        raise ConfigurationError(f'{name}: the number must be at least 0, got {number:g}')
+        raise ConfigurationError(f'{name}: the number must be at least 0, got {number:g}',
+                                 'out_of_range', name)
     return number
 
 
@@ -210,13 +215,15 @@ class Channel:
         self._path = path
         if path.exists() and not path.is_socket():
             raise ConfigurationError(
-                f'{path} exists and is no socket; choose another name for --control')
+                f'{path} exists and is no socket; choose another name for --control',
+                'exists', '--control')
         try:
             path.unlink(missing_ok=True)
             self._server = socketserver.ThreadingUnixStreamServer(str(path), Handler)
         except OSError as error:
             raise ConfigurationError(
-                f'cannot listen on {path}: {error.strerror or error}') from error
+                f'cannot listen on {path}: {error.strerror or error}',
+                'not_writable', '--control') from error
         self._server.daemon_threads = True
         self._thread = Thread(target=self._server.serve_forever, name='control', daemon=True)
         self._thread.start()

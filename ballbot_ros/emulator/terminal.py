@@ -38,14 +38,15 @@ class PseudoTerminal:
         self._master = self._slave = -1
         if link is not None and link.exists() and not link.is_symlink():
             raise ConfigurationError(
-                f'{link} exists and is no symbolic link; choose another name for --link')
+                f'{link} exists and is no symbolic link; choose another name for --link',
+                'exists', '--link')
         self.device = ''
         try:
             self.plug()
         except OSError as error:
             raise ConfigurationError(
                 f'{link} cannot be made: {error.strerror or error}; choose another name for '
-                '--link') from error
+                '--link', 'not_writable', '--link') from error
 
     @property
     def path(self) -> str:

@@ -99,7 +99,7 @@ def run_lockstep(folder: Path, nodes: Mapping[str, Mapping[str, Any]], periods: 
                 if time.monotonic() > deadline:
                     raise RefusedError(
                         f'not finished within {timeout:g} s; on a slow machine increase '
-                        f'--timeout; else see {logs}', 'timeout')
+                        f'--timeout; else see {logs}', 'timeout', '--timeout')
     finally:
         executor.remove_node(node)
         node.destroy_node()

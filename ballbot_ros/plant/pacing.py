@@ -22,7 +22,8 @@ def periods_per(slow_rate: float, base_rate: float, name: str) -> int:
         below = base_rate / (max(1, math.floor(ratio)) + 1)
         raise ConfigurationError(
             f'{name} must divide control_rate ({base_rate:g} Hz) into a whole number of '
-            f'periods, got {slow_rate:g} Hz; {below:g} Hz and {above:g} Hz do')
+            f'periods, got {slow_rate:g} Hz; {below:g} Hz and {above:g} Hz do',
+            'inconsistent', name)
     return periods
 
 

@@ -52,7 +52,8 @@ class Plant:
                  accuracy: Optional[float] = None):
         """Start at the start of the scene."""
         if not (control_rate > 0.0 and math.isfinite(control_rate)):
-            raise ConfigurationError(f'control_rate must be above 0 Hz, got {control_rate!r}')
+            raise ConfigurationError(f'control_rate must be above 0 Hz, got {control_rate!r}',
+                                     'out_of_range', 'control_rate')
         self.model: Model = scene.model
         self._monitor: Optional[ErrorMonitor] = None
         if accuracy is not None:

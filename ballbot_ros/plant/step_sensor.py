@@ -54,7 +54,8 @@ def check_sensor(**deviations: float) -> None:
     """Raise `ConfigurationError` for a standard deviation that is none."""
     for name, value in deviations.items():
         if not (value >= 0.0 and math.isfinite(value)):
-            raise ConfigurationError(f'{name} must be at least 0 m, got {value!r}')
+            raise ConfigurationError(f'{name} must be at least 0 m, got {value!r}',
+                                     'out_of_range', name)
 
 
 class Sensor:

@@ -75,7 +75,7 @@ class TerrainSensor:
         if not (reach > 0.0 and behind >= 0.0 and spacing > 0.0):
             raise ConfigurationError(
                 'a terrain sensor needs reach and spacing above 0 m and behind of at least 0 m, '
-                f'got {reach!r}, {spacing!r} and {behind!r}')
+                f'got {reach!r}, {spacing!r} and {behind!r}', 'out_of_range', 'reach')
         ends = np.array([[-ENDLESS], [ENDLESS]]) + terrain.vertices[[0, -1], 0][:, None]
         ground = np.vstack([
             np.column_stack([ends[:1], terrain.height(ends[0])]), terrain.vertices,

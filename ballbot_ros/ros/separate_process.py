@@ -49,11 +49,11 @@ def _run(function: Callable[..., R], arguments: Tuple[Any, ...]) -> R:
             raise RefusedError(
                 f'{function.__name__} did not finish within {TIME_LIMIT:g} s in a separate '
                 'process, so nothing has changed: is this machine busy? Try again, or give the '
-                'value at the start of the node', 'timeout') from None
+                'value at the start of the node', 'timeout', function.__name__) from None
         except Exception as error:
             raise RefusedError(
                 f'{function.__name__} failed in a separate process: {type(error).__name__}: '
-                f'{error}', 'failed') from error
+                f'{error}', 'failed', function.__name__) from error
 
 
 def _leave_real_time() -> None:

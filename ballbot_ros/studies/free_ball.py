@@ -93,7 +93,8 @@ class FreeBall:
                  x: float = -1e3, set_angle: Optional[float] = None, step: float = STEP):
         """Put the ball to its start."""
         if mujoco is None:
-            raise ConfigurationError(f'MuJoCo is not installed: {HOW_TO_INSTALL}')
+            raise ConfigurationError(f'MuJoCo is not installed: {HOW_TO_INSTALL}',
+                                     'not_installed', 'mujoco')
         self.robot, self.height, self.set_angle = robot, height, set_angle
         self.limits = required_steering(robot)
         self.lean_command = 0.0  # [rad]

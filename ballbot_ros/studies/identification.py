@@ -101,7 +101,8 @@ def identify(scene: Scene, recording: Recording, names: Sequence[str], use_torqu
     """
     if not names or len(set(names)) < len(names):
         raise ConfigurationError(
-            'identify: name the parameters to estimate, each of them once', 'inconsistent')
+            'identify: name the parameters to estimate, each of them once', 'inconsistent',
+            'parameters')
     check_known(scene, names)
     search = _Search(scene, recording, names, use_torque, progress)
     search.start()

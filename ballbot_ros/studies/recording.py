@@ -49,7 +49,7 @@ class Recording:
         if not self.channels:
             raise ConfigurationError(
                 'recording: it has no channel that can be compared; known are '
-                + ', '.join(CHANNELS), 'missing')
+                + ', '.join(CHANNELS), 'missing', 'channels')
         checked = {}
         for name, (times, values) in self.channels.items():
             if name not in CHANNELS:

@@ -92,7 +92,8 @@ class Calibrator:
             'hand at the switch of the battery.  Ctrl-C or "q" ends it at any time.')
         while (answer := ask('Is that so? [yes/no/q]').strip().lower()) not in ('yes', 'y'):
             if answer in ('no', 'n'):
-                raise RefusedError('calibration ended: hold the shell first; nothing was changed')
+                raise RefusedError('calibration ended: hold the shell first; nothing was changed',
+                                   'cancelled', 'shell')
             say(f'{answer!r} is neither yes nor no.')
         try:
             direction, scale = self._turn_by_hand()
@@ -122,7 +123,7 @@ class Calibrator:
             raise RefusedError(
                 f'the drive saw {math.degrees(moved):.1f} degrees at its shaft and about '
                 f'{math.degrees(expected):.0f} were expected: is the encoder connected, does the '
-                'pinion engage, is gear_ratio right?')
+                'pinion engage, is gear_ratio right?', 'failed', 'gear_ratio')
         scale = turned / abs(moved)
         if abs(scale * expected / turned - 1.0) > NOTEWORTHY:
             say(f'That is {scale:.5f} joint turns per turn of the drive; the file said '
@@ -164,7 +165,8 @@ class Calibrator:
                 raise RefusedError(
                     'torque and encoder have opposite signs: a positive torque turned the shaft '
                     'back.  With any controller this runs away.  Calibrate the encoder with the '
-                    "maker's tool, or swap the leads of a brushed motor; then start again")
+                    "maker's tool, or swap the leads of a brushed motor; then start again",
+                    'failed', 'encoder')
             torques.append(level)
             angles.append(angle)
         return torques, angles
@@ -182,14 +184,16 @@ class Calibrator:
             self._wait(now + PERIOD)
             telemetry = driver.telemetry
             if telemetry.faults:
-                raise RefusedError(f'the drive reports {", ".join(telemetry.faults)}')
+                raise RefusedError(f'the drive reports {", ".join(telemetry.faults)}',
+                                   'failed', 'drive')
             angle = scale * ((telemetry.position or 0.0) - self._zero)
             rate = scale * (telemetry.velocity or 0.0)
             if abs(angle) > FURTHEST or abs(rate) > FASTEST:
                 raise RefusedError(
                     f'stopped: the pendulum was at {math.degrees(angle):.0f} degrees and '
                     f'{rate:.1f} rad/s, more than {math.degrees(FURTHEST):.0f} degrees or '
-                    f'{FASTEST:g} rad/s; is torque_limit too high, or the shell not held?')
+                    f'{FASTEST:g} rad/s; is torque_limit too high, or the shell not held?',
+                    'failed', 'torque_limit')
             if now - start > RAISE + SETTLE:
                 seen.append(angle)
         return float(np.mean(seen))
@@ -200,7 +204,8 @@ class Calibrator:
         asked = driver.clock()
         while (driver.telemetry.time or -math.inf) <= asked:
             if driver.clock() - asked > 1.0:
-                raise RefusedError('the drive does not report where its shaft is')
+                raise RefusedError('the drive does not report where its shaft is',
+                                   'missing', 'encoder')
             driver.ask()
             self._wait(driver.clock() + PERIOD)
         return driver.telemetry.position or 0.0
@@ -235,7 +240,7 @@ def fit(torques: List[float], angles: List[float], gravity_torque: float
     if np.abs(lifted).max() < 0.1 * np.abs(asked).max():
         raise RefusedError(
             'the pendulum barely moved: friction holds it, or the torque does not reach it; '
-            'raise torque_limit, or look at motor and gear')
+            'raise torque_limit, or look at motor and gear', 'failed', 'torque_limit')
     # Friction has the sign of the preceding motion: plus on the way up, minus on the way down.
     moving = np.sign(np.diff(asked, prepend=0.0))
     columns = np.column_stack([asked, -moving])

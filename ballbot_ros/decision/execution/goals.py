@@ -158,7 +158,8 @@ class GoalWatch:
 def checked_timeout(timeout: float, default: float) -> float:
     """Return the timeout of a goal [s]; 0 takes the default."""
     if not 0.0 <= timeout <= LONGEST:
-        raise RefusedError(f'timeout must be 0 to {LONGEST:g} s, got {timeout:g}')
+        raise RefusedError(f'timeout must be 0 to {LONGEST:g} s, got {timeout:g}',
+                           'out_of_range', 'timeout')
     return timeout or default
 
 
@@ -186,13 +187,13 @@ class Goals:
     def begin(self, goal: Goal) -> None:
         """Start a goal; raises `RefusedError` while another one is active."""
         if self.goal is not None:
-            raise RefusedError('another goal is under way: cancel it first')
+            raise RefusedError('another goal is under way: cancel it first', 'busy', 'goal')
         self.goal, self.waiting = goal, True
 
     def go_on(self) -> None:
         """Execute decisions without a goal."""
         if self.goal is not None:
-            raise RefusedError('a goal is under way: cancel it first')
+            raise RefusedError('a goal is under way: cancel it first', 'busy', 'goal')
         self.waiting = False
 
     def end(self) -> None:
@@ -355,19 +356,22 @@ def drive_goal(start: Motion, target: float, speed_limit: float, tolerance: floa
 
     """
     if not abs(target) < FARTHEST:
-        raise RefusedError(f'target must be finite and within {FARTHEST:g} m, got {target:g}')
+        raise RefusedError(f'target must be finite and within {FARTHEST:g} m, got {target:g}',
+                           'out_of_range', 'target')
     if speed_limit and not SLOWEST <= speed_limit <= tuning.highest_speed:
         raise RefusedError(f'speed_limit must be 0 or {SLOWEST:g} to {tuning.highest_speed:g} '
-                           f'm/s, the highest_speed of the tuning, got {speed_limit:g}')
+                           f'm/s, the highest_speed of the tuning, got {speed_limit:g}',
+                           'out_of_range', 'speed_limit')
     if tolerance and not FINEST <= tolerance <= COARSEST:
         raise RefusedError(
-            f'tolerance must be 0 or {FINEST:g} to {COARSEST:g} m, got {tolerance:g}')
+            f'tolerance must be 0 or {FINEST:g} to {COARSEST:g} m, got {tolerance:g}',
+            'out_of_range', 'tolerance')
     tolerance = tolerance or USUAL
     if target < start.position and target < free_from - tolerance:
         raise RefusedError(
             f'target {target:.2f} m is behind the ball, where the ground is known to be free '
             f'from {free_from:.2f} m on only; room_behind of the tuning says how much is free '
-            'at the start')
+            'at the start', 'out_of_range', 'target')
     way = abs(target - start.position)
     speed = SLOWEST if target < start.position else min(
         speed_limit or math.inf, tuning.cruise_speed)

@@ -72,10 +72,12 @@ def read_outcomes(path: Path, robot: str = '') -> Reading:
         with closing(_connect(f'{path.absolute().as_uri()}?mode=ro')) as database:
             version, = database.execute('PRAGMA user_version').fetchone()
             if version != FORMAT:
-                raise ConfigurationError(f'format {version}, this version reads {FORMAT}')
+                raise ConfigurationError(f'format {version}, this version reads {FORMAT}',
+                                         'wrong_kind', 'format')
             fault, = database.execute('PRAGMA integrity_check(1)').fetchone()
             if fault != 'ok':
-                raise ConfigurationError(f'the database is damaged: {fault}')
+                raise ConfigurationError(f'the database is damaged: {fault}',
+                                         'unreadable', str(path))
             rows = database.execute(
                 f'SELECT run, {", ".join(COLUMNS)} FROM outcomes ORDER BY number').fetchall()
         return Reading(_checked(rows, robot))
@@ -107,22 +109,24 @@ def _check_next(run: str, outcome: Outcome, robot: str,
     if outcome.robot != robot:
         raise ConfigurationError(
             f'an outcome is of another robot (digest {outcome.robot or "none"}, this one has '
-            f'{robot or "none"})')
+            f'{robot or "none"})', 'inconsistent', 'robot')
     if len([item for other, item in recent if other == run and
             abs(outcome.stamp - item.stamp) < BURST_TIME]) == BURST_MAX:
         raise ConfigurationError(
-            f'more than {BURST_MAX} outcomes within {BURST_TIME:g} s are implausible')
+            f'more than {BURST_MAX} outcomes within {BURST_TIME:g} s are implausible',
+            'out_of_range', 'time')
 
 
 def _plan(content: Any) -> Plan:
     """Return the plan of an outcome; refuse one with other fields or with NaN."""
     names = {item.name for item in fields(Plan)}
     if not isinstance(content, dict) or set(content) != names:
-        raise ConfigurationError(f'a plan must have the fields {", ".join(sorted(names))}')
+        raise ConfigurationError(f'a plan must have the fields {", ".join(sorted(names))}',
+                                 'missing', 'plan')
     values = {name: float(value) for name, value in content.items()
               if name not in ('strategy', 'after')}
     if any(map(math.isnan, values.values())):
-        raise ConfigurationError('a plan has a number that is NaN')
+        raise ConfigurationError('a plan has a number that is NaN', 'not_finite', 'plan')
     return Plan(Strategy(content['strategy']), after=After(content['after']), **values)
 
 
@@ -223,5 +227,5 @@ def move_away(path: Path, backup: Path) -> None:
             os.rename(path, backup)
     except (sqlite3.Error, OSError) as error:
         raise ConfigurationError(
-            f'{path} cannot be reset: {error}; stop obstacle_decision first if it runs'
-        ) from error
+            f'{path} cannot be reset: {error}; stop obstacle_decision first if it runs',
+            'not_writable', str(path)) from error

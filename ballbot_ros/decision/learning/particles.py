@@ -69,7 +69,8 @@ class Prior(Checked):
         if self.lowest_friction > self.highest_friction:
             raise ConfigurationError(
                 f'Prior: lowest_friction must be at most highest_friction '
-                f'({self.highest_friction:g}), got {self.lowest_friction:g}')
+                f'({self.highest_friction:g}), got {self.lowest_friction:g}',
+                'inconsistent', 'lowest_friction')
 
 
 @dataclass(frozen=True, eq=False)
@@ -216,7 +217,8 @@ class Particles:
         given = np.asarray(log_likelihood, dtype=float)
         if given.shape != self.weights.shape or not np.isfinite(given).all():
             raise ConfigurationError(
-                f'log_likelihood must hold {len(self)} finite numbers, got shape {given.shape}')
+                f'log_likelihood must hold {len(self)} finite numbers, got shape {given.shape}',
+                'wrong_type', 'log_likelihood')
         weights = self.weights * np.exp(given - given.max())
         after = replace(self, weights=_fixed(weights / weights.sum()),
                         outcomes=self.outcomes + 1)

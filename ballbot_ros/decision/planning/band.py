@@ -50,7 +50,8 @@ class Band(Checked):
                 self.speeds, self.probabilities, self.heights))
         except (TypeError, ValueError) as error:
             raise ConfigurationError(f'Band: speeds, probabilities and heights must be numbers, '
-                                     f'a row of heights per speed: {error}') from error
+                                     f'a row of heights per speed: {error}',
+                                     'wrong_type', 'heights') from error
         good = (speeds.ndim == parts.ndim == 1 and table.shape == (len(speeds), len(parts))
                 and len(speeds) > 1 and len(parts) > 1
                 and all(np.isfinite(values).all() for values in (speeds, parts, table))
@@ -59,7 +60,8 @@ class Band(Checked):
         if not good:
             raise ConfigurationError(
                 'Band: speeds and probabilities must rise, the latter from 0 to 1, and heights '
-                'must have a rising row per speed, a column per probability, all finite')
+                'must have a rising row per speed, a column per probability, all finite',
+                'inconsistent', 'heights')
         object.__setattr__(self, 'speeds', tuple(speeds.tolist()))
         object.__setattr__(self, 'probabilities', tuple(parts.tolist()))
         object.__setattr__(self, 'heights', tuple(map(tuple, table.tolist())))
@@ -76,7 +78,8 @@ class Band(Checked):
         """
         if not 0.0 <= probability <= 1.0:
             raise ConfigurationError(
-                f'probability must be at least 0 and at most 1, got {probability!r}')
+                f'probability must be at least 0 and at most 1, got {probability!r}',
+                'out_of_range', 'probability')
         return float(np.interp(probability, self.probabilities, self._row(speed)))
 
     def probability_of_passing(self, speed: float, height: float) -> float:
@@ -90,7 +93,8 @@ class Band(Checked):
 
         """
         if not math.isfinite(height):
-            raise ConfigurationError(f'height must be any finite number m, got {height!r}')
+            raise ConfigurationError(f'height must be any finite number m, got {height!r}',
+                                     'not_finite', 'height')
         row = self._row(speed)
         if height <= row[0]:
             return 1.0
@@ -106,7 +110,7 @@ class Band(Checked):
         if not self.speeds[0] <= speed <= self.speeds[-1]:
             raise ConfigurationError(
                 f'the band holds from {self.speeds[0]:g} to {self.speeds[-1]:g} m/s, not at '
-                f'{speed!r} m/s, and is not extrapolated')
+                f'{speed!r} m/s, and is not extrapolated', 'out_of_range', 'speed')
         after = min(max(bisect_right(self.speeds, speed), 1), len(self.speeds) - 1)
         before = self.speeds[after - 1]
         part = (speed - before) / (self.speeds[after] - before)

@@ -93,13 +93,14 @@ class HeightCurve(Checked):
         if not self.lowest_speed < self.highest_speed:
             raise ConfigurationError(
                 f'HeightCurve: highest_speed must be more than lowest_speed '
-                f'({self.lowest_speed:g} m/s), got {self.highest_speed:g} m/s')
+                f'({self.lowest_speed:g} m/s), got {self.highest_speed:g} m/s',
+                'inconsistent', 'highest_speed')
         speed = _flattest(self)
         if not _slope(self, speed) > 0.0:
             raise ConfigurationError(
                 f'HeightCurve: {self.name} must rise from {self.lowest_speed:g} to '
                 f'{self.highest_speed:g} m/s, but it falls or is flat at {speed:.3g} m/s; '
-                'narrow the range')
+                'narrow the range', 'inconsistent', 'coefficients')
 
     def height(self, speed: float) -> float:
         """
@@ -119,7 +120,8 @@ class HeightCurve(Checked):
         if not self.lowest_speed <= speed <= self.highest_speed:
             raise ConfigurationError(
                 f'curve {self.name} holds from {self.lowest_speed:g} to '
-                f'{self.highest_speed:g} m/s, not at {speed!r} m/s, and is not extrapolated')
+                f'{self.highest_speed:g} m/s, not at {speed!r} m/s, and is not extrapolated',
+                'out_of_range', 'speed')
         a0, a1, a2, a3 = self.coefficients
         return a0 + speed * (a1 + speed * (a2 + speed * a3))
 
@@ -162,7 +164,7 @@ def _four_numbers(name: str, values: Any) -> Tuple[float, ...]:
     if not good:
         raise ConfigurationError(
             f'HeightCurve: {name} must be four finite numbers [a0, a1, a2, a3] '
-            f'(m, m/s), got {values!r}')
+            f'(m, m/s), got {values!r}', 'wrong_type', name)
     return tuple(float(value) for value in values)
 
 
@@ -202,5 +204,5 @@ def load_curve(name_or_path: str, variant: str = 'fit') -> HeightCurve:
     if not curve.conservative:
         raise ConfigurationError(
             f'curve {curve.name} has no conservative coefficients; make it again with '
-            'ballbot fit-curve')
+            'ballbot fit-curve', 'missing', 'conservative')
     return replace(curve, coefficients=curve.conservative, residual=0.0)

@@ -112,6 +112,6 @@ class MotorInputs:
         if self._session.clock() - self._outputs.engaged_at < RELEASE_DELAY:
             raise RefusedError(
                 f'the e-stop has been engaged for less than {RELEASE_DELAY:g} s, so this request '
-                'may have been sent before; release again')
+                'may have been sent before; release again', 'refused', 'e_stop')
         self._session.release()
         return 'the e-stop is released'

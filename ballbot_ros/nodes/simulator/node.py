@@ -106,7 +106,8 @@ class Simulator(Node):
 
     def _resume(self) -> str:
         if self._scheduler.failure is not None:
-            raise RefusedError(f'{self._scheduler.failure}; call ~/reset first', 'failed')
+            raise RefusedError(f'{self._scheduler.failure}; call ~/reset first', 'failed',
+                               'simulation')
         self._scheduler.resume()
         return f'running from t = {self._plant.time:.3f} s'
 

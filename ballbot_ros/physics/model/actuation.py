@@ -22,7 +22,7 @@ def refuse_degrees(name: str, angle: float) -> None:
     if isinstance(angle, (int, float)) and math.pi < abs(angle) < math.inf:
         raise ConfigurationError(
             f'{name} is in radians, within +-pi, got {angle:g}; '
-            f'{angle:g} degrees are math.radians({angle:g})')
+            f'{angle:g} degrees are math.radians({angle:g})', 'out_of_range', name)
 
 
 @dataclass(frozen=True, repr=False)
@@ -62,7 +62,7 @@ class Actuation(Checked):
             name, value = given[0], getattr(self, given[0])
             raise ConfigurationError(
                 f"Actuation: {name} is given without its law, and law 'free' would ignore it; "
-                f'write Actuation({SET_VALUES[name]!r}, {name}={value:g})')
+                f'write Actuation({SET_VALUES[name]!r}, {name}={value:g})', 'inconsistent', name)
 
     def actuator(self, robot: Robot, start_time: float = 0.0,
                  start_joint_angle: float = 0.0) -> Actuator:
@@ -124,18 +124,19 @@ class Actuation(Checked):
         if not robot.has_pendulum:
             raise ConfigurationError(
                 f'actuation: law {self.law!r} needs a pendulum and robot {robot.name!r} has '
-                "none; use 'free'")
+                "none; use 'free'", 'missing', 'law')
         if robot.motor is None:
             raise ConfigurationError(
                 f"actuation: law 'voltage' needs a motor and robot {robot.name!r} describes "
-                'none; add a motor section to its file')
+                'none; add a motor section to its file', 'missing', 'motor')
         raise ConfigurationError(
             f'actuation: voltage must be within +-{robot.motor.maximum_voltage:g} V of the '
-            f'motor of {robot.name!r}, got {self.voltage:g}')
+            f'motor of {robot.name!r}, got {self.voltage:g}', 'out_of_range', 'voltage')
 
 
 def set_rate_for_speed(robot: Robot, speed: float) -> float:
     """Return the joint rate of eq. (12) that rolls the ball at `speed`, v / R [rad/s]."""
     if not math.isfinite(speed):
-        raise ConfigurationError(f'speed must be a finite number [m/s], got {speed!r}')
+        raise ConfigurationError(f'speed must be a finite number [m/s], got {speed!r}',
+                                 'not_finite', 'speed')
     return speed / robot.ball_radius

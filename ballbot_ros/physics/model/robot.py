@@ -433,6 +433,7 @@ def with_parameters(robot: Robot, values: Mapping[str, Any]) -> Robot:
         if given:
             if getattr(robot, part) is None:
                 raise ConfigurationError(
-                    f'robot {robot.name!r} has no {part} to change {min(given)} of')
+                    f'robot {robot.name!r} has no {part} to change {min(given)} of',
+                    'missing', part)
             own[part] = changed(getattr(robot, part), given)
     return changed(robot, own)

@@ -75,11 +75,12 @@ class Terrain:
         if points.ndim != 2 or points.shape[1] != 2 or len(points) < 2:
             raise ConfigurationError(
                 'terrain: vertices must be a list of at least two [x, y] pairs, got an array '
-                f'of shape {points.shape}')
+                f'of shape {points.shape}', 'wrong_type', 'vertices')
         if not np.isfinite(points).all():
             row = int(np.argwhere(~np.isfinite(points))[0, 0])
             raise ConfigurationError(
-                f'terrain: vertex {row} is {points[row].tolist()}; all must be finite')
+                f'terrain: vertex {row} is {points[row].tolist()}; all must be finite',
+                'not_finite', 'vertices')
         _check_course(points)
         object.__setattr__(self, 'vertices', points)
         for name, given, length in (
@@ -109,7 +110,8 @@ class Terrain:
         """Return an endless slope through the origin that rises towards +x [rad]."""
         if not -np.pi / 2 < angle < np.pi / 2:
             raise ConfigurationError(
-                f'terrain: slope angle must be between -pi/2 and pi/2 rad, got {angle!r}')
+                f'terrain: slope angle must be between -pi/2 and pi/2 rad, got {angle!r}',
+                'out_of_range', 'angle')
         return cls([[0.0, 0.0], [np.cos(angle), np.sin(angle)]])
 
     def profile(self, surface_friction: float, edge_friction: float) -> Array:
@@ -198,7 +200,8 @@ def _frozen(name: str, values: ArrayLike) -> Array:
     try:
         array = np.array(values, dtype=float)
     except (TypeError, ValueError) as error:
-        raise ConfigurationError(f'terrain: {name} must hold numbers, got {values!r}') from error
+        raise ConfigurationError(f'terrain: {name} must hold numbers, got {values!r}',
+                                 'wrong_type', name) from error
     array.setflags(write=False)
     return array
 
@@ -210,15 +213,16 @@ def _check_course(points: Array) -> None:
         if dx < 0.0:
             raise ConfigurationError(
                 f'terrain: vertex {index + 1} lies {-dx:g} m behind vertex {index}; x must '
-                'never decrease (no overhangs)')
+                'never decrease (no overhangs)', 'inconsistent', 'vertices')
         if dx == 0.0 and dy == 0.0:
             raise ConfigurationError(
                 f'terrain: vertices {index} and {index + 1} are the same point '
-                f'{points[index].tolist()}; remove one')
+                f'{points[index].tolist()}; remove one', 'inconsistent', 'vertices')
         if dx == 0.0 and index in (0, len(step) - 1):
             raise ConfigurationError(
                 'terrain: the first and the last segment extend to infinity and so cannot be '
-                f'vertical; segment {index} is, add a vertex beside it')
+                f'vertical; segment {index} is, add a vertex beside it',
+                'inconsistent', 'vertices')
 
 
 def _friction(name: str, values: ArrayLike, length: int) -> Array:
@@ -226,10 +230,12 @@ def _friction(name: str, values: ArrayLike, length: int) -> Array:
     array = _frozen(name, values)
     if array.shape != (length,):
         raise ConfigurationError(
-            f'terrain: {name} must have {length} entries, got shape {array.shape}')
+            f'terrain: {name} must have {length} entries, got shape {array.shape}',
+            'wrong_type', name)
     if np.isinf(array).any() or (array < 0.0).any():
         raise ConfigurationError(
-            f'terrain: {name} must be at least 0 and finite, got {array.tolist()}')
+            f'terrain: {name} must be at least 0 and finite, got {array.tolist()}',
+            'out_of_range', name)
     return array
 
 

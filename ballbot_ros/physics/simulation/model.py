@@ -118,7 +118,8 @@ class Model:
                 f'{self.robot.weight:g} N; '
                 + (f'raise contact_stiffness to {enough:.3g} N/m, or ' if enough > 0.0 else '')
                 + 'give the height y of the start: with y = '
-                f'{high - 0.01 * radius:.9g} m the ball is clear of the ground')
+                f'{high - 0.01 * radius:.9g} m the ball is clear of the ground',
+                'out_of_range', 'contact_stiffness')
         for _ in range(200):
             middle = 0.5 * (low + high)
             if not low < middle < high:

@@ -143,7 +143,7 @@ def steps_in(duration: float, step: float, what: str) -> int:
         below = max(1, int(duration / step))
         raise ConfigurationError(
             f'{what} must be a whole number of steps of {step:g} s, got {duration:g} s; '
-            f'{below * step:g} s and {(below + 1) * step:g} s are')
+            f'{below * step:g} s and {(below + 1) * step:g} s are', 'inconsistent', what)
     return steps
 
 
@@ -157,7 +157,8 @@ def run_once(model: Model, start: State, actuation: Actuation, duration: float,
              progress: Optional[Callable[[float], None]] = None) -> Trajectory:
     """Run the solver of a model once; only the energy balance of the run is checked."""
     if not duration > 0.0 or not np.isfinite(duration):
-        raise ConfigurationError(f'duration must be above 0 s and finite, got {duration!r}')
+        raise ConfigurationError(f'duration must be above 0 s and finite, got {duration!r}',
+                                 'out_of_range', 'duration')
     solver = model.solver_in_use
     method, count = METHODS[solver.method], output_steps(duration, output_step)
     tick, every = output_step, 1
@@ -219,7 +220,7 @@ def solvers_for(accuracy: float, step: float = 1e-4) -> tuple[Solver, Solver]:
     if not SMALLEST <= accuracy <= LARGEST:
         raise ConfigurationError(
             f'accuracy must be at least {SMALLEST:g} m and at most {LARGEST:g} m, '
-            f'got {accuracy!r}')
+            f'got {accuracy!r}', 'out_of_range', 'accuracy')
     coarse = max(FINEST_TOLERANCE, FIRST_TOLERANCE * accuracy)
     fine = max(FINEST_TOLERANCE, REFINEMENT * coarse)
     return Solver('adaptive', step, coarse), Solver('adaptive', step, fine)

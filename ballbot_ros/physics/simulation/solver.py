@@ -300,7 +300,7 @@ def check_work(solver: Solver, steps: int) -> None:
         raise ConfigurationError(
             f'solver: {steps} steps of {solver.step:g} s take {needed} function evaluations, more '
             f'than the work_budget of {solver.work_budget}; raise it, use a longer step, or the '
-            'adaptive method')
+            'adaptive method', 'out_of_range', 'work_budget')
 
 
 def failure(outcome: int, time: float, vector: Array, solver: Solver) -> SimulationError:

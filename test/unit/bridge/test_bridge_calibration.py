@@ -35,7 +35,7 @@ class Script:
         self.asked.append(question)
         answer = next((answer for part, answer in self.answers.items() if part in question), '')
         if answer is None:
-            raise RefusedError('ended by the person')
+            raise RefusedError('ended by the person', 'cancelled', '')
         angle = {'Turn it': math.radians(self.degrees)}.get(question[:7], 0.0)
         plant = self.robot.plant
         plant.state = plant.state._replace(pendulum_angle=plant.state.ball_angle + angle,

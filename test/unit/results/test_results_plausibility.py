@@ -64,7 +64,7 @@ def test_a_robot_that_contradicts_physics_is_questioned_in_python(changes, words
 def test_a_robot_that_contradicts_physics_is_questioned_in_every_verb(
         words, tmp_path, monkeypatch, capsys):
     def work(*_, **__):
-        raise ConfigurationError('the work begins')
+        raise ConfigurationError('the work begins', 'missing', '')
     for place in ('crossing.max_step_heights', 'studies.curve_fit.fit_curve',
                   'studies.sweep.load_arrow', 'physics.simulation.scene.Scene.simulate',
                   'cli.listing.print_table', 'paper.procedure.run_tests', 'view.page.Page'):
@@ -90,7 +90,7 @@ def test_a_robot_that_contradicts_physics_is_questioned_in_every_verb(
 def test_numbers_of_the_command_line_are_questioned_before_the_work(
         words, message, tmp_path, monkeypatch, capsys):
     def work(*_, **__):
-        raise ConfigurationError('the work begins')
+        raise ConfigurationError('the work begins', 'missing', '')
     for place in ('crossing.max_step_heights', 'studies.curve_fit.fit_curve',
                   'studies.sweep.load_arrow'):
         monkeypatch.setattr(f'ballbot_ros.{place}', work)

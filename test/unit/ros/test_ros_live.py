@@ -51,7 +51,7 @@ class Link:
             if name != 'attend':
                 self.calls.append((name, *values))
             if self.refusal:
-                raise RefusedError(self.refusal)
+                raise RefusedError(self.refusal, 'refused', '')
         return record
 
 

@@ -49,7 +49,7 @@ class Owner:
     def prepare(self, wanted):
         self.threads.add(threading.current_thread())
         if wanted.gain == 7.0:
-            raise ConfigurationError('it diverges at a gain of 7; take 6')
+            raise ConfigurationError('it diverges at a gain of 7; take 6', 'inconsistent', 'gain')
 
         def commit():
             self.settings = wanted

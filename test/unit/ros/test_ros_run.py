@@ -58,7 +58,7 @@ class Held:
 
 def make():
     held = Held()
-    raise ConfigurationError('refused')
+    raise ConfigurationError('refused', 'missing', '')
 
 sys.exit(run.run(make, []))
 """

@@ -82,7 +82,7 @@ def test_a_refusal_is_shown_in_the_page_in_its_own_words(page, monkeypatch):
     controls, asker = page._controls, Asker()
 
     def refuse(name, value):
-        raise ConfigurationError('friction must be at least 0, got <-1>')
+        raise ConfigurationError('friction must be at least 0, got <-1>', 'out_of_range', '')
     with monkeypatch.context() as patched:
         patched.setattr(page._source, 'apply', refuse)
         controls._use('friction', -1.0, asker)
