@@ -1,21 +1,37 @@
 # SPDX-License-Identifier: Apache-2.0
 """Record topics into an MCAP bag that `ros2 bag`, Foxglove and PlotJuggler open."""
+from importlib.util import find_spec
 from pathlib import Path
 import shutil
+import struct
 import threading
 import time
-from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple
+from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple
 
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 
-from ballbot_ros.bags.message_stamps import stamp_of, stamp_reader, StampOf
-from ballbot_ros.bags.storage import bag_writer
+from ballbot_ros.bags.opener import MISSING
+from ballbot_ros.config.files import PACKAGE, shipped_folder
+from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.ros import qos
 from ballbot_ros.ros.endpoints import create_subscription
 from ballbot_ros.ros.rclpy_compat import take_all
 from ballbot_ros.ros.topics import message_class, Qos, TOPICS
+
+
+# CDR: four bytes of encapsulation, then the first field.
+OFFSET, LENGTH = 4, 4
+_STAMP, _COUNT = struct.Struct('<iI'), struct.Struct('<I')
+STAMPED = ('std_msgs/Header', 'builtin_interfaces/Time')
+SEQUENCES = ('sequence<geometry_msgs/TransformStamped>', 'sequence<visualization_msgs/Marker>')
+# These topics carry wall time, even where the robot uses another clock.
+OF_THE_WALL = ('DiagnosticArray', 'Log')
+
+StampOf = Callable[[bytes], int]
+# So often a recorder with a thread of its own looks whether something has come [s].
+LOOK_AGAIN = 0.002
 
 
 def offered_qos(node: Node, topic: str) -> List[Qos]:
@@ -32,16 +48,12 @@ def offered_qos(node: Node, topic: str) -> List[Qos]:
     return sorted(offered) or ([known.offered] if known is not None else [])
 
 
-# So often a recorder with a thread of its own looks whether something has come [s].
-LOOK_AGAIN = 0.002
-
-
 class BagRecorder:
     """
     Writes serialized messages on arrival, with the stamp of their header.
 
     Messages without a stamp, or with a wall time, take the last stamp before them; see
-    `message_stamps`.  Messages are neither decoded nor encoded, which keeps recording cheap.
+    `stamp_reader`.  Messages are neither decoded nor encoded, which keeps recording cheap.
     Use as a context manager: the bag is complete when it is closed, also after an error.
 
     Parameters
@@ -177,3 +189,149 @@ class BagRecorder:
         early, self._early = self._early, []
         for write in early:
             write()
+
+
+def stamp_of(data: bytes, offset: int = OFFSET) -> int:
+    """Return the stamp that a serialized message begins with [ns]."""
+    seconds, nanoseconds = _STAMP.unpack_from(data, offset)
+    return int(seconds) * 10**9 + int(nanoseconds)
+
+
+def stamp_of_first(data: bytes) -> int:
+    """Return the stamp of the first of the messages that a serialized one consists of [ns]."""
+    count, = _COUNT.unpack_from(data, OFFSET)
+    return stamp_of(data, OFFSET + LENGTH) if count else 0
+
+
+def no_stamp(data: bytes) -> int:
+    """Return 0: it is of when it comes."""
+    return 0
+
+
+def stamp_reader(kind: Any) -> StampOf:
+    """
+    Return what reads the stamp of messages of a class [ns]; 0 where they have none.
+
+    A stamp is looked for at the beginning: a time or a header there, or a sequence of messages
+    that begin with a header, as those of /tf.
+    """
+    first = next(iter(kind.get_fields_and_field_types().values()), '')
+    if kind.__name__ in OF_THE_WALL:
+        return no_stamp
+    if first in STAMPED:
+        return stamp_of
+    if first in SEQUENCES:
+        return stamp_of_first
+    return no_stamp
+
+
+def bag_writer(folder: Path, metadata: Mapping[str, str]) -> Any:
+    """
+    Return a `RosbagsWriter` or `Rosbag2Writer` for a new bag.
+
+    Parameters
+    ----------
+    folder : Path
+        That does not exist yet.
+    metadata : mapping of str to str
+        Kept in the bag.
+
+    Raises
+    ------
+    ConfigurationError
+        If there is nothing to write bags with.
+
+    """
+    if find_spec('rosbags') is not None:
+        return RosbagsWriter(folder, metadata)
+    if find_spec('rosbag2_py') is not None:
+        return Rosbag2Writer(folder, metadata)
+    raise ConfigurationError(MISSING, 'not_installed', 'rosbag2_py')
+
+
+class RosbagsWriter:
+    """Writes with the Python package rosbags; see `bag_writer`."""
+
+    def __init__(self, folder: Path, metadata: Mapping[str, str]):
+        """Learn the message types."""
+        from rosbags.rosbag2 import StoragePlugin, Writer
+        from rosbags.typesys import get_types_from_msg, get_typestore, Stores
+        self._store = get_typestore(Stores.ROS2_JAZZY)
+        own: dict[str, Any] = {}
+        for file in sorted(shipped_folder('msg').glob('*.msg')):
+            own.update(get_types_from_msg(file.read_text(), f'{PACKAGE}/msg/{file.stem}'))
+        self._store.register(own)
+        self._writer = Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP)
+        for key, value in metadata.items():
+            self._writer.set_custom_data(key, value)
+
+    def open(self) -> None:
+        """Begin."""
+        self._writer.open()
+
+    def add_topic(self, name: str, kind: str, offered: Sequence[Qos] = ()) -> Any:
+        """Return the connection."""
+        return self._writer.add_connection(name, kind, typestore=self._store,
+                                           offered_qos_profiles=[_rosbags_qos(one)
+                                                                 for one in offered])
+
+    def write(self, topic: Any, stamp: int, data: bytes) -> None:
+        """Write a message."""
+        self._writer.write(topic, stamp, data)
+
+    def close(self) -> None:
+        """Complete the bag."""
+        self._writer.close()
+
+
+def _rosbags_qos(offered: Qos) -> Any:
+    from rosbags import interfaces as one
+    unlimited = one.QosTime(9223372036, 854775807)  # the infinite duration of rmw
+    return one.Qos(
+        one.QosHistory.KEEP_LAST, offered.depth,
+        one.QosReliability.RELIABLE if offered.reliable else one.QosReliability.BEST_EFFORT,
+        one.QosDurability.TRANSIENT_LOCAL if offered.latched else one.QosDurability.VOLATILE,
+        unlimited, unlimited, one.QosLiveliness.AUTOMATIC, unlimited, False)
+
+
+class Rosbag2Writer:
+    """Writes with rosbag2_py, which finds message types by itself; see `bag_writer`."""
+
+    def __init__(self, folder: Path, metadata: Mapping[str, str]):
+        """Keep the folder for `open`."""
+        import rosbag2_py
+        self._rosbag2: Any = rosbag2_py
+        self._storage = rosbag2_py.StorageOptions(uri=str(folder), storage_id='mcap',
+                                                  custom_data=dict(metadata))
+        self._writer: Any = rosbag2_py.SequentialWriter()
+        self._topics = 0
+
+    def open(self) -> None:
+        """Begin; `ConfigurationError` where there is no storage plugin for MCAP."""
+        try:
+            self._writer.open(self._storage, self._rosbag2.ConverterOptions('cdr', 'cdr'))
+        except RuntimeError as error:
+            raise ConfigurationError(f'{self._storage.uri}: rosbag2_py cannot write: {error}; '
+                                     'is ros-...-rosbag2-storage-mcap installed?',
+                                     'not_writable', str(self._storage.uri)) from error
+
+    def add_topic(self, name: str, kind: str, offered: Sequence[Qos] = ()) -> str:
+        """Return the name."""
+        self._topics += 1
+        self._writer.create_topic(self._rosbag2.TopicMetadata(
+            id=self._topics, name=name, type=kind, serialization_format='cdr',
+            offered_qos_profiles=[self._qos(one) for one in offered]))
+        return name
+
+    def _qos(self, offered: Qos) -> Any:
+        found = self._rosbag2._storage.QoS(offered.depth)
+        found = found.reliable() if offered.reliable else found.best_effort()
+        return found.transient_local() if offered.latched else found
+
+    def write(self, topic: str, stamp: int, data: bytes) -> None:
+        """Write a message."""
+        self._writer.write(topic, data, stamp)
+
+    def close(self) -> None:
+        """Complete the bag."""
+        self._writer = None  # its destructor completes the bag, in every distribution

@@ -10,9 +10,10 @@ from ballbot_ros.figures import canvas
 from ballbot_ros.figures.canvas import draw_heading
 from ballbot_ros.physics import Actuation, load_robot
 from ballbot_ros.steering import load_oblique_steps
-from ballbot_ros.studies.oblique import SET_ANGLES, SPEEDS
 from ballbot_ros.studies.progress import counted, ignore, Progress
 
+SPEEDS = (0.5, 0.8, 1.1)  # [m/s]
+SET_ANGLES = (None, 0.0, 0.5 * math.pi)  # pendulum free, down and level
 ANGLES = np.radians([0.0, 7.5, 15.0, 22.5, 30.0, 37.5, 45.0])
 COLOURS = (canvas.GREEN, canvas.BLUE, canvas.VERMILION)
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Turns of the lateral model beside the free ball of MuJoCo; see `studies.turning`."""
+"""Turns of the lateral model beside the free ball of MuJoCo; see `studies.free_ball`."""
 from matplotlib.figure import Figure
 import numpy as np
 
@@ -9,7 +9,7 @@ from ballbot_ros.physics import load_robot
 from ballbot_ros.steering import yaw_rate_limit
 from ballbot_ros.studies import free_ball
 from ballbot_ros.studies.progress import counted, ignore, Progress
-from ballbot_ros.studies.turning import compare, LateralRun
+from ballbot_ros.studies.free_ball import compare, LateralRun
 
 SPEEDS = (0.2, 0.4, 0.8)  # [m/s]
 DURATION = 6.0  # [s]

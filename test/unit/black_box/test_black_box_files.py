@@ -9,6 +9,7 @@ from mcap.writer import MCAP0_MAGIC
 from mcap_ros2.decoder import DecoderFactory
 import numpy as np
 import pytest
+from refusals import refused
 from virtual_robot import VirtualRobot
 
 from ballbot_ros.black_box import ring
@@ -361,9 +362,9 @@ def test_a_byte_that_is_wrong_costs_one_block_at_most(tmp_path):
 @pytest.mark.parametrize('content', [b'', b'no mcap', MCAP0_MAGIC])
 def test_another_file_is_refused(tmp_path, content):
     (tmp_path / 'file').write_bytes(content)
-    with pytest.raises(ConfigurationError, match='is not a file of a black box'):
+    with refused('unreadable'):
         read_black_box(tmp_path / 'file')
-    with pytest.raises(ConfigurationError, match='cannot be read'):
+    with refused('unreadable'):
         read_black_box(tmp_path / 'missing')
 
 

@@ -48,7 +48,7 @@ def test_a_robot_without_a_curve_gets_the_command_to_run(own_robot):
     with pytest.raises(ConfigurationError) as refusal:
         own_acts(robot=own_robot)
     assert f'ballbot fit-curve --robot {own_robot} --actuation held' in str(refusal.value)
-    with pytest.raises(ConfigurationError, match='was made for gimball, not for mine'):
+    with refused('inconsistent', 'curve'):
         own_acts(robot=own_robot, curve='gimball_down')
 
 

@@ -3,10 +3,10 @@
 import math
 
 import pytest
+from refusals import refused
 
 from ballbot_ros.drives.emulated_device import Sensed
 from ballbot_ros.emulator.ball import Ball, settings_for
-from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics.simulation.scene import load_scene, read_scene
 from ballbot_ros.plant import Imu
 
@@ -87,5 +87,5 @@ def test_a_sensor_of_ones_own_is_asked(settings):
 
 
 def test_a_robot_without_a_motor_is_refused(shellball):
-    with pytest.raises(ConfigurationError, match='no pendulum motor'):
+    with refused('missing', 'robot'):
         settings_for(shellball)

@@ -3,9 +3,9 @@
 import random
 
 import pytest
+from refusals import refused
 
 from ballbot_ros.emulator.line import Direction, LineFaults
-from ballbot_ros.errors import ConfigurationError
 
 
 def line(baud=115200, **faults):
@@ -68,5 +68,5 @@ def test_another_baud_rate_turns_text_into_no_text():
 
 
 def test_impossible_trouble_is_refused():
-    with pytest.raises(ConfigurationError, match='drop must be at least 0 and at most 1'):
+    with refused('out_of_range', 'drop'):
         LineFaults(drop=1.5)

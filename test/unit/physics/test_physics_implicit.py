@@ -5,9 +5,10 @@ import math
 
 import numpy as np
 import pytest
+from refusals import refused
 
 from ballbot_ros.crossing import held_at
-from ballbot_ros.errors import ConfigurationError, SimulationError
+from ballbot_ros.errors import SimulationError
 from ballbot_ros.physics import (
     Actuation, load_robot, load_scene, Model, simulate, Solver, State, Terrain)
 from ballbot_ros.physics.mechanics.modes import find_mode
@@ -169,7 +170,7 @@ def test_the_recipe_of_the_paper_gives_its_figure_and_is_a_name():
     assert PRESETS['paper'] == Solver('trapezoidal', step=1e-3, tolerance=1e-9)
     scene = read_scene({'robot': 'gimball', 'solver': 'paper', 'duration': 0.1}, 'here', 'rest')
     assert scene.model.solver == PRESETS['paper']
-    with pytest.raises(ConfigurationError, match="solver: must be one of paper.*got 'adams'"):
+    with refused('not_a_choice', 'solver'):
         read_scene({'robot': 'gimball', 'solver': 'adams', 'duration': 0.1}, 'here', 'rest')
     figure = load_scene('fig7_top')
     exact = with_solver(figure, method='adaptive', tolerance=1e-11).simulate()

@@ -4,8 +4,9 @@ from dataclasses import replace
 import math
 
 import pytest
+from refusals import refused
 
-from ballbot_ros.errors import ConfigurationError, SimulationError
+from ballbot_ros.errors import SimulationError
 from ballbot_ros.physics import load_scene
 from ballbot_ros.physics.model.parameters import Actuator, TORQUE
 from ballbot_ros.plant import Plant
@@ -73,5 +74,5 @@ def test_a_coarser_run_that_fails_leaves_estimate_and_state_as_they_were():
 
 
 def test_an_accuracy_out_of_range_is_refused():
-    with pytest.raises(ConfigurationError, match='accuracy must be at least'):
+    with refused('out_of_range', 'accuracy'):
         Plant(load_scene('flat'), 500.0, accuracy=1e-15)

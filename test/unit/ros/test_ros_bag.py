@@ -13,8 +13,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from visualization_msgs.msg import Marker, MarkerArray
 
-from ballbot_ros.bags.message_stamps import no_stamp, stamp_of, stamp_of_first, stamp_reader
-from ballbot_ros.bags.writer import BagRecorder
+from ballbot_ros.bags.writer import BagRecorder, no_stamp, stamp_of, stamp_of_first, stamp_reader
 from ballbot_ros.ros import qos
 from ballbot_ros.ros.conversions import to_time
 

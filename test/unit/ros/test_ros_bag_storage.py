@@ -10,7 +10,7 @@ import yaml
 
 from ballbot_ros.bags import storage as bag_storage
 from ballbot_ros.bags.metadata import bag_metadata, BagMetadata, SIMULATOR
-from ballbot_ros.bags.storage import bag_writer
+from ballbot_ros.bags.writer import bag_writer
 from ballbot_ros.physics import load_scene
 from ballbot_ros.ros.topics import LATCHED
 

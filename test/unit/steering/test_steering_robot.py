@@ -5,7 +5,6 @@ import pytest
 from refusals import refused
 
 from ballbot_ros.config.files import read_yaml, shipped_folder
-from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics import Actuation, load_robot, Model, Robot, simulate, Terrain
 from ballbot_ros.physics.model.robot import STEERING, with_parameters
 
@@ -37,7 +36,7 @@ def test_a_wrong_value_is_refused_with_its_place(changes, reason, field):
 def test_a_robot_without_the_section_has_no_steering():
     content = {name: entry for name, entry in CONTENT.items() if name != 'steering'}
     assert Robot.from_mapping(content, 'mine.yaml').steering is None
-    with pytest.raises(ConfigurationError, match="'shellball' has no steering"):
+    with refused('missing', 'steering'):
         with_parameters(load_robot('shellball'), {'steering.largest_lean': 0.3})
 
 

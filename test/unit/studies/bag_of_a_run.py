@@ -4,7 +4,7 @@ import numpy as np
 
 from ballbot_ros.bags.recorded_run import BALL_STATE
 from ballbot_ros.bags.rerun import plant_values
-from ballbot_ros.bags.storage import RosbagsWriter
+from ballbot_ros.bags.writer import RosbagsWriter
 
 
 class BagOf:
