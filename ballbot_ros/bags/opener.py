@@ -150,7 +150,6 @@ class Rosbag2Bag:
     """
 
     def __init__(self, path: Path, reader: Any):
-        """Ask for topics and metadata."""
         self._path, self._reader = path, reader
         self.topics: Mapping[str, str] = {
             topic.name: topic.type for topic in reader.get_all_topics_and_types()}

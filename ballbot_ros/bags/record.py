@@ -42,7 +42,6 @@ class GraphRecording:
 
     def __init__(self, observer: Observer, bag: BagRecorder, topics: List[str],
                  say: Callable[[str], None]):
-        """Subscribe to what is there."""
         self._observer, self._bag, self._say = observer, bag, say
         self._wanted = {observer.resolve(topic) for topic in topics}
         self._known: Set[str] = set()

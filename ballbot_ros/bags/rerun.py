@@ -24,7 +24,6 @@ class Commands:
     what = 'recorded commands, each in the period whose state it answers'
 
     def __init__(self, run: RecordedRun):
-        """Keep the commands."""
         self._commands = run.commands
 
     def torque(self, stamp: int, after: int, plant: Plant) -> Optional[float]:
@@ -38,7 +37,6 @@ class MotorTorques:
     what = 'torques that the motor gave by joint_states'
 
     def __init__(self, run: RecordedRun):
-        """Keep the joint states."""
         self._joints = run.joints
 
     def torque(self, stamp: int, after: int, plant: Plant) -> Optional[float]:
@@ -53,7 +51,6 @@ class Laws:
     what = 'recorded set-points, given to the laws on board when their stamps had come'
 
     def __init__(self, run: RecordedRun, controller: SupervisedController):
-        """Keep the set-points."""
         self._set_points = sorted(run.set_points, key=lambda given: given.stamp, reverse=True)
         self._controller = controller
 

@@ -74,7 +74,6 @@ class BagRecorder:
     """
 
     def __init__(self, folder: Path, metadata: Optional[Mapping[str, str]] = None):
-        """Open the bag."""
         shutil.rmtree(folder, ignore_errors=True)
         folder.parent.mkdir(parents=True, exist_ok=True)
         self.folder = folder
@@ -89,7 +88,6 @@ class BagRecorder:
         self._thread: Optional[threading.Thread] = None
 
     def __enter__(self) -> 'BagRecorder':
-        """Start writing."""
         self._writer.open()
         return self
 
@@ -253,7 +251,6 @@ class RosbagsWriter:
     """Writes with the Python package rosbags; see `bag_writer`."""
 
     def __init__(self, folder: Path, metadata: Mapping[str, str]):
-        """Learn the message types."""
         from rosbags.rosbag2 import StoragePlugin, Writer
         from rosbags.typesys import get_types_from_msg, get_typestore, Stores
         self._store = get_typestore(Stores.ROS2_JAZZY)
@@ -298,7 +295,6 @@ class Rosbag2Writer:
     """Writes with rosbag2_py, which finds message types by itself; see `bag_writer`."""
 
     def __init__(self, folder: Path, metadata: Mapping[str, str]):
-        """Keep the folder for `open`."""
         import rosbag2_py
         self._rosbag2: Any = rosbag2_py
         self._storage = rosbag2_py.StorageOptions(uri=str(folder), storage_id='mcap',

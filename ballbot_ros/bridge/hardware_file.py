@@ -53,7 +53,6 @@ class Joint(Checked):
         optional=True)
 
     def __post_init__(self) -> None:
-        """Check each value; direction has no middle."""
         super().__post_init__()
         if self.direction == 0:
             raise ConfigurationError('Joint: direction must be 1 or -1, got 0',

@@ -172,5 +172,3 @@ class Supervisor:
             return value
         self.counts[f'limited_{what}'] += 1
         return math.copysign(limit, value)
-
-

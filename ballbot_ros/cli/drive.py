@@ -318,7 +318,6 @@ class Keyboard:
         return self
 
     def __exit__(self, *_: Any) -> None:
-        """Restore the terminal; drop keys pressed meanwhile."""
         try:
             termios.tcsetattr(self._file, termios.TCSAFLUSH, self._before)
         except termios.error:

@@ -126,7 +126,6 @@ class _Progress:
         self.shown = False
 
     def __call__(self, done: float) -> None:
-        """Show the progress towards the total."""
         if self.bar is not None:
             self.bar.update(0, completed=min(done, self.total))
         elif not self.shown and perf_counter() - self.begin > QUIET_TIME:

@@ -232,7 +232,6 @@ class Checked:
     """A frozen dataclass whose described fields are checked when it is made."""
 
     def __post_init__(self) -> None:
-        """Convert and check every described field."""
         for item in fields(self):
             if 'kind' in item.metadata:
                 value = check_value(item.name, getattr(self, item.name), item.metadata,

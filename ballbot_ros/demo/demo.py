@@ -287,7 +287,6 @@ class SynchronizedStart:
     """
 
     def __init__(self, node: Node, bag: BagRecorder, topics: Iterable[str]):
-        """Create the clients of the simulator."""
         self._reset = node.create_client(Trigger, 'simulator/reset')
         self._resume = node.create_client(Trigger, 'simulator/resume')
         self._bag = bag

@@ -98,7 +98,6 @@ class GetGoing:
     """
 
     def __init__(self, node: Node):
-        """Create the clients."""
         self._services = ('bridge/release_e_stop', 'obstacle_decision/resume')
         self._clients = [node.create_client(Trigger, service) for service in self._services]
         self._answer: Optional[Future] = None

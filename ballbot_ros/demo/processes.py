@@ -93,7 +93,6 @@ class NodeProcesses:
     """
 
     def __init__(self, folder: Path, domain: int):
-        """Start with none."""
         self._folder = folder
         self._environment = environment(domain, folder)
         self._running: Dict[str, Union[subprocess.Popen[bytes], Forked]] = {}
@@ -102,11 +101,9 @@ class NodeProcesses:
             old.unlink()
 
     def __enter__(self) -> 'NodeProcesses':
-        """Return itself."""
         return self
 
     def __exit__(self, *_: Any) -> None:
-        """End all."""
         self.stop()
 
     def log(self, name: str) -> Path:

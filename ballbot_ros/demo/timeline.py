@@ -86,7 +86,6 @@ class Timeline:
 
     def __init__(self, passages: List[Passage], robot: Robot,
                  report: Callable[[float, str, str], None]):
-        """Start without an event."""
         self.passages = passages
         self.states: List[BallState] = []
         self._pending: List[StepDecision] = []

@@ -71,7 +71,6 @@ class PendingRequests:
         self._lost = 0
 
     def __bool__(self) -> bool:
-        """Return whether a request is pending."""
         return bool(self._queue or self._unsent)
 
     @property

@@ -14,6 +14,7 @@ from ballbot_ros.physics import Scene, Trajectory
 from ballbot_ros.results.digests import digest, LENGTH
 from ballbot_ros.results.faces import meet_faces
 
+
 class TopicDigests(NamedTuple):
     """Digests of messages by topic and stamp [ns]."""
 

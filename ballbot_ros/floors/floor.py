@@ -72,7 +72,6 @@ class Feature(Checked):
                                          minimum=0.0, maximum=2.0, optional=True)
 
     def __post_init__(self) -> None:
-        """Check the points as well."""
         super().__post_init__()
         is_line = self.kind in LINES
         wanted, other = ('line', 'polygon') if is_line else ('polygon', 'line')

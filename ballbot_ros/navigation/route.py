@@ -155,7 +155,6 @@ class RoutePlanner:
 
     def __init__(self, floor: Floor, knowledge: Knowledge, learned: Learned = Learned(),
                  capability: Optional[Capability] = None):
-        """Compute the crossings."""
         required_steering(knowledge.robot)
         self.floor, self._tuning = floor, knowledge.tuning
         self.ball_radius = knowledge.robot.ball_radius

@@ -116,7 +116,6 @@ class Tracker:
     """
 
     def __init__(self, robot: Robot, cruise_speed: float):
-        """Tabulate the curvature limit."""
         self._speeds = np.linspace(0.05, max(cruise_speed, 1.2), 24)
         self._limits = np.array([curvature_limit(robot, speed) for speed in self._speeds])
         self._cruise = cruise_speed

@@ -35,7 +35,6 @@ class RecordedLine(MemoryLine):
     """A line in memory with an emulated drive and a ball behind it, and a black box beside it."""
 
     def __init__(self) -> None:
-        """Plug in."""
         self.hardware = load_hardware('gimball_odrive')
         scene = load_scene('flat')
         settings = settings_for(scene.model.robot,

@@ -23,7 +23,6 @@ class ErrorMonitor:
     """
 
     def __init__(self, model: Model, start: State, accuracy: float):
-        """Start where the plant starts."""
         self._model, self._accuracy = model, accuracy
         self.reset(start)
 

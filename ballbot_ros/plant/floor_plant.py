@@ -68,7 +68,6 @@ class FloorPlant(Plant):
     def __init__(self, robot: Robot, floor: Floor,
                  pose: Tuple[float, float, float] = (0.0, 0.0, 0.0), control_rate: float = 500.0,
                  torque_limit: Optional[float] = None, solver: Solver = Solver()):
-        """Stand at the start pose at rest."""
         if not all(map(math.isfinite, pose)) or not floor.contains(pose[:2]):
             left, right, bottom, top = floor.extent
             raise ConfigurationError(

@@ -51,7 +51,6 @@ class Imu:
 
     def __init__(self, gravity: float, place: tuple[float, float] = (0.0, 0.0),
                  gyro_sd: float = 0.0, force_sd: float = 0.0, bias: float = 0.0, seed: int = 0):
-        """Keep place and errors of the sensor."""
         self._gravity, self._place = gravity, place
         self._gyro_sd, self._force_sd, self._bias, self._seed = gyro_sd, force_sd, bias, seed
 

@@ -80,7 +80,6 @@ class Speedometer:
     """Measures the real-time factor over a window of wall time."""
 
     def __init__(self, window: float = 1.0):
-        """Start with nothing measured."""
         self._window = window
         self._mark = (math.nan, math.nan)
         self.factor = math.nan

@@ -50,7 +50,6 @@ class Plant:
 
     def __init__(self, scene: Scene, control_rate: float, torque_limit: Optional[float] = None,
                  accuracy: Optional[float] = None):
-        """Start at the start of the scene."""
         if not (control_rate > 0.0 and math.isfinite(control_rate)):
             raise ConfigurationError(f'control_rate must be above 0 Hz, got {control_rate!r}',
                                      'out_of_range', 'control_rate')

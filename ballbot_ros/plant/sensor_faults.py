@@ -50,7 +50,6 @@ class Latency(Generic[T]):
     """
 
     def __init__(self, seconds: float):
-        """Start with nothing held back."""
         self.seconds = seconds
         self.clear()
 

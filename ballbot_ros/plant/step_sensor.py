@@ -85,7 +85,6 @@ class Sensor:
 
     def __init__(self, terrain: Terrain, reach: float, distance_sd: float = 0.0,
                  height_sd: float = 0.0, seed: int = 0, faults: SensorFaults = SensorFaults()):
-        """Find the faces of the terrain."""
         check_sensor(distance_sd=distance_sd, height_sd=height_sd)
         self._faces = faces(terrain)
         self._reach = reach

@@ -70,7 +70,6 @@ class TerrainSensor:
     def __init__(self, terrain: Terrain, reach: float, height_sd: float = 0.0, seed: int = 0,
                  faults: SensorFaults = SensorFaults(), behind: float = 0.3,
                  spacing: float = 0.015):
-        """Measure the terrain along its course."""
         check_sensor(height_sd=height_sd)
         if not (reach > 0.0 and behind >= 0.0 and spacing > 0.0):
             raise ConfigurationError(

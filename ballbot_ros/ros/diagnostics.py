@@ -48,7 +48,6 @@ class Diagnostics:
 
     def __init__(self, node: Node, name: str, report: Callable[[], Health], hardware: str,
                  period: float = 1.0, stamp: Optional[Callable[[], Time]] = None):
-        """Create publisher and timer."""
         self._node = node
         self._name = f'{node.get_fully_qualified_name().lstrip("/")}: {name}'
         self._hardware = '/'.join(filter(None, (node.get_namespace().strip('/'), hardware)))

@@ -45,7 +45,6 @@ class Observer:
     """
 
     def __init__(self, name: str, context: Optional[Context] = None):
-        """Join the graph."""
         self._own = context is None
         if context is None:
             discovery.apply(os.environ)
@@ -59,11 +58,9 @@ class Observer:
         self._executor.add_node(self.node)
 
     def __enter__(self) -> 'Observer':
-        """Return itself."""
         return self
 
     def __exit__(self, *_: Any) -> None:
-        """Leave the graph."""
         self._executor.remove_node(self.node)
         self.node.destroy_node()
         self._executor.shutdown()

@@ -62,7 +62,6 @@ class Given:
         self._context = context
 
     def __getitem__(self, name: str) -> str:
-        """Return an argument as text."""
         return str(LaunchConfiguration(name).perform(self._context))
 
     def robot(self, real: bool) -> str:

@@ -12,7 +12,6 @@ class RosHandler(logging.Handler):
     """Passes the records of Python's `logging` on to the logger of a node."""
 
     def __init__(self, logger: RcutilsLogger):
-        """Take records from INFO on."""
         super().__init__(logging.INFO)
         self._logger = logger
 
@@ -45,7 +44,6 @@ class DeferredLogs:
     """
 
     def __init__(self, name: str):
-        """Hold back from now on."""
         self._logger = logging.getLogger(name)
         self._queue: SimpleQueue[logging.LogRecord] = SimpleQueue()
         self._logger.handlers, self._logger.propagate = [QueueHandler(self._queue)], False

@@ -40,7 +40,6 @@ class MarkerTopic:
     """
 
     def __init__(self, node: Node, wanted: bool):
-        """Create the publisher, if it is wanted."""
         self._topic = create_publisher(node, 'markers') if wanted else None
         self._last = -math.inf
 

@@ -97,5 +97,3 @@ def transition_label(node: Any, number: int) -> str:
         if known == number:
             return str(label)
     return f'transition {number}'
-
-

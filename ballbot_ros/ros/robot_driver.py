@@ -45,7 +45,6 @@ class RobotDriver:
     """
 
     def __init__(self, observer: Observer, node: str):
-        """Join the topics."""
         self._observer = observer
         one = observer.node
         self._cmd_vel = self._publisher()

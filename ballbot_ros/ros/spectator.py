@@ -77,7 +77,6 @@ class Spectator:
 
     def __init__(self, namespace: str, receive: Callable[[str, Any], None],
                  learn: Callable[[str, Dict[str, Any]], None], domain: Optional[int] = None):
-        """Join the graph."""
         self._receive, self._learn = receive, learn
         discovery.apply(os.environ)
         self._context = Context()

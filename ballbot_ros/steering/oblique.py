@@ -30,7 +30,6 @@ class ObliqueSteps(Checked):
     highest_heading_change_deg: Sequence[Sequence[float]] = section('the largest turn [deg]')
 
     def __post_init__(self) -> None:
-        """Check lengths and order."""
         super().__post_init__()
         angles, shares = self._numbers('angles_deg', 1), self._numbers('height_shares', 1)
         for name, values in (('angles_deg', angles), ('height_shares', shares)):

@@ -96,7 +96,6 @@ class FreeBall:
 
     def __init__(self, robot: Robot, speed: float, heading: float = 0.0, height: float = 0.0,
                  x: float = -1e3, set_angle: Optional[float] = None, step: float = STEP):
-        """Put the ball to its start."""
         if mujoco is None:
             raise ConfigurationError(f'MuJoCo is not installed: {HOW_TO_INSTALL}',
                                      'not_installed', 'mujoco')
@@ -287,4 +286,3 @@ def compare(robot: Robot, run: LateralRun) -> TurnComparison:
     columns = np.array(rows).T
     columns[4] = np.unwrap(columns[4])
     return TurnComparison(columns[0], dict(zip(TURN, columns[1:5])), dict(zip(TURN, columns[5:])))
-

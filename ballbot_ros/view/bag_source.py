@@ -37,7 +37,6 @@ class Playback:
 
     def __init__(self, span: Callable[[], tuple[float, float]],
                  clock: Callable[[], float] = monotonic):
-        """Play from the begin."""
         self._span, self._clock = span, clock
         self._lock = Lock()
         self._from, self._since = span()[0], clock()

@@ -56,7 +56,6 @@ class MotorLaw:
 
     def __init__(self, robot: Robot, law: str, set_point: float, base: Actuation,
                  chosen: bool = True):
-        """Start where `begin` says."""
         self.robot, self.law, self.set_point, self.base = robot, law, set_point, base
         self.chosen = chosen
         self._controller: Optional[PendulumController] = None

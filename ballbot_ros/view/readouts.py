@@ -71,7 +71,6 @@ class Readouts:
     """
 
     def __init__(self, server: viser.ViserServer):
-        """Make the panel on the left."""
         self._gui = server.gui
         panel = self._gui.add_panel()
         with panel.add_tab('State'):

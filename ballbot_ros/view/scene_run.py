@@ -52,7 +52,6 @@ class SceneRun:
     """
 
     def __init__(self, scene: Scene):
-        """Start at the start of the scene."""
         self.scene, self.accuracy, self.e_stop = scene, scene.run.accuracy, False
         self.law = MotorLaw.of_scene(scene.model.robot, scene.actuation)
         self._steps = max(1, round(PERIOD / scene.model.solver_in_use.step))

@@ -43,7 +43,6 @@ class PageServer(viser.ViserServer):
     """
 
     def __init__(self, host: str, port: int):
-        """Listen."""
         guarded: List[bool] = []
         with _guarded(host, guarded), redirect_stdout(io.StringIO()):
             super().__init__(host=host, port=port, verbose=False)

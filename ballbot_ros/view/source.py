@@ -125,7 +125,6 @@ class FrameHistory:
     """
 
     def __init__(self, most: int = MOST):
-        """Start empty."""
         self._most = most
         self._lock = Lock()
         self._times: List[float] = []

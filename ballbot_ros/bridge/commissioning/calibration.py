@@ -249,5 +249,3 @@ def fit(torques: List[float], angles: List[float], gravity_torque: float
     variance = float(rest @ rest) / max(1, len(asked) - 2)
     sd = math.sqrt(variance * float(np.linalg.inv(columns.T @ columns)[0, 0]))
     return float(found[0]), sd, float(found[1])
-
-

@@ -21,7 +21,6 @@ STALE_VOLTAGE = 1.0
 COUNTER = 2**32  # the encoder counter wraps
 
 
-
 @dataclass(frozen=True)
 class RoboClawOptions(DriveOptions):
     """The options of a RoboClaw driver."""

@@ -41,6 +41,7 @@ BANDWIDTHS = {256: 0, 188: 1, 98: 2, 42: 3, 20: 4, 10: 5, 5: 6}
 # As sensors leave the factory.
 FACTORY_BAUD = 9600
 
+
 def packet(kind: int, counts: Tuple[int, int, int], last: int = 0) -> bytes:
     """Return a packet as the sensor sends it."""
     body = struct.pack('<BB4h', HEADER, kind, *counts, last)

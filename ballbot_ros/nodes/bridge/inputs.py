@@ -43,7 +43,6 @@ class MotorInputs:
 
     def __init__(self, node: Node, session: Session, clocks: Clocks,
                  outputs: MotorOutputs):
-        """Create subscriptions and services."""
         self._outputs = outputs
         self._session, self._clocks, self._logger = session, clocks, node.get_logger()
         self._publisher = SinglePublisher(node, 'joint_commands')

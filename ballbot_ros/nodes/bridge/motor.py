@@ -132,7 +132,6 @@ class MotorOutputs:
 
     def __init__(self, node: Node, clocks: Clocks, status_rate: float,
                  joint_state_period: float = 0.0, frame: str = FRAMES.base):
-        """Create the publishers."""
         self._clocks, self._joints_due = clocks, 0.0
         self.publish_at(status_rate, joint_state_period)
         self._joints = create_publisher(node, 'joint_states')

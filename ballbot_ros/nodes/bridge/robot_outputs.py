@@ -52,7 +52,6 @@ class RobotOutputs:
     """
 
     def __init__(self, node: Node, session: Session, clocks: Clocks, settings: BridgeSettings):
-        """Create the publishers."""
         self._session, self._clocks = session, clocks
         self._radius, self._battery = session.robot.ball_radius, session.hardware.battery
         self._topics = OdometryTopics(node, session.robot, settings)

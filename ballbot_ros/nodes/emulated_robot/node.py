@@ -40,7 +40,6 @@ class EmulatedRobot(Node):
     """
 
     def __init__(self, **kwargs: Any):
-        """Plug the drive in."""
         super().__init__('emulated_robot', **kwargs)
         settings = declare(self, EmulatedRobotSettings, self._prepare)
         self._frames = Frames.of(settings)

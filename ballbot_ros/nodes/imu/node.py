@@ -28,7 +28,6 @@ class ImuNode(Node):
     """
 
     def __init__(self, **kwargs: Any):
-        """Check the parameters, then read."""
         super().__init__('imu', **kwargs)
         settings = declare(self, ImuSettings, self._prepare)
         sensor = sensor_class(settings.sensor)(

@@ -30,7 +30,6 @@ class GainWatch:
     """
 
     def __init__(self, node: Node, topic: str):
-        """Listen."""
         self._node, self._topic = node, node.resolve_topic_name(topic)
         create_subscription(
             node, EVENTS, self.on_event, ParameterEvent, qos_profile_parameter_events)

@@ -66,7 +66,6 @@ class Outputs:
     """
 
     def __init__(self, node: Node, plant: Plant, settings: SimulatorSettings):
-        """Create the publishers."""
         self._plant = plant
         self._last: Dict[str, Tuple[Callable[..., None], Tuple[Any, ...]]] = {}
         self._every = every(settings)
@@ -163,7 +162,6 @@ class Sensors:
     """
 
     def __init__(self, node: Node, plant: Plant, settings: SimulatorSettings):
-        """Create sensors and publishers."""
         self._node, self._plant, self._frames = node, plant, Frames.of(settings)
         self._late: Latency[Tuple[Publisher, Any]] = Latency(settings.sensor_latency)
         self._topics: Dict[str, Publisher] = {}

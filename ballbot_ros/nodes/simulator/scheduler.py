@@ -40,7 +40,6 @@ class RunControl:
     """
 
     def __init__(self, paused: bool):
-        """Start paused or running."""
         self._left: Optional[int] = 0 if paused else None
         self._done: Optional[Future] = None
 
@@ -174,7 +173,6 @@ class Scheduler:
     def __init__(self, plant: Plant, gate: TorqueSource, outputs: Outputs,
                  settings: SimulatorSettings, logger: RcutilsLogger,
                  failed: Callable[[], None], clock: Optional[FollowedClock] = None):
-        """Publish the first state."""
         self._plant, self._gate, self._outputs = plant, gate, outputs
         self._settings, self._logger, self._failed = settings, logger, failed
         self._control = RunControl(settings.start_paused)

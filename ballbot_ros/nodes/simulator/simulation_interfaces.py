@@ -41,7 +41,6 @@ class Refusal(RefusedError):
     """A request that is answered with a code of simulation_interfaces."""
 
     def __init__(self, code: int, why: str):
-        """Keep the code beside the sentence."""
         super().__init__(why)
         self.code = code
 

@@ -77,7 +77,6 @@ class Form:
     """
 
     def __init__(self, data: bytes):
-        """Walk through the message."""
         if data[:2] != LITTLE_ENDIAN:
             raise ValueError('not little-endian CDR')
         self._data, self._fixed, self._at = data, bytearray(len(data)), START + STAMP.size
@@ -207,7 +206,6 @@ class _Written:
     """A serialised message; its numbers are written in place."""
 
     def __init__(self, message: JointState):
-        """Let the middleware serialise the message."""
         data = bytes(serialize_message(message))
         form = form_of(data, message)
         if form is None:
@@ -235,7 +233,6 @@ class JointStateBytes:
     """
 
     def __init__(self, frame: str = '', has_pendulum: bool = True):
-        """Make the form."""
         names = list(JOINTS) if has_pendulum else list(JOINTS[:1])
         zeros = [0.0] * len(names)
         message = JointState(name=names, position=zeros, velocity=zeros, effort=zeros)

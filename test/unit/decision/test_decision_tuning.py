@@ -67,7 +67,7 @@ def test_an_emergency_that_leans_less_than_usual_is_refused():
 TINY = 1e-9
 
 
-@pytest.mark.parametrize('name, allowed, refused', [
+@pytest.mark.parametrize('name, allowed, beyond', [
     *((name, [TINY], [0.0, -TINY]) for name in (
         'acceleration', 'deceleration', 'reaction_time', 'observation_timeout',
         'contradiction_sigma', 'cruise_speed')),
@@ -82,10 +82,10 @@ TINY = 1e-9
     ('speed_margin', [0.0, 1.0], [-TINY, 1.0 + TINY]),
     ('largest_lean', [TINY, 1.4], [0.0, 1.5 + TINY]),
     ('forget_after', [1], [0])])
-def test_each_number_has_its_range(name, allowed, refused):
+def test_each_number_has_its_range(name, allowed, beyond):
     for value in allowed:
         assert getattr(DecisionTuning(**{name: value}), name) == value
-    for value in refused:
+    for value in beyond:
         with refused('out_of_range', name):
             DecisionTuning(**{name: value})
 

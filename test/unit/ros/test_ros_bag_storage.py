@@ -8,7 +8,7 @@ from refusals import refused
 from rosbags.rosbag2 import Reader
 import yaml
 
-from ballbot_ros.bags import storage as bag_storage
+from ballbot_ros.bags import writer
 from ballbot_ros.bags.metadata import bag_metadata, BagMetadata, SIMULATOR
 from ballbot_ros.bags.writer import bag_writer
 from ballbot_ros.physics import load_scene
@@ -60,7 +60,7 @@ class FakeRosbag2:
 def only(monkeypatch, *present):
     """Let only these modules be found."""
     find = importlib.util.find_spec
-    monkeypatch.setattr(bag_storage, 'find_spec', lambda name: (
+    monkeypatch.setattr(writer, 'find_spec', lambda name: (
         find('json') if name in present else None))
 
 

@@ -44,7 +44,6 @@ class ODriveCanOptions(DriveOptions):
         '0.5 does not report them over CAN', default=None)
 
     def __post_init__(self) -> None:
-        """Check the options, including `confirmed`."""
         super().__post_init__()
         check_confirmed(self.confirmed)
         if self.firmware and not self.version:
