@@ -8,8 +8,8 @@ from ballbot_ros.figures.canvas import draw_heading
 from ballbot_ros.physics import load_robot
 from ballbot_ros.steering import yaw_rate_limit
 from ballbot_ros.studies import free_ball
-from ballbot_ros.studies.progress import counted, ignore, Progress
 from ballbot_ros.studies.free_ball import compare, LateralRun
+from ballbot_ros.studies.progress import counted, ignore, Progress
 
 SPEEDS = (0.2, 0.4, 0.8)  # [m/s]
 DURATION = 6.0  # [s]

@@ -142,7 +142,8 @@ class SceneSource(Source):
         except FutureTimeout:
             raise ConfigurationError(
                 f'{name}: the simulation has not responded for {CONTROL_TIMEOUT:g} s; it is '
-                'compiling, or the accuracy is too high for this machine', field=name) from None
+                'compiling, or the accuracy is too high for this machine', 'unavailable',
+                name) from None
 
     def start(self) -> None:
         """Start the thread."""

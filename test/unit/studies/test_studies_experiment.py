@@ -119,7 +119,8 @@ def test_a_number_that_differs_is_reported_by_time_and_topic(tmp_path, monkeypat
     assert 'same numbers: no' in said and 'differs from t = 0.1' in said
 
 
-@pytest.mark.parametrize('ending', [KeyboardInterrupt(), RefusedError('node x ended', 'failed', '')])
+@pytest.mark.parametrize('ending', [
+    KeyboardInterrupt(), RefusedError('node x ended', 'failed', '')])
 def test_what_was_done_before_an_end_is_kept_and_the_rest_done_later(
         tmp_path, monkeypatch, ending):
     file, out = str(write(tmp_path)), tmp_path / 'out'
