@@ -9,9 +9,9 @@ from time import monotonic
 from typing import Callable, Optional
 
 # Compiling that takes longer is reported [s].
-MOMENT = 2.0
-COMPILES = ('compiling for this machine, which takes a minute or so the first time and is kept '
-            'for the next')
+REPORT_AFTER = 2.0
+COMPILING_NOTICE = ('compiling for this machine, which takes a minute or so the first time and is '
+                    'kept for the next')
 
 # Receives the number of kernels compiled so far, and whether more are being compiled.
 OnCompiling = Callable[[int, bool], None]
@@ -52,9 +52,9 @@ class CompileNotice:
         _unfinished += 1
         if _report is not None:
             _report(self._done, True)
-        elif self.spent > MOMENT and warns and not self._warned:
+        elif self.spent > REPORT_AFTER and warns and not self._warned:
             self._warned = True
-            logging.getLogger('ballbot_ros').warning(COMPILES)
+            logging.getLogger('ballbot_ros').warning(COMPILING_NOTICE)
 
     def ends(self) -> None:
         """Record the end of a compilation."""

@@ -17,7 +17,7 @@ from ballbot_ros.studies.recording import CHANNELS, Recording, replay
 Series = Mapping[str, Tuple[Array, Array, Array]]
 
 UNITS = {**CHANNELS, 'pendulum_torque': 'N m', 'motor_work': 'J'}
-FAR = 0.05  # of the range of a channel: from there on the model has departed
+DEPARTURE_SHARE = 0.05  # of the range of a channel: from there on the model has departed
 JOINTS, ODOMETRY = ('ball_angle', 'ball_rate', 'joint_angle', 'joint_rate'), ('x', 'velocity_x')
 
 
@@ -30,7 +30,7 @@ class Difference(NamedTuple):
     largest: float  # magnitude
     when: float  # of the largest [s]
     span: float  # of the recording, from its least to its largest value
-    departs: float  # when it is first further away than `FAR` of the span [s]; NaN for never
+    departs: float  # when the gap first exceeds `DEPARTURE_SHARE` of the span [s]; NaN for never
 
 
 def differences(series: Series) -> List[Difference]:
@@ -39,7 +39,7 @@ def differences(series: Series) -> List[Difference]:
     for name, (times, measured, model) in series.items():
         gap = np.abs(model - measured)
         span, worst = float(np.ptp(measured)), int(np.argmax(gap))
-        far = np.flatnonzero(gap > FAR * span)
+        far = np.flatnonzero(gap > DEPARTURE_SHARE * span)
         found.append(Difference(
             name, UNITS[name], float(np.sqrt(np.mean(gap**2))), float(gap[worst]),
             float(times[worst]), span, float(times[far[0]]) if len(far) else math.nan))

@@ -14,10 +14,10 @@ from ballbot_ros.ros.graph import Observer
 from ballbot_ros.ros.topics import message_class
 
 # So deep that nothing is lost while the recorder is held up.
-DEPTH = 5000
-LOOK = 0.2  # how often new topics are looked for [s]
+QUEUE_DEPTH = 5000
+GRAPH_PERIOD = 0.2  # how often new topics are looked for [s]
 # What a graph says of itself: `ros2 bag record -a` leaves topics out whose name is hidden, only.
-OWN = ('/rosout', '/parameter_events')
+GRAPH_TOPICS = ('/rosout', '/parameter_events')
 
 
 class GraphRecording:
@@ -57,7 +57,7 @@ class GraphRecording:
         """Record what has come, and look for new topics; to be called often."""
         self._bag.take_all()
         if time.monotonic() >= self._look_at:
-            self._look_at = time.monotonic() + LOOK
+            self._look_at = time.monotonic() + GRAPH_PERIOD
             self._look()
 
     def _look(self) -> None:
@@ -67,7 +67,7 @@ class GraphRecording:
         for name, kinds in sorted(published.items()):
             hidden = any(part.startswith('_') for part in name.split('/'))
             if name in self._known or (name not in self._wanted if self._wanted else
-                                       hidden or name in OWN):
+                                       hidden or name in GRAPH_TOPICS):
                 continue
             self._known.add(name)
             try:
@@ -79,7 +79,7 @@ class GraphRecording:
         if len(kinds) > 1:
             raise ConfigurationError(
                 f'it has several types, {" and ".join(kinds)}', 'ambiguous', 'topic')
-        profile: QoSProfile = self._observer.profile(name, DEPTH)
+        profile: QoSProfile = self._observer.profile(name, QUEUE_DEPTH)
         self._bag.subscribe(self._observer.node, name, partial(self._count, name),
                             message_class(kinds[0]), profile)
         self._say(f'recording {name} [{kinds[0]}]')

@@ -27,11 +27,11 @@ _STAMP, _COUNT = struct.Struct('<iI'), struct.Struct('<I')
 STAMPED = ('std_msgs/Header', 'builtin_interfaces/Time')
 SEQUENCES = ('sequence<geometry_msgs/TransformStamped>', 'sequence<visualization_msgs/Marker>')
 # These topics carry wall time, even where the robot uses another clock.
-OF_THE_WALL = ('DiagnosticArray', 'Log')
+WALL_TIME_MESSAGES = ('DiagnosticArray', 'Log')
 
 StampOf = Callable[[bytes], int]
 # So often a recorder with a thread of its own looks whether something has come [s].
-LOOK_AGAIN = 0.002
+POLL_PERIOD = 0.002
 
 
 def offered_qos(node: Node, topic: str) -> List[Qos]:
@@ -160,7 +160,7 @@ class BagRecorder:
 
     def _take_on(self) -> None:
         try:
-            while not self._ending.wait(LOOK_AGAIN):
+            while not self._ending.wait(POLL_PERIOD):
                 self.take_all()
         except Exception as error:  # noqa: BLE001 the owner reports any failure
             self.failure = error
@@ -214,7 +214,7 @@ def stamp_reader(kind: Any) -> StampOf:
     that begin with a header, as those of /tf.
     """
     first = next(iter(kind.get_fields_and_field_types().values()), '')
-    if kind.__name__ in OF_THE_WALL:
+    if kind.__name__ in WALL_TIME_MESSAGES:
         return no_stamp
     if first in STAMPED:
         return stamp_of

@@ -22,7 +22,7 @@ STATUS_PERIOD = 0.1  # of the status line [s]
 SPEED_MAX = 3.0  # largest --max-speed [m/s]
 # With a dead man's switch: time for which a key counts as held after its last repetition [s].
 # Keyboards wait up to 0.66 s before the first repetition, and less after that.
-HELD_FIRST, HELD = 0.75, 0.25
+FIRST_REPEAT_TIMEOUT, REPEAT_TIMEOUT = 0.75, 0.25
 
 HELP = ('up/down faster, slower   space stop   e e-stop   R release it   q quit')
 HOLD_HELP = ('hold up/down to drive   space stop   e e-stop   R release it   q quit')
@@ -202,7 +202,7 @@ class Driving:
         if self.hold:
             repeated = key == self._last and now < self._until
             self.speed = sign * self._step
-            self._until = now + (HELD if repeated else HELD_FIRST)
+            self._until = now + (REPEAT_TIMEOUT if repeated else FIRST_REPEAT_TIMEOUT)
             self._last = key
             return
         wanted = round((self.speed + sign * self._step) / self._step) * self._step
@@ -339,7 +339,7 @@ class Keyboard:
 DEAD_ZONE = 0.1
 MISSING = ('a gamepad is read with the Python package evdev or pygame, and neither is installed: '
            'pip install evdev')
-NONE_THERE = 'no gamepad is connected, or this user may not open it: sudo usermod -aG input $USER'
+NO_GAMEPAD = 'no gamepad is connected, or this user may not open it: sudo usermod -aG input $USER'
 
 
 class StickReading(NamedTuple):
@@ -393,7 +393,7 @@ class EvdevGamepad:
                     and codes.BTN_SOUTH in able.get(codes.EV_KEY, ()):
                 break
         else:
-            raise ConfigurationError(NONE_THERE, 'unavailable', 'gamepad')
+            raise ConfigurationError(NO_GAMEPAD, 'unavailable', 'gamepad')
         self._device = device
         # A: stop, B: e-stop.  The button to release it is a key on purpose.
         self._buttons = {codes.BTN_SOUTH: 'space', codes.BTN_EAST: 'e'}
@@ -429,7 +429,7 @@ class PygameGamepad:
         pygame.display.init()  # its events need that, not a window
         pygame.joystick.init()
         if not pygame.joystick.get_count():
-            raise ConfigurationError(NONE_THERE, 'unavailable', 'gamepad')
+            raise ConfigurationError(NO_GAMEPAD, 'unavailable', 'gamepad')
         self._stick = pygame.joystick.Joystick(0)
         self._stick.init()
 

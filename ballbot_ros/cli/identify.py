@@ -41,7 +41,7 @@ def run(arguments: argparse.Namespace) -> int:
     from ballbot_ros.figures.residuals import residual_figure
     from ballbot_ros.physics import load_scene
     from ballbot_ros.results.files import read_columns, write_text
-    from ballbot_ros.studies.identification import FITS, identify
+    from ballbot_ros.studies.identification import FIT_COUNT, identify
     from ballbot_ros.studies.recording import Recording
     scene = load_scene(arguments.scene)
     if arguments.data.suffix in ('.csv', '.npz', '.parquet'):
@@ -54,7 +54,7 @@ def run(arguments: argparse.Namespace) -> int:
     folder = result_folder(
         arguments.out, Path('ballbot_output') / f'identify_{scene.name}',
         ('identify.json', *figure_files(['residuals'])), arguments.overwrite)
-    with watched(FITS, arguments.quiet or arguments.json, 'fitting:', 'fits') as progress:
+    with watched(FIT_COUNT, arguments.quiet or arguments.json, 'fitting:', 'fits') as progress:
         found = identify(scene, recording, arguments.estimate, arguments.recorded_torque, progress)
     write_text(json.dumps(content_of(found), indent=2, allow_nan=False) + '\n',
                folder / 'identify.json')

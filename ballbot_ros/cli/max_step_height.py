@@ -4,7 +4,7 @@ import argparse
 
 from ballbot_ros.cli import options
 from ballbot_ros.cli.command import DONE
-from ballbot_ros.cli.options import METAVAR, read_numbers, WORDING
+from ballbot_ros.cli.options import METAVAR, read_numbers, VALUES_HELP
 from ballbot_ros.cli.output import print_json
 
 # Fields of `MaxStepHeight` -> columns of all results; "height" is the height of a tried step.
@@ -14,7 +14,7 @@ COLUMNS = {'height': 'max_height'}
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     options.add_robot(parser)
     parser.add_argument('--speed', nargs='+', required=True, metavar=METAVAR,
-                        help=f'speed of the centre when it touches the step [m/s]: {WORDING}')
+                        help=f'speed of the centre when it touches the step [m/s]: {VALUES_HELP}')
     options.add_actuation(parser)
     options.add_site(parser)
     options.add_rules(parser)

@@ -5,11 +5,11 @@ import math
 from typing import Any, Iterator, List
 
 from ballbot_ros.cli.command import DONE
-from ballbot_ros.cli.options import METAVAR, read_numbers, WORDING
+from ballbot_ros.cli.options import METAVAR, read_numbers, VALUES_HELP
 from ballbot_ros.cli.output import table_row, table_rule
 from ballbot_ros.errors import ConfigurationError
 
-AFTER = (1.0, 3.0, 10.0)  # at which distance and speed are printed [s]
+REPORT_TIMES = (1.0, 3.0, 10.0)  # at which distance and speed are printed [s]
 WIDTHS = (7, 6, 6, 18, 18, 19, 13, 16, 10)
 SLOPE_MAX = 45.0  # [degrees]
 
@@ -21,7 +21,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--speed', type=float, default=0.6, metavar='M/S',
                         help='speed of the ball when commands stop (default: %(default)s)')
     parser.add_argument('--slopes-deg', nargs='+', default=['0,1,2,5'], metavar=METAVAR,
-                        help=f'slopes to try, downhill and uphill [degrees]: {WORDING} '
+                        help=f'slopes to try, downhill and uphill [degrees]: {VALUES_HELP} '
                         '(default: 0,1,2,5)')
     parser.add_argument('--policy', action='append', choices=('coast', 'brake', 'settle'),
                         help='policy to try, a value of on_timeout; may be repeated (default: '
@@ -94,7 +94,7 @@ def read_slopes(slopes: List[float]) -> List[float]:
 
 def heading() -> Iterator[str]:
     """Yield the first two lines of the table; it is Markdown, too."""
-    yield table_row(('start', 'slope', 'policy', *(f'after {time:g} s' for time in AFTER),
+    yield table_row(('start', 'slope', 'policy', *(f'after {time:g} s' for time in REPORT_TIMES),
                      'largest angle', 'within 5 degrees', 'motor gave'), WIDTHS)
     yield table_rule(WIDTHS)
 
@@ -110,7 +110,7 @@ def row(response: Any) -> str:
         else f'{degrees} {"up" if scenario.slope > 0.0 else "down"}',
         scenario.policy,
         *('{:.2f} m, {:.2f} m/s'.format(*(_plain(value) for value in response.after(time)))
-          for time in AFTER),
+          for time in REPORT_TIMES),
         f'{math.degrees(response.largest_angle):.0f} degrees',
         f'not in {response.time[-1]:.0f} s' if hangs is None else f'after {hangs:.1f} s',
         f'{response.energy_given:.2f} J'), WIDTHS)

@@ -170,8 +170,8 @@ def add_workers(parser: argparse.ArgumentParser) -> None:
 
 
 METAVAR = 'VALUES'
-WORDING = 'a number, several as in 0.2,0.5, or FIRST:LAST:COUNT as in 0.2:1.2:21'
-MOST = 100_000  # numbers of a range
+VALUES_HELP = 'a number, several as in 0.2,0.5, or FIRST:LAST:COUNT as in 0.2:1.2:21'
+RANGE_COUNT_MAX = 100_000  # numbers of a range
 
 Values = Union[list[float], tuple[float, float]]
 
@@ -226,7 +226,8 @@ def read_values(word: str, option: str) -> Values:
     except ValueError:
         numbers = []
     if not numbers or len(numbers) > 3 and ':' in word or not all(map(math.isfinite, numbers)):
-        raise ConfigurationError(f'{option} must be {WORDING}; got {word!r}', 'wrong_type', option)
+        raise ConfigurationError(
+            f'{option} must be {VALUES_HELP}; got {word!r}', 'wrong_type', option)
     if ':' not in word:
         return numbers
     first, last = numbers[:2]
@@ -235,10 +236,10 @@ def read_values(word: str, option: str) -> Values:
             f'{option} {word}: the last must be above the first', 'inconsistent', option)
     if len(numbers) == 2:
         return first, last
-    if not (parts[2].strip().isdigit() and 2 <= numbers[2] <= MOST):
+    if not (parts[2].strip().isdigit() and 2 <= numbers[2] <= RANGE_COUNT_MAX):
         raise ConfigurationError(
-            f'{option} {word}: the third is a count, of at least 2 and at most {MOST} numbers, '
-            f'got {parts[2]}{_as_count(first, last, numbers[2])}', 'out_of_range', option)
+            f'{option} {word}: the third is a count, of at least 2 and at most {RANGE_COUNT_MAX} '
+            f'numbers, got {parts[2]}{_as_count(first, last, numbers[2])}', 'out_of_range', option)
     # Rounded: 0.2 + 2 x 0.05 is to be 0.3.
     count = int(numbers[2])
     return [round(first + (last - first) * place / (count - 1), 12) for place in range(count)]
@@ -269,6 +270,6 @@ def _as_count(first: float, last: float, stride: float) -> str:
         return ''
     count = (last - first) / stride
     whole = round(count)
-    if abs(count - whole) > 1e-6 or whole + 1 > MOST:
+    if abs(count - whole) > 1e-6 or whole + 1 > RANGE_COUNT_MAX:
         return ''
     return f'; a stride of {stride:g} is {first:g}:{last:g}:{whole + 1}'

@@ -7,7 +7,7 @@ from typing import Any, Mapping, Tuple
 
 from ballbot_ros.cli import options
 from ballbot_ros.cli.command import DONE, INTERRUPTED, print_error
-from ballbot_ros.cli.options import METAVAR, read_varied, Values, WORDING
+from ballbot_ros.cli.options import METAVAR, read_varied, Values, VALUES_HELP
 from ballbot_ros.cli.output import check_new_file
 from ballbot_ros.errors import ConfigurationError
 
@@ -19,7 +19,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help='Parquet file to write')
     options.add_overwrite(parser, file=True)
     parser.add_argument('--vary', action='append', required=True, metavar=f'NAME={METAVAR}',
-                        help=f'a parameter to vary, in SI units except angles: {WORDING}; '
+                        help=f'a parameter to vary, in SI units except angles: {VALUES_HELP}; '
                         'LOW:HIGH for sobol and random.  NAME is speed, height, a field of the '
                         'robot, motor.*, slope_before_deg and other parameters of the ground, '
                         'set_angle_deg, voltage, ...; without height, the maximum step '

@@ -2,7 +2,7 @@
 """The file of an experiment: scene, nodes and seeds; and the folder with all its inputs."""
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Dict, List, Mapping, Tuple
+from typing import Any, Dict, Mapping, Tuple
 
 from ballbot_ros.config.fields import Checked, expect_mapping, quantity, section, text
 from ballbot_ros.config.files import find_config, is_path, read_yaml
@@ -11,7 +11,7 @@ from ballbot_ros.errors import ConfigurationError
 FILE = 'experiment.yaml'
 NODES = ('simulator', 'controller', 'obstacle_decision')
 # Parameters that the experiment sets, and why.
-OWN = {
+RESERVED_PARAMETERS = {
     'scene': 'it is a field of the experiment', 'robot': 'it is a field of the experiment',
     'seed': 'it is each of the seeds of the experiment',
     'lockstep': 'an experiment is in lockstep', 'start_paused': 'the experiment starts it',
@@ -20,7 +20,7 @@ OWN = {
     'lockstep_set_point_period': 'it is the period of the observations',
     'outcome_log': 'a run that learns from the one before it is not repeatable'}
 # Parameters of nodes that name a file, and the folder of config it is in.
-FILES = {'tuning': 'tunings', 'control_tuning': 'tunings', 'curve': 'curves'}
+FILE_PARAMETERS = {'tuning': 'tunings', 'control_tuning': 'tunings', 'curve': 'curves'}
 
 
 @dataclass(frozen=True)
@@ -100,11 +100,11 @@ def _nodes(plan: Experiment, path: Path, beside: Path
             continue
         place = f'{path}: {name}'
         entries = dict(expect_mapping(given or {}, place))
-        for key, why in OWN.items():
+        for key, why in RESERVED_PARAMETERS.items():
             if key in entries:
                 raise ConfigurationError(
                     f'{place}: {key} cannot be set here: {why}', 'not_settable', key)
-        for key in set(FILES) & set(entries):
+        for key in set(FILE_PARAMETERS) & set(entries):
             if isinstance(entries[key], str):
                 entries[key] = _place(beside, entries[key])
         kind.from_mapping(entries, place)
@@ -148,7 +148,7 @@ def freeze(plan: Experiment) -> Dict[str, str]:
         'scene': keep('scenes', plan.scene), 'robot': keep('robots', robot),
         'duration': plan.duration, 'seeds': list(plan.seeds)}
     for name, entries in plan.nodes.items():
-        lines[name] = {key: keep(FILES[key], value) if key in FILES else value
+        lines[name] = {key: keep(FILE_PARAMETERS[key], value) if key in FILE_PARAMETERS else value
                        for key, value in {**_defaults(name), **entries}.items()}
     import yaml
     return {FILE: yaml.safe_dump(lines, sort_keys=False), **dict(sorted(files.items()))}
@@ -159,8 +159,7 @@ def _defaults(node: str) -> Dict[str, str]:
     from ballbot_ros.nodes.controller.settings import ControllerSettings
     from ballbot_ros.nodes.obstacle_decision.settings import DecisionSettings
     kind: Any = {'controller': ControllerSettings, 'obstacle_decision': DecisionSettings}.get(node)
-    fields: List[str] = [name for name in FILES if kind is not None and hasattr(kind, name)]
-    return {name: getattr(kind, name) for name in fields}
+    return {name: getattr(kind, name) for name in FILE_PARAMETERS if hasattr(kind, name)}
 
 
 def node_parameters(plan: Experiment, seed: int) -> Dict[str, Dict[str, Any]]:

@@ -17,7 +17,7 @@ class ErrorMonitor:
     ----------
     error : float
         Largest distance so far [m].
-    lost_at : float
+    accuracy_lost_at : float
         Time since which the accuracy does not hold any more [s], infinite while it does.
 
     """
@@ -29,7 +29,7 @@ class ErrorMonitor:
     def reset(self, start: State) -> None:
         """Start again."""
         self._state = start
-        self.error, self.lost_at = 0.0, math.inf
+        self.error, self.accuracy_lost_at = 0.0, math.inf
 
     def advance(self, after: State, actuator: Actuator, steps: int) -> None:
         """
@@ -45,5 +45,5 @@ class ErrorMonitor:
         self._state = coarse._replace(time=after.time)
         distance = math.hypot(after.x - coarse.x, after.y - coarse.y)
         self.error = max(self.error, distance)
-        if self.lost_at == math.inf and not distance <= self._accuracy:
-            self.lost_at = after.time
+        if self.accuracy_lost_at == math.inf and not distance <= self._accuracy:
+            self.accuracy_lost_at = after.time

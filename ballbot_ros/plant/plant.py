@@ -97,9 +97,9 @@ class Plant:
         return self._monitor.error if self._monitor else math.nan
 
     @property
-    def lost_at(self) -> float:
+    def accuracy_lost_at(self) -> float:
         """Return since when the accuracy does not hold any more [s], infinite while it does."""
-        return self._monitor.lost_at if self._monitor else math.inf
+        return self._monitor.accuracy_lost_at if self._monitor else math.inf
 
     def advance(self, torque: float) -> State:
         """

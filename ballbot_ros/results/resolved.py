@@ -10,7 +10,7 @@ from ballbot_ros.physics.simulation.trajectory import Trajectory
 from ballbot_ros.physics.solvers.values import FINISHED, Output, Status
 
 EVENT_STEP = 1e-3  # largest sampling period for events and extremes [s]
-BLOCK = 2000       # rows of a piece: bounds the memory of a long run
+BLOCK_ROWS = 2000       # rows of a piece: bounds the memory of a long run
 
 
 def resolved(run: Trajectory) -> Iterator[Trajectory]:
@@ -31,7 +31,7 @@ def resolved(run: Trajectory) -> Iterator[Trajectory]:
     actuator = run.scene.actuation.actuator(run.model.robot, start.time, start.joint_angle)
     integrator = Integrator(run.model.parameters, run.model.profile, solver,
                             flight=solver.models != 'full')
-    samples = max(1, BLOCK // parts)
+    samples = max(1, BLOCK_ROWS // parts)
     for begin in range(0, len(run) - 1, samples):
         given = run.rows[begin:begin + samples + 1]
         rows = np.empty((1 + parts * (len(given) - 1), given.shape[1]))

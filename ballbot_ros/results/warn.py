@@ -13,7 +13,7 @@ from ballbot_ros.physics.simulation.trajectory import Trajectory
 from ballbot_ros.results.faces import rising_faces
 
 # Relative energy balance error above which a smaller step is needed.
-RESIDUAL = 1e-5
+RESIDUAL_MAX = 1e-5
 
 TOP_DEG = 180.0  # pendulum angle above the centre of the ball
 
@@ -49,9 +49,9 @@ def find_warnings(trajectory: Trajectory, expected: int, residual: Optional[floa
                f'{trajectory["time"][-1]:g} s')
     if not np.isfinite(trajectory.rows).all():
         yield f'some numbers are not finite; use {finer}'
-    elif residual is not None and not residual <= RESIDUAL:
+    elif residual is not None and not residual <= RESIDUAL_MAX:
         yield (f'the energy balance error is {residual:.1e} relative to the reference energy '
-               f'(good: at most {RESIDUAL:.0e}); use {finer}')
+               f'(good: at most {RESIDUAL_MAX:.0e}); use {finer}')
     if depth > PENETRATION_MAX * robot.ball_radius:
         yield (f'the ball sank {1e3 * depth:.3g} mm into the ground, more than '
                f'{PENETRATION_MAX:.0%} of its radius; contact_stiffness is too low for this '

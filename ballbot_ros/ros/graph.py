@@ -25,10 +25,10 @@ from ballbot_ros.ros.topics import message_class
 
 # Discovery is complete when the graph has not changed for the first time, at the latest after the
 # second one [s].  It takes less than half a second on an idle machine.
-SETTLED, LONGEST = 0.5, 4.0
-POLL = 0.05  # [s]
+DISCOVERY_QUIET_TIME, DISCOVERY_TIMEOUT = 0.5, 4.0
+SPIN_TIMEOUT = 0.05  # [s]
 # Number of messages in the window of a rate.
-WINDOW = 10000
+RATE_WINDOW = 10000
 
 
 class Observer:
@@ -67,7 +67,7 @@ class Observer:
         if self._own:
             rclpy.try_shutdown(context=self._context)
 
-    def spin(self, seconds: float = POLL) -> None:
+    def spin(self, seconds: float = SPIN_TIMEOUT) -> None:
         """Process callbacks for at most a time [s]."""
         self._executor.spin_once(timeout_sec=seconds)
 
@@ -80,10 +80,10 @@ class Observer:
 
     def settle(self) -> None:
         """Wait until the graph has not changed for a while, so discovery is complete."""
-        self.wait(self._others, LONGEST)
+        self.wait(self._others, DISCOVERY_TIMEOUT)
         start = changed = time.monotonic()
         known = None
-        while time.monotonic() < min(changed + SETTLED, start + LONGEST):
+        while time.monotonic() < min(changed + DISCOVERY_QUIET_TIME, start + DISCOVERY_TIMEOUT):
             now = self._graph()
             if now != known:
                 known, changed = now, time.monotonic()
@@ -115,10 +115,10 @@ class Observer:
 
         """
         name = self.resolve(topic)
-        found = self.wait(lambda: self._types(name), min(SETTLED, seconds))
-        if not found and seconds > SETTLED:
+        found = self.wait(lambda: self._types(name), min(DISCOVERY_QUIET_TIME, seconds))
+        if not found and seconds > DISCOVERY_QUIET_TIME:
             waiting()
-            found = self.wait(lambda: self._types(name), seconds - SETTLED)
+            found = self.wait(lambda: self._types(name), seconds - DISCOVERY_QUIET_TIME)
         if not found:
             known = [one for one, _ in self.node.get_topic_names_and_types()]
             raise ConfigurationError(
@@ -220,7 +220,7 @@ def rates(observer: Observer, topic: str, timeout: float,
     kind = message_class(observer.type_of(topic, timeout, waiting))
     name = observer.resolve(topic)
     observer.wait(lambda: observer.node.count_publishers(name), 0.2)
-    times: Deque[float] = deque(maxlen=WINDOW)
+    times: Deque[float] = deque(maxlen=RATE_WINDOW)
     create_subscription(observer.node, name, lambda _: times.append(time.monotonic()), kind,
                         observer.profile(name), raw=True)
     end = time.monotonic() + timeout

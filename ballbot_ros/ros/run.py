@@ -30,7 +30,7 @@ END_TIMEOUT = 20.0
 # Wall time without /clock before a warning, and between two of them [s].
 CLOCK_TIMEOUT, CLOCK_WARNING_PERIOD = 3.0, 10.0
 
-REFUSED = 2  # exit code when the node does not accept its configuration
+EXIT_REFUSED = 2  # exit code when the node does not accept its configuration
 
 
 class Stop:
@@ -151,7 +151,7 @@ def _run_together(make_nodes: Sequence[Callable[[], Node]], args: Optional[List[
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     except (RuntimeError, ValueError) as error:  # a malformed argument or parameter file
         print(f'cannot start: {_one_line(error)}', file=sys.stderr)
-        return REFUSED
+        return EXIT_REFUSED
     words = sys.argv[1:] if args is None else args
     begin = words.index('--ros-args') if '--ros-args' in words else len(words)
     # ROS would pass over them, a parameter among them, too; of NAME:=VALUE it makes a remapping.
@@ -160,7 +160,7 @@ def _run_together(make_nodes: Sequence[Callable[[], Node]], args: Optional[List[
         print(f'cannot start: {stray[0]!r} is no argument of a node; parameters are given as in '
               '--ros-args -p robot:=gimball', file=sys.stderr)
         rclpy.try_shutdown()
-        return REFUSED
+        return EXIT_REFUSED
     nodes: List[Node] = []
     executor = new_executor()
     log = get_logger('ballbot_ros')
@@ -195,11 +195,11 @@ def _run_together(make_nodes: Sequence[Callable[[], Node]], args: Optional[List[
             raise
         log.fatal(f'cannot start: {_one_line(error)}')
         _end_in_time(nodes)
-        return REFUSED
+        return EXIT_REFUSED
     except BallbotError as error:
         log.fatal(_one_line(error))
         _end_in_time(nodes)
-        return REFUSED
+        return EXIT_REFUSED
     finally:
         making = False
         for node in nodes:
@@ -260,10 +260,10 @@ def _one_line(error: Exception) -> str:
     return ' '.join(str(error).split())
 
 
-COMPILES = ('compiling for this machine, which takes a minute or two and is kept: the next start '
-            'begins immediately')
+COMPILING_NOTICE = ('compiling for this machine, which takes a minute or two and is kept: the '
+                    'next start begins immediately')
 # Such a period misses its deadline; a test searches every log for this message.
-LATE = 'this node is late by a kernel that is called for the first time: '
+LATE_KERNEL = 'this node is late by a kernel that is called for the first time: '
 
 
 class FirstStart:
@@ -290,8 +290,8 @@ class FirstStart:
 
     def _on_kernel(self, kernel: str, kept: bool) -> None:
         if self._ready:
-            self._warn(f'{LATE}{kernel}, {"read from the disk" if kept else "compiled"}')
+            self._warn(f'{LATE_KERNEL}{kernel}, {"read from the disk" if kept else "compiled"}')
         elif not kept:
             if not self._compiled:
-                self._log(COMPILES)
+                self._log(COMPILING_NOTICE)
             self._compiled += 1

@@ -26,7 +26,7 @@ from ballbot_ros.ros.topics import message_class, TOPICS
 from ballbot_ros.srv import Step
 
 # Displayed topics, each with the minimum time between two messages [s].
-PERIODS: Mapping[str, float] = {
+MESSAGE_PERIODS: Mapping[str, float] = {
     'ball_state': 0.0, 'joint_states': 0.008, 'odom': 0.008, 'step_observation': 0.1,
     'terrain_observation': 0.1, 'step_decision': 0.0, 'motor_status': 0.05, 'e_stop': 0.0}
 
@@ -36,11 +36,11 @@ NODES: Mapping[str, Tuple[str, ...]] = {
     'emulated_robot': ('scene',), 'controller': ('robot',),
     'obstacle_decision': ('robot', 'curve', 'variant')}
 
-ANSWER = 5.0  # timeout of a service call [s]
-LOOK = 1.0  # period of the graph query [s]
-RENEW = 0.05  # period of a held set-point [s]
-UNATTENDED = 1.0  # a held set-point is released after this time without `attend` [s]
-WAKE = 0.02  # longest wait for messages [s]
+SERVICE_TIMEOUT = 5.0  # timeout of a service call [s]
+GRAPH_PERIOD = 1.0  # period of the graph query [s]
+SET_POINT_PERIOD = 0.05  # period of a held set-point [s]
+ATTEND_TIMEOUT = 1.0  # a held set-point is released after this time without `attend` [s]
+SPIN_TIMEOUT = 0.02  # longest wait for messages [s]
 
 
 class Presence(NamedTuple):
@@ -97,7 +97,7 @@ class Spectator:
         self._held: Union[float, JointState, None] = None  # a speed [m/s], or a set-point
         self._attended = 0.0
         self.presence = Presence(frozenset(), (), 0)
-        for topic, period in PERIODS.items():
+        for topic, period in MESSAGE_PERIODS.items():
             create_subscription(self._node, topic, self._taking(topic, period),
                                 profile=qos.watching(topic), raw=True)
         self._thread = Thread(target=self._live, name='spectator', daemon=True)
@@ -168,7 +168,7 @@ class Spectator:
         executor.add_node(self._node)
         look = renew = 0.0
         while not self._ending.is_set():
-            executor.spin_once(timeout_sec=WAKE)
+            executor.spin_once(timeout_sec=SPIN_TIMEOUT)
             now = monotonic()
             try:
                 while True:
@@ -176,10 +176,10 @@ class Spectator:
             except Empty:
                 pass
             if now >= look:
-                look = now + LOOK
+                look = now + GRAPH_PERIOD
                 self._look_around(now)
             if now >= renew:
-                renew = now + RENEW
+                renew = now + SET_POINT_PERIOD
                 self._publish(now)
         executor.remove_node(self._node)
         executor.shutdown()
@@ -208,7 +208,7 @@ class Spectator:
         for name in [known for known in self._asked if known not in nodes]:
             del self._asked[name]
         for name in nodes:
-            if now - self._asked.get(name, -1e9) > ANSWER:
+            if now - self._asked.get(name, -1e9) > SERVICE_TIMEOUT:
                 self._ask(name, now)
 
     def _ask(self, name: str, now: float) -> None:
@@ -244,14 +244,15 @@ class Spectator:
 
         self._jobs.put(call)
         try:
-            return answer.result(ANSWER)
+            return answer.result(SERVICE_TIMEOUT)
         except TooLong:
             raise RefusedError(
-                f'{service} has not answered for {ANSWER:g} s', 'timeout', service) from None
+                f'{service} has not answered for {SERVICE_TIMEOUT:g} s', 'timeout',
+                service) from None
 
     def _publish(self, now: float) -> None:
         """Publish the held set-point, or release it after the timeout."""
-        if now - self._attended > UNATTENDED:
+        if now - self._attended > ATTEND_TIMEOUT:
             self._held = None
         held: Any = self._held
         if isinstance(held, float):

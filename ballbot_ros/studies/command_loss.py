@@ -24,11 +24,11 @@ from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.simulation.scene import Initial, Run, Scene
 from ballbot_ros.plant import Plant
 
-LEAD = 1.0  # under commands, before they stop [s]
-LASTS = 10.0  # watched after that [s]
-GAIN = 10.0  # kP of law (12), the paper's [N m s/rad]
+COMMANDED_TIME = 1.0  # under commands, before they stop [s]
+OBSERVED_TIME = 10.0  # watched after that [s]
+SPEED_GAIN = 10.0  # kP of law (12), the paper's [N m s/rad]
 ACCURACY = 1e-4  # of positions [m]
-HANGING = math.radians(5.0)  # a pendulum within this hangs [rad]
+HANGING_ANGLE = math.radians(5.0)  # a pendulum within this hangs [rad]
 
 
 class Scenario(NamedTuple):
@@ -66,8 +66,8 @@ class Response(NamedTuple):
 
     @property
     def hangs_after(self) -> Optional[float]:
-        """Return when the pendulum begins to stay within `HANGING`, None if it does not [s]."""
-        beyond = np.flatnonzero(np.abs(self.pendulum_angle) > HANGING)
+        """Return when the pendulum last enters `HANGING_ANGLE` [s], None if it does not stay."""
+        beyond = np.flatnonzero(np.abs(self.pendulum_angle) > HANGING_ANGLE)
         if not len(beyond):
             return 0.0
         return float(self.time[beyond[-1] + 1]) if beyond[-1] + 1 < len(self.time) else None
@@ -123,10 +123,11 @@ def scene_of(hardware: Hardware, scenario: Scenario) -> Scene:
     joint_rate = -model.at_rest(0.0, scenario.speed).ball_rate
     angle = math.degrees(held_angle(robot, scenario.slope, joint_rate))
     return Scene('timeout', model, Initial(speed=scenario.speed, pendulum_angle_deg=angle),
-                 Actuation(), Run(duration=LEAD + LASTS))
+                 Actuation(), Run(duration=COMMANDED_TIME + OBSERVED_TIME))
 
 
-def lose_commands(hardware: Hardware, scenario: Scenario, lasts: float = LASTS) -> Response:
+def lose_commands(hardware: Hardware, scenario: Scenario,
+                  lasts: float = OBSERVED_TIME) -> Response:
     """
     Simulate a scenario up to some time after the last command.
 
@@ -151,8 +152,8 @@ def lose_commands(hardware: Hardware, scenario: Scenario, lasts: float = LASTS) 
     supervisor = Supervisor(limits, plant.period)
     supervisor.reset(0.0)
     # Law (12) without an integral lags behind by the friction of the joint.
-    set_rate = scene.start.joint_rate * (1.0 + robot.joint_friction / GAIN)
-    last, end = (round(time / plant.period) for time in (LEAD, LEAD + lasts))
+    set_rate = scene.start.joint_rate * (1.0 + robot.joint_friction / SPEED_GAIN)
+    last, end = (round(time / plant.period) for time in (COMMANDED_TIME, COMMANDED_TIME + lasts))
     states, given = [], []
     since = None  # work of the motor when the commands were too old
     while True:
@@ -166,7 +167,7 @@ def lose_commands(hardware: Hardware, scenario: Scenario, lasts: float = LASTS) 
             break
         if plant.periods <= last:
             supervisor.offer(velocity_torque(
-                state.pendulum_angle, state.joint_rate, 0.0, set_rate, GAIN, 0.0,
+                state.pendulum_angle, state.joint_rate, 0.0, set_rate, SPEED_GAIN, 0.0,
                 robot.largest_gravity_torque), plant.time, plant.time)
         plant.advance(supervisor.decide(plant.time, PendulumMotion(
             state.pendulum_angle, state.pendulum_rate, state.joint_rate)))

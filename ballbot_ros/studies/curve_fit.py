@@ -30,8 +30,8 @@ from ballbot_ros.studies.progress import ignore
 
 LEAST_SLOPE = 1e-4  # of a curve [s]
 PROBABILITIES = (0.0, 0.01, 0.05, 0.25, 0.5, 0.75, 0.95, 0.99, 1.0)
-DENSE = 8  # conservative heights for each one that is fitted
-SPARSE = 11  # speeds of the band
+CONSERVATIVE_DENSITY = 8  # conservative heights for each one that is fitted
+BAND_SPEEDS = 11  # speeds of the band
 LAWS = ('free', 'position', 'velocity', 'voltage')
 
 
@@ -62,12 +62,12 @@ class Request(Checked):
 
 def dense_points(request: Request) -> int:
     """Return the number of heights that the conservative curve is made of."""
-    return DENSE * (request.points - 1) + 1
+    return CONSERVATIVE_DENSITY * (request.points - 1) + 1
 
 
 def heights_for(robot: Robot, request: Request) -> int:
     """Return the number of heights that will be simulated."""
-    return dense_points(request) + (SPARSE * request.samples if uncertain(robot) else 0)
+    return dense_points(request) + (BAND_SPEEDS * request.samples if uncertain(robot) else 0)
 
 
 def fit_curve(name: str, robot: Robot, actuation: Actuation, wording: str,
@@ -120,14 +120,14 @@ def fit_curve(name: str, robot: Robot, actuation: Actuation, wording: str,
         return np.array(rows).reshape(len(robots), len(speeds), 2)
 
     heights, errors = all_of([robot], dense)[0].T
-    speeds, points = dense[::DENSE], heights[::DENSE]
+    speeds, points = dense[::CONSERVATIVE_DENSITY], heights[::CONSERVATIVE_DENSITY]
     coefficients = monotone_cubic(speeds, points)
     residuals = np.polyval(coefficients[::-1], speeds) - points
     powers = np.vander(speeds, 4, increasing=True)
     covariance = (residuals @ residuals / (len(speeds) - 4) * np.linalg.inv(powers.T @ powers))
     band = None
     if uncertain(robot) and request.samples:
-        sparse: Array = np.array(np.linspace(low, high, SPARSE).round(12), float)
+        sparse: Array = np.array(np.linspace(low, high, BAND_SPEEDS).round(12), float)
         drawn = all_of(draw(robot, request.samples, request.seed), sparse)[:, :, 0]
         quantiles = np.maximum.accumulate(
             np.quantile(drawn, PROBABILITIES, axis=0).T.round(6), axis=1)

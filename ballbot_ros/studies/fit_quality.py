@@ -15,15 +15,16 @@ from scipy.stats import chi2, t as student
 
 from ballbot_ros.physics.model.terrain import Array
 
-VAGUE = 0.5   # relative standard deviation of a combination that is not determined
-SHARE = 0.05  # part that a number takes in such a combination, to be not determined
+VAGUE_DEVIATION = 0.5   # relative standard deviation of a combination that is not determined
+VAGUE_SHARE = 0.05  # part that a number takes in such a combination, to be not determined
 CONFIDENCE = 0.95
-POOR = 0.2    # residual RMS, of the standard deviation of the channel, that explains nothing
-ROUGH = 5.0   # times the noise of the channel that residuals are above, to be no noise
-CHANCE = 1e-4  # that independent noise looks as correlated as what is called correlated
+# Residual RMS over the standard deviation of the channel, from which a fit explains nothing.
+POOR_RESIDUAL = 0.2
+NOISE_FACTOR = 5.0   # times the noise of the channel that residuals are above, to be no noise
+WHITENESS_LEVEL = 1e-4  # that independent noise looks as correlated as what is called correlated
 LAGS = 20
-INTEGRATION = 3.0  # multiple of the maximum integration error, no warning below it
-BIAS = 2.0    # times the estimated shift by integration that an interval includes
+INTEGRATION_FACTOR = 3.0  # multiple of the maximum integration error, no warning below it
+BIAS_FACTOR = 2.0    # times the estimated shift by integration that an interval includes
 
 
 class ChannelFit(NamedTuple):
@@ -68,9 +69,9 @@ def channel_fit(measured: Array, residual: Array, roughness: float,
     """
     rms, motion = float(np.sqrt(np.mean(residual**2))), float(np.std(measured))
     correlation = _samples_per_independent(residual)
-    if rms > POOR * motion and rms > ROUGH * roughness:
+    if rms > POOR_RESIDUAL * motion and rms > NOISE_FACTOR * roughness:
         verdict = 'poor'
-    elif correlation > 1.0 and rms > INTEGRATION * integration:
+    elif correlation > 1.0 and rms > INTEGRATION_FACTOR * integration:
         verdict = 'correlated'
     else:
         verdict = 'good'
@@ -87,7 +88,7 @@ def _samples_per_independent(residual: Array) -> float:
     rho = products / products[0]
     lags = np.arange(1, min(LAGS, number // 4) + 1)
     portmanteau = number * (number + 2) * float(np.sum(rho[lags]**2 / (number - lags)))
-    if chi2.sf(portmanteau, len(lags)) > CHANCE:
+    if chi2.sf(portmanteau, len(lags)) > WHITENESS_LEVEL:
         return 1.0
     negative = np.flatnonzero(rho <= 0.0)
     until = int(negative[0]) if len(negative) else number
@@ -122,16 +123,16 @@ def judge(names: Sequence[str], units: Sequence[str], starts: Array, scales: Arr
     left, singular, directions = np.linalg.svd(
         fit.jac * (weights / scales) / scatter, full_matrices=False)
     spread = 1.0 / np.maximum(singular, 1e-300)
-    good = spread <= VAGUE
+    good = spread <= VAGUE_DEVIATION
     inverse = (directions[good].T * spread[good]) @ left[:, good].T
     deviation = np.sqrt(np.sum(inverse**2 * alike, axis=1))
     vague = [{name: round(float(part), 3) for name, part in zip(names, direction)
-              if abs(part) > SHARE}
+              if abs(part) > VAGUE_SHARE}
              for direction, width in zip(directions, spread)
-             if width * math.sqrt(float(alike.max())) > VAGUE]
+             if width * math.sqrt(float(alike.max())) > VAGUE_DEVIATION]
     blurred = {name for combination in vague for name in combination}
     # What integration moves, and what the search had left to go.
-    bias = BIAS * np.abs(inverse @ (np.vstack([error, fit.fun]) / scatter).T).sum(axis=1)
+    bias = BIAS_FACTOR * np.abs(inverse @ (np.vstack([error, fit.fun]) / scatter).T).sum(axis=1)
     margin = (student.ppf(0.5 * (1.0 + CONFIDENCE), free) * deviation + bias) * weights
     trusted = all(item.verdict != 'poor' for _, item in channels.values())
     estimates = []

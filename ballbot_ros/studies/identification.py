@@ -38,11 +38,11 @@ from ballbot_ros.studies.recording import CHANNELS, GRID, Recording, replay, SOL
 INITIAL = described(Initial, 'initial.')
 NUMBERS = {**ROBOT, **MOTOR, **INITIAL}
 
-STEP = 1e-4   # relative, for the Jacobian
-STARTS, REACH = 8, 0.5  # beside the given numbers: how many, and how far away, relative
-SAME = 1e-3   # relative: numbers that agree so well are one explanation, found twice
-FITS = 1 + STARTS + 2  # from the guess, from around it, and twice with the noise of the residuals
-FAR = 1e3     # sigmas that a sample counts as where a trial cannot be simulated
+JACOBIAN_STEP = 1e-4   # relative, for the Jacobian
+STARTS, START_RANGE = 8, 0.5  # beside the given numbers: how many, and how far away, relative
+SAME_SOLUTION = 1e-3   # relative: numbers that agree so well are one explanation, found twice
+FIT_COUNT = 1 + STARTS + 2  # from the guess, around it, and twice with the residuals' noise
+FAILED_RESIDUAL = 1e3     # sigmas that a sample counts as where a trial cannot be simulated
 
 
 # Unit of a channel -> unit of values that are often labelled with it.
@@ -89,7 +89,7 @@ def identify(scene: Scene, recording: Recording, names: Sequence[str], use_torqu
     use_torque : bool
         Apply the recorded torque instead of the law of the scene.
     progress : callable, optional
-        Called with the number of fits that are done, of `FITS`.
+        Called with the number of fits that are done, of `FIT_COUNT`.
 
     Raises
     ------
@@ -150,7 +150,8 @@ class _Search:
         try:
             found = self.differences(shift)
         except BallbotError:  # out of range, or too far from anything that rolls
-            return np.full(sum(len(values) for _, values in self.recording.channels.values()), FAR)
+            number = sum(len(values) for _, values in self.recording.channels.values())
+            return np.full(number, FAILED_RESIDUAL)
         fun = np.concatenate([found[name] / self.noise[name] for name in self.noise])
         cost = float(fun @ fun)
         if cost < self.least:
@@ -161,7 +162,7 @@ class _Search:
         """Return the fit from one start."""
         return least_squares(
             self.weighed, begin, bounds=(self.low, self.high), x_scale='jac', jac='3-point',
-            diff_step=STEP, max_nfev=100)
+            diff_step=JACOBIAN_STEP, max_nfev=100)
 
     def start(self) -> None:
         """Guess the noise; raises where the scene or a unit of the recording is at fault."""
@@ -174,7 +175,7 @@ class _Search:
 
     def look_around(self) -> None:
         """Begin on either side, too: several valleys may lead down."""
-        around = (2.0 * qmc.Sobol(len(self.names), seed=0).random(STARTS) - 1.0) * REACH
+        around = (2.0 * qmc.Sobol(len(self.names), seed=0).random(STARTS) - 1.0) * START_RANGE
         for begin in (np.zeros(len(self.names)), *around):
             self.others.append(self.fitted(np.clip(begin, self.low, self.high)))
             self.progress(len(self.others))
@@ -200,8 +201,9 @@ class _Search:
         for place in range(len(self.names)):
             ends = [np.array(shift), np.array(shift)]
             for end, sign in zip(ends, (-1.0, 1.0)):
-                end[place] = np.clip(shift[place] + sign * STEP * max(1.0, abs(shift[place])),
-                                     self.low[place], self.high[place])
+                step = JACOBIAN_STEP * max(1.0, abs(shift[place]))
+                end[place] = np.clip(
+                    shift[place] + sign * step, self.low[place], self.high[place])
             low, high = map(self.weighed, ends)
             columns.append((high - low) / (ends[1][place] - ends[0][place]))
         return OptimizeResult(x=shift, fun=fun, jac=np.stack(columns, axis=1))
@@ -253,8 +255,8 @@ class _Search:
         if not self.others or not sure.any():
             return []
         width = np.array([item.high - item.low for item in estimates]) / self.scales
-        away = np.maximum(3.0 * width, SAME * np.maximum(np.abs(
-            self.starts / self.scales + shift), SAME))[sure]
+        away = np.maximum(3.0 * width, SAME_SOLUTION * np.maximum(np.abs(
+            self.starts / self.scales + shift), SAME_SOLUTION))[sure]
         samples = sum(len(values) for _, values in self.recording.channels.values())
         least = min(other.cost for other in self.others)
         worth = chi2.ppf(CONFIDENCE, len(self.names)) * least / max(

@@ -29,12 +29,12 @@ CASES = {
     'heights reported 4 mm too high': (1.0, 0.004),
 }
 # Steps are within this below the highest one that the robot of the file crosses [m].
-NEAR = 0.010
+HEIGHT_WINDOW = 0.010
 SPEEDS, HEIGHTS = (0.45, 1.15), (0.005, 0.065)  # [m/s], [m]
 ANGLES = (0.7, 1.5, 2.2)  # that the pendulum is held at [rad]
 HEIGHT_SD = 0.001  # of the measured height, without the bias [m]
 ODOMETRY_SD = 0.02  # of the speed past the face [m/s]
-OTHERS = 10_000  # seed offset that keeps the robots distinct from the particles
+ROBOT_SEED_OFFSET = 10_000  # seed offset that keeps the robots distinct from the particles
 TESTS, REPEATS = 24, 5  # steps, and attempts at each, that promises are compared with
 
 
@@ -85,7 +85,7 @@ def demanding(robot: Robot, random: np.random.Generator) -> Touching:
         angle = float(random.choice(ANGLES))
         touching = Touching(float(random.uniform(*HEIGHTS)), HEIGHT_SD,
                         float(random.uniform(*SPEEDS)), 0.6 * angle, angle)
-        higher = touching._replace(height=touching.height + NEAR)
+        higher = touching._replace(height=touching.height + HEIGHT_WINDOW)
         if score_of(robot, touching)[0] > 0.0 >= score_of(robot, higher)[0]:
             return touching
 
@@ -128,7 +128,7 @@ def study(robot: Robot, robots: int, attempts: int, seed: int = 0, required: flo
     for case in cases:
         factor, bias = CASES[case]
         rows: List[Tuple[float, float, float]] = []
-        for number, drawn in enumerate(draw(robot, robots, OTHERS + seed)):
+        for number, drawn in enumerate(draw(robot, robots, ROBOT_SEED_OFFSET + seed)):
             random = np.random.default_rng([seed, number])
             true = replace(drawn, surface_friction=factor * drawn.surface_friction,
                            edge_friction=factor * drawn.edge_friction)

@@ -22,7 +22,7 @@ from ballbot_ros.results.files import write_text
 from ballbot_ros.studies.progress import ignore, Progress
 
 QUEUED_PER_WORKER = 3  # blocks; results wait on disk, not in memory
-HEAD = 'blocks.json'
+INDEX_FILE = 'blocks.json'
 
 
 def checkpointed_map(function: Callable[..., Any],
@@ -85,7 +85,7 @@ def checkpointed_map(function: Callable[..., Any],
 
 def _claim(folder: Path, digest: str) -> None:
     """Mark a new folder with the digest, or check that of an existing one."""
-    head = folder / HEAD
+    head = folder / INDEX_FILE
     if not head.is_file():
         write_text(json.dumps({'digest': digest}), head)
         return

@@ -23,17 +23,18 @@ from ballbot_ros.studies.parallel_map import checkpointed_map
 from ballbot_ros.studies.progress import ignore
 from ballbot_ros.studies.sweep_plan import NUMBERS, SweepPlan
 
-BLOCK = 1000  # cases in a file
-TRIED = {'passes': '1', 'score': 'm2/s2'}
-NOTE = b'ballbot_sweep'  # key of the provenance in the metadata
-SEARCHED = {'max_height': 'm', 'error': 'm'}
+BLOCK_SIZE = 1000  # cases in a file
+TRIED_COLUMNS = {'passes': '1', 'score': 'm2/s2'}
+METADATA_KEY = b'ballbot_sweep'  # key of the provenance in the metadata
+SEARCHED_COLUMNS = {'max_height': 'm', 'error': 'm'}
 Result = Tuple[Any, Any, Optional[str]]  # two of these, or why there are none
 
 
 def columns(plan: SweepPlan) -> Dict[str, str]:
     """Return the unit of each column of the result."""
     units = {name: NUMBERS[name]['unit'] for name in plan.names}
-    return {'case': '1', **units, **(SEARCHED if plan.searches else TRIED), 'failure': ''}
+    results = SEARCHED_COLUMNS if plan.searches else TRIED_COLUMNS
+    return {'case': '1', **units, **results, 'failure': ''}
 
 
 def run_block(plan: SweepPlan, first: int, behind: int) -> Dict[str, List[Any]]:
@@ -90,7 +91,7 @@ def _run_alone(plan: SweepPlan, values: Mapping[str, float]) -> Result:
 
 
 def run_sweep(plan: SweepPlan, out: Path, pool: Executor, workers: int,
-              progress: Callable[[float], None] = ignore, block: int = BLOCK) -> int:
+              progress: Callable[[float], None] = ignore, block: int = BLOCK_SIZE) -> int:
     """
     Run a plan into a Parquet file, resuming an interrupted run.
 
@@ -158,7 +159,7 @@ def refuse_foreign(arrow: Any, out: Path) -> None:
     if not out.exists():
         return
     try:
-        ours = NOTE in (arrow.parquet.read_schema(out).metadata or {})
+        ours = METADATA_KEY in (arrow.parquet.read_schema(out).metadata or {})
     except (OSError, arrow.ArrowException):  # a folder, no permission, no Parquet
         ours = False
     if not ours:
@@ -175,7 +176,7 @@ def _schema(arrow: Any, plan: SweepPlan) -> Any:
     return arrow.schema(
         [arrow.field(name, kinds.get(name, arrow.float64()),
                      metadata={'unit': unit}) for name, unit in columns(plan).items()],
-        metadata={NOTE: json.dumps(described)})
+        metadata={METADATA_KEY: json.dumps(described)})
 
 
 def write_parquet(arrow: Any, plan: SweepPlan, table: Dict[str, List[Any]], path: Path) -> None:

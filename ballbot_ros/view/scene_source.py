@@ -96,8 +96,9 @@ class SceneSource(Source):
         run, notes = self._run, []
         if compiling():
             notes.append('Compiling for this machine, which takes some seconds the first time.')
-        if run.lost_at < math.inf:
-            notes.append(f'The accuracy of {run.accuracy:g} m holds up to t = {run.lost_at:.2f} s '
+        if run.accuracy_lost_at < math.inf:
+            notes.append(f'The accuracy of {run.accuracy:g} m holds up to '
+                         f't = {run.accuracy_lost_at:.2f} s '
                          'only: the motion is chaotic.')
         factor = self._speedometer.factor
         running = not self._paused

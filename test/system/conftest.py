@@ -18,7 +18,7 @@ from ballbot_ros.emulator.ball import settings_for
 from ballbot_ros.emulator.emulator import Emulator
 from ballbot_ros.physics import load_scene
 from ballbot_ros.ros import discovery
-from ballbot_ros.ros.run import LATE
+from ballbot_ros.ros.run import LATE_KERNEL
 
 # Ports of the first lie beside those that Linux gives to programs, and the demo takes none of
 # them.  The others are for a machine on which many tests run in parallel.
@@ -78,7 +78,7 @@ def no_late_compilation(tmp_path):
     """See that no node has compiled a kernel, or read one from the disk, once it was ready."""
     yield
     late = {path.stem: line for path in tmp_path.rglob('*.log')
-            for line in path.read_text(errors='replace').splitlines() if LATE in line}
+            for line in path.read_text(errors='replace').splitlines() if LATE_KERNEL in line}
     assert not late
 
 

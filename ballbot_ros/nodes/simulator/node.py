@@ -150,10 +150,10 @@ class Simulator(Node):
             values.update(self._laws.values, set_points_refused=sum(self._laws.refused.values()))
         if self._scheduler.failure is not None:
             return diagnostics.ERROR, str(self._scheduler.failure), values
-        if self._plant.lost_at < math.inf:
+        if self._plant.accuracy_lost_at < math.inf:
             return diagnostics.WARN, (
                 f'the accuracy of {self._settings.accuracy:g} m holds up to '
-                f't = {self._plant.lost_at:.3f} s only: the motion is chaotic'), values
+                f't = {self._plant.accuracy_lost_at:.3f} s only: the motion is chaotic'), values
         if self._scheduler.paused:
             return diagnostics.OK, 'paused', values
         if self._gate.refused:

@@ -16,8 +16,8 @@ import pytest
 from refusals import refused
 
 from ballbot_ros.cli.drive import (
-    centred, drive, Driving, HELD, HELD_FIRST, Keyboard, keys_of, line, NONE_THERE,
-    open_gamepad)
+    centred, drive, Driving, FIRST_REPEAT_TIMEOUT, Keyboard, keys_of, line, NO_GAMEPAD,
+    open_gamepad, REPEAT_TIMEOUT)
 
 UNUSED = 60  # numbers of terminals that other tests do not come to
 OPTIONS = argparse.Namespace(step=0.1, max_speed=0.6, hold=False, node='bridge')
@@ -163,13 +163,13 @@ def test_speeds_are_whole_steps_within_the_largest():
 def test_a_dead_man_stops():
     driving = Driving(0.3, 0.6, hold=True)
     driving.press('up', 10.0)
-    assert driving.at(10.0 + 0.9 * HELD_FIRST) == 0.3
+    assert driving.at(10.0 + 0.9 * FIRST_REPEAT_TIMEOUT) == 0.3
     driving.press('up', 10.5)
-    assert driving.at(10.5 + 0.9 * HELD) == 0.3
-    assert driving.at(10.5 + 1.1 * HELD) == 0.0
+    assert driving.at(10.5 + 0.9 * REPEAT_TIMEOUT) == 0.3
+    assert driving.at(10.5 + 1.1 * REPEAT_TIMEOUT) == 0.0
     assert driving.at(11.0) == 0.0
     driving.press('down', 20.0)
-    assert driving.at(20.0 + 0.9 * HELD_FIRST) == -0.3
+    assert driving.at(20.0 + 0.9 * FIRST_REPEAT_TIMEOUT) == -0.3
 
 
 def test_an_e_stop_also_takes_back_what_was_asked_for():
@@ -241,7 +241,7 @@ def test_no_gamepad_is_distinguished_from_none_that_may_be_read(devices, keys, m
     monkeypatch.setitem(sys.modules, 'evdev', fake_evdev([], devices=devices, keys=keys))
     with refused('unavailable', 'gamepad'):
         open_gamepad()
-    assert 'input' in NONE_THERE
+    assert 'input' in NO_GAMEPAD
     for name in ('evdev', 'pygame'):
         monkeypatch.setitem(sys.modules, name, None)
     with refused('not_installed', 'evdev'):

@@ -9,7 +9,7 @@ from ballbot_ros.cli import main
 from ballbot_ros.cli.command import VERBS
 from ballbot_ros.cli.max_step_height import COLUMNS
 from ballbot_ros.cli.options import read_numbers, read_values, read_varied
-from ballbot_ros.studies.sweep import SEARCHED
+from ballbot_ros.studies.sweep import SEARCHED_COLUMNS
 
 
 def test_a_range_includes_both_ends_and_as_many_as_it_says():
@@ -47,7 +47,7 @@ def test_a_number_without_name_or_value_is_refused(word):
 
 
 def test_the_highest_step_has_one_name_in_all_results():
-    assert COLUMNS['height'] in SEARCHED and 'height' not in SEARCHED
+    assert COLUMNS['height'] in SEARCHED_COLUMNS and 'height' not in SEARCHED_COLUMNS
 
 
 @pytest.mark.parametrize('verb', VERBS)

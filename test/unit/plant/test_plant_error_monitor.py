@@ -23,7 +23,7 @@ def test_the_error_is_below_the_estimate_and_that_below_the_accuracy():
     plant = run(Plant(load_scene('fig7_top'), 500.0, accuracy=1e-5), 0.3)
     exact = run(Plant(load_scene('fig7_top'), 500.0, accuracy=1e-9), 0.3)
     assert abs(plant.state.x - exact.state.x) < plant.error_estimate < 1e-5
-    assert plant.lost_at == math.inf
+    assert plant.accuracy_lost_at == math.inf
 
 
 def test_a_reset_restarts_the_estimate():
@@ -54,10 +54,10 @@ def follow(plant, monitor, periods):
 def test_an_accuracy_that_is_lost_is_reported_with_the_time():
     plant, monitor = monitored(1e-9, contact_stiffness=1e5)
     follow(plant, monitor, 100)
-    assert monitor.error > 1e-9 and 0.0 < monitor.lost_at <= plant.time
-    lost = monitor.lost_at
+    assert monitor.error > 1e-9 and 0.0 < monitor.accuracy_lost_at <= plant.time
+    lost = monitor.accuracy_lost_at
     follow(plant, monitor, 100)
-    assert monitor.lost_at == lost
+    assert monitor.accuracy_lost_at == lost
 
 
 def test_a_coarser_run_that_fails_leaves_estimate_and_state_as_they_were():

@@ -4,7 +4,7 @@ import pytest
 
 from ballbot_ros import compile_notice, jit as compiled
 from ballbot_ros.compile_notice import CompileNotice
-from ballbot_ros.ros.run import COMPILES, FirstStart, LATE
+from ballbot_ros.ros.run import COMPILING_NOTICE, FirstStart, LATE_KERNEL
 
 pytestmark = pytest.mark.skipif(not compiled.COMPILED, reason='nothing is compiled')
 
@@ -31,19 +31,19 @@ def start(kernel):
 def patient(monkeypatch, kernel):
     """Return the same function; each compilation is reported immediately."""
     monkeypatch.setattr(compiled, '_notice', CompileNotice())
-    monkeypatch.setattr(compile_notice, 'MOMENT', -1.0)
+    monkeypatch.setattr(compile_notice, 'REPORT_AFTER', -1.0)
     return kernel
 
 
 def test_a_compilation_in_a_program_is_explained_once(patient, caplog):
     for argument in (1.0, 1, 1j):
         patient()(argument)
-    assert [record.message for record in caplog.records] == [compile_notice.COMPILES]
+    assert [record.message for record in caplog.records] == [compile_notice.COMPILING_NOTICE]
     assert caplog.records[0].levelname == 'WARNING'
 
 
 def test_a_short_compilation_is_not_reported(patient, monkeypatch, caplog):
-    monkeypatch.setattr(compile_notice, 'MOMENT', 1e9)
+    monkeypatch.setattr(compile_notice, 'REPORT_AFTER', 1e9)
     patient()(1.0)
     assert not caplog.records and compiled._notice.spent > 0.0
 
@@ -70,14 +70,14 @@ def test_what_is_kept_is_not_said_to_compile(patient, caplog):
 
 def test_a_node_says_it_in_its_own_words_only(patient, start, caplog):
     patient()(1.0)
-    assert start[1] == [COMPILES] and not caplog.records
+    assert start[1] == [COMPILING_NOTICE] and not caplog.records
 
 
 def test_the_first_compilation_is_reported_and_no_other(kernel, start):
     _, messages, warned = start
     for argument in (1.0, 1, 2.0):
         kernel()(argument)
-        assert messages == [COMPILES] and not warned
+        assert messages == [COMPILING_NOTICE] and not warned
 
 
 def test_a_kernel_from_the_cache_gives_no_message_but_that_the_node_is_ready(kernel, start):
@@ -104,7 +104,7 @@ def test_what_is_first_called_when_the_node_is_ready_is_a_warning(kernel, start,
     start[0].ready()
     kernel()(1.0)
     warning, = start[2]
-    assert warning.startswith(LATE) and 'add_one' in warning and warning.endswith(how)
+    assert warning.startswith(LATE_KERNEL) and 'add_one' in warning and warning.endswith(how)
 
 
 def test_a_second_call_of_the_same_kind_is_not_late(kernel, start):

@@ -33,7 +33,7 @@ from ballbot_ros.ros.topics import message_class
 @pytest.fixture
 def look(context, monkeypatch):
     """Return an observer with short timeouts: here it discovers all nodes immediately."""
-    monkeypatch.setattr(graph, 'SETTLED', 0.05)
+    monkeypatch.setattr(graph, 'DISCOVERY_QUIET_TIME', 0.05)
     with Observer('test', context) as one:
         yield one
 
@@ -166,7 +166,7 @@ def test_ctrl_c_completes_the_bag_and_topics_that_come_late_are_in_it(
     monkeypatch.setattr(look, 'spin', interrupted)
     counts = record.record(look, tmp_path / 'bag', [], math.inf, lambda _: None)
     assert counts['/odom'] and counts['/later']
-    assert not set(counts) & set(record.OWN)
+    assert not set(counts) & set(record.GRAPH_TOPICS)
     assert (tmp_path / 'bag' / 'metadata.yaml').is_file()
 
 

@@ -220,7 +220,7 @@ def robot(domain):
 
 def test_a_spectator_receives_learns_calls_and_drives_as_long_as_a_client_attends(
         domain, robot, monkeypatch):
-    monkeypatch.setattr(spectator, 'LOOK', 0.1)
+    monkeypatch.setattr(spectator, 'GRAPH_PERIOD', 0.1)
     received, learned = [], {}
     looking = Spectator('left', lambda *words: received.append(words), learned.__setitem__, domain)
     looking.start()

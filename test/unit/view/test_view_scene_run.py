@@ -112,7 +112,7 @@ def test_an_accuracy_brings_an_estimate_of_the_error_and_zero_takes_it_away():
     run = run_of('fig7_top')
     assert run.error_estimate is None
     run.set_accuracy(1e-4)
-    assert advanced(run, 0.2).error_estimate < 1e-4 and run.lost_at == math.inf
+    assert advanced(run, 0.2).error_estimate < 1e-4 and run.accuracy_lost_at == math.inf
     run.set_accuracy(0.0)
     assert run.error_estimate is None and run.model.solver == run.scene.model.solver_in_use
 

@@ -104,7 +104,7 @@ def refuse(choice: Choice, ahead: Ahead, motion: Motion, braking_room: float,
     what = f'drops by {-1e3 * face.height:.0f} mm' if face.height < 0.0 else \
         f'{1e3 * face.height:.0f} mm'
     searching = choice.reason is Reason.NOT_LIKELY and not seen.attempts
-    why = 'weighing plans' if searching else WHY.get(choice.reason, 'no plan is good enough')
+    why = 'evaluating plans' if searching else WHY.get(choice.reason, 'no plan is good enough')
     said = f'{what} at {face.position - motion.position:.2f} m: {why}'
     if choice.reason is Reason.LANDING and not ahead.known:
         said += (f'; the floor behind it is not seen, and unseen_room grants '
@@ -125,7 +125,7 @@ def weighing(ahead: Ahead, motion: Motion, tuning: DecisionTuning) -> Decision:
     distance = face.position - motion.position
     return Decision(
         Kind.CLEAR, Reason.NOT_LIKELY, tuning.cruise_speed,
-        f'{1e3 * face.height:.0f} mm at {distance:.2f} m: weighing plans on the way',
+        f'{1e3 * face.height:.0f} mm at {distance:.2f} m: evaluating plans on the way',
         height=face.height,
         step=face.number, distance=distance)
 
