@@ -71,14 +71,16 @@ class Stage:
         """
         if INTERRUPTED.is_set():
             raise Problem('interrupted')
+        env = dict(options.get('env') or os.environ)
+        # Each start of a node would compile the packages of .venv again.
+        env.pop('PYTHONDONTWRITEBYTECODE', None)
         log = VENV / 'log' / (self.name + '.txt')
         log.parent.mkdir(parents=True, exist_ok=True)
         with log.open('a') as out:
             out.write('$ %s\n' % ' '.join(map(str, words)))
             out.flush()
             process = subprocess.Popen([str(word) for word in words], cwd=str(ROOT),
-                                       env=options.get('env'), stdout=out,
-                                       stderr=subprocess.STDOUT)
+                                       env=env, stdout=out, stderr=subprocess.STDOUT)
             _, status, usage = os.wait4(process.pid, 0)
         process.returncode = status  # so that Popen does not wait for it again
         self.processor_seconds += usage.ru_utime + usage.ru_stime

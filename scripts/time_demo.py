@@ -18,7 +18,7 @@ ROOT = Path(__file__).resolve().parent.parent
 
 
 def main():
-    """Return the exit code of the first run that fails, else 0."""
+    """Print the tables; return the exit code of the first part that fails, else 0."""
     with tempfile.TemporaryDirectory(prefix='ballbot_demo_') as folder:
         clone = Path(folder) / 'clone'
         subprocess.run(['git', 'clone', '--quiet', '--depth', '1', ROOT.as_uri(), str(clone)],
@@ -27,16 +27,22 @@ def main():
         # uv keeps its downloads there, which are no part of the kernels.
         env.setdefault('UV_CACHE_DIR', str(Path(os.environ.get(
             'XDG_CACHE_HOME') or Path.home() / '.cache') / 'uv'))
+        env.pop('ROS_DOMAIN_ID', None)  # with it, the scenes run one after the other
+        rows = []
         for name in ('first', 'second'):
-            before, start = os.times(), time.monotonic()
-            code = subprocess.run(['make', 'demo', 'PYTHON=' + sys.executable], cwd=str(clone),
-                                  env=env).returncode
-            after = os.times()
-            spent = sum(after[2:4]) - sum(before[2:4])
-            print('\n%s make demo: %.1f s, %.1f CPU s, load of this machine %.1f\n'
-                  % (name, time.monotonic() - start, spent, os.getloadavg()[0]), flush=True)
-            if code:
-                return code
+            for part, target in (('set-up', 'setup-run'), ('demo', 'demo')):
+                before, start = os.times(), time.monotonic()
+                code = subprocess.run(['make', target, 'PYTHON=' + sys.executable],
+                                      cwd=str(clone), env=env).returncode
+                if code:
+                    return code
+                rows.append(('%s %s' % (name, part), time.monotonic() - start,
+                             sum(os.times()[2:4]) - sum(before[2:4])))
+            rows.append(('%s make demo' % name, *map(sum, zip(rows[-2][1:], rows[-1][1:]))))
+        print('\n%-18s %8s %8s' % ('', 'wall s', 'CPU s'))
+        for row in rows:
+            print('%-18s %8.1f %8.1f' % row)
+        print('load of this machine %.1f on %d processors' % (os.getloadavg()[0], os.cpu_count()))
     return 0
 
 

@@ -6,6 +6,9 @@ from pathlib import Path
 import re
 import sys
 
+# To rewrite the assertions of all tests takes 14 CPU s, once where bytecode is kept.
+sys.dont_write_bytecode = False
+
 # Before numpy is imported: two workers whose matrix products take all cores wait for each other.
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 

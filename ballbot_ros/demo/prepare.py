@@ -4,8 +4,9 @@ Compile the kernels of the nodes before they start; no ROS is needed.
 
 Each node compiles its own kernels before it is ready. Compiled here, once, they are not compiled
 by several nodes at the same time. As a program, ``python -m ballbot_ros.demo.prepare NODE ...``
-does so for the named nodes.
+does so for the named nodes, and imports what draws the picture: its bytecode is kept, too.
 """
+from importlib import import_module
 import sys
 from typing import Callable, Mapping, Sequence
 
@@ -34,4 +35,5 @@ def prepare(nodes: Sequence[str]) -> None:
 
 
 if __name__ == '__main__':
+    import_module('ballbot_ros.figures.film')
     prepare(sys.argv[1:])
