@@ -27,7 +27,7 @@ from ballbot_ros.figures.film import Mark, strip
 from ballbot_ros.figures.run import save
 from ballbot_ros.msg import StepDecision
 from ballbot_ros.physics import load_scene, Scene, Trajectory
-from ballbot_ros.results.faces import LEAST_HEIGHT, LEAST_SLOPE, SHORT
+from ballbot_ros.results.faces import faces_of
 
 ROBOT, CURVE, TUNING = 'gimball', 'gimball_down', 'published'
 CONTROL_RATE = 500.0  # [Hz]
@@ -175,8 +175,7 @@ def check_bag(graph: RecordedGraph, real_time: bool, quiet: bool) -> List[str]:
 
 def passages_of(scene: Scene, expected: Optional[Sequence[Expected]] = None) -> List[Passage]:
     """Return the faces of a scene, rounded edges included: a carpet is as high as it is thick."""
-    faces = scene.model.terrain.faces(
-        LEAST_SLOPE, LEAST_HEIGHT, SHORT * scene.model.robot.ball_radius)
+    faces = faces_of(scene.model.terrain, scene.model.robot.ball_radius)
     return [Passage(float(face[0, 0]), float(face[-1, 1] - face[0, 1]), float(face[-1, 1]), due)
             for face, due in zip(faces, expected or [None] * len(faces))]
 

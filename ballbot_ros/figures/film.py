@@ -13,7 +13,7 @@ from ballbot_ros.figures.drawing import draw_ball, draw_ground, ground_line, leg
 from ballbot_ros.figures.frames import lay_out, Layout, Row
 from ballbot_ros.figures.panels import sane
 from ballbot_ros.physics.simulation.trajectory import Trajectory
-from ballbot_ros.results.faces import FaceMeeting, meet_faces, rising_faces
+from ballbot_ros.results.faces import FaceMeeting, faces_of, meet_faces, rising_faces
 
 _WIDTH, _HIGHEST_ROW = 9.6, 3.6  # of the drawing, and of a row in it [in]
 _LEFT, _RIGHT, _TOP, _BOTTOM = 0.8, 0.2, 0.72, 0.48  # [in]
@@ -118,9 +118,9 @@ def _view(run: Trajectory, row: Row) -> tuple[float, float, float, float]:
     radius = run.model.robot.ball_radius
     x, y = run['x'][row.samples], run['y'][row.samples]
     left, right = float(x.min()) - _MARGIN * radius, float(x.max()) + _MARGIN * radius
-    # Where the ball stopped before a step, the step is the point of the picture.
-    for face in rising_faces(run.model.terrain, radius):
-        if right - radius < face[-1, 0] < right + radius:
+    # Where the ball stopped before a step or a drop, that is the point of the picture.
+    for face in faces_of(run.model.terrain, radius, endless=False):
+        if right - radius < face[-1, 0] < right + 1.5 * radius:
             right = max(right, float(face[-1, 0]) + 0.5 * radius)
     line = ground_line(run.model.terrain, left, right)
     top = max(float(y.max()) + radius, float(line[:, 1].max()))
@@ -145,6 +145,11 @@ def _draw_row(axes: Any, run: Trajectory, row: Row, scale: float) -> None:
         if left < face[0, 0] and face[-1, 0] < right:
             axes.text(face[:, 0].mean(), face[0, 1] - 0.06 / scale, _result(run, row, met),
                       fontsize=7.5, ha='center', va='top', zorder=9, linespacing=1.1)
+    for face in faces_of(terrain, robot.ball_radius, endless=False):
+        if face[-1, 1] < face[0, 1] and left < face[0, 0] and face[-1, 0] < right:
+            axes.text(face[:, 0].mean(), face[-1, 1] - 0.06 / scale,
+                      f'{1e3 * (face[-1, 1] - face[0, 1]):.3g} mm', fontsize=7.5, ha='center',
+                      va='top', zorder=9)
     for axis, (low, high), room in ((axes.xaxis, axes.get_xlim(), 0.7),
                                     (axes.yaxis, axes.get_ylim(), 0.4)):
         axis.set_major_locator(

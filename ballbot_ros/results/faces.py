@@ -32,14 +32,18 @@ class FaceMeeting:
     passed: bool = False  # the centre passed the top, with the contact below it
 
 
-def rising_faces(terrain: Terrain, radius: float) -> list[Array]:
+def faces_of(terrain: Terrain, radius: float, endless: bool = True) -> list[Array]:
     """
-    Return the vertices of every rising face of at least `LEAST_HEIGHT`, from left to right.
+    Return the vertices of every face of at least `LEAST_HEIGHT`, from left to right.
 
     Pieces that are short relative to the radius [m] of the ball are not slopes.
     """
-    return [face for face in terrain.faces(
-        LEAST_SLOPE, LEAST_HEIGHT, SHORT * radius, endless=False) if face[-1, 1] > face[0, 1]]
+    return terrain.faces(LEAST_SLOPE, LEAST_HEIGHT, SHORT * radius, endless=endless)
+
+
+def rising_faces(terrain: Terrain, radius: float) -> list[Array]:
+    """Return the vertices of every rising face of `faces_of` that ends."""
+    return [face for face in faces_of(terrain, radius, endless=False) if face[-1, 1] > face[0, 1]]
 
 
 def meet_faces(trajectory: Trajectory) -> list[FaceMeeting]:

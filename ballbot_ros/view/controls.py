@@ -13,7 +13,7 @@ from ballbot_ros.errors import BallbotError
 from ballbot_ros.figures.canvas import GREEN, GREY, ORANGE, VERMILION
 from ballbot_ros.view.frame import Frame
 from ballbot_ros.view.source import Control, CONTROLS, Health, Source, Value
-from ballbot_ros.view.stage import CAMERAS
+from ballbot_ros.view.stage import CAMERAS, look_from
 
 # Control -> its label, by group.
 GROUPS: Mapping[str, Mapping[str, str]] = {
@@ -133,15 +133,15 @@ class Controls:
 
     def _camera_controls(self, server: viser.ViserServer) -> None:
         """Make the choice of camera presets, with the digits as hotkeys."""
-        def look_from(name: str, event: Any) -> None:
+        def use(name: str, event: Any) -> None:
             if event.client is not None:
-                event.client.camera.position, event.client.camera.look_at = CAMERAS[name]
+                look_from(event.client, name)
         buttons = self._gui.add_button_group('camera', tuple(CAMERAS))
-        buttons.on_click(lambda event: look_from(event.target.value, event))
+        buttons.on_click(lambda event: use(event.target.value, event))
         for number, name in enumerate(CAMERAS, 1):
             command = self._gui.add_command(
                 f'Camera: {name}', hotkey=str(number))  # type: ignore[arg-type]
-            command.on_trigger(partial(look_from, name))
+            command.on_trigger(partial(use, name))
 
     def _use_remedy(self, event: Any) -> None:
         """Use the controls that start a motion."""

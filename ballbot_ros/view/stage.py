@@ -26,11 +26,39 @@ TOP, SQUARE, CUT = '#EAE6DF', '#D9D3C8', '#F1E9DC'
 SQUARE_SIZE = 0.25  # [m]
 SHADOW = 0.7  # [ball radii]
 # Camera position and the point that it looks at, relative to the ball on the floor [m].
-CAMERAS: Mapping[str, Tuple[Tuple[float, float, float], Tuple[float, float, float]]] = {
+CAMERAS: Mapping[str, Tuple['Point', 'Point']] = {
     'side': ((0.35, -3.1, 0.62), (0.35, 0.0, 0.14)),
     'behind': ((-1.6, -1.7, 1.0), (0.5, 0.0, 0.1)),
     'close': ((0.1, -1.35, 0.4), (0.1, 0.0, 0.16))}
+FIELD = math.radians(36.0)  # of view, vertical
+# A phone held upright has such a width-to-height ratio. The controls cover the lower part there:
+# the ball is placed this part of half the height above the middle.
+PHONE, ABOVE = (0.35, 0.62), 0.6
+WIDE = 0.45  # half of the width shows at least that [m]
+HEIGHT = 0.2  # of what the camera looks at there, about the centre of the ball [m]
+TABLET, BETWEEN_PANELS = 1.0, 1 / 3  # below that ratio, the panels leave such a part of the width
 Colour = Tuple[int, int, int]
+Point = Tuple[float, float, float]
+
+
+def camera_of(name: str, aspect: float) -> Tuple[Point, Point]:
+    """Return position and target of a preset [m] for a window of a width-to-height ratio."""
+    position, target = CAMERAS[name]
+    if aspect >= TABLET:
+        return position, target
+    away = np.subtract(position, target)
+    half_height = math.tan(0.5 * FIELD) * float(np.linalg.norm(away))
+    visible = aspect if aspect < PHONE[1] else BETWEEN_PANELS * aspect
+    factor = max(1.0, WIDE / (visible * half_height))
+    lower = ABOVE * factor * half_height if PHONE[0] < aspect < PHONE[1] else 0.0
+    target = (0.0, 0.0, HEIGHT - lower)
+    x, y, z = np.add(target, factor * away).tolist()
+    return (x, y, z), target
+
+
+def look_from(client: viser.ClientHandle, name: str) -> None:
+    """Move the camera of a browser to a preset."""
+    client.camera.position, client.camera.look_at = camera_of(name, client.camera.aspect)
 
 
 def rgb(colour: str) -> Colour:
@@ -191,7 +219,8 @@ class Stage:
         self._scene.configure_default_lights(cast_shadow=False)
         camera = server.initial_camera
         camera.position, camera.look_at = CAMERAS['side']
-        camera.fov = math.radians(36.0)
+        camera.fov = FIELD
+        server.on_client_connect(lambda client: look_from(client, 'side'))
         self._world = self._scene.add_frame('/world', show_axes=False)
         self._robot: Optional[Robot] = None
         self._terrain: Optional[Terrain] = None
