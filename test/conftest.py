@@ -6,9 +6,6 @@ from pathlib import Path
 import re
 import sys
 
-# To rewrite the assertions of all tests takes 14 CPU s, once where bytecode is kept.
-sys.dont_write_bytecode = False
-
 # Before numpy is imported: two workers whose matrix products take all cores wait for each other.
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 
@@ -37,6 +34,8 @@ ROOT = Path(__file__).resolve().parent.parent
 
 def pytest_configure(config):
     """Run the quick tier by default where colcon runs the tests; see docs/packaging.md."""
+    # To rewrite the assertions of all tests takes 14 CPU s, once where bytecode is kept.
+    sys.dont_write_bytecode = False
     default = config.args_source is not pytest.Config.ArgsSource.ARGS
     if os.environ.get('COLCON') and default and not config.option.markexpr:
         config.args = [str(ROOT / 'test' / 'unit'), str(ROOT / 'test' / 'test_layers.py')]

@@ -146,8 +146,9 @@ def _explain_offset(axes: Any, rolls: Sequence[Roll]) -> None:
     """Write how far the speeds of the sensors are from those at the touch."""
     offset = np.array([roll.measured_speed - roll.touch_speed for roll in rolls])
     low, middle, high = np.nanpercentile(offset, (5.0, 50.0, 95.0))
-    axes.text(0.985, 0.05, 'The sensors stand before the step: their speed\nless that at the touch is '
-              f'{middle:+.2f} m/s,\nin 90 % of the rolls {low:+.2f} to {high:+.2f} m/s.', ha='right',
+    axes.text(0.985, 0.05, 'The sensors stand before the step: their speed\n'
+              f'less that at the touch is {middle:+.2f} m/s,\n'
+              f'in 90 % of the rolls {low:+.2f} to {high:+.2f} m/s.', ha='right',
               fontsize=7.5, color=canvas.GREY, transform=axes.transAxes, zorder=6)
 
 

@@ -7,13 +7,13 @@ import pytest
 
 pytest.importorskip('viser', reason='viser is not installed')
 
-from ballbot_ros.view.stage import camera_of, CAMERAS, FIELD  # noqa: E402, I100, I202
+from ballbot_ros.view.stage import camera_of, CAMERAS, FIELD  # noqa: I100, I202
 
 RADIUS = 0.226
 
 
 def seen(name, aspect, point):
-    """Return where a point appears: right and up, as parts of half the width and half the height."""
+    """Return where a point appears: right and up, as parts of half of width and height."""
     position, target = (np.array(item) for item in camera_of(name, aspect))
     forward = (target - position) / np.linalg.norm(target - position)
     right = np.cross(forward, (0.0, 0.0, 1.0))
