@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The camera presets: the whole ball is in sight, whatever the shape of the window."""
+"""The camera presets show the whole ball in windows of all shapes."""
 import math
 
 import numpy as np
