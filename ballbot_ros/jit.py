@@ -8,20 +8,27 @@ to run them as plain Python, to debug or to compare: both give the same numbers 
 
 Machine code is kept in ``$XDG_CACHE_HOME/ballbot_ros`` (``~/.cache/ballbot_ros``), so that
 only the first run after a change pays for it.  Where that takes longer than a moment, a warning
-is logged by the logger ``ballbot_ros``, which Python prints.  numba by itself notices a change in
-the file of a kernel, but not in the files of the kernels that it calls; so the folder is named
-after a digest of all folders that hold kernels.
+is logged by the logger ``ballbot_ros``, which Python prints.  numba by itself recompiles after any
+change in the file of a kernel, and after none in the files of the kernels that it calls; so the
+folder is named after a digest of all files with kernels and of those that they import, without
+their docstrings and comments.
+
+A kernel that another one calls becomes a part of it: it is lowered to LLVM's language once, and
+optimized and translated as a part of the kernels that Python calls.  All accesses to internals of
+numba are in this module.
 """
+import ast
 from contextlib import suppress
 import fcntl
 import hashlib
+import json
 import os
 from pathlib import Path
 import shutil
 import sys
 import tempfile
 from types import FunctionType
-from typing import Any, Callable, cast, get_type_hints, List, Tuple, Type, TypeVar
+from typing import Any, Callable, cast, Dict, get_type_hints, List, Tuple, Type, TypeVar
 
 from ballbot_ros.compile_notice import CompileNotice
 
@@ -31,8 +38,11 @@ T = TypeVar('T')
 try:
     if os.environ.get('BALLBOT_UNCOMPILED', '0') not in ('', '0'):
         raise ImportError('compilation switched off by BALLBOT_UNCOMPILED')
+    from llvmlite import binding as llvm
     import numba
-    from numba.core import config as numba_config
+    from numba.core import compiler as numba_compiler, config as numba_config
+    from numba.core.caching import IndexDataCacheFile
+    from numba.core.codegen import JITCodeLibrary
 
     COMPILED = not numba_config.DISABLE_JIT
 except ImportError:
@@ -69,24 +79,74 @@ def compile_time() -> float:
 
 def _cache_folder() -> str:
     """Return the folder for the machine code of this source; create it if needed."""
-    here = Path(__file__).resolve().parent
-    digest = hashlib.sha256(numba.__version__.encode())
-    kernels = (path for folder in KERNELS for path in (here / folder).rglob('*.py'))
-    for source in [Path(__file__), *sorted(kernels)]:
-        digest.update(source.read_bytes())
     base = Path(os.environ.get('XDG_CACHE_HOME') or Path.home() / '.cache') / 'ballbot_ros'
+    digest = hashlib.sha256(numba.__version__.encode())
+    for line in _kernel_sources(base / 'sources.json'):
+        digest.update(line.encode())
     folder = base / digest.hexdigest()[:16]
     try:
         folder.mkdir(parents=True, exist_ok=True)
         folder.touch()
         if not os.access(folder, os.W_OK):
             raise PermissionError(f'{folder} is not writable')
-        for old in sorted(base.iterdir(), key=os.path.getmtime)[:-KEPT_CACHES]:
+        folders = (path for path in base.iterdir() if path.is_dir())
+        for old in sorted(folders, key=os.path.getmtime)[:-KEPT_CACHES]:
             shutil.rmtree(old, ignore_errors=True)
     except OSError:
         # Without a writable home every run compiles, but does not fail.
         return tempfile.mkdtemp(prefix='ballbot_ros_')
     return str(folder)
+
+
+def _kernel_sources(known: Path) -> List[str]:
+    """
+    Return a digest of each file with kernels, and of each that these import.
+
+    What was found in a file is kept in the file `known` until size or time of the former change:
+    to parse all takes a second.
+    """
+    here = Path(__file__).resolve().parent
+    try:
+        before = json.loads(known.read_text(encoding='utf-8'))
+    except (OSError, ValueError):
+        before = {}
+    files: Dict[str, Any] = {}
+    for path in [Path(__file__).resolve(), *(
+            path for folder in KERNELS for path in sorted((here / folder).rglob('*.py')))]:
+        stamp = [path.stat().st_mtime_ns, path.stat().st_size]
+        kept = before.get(str(path), {})
+        files[str(path)] = kept if kept.get('stamp') == stamp else {
+            'stamp': stamp, **_kernel_source(path)}
+    if files != before:
+        with suppress(OSError):
+            known.parent.mkdir(parents=True, exist_ok=True)
+            new = known.with_name(f'{known.name}.{os.getpid()}')
+            new.write_text(json.dumps(files), encoding='utf-8')
+            new.replace(known)
+    wanted, found = [name for name in files if files[name]['kernels']], set()
+    while wanted:
+        name = wanted.pop()
+        if name in files and name not in found:
+            found.add(name)
+            wanted += [str(here / item) for item in files[name]['imports']]
+    return [files[name]['digest'] for name in sorted(found)]
+
+
+def _kernel_source(path: Path) -> Dict[str, Any]:
+    """Return whether a file has kernels, what it imports, and a digest of its code."""
+    tree, imports = ast.parse(path.read_bytes()), set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom) and (node.module or '').startswith('ballbot_ros.'):
+            inside = str(node.module).split('.')[1:]
+            for parts in (inside, *([*inside, item.name] for item in node.names)):
+                imports |= {f'{"/".join(parts)}.py', f'{"/".join(parts)}/__init__.py'}
+        body = getattr(node, 'body', None)
+        if isinstance(body, list) and body and isinstance(body[0], ast.Expr) and isinstance(
+                body[0].value, ast.Constant):
+            del body[0]  # a docstring
+    return {'kernels': any('ballbot_ros.jit' == getattr(node, 'module', '') for node in tree.body),
+            'imports': sorted(imports),
+            'digest': hashlib.sha256(ast.dump(tree).encode()).hexdigest()}
 
 
 _FOLDER = _cache_folder() if COMPILED else ''
@@ -228,8 +288,29 @@ def direct(kernel: F) -> F:
 
 def _compile(function: F, inline: str,
              nogil: bool = False, forceinline: bool = True) -> F:
+    """
+    Return a kernel that has machine code of its own only where Python calls it.
+
+    Where another kernel calls it, that one contains its code: then it is a kernel without
+    wrappers, `_Linked`, which is neither optimized nor translated by itself.
+    """
     if not COMPILED:
         return function
+    kernel = _dispatcher(function, inline, nogil, forceinline)
+    linked = FunctionType(function.__code__, function.__globals__, function.__name__,
+                          function.__defaults__, function.__closure__)
+    linked.__qualname__, linked.__module__ = f'{function.__qualname__}.linked', function.__module__
+    linked.__annotations__ = function.__annotations__
+    inner = _dispatcher(linked, inline, nogil, forceinline, no_cpython_wrapper=True,
+                        no_cfunc_wrapper=True, pipeline_class=_LinkedCompiler)
+    inner._cache._impl.rebuild = _rebuild_linked
+    # What numba asks a kernel for where another one calls it.
+    kernel.get_call_template, kernel.get_overload = inner.get_call_template, inner.get_overload
+    return cast(F, kernel)
+
+
+def _dispatcher(function: Any, inline: str, nogil: bool, forceinline: bool, **how: Any) -> Any:
+    """Return numba's dispatcher of a function, with its machine code in our folder."""
     fused = {'contract', 'nsz'} if function.__module__.startswith(FUSED) else False
     before = numba_config.CACHE_DIR
     numba_config.CACHE_DIR = _FOLDER  # read only while decorating; restored below
@@ -238,13 +319,72 @@ def _compile(function: F, inline: str,
         # callers hold the references, and the counting took twice as long as the mechanics.
         kernel: Any = numba.njit(
             cache=True, error_model='numpy', forceinline=forceinline, _nrt=False, inline=inline,
-            nogil=nogil, fastmath=fused)(function)
+            nogil=nogil, fastmath=fused, **how)(function)
     finally:
         numba_config.CACHE_DIR = before
-    cache = kernel._cache
-    cache.load_overload = _reported(f'{function.__module__}.{function.__qualname__}', cache)
+    cache, name = kernel._cache, f'{function.__module__}.{function.__qualname__}'
+    if function.__module__.startswith('ballbot_ros.'):
+        # The name of the folder stands for the source, wherever in its file a kernel is.
+        cache._cache_file = IndexDataCacheFile(
+            cache._cache_path, f'{name}-py{sys.version_info.major}{sys.version_info.minor}', '')
+    cache.load_overload = _reported(name, cache)
     cache.save_overload = _one_at_a_time(cache.save_overload)
-    return cast(F, kernel)
+    return kernel
+
+
+if COMPILED:
+    class _Linked(JITCodeLibrary):  # type: ignore[misc]
+        """Code of a kernel for the kernels that call it: not optimized, never loaded."""
+
+        def _optimize_final_module(self) -> None:
+            pass
+
+        def _finalize_final_module(self) -> None:
+            self._finalize_dynamic_globals()
+            self._finalized = True
+
+        def get_pointer_to_function(self, name: str) -> int:
+            self._ensure_finalized()
+            return 0
+
+        @property
+        def codegen(self) -> Any:
+            return self
+
+        def set_env(self, name: str, environment: Any) -> None:
+            """Do nothing: the kernel that contains this one sets it, see `_one_at_a_time`."""
+
+        def serialize_using_object_code(self) -> Any:
+            self._ensure_finalized()
+            return self.name, self._get_module_for_linking().as_bitcode()
+
+    class _LinkedCompiler(numba_compiler.Compiler):  # type: ignore[misc]
+        """The compiler of numba, for a kernel that other kernels call."""
+
+        def compile_extra(self, function: Any) -> Any:
+            self.state.library = _Linked(self.state.targetctx.codegen(), function.__qualname__)
+            return super().compile_extra(function)
+
+
+def _rebuild_linked(target: Any, reduced: Any) -> Any:
+    """Return the cached code of a kernel for the kernels that call it."""
+    (name, bitcode), *rest = reduced
+    library = _Linked(target.codegen(), name)
+    library._final_module = llvm.parse_bitcode(bitcode)
+    library._finalize_final_module()
+
+    class Target:
+        """A target that finds the library in place of reading it."""
+
+        typing_context, get_executable = target.typing_context, target.get_executable
+
+        def codegen(self) -> Any:
+            return self
+
+        def unserialize_library(self, _: Any) -> Any:
+            return library
+    found = numba_compiler.CompileResult._rebuild(Target(), None, *rest)
+    return found._replace(target_context=target)
 
 
 def _reported(name: str, cache: Any) -> Callable[..., Any]:
