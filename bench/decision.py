@@ -18,7 +18,7 @@ from ballbot_ros.physics.model.robot import load_robot
 
 GIMBALL = load_robot('gimball')
 # A stop behind the edge is granted: a step sensor does not see its room.
-TUNING = replace(load_decision_tuning('decision_default'), unseen_room=0.65)
+TUNING = replace(load_decision_tuning('decision_default'), unseen_room=1.0)
 KNOWLEDGE = Knowledge(GIMBALL, load_curve('gimball_down'), TUNING)
 PERIOD, ACCELERATION, SEEN = 0.02, 0.5, 1.6
 HEIGHTS = (0.012, 0.020, 0.028, 0.036, 0.044, 0.052, 0.060)

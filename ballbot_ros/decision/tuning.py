@@ -75,7 +75,7 @@ class DecisionTuning(Checked):
         maximum=1000.0, default=0.0))
     unseen_room: float = quantity(
         'm', 'floor that this site is stated to have behind each edge, where a sensor does not '
-        'see it; a stop takes 0.65 m; 0: such an edge is not crossed', minimum=0.0,
+        'see it; a stop takes 1 m; 0: such an edge is not crossed', minimum=0.0,
         maximum=100.0, default=0.0)
     actuation_delay: float = quantity(
         's', 'time from an odometry message until its answer acts', minimum=0.0, maximum=0.5,

@@ -6,7 +6,7 @@ from typing import Optional
 
 from ballbot_ros.control.speed_law import (
     braking_distance, estimated_slope, speed_law_start, SpeedLaw, SpeedState)
-from ballbot_ros.decision.execution.pilot_law import Order, pilot_step
+from ballbot_ros.decision.execution.pilot_law import EASED, Order, pilot_step
 from ballbot_ros.decision.planning.situation import Knowledge
 from ballbot_ros.decision.tuning import DecisionTuning
 from ballbot_ros.decision.values import After, Decision, Kind, Motion, Plan, Strategy
@@ -19,7 +19,8 @@ MOVING, FARTHEST = 0.05, 1.0
 SHORTEST, LONGEST = 1e-3, 0.1
 
 
-def order_for(decision: Decision, tuning: DecisionTuning, stand: float) -> Order:
+def order_for(decision: Decision, tuning: DecisionTuning, stand: float,
+              speed: float = 0.0) -> Order:
     """
     Return the order that carries out a decision.
 
@@ -29,12 +30,17 @@ def order_for(decision: Decision, tuning: DecisionTuning, stand: float) -> Order
     tuning : DecisionTuning
     stand : float
         Where to stand if the decision stops and its plan does not say where [m].
+    speed : float
+        Of the ball [m/s].
 
     """
     plan = decision.plan or Plan(Strategy.STOP)
     common = Order(lean=tuning.largest_lean, emergency_lean=tuning.emergency_lean,
                    reaction=tuning.reaction_time + tuning.actuation_delay)
     stop = plan.stop_position if math.isfinite(plan.stop_position) else stand
+    if decision.set_speed == 0.0 and not math.isfinite(plan.stop_position) \
+            and abs(speed) > EASED:
+        stop = -math.inf
     if decision.kind is Kind.BACK_OFF:
         return common._replace(forward=CREEP, backward=BACKING, stop=plan.start)
     if decision.kind is Kind.STOP:
@@ -107,7 +113,8 @@ class Pilot:
             return self._angle
         else:
             period = min(max(motion.stamp - self._stamp, SHORTEST), LONGEST)
-        order = order_for(decision, self._tuning, self._standing(decision, motion))
+        order = order_for(decision, self._tuning, self._standing(decision, motion),
+                          motion.speed)
         self._stamp = motion.stamp
         self._state, self._angle = pilot_step(
             self._state, motion.position, motion.speed, math.nan, order[:], period, self.law[:])

@@ -9,8 +9,8 @@ import math
 from typing import NamedTuple
 
 from ballbot_ros.control.speed_law import (
-    estimated_slope, holding_angle, Numbers, place_law_step, speed_law_step, SpeedState,
-    stopping_speed)
+    estimated_slope, FURTHEST, holding_angle, Numbers, place_law_step, speed_law_step, SpeedLaw,
+    SpeedState, stopping_speed)
 from ballbot_ros.jit import compiled
 
 # The numbers of an `Order`.
@@ -23,12 +23,17 @@ BEYOND_HOLDING = 0.3
 TOO_FAST = 0.03
 
 
+# A ball that brakes as hard as it can eases off below this speed [m/s].
+EASED = 0.3
+
+
 class Order(NamedTuple):
     """What to do until further notice; positions along the odometry axis."""
 
     forward: float = 0.0  # fastest forward [m/s]
     backward: float = 0.0  # fastest backward to `stop` [m/s]
-    stop: float = math.inf  # where to stand [m]; infinite for nowhere
+    # Where to stand [m]; infinite for nowhere, -infinite for as soon as possible.
+    stop: float = math.inf
     swing: float = math.inf  # where the pendulum swings, and the speed does not matter [m]
     swing_angle: float = 0.0  # set angle there [rad]
     edge: float = -math.inf  # where the swing ends [m]
@@ -79,7 +84,17 @@ def pilot_step(state: SpeedState, position: float, speed: float, pendulum_angle:
     """
     own = Order(*order)
     lean = enough_lean(position, speed, estimated_slope(state, law), own, law)
-    if math.isfinite(own.stop):
+    if own.stop == -math.inf:
+        later, set_angle = speed_law_step(
+            state, speed, pendulum_angle, 0.0, own.emergency_lean, period, law)
+        if abs(speed) > EASED:
+            # All the lean there is, whatever the estimated slope: at an edge it is wrong.
+            wanted, numbers = -math.copysign(own.emergency_lean, speed), SpeedLaw(*law)
+            lead = max(numbers.lag / numbers.swing_time - 1.0, 0.0)
+            set_angle = wanted + lead * (wanted - later[2]) + later[4]
+            set_angle = min(max(set_angle, -FURTHEST), FURTHEST)
+            later = (later[0], later[1], later[2], later[3], later[4], set_angle)
+    elif math.isfinite(own.stop):
         gap = own.stop - position
         later, set_angle = place_law_step(
             state, speed, pendulum_angle, gap, own.forward if gap > 0.0 else own.backward, lean,

@@ -64,8 +64,13 @@ class Look(NamedTuple):
 
 
 def around(values: Array) -> Array:
-    """Return the median of each value and its neighbours, three on each side."""
-    windows = np.lib.stride_tricks.sliding_window_view(np.pad(values, 3, mode='edge'), 7)
+    """
+    Return the median of each value and its neighbours, three on each side.
+
+    An end value has its neighbours twice: a last point beyond a gap is no neighbourhood.
+    """
+    padded = np.pad(values, 3, mode='reflect' if len(values) > 3 else 'edge')
+    windows = np.lib.stride_tricks.sliding_window_view(padded, 7)
     found: Array = np.partition(windows, 3, axis=1)[:, 3]
     return found
 
@@ -92,10 +97,12 @@ def resample(x: Array, z: Array, z_sd: Array, position: float) -> Optional[Look]
     heights = np.interp(places, x, z)
     run, rise = np.diff(x), np.diff(z)
     # Seen from the centre, what is behind an edge is hidden up to a line through the edge.
-    # The ground itself may fall: rises count relative to the slope around them.
-    excess = rise - run * around(rise / np.maximum(run, 1e-9))
+    # The ground itself may fall: rises and the height of the centre count relative to the slope
+    # around them, so that the criterion is that of a level floor.
+    grade = around(rise / np.maximum(run, 1e-9))
+    excess, below = rise - run * grade, np.minimum(z[:-1] - grade * x[:-1], 0.0)
     hidden = (run > SHADOW) & (x[:-1] > 0.0) & (
-        excess * np.maximum(x[:-1], CELL) < STEEPNESS * np.minimum(z[:-1], 0.0) * run)
+        excess * np.maximum(x[:-1], CELL) < STEEPNESS * below * run)
     usual = middle(run)
     if len(x) > SAMPLED:
         # A camera has rays at equal angles, so that the spacing grows with the distance.

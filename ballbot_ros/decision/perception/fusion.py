@@ -186,6 +186,7 @@ class GroundFusion:
         self._positions: Deque[float] = deque(maxlen=KEPT)
         self._pending: Deque[Observation] = deque(maxlen=WAITING)
         self._unchanged: Dict[type, Tuple[Observation, float]] = {}
+        self._newest: Dict[type, float] = {}
         self._rejected = 0
         self._edges: Set[int] = set()
         self.profile: Optional[Profile] = None
@@ -228,6 +229,10 @@ class GroundFusion:
             return self._refused(Profile(
                 observation.stamp, rejection=Reason.STALE,
                 explanation=f'it came {age:.2f} s late, odometry is kept for {HISTORY:g} s'))
+        kind = type(observation)
+        if observation.stamp < self._newest.get(kind, -math.inf) and self.profile is not None:
+            return self.profile  # overtaken by a newer one: lost
+        self._newest[kind] = max(self._newest.get(kind, -math.inf), observation.stamp)
         position = self._position_at(observation.stamp)
         if self._is_frozen(observation, position):
             return self._refused(Profile(

@@ -64,7 +64,6 @@ class StepTracker:
         self._step: Optional[Face] = None
         self._trend, self._heights, self._places = Trend(), Scatter(), Scatter()
         self._answer: Optional[Profile] = None
-        self._newest = -math.inf
         self._strikes = 0
         self._misses = 0
 
@@ -101,10 +100,6 @@ class StepTracker:
             # Rejected observations count for the scatter, too.
             self._heights.add(observation.height)
             self._places.add(position + observation.distance)
-        if observation.stamp < self._newest:
-            return self._reject(
-                observation, Reason.CONTRADICTORY, f'it is of {observation.stamp:.3f} s, before '
-                f'the last one of {self._newest:.3f} s')
         contradiction = self._contradiction(observation, position)
         if contradiction:
             self._strikes += 1
@@ -112,7 +107,6 @@ class StepTracker:
                 return self._reject(observation, Reason.CONTRADICTORY, contradiction)
             self._replace(observation, position)
         self._strikes = 0
-        self._newest = observation.stamp
         seen_to = math.inf
         if observation.detected:
             self._take(observation, position)

@@ -80,7 +80,6 @@ class TerrainTracker:
         self._map.clear()
         self._faces: List[_Known] = []
         self._answer: Optional[Profile] = None
-        self._newest = -math.inf
         self._strikes = 0
         self._slipped = self._rolled_to = self._position = 0.0
         self._outliers: Deque[Array] = deque(maxlen=OUTLIER_MEMORY)
@@ -122,10 +121,6 @@ class TerrainTracker:
         if look is None:
             return self._reject(observation.stamp, Reason.BAD_OBSERVATION,
                                 'it shows nothing of the ground around the ball')
-        if observation.stamp < self._newest:
-            return self._reject(
-                observation.stamp, Reason.CONTRADICTORY,
-                f'it is of {observation.stamp:.3f} s, before the last one of {self._newest:.3f} s')
         near = np.isfinite(look.z) & (np.abs(look.places - position) <= 2.0 * self._radius)
         if near.any():
             x, z = look.places[near] - position, look.z[near]
@@ -186,7 +181,7 @@ class TerrainTracker:
 
     def _fused(self, stamp: float, look: Look, residual: Array, position: float) -> Profile:
         """Return the profile after a look that was taken in."""
-        self._strikes, self._newest = 0, stamp
+        self._strikes = 0
         ground = ground_of(self._map, position)
         if not ground.points:
             self._faces = []

@@ -205,6 +205,9 @@ class StopLines:
         if situation.motion.speed <= most and decision.set_speed <= most:
             return decision
         if decision.kind is not Kind.CLEAR:
+            if situation.motion.speed > most:  # as soon as possible, not at a place
+                return replace(decision, set_speed=0.0, plan=Plan(
+                    Strategy.GO_ROUND if decision.kind is Kind.GO_ROUND else Strategy.STOP))
             return replace(decision, set_speed=min(decision.set_speed, most))
         return self.stand(
             replace(decision, kind=Kind.STOP, reason=line.reason,

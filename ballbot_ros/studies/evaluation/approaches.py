@@ -21,7 +21,7 @@ from ballbot_ros.studies.evaluation.sensors import draw_sensor, SensorModel
 from ballbot_ros.studies.evaluation.terrains import draw_shape, Ground, lay, Shape, STEEPEST
 
 SLIPPERY = 0.2             # part of the floors with the lowest friction
-UNSEEN_ROOM = 0.65         # floor behind each edge, where the user grants it [m]
+UNSEEN_ROOM = 1.0          # floor behind each edge, where the user grants it [m]
 CROSSABLE_ROOM = (0.15, 2.5)    # front of the ball to the step [m]
 CROSSABLE_HEIGHT = (0.008, 0.06)  # [m]
 

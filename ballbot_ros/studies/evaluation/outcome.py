@@ -142,7 +142,7 @@ class OutcomeMonitor:
         self._decisions: Deque[Tuple[float, float, Decision]] = deque()
         self._passed: Dict[float, bool] = {}  # edges of drops, and whether it was crossing them
         self._resting_since = math.inf
-        self._x = loop.state.x
+        self._x, self._y = loop.state.x, loop.state.y
         self._path: List[Tuple[float, float]] = []  # positions and speeds [m], [m/s]
         self.verdict = Verdict()
         self.news = 0.0  # time of the last event that justifies another decision [s]
@@ -166,7 +166,7 @@ class OutcomeMonitor:
             self._decisions.popleft()
         self._settle_attempt(state)
         ended = self._falls(state) or self._hits() or self._ends(state, decision)
-        self._x = state.x
+        self._x, self._y = state.x, state.y
         if ended:
             self.verdict.time, self.verdict.x = state.time, state.x
             self._close()
@@ -186,8 +186,10 @@ class OutcomeMonitor:
                    if when >= now - long - 1e-9)
 
     def _is_low(self, x: float) -> bool:
-        """Return whether the face at x is no more than a bump."""
-        return all(abs(height) <= BUMP for left, _, width, height in self._faces
+        """Return whether the face at x is no more than a bump to the ball, or a narrow groove."""
+        bottom = min(self._y, self._loop.state.y) - self._radius
+        return all(abs(height) <= BUMP or max(low, low + height) <= bottom + BUMP
+                   for left, low, width, height in self._faces
                    if left - 1e-6 <= x <= left + width + 1e-6)
 
     def _floor_before(self, edge: float, top: float, side: float) -> float:

@@ -19,7 +19,7 @@ from ballbot_ros.physics.model.robot import load_robot
 
 GIMBALL = load_robot('gimball')
 CURVE = load_curve('gimball_down')
-TUNING = replace(load_decision_tuning('decision_default'), unseen_room=0.65)
+TUNING = replace(load_decision_tuning('decision_default'), unseen_room=1.0)
 KNOWN = Knowledge(GIMBALL, CURVE, TUNING)
 DECIDE = with_safety_filter(cubic.planner(KNOWN), KNOWN)
 anything = strategies.floats(allow_nan=True, allow_infinity=True)

@@ -15,7 +15,7 @@ from ballbot_ros.physics.simulation.solver import Solver
 from ballbot_ros.plant import Plant
 
 GIMBALL = load_robot('gimball')
-TUNING = replace(load_decision_tuning('decision_default'), unseen_room=0.65)
+TUNING = replace(load_decision_tuning('decision_default'), unseen_room=1.0)
 KNOWN = Knowledge(GIMBALL, load_curve('gimball_down'), TUNING)
 
 

@@ -16,7 +16,7 @@ from ballbot_ros.physics.model.terrain import Terrain
 from ballbot_ros.studies.evaluation.closed_loop import ClosedLoop, PERIOD
 
 GIMBALL = load_robot('gimball')
-TUNING = replace(load_decision_tuning('decision_default'), unseen_room=0.65)
+TUNING = replace(load_decision_tuning('decision_default'), unseen_room=1.0)
 KNOWLEDGE = Knowledge(GIMBALL, load_curve('gimball_down'), TUNING)
 START = Motion(0.0, 0.0, 0.0)
 NAN, INF = math.nan, math.inf

@@ -15,7 +15,7 @@ from ballbot_ros.decision.planning.safety_filter import held_back, with_safety_f
 from ballbot_ros.decision.values import Failure, Obstruction
 from ballbot_ros.physics.model.robot import load_robot
 
-TUNING = replace(load_decision_tuning('decision_default'), unseen_room=0.65)
+TUNING = replace(load_decision_tuning('decision_default'), unseen_room=1.0)
 KNOWN = Knowledge(load_robot('gimball'), load_curve('gimball_down'), TUNING)
 STEP = Face(4, 1.0, 0.02, 0.01, 0.001)
 RADIUS = KNOWN.robot.ball_radius

@@ -14,7 +14,7 @@ from ballbot_ros.decision.values import After, Failure, Plan, Strategy
 from ballbot_ros.physics.model.robot import load_robot
 
 GIMBALL = load_robot('gimball')
-TUNING = replace(load_decision_tuning('decision_default'), unseen_room=0.65)
+TUNING = replace(load_decision_tuning('decision_default'), unseen_room=1.5)
 KNOWLEDGE = Knowledge(GIMBALL, load_curve('gimball_down'), TUNING)
 # The front of a ball at a position is this much farther on.
 RADIUS = GIMBALL.ball_radius

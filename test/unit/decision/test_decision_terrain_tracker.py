@@ -212,13 +212,6 @@ def test_ground_that_changed_is_a_contradiction_and_accepted_if_it_lasts():
     assert answers[-1].face.height == pytest.approx(0.02, abs=1e-4)
 
 
-def test_a_look_from_before_the_last_one_is_a_contradiction():
-    tracking = tracker()
-    tracking.update(exact(Terrain.flat(), stamp=1.0), 0.0)
-    assert tracking.update(exact(Terrain.flat(), stamp=0.9), 0.0).rejection \
-        is Reason.CONTRADICTORY
-
-
 @pytest.mark.parametrize('place', [1.2, 1.203, 1.207, 1.2099])
 def test_a_wall_that_ends_the_view_is_seen_wherever_it_stands(place):
     terrain = Terrain([(-9.0, 0.0), (place, 0.0), (place, 0.5), (9.0, 0.5)])

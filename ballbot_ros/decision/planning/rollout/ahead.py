@@ -7,6 +7,7 @@ from typing import List, Sequence, Tuple
 import numpy as np
 
 from ballbot_ros.decision.planning.rollout.layout import FACES
+from ballbot_ros.decision.planning.stop_line import LINE_MARGIN
 from ballbot_ros.decision.planning.terrain import GroundProfile
 from ballbot_ros.decision.values import Face, Profile
 from ballbot_ros.physics.model.terrain import Array
@@ -16,6 +17,9 @@ from ballbot_ros.physics.model.terrain import Array
 SMALLEST_DROP, HIGHEST_DESCENT = 0.005, 0.05
 # Faces that are farther apart than this are taken one by one [m].
 TOGETHER = 1.0
+# A swing is held until the centre is past the edge by this [m], and by so many deviations of the
+# place of a step down.
+HELD, SIGMAS = 0.01, 2.0
 # Ground is drawn this far behind the ball, and this far behind the last that is known [m].
 BEYOND = 4.0
 
@@ -33,6 +37,8 @@ class End:
         The last of its face in the shape.
     position : float
         Of that vertex [m].
+    passed : float
+        Where the centre has passed it for sure [m].
     following : int
         The foot of the next face; the last vertex of all for none.
 
@@ -41,6 +47,7 @@ class End:
     faces: int
     vertex: int
     position: float
+    passed: float
     following: int = 0
 
 
@@ -88,7 +95,7 @@ def faces_ahead(profile: Profile, position: float) -> Tuple[Face, ...]:
 
 def look_ahead(profile: Profile, faces: Sequence[Face], position: float, slope: float,
                slope_sd: float, radius: float, unseen_room: float,
-               climbed: float = 0.0) -> Ahead:
+               climbed: float = 0.0, line: float = math.inf) -> Ahead:
     """
     Return the terrain ahead of the ball.
 
@@ -108,6 +115,8 @@ def look_ahead(profile: Profile, faces: Sequence[Face], position: float, slope: 
         GroundProfile assumed behind an edge [m].
     climbed : float
         Height that the ball has just climbed, and may descend again [m].
+    line : float
+        Stop line of what is no face [m].
 
     """
     floor = GroundProfile(profile.points, slope)
@@ -135,7 +144,9 @@ def look_ahead(profile: Profile, faces: Sequence[Face], position: float, slope: 
         if falls or index > 0 and foot - last > TOGETHER:
             continue
         last = here
-        ends.append(End(index + 1, len(rows) - 1, here))
+        # Until a ball rolls down, its step may come later than seen; up, it is lifted.
+        later = SIGMAS * max(face.position_sd, 0.0) if face.height < 0.0 else 0.0
+        ends.append(End(index + 1, len(rows) - 1, here, here + HELD + later))
     known = seen and profile.seen_to > here + radius
     seen_to = profile.seen_to if known else here + unseen_room
     for x, rise in floor.bends(here, seen_to):
@@ -153,7 +164,7 @@ def look_ahead(profile: Profile, faces: Sequence[Face], position: float, slope: 
             replace(end, following=feet[end.faces] if end.faces < len(feet) else len(rows) - 1)
             for end in ends), deviations, slope, slope_sd,
         first.position - touch_distance_on(slope, radius, first.height),
-        seen_to - radius if known else seen_to, known)
+        min(seen_to - radius - LINE_MARGIN, line), known)
 
 
 def touch_distance_on(slope: float, radius: float, height: float) -> float:

@@ -27,8 +27,6 @@ ANGLES = (1.5, 2.2)  # [rad]
 SAME = 0.05
 # Acceleration with all the lean there is, about [m/s2].
 BRISK = 0.75
-# A swing is held until the centre is past the edge by this [m].
-HELD = 0.01
 
 
 @dataclass(frozen=True)
@@ -72,7 +70,7 @@ class Candidate:
         row[SWING_AT] = ahead.touch - self.swing
         row[SWING_ANGLE] = self.angle
         row[START] = ahead.touch - self.back if self.back > 0.0 else math.inf
-        row[EDGE] = end.position + HELD
+        row[EDGE] = end.passed
         row[EDGE_AT], row[NEXT_AT] = end.vertex, end.following
         return row
 

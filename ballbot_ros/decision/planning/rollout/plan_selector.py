@@ -19,7 +19,7 @@ from ballbot_ros.decision.planning.rollout.candidates import (
     BRISK, Candidate, candidates, from_farther_back)
 from ballbot_ros.decision.planning.rollout.layout import TOUCH_SPEED
 from ballbot_ros.decision.planning.rollout.search import (
-    confirm, FALLING, good, height_limit, search, Task, Trial, why_not)
+    BEYOND, confirm, good, height_limit, search, Task, Trial, why_not)
 from ballbot_ros.decision.planning.rollout.worlds import Tally, Worlds
 from ballbot_ros.decision.planning.situation import Knowledge, Situation
 from ballbot_ros.decision.tuning import DecisionTuning
@@ -96,7 +96,7 @@ def deliberate(task: Task, tuning: DecisionTuning, room_behind: float,
     if kept is not None:
         trial = Trial(kept)
         yield from confirm(trial, task, CHECKED)
-        if good(trial.many, task.ahead, task.required - LOYALTY):
+        if good(trial.many, task.required - LOYALTY, BEYOND):
             return Choice(trial, Reason.RUN_UP if kept.back > 0.0 else Reason.LIKELY,
                           tally=trial.many)
     run_up = max(task.ahead.touch - position, 0.0)
@@ -132,7 +132,7 @@ def _best(trials: Sequence[Trial]) -> Optional[Trial]:
     """Return the trial with the least harm, then the best chance; None where none was tried."""
     def merit(trial: Trial) -> Tuple[float, float]:
         tally = trial.many if trial.many.attempts else trial.few
-        return -tally.falling, tally.probability
+        return -tally.harm / tally.attempts, tally.probability
     return max((trial for trial in trials if trial.few.attempts), default=None, key=merit)
 
 
@@ -158,8 +158,7 @@ def _reason(task: Task, trials: Sequence[Trial], tuning: DecisionTuning,
     tallies = [trial.many if trial.many.attempts else trial.few for trial in trials
                if trial.few.attempts]
     if any(trial.falls for trial in trials) or any(
-            tally.falls + tally.beyond > (FALLING if task.ahead.known else 1.0 - task.required)
-            * tally.attempts for tally in tallies):
+            tally.harm > 0.0 for tally in tallies):
         return Reason.LANDING
     far = from_farther_back(task.ahead, task.ahead.touch - 0.01, IMAGINED, tuning,
                             (1.2, IMAGINED))
@@ -329,7 +328,8 @@ class PlanSelector:
         fade = FADE if choice.tally.attempts > MEMORABLE else 1.0
         choice.tally = choice.tally.faded(fade) + new
         lost = LOST * (1 + self._changes)
-        if braking_room > 0.0 and not good(choice.tally, task.ahead, task.required - lost):
+        if braking_room > 0.0 and not good(
+                choice.tally, task.required - lost, BEYOND):
             self.basis = None
 
 

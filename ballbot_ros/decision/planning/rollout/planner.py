@@ -11,7 +11,7 @@ from typing import List, Optional, Sequence
 
 from ballbot_ros.decision.planning.rollout.ahead import (
     Ahead, faces_ahead, HIGHEST_DESCENT, look_ahead, TOGETHER, touch_distance_on)
-from ballbot_ros.decision.planning.rollout.candidates import Candidate, HELD
+from ballbot_ros.decision.planning.rollout.candidates import Candidate
 from ballbot_ros.decision.planning.rollout.layout import TIGHT
 from ballbot_ros.decision.planning.rollout.plan_selector import (
     Choice, PlanSelector, STANDING, TOO_LATE)
@@ -20,7 +20,7 @@ from ballbot_ros.decision.planning.situation import Knowledge, Planner, Situatio
 from ballbot_ros.decision.planning.stop_line import StopLines
 from ballbot_ros.decision.tuning import DecisionTuning
 from ballbot_ros.decision.values import (
-    After, Decision, Face, Kind, Motion, Outlook, Plan, Profile, Reason)
+    After, Decision, Face, Kind, Motion, Outlook, Plan, Profile, Reason, Strategy)
 
 WHY = {
     Reason.NOT_LIKELY: 'no plan gets over with the required probability',
@@ -64,8 +64,7 @@ def plan_of(candidate: Candidate, ahead: Ahead, next_at: float) -> Plan:
     after = After.STOP if next_at - end.position < TIGHT else After.CRUISE
     return Plan(
         candidate.strategy, ahead.touch - candidate.back if candidate.back > 0.0 else -math.inf,
-        candidate.speed, ahead.touch - candidate.swing, candidate.angle, end.position + HELD,
-        after)
+        candidate.speed, ahead.touch - candidate.swing, candidate.angle, end.passed, after)
 
 
 def go(choice: Choice, candidate: Candidate, ahead: Ahead, motion: Motion, next_at: float,
@@ -109,7 +108,7 @@ def refuse(choice: Choice, ahead: Ahead, motion: Motion, braking_room: float,
     if choice.reason is Reason.LANDING and not ahead.known:
         said += (f'; the floor behind it is not seen, and unseen_room grants '
                  f'{tuning.unseen_room:g} m: set unseen_room to the floor that this site has '
-                 'behind each edge, 0.65 m or more for a stop, or use a terrain sensor')
+                 'behind each edge, 1 m or more for a stop, or use a terrain sensor')
     if seen.attempts:
         said += (f'; at best over with {100 * seen.probability:.0f} %, '
                  f'{100 * tuning.required_probability:.0f} % are required')
@@ -174,7 +173,7 @@ class RolloutPlanner:
         if profile is None:
             return stop(Reason.STALE, 'Stopping: nothing has been observed yet')
         climbed = self._climbed(motion)
-        pushing = self._push(situation, previous)
+        pushing = self._push(situation, previous) or self._brake(motion, previous)
         if pushing is not None:
             return pushing
         faces = faces_ahead(profile, motion.position)
@@ -187,14 +186,16 @@ class RolloutPlanner:
             self._selector.forget()
             return self._alone(situation, slope, previous)
         deviation = profile.slope_sd if math.isfinite(profile.slope_sd) else SLOPE_SD
+        line = self._lines.before_slope(profile, faces[0].position, slope, None)
+        behind = math.inf if line is None else line.position
         ahead = look_ahead(profile, faces, motion.position, slope, deviation,
-                           self._robot.ball_radius, self._tuning.unseen_room, climbed)
+                           self._robot.ball_radius, self._tuning.unseen_room, climbed, behind)
         if not ahead.ends and -HIGHEST_DESCENT < faces[0].height \
                 and self._braking_room(ahead, motion) < TOO_LATE:
             # To go down a small drop on purpose is better than to slide down it.
             ahead = look_ahead(profile, faces, motion.position, slope, deviation,
                                self._robot.ball_radius, self._tuning.unseen_room,
-                               HIGHEST_DESCENT)
+                               HIGHEST_DESCENT, behind)
         return self._face(ahead, situation, previous)
 
     def _alone(self, situation: Situation, slope: float,
@@ -281,7 +282,10 @@ class RolloutPlanner:
         face = own[0] if own else basis.face
         touch = face.position - touch_distance_on(0.0, self._robot.ball_radius, face.height)
         if previous.contact_since is None and motion.position < touch - CONTACT:
-            return None
+            if own or previous.reason is not Reason.COMMITTED:
+                return None
+            # The map has lost the face of a crossing that nothing stops any more.
+            return replace(previous, distance=face.position - motion.position)
         since = motion.stamp if previous.contact_since is None else previous.contact_since
         if not 0.0 <= motion.stamp - since <= LONGEST_CONTACT \
                 or motion.position < touch - GAP and motion.speed < 0.0:
@@ -295,6 +299,17 @@ class RolloutPlanner:
             previous, reason=Reason.COMMITTED, distance=distance, contact_since=since,
             step=left[0].number if left else previous.step,
             explanation=f'On the step, {distance:.2f} m to its face: pushing on')
+
+    def _brake(self, motion: Motion, previous: Optional[Decision]) -> Optional[Decision]:
+        """Return the stop behind the last edge of a plan, as rollouts have tried it."""
+        plan = previous.plan if previous is not None else None
+        if previous is None or plan is None or not (
+                0.0 <= motion.position - plan.edge < self._robot.ball_radius) \
+                or motion.speed < STANDING or previous.kind is Kind.CROSS \
+                and plan.after is not After.STOP:
+            return None
+        return replace(stop(Reason.LANDING, 'Stopping behind the edge'),
+                       plan=Plan(Strategy.STOP, edge=plan.edge))
 
     def _braking_room(self, ahead: Ahead, motion: Motion) -> float:
         """Return how far it is to the last point where braking still works [m]."""

@@ -105,6 +105,7 @@ RISING = 2.5  # maximum time until the ball rolls forward [s]
 SLOW = 0.02  # maximum speed of a standing ball [m/s]
 LONGEST_CONTACT = 3.0  # maximum duration of a contact [s]
 IDLE = 0.6  # maximum time without progress in contact [s]
+SETTLED = 0.002  # a ball no higher above the ground rolls on it [m]
 LATE = 0.02  # delay of the stop after the edge [s]
 GAP = 0.04  # clearance between the standing ball and the next obstacle [m]
 
@@ -184,10 +185,20 @@ def roll_until(until: float, rising: float, now: Rolling, order: PlainOrder, rob
 
 
 @compiled
+def height_above(state: Array, robot: Parameters, ground: Array) -> float:
+    """Return how high a ball is above the ground below its centre [m]."""
+    i = first_segment(ground, state[X])
+    floor = ground[i, VERTEX_Y] + (state[X] - ground[i, VERTEX_X]) * (
+        ground[i, TANGENT_Y] / ground[i, TANGENT_X])
+    height: float = (state[Y] - floor) * ground[i, TANGENT_X] - robot.radius
+    return height
+
+
+@compiled
 def stands_at(state: Array, robot: Parameters, drive: Drive, ground: Array) -> float:
     """Return where a ball stands that is stopped with all the lean there is [m]."""
     now = Rolling(state[X], state[VELOCITY_X], state[PENDULUM_ANGLE], state[PENDULUM_RATE])
-    order = (0.0, 0.0, now.position - 0.01, math.inf, 0.0, -math.inf, 0.0, drive.emergency_lean,
+    order = (0.0, 0.0, -math.inf, math.inf, 0.0, -math.inf, 0.0, drive.emergency_lean,
              drive.emergency_lean, drive.reaction)
     now, _, _ = roll_until(math.inf, 0.0, now, order, robot, drive, ground)
     return now.position
@@ -237,13 +248,14 @@ def climb(memory: SpeedState, plan: Array, draw: Array, robot: Parameters, drive
             touch_x, until = state[X], time + LONGEST_CONTACT
             result[TOUCH_SPEED], result[TOUCH_ANGLE] = state[VELOCITY_X], state[PENDULUM_ANGLE]
         if state[X] - LATE * state[VELOCITY_X] > over_x and state[Y] > over_y:
-            if math.isnan(result[REST]):
+            # A ball that still comes down from the edge gets faster on the way.
+            if math.isnan(result[REST]) and height_above(state, robot, ground) < SETTLED:
                 if touch_x == math.inf:  # down a drop
                     result[TOUCH_SPEED], result[TOUCH_ANGLE] = (
                         state[VELOCITY_X], state[PENDULUM_ANGLE])
                 result[PASSED_SPEED] = state[VELOCITY_X]
                 result[REST] = stands_at(state, robot, drive, ground)
-            if result[REST] > room - GAP or state[X] > clear_x:
+            if result[REST] > room - GAP or result[REST] > -math.inf and state[X] > clear_x:
                 result[TIME] += time
                 return FALLS if result[REST] > room - GAP else OVER
         if state[X] > farthest + PROGRESS:

@@ -37,8 +37,9 @@ BUNDLE = 20  # rollouts between two yields
 # A candidate this far below the required probability at a check is rejected.
 HOPELESS = 0.12
 CHOICES = 3
-# Maximum fraction of rollouts that fall.
-FALLING = 0.01
+# Maximum fraction of rollouts that end beyond the stop line behind the edge, to keep a plan: to
+# choose one, none may.
+BEYOND = 0.02
 
 
 @dataclass
@@ -103,15 +104,13 @@ def search(plans: Sequence[Candidate], task: Task, trials: List[Trial]) -> Steps
     goal = task.required + 0.5 * max(best - task.required, 0.0)
     # The gentlest sufficient candidates first, then by probability.
     order = sorted(finalists, key=lambda item: (
-        item.few.falls > 0.0,
-        item.few.beyond > (0.0 if ahead.known else (1.0 - task.required) * FEW),
-        item.few.probability < goal, item.level < HIGHEST,
+        item.few.harm > 0.0, item.few.probability < goal, item.level < HIGHEST,
         item.behind if item.few.probability >= goal else -item.few.probability))
     for trial in order[:CHOICES]:
         if trial.few.probability < task.required - HOPELESS:
             continue
         yield from confirm(trial, task, MANY)
-        if good(trial.many, ahead, task.required):
+        if good(trial.many, task.required):
             return trial
     return None
 
@@ -166,18 +165,13 @@ def confirm(trial: Trial, task: Task, number: int) -> Generator[None, None, None
         trial.many = trial.many + task.tally(trial, task.worlds.take(BUNDLE))
         yield
         if trial.many.attempts >= LOOK and (
-                trial.many.probability < task.required - HOPELESS
-                or trial.many.falls > 3.0 or trial.many.beyond > (
-                    3.0 if task.ahead.known
-                    else (1.0 - task.required) * trial.many.attempts)):
+                trial.many.probability < task.required - HOPELESS or trial.many.harm > 0.0):
             break
 
 
-def good(tally: Tally, ahead: Ahead, required: float) -> bool:
-    """Return whether a plan may be carried out."""
-    most = FALLING if ahead.known else 1.0 - required
-    return (tally.probability >= required and tally.falling <= FALLING
-            and tally.beyond <= most * tally.attempts)
+def good(tally: Tally, required: float, harm: float = 0.0) -> bool:
+    """Return whether a plan may be carried out, with a fraction of rollouts that do harm."""
+    return tally.probability >= required and tally.harm <= harm * tally.attempts
 
 
 def height_limit(trial: Trial, task: Task, number: int = 24,

@@ -64,6 +64,11 @@ class Tally:
         return (self.over + 1.0) / (self.attempts + 2.0)
 
     @property
+    def harm(self) -> float:
+        """Return how many do not rest before the line behind the edge."""
+        return max(self.falls, self.beyond)
+
+    @property
     def falling(self) -> float:
         """Return the fraction of rollouts that fall."""
         return self.falls / max(self.attempts, 1.0)
