@@ -88,7 +88,7 @@ def pilot_step(state: SpeedState, position: float, speed: float, pendulum_angle:
         later, set_angle = speed_law_step(
             state, speed, pendulum_angle, 0.0, own.emergency_lean, period, law)
         if abs(speed) > EASED:
-            # All the lean there is, whatever the estimated slope: at an edge it is wrong.
+            # Full lean, without the estimated slope: at an edge the estimate is wrong.
             wanted, numbers = -math.copysign(own.emergency_lean, speed), SpeedLaw(*law)
             lead = max(numbers.lag / numbers.swing_time - 1.0, 0.0)
             set_angle = wanted + lead * (wanted - later[2]) + later[4]

@@ -17,8 +17,8 @@ from ballbot_ros.physics.model.terrain import Array
 SMALLEST_DROP, HIGHEST_DESCENT = 0.005, 0.05
 # Faces that are farther apart than this are taken one by one [m].
 TOGETHER = 1.0
-# A swing is held until the centre is past the edge by this [m], and by so many deviations of the
-# place of a step down.
+# A swing is held until the centre is past the edge by this [m]; behind a step down, by this number
+# of position deviations more.
 HELD, SIGMAS = 0.01, 2.0
 # Ground is drawn this far behind the ball, and this far behind the last that is known [m].
 BEYOND = 4.0
