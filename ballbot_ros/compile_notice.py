@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-What a program says while its kernels are compiled.
+Messages of a program while its kernels are compiled.
 
 Apart from `ballbot_ros.jit`, which imports numba: a command that compiles nothing starts sooner.
 """

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether a bag has all that its run has published."""
+"""Check that a bag holds all messages that its run has published."""
 from pathlib import Path
 from typing import List, Mapping, Sequence, Tuple
 
@@ -50,7 +50,7 @@ def counted(bag: Path) -> int:
 
 def verdict(bag: Path, recorded: Mapping[str, Sequence[int]], rates: Mapping[str, float],
             end: int) -> Tuple[List[str], int]:
-    """Return what is missing in a closed bag, and how many messages it has; see `gaps`."""
+    """Return the gaps in a closed bag, and its number of messages; see `gaps`."""
     found, written = gaps(recorded, rates, end), sum(map(len, recorded.values()))
     count = counted(bag)
     if count != written:

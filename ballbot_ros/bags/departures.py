@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where a model departs from a recording: numbers per channel, and what `identify` takes."""
+"""Deviation of a model from a recording per channel, and the input of `identify`."""
 import math
 from pathlib import Path
 from typing import Any, Dict, List, Mapping, NamedTuple, Tuple
@@ -22,7 +22,7 @@ JOINTS, ODOMETRY = ('ball_angle', 'ball_rate', 'joint_angle', 'joint_rate'), ('x
 
 
 class Difference(NamedTuple):
-    """How far the model is from the recording, in the unit of a channel."""
+    """Deviation of the model from the recording, in the unit of a channel."""
 
     channel: str
     unit: str

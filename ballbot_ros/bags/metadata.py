@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a bag says about its own making: texts by key, in its ``metadata.yaml``."""
+"""Description of the run in the ``metadata.yaml`` of a bag: texts by key."""
 from dataclasses import dataclass, field
 import json
 from typing import Any, Dict, Mapping, Optional
@@ -39,7 +39,7 @@ class BagMetadata:
     decision: Mapping[str, Any] = field(default_factory=dict)
 
     def texts(self) -> Dict[str, str]:
-        """Return what `read` takes."""
+        """Return the texts for `read`."""
         return {f'{PREFIX}source': self.source, f'{PREFIX}version': self.version,
                 f'{PREFIX}parameters': json.dumps(dict(self.parameters), sort_keys=True),
                 f'{PREFIX}decision': json.dumps(dict(self.decision), sort_keys=True),
@@ -47,7 +47,7 @@ class BagMetadata:
 
     @classmethod
     def read(cls, texts: Mapping[str, str]) -> 'BagMetadata':
-        """Return what texts say; what is not there, or cannot be read, is left out."""
+        """Return the values of texts; missing or unreadable ones are left out."""
         return cls(
             texts.get(f'{PREFIX}source', ''), texts.get(f'{PREFIX}version', ''),
             _mapping(texts, 'parameters'),

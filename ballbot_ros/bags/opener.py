@@ -78,7 +78,7 @@ def open_bag(path: Path) -> Iterator[Bag]:
 
 
 def unreadable(path: Path, error: BaseException) -> ConfigurationError:
-    """Return what to say of a bag that cannot be read."""
+    """Return the error for a bag that cannot be read."""
     if 'magic' in str(error):
         return ConfigurationError(
             f'{path}: is no bag that can be read, or one that was cut short ({error}); what was '

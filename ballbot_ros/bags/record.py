@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Record topics of a running graph, those that come later too."""
+"""Record topics of a running graph, also those that appear later."""
 from collections import Counter
 from functools import partial
 from pathlib import Path
@@ -13,10 +13,10 @@ from ballbot_ros.errors import BallbotError, ConfigurationError
 from ballbot_ros.ros.graph import Observer
 from ballbot_ros.ros.topics import message_class
 
-# So deep that nothing is lost while the recorder is held up.
+# Of a subscription: deep enough for a recorder that is delayed by some seconds.
 QUEUE_DEPTH = 5000
-GRAPH_PERIOD = 0.2  # how often new topics are looked for [s]
-# What a graph says of itself: `ros2 bag record -a` leaves topics out whose name is hidden, only.
+GRAPH_PERIOD = 0.2  # of the search for new topics [s]
+# Topics of the graph itself; `ros2 bag record -a` leaves out hidden names only.
 GRAPH_TOPICS = ('/rosout', '/parameter_events')
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a bag holds of the run of one robot: states, commands and set-points by their stamps."""
+"""The run of one robot in a bag: states, commands and set-points by their stamps."""
 from dataclasses import dataclass, field
 import math
 from pathlib import Path
@@ -143,7 +143,7 @@ def same(one: Mapping[str, float], other: Mapping[str, float]) -> bool:
 
 
 def _set_point(message: Any) -> SetPoint:
-    """Return what a set-point asks for: an angle, a rate, or no torque."""
+    """Return the request of a set-point: an angle, a rate, or no torque."""
     stamp, values = 1e-9 * _stamp(message), joint_values(message)
     for mode, name in ((Mode.HOLD, 'joint_angle'), (Mode.DRIVE, 'joint_rate')):
         if math.isfinite(values.get(name, math.nan)):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Run again what a bag has recorded of the simulator, and compare state by state."""
+"""Repeat the run of a simulator from its bag, and compare state by state."""
 from dataclasses import dataclass, replace
 from typing import Dict, List, Optional, Protocol
 
@@ -32,9 +32,9 @@ class Commands:
 
 
 class MotorTorques:
-    """What the motor gave according to the joint state at the end of a period."""
+    """Torque of the motor according to the joint state at the end of a period."""
 
-    what = 'torques that the motor gave by joint_states'
+    what = 'torques of the motor from joint_states'
 
     def __init__(self, run: RecordedRun):
         self._joints = run.joints
@@ -46,7 +46,7 @@ class MotorTorques:
 
 
 class Laws:
-    """Laws on board, which recorded set-points are given to when their stamps have come."""
+    """Laws on board, which receive recorded set-points at the times of their stamps."""
 
     what = 'recorded set-points, given to the laws on board when their stamps had come'
 
@@ -119,7 +119,7 @@ class Rerun:
 
 
 def plant_values(plant: Plant) -> Values:
-    """Return what could be recorded of a plant."""
+    """Return the values of a plant that a bag may hold."""
     state = plant.state
     values = {name: float(getattr(state, name)) for name in (
         'x', 'y', 'ball_angle', 'pendulum_angle', 'velocity_x', 'velocity_y', 'ball_rate',

@@ -30,7 +30,7 @@ SEQUENCES = ('sequence<geometry_msgs/TransformStamped>', 'sequence<visualization
 WALL_TIME_MESSAGES = ('DiagnosticArray', 'Log')
 
 StampOf = Callable[[bytes], int]
-# So often a recorder with a thread of its own looks whether something has come [s].
+# Period at which a recorder with a thread of its own takes messages [s].
 POLL_PERIOD = 0.002
 
 
@@ -92,7 +92,7 @@ class BagRecorder:
         return self
 
     def __exit__(self, *_: Any) -> None:
-        """Record what has come, and complete the bag."""
+        """Record the messages that have arrived, and complete the bag."""
         self._ending.set()
         if self._thread is not None:
             self._thread.join()
@@ -139,7 +139,7 @@ class BagRecorder:
 
     def take_all(self) -> None:
         """
-        Record all that has come.
+        Record all messages that have arrived.
 
         An executor takes one message per topic each time that it wakes up, and looks at all
         topics again before the next one; on a busy machine that is too slow.
@@ -151,7 +151,7 @@ class BagRecorder:
 
     def record_in_thread(self) -> None:
         """
-        Take all that comes in a thread of its own, until the bag is closed.
+        Take messages in a thread of its own, until the bag is closed.
 
         The node that subscribes needs no executor then.
         """
@@ -202,13 +202,13 @@ def stamp_of_first(data: bytes) -> int:
 
 
 def no_stamp(data: bytes) -> int:
-    """Return 0: it is of when it comes."""
+    """Return 0: the message has the time of its arrival."""
     return 0
 
 
 def stamp_reader(kind: Any) -> StampOf:
     """
-    Return what reads the stamp of messages of a class [ns]; 0 where they have none.
+    Return the function that reads the stamp of messages of a class [ns]; 0 where they have none.
 
     A stamp is looked for at the beginning: a time or a header there, or a sequence of messages
     that begin with a header, as those of /tf.

@@ -185,7 +185,7 @@ class _CompileBar:
     def _start(self, done: int) -> None:
         from rich.console import Console
         from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-        # How many a command calls is known only at the end, hence a bar without a total.
+        # The number of kernels is known only at the end, hence a bar without a total.
         self._bar = Progress(
             TextColumn('compiling for this machine, the first time only'), BarColumn(),
             TextColumn('{task.completed:.0f} kernels'), TimeElapsedColumn(),

@@ -14,7 +14,7 @@ from ballbot_ros.errors import ConfigurationError
 
 DRAWN_TIME_MAX = 600.0  # [s]
 BEFORE = 5.0
-# Where the torque comes from; the words of --by.
+# Sources of the torque; the choices of --by.
 COMMANDS, TORQUES, SET_POINTS = 'commands', 'torques', 'set-points'
 BAG_OPTIONS = ('scene', 'robot', 'set', 'namespace', 'by', 'json')
 

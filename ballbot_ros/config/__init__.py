@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What files say: described and ranged fields, where a number comes from, and the files."""
+"""Described and ranged fields, the provenance of numbers, and configuration files."""

@@ -176,7 +176,7 @@ def within(number: Any, metadata: Mapping[str, Any]) -> Any:
 
 def suggestion(name: str, known: Iterable[str], listing: bool = True) -> str:
     """
-    Return what follows the refusal of an unknown name.
+    Return the hint that follows the refusal of an unknown name.
 
     ``'; did you mean ...?'`` for a near miss, otherwise the list of names if wanted.
     """

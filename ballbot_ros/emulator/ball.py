@@ -113,7 +113,7 @@ class Ball:
 
     def sensed(self, before: Sensed, jump: float = 0.0) -> Sensed:
         """
-        Return what the drive measures now.
+        Return the present measurements of the drive.
 
         Parameters
         ----------
@@ -129,5 +129,5 @@ class Ball:
                                velocity=ratio * self.state.joint_rate)
 
     def imu(self) -> ImuSample:
-        """Return what an inertial sensor in the shell reads over the last period."""
+        """Return the reading of an inertial sensor in the shell over the last period."""
         return self._imu.sample(*self._pair, self.plant.periods)

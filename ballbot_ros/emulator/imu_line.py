@@ -46,7 +46,7 @@ class ImuLine:
 
     @property
     def path(self) -> str:
-        """Return where to open it."""
+        """Return the path to open."""
         return self._terminal.path
 
     def measure(self, turn_rate: float, forward: float, upward: float) -> None:

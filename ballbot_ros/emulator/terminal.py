@@ -50,7 +50,7 @@ class PseudoTerminal:
 
     @property
     def path(self) -> str:
-        """Return where to open it: the link if there is one."""
+        """Return the path to open: the link if there is one."""
         return str(self._link) if self._link is not None else self.device
 
     @property

@@ -127,7 +127,7 @@ def _prepare(plan: Experiment) -> None:
 
 
 def _run_seed(folder: Path, plan: Experiment, seed: int, timeout: float) -> dict[str, Any]:
-    """Run one seed into its folder, which appears when all is in it; return the result."""
+    """Run one seed into its folder, which appears when it is complete; return the result."""
     from ballbot_ros.bags.metadata import bag_metadata, SIMULATOR
     from ballbot_ros.experiments.lockstep import run_lockstep
     from ballbot_ros.experiments.results import as_json, numbers_of, read_digests

@@ -33,7 +33,7 @@ KINDS = ('.gif', '.mp4')
 # A GIF counts hundredths of a second: 4 of them for one frame.
 FRAME_RATE = 25.0
 
-# What a browser still shows without trouble, and fits into memory [s].
+# Longest animation that a browser shows smoothly, and that fits into memory [s].
 LONGEST_GIF = 60.0
 
 _HOLD = 1.0  # duration of the last frame before a GIF repeats [s]

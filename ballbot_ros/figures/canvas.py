@@ -16,7 +16,7 @@ BLUE, VERMILION, GREEN, ORANGE, SKY, PURPLE = (
     '#0072B2', '#D55E00', '#009E73', '#E69F00', '#56B4E9', '#A0457A')
 INK, GREY, SOIL, PALE = '#222222', '#767676', '#D9D4CC', '#EEF3F7'
 RESIMULATED = 're-simulated; not digitised from the paper'
-# What people call them, in legends that are words.
+# Names of the colours in legends of words.
 NAMES: Mapping[str, str] = {BLUE: 'blue', VERMILION: 'orange', GREEN: 'green', ORANGE: 'yellow',
                             SKY: 'light blue', PURPLE: 'purple', GREY: 'grey', INK: 'black'}
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What each `on_timeout` makes of a ball whose commands stop; see `studies.command_loss`."""
+"""Motion of a ball after its commands stop, for each `on_timeout`; see `studies.command_loss`."""
 from dataclasses import replace
 import math
 
@@ -13,7 +13,7 @@ from ballbot_ros.studies.command_loss import lose_commands, Scenario
 from ballbot_ros.studies.progress import counted, ignore, Progress
 
 SPEED = 0.6  # [m/s]
-# What is drawn, a column each: title, slope [degrees], speed [m/s].
+# Columns: title, slope [degrees], speed [m/s].
 COLUMNS = (('held on 5 degrees', -5.0, 0.0), ('0.6 m/s, level', 0.0, SPEED),
            ('0.6 m/s down 2 degrees', -2.0, SPEED), ('0.6 m/s up 2 degrees', 2.0, SPEED))
 LONG = 60.0  # damping_time of the dotted line [s]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What an identified model leaves unexplained, channel by channel."""
+"""Residuals of an identified model, channel by channel."""
 from typing import Any, Mapping, Tuple
 
 from matplotlib.figure import Figure
@@ -8,7 +8,7 @@ from ballbot_ros.figures import canvas
 from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.results.units import SI
 
-# What is said of a channel, and in which colour.
+# Verdict of a channel, and its colour.
 VERDICTS = {
     'good': ('', canvas.BLUE),
     'correlated': ('CORRELATED: the model leaves something out', canvas.ORANGE),

@@ -20,7 +20,7 @@ from ballbot_ros.imus.contract import EmulatedSensor, InertialSensor
 
 
 class ImuVendor(NamedTuple):
-    """Where the parts of a sensor are; each is imported when it is first needed."""
+    """Names of the classes of a sensor; each is imported when it is first needed."""
 
     folder: str  # with the modules protocol and emulated
     sensor: str  # class in protocol

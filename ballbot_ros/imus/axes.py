@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How a sensor is mounted in the shell, as one word for each axis."""
+"""Orientation of a sensor in the shell, as one word for each axis."""
 from typing import Tuple
 
 from ballbot_ros.errors import ConfigurationError

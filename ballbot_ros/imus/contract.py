@@ -14,7 +14,7 @@ Vector = Tuple[float, float, float]
 
 
 class InertialReading(NamedTuple):
-    """What a sensor measured at one moment, in its own axes."""
+    """A measurement of a sensor, in its own axes."""
 
     turn_rate: Vector  # [rad/s]
     force: Vector  # specific force: at rest g upwards [m/s2]
@@ -104,4 +104,4 @@ class EmulatedSensor(ABC):
 
     @abstractmethod
     def tick(self, now: float) -> bytes:
-        """Return what it sends at a time [s]: nothing, or one reading."""
+        """Return the bytes that it sends at a time [s]: none, or one reading."""

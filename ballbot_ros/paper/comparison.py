@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How far simpler models are from the full one, at which speeds, and what each costs."""
+"""Deviation of simpler models from the full one over speed, and the cost of each."""
 from itertools import count
 from statistics import median
 from time import perf_counter

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the highest step of GimBall depends on: pictures of `studies.sensitivity`."""
+"""Sensitivity of the maximum step height of GimBall: pictures of `paper.sensitivity`."""
 import math
 from typing import Any, Sequence
 

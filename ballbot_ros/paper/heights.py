@@ -67,7 +67,7 @@ def place_legend(axes: Any) -> None:
 
 
 def bench_curves(robot: Robot, bench: Bench) -> list[HeightLine]:
-    """Return what the rolls of a bench are to be compared with."""
+    """Return the reference of the rolls of a bench."""
     if isinstance(bench, RunUp):
         cases = [('pendulum down', holding(robot, 0.0), '-'),
                  ('pendulum level', holding(robot, LEVEL), '--')]

@@ -77,7 +77,7 @@ _CONTACT = """
 
 
 class Centre(NamedTuple):
-    """Where a run of MuJoCo was at some time."""
+    """State of a run of MuJoCo at a time."""
 
     time: float  # [s]
     x: float  # of the centre of the ball [m]
@@ -225,7 +225,7 @@ class MujocoRun:
             force[3] += equations.actuator_torque(data.time, state, self.drive)
 
     def centre(self) -> Centre:
-        """Return where the ball is."""
+        """Return the state of the ball."""
         place = self.data.qpos
         return Centre(float(self.data.time), float(place[0]), float(place[1]),
                       float(place[2:].sum()) if self.model.nq == 4 else 0.0)
@@ -263,7 +263,7 @@ def mujoco_height(case: Case, speed: float, step: float, integrator: str = 'impl
 
 def largest_difference(case: Case, speed: float, height: float, duration: float, step: float
                        ) -> float:
-    """Return how far the centres of both models, same forces and RK4, get apart [m]."""
+    """Return the largest distance between the centres of both models, same forces and RK4 [m]."""
     theirs = MujocoRun(case, speed, height, step)
     model = Model(case.robot, Terrain.step(height), solver=Solver(step=step))
     rows = theirs.run(duration, 10.0 * step)

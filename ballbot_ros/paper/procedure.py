@@ -22,7 +22,7 @@ TRIES = 3  # at the highest setting, before the bench is at its end
 
 
 class Threshold(NamedTuple):
-    """What the rolls at one step have shown; speeds as measured, NaN where there is none."""
+    """Result of the rolls at one step; measured speeds, NaN where there is none."""
 
     step_height: float  # [m]
     rolls: int
@@ -85,7 +85,7 @@ def true_thresholds(rolls: Iterable[Roll]) -> list[Threshold]:
 
 
 def find_thresholds(rolls: Iterable[Roll]) -> list[Threshold]:
-    """Return what the rolls say about each step, in the order of their heights."""
+    """Return the result of each step, in the order of their heights."""
     by_height: dict[float, list[Roll]] = {}
     for roll in rolls:
         by_height.setdefault(roll.step_height, []).append(roll)

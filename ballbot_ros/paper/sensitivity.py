@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the highest step depends on: uncertain numbers, the design, the ground behind it."""
+"""Sensitivity of the maximum step height: uncertain numbers, design, ground behind the step."""
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -19,7 +19,7 @@ KNOWN = ('gravity', 'slip_threshold')
 
 
 class Bar(NamedTuple):
-    """What one number of a robot does to the highest step."""
+    """Effect of one parameter of a robot on the maximum step height."""
 
     name: str
     unit: str
@@ -32,7 +32,7 @@ class Bar(NamedTuple):
 
 def sensitivity(case: Case, speed: float, progress: Progress = ignore) -> list[Bar]:
     """
-    Return what each number does, from the largest effect to the smallest.
+    Return the effect of each parameter, from the largest to the smallest.
 
     Uncertain numbers go to the ends of their ranges, all others that are not 0 up and down by
     a tenth.  The motor counts only where the law of actuation is a voltage, and the lateral axis

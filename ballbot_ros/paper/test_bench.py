@@ -49,7 +49,7 @@ class Roll(NamedTuple):
 
 @dataclass(frozen=True)
 class Bench(Checked):
-    """What both benches have: sensors, and scatter of how a roll is started."""
+    """Parameters of both benches: sensors, and scatter of the start of a roll."""
 
     sensor_gap: float = quantity('m', 'between the two sensors', default=0.1, above=0.0)
     sensor_rate: float = quantity('Hz', 'readings of the sensors', default=1000.0, above=0.0)
@@ -59,7 +59,7 @@ class Bench(Checked):
         'rad', 'standard deviation of the pendulum angle at the start', default=0.25,
         minimum=0.0)
 
-    # What the setting is, the least one, and the factors between those of two rolls.
+    # Quantity, its least setting, and the factors between the settings of two rolls.
     setting_name: ClassVar[str]
     unit: ClassVar[str]
     lowest: ClassVar[float]
@@ -77,7 +77,7 @@ class Bench(Checked):
 
     def begin(self, model: Model, setting: float, chance: np.random.Generator
               ) -> tuple[State, Actuation]:
-        """Return how a roll starts and is driven, with its scatter."""
+        """Return start and actuation of a roll, with its scatter."""
         raise NotImplementedError
 
     def pendulum_angle(self, robot: Robot, chance: np.random.Generator) -> float:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How wrong a plant may be, while it runs: a coarser solver runs along under the same torques."""
+"""Error estimate of a running plant: a coarser solver runs in parallel, under the same torques."""
 import math
 
 from ballbot_ros.physics.model.parameters import Actuator

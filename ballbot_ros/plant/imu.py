@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The simulated IMU: what a gyro and an accelerometer in the shell would read."""
+"""The simulated IMU: readings of a gyro and an accelerometer in the shell."""
 import math
 from typing import NamedTuple
 
@@ -55,7 +55,7 @@ class Imu:
         self._gyro_sd, self._force_sd, self._bias, self._seed = gyro_sd, force_sd, bias, seed
 
     def sample(self, before: State, after: State, number: int) -> ImuSample:
-        """Return what is read between two states; `number` decides the noise."""
+        """Return the reading between two states; `number` decides the noise."""
         period = after.time - before.time
         rate = 0.5 * (before.ball_rate + after.ball_rate)
         turning = (after.ball_rate - before.ball_rate) / period

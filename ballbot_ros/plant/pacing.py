@@ -29,7 +29,7 @@ def periods_per(slow_rate: float, base_rate: float, name: str) -> int:
 
 class Pace:
     """
-    Returns how many control periods are due by the wall clock.
+    Counts the control periods that are due by the wall clock.
 
     When the machine is too slow, at most `most` periods are caught up per call; the rest is
     given up and counted, so that simulated time falls behind instead of spiralling.

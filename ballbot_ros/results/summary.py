@@ -49,7 +49,7 @@ class Summary:
     faces: tuple[FaceMeeting, ...]  # each rising face of the terrain
     energy_in_play: float  # reference energy of the run [J]
     energy_residual: Optional[float]  # relative energy balance error; None: nothing moved
-    wall_time: Optional[float]  # what the run took [s]
+    wall_time: Optional[float]  # of the run [s]
     real_time_factor: Optional[float]  # simulated time over that
     warnings: tuple[str, ...]  # results that need attention
 

@@ -12,7 +12,7 @@ from ballbot_ros.config.files import config_folder
 RANGE = 'ROS_AUTOMATIC_DISCOVERY_RANGE'
 # If one of these is set, the user has configured discovery.
 CHOICES = (RANGE, 'ROS_LOCALHOST_ONLY', 'ROS_STATIC_PEERS', 'ROS_DISCOVERY_SERVER')
-# Where Fast DDS looks for its settings: up to version 2, and from then on.
+# Environment variables of Fast DDS for its settings: up to version 2, and later.
 SETTINGS = ('FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE')
 OPEN = f'{RANGE}=SUBNET'
 
@@ -32,7 +32,7 @@ def on_this_machine(environment: Mapping[str, str]) -> bool:
 
 def variables(environment: Mapping[str, str]) -> Dict[str, str]:
     """
-    Return what to add to an environment before a node is made in it.
+    Return the additions to an environment before a node is made in it.
 
     For the local range, Fast DDS is configured to receive on loopback and in shared memory only;
     a settings file of the user has priority.  Other middlewares use the range alone.

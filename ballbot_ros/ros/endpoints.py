@@ -24,7 +24,7 @@ from ballbot_ros.ros.rclpy_compat import answer_later
 from ballbot_ros.ros.topics import message_class, TOPICS
 
 CLOCK = '/clock'
-# How long the last message of a publisher may take to be received [s]; it takes 5 ms, unless
+# Timeout for the reception of the last message of a publisher [s]; it takes 5 ms, unless
 # a subscriber has died.
 RECEIVED_TIMEOUT = 0.5
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the layers without ROS log, in the log of ROS."""
+"""Log records of the layers without ROS, in the log of ROS."""
 import logging
 from logging.handlers import QueueHandler
 from queue import SimpleQueue

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Laws that run get other gains: checked before, and handed over without a jump."""
+"""Change the gains of running laws: checked before, and handed over without a jump."""
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -12,7 +12,7 @@ from ballbot_ros.ros.separate_process import run_in_process
 
 
 class LoopNumbers(NamedTuple):
-    """What the stability of a loop depends on, beside the robot."""
+    """Parameters of the stability of a loop, beside the robot."""
 
     tuning: ControlTuning
     rate: float  # [Hz]
@@ -22,7 +22,7 @@ class LoopNumbers(NamedTuple):
 def prepare_laws(controller: SupervisedController, robot: Robot, now: LoopNumbers,
                  wanted: LoopNumbers, expected: Supervision) -> Commit:
     """
-    Check what is wanted of a controller; return what hands it over.
+    Check the requested gains; return a function that puts them in force.
 
     Parameters
     ----------

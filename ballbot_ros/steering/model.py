@@ -28,7 +28,7 @@ class LateralState(NamedTuple):
 
 
 class Accelerations(NamedTuple):
-    """What the equations of motion give for an acceleration of the lean."""
+    """Result of the equations of motion for an acceleration of the lean."""
 
     tilt: float  # [rad/s2]
     yaw: float  # [rad/s2]

@@ -32,7 +32,7 @@ HANGING_ANGLE = math.radians(5.0)  # a pendulum within this hangs [rad]
 
 
 class Scenario(NamedTuple):
-    """How a ball moves when its commands stop, and what follows."""
+    """Motion of a ball after its commands stop."""
 
     policy: str  # one of ON_TIMEOUT
     slope: float  # of the ground [rad]

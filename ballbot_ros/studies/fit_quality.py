@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-What a fit is worth: whether the residuals look like noise, and how sure the numbers are.
+Quality of a fit: whether the residuals are noise, and the uncertainty of the parameters.
 
-An interval from least squares takes residuals for independent noise.  Three things break that, and
-are looked for: a model that is not that of the run (large residuals), one that leaves something
-out (residuals that hang together over time), and the error of the integration, which noise-free
+An interval from least squares assumes residuals of independent noise.  Three violations of this
+are tested: a model that is not that of the run (large residuals), one that leaves something
+out (residuals correlated over time), and the error of the integration, which noise-free
 data show.
 """
 import math
@@ -131,7 +131,7 @@ def judge(names: Sequence[str], units: Sequence[str], starts: Array, scales: Arr
              for direction, width in zip(directions, spread)
              if width * math.sqrt(float(alike.max())) > VAGUE_DEVIATION]
     blurred = {name for combination in vague for name in combination}
-    # What integration moves, and what the search had left to go.
+    # Shift by the integration error, and the remaining step of the search.
     bias = BIAS_FACTOR * np.abs(inverse @ (np.vstack([error, fit.fun]) / scatter).T).sum(axis=1)
     margin = (student.ppf(0.5 * (1.0 + CONFIDENCE), free) * deviation + bias) * weights
     trusted = all(item.verdict != 'poor' for _, item in channels.values())

@@ -123,7 +123,7 @@ class _Search:
         self.scene, self.recording, self.names = scene, recording, names
         self.use_torque, self.progress = use_torque, progress
         self.starts = np.array([present(scene, name) for name in names])
-        # Where a number is 0 there is no relative change: it counts in its own unit.
+        # A parameter of 0 has no relative change: it counts in its own unit.
         self.scales = np.where(self.starts != 0.0, np.abs(self.starts), 1.0)
         self.low, self.high = bounds(names, self.starts, self.scales)
         self.runs, self.noise, self.others = 0, dict[str, float](), list[Any]()
@@ -210,7 +210,7 @@ class _Search:
 
     def integration_error(self, shift: Array) -> List[Dict[str, Array]]:
         """
-        Return how far off the simulation of the fit may be, and one by the solver of the scene.
+        Return the largest integration error of the fit, and of the solver of the scene.
 
         The latter is what a recording of the simulator has in it.
         """
@@ -228,7 +228,7 @@ class _Search:
         return [{name: values - here[name] for name, values in other.items()} for other in others]
 
     def conclude(self, interrupted: bool) -> Identification:
-        """Return what was found."""
+        """Return the result."""
         if interrupted:
             self.reweigh()
         fit = self.at_best()
@@ -299,7 +299,7 @@ def check_units(recording: Recording, differences: Mapping[str, Array]) -> None:
 
 
 def solver_of(scene: Scene) -> Optional[Solver]:
-    """Return what a run of a scene is made with; None where an accuracy chooses it."""
+    """Return the solver of a run of a scene; None where an accuracy chooses it."""
     return scene.model.solver_in_use if scene.run.accuracy is None else None
 
 

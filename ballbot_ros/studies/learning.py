@@ -61,7 +61,7 @@ class Promises:
 
 
 class Truth:
-    """What really happens to a robot."""
+    """The true outcome of an attempt."""
 
     def __init__(self, robot: Robot, bias: float, random: np.random.Generator,
                  learning: Learning):

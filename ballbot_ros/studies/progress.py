@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How much of a long computation is done, reported as a fraction from 0 to 1."""
+"""Progress of a long computation, as a fraction from 0 to 1."""
 from itertools import count
 from typing import Callable, Iterator, Sequence, TypeVar
 

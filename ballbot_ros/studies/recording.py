@@ -117,7 +117,7 @@ def _series(name: str, times: Any, values: Any) -> Tuple[Array, Array]:
 def replay(scene: Scene, recording: Recording, use_torque: bool, solver: Solver = SOLVER,
            grid: float = GRID) -> Dict[str, Array]:
     """
-    Return what a scene has in place of the samples of each channel.
+    Return the samples of each channel from the simulation of a scene.
 
     Parameters
     ----------

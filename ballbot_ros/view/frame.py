@@ -7,7 +7,7 @@ from typing import NamedTuple, Optional, Tuple
 class ContactForce(NamedTuple):
     """A force of the ground on the ball, in the plane of the model."""
 
-    x: float  # where it acts [m]
+    x: float  # point of action [m]
     y: float
     force_x: float  # normal force and friction together [N]
     force_y: float
@@ -15,7 +15,7 @@ class ContactForce(NamedTuple):
 
 
 class EnergyShares(NamedTuple):
-    """Where the energy is, and where it has gone since the start [J]."""
+    """Energies by kind, and their losses since the start [J]."""
 
     kinetic: Optional[float] = None
     potential: Optional[float] = None

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the motor of a simulated robot follows, set by a person: a law and its set-point."""
+"""Law and set-point of the motor of a simulated robot, chosen by a person."""
 from dataclasses import replace
 import math
 from typing import Any, Mapping, NamedTuple, Optional, Tuple
@@ -68,7 +68,7 @@ class MotorLaw:
 
     @classmethod
     def of_scene(cls, robot: Robot, actuation: Actuation) -> 'MotorLaw':
-        """Return what a scene file says."""
+        """Return the section of a scene file."""
         value = {'position': math.degrees(actuation.set_angle), 'voltage': actuation.voltage,
                  'velocity': actuation.set_rate * robot.ball_radius,
                  'torque': actuation.torque}.get(actuation.law, 0.0)
@@ -96,7 +96,7 @@ class MotorLaw:
         return self._controller is not None
 
     def actuator(self, state: State) -> Actuator:
-        """Return what drives the robot from this state on."""
+        """Return the actuation from this state on."""
         if self._controller is None:
             return self._actuator
         asked = self._controller.torque(JointReadings(
@@ -127,7 +127,7 @@ def laws_of(robot: Robot) -> Tuple[str, ...]:
 
 def bounds_of(robot: Robot, law: str) -> Bounds:
     """
-    Return what a person may set.
+    Return the settings of a person.
 
     Raises
     ------

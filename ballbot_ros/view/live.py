@@ -152,7 +152,7 @@ class LiveSource(MessageSource):
                 for name, value in described.items() if value}
 
     def _awaited(self) -> List[str]:
-        """Return what the source waits for, a sentence each."""
+        """Return the conditions that the source waits for, a sentence each."""
         nodes = self._link.presence.nodes
         if self._fresh:
             return []

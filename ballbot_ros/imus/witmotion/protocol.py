@@ -34,7 +34,7 @@ LARGEST = 32767
 KEY, CONTENT, RATE, BAUD, BANDWIDTH = 0x69, 0x02, 0x03, 0x04, 0x1F
 UNLOCK = 0xB588
 FORCE_AND_RATE = 0x0006
-# What the registers are set to [Hz], [bit/s], [Hz].
+# Values of the registers [Hz], [bit/s], [Hz].
 RATES = {10: 0x06, 20: 0x07, 50: 0x08, 100: 0x09, 200: 0x0B}
 BAUDS = {4800: 1, 9600: 2, 19200: 3, 38400: 4, 57600: 5, 115200: 6, 230400: 7}
 BANDWIDTHS = {256: 0, 188: 1, 98: 2, 42: 3, 20: 4, 10: 5, 5: 6}

@@ -26,7 +26,7 @@ from ballbot_ros.ros.run import run
 
 # IMU readings per message of the others.
 ODOM_EVERY, OBSERVATION_EVERY, TRUTH_EVERY = 3, 5, 3
-REACH = 3.0  # how far the sensors of the ground ahead see [m]
+REACH = 3.0  # range of the sensors of the ground ahead [m]
 SWITCH = 5e-4  # longest time that a thread keeps the other from running [s]
 
 
@@ -71,7 +71,7 @@ class EmulatedRobot(Node):
                    force_sd=settings.force_sd, bias=settings.gyro_bias)
 
     def _prepare(self, wanted: EmulatedRobotSettings) -> Commit:
-        """Return what puts other parameters in force."""
+        """Return a function that puts other parameters in force."""
         def commit() -> None:
             self._imu = self._new_imu(wanted)
             change_period(self._timer, 1.0 / wanted.imu_rate)
@@ -79,7 +79,7 @@ class EmulatedRobot(Node):
 
     @property
     def failure(self) -> Optional[BallbotError]:
-        """Return what ended the emulator, and ends the node; see `run`."""
+        """Return the error that ended the emulator, and ends the node; see `run`."""
         return self._emulator.failure
 
     def _publish(self) -> None:

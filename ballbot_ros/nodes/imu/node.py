@@ -49,7 +49,7 @@ class ImuNode(Node):
 
     @property
     def failure(self) -> Optional[BallbotError]:
-        """Return what ended the reading, and ends the node; see `run`."""
+        """Return the error that ended the reading, and ends the node; see `run`."""
         error = self._output.failure
         return None if error is None else LinkError('ended', f'the reading ended: {error!r}')
 

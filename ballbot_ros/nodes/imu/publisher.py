@@ -14,7 +14,7 @@ from ballbot_ros.ros.conversions import to_time
 from ballbot_ros.ros.endpoints import create_publisher
 from ballbot_ros.ros.frames import FRAMES
 
-# What is published: the table of docs/nodes.md.
+# Published values: the table of docs/nodes.md.
 VALUES: Mapping[str, str] = {
     'port': 'serial device or URL',
     'rate': 'readings per second since the last status',
@@ -26,7 +26,7 @@ VALUES: Mapping[str, str] = {
     'frozen': 'readings that were not used, because a sensor that measures does not repeat them',
     'lost': 'times that the line was lost',
     'set_up': 'times that the sensor was set up'}
-# How long the thread waits for bytes [s], and how long its end is waited for.
+# Timeout of the thread for bytes [s], and of the wait for its end.
 READ_TIMEOUT, JOIN = 0.05, 2.0
 # Warn below this fraction of the requested rate.
 SLOW = 0.9

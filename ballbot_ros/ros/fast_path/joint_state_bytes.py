@@ -85,7 +85,7 @@ class Form:
         self.names = tuple(self._text() for _ in range(self._count()))
         self.numbers = tuple(self._block() for _ in range(3))
         self._length = len(data)
-        if self._at > self._length:  # what comes after the end means nothing
+        if self._at > self._length:  # bytes after the end have no meaning
             raise ValueError('the message ends before its end')
         self.end = self._at
         self._mask = int.from_bytes(self._fixed, 'little')
@@ -102,7 +102,7 @@ class Form:
         self._slices = tuple(slice(*pair) for pair in ends)
 
     def _take(self, size: int, alignment: int) -> bytes:
-        """Return what comes next, as something that is the same in all messages of this form."""
+        """Return the next bytes as a key that is equal in all messages of this form."""
         begin = self._at + (START - self._at) % alignment
         self._at = begin + size
         if self._at > len(self._data):
