@@ -54,6 +54,8 @@ VERBS = {
     'fit-curve': ('fit_curve', 'fit the height curve of a robot for obstacle_decision'),
     'evaluate-decision': ('evaluate_decision', 'evaluate the obstacle decision in closed loop, '
                           'over thousands of random approaches'),
+    'evaluate-navigation': ('evaluate_navigation', 'drive to goals in random houses in closed '
+                            'loop, beside planners without run-up'),
     'sweep': ('sweep', 'compute crossings over any parameters, on all cores or a cluster'),
     'identify': ('identify', 'estimate parameters of a robot from a recorded run'),
     'compare-models': ('compare_models', 'compare simpler models of the maximum step height with '

@@ -80,10 +80,14 @@ class Capability:
             knowledge.robot, knowledge.tuning.height_bias_sd))
         self._file = _folder() / f'{_digest(knowledge)}.json'
         self._known: Dict[str, Optional[CrossingPlan]] = {}
-        with suppress(OSError, ValueError, TypeError):
-            self._known = {key: None if value is None else CrossingPlan(*value) for key, value in
-                           json.loads(self._file.read_text(encoding='utf-8')).items()}
+        self._read()
         self._kept = len(self._known)
+
+    def _read(self) -> None:
+        """Add the entries of the file, if there is one."""
+        with suppress(OSError, ValueError, TypeError):
+            for key, value in json.loads(self._file.read_text(encoding='utf-8')).items():
+                self._known[key] = None if value is None else CrossingPlan(*value)
 
     def keep(self) -> None:
         """Write what was computed; without a writable cache, the next run computes it again."""
@@ -91,6 +95,7 @@ class Capability:
             return
         with suppress(OSError):
             self._file.parent.mkdir(parents=True, exist_ok=True)
+            self._read()  # what other processes have added
             temporary = self._file.with_suffix(f'.{os.getpid()}')
             temporary.write_text(json.dumps(self._known), encoding='utf-8')
             temporary.replace(self._file)

@@ -45,8 +45,11 @@ REVERSAL, ALIGNMENT = 2.0, 2.0
 OFFSET_COST, TURN_COST = 10.0, 4.0
 # Largest cost of a start from which the ball may cross a step without driving first [s].
 ALIGNED_COST = 1.2
-# How far the ball backs out of a place where no state is [m].
-ESCAPE = 1.0
+# How far the ball backs out of a place where no state is [m], and how much nearer to a wall than
+# its radius the localisation may place it [m].
+ESCAPE, INACCURATE = 1.0, 0.08
+# Areas that no route enters.
+CLOSED = ('keep_out', 'stairs', 'ramp')
 # Octile distances exceed Euclidean ones by up to this factor.
 OCTILE = 1.0824
 
@@ -221,19 +224,22 @@ class RoutePlanner:
             keep = CLEARANCE
             if feature.kind in ('drop', 'stairs'):
                 keep = self.drop_distance
-            elif feature.kind != 'keep_out':
-                keep += max(touch_distance(self.ball_radius, feature.height), 0.5 * feature.width)
+            elif feature.kind == 'friction':
+                keep = 0.0
+            elif feature.kind not in CLOSED:
+                keep += max(touch_distance(self.ball_radius, abs(feature.height)),
+                            0.5 * feature.width)
             near = np.zeros((rows, columns), bool)
             for begin, end in feature.segments:
                 near |= distance_to_segment(self._x, self._y, begin, end) < keep
-            if feature.kind in ('keep_out', 'stairs'):
+            if feature.kind in CLOSED:
                 near |= inside(self._x, self._y, feature.polygon)
             self._keep.append(keep)
             self._near.append(near)
         # Cells that no crossing opens.
         self._fixed = np.logical_or.reduce([self._walls] + [
             near for near, feature in zip(self._near, floor.features)
-            if feature.kind in ('drop', 'stairs', 'keep_out')])
+            if feature.kind == 'drop' or feature.kind in CLOSED])
         self._open = _grid_graph(self._fixed, size)
 
     def _lay_graph(self, obstacles: NDArray[np.float64]) -> None:
@@ -282,7 +288,7 @@ class RoutePlanner:
 
     def _crossings(self, number: int, feature: Feature) -> List[_Arc]:
         """Return the crossings of a feature, in both directions."""
-        if feature.kind in ('drop', 'stairs', 'keep_out'):
+        if feature.kind in ('drop', 'friction', *CLOSED):
             return []
         others = np.logical_or.reduce([self._walls] + [
             near for other, near in enumerate(self._near) if other != number])
@@ -360,11 +366,11 @@ class RoutePlanner:
         if feature.kind in ('threshold', 'cord'):
             return ((0.0, feature.height / height_factor(angle)),
                     (feature.width / math.cos(angle), -feature.height))
-        rises = sign > 0
-        if feature.kind == 'carpet':
+        rise = sign * feature.height
+        if feature.kind in ('carpet', 'level'):
             beyond = (middle[0] + 0.01 * way[0], middle[1] + 0.01 * way[1])
-            rises = bool(inside(*beyond, feature.polygon))
-        return ((0.0, feature.height / height_factor(angle) if rises else -feature.height),)
+            rise = feature.height if inside(*beyond, feature.polygon) else -feature.height
+        return ((0.0, rise / height_factor(angle) if rise > 0.0 else rise),)
 
     def _free(self, middle: Point, way: Point, others: NDArray[np.bool_]) -> float:
         """Return how far the centre may go from a place in a direction [m]."""
@@ -385,7 +391,7 @@ class RoutePlanner:
             ``'obstacle'`` or ``'not_finite'``.
 
         """
-        self._check_walls(point, what)
+        self._check_walls(point, what, self.ball_radius + CLEARANCE)
         where, node = f'{what} ({point[0]:g}, {point[1]:g}) m', self._node(point)
         for near, feature in zip(self._near, self.floor.features):
             if near.flat[node]:
@@ -396,7 +402,7 @@ class RoutePlanner:
                 f'{where} is where the robot has seen an obstacle that is not on the map; '
                 'choose another place, or forget the obstacle', 'obstacle', what)
 
-    def _check_walls(self, point: Sequence[float], what: str) -> None:
+    def _check_walls(self, point: Sequence[float], what: str, clear: float) -> None:
         if not all(math.isfinite(item) for item in point[:2]):
             raise RefusedError(f'{what} {tuple(point)} is not finite', 'not_finite', what)
         where = f'{what} ({point[0]:g}, {point[1]:g}) m'
@@ -407,9 +413,9 @@ class RoutePlanner:
                 f'{self.floor.extent[3]:g} m; are these metres?', 'off_map', what)
         if self.floor.cells[self.floor.cell_of(point)] == UNKNOWN:
             raise RefusedError(f'{where} is in unknown space', 'unknown', what)
-        if self._walls.flat[self._node(point)]:
+        if self._clear.flat[self._node(point)] < clear:
             raise RefusedError(
-                f'{where} is nearer than {self.ball_radius + CLEARANCE:.2f} m to a wall or to '
+                f'{where} is nearer than {clear:.2f} m to a wall or to '
                 'unknown space; the ball does not fit there', 'wall', what)
 
     def route(self, start: Sequence[float], goal: Sequence[float]) -> Route:
@@ -470,11 +476,12 @@ class RoutePlanner:
 
     def _starts(self, start: Sequence[float]) -> Tuple[NDArray[np.int64], NDArray[np.float64]]:
         """Return the states in which a route may begin, and what the way to them costs [s]."""
-        self._check_walls(start, 'start')
+        self._check_walls(start, 'start', self.ball_radius - INACCURATE)
         for feature in self.floor.features:
             on = self.ball_radius if feature.kind in ('drop', 'stairs') else 0.0 \
-                if feature.kind == 'keep_out' else touch_distance(self.ball_radius, feature.height)
-            if self._distance(feature, start) < on or feature.kind in ('stairs', 'keep_out') \
+                if feature.kind in ('friction', *CLOSED) else touch_distance(
+                    self.ball_radius, abs(feature.height)) - INACCURATE
+            if self._distance(feature, start) < on or feature.kind in CLOSED \
                     and inside(start[0], start[1], feature.polygon):
                 raise RefusedError(
                     f'start ({start[0]:g}, {start[1]:g}) m is on the {feature.label}; move the '

@@ -1,0 +1,75 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The verb ``evaluate-navigation``: drives to goals in random houses, in closed loop."""
+import argparse
+import json
+from pathlib import Path
+from time import perf_counter
+
+from ballbot_ros.cli import options
+from ballbot_ros.cli.command import DONE, INTERRUPTED, print_error
+from ballbot_ros.errors import ConfigurationError
+
+NAME = 'navigation_evaluation'
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add goals, planners and output."""
+    parser.add_argument('--goals', type=int, default=1000, metavar='N',
+                        help='number of goals with the first planner (default: %(default)s)')
+    parser.add_argument('--compared', type=int, default=200, metavar='N',
+                        help='number of goals with each other planner (default: %(default)s)')
+    parser.add_argument('--planners', default='run_up,wall,free', metavar='NAME,...',
+                        help='run_up, wall (each step is a wall) and free (each step is free '
+                        'floor) (default: %(default)s)')
+    parser.add_argument('--seed', type=int, default=0, metavar='N',
+                        help='seed of the draw of all houses (default: %(default)s)')
+    options.add_workers(parser)
+    parser.add_argument('--out', type=Path, default=Path(NAME), metavar='DIR',
+                        help='folder for results and report (default: %(default)s)')
+    options.add_quiet(parser)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Drive, and print the figures."""
+    from ballbot_ros.config.fields import suggestion
+    from ballbot_ros.results.files import check_writable, write_text
+    from ballbot_ros.studies.navigation.evaluation import (
+        NavigationEvaluation, page, PLANNERS, report, run_block, run_evaluation)
+    from ballbot_ros.studies.parallel_map import worker_pool
+    names = arguments.planners.split(',')
+    for name in names:
+        if name not in PLANNERS:
+            raise ConfigurationError(
+                f'--planners: {name!r} is none of {", ".join(PLANNERS)}{suggestion(name, PLANNERS)}',
+                'not_a_choice', 'planners')
+    for option in ('goals', 'compared', 'seed'):
+        if getattr(arguments, option) < (option == 'goals'):
+            raise ConfigurationError(
+                f'--{option} must be at least {int(option == "goals")}, got '
+                f'{getattr(arguments, option)}', 'out_of_range', option)
+    evaluation = NavigationEvaluation(tuple(
+        (name, arguments.compared if place else arguments.goals)
+        for place, name in enumerate(names)), arguments.seed)
+    check_writable(arguments.out / f'{NAME}.md')
+    begin = perf_counter()
+    try:
+        with worker_pool(arguments.workers, arguments.dask) as (pool, workers):
+            if arguments.dask is None:
+                # Local workers inherit the kernels that this process has loaded.
+                run_block(evaluation, 'wall', 0, 1)
+            from ballbot_ros.cli.progress import watched
+            with watched(evaluation.size, arguments.quiet, 'driving', 'goals') as progress:
+                rows = run_evaluation(evaluation, arguments.out, pool, workers, progress)
+    except KeyboardInterrupt:
+        print_error(f'interrupted; the same command resumes from {arguments.out}')
+        return INTERRUPTED
+    figures = report(rows)
+    write_text(json.dumps(figures, indent=1), arguments.out / f'{NAME}.json')
+    command = (f'ballbot evaluate-navigation --goals {arguments.goals} --compared '
+               f'{arguments.compared} --planners {arguments.planners} --seed {arguments.seed}')
+    text = page(figures, command)
+    write_text(text, arguments.out / f'{NAME}.md')
+    if not arguments.quiet:
+        print(text)
+        print(f'{arguments.out / NAME}.md and .json written after {perf_counter() - begin:.0f} s')
+    return DONE

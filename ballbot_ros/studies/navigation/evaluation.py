@@ -1,0 +1,242 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Drives to goals in random houses, on many cores; an interrupted run resumes.
+
+Beside the planner stand two that a planner without run-up implies: one treats each step as a wall,
+one as free floor.
+"""
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from functools import lru_cache
+import hashlib
+import json
+import math
+from pathlib import Path
+from time import thread_time
+from typing import Any, Dict, List, Sequence, Tuple
+
+import numpy as np
+
+from ballbot_ros import __version__
+from ballbot_ros.decision import Knowledge, load_curve, load_decision_tuning
+from ballbot_ros.errors import RefusedError, SimulationError
+from ballbot_ros.floors import Floor
+from ballbot_ros.floors.floor import inside, OCCUPIED
+from ballbot_ros.navigation import Capability, CrossingPlan, RoutePlanner
+from ballbot_ros.navigation.execution import Navigator
+from ballbot_ros.physics import load_robot
+from ballbot_ros.results.files import write_text
+from ballbot_ros.studies.navigation.closed_loop import FloorLoop
+from ballbot_ros.studies.navigation.houses import draw_house, House
+from ballbot_ros.studies.parallel_map import checkpointed_map
+from ballbot_ros.studies.progress import ignore, Progress
+
+PLANNERS = ('run_up', 'wall', 'free')
+BLOCK, FOLDER = 2, 'goals'
+TIME_LIMIT = 400.0  # of a drive [s]
+CONTACT = 0.003  # distance at which the ball touches a wall [m]
+HIT = 0.1  # slowest contact with a wall that is counted [m/s]
+NEAR = 0.3  # largest distance from the goal at the end [m]
+
+Row = Dict[str, Any]
+
+
+class _Wall(Capability):
+    """Crosses nothing."""
+
+    def choices(self, faces: Sequence[Tuple[float, float]], height_sd: float, run_up: float,
+                room: float) -> List[CrossingPlan]:
+        return []
+
+
+class _Free(Capability):
+    """Crosses everything, with the shortest run-up."""
+
+    def choices(self, faces: Sequence[Tuple[float, float]], height_sd: float, run_up: float,
+                room: float) -> List[CrossingPlan]:
+        return [CrossingPlan(0.2, 0.4, -math.inf, 0.0, 1.0, 2.0)] if run_up >= 0.2 else []
+
+
+@lru_cache(maxsize=1)
+def knowledge() -> Knowledge:
+    """Return what planner and decision assume: the nominal robot."""
+    return Knowledge(load_robot('gimball'), load_curve('gimball_down'),
+                     load_decision_tuning('decision_default'))
+
+
+@lru_cache(maxsize=1)
+def _capabilities() -> Dict[str, Capability]:
+    return {'run_up': Capability(knowledge()), 'wall': _Wall(knowledge()),
+            'free': _Free(knowledge())}
+
+
+@dataclass(frozen=True)
+class NavigationEvaluation:
+    """
+    Which goals to drive to.
+
+    Attributes
+    ----------
+    parts : tuple of (str, int)
+        Planner and number of goals: the first ones.
+    seed : int
+
+    """
+
+    parts: Tuple[Tuple[str, int], ...]
+    seed: int = 0
+
+    @property
+    def size(self) -> int:
+        """Return the number of drives."""
+        return sum(count for _, count in self.parts)
+
+    @property
+    def digest(self) -> str:
+        """Return a digest of all that the rows depend on besides their numbers."""
+        package = Path(__file__).resolve().parents[2]
+        digest = hashlib.sha256(repr((__version__, self.seed, knowledge().robot.digest)).encode())
+        for folder in ('control', 'crossing', 'decision', 'floors', 'navigation', 'physics',
+                       'plant', 'steering', 'studies/navigation'):
+            for source in sorted((package / folder).rglob('*.py')):
+                digest.update(source.read_bytes())
+        return digest.hexdigest()[:16]
+
+
+def run_block(evaluation: NavigationEvaluation, planner: str, first: int, behind: int
+              ) -> List[Row]:
+    """Drive to some goals."""
+    return [drive(draw_house(knowledge().robot, evaluation.seed, number), planner)
+            for number in range(first, behind)]
+
+
+def drive(house: House, planner: str) -> Row:
+    """Drive to the goal of a house, and return a row of JSON values."""
+    begin = thread_time()
+    row: Row = {'number': house.number, 'planner': planner, 'hit': 0.0, 'fell': False,
+                'failure': '', 'time': math.nan, 'expected': None, 'crossings': 0, 'replans': 0}
+    known = knowledge()
+    try:
+        row['expected'] = RoutePlanner(
+            house.truth, known, capability=_capabilities()['run_up']).route(
+                house.start, house.goal).time
+    except RefusedError as error:
+        row['impossible'] = error.reason
+    navigator = Navigator(RoutePlanner(
+        house.map, known, capability=_capabilities()[planner]), known)
+    loop = FloorLoop(navigator, known, house.robot, house.truth, house.start, house.errors,
+                     house.number)
+    walls, stairs = _Walls(house.truth), [
+        item.polygon for item in house.truth.features if item.kind == 'stairs']
+
+    def watch(loop: FloorLoop) -> None:
+        x, y, _ = loop.plant.pose
+        row['hit'] = max(row['hit'], walls.hit(loop, known.robot.ball_radius))
+        row['fell'] = row['fell'] or any(bool(inside(x, y, polygon)) for polygon in stairs)
+    try:
+        loop.begin(house.goal)
+        loop.run(TIME_LIMIT, watch)
+    except RefusedError as error:
+        row.update(outcome='refused', reason=error.reason, message=str(error))
+    except (SimulationError, ArithmeticError, AssertionError, LookupError, TypeError,
+            ValueError) as error:
+        row.update(outcome='raised', reason='raised', message=f'{type(error).__name__}: {error}')
+    else:
+        state = loop.state
+        row.update(outcome=state.status.value, reason=state.reason, message=state.message,
+                   replans=state.recoveries, time=loop.plant.time,
+                   crossings=sum(item[2] for item in state.learned.outcomes),
+                   away=math.dist(loop.plant.pose[:2], house.goal))
+        if not state.status.ended:
+            row['outcome'] = 'late'
+    row['cpu_s'] = thread_time() - begin
+    return row
+
+
+class _Walls:
+    """Contacts of a ball with the occupied cells of a floor."""
+
+    def __init__(self, floor: Floor):
+        self._floor, self._before = floor, (math.nan, math.nan, 0.0)
+
+    def hit(self, loop: FloorLoop, radius: float) -> float:
+        """Return the speed towards a wall that the ball touches, else 0 [m/s]."""
+        x, y, heading = loop.plant.pose
+        speed, floor = loop.plant.state.velocity_x, self._floor
+        before, self._before = self._before, (heading, speed, 0.0)
+        row, column = floor.cell_of((x, y))
+        reach = math.ceil(radius / floor.resolution) + 1
+        low, left = max(0, row - reach), max(0, column - reach)
+        rows, columns = np.nonzero(
+            floor.cells[low:row + reach + 1, left:column + reach + 1] == OCCUPIED)
+        if not len(rows):
+            return 0.0
+        # The nearest point of each cell.
+        at_x = np.clip(x, floor.origin[0] + (columns + left) * floor.resolution,
+                       floor.origin[0] + (columns + left + 1) * floor.resolution)
+        at_y = np.clip(y, floor.origin[1] + (rows + low) * floor.resolution,
+                       floor.origin[1] + (rows + low + 1) * floor.resolution)
+        away = np.hypot(at_x - x, at_y - y)
+        nearest = int(np.argmin(away))
+        if away[nearest] > radius + CONTACT or not math.isfinite(before[0]):
+            return 0.0
+        towards = (math.cos(before[0]) * (at_x[nearest] - x)
+                   + math.sin(before[0]) * (at_y[nearest] - y)) / max(away[nearest], 1e-9)
+        return max(0.0, float(towards * before[1]))
+
+
+def run_evaluation(evaluation: NavigationEvaluation, folder: Path, pool: Executor, workers: int,
+                   progress: Progress = ignore) -> List[Row]:
+    """Run an evaluation, resuming an interrupted one; see `parallel_map.checkpointed_map`."""
+    blocks = {}
+    for planner, count in evaluation.parts:
+        for first in range(0, count, BLOCK):
+            behind = min(first + BLOCK, count)
+            blocks[f'{planner}-{first:06d}-{behind:06d}.json'] = (
+                behind - first, (evaluation, planner, first, behind))
+    target = folder / FOLDER
+    checkpointed_map(run_block, blocks, target, evaluation.digest, pool, workers,
+                     lambda rows, path: write_text(json.dumps(rows), path), progress)
+    return [row for name in blocks
+            for row in json.loads((target / name).read_text(encoding='utf-8'))]
+
+
+def report(rows: Sequence[Row]) -> Dict[str, Dict[str, Any]]:
+    """
+    Return the figures of each planner.
+
+    ``right`` counts arrivals, and failures to arrive where no route with perfect knowledge of the
+    floor exists either.
+    """
+    found = {}
+    for planner in dict.fromkeys(row['planner'] for row in rows):
+        mine = [row for row in rows if row['planner'] == planner]
+        arrived = [row for row in mine if row['outcome'] == 'succeeded' and row['away'] <= NEAR]
+        impossible = [row for row in mine if row['expected'] is None
+                      and row['outcome'] in ('failed', 'refused')]
+        ratios = [row['time'] / row['expected'] for row in arrived if row['expected']]
+        found[planner] = {
+            'goals': len(mine), 'arrived': len(arrived), 'impossible': len(impossible),
+            'right': len(arrived) + len(impossible),
+            'falls': sum(row['fell'] for row in mine),
+            'hits': sum(row['hit'] > HIT for row in mine),
+            'crossings': sum(row['crossings'] for row in mine),
+            'time_ratio': float(np.median(ratios)) if ratios else None,
+            'wrong': [[row['number'], row['outcome'], row['reason'], row['message'][:160]]
+                      for row in mine if row not in arrived and row not in impossible],
+            'cpu_s': sum(row['cpu_s'] for row in mine)}
+    return found
+
+
+def page(figures: Dict[str, Dict[str, Any]], command: str) -> str:
+    """Return the report as Markdown."""
+    titles = ('planner', 'goals', 'arrived', 'no route, reported', 'right', 'falls',
+              f'hits above {HIT:g} m/s', 'crossings', 'median time / plan')
+    lines = [f'`{command}`', '', f'| {" | ".join(titles)} |', '|---' * len(titles) + '|']
+    for planner, one in figures.items():
+        ratio = '' if one['time_ratio'] is None else f'{one["time_ratio"]:.2f}'
+        lines.append(f'| {planner} | {one["goals"]} | {one["arrived"]} | {one["impossible"]} | '
+                     f'{100.0 * one["right"] / one["goals"]:.1f} % | {one["falls"]} | '
+                     f'{one["hits"]} | {one["crossings"]} | {ratio} |')
+    lines.append('')
+    return '\n'.join(lines)

@@ -1,0 +1,76 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The evaluation of navigation: houses, report, and resuming."""
+from concurrent.futures import ThreadPoolExecutor
+import math
+
+import numpy as np
+import pytest
+
+from ballbot_ros.cli import main
+from ballbot_ros.studies.navigation import evaluation
+from ballbot_ros.studies.navigation.evaluation import (
+    drive, knowledge, NavigationEvaluation, report, run_evaluation)
+from ballbot_ros.studies.navigation.houses import draw_house
+
+
+@pytest.mark.parametrize('number', range(12))
+def test_houses_are_repeatable_and_start_and_goal_are_free(number):
+    one, two = (draw_house(knowledge().robot, 4, number) for _ in range(2))
+    assert (one.truth.cells == two.truth.cells).all() and one.start == two.start
+    assert one.truth.features == two.truth.features and one.map.features == two.map.features
+    for x, y in (one.start[:2], one.goal):
+        row, column = one.truth.cell_of((x, y))
+        assert not one.truth.cells[row - 4:row + 5, column - 4:column + 5].any()
+    # The map lacks obstacles, and nothing else.
+    assert (one.truth.cells >= one.map.cells).all()
+    assert len(one.truth.features) == len(one.map.features)
+
+
+def test_maps_deviate_from_the_true_heights():
+    pairs = [(true.height, known.height) for number in range(30)
+             for house in [draw_house(knowledge().robot, 1, number)]
+             for true, known in zip(house.truth.features, house.map.features)]
+    errors = np.diff(np.array(pairs), axis=1)
+    assert 0.001 < np.median(np.abs(errors)) < 0.003 and np.abs(errors).max() > 0.008
+
+
+def row(planner, number, **more):
+    return {'number': number, 'planner': planner, 'outcome': 'succeeded', 'reason': '',
+            'message': '', 'hit': 0.0, 'fell': False, 'time': 30.0, 'expected': 25.0, 'away': 0.1,
+            'crossings': 1, 'replans': 0, 'cpu_s': 1.0, **more}
+
+
+def test_the_report_counts_arrivals_and_correct_refusals():
+    figures = report([
+        row('run_up', 0), row('run_up', 1, outcome='failed', reason='no_route', expected=None),
+        row('run_up', 2, outcome='failed', reason='no_route'), row('run_up', 3, away=1.0),
+        row('run_up', 4, hit=0.2, fell=True, time=50.0)])['run_up']
+    assert (figures['arrived'], figures['impossible'], figures['right']) == (2, 1, 3)
+    assert (figures['hits'], figures['falls'], figures['time_ratio']) == (1, 1, 1.6)
+    assert [item[0] for item in figures['wrong']] == [2, 3]
+
+
+def test_an_interrupted_evaluation_resumes(tmp_path, monkeypatch):
+    drives = []
+
+    def counted(house, planner):
+        drives.append(house.number)
+        return row(planner, house.number)
+    monkeypatch.setattr(evaluation, 'drive', counted)
+    with ThreadPoolExecutor(1) as pool:
+        for count, new in ((4, 4), (6, 2)):
+            drives.clear()
+            rows = run_evaluation(NavigationEvaluation((('wall', count),)), tmp_path, pool, 1)
+            assert len(drives) == new and len(rows) == count
+
+
+def test_a_drive_has_a_row_of_json_values():
+    found = drive(draw_house(knowledge().robot, 5, 0), 'run_up')
+    assert found['outcome'] == 'succeeded' and found['hit'] < 0.1 and not found['fell']
+    assert math.isfinite(found['time']) and found['away'] < 0.3
+
+
+@pytest.mark.parametrize('option', [['--goals', '0'], ['--planners', 'walls'], ['--seed', '-1']])
+def test_wrong_options_are_refused(option, capsys):
+    assert main(['evaluate-navigation', *option]) != 0
+    assert option[0][2:-1] in capsys.readouterr().err
