@@ -126,7 +126,7 @@ def drive(house: House, planner: str) -> Row:
         house.map, known, capability=_capabilities()[planner]), known)
     loop = FloorLoop(navigator, known, house.robot, house.truth, house.start, house.errors,
                      house.number)
-    walls, stairs = _Walls(house.truth), [
+    walls, stairs = _Contacts(house.truth), [
         item.polygon for item in house.truth.features if item.kind == 'stairs']
 
     def watch(loop: FloorLoop) -> None:
@@ -153,7 +153,7 @@ def drive(house: House, planner: str) -> Row:
     return row
 
 
-class _Walls:
+class _Contacts:
     """Contacts of a ball with the occupied cells of a floor."""
 
     def __init__(self, floor: Floor):
