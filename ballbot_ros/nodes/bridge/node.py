@@ -11,7 +11,6 @@ from ballbot_ros.errors import BallbotError, DriveError
 from ballbot_ros.msg import MotorStatus
 from ballbot_ros.nodes.bridge.health import health
 from ballbot_ros.nodes.bridge.inputs import MotorInputs
-from ballbot_ros.nodes.bridge.lifecycle import Autostart, FAILURE, ManagedNode, SUCCESS
 from ballbot_ros.nodes.bridge.motor import Clocks, MotorOutputs
 from ballbot_ros.nodes.bridge.robot_outputs import RobotOutputs
 from ballbot_ros.nodes.bridge.service_manager import ServiceManager
@@ -19,6 +18,7 @@ from ballbot_ros.nodes.bridge.session_setup import new_session, prepare_session
 from ballbot_ros.nodes.bridge.settings import BridgeSettings
 from ballbot_ros.ros import diagnostics
 from ballbot_ros.ros.frames import Frames
+from ballbot_ros.ros.lifecycle import Autostart, FAILURE, ManagedNode, SUCCESS
 from ballbot_ros.ros.logs import DeferredLogs
 from ballbot_ros.ros.parameters import Commit, declare
 from ballbot_ros.ros.run import run

@@ -7,7 +7,7 @@ from lifecycle_msgs.srv import ChangeState
 import pytest
 from rclpy.node import Node
 
-from ballbot_ros.nodes.bridge.lifecycle import Autostart, FAILURE, ManagedNode, SUCCESS
+from ballbot_ros.ros.lifecycle import Autostart, FAILURE, ManagedNode, SUCCESS
 from ballbot_ros.ros.rclpy_compat import new_executor
 
 # What a client may ask for, shutdown left out; and what no client ever should.
