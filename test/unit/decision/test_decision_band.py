@@ -56,7 +56,7 @@ def test_a_table_that_could_be_read_in_two_ways_is_refused(change):
 
 @pytest.mark.parametrize('name', FINE)
 def test_a_table_with_nothing_left_out_is_needed(name):
-    with pytest.raises(ConfigurationError, match=f'here: {name} is missing'):
+    with refused('missing', name):
         Band.from_mapping({key: value for key, value in FINE.items() if key != name}, 'here')
 
 

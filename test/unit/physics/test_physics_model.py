@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from refusals import refused
 
-from ballbot_ros.errors import BallbotError, ConfigurationError, SimulationError
+from ballbot_ros.errors import BallbotError, SimulationError
 from ballbot_ros.physics import (
     Actuation, ContactOptions, load_robot, load_scene, Model, simulate, Solver, State, Terrain)
 from ballbot_ros.physics.simulation.run import CHUNK
@@ -213,11 +213,9 @@ def test_output_steps_that_do_not_fit_are_refused(output_step):
         simulate(MODEL, START, Actuation(), 1.0, output_step)
 
 
-@pytest.mark.parametrize('law, words', [
-    ('position', 'needs a pendulum'), ('velocity', 'needs a pendulum'),
-    ('torque', 'needs a pendulum'), ('voltage', 'needs a pendulum')])
-def test_a_ball_without_pendulum_can_only_roll_freely(shellball, law, words):
-    with pytest.raises(ConfigurationError, match=words):
+@pytest.mark.parametrize('law', ['position', 'velocity', 'torque', 'voltage'])
+def test_a_ball_without_pendulum_can_only_roll_freely(shellball, law):
+    with refused('missing', 'law'):
         Actuation(law).actuator(shellball)
     assert Actuation().actuator(shellball).law == 0
 
