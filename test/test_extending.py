@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-A solver, a drive, a sensor, a planner and a limit are each added in a copy, and then used.
+A solver, a drive, sensors, a planner and a limit are each added in a copy, and then used.
 
 A file is copied and changed, and a table gets a line, as docs/architecture.md says.  Nothing else
 is touched, and what users see contains the new name.
@@ -181,10 +181,45 @@ for rate in (1.0, 3.0, -3.0):
     assert 'rate_limit' in written.read_text(encoding='utf-8')
 
 
+def test_a_sensor_of_the_simulator_is_a_topic_a_rate_and_a_message(house):
+    house.change('ros/topics.py', (r"    'odom': ", """\
+    'inclination': Topic('std_msgs/msg/Float64', STATE, SENSOR, 'simulator', '',
+                         'angle of the pendulum'),
+    'odom': """))
+    house.change('nodes/simulator/settings.py', (r'    seed: int', """\
+    inclination_rate: float = live(rate_of('inclination', 50.0))
+    seed: int"""))
+    house.change(
+        'nodes/simulator/outputs.py',
+        (r'from rclpy.publisher', 'from std_msgs.msg import Float64\nfrom rclpy.publisher'),
+        (r'            self._late.seconds = ', """\
+            self._inclination_periods = periods_per(
+                settings.inclination_rate, settings.control_rate, 'inclination_rate')
+            self._late.seconds = """),
+        (r'        return self._late.due', """\
+        if everything or plant.periods % self._inclination_periods == 0:
+            self._late.put(plant.time, (
+                self._topic('inclination'), Float64(data=plant.state.pendulum_angle)))
+        return self._late.due"""))
+    program = house.folder / 'look.py'
+    program.write_text("""
+import rclpy
+from ballbot_ros.nodes.simulator.node import Simulator
+rclpy.init(args=['--ros-args', '-p', 'start_paused:=true', '-p', 'scene:=fig7_middle'])
+node = Simulator()
+for publisher, message in node._outputs._sensors.look(everything=True):
+    print(publisher.topic_name, getattr(message, 'data', ''))
+""", encoding='utf-8')
+    assert re.search(r'/inclination -?\d', house.run('look.py'))
+    refused = house.folder / 'refused.py'
+    refused.write_text(program.read_text().replace('start_paused:=true', 'inclination_rat:=5.0'))
+    assert "did you mean 'inclination_rate'" in house.run('refused.py', fails=True)
+
+
 def test_the_documents_name_what_is_copied_and_where_the_line_goes():
     text = (ROOT / 'docs' / 'architecture.md').read_text(encoding='utf-8')
     rows = re.findall(r'^\| an? .*\|$', text, re.M)
-    assert len(rows) == 8
+    assert len(rows) == 10
     for row in rows:
         _, _, copied, registered, _ = row.split('|')
         places = [re.findall(r'`([\w/]+(?:\.py)?)`', cell) for cell in (copied, registered)]
