@@ -118,7 +118,7 @@ class Bench:
     @property
     def process(self):
         """Return the process id of the bridge."""
-        return self.nodes.process_id('bridge')
+        return self.nodes._running['bridge'].pid
 
 
 @contextmanager
@@ -154,12 +154,13 @@ def emulated_robot(folder):
 
 
 @contextmanager
-def running(folder, emulated=emulated_here, control='direct', rearm=True, **parameters):
+def running(folder, emulated=emulated_here, control='direct', rearm=True, rate=500.0,
+            **parameters):
     """Yield a `Bench` with a running bridge; files are in a folder."""
     domain = own_domain()
     content = yaml.safe_load((config_folder() / 'hardware/gimball_odrive.yaml').read_text())
     content['connection'].update(
-        imu_required=emulated is emulated_robot, port=str(folder / 'motor'))
+        imu_required=emulated is emulated_robot, port=str(folder / 'motor'), loop_rate=rate)
     content['limits'].update(rearm=rearm, torque_rate_limit=1e6)
     (folder / 'hardware.yaml').write_text(yaml.safe_dump(content))
     sys.setswitchinterval(5e-4)

@@ -37,7 +37,7 @@ def running(folder, domain, parameters, together):
         with NodeProcesses(folder, domain) as nodes:
             nodes.start('simulator', parameters)
             nodes.start('controller')
-            yield nodes.process_id('simulator')
+            yield nodes._running['simulator'].pid
         return
     words = parameter_arguments({f'simulator:{key}': one for key, one in parameters.items()})
     process = subprocess.Popen(

@@ -17,8 +17,9 @@ from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 
 from ballbot_ros.demo.processes import own_domain
-from ballbot_ros.ros.conversions import command_message, JOINTS
+from ballbot_ros.ros.conversions import command_message
 from ballbot_ros.ros.endpoints import create_publisher, create_subscription
+from ballbot_ros.ros.frames import JOINTS
 from ballbot_ros.ros.rclpy_compat import new_executor
 
 WINDOW = 2.0  # [s]

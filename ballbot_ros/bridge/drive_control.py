@@ -73,7 +73,8 @@ class DriveControl:
         driver, estimate = self.line.driver, None
         if driver is not None:
             try:
-                estimate = self.measure(driver)
+                if self.sensing.expecting or driver.awaits_reply:  # else all has been read
+                    estimate = self.measure(driver)
                 if estimate is not None and self.answer(estimate):
                     self._pacer = self._pacer.commanded()
                 now = self._clock()

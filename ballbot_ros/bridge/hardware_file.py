@@ -14,6 +14,7 @@ from ballbot_ros.drives import driver_class, DRIVES, read_options
 from ballbot_ros.drives.contract import DriveOptions
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.estimation import FilterTuning, ImuMounting, OdometryTuning
+from ballbot_ros.imus.source import ImuPort
 
 # Actions after a command timeout; see `supervisor`.
 ON_TIMEOUT = ('coast', 'brake', 'settle')
@@ -113,7 +114,7 @@ class Connection(Checked):
     baud: int = count('bits per second', default=115200, minimum=300, maximum=20_000_000)
     loop_rate: float = quantity(
         'Hz', 'rate of measurements and torques, in direct control of joint_states, too',
-        minimum=1.0, maximum=5000.0, default=500.0)
+        minimum=1.0, maximum=5000.0, default=200.0)
     watchdog: float = quantity(
         's', 'time without a command after which the drive disarms by itself', minimum=0.01,
         maximum=1.0, default=0.1)
@@ -128,7 +129,7 @@ SET_ELSEWHERE = {
     'torque_limit': 'limits: torque_limit', 'drive_torque_limit': 'limits: drive_torque_limit',
     'speed_limit': 'limits: speed_limit', 'watchdog': 'connection: watchdog'}
 SECTIONS = {'connection': Connection, 'joint': Joint, 'limits': Limits, 'imu': ImuMounting,
-            'estimate': FilterTuning, 'odometry': OdometryTuning,
+            'imu_port': ImuPort, 'estimate': FilterTuning, 'odometry': OdometryTuning,
             'battery': Battery, 'thermal': Thermal}
 
 
@@ -141,6 +142,8 @@ class Hardware:
     ----------
     name, robot : str
         Name of the hardware, and of its robot.
+    imu_port : ImuPort
+        Of a sensor that the bridge reads itself; without a `port` it takes the topic `imu`.
     connection, joint, limits, imu, estimate, odometry, battery, thermal
         See the classes.
     drive : mapping
@@ -156,6 +159,7 @@ class Hardware:
     joint: Joint
     limits: Limits
     imu: ImuMounting = ImuMounting()
+    imu_port: ImuPort = ImuPort()
     estimate: FilterTuning = FilterTuning()
     odometry: OdometryTuning = OdometryTuning()
     battery: Battery = Battery()

@@ -84,11 +84,15 @@ class Loop:
         try:
             self._scheduling.enter()
             while True:
-                self._hand_on(self._session.tick())
+                report = self._session.tick()
                 self._periods = self._periods.next(clock())
                 due = self._periods.due
+                if report is not None and report.estimate is not None:  # of a late reply
+                    self._hand_on(report)
+                    report = None
                 while self._session.expecting and clock() < due:
-                    self._hand_on(self._session.await_answer(due - clock()))
+                    report = self._session.await_answer(due - clock()) or report
+                self._hand_on(report)
                 # A plain sleep takes half the CPU time of waiting for an event.
                 while not self._ending and (left := due - clock()) > 0.0:
                     sleep(left if left < LONGEST_SLEEP else LONGEST_SLEEP)

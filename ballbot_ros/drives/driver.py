@@ -177,6 +177,11 @@ class Driver(ABC):
         """Return whether a reply requested after `time` confirmed that the motor has no power."""
         return self._off_asked_at >= time
 
+    @property
+    def awaits_reply(self) -> bool:
+        """Return whether a request has no reply yet."""
+        return bool(self._pending)
+
     def poll(self) -> Telemetry:
         """Read what has arrived and return the latest telemetry."""
         self._take(self.line.read(), self.clock())

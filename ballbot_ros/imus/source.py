@@ -1,12 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Readings of a sensor on a serial port: it is found, configured, stamped, and found again."""
 from collections import Counter
+from dataclasses import dataclass
 import logging
 import time
 from typing import Callable, List, NamedTuple, Optional
 
+from ballbot_ros.config.fields import Checked, count, quantity, text
 from ballbot_ros.drives.contract import SerialLine
+from ballbot_ros.drives.transport import Link
 from ballbot_ros.errors import LinkError
+from ballbot_ros.imus import IMUS, sensor_class
 from ballbot_ros.imus.arrival import ArrivalClock
 from ballbot_ros.imus.axes import Axes
 from ballbot_ros.imus.contract import InertialReading, InertialSensor, Vector
@@ -22,6 +26,37 @@ REOPEN_PERIOD = 0.5
 COMMAND_PERIOD = 0.02
 
 
+@dataclass(frozen=True)
+class ImuPort(Checked):
+    """A sensor on a serial port, and its axes in the shell."""
+
+    sensor: str = text('vendor of the sensor', default='witmotion', choices=IMUS)
+    port: str = text(
+        'serial device or URL, best a name in /dev/serial/by-id, that the bridge reads itself; '
+        'empty for the topic `imu`', default='')
+    baud: int = count(
+        'bits per second; a sensor at the 9600 of the factory is changed to it', default=115200,
+        minimum=4800, maximum=4_000_000)
+    rate: int = count(
+        'readings per second; WitMotion: 10, 20, 50, 100 or 200', default=200, minimum=1,
+        maximum=10_000)
+    bandwidth: int = count(
+        'bandwidth of the filters in the sensor [Hz]; WitMotion: 5, 10, 20, 42, 98, 188 or 256',
+        default=98, minimum=1, maximum=10_000)
+    axes: str = text(
+        'which axis of the sensor points forward, which left and which up when the shell stands '
+        'at ball angle 0, such as `-y x z`', default='x y z')
+    latency: float = quantity(
+        's', 'time from the motion to the first byte that reports it; the filters of 98 Hz '
+        'take 0.003', default=0.003, minimum=0.0, maximum=0.1)
+    gyro_sd: float = quantity(
+        'rad/s', 'noise of the gyro per reading, for the covariance of its messages',
+        default=0.005, above=0.0, maximum=10.0)
+    force_sd: float = quantity(
+        'm/s2', 'noise of the accelerometer per reading, likewise', default=0.05, above=0.0,
+        maximum=10.0)
+
+
 class StampedReading(NamedTuple):
     """A reading in the axes of the shell."""
 
@@ -29,6 +64,12 @@ class StampedReading(NamedTuple):
     turn_rate: Vector  # about forward, left, up [rad/s]
     force: Vector  # along these [m/s2]
     saturated: bool
+
+
+def open_source(port: ImuPort) -> 'ImuSource':
+    """Return the source of a port; it is opened by the first read."""
+    return ImuSource(sensor_class(port.sensor)(port.baud, port.rate, port.bandwidth),
+                     lambda baud: Link(port.port, baud), Axes(port.axes), port.latency)
 
 
 class ImuSource:

@@ -87,7 +87,7 @@ TOPICS: Mapping[str, Topic] = MappingProxyType({
                     'engaged; volatile publishers are received, too'),
     'odom': Topic('nav_msgs/msg/Odometry', STATE, SHORT, 'simulator, bridge, emulated_robot',
                   'obstacle_decision', 'pose and velocity of `base_link`'),
-    'imu': Topic('sensor_msgs/msg/Imu', STATE, SENSOR, 'imu, emulated_robot', 'bridge',
+    'imu': Topic('sensor_msgs/msg/Imu', STATE, SENSOR, 'imu, bridge, emulated_robot', 'bridge',
                  'turn rate and specific force of the shell'),
     'ball_state': Topic('ballbot_ros/msg/BallState', STATE, STATE, 'simulator, emulated_robot', '',
                         'true state, energies and contacts'),

@@ -76,7 +76,8 @@ class VirtualRobot(MemoryLine):
         self.hardware = replace(
             self.hardware, limits=replace(self.hardware.limits, **limits),
             battery=Battery(),  # the supply of most of these drives is not that of GimBall
-            connection=replace(self.hardware.connection, imu_required=imu))
+            connection=replace(self.hardware.connection, imu_required=imu,
+                               loop_rate=1.0 / STEP))
         self.joint = self.hardware.joint
         torque = self.hardware.options().torque_limit
         super().__init__(device_class(protocol)(replace(settings or DriveSettings(

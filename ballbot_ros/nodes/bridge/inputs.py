@@ -2,6 +2,7 @@
 """What the motor bridge subscribes to and serves: commands, set-points, the IMU, the e-stop."""
 from dataclasses import replace
 from time import sleep
+from typing import Callable
 
 from rclpy.node import Node
 from sensor_msgs.msg import Imu
@@ -9,6 +10,8 @@ from sensor_msgs.msg import Imu
 from ballbot_ros.bridge.session import Session
 from ballbot_ros.control import Authority, SetPoint
 from ballbot_ros.errors import MessageError, RefusedError
+from ballbot_ros.estimation import ImuReading
+from ballbot_ros.imus.source import StampedReading
 from ballbot_ros.nodes.bridge.motor import Clocks, imu_reading, MotorOutputs
 from ballbot_ros.ros.conversions import command_torque, to_seconds
 from ballbot_ros.ros.endpoints import create_subscription, create_trigger, subscribe_e_stop
@@ -53,7 +56,8 @@ class MotorInputs:
                                *(() if law is None else (law.controller.overhear,)))
         self.authority = Authority(session.hardware.limits.command_timeout) \
             if law is None else set_points.authority
-        create_subscription(node, 'imu', self._on_imu)
+        if not session.hardware.imu_port.port:
+            create_subscription(node, 'imu', self._on_imu)
         subscribe_e_stop(node, self._on_e_stop)
         create_trigger(node, '~/engage_e_stop', self._engage)
         create_trigger(node, '~/release_e_stop', self._release)
@@ -87,9 +91,17 @@ class MotorInputs:
             self._session.observer.refused('set-point', error)
             raise
 
+    def imu(self, reading: StampedReading) -> None:
+        """Take a reading of the sensor that the bridge reads itself."""
+        self._take_imu(lambda: ImuReading(
+            reading.stamp, -reading.turn_rate[1], reading.force[0], reading.force[2]))
+
     def _on_imu(self, message: Imu) -> None:
+        self._take_imu(lambda: imu_reading(message, self._clocks))
+
+    def _take_imu(self, convert: Callable[[], ImuReading]) -> None:
         try:
-            self._session.imu(imu_reading(message, self._clocks))
+            self._session.imu(convert())
         except MessageError as error:
             self.imu_refused += 1
             self._refused('IMU reading', error)

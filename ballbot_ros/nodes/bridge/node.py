@@ -16,6 +16,7 @@ from ballbot_ros.nodes.bridge.robot_outputs import RobotOutputs
 from ballbot_ros.nodes.bridge.service_manager import ServiceManager
 from ballbot_ros.nodes.bridge.session_setup import new_session, prepare_session
 from ballbot_ros.nodes.bridge.settings import BridgeSettings
+from ballbot_ros.nodes.imu.publisher import ImuOutput
 from ballbot_ros.ros import diagnostics
 from ballbot_ros.ros.frames import Frames
 from ballbot_ros.ros.lifecycle import Autostart, FAILURE, ManagedNode, SUCCESS
@@ -52,8 +53,11 @@ class Bridge(ManagedNode):
         self._loop: Optional[Loop] = None
         self._service = ServiceManager()
         self._complaint = ''
-        self.failure: Optional[DriveError] = None
+        self.failure: Optional[BallbotError] = None
         self._inputs = MotorInputs(self, self._session, clocks, self._outputs)
+        self._imu = ImuOutput(
+            self, self._hardware.imu_port, Frames.of(settings).imu, self._inputs.imu
+        ) if self._hardware.imu_port.port else None
         self._diagnostics = diagnostics.Diagnostics(self, 'motor', lambda: health(
             self._session, self._loop, self._hardware, self._inputs.imu_refused,
             self._inputs.authority), self._session.robot.name)
@@ -120,6 +124,8 @@ class Bridge(ManagedNode):
         """Stop the motor, close the line, and say that this is the end."""
         self._service.stopping()
         self._close()
+        if self._imu is not None:
+            self._imu.end()
         self._outputs.publish_end(MotorStatus.STATE_ENDED, self._session)
 
     def _close(self) -> None:
@@ -135,6 +141,8 @@ class Bridge(ManagedNode):
         self._outputs.publish_e_stop(bool(self._session.supervisor.e_stop))
         if self._loop is not None and self._loop.failure is not None:
             self.failure = DriveError('loop_failed', f'the loop ended: {self._loop.failure!r}')
+        if self._imu is not None:
+            self.failure = self.failure or self._imu.failure
         self._service.look(self._session, self._loop, self.failure)
 
 

@@ -5,11 +5,8 @@ from typing import Any, List, Optional
 
 from rclpy.node import Node
 
-from ballbot_ros.drives.transport import Link
-from ballbot_ros.errors import BallbotError, LinkError
-from ballbot_ros.imus import sensor_class
+from ballbot_ros.errors import LinkError
 from ballbot_ros.imus.axes import Axes
-from ballbot_ros.imus.source import ImuSource
 from ballbot_ros.nodes.imu.publisher import ImuOutput
 from ballbot_ros.nodes.imu.settings import ImuSettings
 from ballbot_ros.ros.frames import Frames
@@ -30,28 +27,21 @@ class ImuNode(Node):
     def __init__(self, **kwargs: Any):
         super().__init__('imu', **kwargs)
         settings = declare(self, ImuSettings, self._prepare)
-        sensor = sensor_class(settings.sensor)(
-            settings.baud, settings.rate, settings.bandwidth)
-        self._source = ImuSource(
-            sensor, lambda baud: Link(settings.port, baud), Axes(settings.axes), settings.latency)
-        self._output = ImuOutput(
-            self, self._source, settings.port, settings.rate, settings.gyro_sd,
-            settings.force_sd, Frames.of(settings).imu)
+        self._output = ImuOutput(self, settings.as_port, Frames.of(settings).imu)
 
     def _prepare(self, wanted: ImuSettings) -> Commit:
         """Check other parameters; return what puts them in force."""
         axes = Axes(wanted.axes)
 
         def commit() -> None:
-            self._source.read_as(axes, wanted.latency)
+            self._output.source.read_as(axes, wanted.latency)
             self._output.set_deviations(wanted.gyro_sd, wanted.force_sd)
         return commit
 
     @property
-    def failure(self) -> Optional[BallbotError]:
+    def failure(self) -> Optional[LinkError]:
         """Return the error that ended the reading, and ends the node; see `run`."""
-        error = self._output.failure
-        return None if error is None else LinkError('ended', f'the reading ended: {error!r}')
+        return self._output.failure
 
     def make_safe(self) -> None:
         """Close the line."""

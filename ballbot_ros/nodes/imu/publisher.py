@@ -2,16 +2,17 @@
 """An inertial sensor as a topic: read in a thread of its own, published as it comes."""
 import threading
 import time
-from typing import Mapping, Optional
+from typing import Callable, Mapping, Optional
 
 from rclpy.node import Node
 from sensor_msgs.msg import Imu
 
-from ballbot_ros.imus.source import ImuSource, StampedReading
+from ballbot_ros.errors import LinkError
+from ballbot_ros.imus.source import ImuPort, open_source, StampedReading
 from ballbot_ros.nodes.bridge.motor import Clocks, NOT_REPORTED
 from ballbot_ros.ros import diagnostics
 from ballbot_ros.ros.conversions import to_time
-from ballbot_ros.ros.endpoints import create_publisher
+from ballbot_ros.ros.endpoints import create_publisher, has_subscribers
 from ballbot_ros.ros.frames import FRAMES
 
 # Published values: the table of docs/nodes.md.
@@ -34,37 +35,36 @@ SLOW = 0.9
 
 class ImuOutput:
     """
-    Publishes `imu` from a source until it is stopped.
+    Reads a sensor and publishes `imu`, where there are subscribers, until it is stopped.
 
     Parameters
     ----------
     node : Node
-    source : ImuSource
-    port : str
-    rate : float
-        Requested rate of the sensor [Hz].
-    gyro_sd, force_sd : float
-        Standard deviations, for the covariances [rad/s], [m/s2].
+    port : ImuPort
     frame : str
         Frame of the readings.
+    take : callable, optional
+        Receives each `StampedReading` before it is published, in the thread.
 
     Attributes
     ----------
-    failure : Exception or None
+    source : ImuSource
+    failure : LinkError or None
         The error that ended the thread.
 
     """
 
-    def __init__(self, node: Node, source: ImuSource, port: str, rate: float, gyro_sd: float,
-                 force_sd: float, frame: str = FRAMES.imu):
-        self._frame = frame
-        self._source, self._port, self._asked = source, port, rate
+    def __init__(self, node: Node, port: ImuPort, frame: str = FRAMES.imu,
+                 take: Callable[[StampedReading], None] = lambda _: None):
+        self._frame, self._port, self._take = frame, port, take
+        self.source = open_source(port)
         self._clocks = Clocks()
-        self.set_deviations(gyro_sd, force_sd)
+        self.set_deviations(port.gyro_sd, port.force_sd)
         self._publisher = create_publisher(node, 'imu')
         self._counted, self._counted_at, self._rate = 0, time.monotonic(), 0.0
-        self._diagnostics = diagnostics.Diagnostics(node, 'imu', self._health, f'imu on {port}')
-        self.failure: Optional[Exception] = None
+        self._diagnostics = diagnostics.Diagnostics(
+            node, 'imu', self._health, f'imu on {port.port}')
+        self.failure: Optional[LinkError] = None
         self._ending = threading.Event()
         self._thread = threading.Thread(target=self._run, name='imu', daemon=True)
         self._thread.start()
@@ -78,15 +78,17 @@ class ImuOutput:
         """End the thread and close the line."""
         self._ending.set()
         self._thread.join(JOIN)
-        self._source.close()
+        self.source.close()
 
     def _run(self) -> None:
         try:
             while not self._ending.is_set():
-                for reading in self._source.read(READ_TIMEOUT):
-                    self._publisher.publish(self._message(reading))
+                for reading in self.source.read(READ_TIMEOUT):
+                    self._take(reading)
+                    if has_subscribers(self._publisher):
+                        self._publisher.publish(self._message(reading))
         except Exception as error:  # noqa: BLE001 the owner reports any failure
-            self.failure = error
+            self.failure = LinkError('ended', f'the reading ended: {error!r}')
 
     def _message(self, reading: StampedReading) -> Imu:
         message = Imu()
@@ -101,14 +103,14 @@ class ImuOutput:
         return message
 
     def _health(self) -> diagnostics.Health:
-        counts, now = dict(self._source.counts), time.monotonic()
+        counts, now = dict(self.source.counts), time.monotonic()
         if now > self._counted_at:
             self._rate = (counts['readings'] - self._counted) / (now - self._counted_at)
         self._counted, self._counted_at = counts['readings'], now
-        values = {'port': self._port, 'rate': f'{self._rate:.1f}', **counts}
-        if self._source.trouble:
-            return diagnostics.ERROR, self._source.trouble, values
-        if self._rate < SLOW * self._asked:
+        values = {'port': self._port.port, 'rate': f'{self._rate:.1f}', **counts}
+        if self.source.trouble:
+            return diagnostics.ERROR, self.source.trouble, values
+        if self._rate < SLOW * self._port.rate:
             return diagnostics.WARN, (
-                f'{self._rate:.0f} readings a second, {self._asked:g} were asked for'), values
+                f'{self._rate:.0f} readings a second, {self._port.rate} were asked for'), values
         return diagnostics.OK, 'running', values

@@ -28,9 +28,10 @@ def content(**sections):
 
 
 def changed(**connection):
-    """Return the shipped hardware with another connection."""
+    """Return the shipped hardware with another connection, at 500 Hz unless given."""
     hardware = load_hardware('gimball_odrive')
-    return replace(hardware, connection=replace(hardware.connection, **connection))
+    return replace(hardware, connection=replace(
+        hardware.connection, **{'loop_rate': 500.0, **connection}))
 
 
 @pytest.mark.parametrize('name', SHIPPED)
@@ -119,7 +120,7 @@ def test_a_file_that_says_no_more_than_it_must_is_one_of_a_careful_bridge():
         {'name': 'mine', 'robot': 'gimball', 'connection': {'protocol': 'odrive', 'port': 'x'},
          'joint': {'gear_ratio': 50.0}, 'limits': {'torque_limit': 1.0}}, 'my.yaml')
     assert hardware.connection == Connection(
-        'odrive', 'x', baud=115200, loop_rate=500.0, watchdog=0.1, imu_required=True)
+        'odrive', 'x', baud=115200, loop_rate=200.0, watchdog=0.1, imu_required=True)
     assert hardware.limits == Limits(
         1.0, torque_rate_limit=400.0, angle_limit=1.6, speed_limit=12.0, command_timeout=0.1,
         on_timeout='coast', damping=0.3, damping_time=2.0, rearm=False)

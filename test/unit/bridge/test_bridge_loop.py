@@ -2,6 +2,7 @@
 """A loop that keeps its rate, hands on what it finds, and closes the session however it ends."""
 import threading
 import time
+from typing import NamedTuple, Optional
 
 import pytest
 
@@ -13,6 +14,13 @@ RATE = 100.0
 TIMEOUT = 20.0  # with a busy machine [s]
 
 
+class Tick(NamedTuple):
+    """A report of a tick by its number."""
+
+    number: int
+    estimate: Optional[str] = None
+
+
 class FakeSession:
     """A session that counts what is asked of it."""
 
@@ -20,7 +28,7 @@ class FakeSession:
 
     def __init__(self):
         self.ticks, self.waits, self.closed = [], [], 0
-        self.expecting, self.on_tick, self.answer = False, None, None
+        self.expecting, self.on_tick, self.answer, self.estimate = False, None, None, None
         self.ticked = threading.Event()
 
     def tick(self):
@@ -30,7 +38,7 @@ class FakeSession:
             self.on_tick()
         if len(self.ticks) >= 20:
             self.ticked.set()
-        return None if len(self.ticks) == 1 else ('tick', len(self.ticks))
+        return None if len(self.ticks) == 1 else Tick(len(self.ticks), self.estimate)
 
     def await_answer(self, timeout):
         """Return the answer once per period."""
@@ -62,7 +70,7 @@ def test_it_ticks_at_its_rate_and_not_faster():
 def test_each_report_is_handed_on_and_nothing_else():
     session, seen = FakeSession(), []
     run(session, seen.append)
-    assert seen[:19] == [('tick', number) for number in range(2, 21)]
+    assert seen[:19] == [Tick(number) for number in range(2, 21)]
 
 
 def test_an_answer_that_is_expected_is_waited_for_until_the_next_period_and_handed_on():
@@ -72,6 +80,16 @@ def test_an_answer_that_is_expected_is_waited_for_until_the_next_period_and_hand
     run(session, seen.append)
     assert seen.count('answer') >= 15 and None not in seen
     assert all(0.0 < timeout <= 1.0 / RATE for timeout in session.waits)
+
+
+def test_a_period_has_one_report_but_for_a_measurement_that_comes_late():
+    for estimate, expected in ((None, 0), ('late', 15)):
+        session, seen = FakeSession(), []
+        session.answer, session.estimate = 'answer', estimate
+        session.on_tick = lambda: setattr(session, 'expecting', True)
+        run(session, seen.append)
+        assert sum(isinstance(report, Tick) for report in seen) >= expected
+        assert expected or seen.count('answer') == len(seen)
 
 
 def test_what_is_not_expected_is_not_waited_for():

@@ -5,13 +5,17 @@ import time
 from types import SimpleNamespace
 
 import pytest
+from rclpy.node import Node
 from refusals import refused
+import yaml
 
+from ballbot_ros.config.files import config_folder
 from ballbot_ros.emulator.terminal import PseudoTerminal
 from ballbot_ros.errors import LinkError
-from ballbot_ros.imus.source import StampedReading
+from ballbot_ros.imus.source import ImuPort, StampedReading
 from ballbot_ros.imus.witmotion.emulated import EmulatedWitMotion
 from ballbot_ros.nodes.bridge.motor import Clocks, imu_reading
+from ballbot_ros.nodes.bridge.node import Bridge
 from ballbot_ros.nodes.imu import publisher as imu
 from ballbot_ros.nodes.imu.node import ImuNode
 from ballbot_ros.ros import diagnostics
@@ -58,7 +62,7 @@ def published(monkeypatch):
     """Return what is published."""
     found = []
     monkeypatch.setattr(imu, 'create_publisher', lambda *_: SimpleNamespace(
-        publish=found.append))
+        publish=found.append, get_subscription_count=lambda: 1))
     return found
 
 
@@ -92,11 +96,10 @@ def test_a_sensor_from_the_factory_becomes_a_topic_that_the_bridge_takes(
     assert node.failure is None
 
 
-def output_of(make_node, source):
+def output_of(make_node, source, monkeypatch):
     """Return an output whose source is that of a test, with its node."""
-    from rclpy.node import Node
-    node = make_node(Node, 'imu')
-    return imu.ImuOutput(node, source, 'here', 200.0, 0.005, 0.05)
+    monkeypatch.setattr(imu, 'open_source', lambda port: source)
+    return imu.ImuOutput(make_node(Node, 'imu'), ImuPort(port='here'))
 
 
 class Source:
@@ -119,9 +122,10 @@ class Source:
         """Do nothing."""
 
 
-def test_health_says_what_is_wrong_and_has_every_value_of_the_table(make_node, published):
+def test_health_says_what_is_wrong_and_has_every_value_of_the_table(
+        make_node, published, monkeypatch):
     source = Source()
-    output = output_of(make_node, source)
+    output = output_of(make_node, source, monkeypatch)
     try:
         time.sleep(0.05)
         level, message, values = output._health()
@@ -136,9 +140,9 @@ def test_health_says_what_is_wrong_and_has_every_value_of_the_table(make_node, p
         output.end()
 
 
-def test_an_error_in_the_thread_is_the_nodes_failure(make_node, published):
+def test_an_error_in_the_thread_is_the_nodes_failure(make_node, published, monkeypatch):
     source = Source()
-    output = output_of(make_node, source)
+    output = output_of(make_node, source, monkeypatch)
     source.error = RuntimeError('a bug')
     assert wait(lambda: output.failure is not None)
     node = SimpleNamespace(_output=output)
@@ -153,3 +157,24 @@ def test_an_error_in_the_thread_is_the_nodes_failure(make_node, published):
 def test_what_cannot_work_is_refused_at_the_start(make_node, parameters, reason):
     with refused(reason, *parameters):
         make_node(ImuNode, port='/dev/null', **parameters)
+
+
+def test_the_bridge_reads_a_sensor_itself_where_its_hardware_file_has_the_port(
+        make_node, sensor, tmp_path):
+    sensor.device.turn_rate = (0.0, 0.25, 0.0)
+    content = yaml.safe_load((config_folder() / 'hardware' / 'gimball_odrive.yaml').read_text())
+    content['imu_port'] = {'port': sensor.terminal.path, 'axes': '-x -y z'}
+    (tmp_path / 'hardware.yaml').write_text(yaml.safe_dump(content))
+    node = make_node(Bridge, hardware=str(tmp_path / 'hardware.yaml'), autostart=False,
+                     black_box='', port='/dev/none')
+    try:
+        watch = node._session.control.sensing.imu_watch
+        assert wait(lambda: watch.usable(time.monotonic()))
+        last = node._session.fusion._waiting[-1]
+        assert last.turn_rate == pytest.approx(0.25, abs=0.01)  # its left axis points right
+        assert last.forward == pytest.approx(-0.5, abs=0.02)
+        assert not node._inputs.imu_refused
+        sensor.end()
+        assert wait(lambda: not watch.has(time.monotonic()))
+    finally:
+        node.make_safe()
