@@ -91,7 +91,7 @@ def followed(text, source, page, docs):
         return f'{match.group(1)}{relative}{match.group(3)}'
 
     def plain(match):
-        # A folder is no page: a Git host shows it, the site only names it.
+        # A folder is not a page: a Git host shows it, the site only names it.
         return match.group(1) if (source.parent / match.group(2)).is_dir() else match.group()
     return LINK.sub(replaced, FOLDER.sub(plain, text))
 

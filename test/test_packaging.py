@@ -308,8 +308,8 @@ def test_without_ros_pip_installs_all_but_the_messages(tmp_path):
     source = copy_project(tmp_path / 'source')
     environment = {name: text for name, text in os.environ.items()
                    if name not in ('AMENT_PREFIX_PATH', 'CMAKE_PREFIX_PATH')}
-    # With or without ROS, pip puts no node on the path: it may lack rclpy, and "bridge" is no name
-    # for a command.
+    # With or without ROS, pip puts no node on the path: it may lack rclpy, and a command named
+    # "bridge" could be anything.
     target = tmp_path / 'prefix'
     run(sys.executable, '-m', 'pip', 'install', '--no-deps', '--no-build-isolation',
         '--no-index', '--ignore-installed', '--prefix', target, source, env=environment)

@@ -81,10 +81,10 @@ def unreadable(path: Path, error: BaseException) -> ConfigurationError:
     """Return the error for a bag that cannot be read."""
     if 'magic' in str(error):
         return ConfigurationError(
-            f'{path}: is no bag that can be read, or one that was cut short ({error}); what was '
+            f'{path}: is not a readable bag, or one that was cut short ({error}); what was '
             'recorded before its end can be had with "mcap recover"', 'unreadable', str(path))
     return ConfigurationError(
-        f'{path}: is no bag that can be read: {error or repr(error)}', 'unreadable', str(path))
+        f'{path}: is not a readable bag: {error or repr(error)}', 'unreadable', str(path))
 
 
 def custom_data(path: Path) -> Mapping[str, str]:

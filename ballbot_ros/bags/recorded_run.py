@@ -88,7 +88,7 @@ def _namespace(path: Path, bag: Bag, namespace: Optional[str]) -> str:
                    if topic.endswith('/joint_states') and kind.endswith('/JointState'))
     if not found:
         raise ConfigurationError(
-            f'{path}: has no joint_states, so it is no recording of a ball robot; it has '
+            f'{path}: has no joint_states, so it is not a recording of a ball robot; it has '
             + (', '.join(sorted(bag.topics)) or 'nothing'), 'wrong_kind', 'joint_states')
     names = [name or '/' for name in found]
     if namespace is None:

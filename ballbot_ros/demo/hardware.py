@@ -117,7 +117,7 @@ class GetGoing:
             self._free = self._free or not message.e_stop
 
     def poll(self) -> Optional[str]:
-        """Do what can be done now, and return why it is no use; to be called often."""
+        """Do the next step, and return why it cannot succeed, if so; to be called often."""
         if self._e_stop is not None:
             return f'the e-stop has engaged by itself: {self._e_stop}; {_load()}'
         if self._done == len(self._clients):

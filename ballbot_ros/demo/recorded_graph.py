@@ -41,7 +41,7 @@ class RecordedGraph:
         """
         Record until the ball rests, and these topics up to then; end the nodes; return failures.
 
-        Calls `poll` often, which returns why it is no use to go on, or nothing; gives up after
+        Calls `poll` often, which returns why it cannot go on, or nothing; gives up after
         `timeout` of wall time without a new state [s], and ends after `longest` on the timeline
         [s], when the robot has had its chance.
         """

@@ -143,7 +143,7 @@ class CanLink:
             return self._waiting is not None
 
     def close(self) -> None:
-        """Close the bus; closing twice is no error."""
+        """Close the bus; closing twice is allowed."""
         bus, self._bus = self._bus, None
         if bus is not None:
             # Commands to an adapter that was unplugged are lost.
@@ -232,7 +232,7 @@ def _converted(port: str, baud: int, opening: bool = False) -> Iterator[None]:
         if 'bitrate' in str(error).lower():
             raise _failure(port, baud, error, opening) from error
         raise LinkError('bad_address', (
-            f'{port!r} is no CAN port: can0 for one of the kernel, /dev/ttyACM0 for an slcan '
+            f'{port!r} is not a CAN port: can0 for one of the kernel, /dev/ttyACM0 for an slcan '
             f'adapter, or INTERFACE:CHANNEL of python-can: {error}')) from error
     except Exception as error:  # its CanError, OSError of the kernel, termios.error of pyserial
         if opening and isinstance(error, (NameError, AttributeError, ImportError)):
@@ -282,7 +282,7 @@ def _failure(port: str, baud: int, error: Exception, opening: bool) -> LinkError
     if number in (errno.EAGAIN, errno.EBUSY):
         return LinkError('busy', f'{port} is in use by another program')
     if number in (errno.ENOTTY, errno.EISDIR, errno.EINVAL):
-        return LinkError('not_a_port', f'{port} is no serial adapter: {error}')
+        return LinkError('not_a_port', f'{port} is not a serial adapter: {error}')
     return LinkError('missing', f'{port} cannot be opened: {error}')
 
 

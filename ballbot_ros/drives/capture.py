@@ -146,7 +146,7 @@ def _read(path: Path) -> list[Record]:
         raise ConfigurationError(f'{path}: cannot be read: {error}',
                                  'unreadable', str(path)) from error
     if not lines or lines[0].rstrip('\n') != HEADER:
-        raise ConfigurationError(f'{path}: is no capture, the first line must be {HEADER!r}',
+        raise ConfigurationError(f'{path}: is not a capture, the first line must be {HEADER!r}',
                                  'wrong_kind', str(path))
     records = []
     for number, line in enumerate(lines[1:], start=2):

@@ -44,7 +44,7 @@ class SerialLine(Protocol):
         """Wait for a number of bytes, where supported, and return whether there are any."""
 
     def close(self) -> None:
-        """Close the line; closing twice is no error."""
+        """Close the line; closing twice is allowed."""
 
 
 class StreamParser(Protocol):

@@ -93,7 +93,7 @@ class Device(ABC):
         for quirk in settings.quirks:
             if quirk not in self.quirks:
                 raise ConfigurationError(
-                    f'{quirk!r} is no quirk of an emulated {self.protocol}'
+                    f'{quirk!r} is not a quirk of an emulated {self.protocol}'
                     + suggestion(quirk, self.quirks), 'unknown_name', quirk)
         self.settings = settings
         self.sensed = Sensed()

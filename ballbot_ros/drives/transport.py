@@ -277,7 +277,7 @@ class Link:
             raise _link_error(self.port, error) from error
 
     def close(self) -> None:
-        """Close the port; closing twice, or a port that is gone, is no error."""
+        """Close the port; closing twice, or a port that is gone, is allowed."""
         port, self._serial, self._transfer = self._serial, None, None
         if port is not None:
             # A port that is gone is closed, too.

@@ -132,7 +132,7 @@ def obey(emulator: Emulator, line: str) -> str:
         emulator.call(lambda: fault.act(emulator, number, time.monotonic()))
     else:
         known = (*FAULTS, *LINE_FAULTS, 'state')
-        raise ConfigurationError(f'{name!r} is no fault{suggestion(name, known)}',
+        raise ConfigurationError(f'{name!r} is not a fault{suggestion(name, known)}',
                                  'unknown_name', name)
     return 'ok'
 
@@ -215,7 +215,7 @@ class Channel:
         self._path = path
         if path.exists() and not path.is_socket():
             raise ConfigurationError(
-                f'{path} exists and is no socket; choose another name for --control',
+                f'{path} exists and is not a socket; choose another name for --control',
                 'exists', '--control')
         try:
             path.unlink(missing_ok=True)

@@ -141,7 +141,7 @@ class Emulator:
         return self
 
     def stop(self) -> None:
-        """Stop time and unplug; stopping twice is no error."""
+        """Stop time and unplug; stopping twice is allowed."""
         self._running = False
         if self._thread is not None:
             self._thread.join()

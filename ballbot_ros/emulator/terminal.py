@@ -38,7 +38,7 @@ class PseudoTerminal:
         self._master = self._slave = -1
         if link is not None and link.exists() and not link.is_symlink():
             raise ConfigurationError(
-                f'{link} exists and is no symbolic link; choose another name for --link',
+                f'{link} exists and is not a symbolic link; choose another name for --link',
                 'exists', '--link')
         self.device = ''
         try:

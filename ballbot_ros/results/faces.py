@@ -84,7 +84,7 @@ class FaceWatch:
         """Take the next part of the run."""
         x, y = piece['x'], piece['y']
         if self._begins:
-            # A start beyond the face is no meeting.
+            # A start beyond the face is not a meeting.
             self._begins, self._beyond = False, bool(x[0] >= self._top_x)
         if self._beyond or self.result.passed:
             return

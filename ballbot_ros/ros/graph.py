@@ -102,7 +102,7 @@ class Observer:
             return self.node.resolve_topic_name(topic)
         except Exception as error:
             raise ConfigurationError(
-                f'{topic!r} is no name of a topic: {error}', 'wrong_type', 'topic') from error
+                f'{topic!r} is not a name of a topic: {error}', 'wrong_type', 'topic') from error
 
     def type_of(self, topic: str, seconds: float, waiting: Callable[[], None]) -> str:
         """

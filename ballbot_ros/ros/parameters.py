@@ -90,7 +90,7 @@ def declare(node: Node, cls: Type[S], prepare: Optional[Prepare[S]] = None) -> S
     Raises
     ------
     ConfigurationError
-        For a value that is not acceptable, or an override that is no parameter; the message
+        For a value that is not acceptable, or an override that is not a parameter; the message
         names the nearest one that is.
 
     """

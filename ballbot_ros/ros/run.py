@@ -157,8 +157,8 @@ def _run_together(make_nodes: Sequence[Callable[[], Node]], args: Optional[List[
     # ROS would pass over them, a parameter among them, too; of NAME:=VALUE it makes a remapping.
     stray = [*words[:begin], *remove_ros_args(words[begin:])]
     if stray:
-        print(f'cannot start: {stray[0]!r} is no argument of a node; parameters are given as in '
-              '--ros-args -p robot:=gimball', file=sys.stderr)
+        print(f'cannot start: {stray[0]!r} is not an argument of a node; parameters are given as '
+              'in --ros-args -p robot:=gimball', file=sys.stderr)
         rclpy.try_shutdown()
         return EXIT_REFUSED
     nodes: List[Node] = []

@@ -71,8 +71,8 @@ class SweepPlan(Checked):
     site: Site = Site()
     rules: Rules = Rules()
     design: str = text('how the cases are chosen', default='grid', choices=DESIGNS)
-    cases: int = count('cases of a design that is no grid', default=0, maximum=MOST_CASES)
-    seed: int = count('of a design that is no grid', default=0)
+    cases: int = count('cases of a design that is not a grid', default=0, maximum=MOST_CASES)
+    seed: int = count('of a design that is not a grid', default=0)
     accuracy: float = quantity(
         'm', 'largest error of a height that is searched for', default=5e-5, minimum=1e-8,
         maximum=1e-2)
@@ -162,7 +162,7 @@ class SweepPlan(Checked):
             if first > 0:
                 engine.fast_forward(first)
             with warnings.catch_warnings():
-                # Of a block that is no power of two; the whole sequence counts.
+                # Of a block that is not a power of two; the whole sequence counts.
                 warnings.simplefilter('ignore')
                 points = engine.random(behind - first)
         else:

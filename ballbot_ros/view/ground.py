@@ -29,7 +29,7 @@ def step_ahead(terrain: Terrain, x: float, radius: float) -> Optional[StepAhead]
     x : float
         From where on to look [m].
     radius : float
-        Of the ball [m]: what is short beside it is no slope.
+        Of the ball [m]: what is short beside it is not a slope.
 
     """
     for face in _faces(terrain, radius):

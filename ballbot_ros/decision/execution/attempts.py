@@ -18,7 +18,7 @@ from ballbot_ros.physics.model.robot import Robot
 
 # Faces of one kind: their heights differ by no more, in part and in m.
 ALIKE, ALIKE_WITHIN = 0.3, 0.008
-# A face that came up again is no farther ahead than where the ball touches it, and this [m].
+# A face that came up again is not farther ahead than where the ball touches it, and this [m].
 NEAR = 0.05
 # After this distance [m], a face must have moved by this fraction of it, or it is another face.
 LOOKED, MOVED = 0.05, 0.3
@@ -102,7 +102,7 @@ def sane(profile: Profile) -> bool:
                and face.position_sd >= 0.0 and face.height_sd >= 0.0 for face in profile.faces)
 
 
-# A lower face is an uneven floor [m], and touched more slowly than this it is no attempt [m/s].
+# A lower face is an uneven floor [m]; a slower touch than this is not an attempt [m/s].
 LOWEST_FACE, SLOWEST = 0.003, 0.05
 FASTEST = 10.0  # maximum speed in an outcome [m/s]
 # The touch speed is taken this distance plus two standard deviations before the touch, at most

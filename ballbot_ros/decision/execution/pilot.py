@@ -15,7 +15,7 @@ from ballbot_ros.decision.values import After, Decision, Kind, Motion, Plan, Str
 CREEP, BACKING = 0.1, 0.3
 # Slower than this it stands [m/s]; without a place it stands within this distance [m].
 MOVING, FARTHEST = 0.05, 1.0
-# From one odometry message to the next; a longer silence is no reason for a longer step [s].
+# From one odometry message to the next; a longer silence is not a reason for a longer step [s].
 SHORTEST, LONGEST = 1e-3, 0.1
 
 

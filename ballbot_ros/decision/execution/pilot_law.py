@@ -104,7 +104,7 @@ def pilot_step(state: SpeedState, position: float, speed: float, pendulum_angle:
         later, set_angle = speed_law_step(
             state, speed, pendulum_angle, set_speed, lean, period, law)
     if own.swing <= position < own.edge:
-        # On the step the ball is held up by its face: that is no slope.
+        # On the step the ball is held up by its face: that is not a slope.
         set_angle = own.swing_angle
         later = (speed, state[1], later[2], later[3], state[4], set_angle)
     return later, set_angle

@@ -67,7 +67,7 @@ def around(values: Array) -> Array:
     """
     Return the median of each value and its neighbours, three on each side.
 
-    An end value has its neighbours twice: a last point beyond a gap is no neighbourhood.
+    An end value has its neighbours twice: a last point beyond a gap is not a neighbourhood.
     """
     padded = np.pad(values, 3, mode='reflect' if len(values) > 3 else 'edge')
     windows = np.lib.stride_tricks.sliding_window_view(padded, 7)

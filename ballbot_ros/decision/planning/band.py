@@ -31,7 +31,7 @@ class Band(Checked):
     Raises
     ------
     ConfigurationError
-        If the table is no table of rising numbers.
+        If the table is not a table of rising numbers.
 
     """
 

@@ -24,7 +24,7 @@ LINE_MARGIN = 0.03
 # Slopes are those over such a length, or down to the shortest where a face ends the stretch [m].
 SLOPE_LENGTH, SLOPE_LENGTH_MIN = 0.2, 0.08
 
-# Steeper than this is no slope but a face [rad].
+# Steeper than this is not a slope but a face [rad].
 FACE_SLOPE = 0.35
 
 # The part of a slope in the map that the motion of the ball must show, too.

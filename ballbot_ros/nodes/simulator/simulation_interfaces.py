@@ -226,7 +226,7 @@ class Interfaces:
             named = re.search(filters.filter, self._robot) is not None
         except re.error as error:
             raise Refusal(Result.RESULT_OPERATION_FAILED,
-                          f'{filters.filter!r} is no regular expression: {error}') from None
+                          f'{filters.filter!r} is not a regular expression: {error}') from None
         kinds = [one.category for one in filters.categories]
         return named and (not kinds or EntityCategory.CATEGORY_ROBOT in kinds) \
             and self._within(filters.bounds)

@@ -209,7 +209,7 @@ def worst_gap(states: Array, first: Energy, play: float, values: tuple[float, ..
                    abs(work - work0))
         gap = abs(kinetic + potential + contact + lost - work
                   - (kinetic0 + potential0 + contact0 + lost0 - work0))
-        # A gap that is no number is one without bound.
+        # A gap that is not a number is one without bound.
         ratio = gap / max(play, floor) if gap > 0.0 else (0.0 if gap == 0.0 else math.inf)
         if ratio > worst:
             worst, where = ratio, row

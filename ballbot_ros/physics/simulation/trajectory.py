@@ -218,7 +218,7 @@ class Trajectory:
         """Return a column by its name in `UNITS`; raise `KeyError` with those that there are."""
         if column not in UNITS:
             near = get_close_matches(str(column), UNITS, 1)
-            raise KeyError(f'{column!r} is no column'
+            raise KeyError(f'{column!r} is not a column'
                            + (f'; did you mean {near[0]!r}?' if near else ';')
                            + f' There are {", ".join(UNITS)}')
         return self.columns[column]

@@ -8,7 +8,7 @@ A face is *being crossed* while the decision in force is CROSS and the last edge
 ``over``       the centre has passed all that is to be passed, and 0.25 m more
 ``fell``       the ball went down, by more than 5 mm below the edge, a drop that it was not
                crossing when the centre passed its edge; or one of more than 60 mm in any case.
-               The far side of an obstacle narrower than 50 mm, such as a cord, is no drop
+               The far side of an obstacle narrower than 50 mm, such as a cord, is not a drop
 ``hit``        it touched a face of 5 mm or more faster than 0.1 m/s, that it was not crossing then
                nor within the 0.1 s before; a face of up to 8 mm that it touches while the decision
                is CLEAR or CROSS is a *bump*, and counted apart

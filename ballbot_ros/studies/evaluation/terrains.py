@@ -21,7 +21,7 @@ STEEPEST = math.radians(4.0)  # slope below a whole terrain
 PLAIN_DISTANCE = 2.0  # distance to travel over a floor without obstacle [m]
 THRESHOLDS = 10  # of a corridor
 
-# A face is steeper than this and at least so high; anything less is no obstacle.
+# A face is steeper than this and at least so high; anything less is not an obstacle.
 FACE_SLOPE, FACE_HEIGHT = math.tan(math.radians(25.0)), 0.005  # [1], [m]
 
 

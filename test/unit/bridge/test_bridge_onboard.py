@@ -110,7 +110,7 @@ def test_what_a_sender_asks_for_that_is_not_followed_inhibits_the_release_too():
     with pytest.raises(RefusedError, match='set_point asks for a pendulum angle of 0.5 rad'):
         robot.session.release()
     robot.loop(0.6)
-    robot.session.law.controller.overhear(SetPoint(Mode.HOLD, 0.0))  # rest is no motion
+    robot.session.law.controller.overhear(SetPoint(Mode.HOLD, 0.0))  # rest is not motion
     robot.session.release()
 
 

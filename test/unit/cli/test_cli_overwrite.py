@@ -33,7 +33,7 @@ def test_a_folder_with_results_is_refused_before_the_work_unless_they_may_go(
     (tmp_path / 'mine' / 'notes.txt').write_text('mine')
     assert main([*FLAT, *out, '--duration', '0.04', '--overwrite']) == 0
     assert (tmp_path / 'mine' / 'trajectory.csv').read_text() != before
-    # A picture of another run would mislead; what is no result stays.
+    # A picture of another run would mislead; what is not a result stays.
     assert not (tmp_path / 'mine' / 'strip.png').exists()
     assert (tmp_path / 'mine' / 'notes.txt').exists()
 

@@ -86,7 +86,7 @@ def test_a_file_of_the_user_is_not_taken_for_a_socket(tmp_path, error_of):
     (tmp_path / 'mine.txt').write_text('mine')
     line = error_of('emulate-motor', '--protocol', 'vesc', '--control',
                     str(tmp_path / 'mine.txt'))
-    assert 'is no socket' in line and (tmp_path / 'mine.txt').read_text() == 'mine'
+    assert 'is not a socket' in line and (tmp_path / 'mine.txt').read_text() == 'mine'
 
 
 @pytest.mark.parametrize('pressed', [True, False])

@@ -6,8 +6,8 @@ pytest.importorskip('viser')
 
 
 @pytest.mark.parametrize('words, says', [
-    (['missing.mcap'], 'missing.mcap: is no bag that can be read'),
-    (['.'], 'is no bag that can be read'),
+    (['missing.mcap'], 'missing.mcap: is not a readable bag'),
+    (['.'], 'is not a readable bag'),
     (['doorstep', '--robot', 'shellball'], '--robot goes with a bag or --live'),
     (['doorstep', '--namespace', 'left'], '--namespace goes with a bag or --live'),
     (['--live', '--robot', 'gimbal'], "no robot named 'gimbal'")])

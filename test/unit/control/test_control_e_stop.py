@@ -40,7 +40,7 @@ def test_while_it_is_engaged_there_is_no_torque_and_what_asks_for_motion_is_refu
     controller.on_e_stop(True)
     assert answer(controller, 1.1) == 0.0 and controller.set_point.mode is Mode.IDLE
     assert 'the e-stop is engaged' in refused(controller, 0.5, 1.1)
-    controller.give(SetPoint(Mode.HOLD, 0.0, 1.1))  # rest is no motion, and gives no torque
+    controller.give(SetPoint(Mode.HOLD, 0.0, 1.1))  # rest is not motion, and gives no torque
     assert answer(controller, 1.2) == 0.0 and controller.set_point.mode is Mode.IDLE
 
 

@@ -164,7 +164,7 @@ def test_a_face_enters_at_one_height_and_leaves_at_a_lower_one():
 
 @pytest.mark.parametrize('camera', [False, True])
 def test_a_stretch_that_is_too_steep_is_found_before_the_drop_at_its_end(camera):
-    """A stretch that touches a face is no part of it."""
+    """A stretch that touches a face does not belong to it."""
     points = ((-0.2, 0.0), (1.0, 0.0), (1.3, -0.06), (1.3, -0.2), (3.0, -0.2))
     profile = Profile(0.0, (Face(1, 1.3, -0.14, 0.01, 0.001),), points,
                       points_sd=(0.001,) * 5 if camera else ())

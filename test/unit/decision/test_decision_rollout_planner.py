@@ -79,7 +79,7 @@ def test_without_room_it_says_that_a_longer_run_up_would_do_and_takes_it_where_i
     answer = decide(step(0.045), room=0.3, free_from=-2.5)
     assert (answer.kind, answer.reason) == (Kind.BACK_OFF, Reason.RUN_UP)
     assert -2.5 <= answer.plan.start < -0.3 - RADIUS
-    # Backwards is no crossing: the guard allows no more.
+    # Backwards is not a crossing: the guard allows no more.
     assert answer.set_speed <= TUNING.cruise_speed and answer.plan.speed <= TUNING.cruise_speed
     assert answer.start_distance == pytest.approx(-0.3 - RADIUS - answer.plan.start)
 

@@ -448,7 +448,7 @@ def test_a_drive_that_stays_disarmed_names_result_and_reason(changes, reported):
 
 @pytest.mark.parametrize('result, bits, reported', [
     (math.nan, math.nan, ()), (math.nan, 1.0, ('INITIALIZING',)), (0.0, 0.0, ()),
-    (3.0, 0.0, ()),  # that it is disarmed is no reason
+    (3.0, 0.0, ()),  # that it is disarmed is not a reason
     (2.0, 0.0, ('CANCELLED',)), (99.0, 2.0, ('SYSTEM_LEVEL', '99'))])
 def test_faults_are_made_of_what_the_drive_reports(result, bits, reported):
     values = {'axis0.current_state': 1.0, 'axis0.disarm_reason': bits,

@@ -47,7 +47,7 @@ def test_every_quirk_says_what_it_does_and_where_that_is_written(protocol):
     for name, quirk in found.quirks.items():
         assert quirk.effect and quirk.source
         assert found(DriveSettings(quirks=(name,))).has(name)
-    with pytest.raises(ConfigurationError, match="'qirk' is no quirk of an emulated"):
+    with pytest.raises(ConfigurationError, match="'qirk' is not a quirk of an emulated"):
         found(DriveSettings(quirks=('qirk',)))
 
 

@@ -312,7 +312,7 @@ def test_a_disk_that_is_full_at_the_end_of_a_recording_is_noted():
 
 
 @pytest.mark.parametrize('text, complaint', [
-    ('', 'is no capture'), ('something else\n', 'is no capture'),
+    ('', 'is not a capture'), ('something else\n', 'is not a capture'),
     ('# ballbot traffic 1\n0.1 ? 00\n', ':2: '), ('# ballbot traffic 1\n0.1 < 0g\n', ':2: ')])
 def test_a_file_that_is_no_capture_is_refused(tmp_path, text, complaint):
     (tmp_path / 'traffic.txt').write_text(text)

@@ -150,7 +150,7 @@ def test_arming_goes_on_until_the_drive_has_seen_that_it_is_fed_again(phase):
     bench.pass_time(0.5 + 0.001 * phase)
     bench.driver.ask()
     bench.pass_time(0.001)
-    assert bench.driver.poll().faults == ()  # before it is armed a timeout is no news
+    assert bench.driver.poll().faults == ()  # before it is armed a timeout is expected
     begin = bench.now
     bench.driver.arm()
     assert bench.now - begin <= 0.014  # two looks, and the reply

@@ -263,7 +263,7 @@ def test_every_fault_of_the_table_is_understood(emulator):
 
 
 @pytest.mark.parametrize('line, complaint', [
-    ('', 'is no fault'), ('corupt 0.1', "did you mean 'corrupt'"), ('drop', 'one number'),
+    ('', 'is not a fault'), ('corupt 0.1', "did you mean 'corrupt'"), ('drop', 'one number'),
     ('drop much', 'one number'), ('drop 2', 'at most 1'), ('drop 0.1 up', '"to" or "from"'),
     ('silence -1', 'at least 0'), ('reboot 3', 'takes no number'), ('unplug nan', 'at least 0')])
 def test_a_fault_that_is_not_understood_is_refused(emulator, line, complaint):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The maker's example bytes, and no reading from what is no packet."""
+"""The maker's example bytes, and no reading from what is not a packet."""
 from hypothesis import given, strategies as some
 import pytest
 from refusals import refused

@@ -107,7 +107,7 @@ def test_a_table_says_its_units_or_what_is_missing(trajectory, monkeypatch):
 def test_a_duration_may_be_given_alone_and_a_column_that_is_unknown_is_named_with_the_known_ones():
     run = load_scene('flat').simulate(0.01)
     assert run['x'][-1] == run.columns['x'][-1] and run['time'][-1] == pytest.approx(0.01)
-    with pytest.raises(KeyError, match="'pendulum_angel' is no column; did you mean 'pendulum_a"):
+    with pytest.raises(KeyError, match="'pendulum_angel' is not a column; did you mean "):
         run['pendulum_angel']
     with pytest.raises(KeyError, match='There are time, x, y, '):
         run['%']

@@ -169,7 +169,7 @@ def test_a_node_refuses_stray_arguments_and_says_how_parameters_are_given(monkey
                   ['-p', 'robot:=gimball']):
         assert run.run(make, words) == 2
         err = capsys.readouterr().err
-        assert 'is no argument of a node' in err and '--ros-args -p robot:=gimball' in err
+        assert 'is not an argument of a node' in err and '--ros-args -p robot:=gimball' in err
 
 
 TWO = """

@@ -139,9 +139,9 @@ def test_foreign_and_damaged_bags_are_refused_with_a_sentence(tmp_path, capsys):
     (tmp_path / 'odd').mkdir()
     (tmp_path / 'odd' / 'metadata.yaml').write_text('{')
     for name, message in (
-            ('foreign', 'has no joint_states, so it is no recording of a ball robot'),
-            ('cut', 'one that was cut short'), ('odd', 'is no bag that can be read'),
-            ('none.mcap', 'is no bag that can be read')):
+            ('foreign', 'has no joint_states, so it is not a recording of a ball robot'),
+            ('cut', 'one that was cut short'), ('odd', 'is not a readable bag'),
+            ('none.mcap', 'is not a readable bag')):
         code, _, said = replayed(capsys, tmp_path / name)
         assert code == 2 and message in said and 'Traceback' not in said
 

@@ -116,7 +116,7 @@ def look_ahead(profile: Profile, faces: Sequence[Face], position: float, slope: 
     climbed : float
         Height that the ball has just climbed, and may descend again [m].
     line : float
-        Stop line of what is no face [m].
+        Stop line of what is not a face [m].
 
     """
     floor = GroundProfile(profile.points, slope)

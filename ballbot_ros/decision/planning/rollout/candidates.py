@@ -23,7 +23,7 @@ from ballbot_ros.physics.model.terrain import Array
 SPEEDS = (0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.1)  # [m/s]
 SWINGS = (0.1, 0.2, 0.3, 0.42, 0.6, 0.9)  # before the touch [m]
 ANGLES = (1.5, 2.2)  # [rad]
-# Faster than it rolls by less than this is no acceleration [m/s].
+# Faster than it rolls by less than this is not an acceleration [m/s].
 SAME = 0.05
 # Acceleration with all the lean there is, about [m/s2].
 BRISK = 0.75

@@ -17,7 +17,7 @@ page "ASCII Protocol" (docs.odriverobotics.com/v/latest/manual) on checksum, com
 responses, and odriverobotics/ODriveArduino, src/ODriveUART.cpp, which sends ``sc``, ``c``, ``f``,
 ``r`` and ``w`` in the form of 0.5.  For 0.6 these are guessed: that ``u`` still feeds the watchdog
 (programs of users have it), and how numbers are printed, namely as in 0.5 with six decimals, and
-truth as 0 and 1.  What is printed otherwise is no number here, and the drive is refused.
+truth as 0 and 1.  What is printed otherwise is not a number here, and the drive is refused.
 """
 from collections import Counter
 from functools import cache, reduce

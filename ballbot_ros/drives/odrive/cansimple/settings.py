@@ -53,7 +53,7 @@ def load_endpoints(path: str, version: Sequence[int]) -> Mapping[str, Endpoint]:
                  for name, item in listed.items() if item.get('type') in TYPES}
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise ConfigurationError(
-            f'endpoints: {path} is no flat_endpoints.json of an ODrive: {error}',
+            f'endpoints: {path} is not a flat_endpoints.json of an ODrive: {error}',
             'unreadable', 'endpoints') from error
     wanted = '.'.join(map(str, version))
     if firmware.partition('-')[0] != wanted:
