@@ -24,6 +24,7 @@ EXECUTABLES = {
     'controller': 'ballbot_ros.nodes.start:controller',
     'emulated_robot': 'ballbot_ros.nodes.start:emulated_robot',
     'imu': 'ballbot_ros.nodes.start:imu',
+    'navigator': 'ballbot_ros.nodes.start:navigator',
     'obstacle_decision': 'ballbot_ros.nodes.start:obstacle_decision',
     'simulator': 'ballbot_ros.nodes.start:simulator',
 }

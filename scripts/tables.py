@@ -30,6 +30,7 @@ from ballbot_ros.nodes.controller.settings import ControllerSettings
 from ballbot_ros.nodes.emulated_robot.settings import EmulatedRobotSettings
 from ballbot_ros.nodes.imu.publisher import VALUES as IMU_VALUES
 from ballbot_ros.nodes.imu.settings import ImuSettings
+from ballbot_ros.nodes.navigator.settings import NavigatorSettings
 from ballbot_ros.nodes.obstacle_decision.settings import DecisionSettings
 from ballbot_ros.nodes.simulator.settings import SimulatorSettings
 from ballbot_ros.physics.model.terrain import PIECES
@@ -243,7 +244,8 @@ def pieces():
 
 
 NODES = {'topics': topics, 'simulator': SimulatorSettings, 'controller': ControllerSettings,
-         'obstacle_decision': DecisionSettings, 'decision tuning': margins, 'gains': gains,
+         'navigator': NavigatorSettings, 'obstacle_decision': DecisionSettings,
+         'decision tuning': margins, 'gains': gains,
          'bridge': BridgeSettings, 'bridge health': health_values,
          'imu': ImuSettings, 'imu health': imu_values, 'emulated_robot': EmulatedRobotSettings}
 HARDWARE = {'drivers': drivers, 'can drivers': can_drivers, 'faults': faults,

@@ -31,6 +31,10 @@ def imu() -> int:
     return start('imu')
 
 
+def navigator() -> int:
+    return start('navigator')
+
+
 def obstacle_decision() -> int:
     return start('obstacle_decision')
 

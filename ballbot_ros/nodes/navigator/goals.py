@@ -1,0 +1,157 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The actions ``navigate_to_pose`` and ``compute_path_to_pose``, and goals from goal_pose."""
+import math
+import time
+from typing import Any, Optional, Tuple
+
+from geometry_msgs.msg import PoseStamped
+from rclpy.action.server import ServerGoalHandle
+from rclpy.duration import Duration
+
+from ballbot_ros.errors import BallbotError, RefusedError
+from ballbot_ros.navigation.execution import NavStatus
+from ballbot_ros.nodes.navigator.localization import heading_of
+from ballbot_ros.nodes.navigator.outputs import path_message, stamped_pose
+from ballbot_ros.ros.action_server import DeferredActionServer
+from ballbot_ros.ros.conversions import to_time
+
+try:
+    from nav2_msgs.action import ComputePathToPose, NavigateToPose
+except ImportError:
+    from ballbot_ros.action import ComputePathToPose, NavigateToPose
+
+FEEDBACK = 0.2  # period [s]
+FAILED = 9000  # error_code; error_msg begins with the reason code
+
+
+class NavigationServers:
+    """
+    Serves both actions; a new goal replaces the active one, whose action is aborted.
+
+    Parameters
+    ----------
+    node : NavigatorNode
+
+    """
+
+    def __init__(self, node: Any):
+        self._node = node
+        self._handle: Optional[ServerGoalHandle] = None
+        self._started = self._feedback_at = -math.inf
+        self._navigate = DeferredActionServer(
+            node, NavigateToPose, 'navigate_to_pose', self._check, self._begin)
+        self._compute = DeferredActionServer(
+            node, ComputePathToPose, 'compute_path_to_pose', self._check_plan, self._plan)
+
+    def _goal(self, message: PoseStamped) -> Tuple[float, float, float]:
+        """Return position and heading of a pose; raise `RefusedError` for another frame."""
+        frame = self._node._settings.map_frame
+        if message.header.frame_id not in ('', frame):
+            raise RefusedError(
+                f'the pose must be in the frame {frame!r}, got {message.header.frame_id!r}',
+                'wrong_frame', 'header.frame_id')
+        place, turn = message.pose.position, message.pose.orientation
+        if not all(math.isfinite(item) for item in (
+                place.x, place.y, turn.x, turn.y, turn.z, turn.w)):
+            raise RefusedError('the pose must be finite', 'not_finite', 'pose')
+        return place.x, place.y, heading_of(turn)
+
+    def _ready(self) -> None:
+        node = self._node
+        if not node.active:
+            raise RefusedError('navigator is not active', 'inactive', 'navigator')
+        if node.percept is None:
+            raise RefusedError(
+                'no pose on the map: odom, or the transform from the map to it, is missing',
+                'missing', 'odom')
+
+    def _check(self, request: Any) -> None:
+        self._ready()
+        self._node.navigator.planner.check_place(self._goal(request.pose), 'goal')
+
+    def begin_pose(self, message: PoseStamped) -> None:
+        """Start towards a pose; an active goal is replaced."""
+        node = self._node
+        self._ready()
+        node.state = node.navigator.begin(node.state, self._goal(message), node.percept)
+        self._end_replaced()
+
+    def _end_replaced(self) -> None:
+        if self._handle is not None:
+            handle, self._handle = self._handle, None
+            handle.abort()
+            self._navigate.finish(handle, NavigateToPose.Result(
+                error_code=FAILED, error_msg='preempted: another goal replaced this one'))
+
+    def _begin(self, handle: ServerGoalHandle) -> None:
+        node = self._node
+        try:
+            self.begin_pose(handle.request.pose)
+        except BallbotError as error:
+            handle.abort()
+            self._navigate.finish(handle, _failure(NavigateToPose, error))
+            return
+        self._handle, self._started = handle, node.percept.stamp
+
+    def _check_plan(self, request: Any) -> None:
+        self._ready()
+        self._goal(request.goal)
+
+    def _plan(self, handle: ServerGoalHandle) -> None:
+        """Answer a request for a path."""
+        node, request, begin = self._node, handle.request, time.monotonic()
+        percept = node.percept
+        try:
+            start = self._goal(request.start) if request.use_start else (
+                percept.x, percept.y, percept.heading)
+            route = node.navigator.planner.route(start, self._goal(request.goal))
+        except BallbotError as error:
+            handle.abort()
+            self._compute.finish(handle, _failure(ComputePathToPose, error))
+            return
+        handle.succeed()
+        node.get_logger().info(route.explanation or 'the shortest way')
+        self._compute.finish(handle, ComputePathToPose.Result(
+            path=path_message(route, node._settings.map_frame, to_time(percept.stamp)),
+            planning_time=Duration(seconds=time.monotonic() - begin).to_msg()))
+
+    def step(self) -> None:
+        """Look after the goal; called after each command."""
+        handle, node = self._handle, self._node
+        if handle is None:
+            return
+        state = node.state
+        if handle.is_cancel_requested and not state.status.ended \
+                and state.next is not NavStatus.CANCELED:
+            node.state = state = node.navigator.cancel(state)
+        if state.status.ended:
+            self._handle = None
+            result = NavigateToPose.Result()
+            if state.status is NavStatus.SUCCEEDED:
+                handle.succeed()
+            else:
+                result.error_code, result.error_msg = FAILED, f'{state.reason}: {state.message}'
+                (handle.canceled if state.status is NavStatus.CANCELED else handle.abort)()
+            node.get_logger().info(f'{state.status.value}: {state.message}')
+            self._navigate.finish(handle, result)
+        elif not 0.0 <= node.percept.stamp - self._feedback_at < FEEDBACK:
+            self._feedback_at = node.percept.stamp
+            handle.publish_feedback(self._feedback())
+
+    def _feedback(self) -> Any:
+        node = self._node
+        percept, state = node.percept, node.state
+        segments = state.route.segments[state.index:] if state.route is not None else ()
+        length = sum(math.dist(one, two) for segment in segments
+                     for one, two in zip(segment.points, segment.points[1:])) - state.along
+        return NavigateToPose.Feedback(
+            current_pose=stamped_pose(node._settings.map_frame, to_time(percept.stamp),
+                                      percept.x, percept.y, percept.heading),
+            navigation_time=Duration(seconds=max(percept.stamp - self._started, 0.0)).to_msg(),
+            estimated_time_remaining=Duration(seconds=state.remaining).to_msg(),
+            number_of_recoveries=state.recoveries, distance_remaining=max(length, 0.0))
+
+
+def _failure(kind: Any, error: BallbotError) -> Any:
+    """Return the result of an action for an error."""
+    return kind.Result(error_code=FAILED, error_msg=f'{getattr(error, "reason", "")}: {error}')

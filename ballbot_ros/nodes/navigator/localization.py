@@ -1,0 +1,80 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The pose on the map from /tf and odom, and the points of the laser scan on it."""
+import math
+from typing import Any, Optional, Tuple
+
+from rclpy.node import Node
+from sensor_msgs.msg import LaserScan
+
+from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.floors.floor import Point
+from ballbot_ros.nodes.navigator.settings import NavigatorSettings
+from ballbot_ros.ros.conversions import to_seconds
+from ballbot_ros.ros.endpoints import create_subscription
+
+MOST_POINTS = 120  # of a scan that are used
+
+Pose = Tuple[float, float, float]
+
+
+def heading_of(orientation: Any) -> float:
+    """Return the yaw of a quaternion [rad]."""
+    return math.atan2(2.0 * (orientation.w * orientation.z + orientation.x * orientation.y),
+                      1.0 - 2.0 * (orientation.y**2 + orientation.z**2))
+
+
+class Localization:
+    """
+    Subscribes to the transform from the map to odom, and to scan.
+
+    Parameters
+    ----------
+    node : Node
+    settings : NavigatorSettings
+
+    """
+
+    def __init__(self, node: Node, settings: NavigatorSettings):
+        self._map, self._odom = settings.map_frame, settings.odom_frame
+        self._offset: Optional[Pose] = None if settings.localized else (0.0, 0.0, 0.0)
+        self._scan: Optional[LaserScan] = None
+        create_subscription(node, 'scan', self._on_scan)
+        if not settings.localized:
+            return
+        try:
+            for topic in ('/tf', '/tf_static'):
+                create_subscription(node, topic, self._on_transforms)
+        except ConfigurationError as error:
+            node.get_logger().error(
+                f'{error}; without it set localized to false, if {self._odom} is {self._map}')
+
+    def _on_transforms(self, message: Any) -> None:
+        for item in message.transforms:
+            if (item.header.frame_id, item.child_frame_id) == (self._map, self._odom):
+                move = item.transform.translation
+                self._offset = move.x, move.y, heading_of(item.transform.rotation)
+
+    def _on_scan(self, message: LaserScan) -> None:
+        self._scan = message
+
+    def on_map(self, x: float, y: float, heading: float) -> Optional[Pose]:
+        """Return a pose in odom on the map, None before there is a transform."""
+        if self._offset is None:
+            return None
+        left, up, turn = self._offset
+        return (left + math.cos(turn) * x - math.sin(turn) * y,
+                up + math.sin(turn) * x + math.cos(turn) * y, heading + turn)
+
+    def points(self, pose: Pose, since: float) -> Tuple[Point, ...]:
+        """Return the points of the last scan on the map, once, if it is not older than a time."""
+        scan, self._scan = self._scan, None
+        if scan is None or to_seconds(scan.header.stamp) < since:
+            return ()
+        x, y, heading = pose
+        step = max(1, len(scan.ranges) // MOST_POINTS)
+        return tuple(
+            (x + distance * math.cos(angle), y + distance * math.sin(angle))
+            for number in range(0, len(scan.ranges), step)
+            for distance in [float(scan.ranges[number])]
+            for angle in [heading + scan.angle_min + number * scan.angle_increment]
+            if math.isfinite(distance) and scan.range_min <= distance < scan.range_max)

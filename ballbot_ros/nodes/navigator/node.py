@@ -1,0 +1,250 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The node ``navigator``: drives to poses on a floor with steps."""
+from dataclasses import replace
+import math
+from pathlib import Path
+import time
+from typing import Any, List, Optional, Tuple
+
+from geometry_msgs.msg import PoseStamped
+from nav_msgs.msg import Odometry
+from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
+
+from ballbot_ros.control import load_tuning
+from ballbot_ros.decision import (
+    check_decision, Knowledge, load_curve, load_decision_tuning, Motion, TerrainObservation)
+from ballbot_ros.decision.decider import warm_up
+from ballbot_ros.errors import BallbotError
+from ballbot_ros.floors import load_floor
+from ballbot_ros.navigation import Route, RoutePlanner
+from ballbot_ros.navigation.crossing import CrossingDriver
+from ballbot_ros.navigation.execution import (
+    Command, CommandKind, CrossingReport, NavigationState, Navigator, NavStatus, Percept, REST)
+from ballbot_ros.navigation.learned import Learned
+from ballbot_ros.navigation.sensing import faces_in
+from ballbot_ros.nodes.navigator.goals import NavigationServers
+from ballbot_ros.nodes.navigator.localization import heading_of, Localization
+from ballbot_ros.nodes.navigator.outputs import NavigationOutputs
+from ballbot_ros.nodes.navigator.settings import NavigatorSettings
+from ballbot_ros.physics.model.robot import load_robot
+from ballbot_ros.ros import diagnostics
+from ballbot_ros.ros.conversions import exact, terrain_observation, to_seconds
+from ballbot_ros.ros.endpoints import create_subscription, create_trigger, subscribe_e_stop
+from ballbot_ros.ros.lifecycle import Autostart, FAILURE, ManagedNode, SUCCESS
+from ballbot_ros.ros.parameters import declare
+from ballbot_ros.ros.run import run
+
+PERIOD = 0.02  # shortest time between two commands [s]
+LATEST_SCAN = 0.5  # a scan that is older is not used [s]
+
+
+class NavigatorNode(ManagedNode):
+    """
+    Plans and drives; see `NavigatorSettings` for what can be set.
+
+    *Configure* reads floor and robot and computes crossings; *activate* accepts goals;
+    *deactivate* stops the ball and ends the goal.  On free floor it publishes cmd_vel, over steps
+    the set-points of an obstacle decision of its own, and without a goal nothing: so only one
+    source drives at a time, and a node obstacle_decision beside it is not needed.
+    """
+
+    def __init__(self, **kwargs: Any):
+        """Wait for a transition or make it."""
+        super().__init__('navigator', **kwargs)
+        self._settings = declare(self, NavigatorSettings)
+        self._robot = load_robot(self._settings.robot)
+        self.navigator: Optional[Navigator] = None
+        self.state = NavigationState()
+        self.percept: Optional[Percept] = None
+        self._active = False
+        self._command: Command = REST
+        self._report: Optional[CrossingReport] = None
+        self._observations: List[TerrainObservation] = []
+        self._faces: Tuple[Tuple[float, float], ...] = ()
+        self._traveled = 0.0
+        self._last: Optional[Odometry] = None
+        self._kept: Optional[Learned] = None
+        self._published: Optional[Route] = None
+        self.localization = Localization(self, self._settings)
+        self._outputs = NavigationOutputs(self, self._settings.map_frame)
+        create_subscription(self, 'odom', self._on_odometry)
+        create_subscription(self, 'terrain_observation', self._on_terrain)
+        create_subscription(self, 'goal_pose', self._on_goal)
+        subscribe_e_stop(self, self._on_e_stop)
+        create_trigger(self, '~/reload', self._reload)
+        create_trigger(self, '~/forget', self._forget)
+        self.servers = NavigationServers(self)
+        self._diagnostics = diagnostics.Diagnostics(
+            self, 'navigation', self._health, self._robot.name)
+        if self._settings.autostart:
+            Autostart(self)
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Read floor, robot and learned file, and compute the crossings."""
+        try:
+            start = time.monotonic()
+            settings = self._settings
+            self._knowledge = Knowledge(
+                self._robot, load_curve(settings.curve), load_decision_tuning(settings.tuning),
+                load_tuning(settings.control_tuning))
+            check_decision(self._robot, self._knowledge.curve, self._knowledge.tuning)
+            self._kept = Learned.read(Path(settings.learned).expanduser()) \
+                if settings.learned else Learned()
+            self.state = NavigationState(learned=self._kept)
+            self.navigator = Navigator(RoutePlanner(
+                load_floor(settings.floor), self._knowledge, self._kept), self._knowledge)
+            warm_up(self._knowledge, 'rollout')
+            self._crossing = CrossingDriver(self._knowledge)
+        except BallbotError as error:
+            self.get_logger().error(str(error))
+            return FAILURE
+        self.get_logger().info(f'ready to plan after {time.monotonic() - start:.1f} s')
+        return SUCCESS
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Accept goals."""
+        self._active = True
+        return SUCCESS
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Stop the ball and end the goal."""
+        self._active = False
+        self.abort('inactive', 'the node was deactivated')
+        return SUCCESS
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Forget floor and robot."""
+        self.navigator = None
+        return SUCCESS
+
+    @property
+    def active(self) -> bool:
+        """Return whether goals are accepted."""
+        return self._active and self.navigator is not None
+
+    def abort(self, reason: str, message: str) -> None:
+        """End the active goal immediately; the last command demands rest."""
+        if not self.state.status.ended:
+            self.state = replace(self.state, status=NavStatus.FAILED, reason=reason,
+                                 message=message, next=None)
+            self._crossing.end()
+            self._outputs.rest(self.get_clock().now().to_msg() if self._last is None
+                               else self._last.header.stamp)
+            self.servers.step()
+
+    def _on_e_stop(self, engaged: bool) -> None:
+        if engaged:
+            self.abort('e_stop', 'the e-stop is engaged')
+
+    def _on_goal(self, message: PoseStamped) -> None:
+        """Drive to a pose that RViz sends."""
+        try:
+            self.servers.begin_pose(message)
+        except BallbotError as error:
+            self.get_logger().warning(f'goal_pose refused: {error}')
+
+    def _on_terrain(self, message: Any) -> None:
+        observation = terrain_observation(message)
+        self._observations.append(observation)
+        del self._observations[:-20]
+        self._faces = faces_in(observation)
+
+    def _on_odometry(self, message: Odometry) -> None:
+        last = self._last
+        if last is not None and exact(message) < exact(last):
+            self.abort('time_jump', 'time went back')
+            last, self._traveled = None, 0.0
+            self._observations.clear()
+        position, heading = message.pose.pose.position, heading_of(message.pose.pose.orientation)
+        if last is not None:
+            before = last.pose.pose.position
+            self._traveled += _along(position.x - before.x, position.y - before.y, heading)
+        self._last = message
+        now = to_seconds(message.header.stamp)
+        if self.percept is not None and 0.0 <= now - self.percept.stamp < PERIOD - 1e-6:
+            return
+        pose = self.localization.on_map(position.x, position.y, heading)
+        if pose is None:
+            return
+        self.percept = Percept(now, *pose, message.twist.twist.linear.x,
+                               self.localization.points(pose, now - LATEST_SCAN), self._faces,
+                               self._report)
+        self._report, self._faces = None, ()
+        if self.active:
+            self._drive(self.percept, message)
+
+    def _drive(self, percept: Percept, message: Odometry) -> None:
+        """Advance the navigation, and publish its command while there is a goal."""
+        assert self.navigator is not None
+        if self.state.status.ended:
+            return
+        self.state, self._command = self.navigator.advance(self.state, percept)
+        if self.state.route is not self._published:
+            self._published = self.state.route
+            self._outputs.plan(self._published, message.header.stamp)
+            if self.state.message:
+                self.get_logger().info(self.state.message)
+        if self._command.kind is CommandKind.CROSS:
+            step = self._crossing.drive(
+                Motion(percept.stamp, self._traveled, percept.speed), self._observations)
+            self._report = step.report
+            self._observations.clear()
+            self._outputs.cross(message.header.stamp, step.set_angle, self._command.yaw_rate)
+        else:
+            if self._crossing.active:
+                self._crossing.end()
+            self._outputs.drive(message.header.stamp, self._command)
+        self._keep()
+        self.servers.step()
+
+    def _keep(self) -> None:
+        """Write what was learned beside the map, if it has changed."""
+        if self.state.learned == self._kept or not self._settings.learned:
+            return
+        self._kept = self.state.learned
+        try:
+            self._kept.write(Path(self._settings.learned).expanduser())
+        except OSError as error:
+            self.get_logger().warning(f'learned: {error}', throttle_duration_sec=10.0)
+
+    def _reload(self) -> str:
+        """Read the floor again; an active goal is stopped for and planned again."""
+        if self.navigator is None:
+            raise BallbotError('the node is not configured', 'inactive', 'navigator')
+        planner = RoutePlanner(load_floor(self._settings.floor), self._knowledge)
+        self.state = self.navigator.with_planner(self.state, planner)
+        return f'floor {planner.floor.name} read'
+
+    def _forget(self) -> str:
+        """Forget what was learned about the floor."""
+        self.state = replace(self.state, learned=Learned())
+        self._keep()
+        return 'heights, obstacles and outcomes forgotten'
+
+    def make_safe(self) -> None:
+        """Leave a command to rest behind."""
+        self.abort('inactive', 'navigator was ended')
+
+    def _health(self) -> Tuple[bytes, str, dict]:
+        """Return level, message and numbers for /diagnostics."""
+        values = {'status': self.state.status.value, 'replans': str(self.state.replans),
+                  'obstacles': str(len(self.state.learned.obstacles))}
+        if not self.active:
+            return diagnostics.WARN, 'inactive', values
+        if self.percept is None:
+            return diagnostics.WARN, 'waiting for odom' if self._last is None else (
+                f'waiting for the transform from {self._settings.map_frame} to '
+                f'{self._settings.odom_frame}'), values
+        failed = self.state.status is NavStatus.FAILED
+        return diagnostics.WARN if failed else diagnostics.OK, \
+            self.state.message or self.state.status.value, values
+
+
+def _along(dx: float, dy: float, heading: float) -> float:
+    """Return the part of a displacement along a heading [m]."""
+    return dx * math.cos(heading) + dy * math.sin(heading)
+
+
+def main(args: Optional[List[str]] = None) -> int:
+    """Run the node."""
+    return run(NavigatorNode, args)

@@ -1,0 +1,32 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The parameters of the node: name, unit, range, default and meaning."""
+from dataclasses import dataclass
+
+from ballbot_ros.config.fields import fixed, flag, text
+from ballbot_ros.ros.settings import file_in, Settings
+
+WHY = 'routes and crossings rest on it'
+
+
+@dataclass(frozen=True)
+class NavigatorSettings(Settings):
+    """Parameters of the node ``navigator``."""
+
+    floor: str = fixed('the service ~/reload reads it again', text(
+        'name or file of the floor', default='apartment'))
+    robot: str = fixed(WHY, file_in('robots', 'gimball'))
+    curve: str = fixed(WHY, file_in('curves', 'gimball_down', 'height curve'))
+    tuning: str = fixed(WHY, file_in('tunings', 'decision_default', 'decision tuning'))
+    control_tuning: str = fixed(WHY, file_in(
+        'tunings', 'published', doc=': that of the laws that drive'))
+    learned: str = fixed('it is read at the start', text(
+        'file for what is learned about the floor, which is read at the start; empty for none',
+        default=''))
+    map_frame: str = fixed('it names the poses', text('frame of the floor', default='map'))
+    odom_frame: str = fixed('it names the poses', text(
+        'frame of odom; /tf gives its place in map_frame', default='odom'))
+    localized: bool = fixed('it selects the source of the pose', flag(
+        'wait for the transform from map_frame to odom_frame; false: they are the same',
+        default=True))
+    autostart: bool = fixed('it counts at the start', flag(
+        'configure and activate at the start, without a lifecycle manager', default=True))

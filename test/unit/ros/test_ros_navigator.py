@@ -1,0 +1,155 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The node ``navigator`` on real topics: actions, goal_pose, cancellation, preemption, e-stop."""
+import math
+import time
+
+import pytest
+
+rclpy = pytest.importorskip('rclpy')
+
+from geometry_msgs.msg import PoseStamped, TwistStamped  # noqa: E402
+from nav_msgs.msg import Odometry, Path  # noqa: E402
+from rclpy.action import ActionClient  # noqa: E402
+from rclpy.executors import SingleThreadedExecutor  # noqa: E402
+from rclpy.parameter import Parameter  # noqa: E402
+from std_msgs.msg import Bool  # noqa: E402
+
+from ballbot_ros.navigation.execution import NavStatus  # noqa: E402
+from ballbot_ros.nodes.navigator.goals import ComputePathToPose, NavigateToPose  # noqa: E402
+from ballbot_ros.nodes.navigator.node import NavigatorNode  # noqa: E402
+from ballbot_ros.nodes.navigator.outputs import stamped_pose  # noqa: E402
+from ballbot_ros.ros import qos  # noqa: E402
+from ballbot_ros.ros.conversions import to_time  # noqa: E402
+
+START = (1.7, 1.4, 0.0)
+
+
+class Graph:
+    """The node, a client, and a robot that follows cmd_vel exactly."""
+
+    def __init__(self, **parameters):
+        rclpy.init()
+        self.node = NavigatorNode(parameter_overrides=[
+            Parameter(name, value=value) for name, value in {
+                'localized': False, **parameters}.items()])
+        self.client = rclpy.create_node('client')
+        self.executor = SingleThreadedExecutor()
+        for node in (self.node, self.client):
+            self.executor.add_node(node)
+        self.navigate = ActionClient(self.client, NavigateToPose, 'navigate_to_pose')
+        self.compute = ActionClient(self.client, ComputePathToPose, 'compute_path_to_pose')
+        self.odometry = self.client.create_publisher(Odometry, 'odom', 10)
+        self.goals = self.client.create_publisher(PoseStamped, 'goal_pose', 1)
+        self.e_stops = self.client.create_publisher(Bool, 'e_stop', 1)
+        self.plans, self.feedback = [], []
+        self.speed, self.yaw_rate, self.time = 0.0, 0.0, 1.0
+        self.pose = list(START)
+        self.client.create_subscription(TwistStamped, 'cmd_vel', self.on_speed, 10)
+        self.client.create_subscription(Path, 'plan', self.plans.append, qos.LATCHED)
+
+    def on_speed(self, message):
+        self.speed, self.yaw_rate = message.twist.linear.x, message.twist.angular.z
+
+    def spin(self, seconds, until=lambda: False):
+        """Move the robot on, publish its odometry, and serve the callbacks."""
+        end = time.monotonic() + seconds
+        while time.monotonic() < end and not until():
+            x, y, heading = self.pose
+            self.pose = [x + 0.02 * self.speed * math.cos(heading),
+                         y + 0.02 * self.speed * math.sin(heading),
+                         heading + 0.02 * self.yaw_rate]
+            self.time += 0.02
+            message = Odometry()
+            message.header.stamp = to_time(self.time)
+            message.pose.pose = stamped_pose('odom', to_time(0.0), *self.pose).pose
+            message.twist.twist.linear.x = self.speed
+            self.odometry.publish(message)
+            for _ in range(4):
+                self.executor.spin_once(timeout_sec=0.002)
+        return until()
+
+    def wait(self, future, seconds=30.0):
+        assert self.spin(seconds, future.done)
+        return future.result()
+
+    def send(self, x, y, heading=0.0, frame='map'):
+        goal = NavigateToPose.Goal(pose=stamped_pose(frame, to_time(0.0), x, y, heading))
+        return self.wait(self.navigate.send_goal_async(
+            goal, feedback_callback=lambda one: self.feedback.append(one.feedback)))
+
+    def close(self):
+        for node in (self.node, self.client):
+            node.destroy_node()
+        rclpy.shutdown()
+
+
+@pytest.fixture
+def graph(request, tmp_path):
+    made = Graph(**getattr(request, 'param', {}))
+    assert made.spin(30.0, lambda: made.node.percept is not None
+                     and made.navigate.server_is_ready() and made.compute.server_is_ready())
+    yield made
+    made.close()
+
+
+def test_a_goal_is_reached_with_feedback_and_a_plan(graph):
+    handle = graph.send(2.6, 1.4)
+    assert handle.accepted
+    result = graph.wait(handle.get_result_async(), 60.0)
+    assert result.result.error_code == 0
+    assert math.dist(graph.pose[:2], (2.6, 1.4)) < 0.2
+    assert graph.plans and graph.plans[0].header.frame_id == 'map' and graph.plans[0].poses
+    assert graph.feedback and graph.feedback[0].distance_remaining > 0.3
+
+
+def test_refused_goals_name_their_reason(graph):
+    for goal in ((0.05, 3.0), (99.0, 0.0), (math.nan, 0.0)):
+        assert not graph.send(*goal).accepted
+    assert not graph.send(2.6, 1.4, frame='odom').accepted
+    request = ComputePathToPose.Goal(goal=stamped_pose('map', to_time(0.0), 0.05, 3.0, 0.0))
+    handle = graph.wait(graph.compute.send_goal_async(request))
+    result = graph.wait(handle.get_result_async()).result
+    assert result.error_code == 9000 and result.error_msg.startswith('wall')
+
+
+def test_a_path_is_computed_without_driving(graph):
+    request = ComputePathToPose.Goal(goal=stamped_pose('map', to_time(0.0), 8.1, 5.5, 0.0))
+    handle = graph.wait(graph.compute.send_goal_async(request))
+    path = graph.wait(handle.get_result_async()).result.path
+    assert len(path.poses) > 50
+    end = path.poses[-1].pose.position
+    assert math.dist((end.x, end.y), (8.1, 5.5)) < 0.15
+    assert graph.node.state.status is NavStatus.IDLE and graph.speed == 0.0
+
+
+def test_cancellation_and_preemption_end_at_rest(graph):
+    first = graph.send(2.6, 2.0)
+    assert graph.spin(20.0, lambda: abs(graph.speed) > 0.1)
+    second = graph.send(2.6, 0.8)
+    assert graph.wait(first.get_result_async()).result.error_msg.startswith('preempted')
+    assert graph.spin(20.0, lambda: abs(graph.speed) > 0.1)
+    graph.wait(second.cancel_goal_async())
+    assert graph.wait(second.get_result_async()).result.error_msg.startswith('canceled')
+    assert abs(graph.speed) < 0.03 and graph.node.state.status is NavStatus.CANCELED
+
+
+def test_a_pose_of_rviz_is_driven_to_and_the_e_stop_ends_it(graph):
+    graph.goals.publish(stamped_pose('map', to_time(0.0), 2.6, 1.4, 0.0))
+    assert graph.spin(20.0, lambda: abs(graph.speed) > 0.1)
+    graph.e_stops.publish(Bool(data=True))
+    assert graph.spin(10.0, lambda: graph.node.state.status is NavStatus.FAILED)
+    assert graph.node.state.reason == 'e_stop'
+    assert graph.spin(5.0, lambda: graph.speed == 0.0)
+
+
+def test_deactivation_ends_a_goal_and_further_goals_are_refused(graph):
+    handle = graph.send(2.6, 1.4)
+    graph.node.trigger_deactivate()
+    assert graph.wait(handle.get_result_async()).result.error_msg.startswith('inactive')
+    assert not graph.send(2.6, 1.4).accepted
+
+
+@pytest.mark.parametrize('graph', [{'floor': 'no_such_floor'}], indirect=True)
+def test_a_floor_that_is_not_there_leaves_the_node_unconfigured(graph):
+    assert graph.node.state_label == 'unconfigured'
+    assert not graph.send(2.6, 1.4).accepted
