@@ -3,23 +3,21 @@
 import math
 import time
 
+from geometry_msgs.msg import PoseStamped, TwistStamped
+from nav_msgs.msg import Odometry, Path
 import pytest
+import rclpy
+from rclpy.action import ActionClient
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter
+from std_msgs.msg import Bool
 
-rclpy = pytest.importorskip('rclpy')
-
-from geometry_msgs.msg import PoseStamped, TwistStamped  # noqa: E402
-from nav_msgs.msg import Odometry, Path  # noqa: E402
-from rclpy.action import ActionClient  # noqa: E402
-from rclpy.executors import SingleThreadedExecutor  # noqa: E402
-from rclpy.parameter import Parameter  # noqa: E402
-from std_msgs.msg import Bool  # noqa: E402
-
-from ballbot_ros.navigation.execution import NavStatus  # noqa: E402
-from ballbot_ros.nodes.navigator.goals import ComputePathToPose, NavigateToPose  # noqa: E402
-from ballbot_ros.nodes.navigator.node import NavigatorNode  # noqa: E402
-from ballbot_ros.nodes.navigator.outputs import stamped_pose  # noqa: E402
-from ballbot_ros.ros import qos  # noqa: E402
-from ballbot_ros.ros.conversions import to_time  # noqa: E402
+from ballbot_ros.navigation.execution import NavStatus
+from ballbot_ros.nodes.navigator.goals import ComputePathToPose, NavigateToPose
+from ballbot_ros.nodes.navigator.node import NavigatorNode
+from ballbot_ros.nodes.navigator.outputs import stamped_pose
+from ballbot_ros.ros import qos
+from ballbot_ros.ros.conversions import to_time
 
 START = (1.7, 1.4, 0.0)
 
