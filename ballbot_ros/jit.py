@@ -21,6 +21,7 @@ import ast
 from contextlib import suppress
 import fcntl
 import hashlib
+from inspect import signature
 import json
 import os
 from pathlib import Path
@@ -28,7 +29,7 @@ import shutil
 import sys
 import tempfile
 from types import FunctionType
-from typing import Any, Callable, cast, Dict, get_type_hints, List, Tuple, Type, TypeVar
+from typing import Any, Callable, cast, Dict, get_type_hints, Iterable, List, Tuple, Type, TypeVar
 
 from ballbot_ros.compile_notice import CompileNotice
 
@@ -214,6 +215,25 @@ def packer(cls: Type[T]) -> Callable[[T], Any]:
     """Return a kernel that makes plain tuples of a NamedTuple, nested as its fields are."""
     return cast(Callable[[T], Any], _generated(
         cls, 'pack', f'pack(value): return {_packing(cls, "value")}', []))
+
+
+def by_number(name: str, field: str, modules: Iterable[Any]) -> Callable[..., Any]:
+    """
+    Return a kernel that calls the kernel `name` of one of several modules.
+
+    A field of its last argument is the number of the module among them.
+    """
+    kernels = [getattr(module, name) for module in modules]
+    words = list(signature(in_python(kernels[0])).parameters)
+    calls = [f'kernel_{number}({", ".join(words)})' for number in range(len(kernels))]
+    source = '\n'.join([f'def {name}({", ".join(words)}):', *(
+        f'    if {words[-1]}.{field} == {number}.0:\n        return {call}'
+        for number, call in enumerate(calls) if number), f'    return {calls[0]}'])
+    owner = sys._getframe(1).f_globals
+    space = {'__name__': owner['__name__'],
+             **{f'kernel_{number}': kernel for number, kernel in enumerate(kernels)}}
+    exec(compile(source, owner['__file__'], 'exec'), space)
+    return cast(Callable[..., Any], compiled(cast(Any, space[name])))
 
 
 def _fields(cls: Any) -> Tuple[str, ...]:

@@ -265,7 +265,7 @@ def hour(draw):
 # Each class, and its share of all cases; a whole number is that many for any total.
 def dissipation(draw):
     """Return a meeting with a contact by Hunt and Crossley."""
-    robot = replace(base(draw), contact_damping=0.0,
+    robot = replace(base(draw), contact_law='hunt_crossley',
                     contact_dissipation=decades(draw, 1e-3, 1e3))
     return meeting(draw, robot)
 

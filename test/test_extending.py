@@ -91,6 +91,40 @@ def test_a_solver_is_a_file_and_a_line(house):
     assert "'midpoint'" in simulate('midpiont', fails=True)
 
 
+def test_a_contact_law_is_a_file_and_a_line(house):
+    laws = 'physics/model/contact_laws'
+    house.copy(f'{laws}/hunt_crossley.py', f'{laws}/own.py')
+    # The damping grows with the square of the penetration, and is that of the other at 1 mm.
+    house.change(f'{laws}/own.py',
+                 (r'damping = parameters.dissipation \* penetration',
+                  'damping = 1e3 * parameters.dissipation * penetration * penetration'),
+                 (r'velocity, parameters.dissipation \* velocity',
+                  'velocity, 2e3 * parameters.dissipation * penetration * velocity'),
+                 (r'-parameters.dissipation \* max\(deepest, 0.0\)',
+                  '-1e3 * parameters.dissipation * deepest * deepest'))
+    house.change('physics/model/robot.py', (r"'hunt_crossley'\)", "'hunt_crossley', 'own')"))
+    program = house.folder / 'drop.py'
+    program.write_text("""
+import json, sys
+import numpy as np
+from ballbot_ros.physics import *
+ends = []
+for law in sys.argv[1:]:
+    robot = load_robot('shellball').replace(contact_law=law, contact_dissipation=1.0)
+    model = Model(robot, Terrain.flat(), solver=Solver('adaptive', tolerance=1e-10))
+    start = State(y=robot.ball_radius + 1e-3, velocity_y=-0.5)
+    run = simulate(model, start, Actuation(), 0.1)
+    ends.append([run['contact_loss'][-1],
+                 np.max(np.abs(run.energy_residual)) / run.energy_in_play])
+print(json.dumps(ends))
+""", encoding='utf-8')
+    (known, exact), (mine, closed) = json.loads(
+        house.run('drop.py', 'hunt_crossley', 'own'))
+    assert 0.0 < mine != pytest.approx(known, rel=0.05)
+    assert exact < 1e-6 and closed < 1e-6  # the energy balance closes
+    assert "'own'" in house.run('drop.py', 'onw', fails=True)
+
+
 @pytest.mark.parametrize('copied, protocol, classes', [
     ('uart', 'vesc', "'Vesc', 'VescDevice'"),
     ('can', 'vesc_can', "'VescCan', 'VescCanDevice', CAN")])

@@ -1,18 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The ball that rolls without slip on a level floor: exact, and linearised.
+The ball that rolls without slip on a slope a, positive uphill: exact, and linearised.
 
-With x = -R theta1 two degrees of freedom are left, the pendulum angle phi and theta1::
+With a path -R theta1 two degrees of freedom are left, the pendulum angle phi and theta1::
 
-    T = (J1 + M R^2) theta1'^2 / 2 + (J2 + M2 e^2) phi'^2 / 2 - M2 e R cos(phi) theta1' phi'
-    V = -M2 g e cos(phi)
+    T = (J1 + M R^2) theta1'^2 / 2 + (J2 + M2 e^2) phi'^2 / 2 - M2 e R cos(phi - a) theta1' phi'
+    V = -M2 g e cos(phi) - M g R sin(a) theta1
 
     (J2 + M2 e^2) phi'' - C theta1'' + M2 g e sin(phi) = tau2 - c2 (phi' - theta1')
-    (J1 + M R^2) theta1'' - C phi'' + M2 e R sin(phi) phi'^2
-        = -tau2 + c2 (phi' - theta1') - c1 theta1'
+    (J1 + M R^2) theta1'' - C phi'' + M2 e R sin(phi - a) phi'^2
+        = -tau2 + c2 (phi' - theta1') - c1 theta1' + M g R sin(a)
 
-with C = M2 e R cos(phi).  The stability analysis and the pendulum filter use this model; the
-simulator has the full one with contact and slip.
+with C = M2 e R cos(phi - a).  Stability analysis and pendulum filter use this model on a level
+floor, the rollouts of a decision on slopes; the simulator has the full one with contact and slip.
 
 While the ball slips or flies, no horizontal contact force depends on its motion.  Then the joint
 drives the two inertias J1 and I = J2 + M2 e^2 M1 / M alone (see `solvers.flight`), so the same
@@ -64,10 +64,23 @@ class RollingNumbers(NamedTuple):
     gravity_torque: float  # M2 g e [N m]
     joint_friction: float  # c2 [N m s/rad]
     rolling_friction: float  # c1 [N m s/rad]
+    weight_torque: float  # M g R [N m]
 
 
 # The numbers of a `RollingNumbers`.
-Rolling = Tuple[float, float, float, float, float, float]
+Rolling = Tuple[float, float, float, float, float, float, float]
+
+
+@compiled
+def rolling_loads(angle: float, rate: float, ball_rate: float, slope: float,
+                  rolling: Rolling) -> Tuple[float, float, float]:
+    """Return the torques on pendulum and ball [N m] but that of the motor, and C [kg m2]."""
+    own = RollingNumbers(*rolling)
+    friction, aside = own.joint_friction * (rate - ball_rate), angle - slope
+    return (-friction - own.gravity_torque * math.sin(angle),
+            friction - own.rolling_friction * ball_rate
+            - own.lever * math.sin(aside) * rate**2 + own.weight_torque * math.sin(slope),
+            own.lever * math.cos(aside))
 
 
 @compiled
@@ -85,12 +98,8 @@ def rolling_response(angle: float, on_pendulum: float, on_ball: float, rolling: 
 def rolling_accelerations(angle: float, rate: float, ball_rate: float, torque: float,
                           rolling: Rolling) -> Tuple[float, float]:
     """Return phi'' and theta1'' [rad/s2]; see `RollingModel` for the arguments."""
-    own = RollingNumbers(*rolling)
-    sine = math.sin(angle)
-    joint = torque - own.joint_friction * (rate - ball_rate)
-    return rolling_response(
-        angle, joint - own.gravity_torque * sine,
-        -joint - own.rolling_friction * ball_rate - own.lever * sine * rate**2, rolling)
+    on_pendulum, on_ball, _ = rolling_loads(angle, rate, ball_rate, 0.0, rolling)
+    return rolling_response(angle, torque + on_pendulum, on_ball - torque, rolling)
 
 
 @compiled
@@ -125,7 +134,7 @@ class RollingModel:
     robot : Robot
     pendulum_moment, pendulum_inertia : float
         M2 e [kg m] and J2 + M2 e^2 [kg m2], or I where the ball does not roll.
-    numbers : tuple of 6 floats
+    numbers : tuple of floats
         For the compiled functions, see `RollingNumbers`.
 
     Raises
@@ -149,7 +158,8 @@ class RollingModel:
         self._gravity_torque = robot.largest_gravity_torque
         self.numbers: Rolling = RollingNumbers(
             self.pendulum_inertia, self._ball_inertia, self._lever, self._gravity_torque,
-            robot.joint_friction, robot.rolling_friction)[:]
+            robot.joint_friction, robot.rolling_friction,
+            robot.weight * robot.ball_radius if rolls else 0.0)[:]
 
     def response(self, angle: float, on_pendulum: float, on_ball: float) -> Tuple[float, float]:
         """Return phi'' and theta1'' [rad/s2] under generalised torques [N m]."""

@@ -35,7 +35,7 @@ def laws(robot: Robot) -> dict[str, Robot]:
     dissipation = dissipation_for(robot.restitution, IMPACT)
     return {'spring and damper, eq. (7)': robot,
             'Hunt and Crossley': robot.replace(
-                contact_damping=0.0, contact_dissipation=dissipation),
+                contact_law='hunt_crossley', contact_dissipation=dissipation),
             'spring alone': robot.replace(contact_damping=0.0)}
 
 

@@ -129,11 +129,11 @@ def _match(model: Any, robot: Robot) -> None:
     body over all three directions, of which one is locked here; for a low impedance nothing else
     comes in.
     """
-    if robot.contact_dissipation > 0.0:
+    if robot.law_number != 0.0:
         raise ConfigurationError(
-            f'robot {robot.name!r}: contact_dissipation must be 0 for MuJoCo, whose damping does '
-            f'not depend on the penetration, got {robot.contact_dissipation:g}', 'out_of_range',
-            'contact_dissipation')
+            f'robot {robot.name!r}: contact_law must be kelvin_voigt for MuJoCo, whose damping '
+            f'does not depend on the penetration, got {robot.contact_law}', 'out_of_range',
+            'contact_law')
     inverse = model.body('ball').invweight0[0]
     ramp = robot.surface_friction * robot.weight / robot.slip_threshold
     model.pair_solref[:] = -inverse * np.array([robot.contact_stiffness, robot.contact_damping])

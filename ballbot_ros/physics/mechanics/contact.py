@@ -178,7 +178,7 @@ def pressed_and_slid(feature: int, motion: Array, ground: Array,
                      parameters: Parameters) -> tuple[float, float, float, float, float, float]:
     """Return what `meeting` does for the centre of the ball, then the force and slip there."""
     normal_x, normal_y, distance, friction = meeting(feature, motion[X], motion[Y], ground)
-    force, slip, _, _ = pressing_and_slipping(
+    force, slip, _, _, _ = pressing_and_slipping(
         normal_x, normal_y, parameters.radius - distance, slip_lever(distance, parameters),
         motion[VELOCITY_X], motion[VELOCITY_Y], motion[BALL_RATE], parameters)
     return normal_x, normal_y, distance, friction, force, slip
@@ -299,7 +299,7 @@ def contact_sum(motion: Array, parameters: Parameters, ground: Array, contacts: 
             normal_x, normal_y, distance, friction = meeting(
                 signs[row, FEATURE], motion[X], motion[Y], ground)
             penetration = parameters.radius - distance
-        force, slip, away, along = pressing_and_slipping(
+        force, slip, away, along, damping = pressing_and_slipping(
             normal_x, normal_y, penetration, slip_lever(distance, parameters), velocity_x,
             velocity_y, spin, parameters)
         if form != OWN:
@@ -308,8 +308,9 @@ def contact_sum(motion: Array, parameters: Parameters, ground: Array, contacts: 
             pressed, sliding = pressed_sign(force, parameters), sliding_sign(slip, parameters)
         pressing, rubbing = normal_and_friction(
             force, slip, pressed, sliding, parameters, friction)
-        # The spring takes -k pen v_n; what the normal force takes beyond that is lost.
-        contact_loss += sign * (parameters.stiffness * penetration - pressing) * away
+        # Lost is all but what the spring takes: the force of a contact that would pull, too.
+        lost = damping if pressed != 0 else parameters.stiffness * penetration
+        contact_loss += sign * lost * away
         friction_loss -= rubbing * (along + distance * spin)
         pressing *= sign
         # Friction, along the tangent (normal_y, -normal_x), is known last.

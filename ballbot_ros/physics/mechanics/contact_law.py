@@ -2,9 +2,9 @@
 """
 What the ground does to the ball at one contact: eqs. (7)-(10), and their slopes.
 
-A spring and a damper along the normal, eq. (7), which do not pull unless asked to; friction with a
-slip velocity at the contact point, eq. (8), that grows to its full coefficient over a small slip,
-eq. (9); and the torque of that friction, eq. (10).
+The normal force of a contact law, eq. (7) or another, which does not pull unless asked to;
+friction with a slip velocity at the contact point, eq. (8), that grows to its full coefficient
+over a small slip, eq. (9); and the torque of that friction, eq. (10).
 
 The law has kinks.  Between them it is smooth, and which piece holds is two signs: *pressed*, of
 the normal force (0 where the damper would pull and is not let), and *sliding*, of a slip beyond
@@ -12,14 +12,10 @@ the threshold (0 within).  Every function here takes the signs as given, and con
 smoothly beyond its ends: with the signs of the state itself (`pressed_sign`, `sliding_sign`) it
 is the law, with those of a frozen mode (see `modes`) what an integrator needs.
 
-The normal force is ``N = k p - (kd + h p) v_n`` for a penetration p and a velocity v_n away from
-the ground: eq. (7) with h = 0, and with kd = 0 the law of Hunt and Crossley with the exponent 1,
-``N = k p (1 - lambda v_n)``, whose force sets in without a jump.
-
-Reference: K. H. Hunt, F. R. E. Crossley, Coefficient of Restitution Interpreted as Damping in
-Vibroimpact, J. Appl. Mech. 42 (1975) 440.
+The force before these limits is that of one of the `contact_laws`.
 """
 from ballbot_ros.jit import compiled
+from ballbot_ros.physics.model.contact_laws import damper
 from ballbot_ros.physics.model.parameters import Parameters
 from ballbot_ros.physics.model.state import BALL_RATE, VELOCITY_X, VELOCITY_Y
 from ballbot_ros.physics.model.terrain import Array
@@ -44,28 +40,9 @@ def slip_lever(distance: float, parameters: Parameters) -> float:
 
 
 @compiled
-def normal_law(penetration: float, normal_velocity: float,
-               parameters: Parameters) -> tuple[float, float, float]:
-    """
-    Return the normal force of one contact before any limit, and its slopes.
-
-    Returns
-    -------
-    force : float
-        [N]
-    stiffness, damping : float
-        Its derivative by the penetration [N/m], and minus that by the normal velocity [N s/m].
-
-    """
-    damping = parameters.damping + parameters.dissipation * penetration
-    return (parameters.stiffness * penetration - damping * normal_velocity,
-            parameters.stiffness - parameters.dissipation * normal_velocity, damping)
-
-
-@compiled
 def pressing_and_slipping(normal_x: float, normal_y: float, penetration: float, lever: float,
                           velocity_x: float, velocity_y: float, spin: float,
-                          parameters: Parameters) -> tuple[float, float, float, float]:
+                          parameters: Parameters) -> tuple[float, float, float, float, float]:
     """
     Return what eqs. (7) and (8) say of a contact: normal [-], penetration and `slip_lever` [m].
 
@@ -75,12 +52,15 @@ def pressing_and_slipping(normal_x: float, normal_y: float, penetration: float, 
         See `force_and_slip`.
     along : float
         Velocity of the centre along the tangent [m/s].
+    damping : float
+        The part of the force that is not elastic [N].
 
     """
     normal_velocity = velocity_x * normal_x + velocity_y * normal_y
     along = velocity_x * normal_y - velocity_y * normal_x
-    force, _, _ = normal_law(penetration, normal_velocity, parameters)
-    return force, along + lever * spin, normal_velocity, along
+    damping, _, _ = damper(penetration, normal_velocity, parameters)
+    return (parameters.stiffness * penetration - damping, along + lever * spin, normal_velocity,
+            along, damping)
 
 
 @compiled
@@ -108,7 +88,7 @@ def force_and_slip(state: Array, parameters: Parameters, contacts: Array,
 
     """
     penetration = contacts[row, PENETRATION]
-    force, slip, normal_velocity, _ = pressing_and_slipping(
+    force, slip, normal_velocity, _, _ = pressing_and_slipping(
         contacts[row, NORMAL_X], contacts[row, NORMAL_Y], penetration,
         slip_lever(parameters.radius - penetration, parameters), state[VELOCITY_X],
         state[VELOCITY_Y], state[BALL_RATE], parameters)

@@ -12,7 +12,7 @@ tangent t, distance d from the centre, and curvature kappa (0 on a segment, 1/d 
 displacement dr turns the normal by ``kappa (t dr)``, and all else follows::
 
     d(v_n) = kappa v_t (t dr) + n dv        d(v_t) = -kappa v_n (t dr) + t dv
-    dN = -(k - h v_n) (n dr) - (kd + h p) d(v_n)    d(slip) = d(v_t) + lever domega + omega (n dr)
+    dN = (dD/dp - k) (n dr) - dD/dv_n d(v_n)         d(slip) = d(v_t) + lever domega + omega (n dr)
 
 At a CORNER, the share of friction that it takes from its neighbours also depends on the
 position; this term is omitted, and `smooth_contacts` returns whether the Jacobian is complete.
@@ -23,10 +23,11 @@ from ballbot_ros.jit import compiled
 from ballbot_ros.physics.mechanics.contact import meeting
 from ballbot_ros.physics.mechanics.contact_law import (
     CORNER, FEATURE, FRICTION, friction_scale, friction_slope, KIND, normal_and_friction,
-    normal_law, PRESSED, pressing_and_slipping, SLIDING, slip_lever)
+    PRESSED, pressing_and_slipping, SLIDING, slip_lever)
 from ballbot_ros.physics.mechanics.equations import Direction, torque_slopes
 from ballbot_ros.physics.mechanics.modes import (
     contact_count, ContactMode, mode_torque, MOTOR, smooth_contacts)
+from ballbot_ros.physics.model.contact_laws import damper
 from ballbot_ros.physics.model.parameters import System
 from ballbot_ros.physics.model.state import (
     BALL_RATE, PENDULUM_ANGLE, PENDULUM_RATE, VELOCITY_X, VELOCITY_Y, X, Y)
@@ -77,7 +78,7 @@ def add_contact(state: Array, row: int, system: System, mode: ContactMode,
     spin = state[BALL_RATE]
     bend = 0.0 if feature & 1 == 0 else 1.0 / distance
     lever = slip_lever(distance, parameters)
-    force, slip, closing, along = pressing_and_slipping(
+    force, slip, closing, along, _ = pressing_and_slipping(
         normal_x, normal_y, parameters.radius - distance, lever, state[VELOCITY_X],
         state[VELOCITY_Y], spin, parameters)
     # Gradients; of the normal velocity: (closing_x, closing_y, normal_x, normal_y, 0).
@@ -87,20 +88,20 @@ def add_contact(state: Array, row: int, system: System, mode: ContactMode,
     normal, friction = normal_and_friction(force, slip, pressed, sliding, parameters, coefficient)
     # The force of a CORNER, which has no friction, counts with the other sign.
     sign = -1.0 if corner else 1.0
-    _, stiffness, damper = normal_law(parameters.radius - distance, closing, parameters)
-    slope_x = -stiffness * normal_x - damper * closing_x if pressed != 0 else 0.0
-    slope_y = -stiffness * normal_y - damper * closing_y if pressed != 0 else 0.0
-    damping = -damper if pressed != 0 else 0.0
+    _, softer, damping = damper(parameters.radius - distance, closing, parameters)
+    stiffness, damping = parameters.stiffness - softer, damping if pressed != 0 else 0.0
+    slope_x = -stiffness * normal_x - damping * closing_x if pressed != 0 else 0.0
+    slope_y = -stiffness * normal_y - damping * closing_y if pressed != 0 else 0.0
     # Friction: -sign N mu scale(slip).
     rough = -pressed * coefficient
     share = rough * friction_scale(slip, sliding, parameters)
     steep = rough * normal * friction_slope(slip, sliding, parameters)
     growing = 0.0 if parameters.radius_lever > 0.0 else spin
-    pressing = slope_x, slope_y, damping * normal_x, damping * normal_y, 0.0
+    pressing = slope_x, slope_y, -damping * normal_x, -damping * normal_y, 0.0
     rubbing = (share * slope_x + steep * (drift_x + growing * normal_x),
                share * slope_y + steep * (drift_y + growing * normal_y),
-               share * damping * normal_x + steep * tangent_x,
-               share * damping * normal_y + steep * tangent_y, steep * lever)
+               -share * damping * normal_x + steep * tangent_x,
+               -share * damping * normal_y + steep * tangent_y, steep * lever)
     turning = tangent_x, tangent_y, 0.0, 0.0, 0.0
     # force = normal n + friction t, and both directions turn.
     add_load(out, 0, sign * normal_x, pressing)

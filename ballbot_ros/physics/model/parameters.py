@@ -29,7 +29,8 @@ class Parameters(NamedTuple):
     pulling: float  # switches are 0.0 or 1.0
     smooth_friction: float
     radius_lever: float
-    dissipation: float  # damping per penetration, of Hunt and Crossley [N s/m2]
+    dissipation: float  # k lambda, of Hunt and Crossley [N s/m2]
+    law: float  # number of the law in `robot.CONTACT_LAWS`
 
     @classmethod
     def of(cls, robot: Robot, options: ContactOptions) -> 'Parameters':
@@ -43,7 +44,7 @@ class Parameters(NamedTuple):
             robot.ball_radius, robot.contact_stiffness, robot.contact_damping,
             robot.slip_threshold, robot.gravity, float(options.pulling),
             float(options.friction_ramp == 'smooth'), float(options.slip_lever == 'radius'),
-            robot.contact_dissipation * robot.contact_stiffness)
+            robot.contact_dissipation * robot.contact_stiffness, robot.law_number)
 
 
 class Actuator(NamedTuple):

@@ -35,6 +35,9 @@ class ContactOptions(Checked):
         default='contact', choices=('contact', 'radius'))
 
 
+# The files of `contact_laws`; the first is the law of robots that name none.
+CONTACT_LAWS = ('kelvin_voigt', 'hunt_crossley')
+
 LEAD, AIR = 11340.0, 1.2  # densities between which that of a robot lies [kg/m3]
 DENSITIES = (20.0, 5000.0)  # of robots: a corrected value that gives one of these was meant
 DEEPEST = 0.25  # static penetration that can still be a contact [radii]
@@ -211,9 +214,11 @@ class Robot(Checked):
         'm/s', 'slip velocity at which friction is fully there, eq. (9)', above=0.0,
         default=0.01)
     gravity: float = quantity('m/s2', 'acceleration of gravity, g', minimum=0.0, default=9.81)
+    contact_law: str = text(
+        'law of the normal force: kelvin_voigt, k p - kd v as in eq. (7), or hunt_crossley, '
+        'k p (1 - lambda v)', default='kelvin_voigt', choices=CONTACT_LAWS)
     contact_dissipation: float = quantity(
-        's/m', 'dissipation of the shell by Hunt and Crossley, lambda: beside kd, a damping of '
-        'k lambda times the penetration', minimum=0.0, default=0.0)
+        's/m', 'dissipation of the shell, lambda, of hunt_crossley', minimum=0.0, default=0.0)
     motor: Optional[Motor] = None
     steering: Optional[Steering] = None
     provenance: Mapping[str, Provenance] = field(
@@ -226,6 +231,11 @@ class Robot(Checked):
             for sentence in implausible(self):
                 warnings.warn(sentence, PlausibilityWarning, stacklevel=3)
             return
+        if not self.has_law_of_dissipation:
+            raise ConfigurationError(
+                f'Robot: contact_dissipation is given without its law, and {self.contact_law} '
+                'would ignore it; write contact_law: hunt_crossley', 'inconsistent',
+                'contact_dissipation')
         if self.pendulum_mass == 0.0:
             for name in ('pendulum_inertia', 'pendulum_length', 'joint_friction'):
                 if getattr(self, name) != 0.0:
@@ -306,8 +316,18 @@ class Robot(Checked):
         resists = (self.pendulum_inertia > 0.0) | (self.pendulum_length > 0.0)
         nothing = ((self.pendulum_inertia == 0.0) & (self.pendulum_length == 0.0)
                    & (self.joint_friction == 0.0))
-        return (self.pendulum_length <= self.ball_radius) & (
+        return self.has_law_of_dissipation & (self.pendulum_length <= self.ball_radius) & (
             self.has_pendulum & resists | (self.pendulum_mass == 0.0) & nothing)
+
+    @property
+    def has_law_of_dissipation(self) -> bool:
+        """Return whether the contact law reads the dissipation, where there is one."""
+        return (self.contact_dissipation == 0.0) | (self.contact_law != 'kelvin_voigt')
+
+    @property
+    def law_number(self) -> float:
+        """Return the number of the contact law in `CONTACT_LAWS`."""
+        return float(CONTACT_LAWS.index(self.contact_law))
 
     @property
     def has_pendulum(self) -> bool:
@@ -320,6 +340,8 @@ class Robot(Checked):
         numbers = [(type(part).__name__, item.name, getattr(part, item.name))
                    for part in (self, self.motor) if part is not None
                    for item in fields(part) if item.metadata.get('kind') is float]
+        if self.law_number:
+            numbers.append(('Robot', 'contact_law', self.contact_law))
         return hashlib.sha256(repr(numbers).encode()).hexdigest()[:16]
 
     @property
@@ -372,7 +394,7 @@ class Robot(Checked):
         """
         Return exp(-pi zeta / sqrt(1 - zeta^2)), 0 where overdamped (unclamped bounce).
 
-        Of eq. (7) alone; with `contact_dissipation` it depends on the speed.
+        Of eq. (7); by hunt_crossley it depends on the speed.
         """
         zeta = self.damping_ratio
         return math.exp(-math.pi * zeta / math.sqrt(1.0 - zeta**2)) if zeta < 1.0 else 0.0

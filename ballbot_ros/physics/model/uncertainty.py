@@ -124,7 +124,7 @@ def _with_both_masses(robot: Robot, values: Mapping[str, Number]) -> Dict[str, N
 def rows_of_parameters(robot: Robot, values: Mapping[str, Array], number: int,
                        options: ContactOptions = ContactOptions()) -> Array:
     """
-    Return the `Parameters` of many robots, (number, 15): those of `changed`, but unchecked.
+    Return the `Parameters` of many robots, (number, ...): those of `changed`, but unchecked.
 
     Parameters
     ----------
@@ -133,6 +133,7 @@ def rows_of_parameters(robot: Robot, values: Mapping[str, Array], number: int,
 
     """
     own = {name: getattr(robot, name) for name in ROBOT}
+    own['law_number'] = robot.law_number
     own.update(_with_both_masses(robot, values))
     own['total_mass'] = own['ball_mass'] + own['pendulum_mass']
     # The sums and products are the same for arrays; a Robot of each takes a hundred times as long.

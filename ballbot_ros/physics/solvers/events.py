@@ -24,6 +24,7 @@ from ballbot_ros.physics.mechanics.equations import torque_slopes, unsaturated_t
 from ballbot_ros.physics.mechanics.modes import (
     contact_count, ContactMode, guard_of, in_contact, mode_holds, MOTOR, OF_FEATURE, OF_FORCE,
     smooth_contacts, violated_guards)
+from ballbot_ros.physics.model.contact_laws import least_remainder, linear_damping
 from ballbot_ros.physics.model.parameters import System
 from ballbot_ros.physics.model.state import BALL_ANGLE, BALL_RATE, PENDULUM_ANGLE, VELOCITY_X, X
 from ballbot_ros.physics.model.terrain import Array, TANGENT_X, TANGENT_Y, TURN, VERTEX_X, VERTEX_Y
@@ -111,12 +112,11 @@ def pressed_throughout(work: Array, row: int, normal: tuple[float, float, float]
         turned = aside / nearest
         beyond, shorter = 0.5 * turned * aside, 0.5 * turned * turned
         fastest, quickest = largest(closing), largest(passing)
-    force = combined(-parameters.stiffness, away, -parameters.damping, closing)
+    damping, faster = linear_damping(parameters), shorter * fastest + turned * quickest
+    force = combined(-parameters.stiffness, away, -damping, closing)
     force_left = parameters.stiffness * (parameters.radius - beyond) + least(force) - (
-        parameters.damping * (shorter * fastest + turned * quickest))
-    if parameters.dissipation > 0.0:  # N = k p - (kd + h p) v_n with bounds of p and v_n
-        force_left -= parameters.dissipation * max(parameters.radius - nearest, 0.0) * max(
-            most(closing) + shorter * fastest + turned * quickest, 0.0)
+        damping * faster) + least_remainder(
+            parameters.radius - nearest, most(closing) + faster, parameters)
     if not (farthest + beyond < parameters.radius and force_left > 0.0):
         return False
     if friction <= 0.0:

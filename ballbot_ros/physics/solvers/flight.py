@@ -36,6 +36,7 @@ from ballbot_ros.physics.mechanics.contact import away_from, first_segment, spri
 from ballbot_ros.physics.mechanics.contact_law import PRESSED
 from ballbot_ros.physics.mechanics.laws import limited
 from ballbot_ros.physics.mechanics.modes import contact_count, ContactMode, mode_holds
+from ballbot_ros.physics.model.contact_laws import leaves_freely
 from ballbot_ros.physics.model.parameters import (
     Actuator, FREE, Parameters, System, TORQUE, VOLTAGE)
 from ballbot_ros.physics.model.state import (
@@ -380,12 +381,12 @@ def is_let_go(mode: ContactMode, parameters: Parameters) -> bool:
     """
     Return whether the ground exerts no force in a mode: no contact, or one that would pull.
 
-    Where the damper grows with the penetration, the bound of `clear_time` does not hold for a ball
-    that still overlaps the ground.
+    A ball that would be pulled still overlaps the ground; then the bound of `clear_time` holds
+    with some contact laws.
     """
     count = contact_count(mode)
     return count == 0 or (count == 1 and mode.signs[0, PRESSED] == 0
-                          and parameters.dissipation == 0.0)
+                          and leaves_freely(parameters))
 
 
 @outlined

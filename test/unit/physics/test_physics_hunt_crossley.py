@@ -7,12 +7,13 @@ import pytest
 from scipy.optimize import brentq
 
 from ballbot_ros.crossing import max_step_height
+from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics import (
     Actuation, load_robot, load_scene, Model, simulate, Solver, State, Terrain)
 from ballbot_ros.physics.simulation.scene import read_scene
 
 GIMBALL, SHELLBALL = load_robot('gimball'), load_robot('shellball')
-CLOSED = {'contact_damping': 0.0}
+CLOSED = {'contact_law': 'hunt_crossley'}
 
 
 def restitution(dissipation, speed):
@@ -67,9 +68,16 @@ def test_the_energy_balance_of_every_scene_closes(name):
 
 def test_a_scene_file_selects_it():
     scene = read_scene({'robot': 'gimball', 'duration': 0.1, 'robot_changes': {
-        'contact_damping': 0.0, 'contact_dissipation': 0.5}}, 'here', 'mine')
+        'contact_law': 'hunt_crossley', 'contact_dissipation': 0.5}}, 'here', 'mine')
     assert scene.model.parameters.dissipation == 0.5 * GIMBALL.contact_stiffness
     assert scene.model.robot.digest != GIMBALL.digest
+    assert GIMBALL.replace(contact_law='hunt_crossley').digest != GIMBALL.digest
+
+
+def test_a_dissipation_without_its_law_is_refused():
+    with pytest.raises(ConfigurationError) as refused:
+        GIMBALL.replace(contact_dissipation=0.5)
+    assert (refused.value.reason, refused.value.field) == ('inconsistent', 'contact_dissipation')
 
 
 def test_the_maximum_step_height_depends_little_on_the_law_at_equal_restitution():

@@ -14,7 +14,8 @@ from ballbot_ros.physics.model.parameters import System
 from ballbot_ros.physics.model.state import PENDULUM_ANGLE
 
 ROBOTS = {name: load_robot(name) for name in ('gimball', 'shellball')}
-ROBOTS['dissipative'] = replace(ROBOTS['gimball'], contact_damping=0.0, contact_dissipation=0.7)
+ROBOTS['dissipative'] = replace(ROBOTS['gimball'], contact_law='hunt_crossley',
+                                contact_dissipation=0.7)
 # Two segments at an angle that leave no concave corner, and an edge between them.
 RIDGE = Terrain([[-1.0, 0.0], [0.0, 0.05], [1.0, -0.1]])
 DELTA = 1e-6

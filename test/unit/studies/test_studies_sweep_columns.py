@@ -29,8 +29,9 @@ GAINS = {'position_kp': (10.0, 60.0), 'position_kd': (1.0, 12.0), 'velocity_kp':
          'velocity_ki': (0.0, 5.0), 'torque_limit': (0.5, 4.0)}
 
 PLANS = {
-    'robot': SweepPlan(GIMBALL, ranges={**STEP, **OWN, 'contact_dissipation': (0.0, 2.0)},
-                       design='sobol', cases=80),
+    'robot': SweepPlan(
+        GIMBALL.replace(contact_law='hunt_crossley'), design='sobol', cases=80,
+        ranges={**STEP, **OWN, 'contact_dissipation': (0.0, 2.0)}),
     'ball alone': SweepPlan(SHELLBALL, design='random', cases=40, ranges={
         **STEP, 'ball_mass': (0.5, 2.0), 'edge_friction': (0.0, 0.5)}),
     'ground in radians': SweepPlan(GIMBALL, design='random', cases=60, ranges={

@@ -2,18 +2,14 @@
 """
 The approach: a ball that rolls without slip along gentle ground, with law (11) in its motor.
 
-With the slope a of the ground, v along it and phi the absolute angle of the pendulum::
-
-    (M + J1 / r^2) v' + M2 e cos(phi - a) phi'' = M2 e sin(phi - a) phi'^2
-        + (tau - c2 (phi' + v / r)) / r - c1 v / r^2 - M g sin(a)
-    (J2 + M2 e^2) phi'' + M2 e cos(phi - a) v' = tau - c2 (phi' + v / r) - M2 g e sin(phi)
-
-(`rolling_model` on a level floor).  The derivative gain makes for a pole of some hundred per
-second, so the rate of the pendulum is stepped implicitly, and steps may be ten times longer.
+The equations are those of `control.rolling_model`.  The derivative gain makes for a pole of some
+hundred per second, so the rate of the pendulum is stepped implicitly, and steps may be ten times
+longer.
 """
 import math
 from typing import NamedTuple
 
+from ballbot_ros.control.rolling_model import rolling_loads, RollingNumbers
 from ballbot_ros.decision.planning.rollout.layout import Drive
 from ballbot_ros.jit import compiled
 from ballbot_ros.physics.mechanics.contact import find_contacts, found_loads
@@ -56,33 +52,28 @@ def roll(now: Rolling, set_angle: float, slope: float, step: float, robot: Param
 
     """
     radius = robot.radius - robot.mass * robot.gravity / robot.stiffness
-    moment = robot.pendulum_moment
-    inertia = robot.mass + robot.ball_inertia / (radius * radius)
-    sine = math.sin(now.angle)
-    coupling = moment * math.cos(now.angle - slope)
-    joint_rate = now.rate + now.speed / radius
-    friction = robot.joint_friction * joint_rate
-    on_ball = (moment * math.sin(now.angle - slope) * now.rate * now.rate
-               - friction / radius - robot.rolling_friction * now.speed / (radius * radius)
-               - robot.mass * robot.gravity * math.sin(slope))
-    on_pendulum = -friction - moment * robot.gravity * sine
-    # Both equations without v': share * torque + rest = left * phi''.
-    left = robot.pendulum_inertia - coupling * coupling / inertia
-    share = 1.0 - coupling / (inertia * radius)
-    rest = on_pendulum - coupling / inertia * on_ball
-    weight = drive.compensated * moment * robot.gravity * sine
+    moment, spin = robot.pendulum_moment, -now.speed / radius
+    inertia = robot.ball_inertia + robot.mass * radius * radius
+    on_pendulum, on_ball, coupling = rolling_loads(
+        now.angle, now.rate, spin, slope, RollingNumbers(
+            robot.pendulum_inertia, inertia, moment * radius, moment * robot.gravity,
+            robot.joint_friction, robot.rolling_friction, robot.mass * robot.gravity * radius)[:])
+    # Both equations without theta1'': share * torque + rest = left * phi''.
+    share = 1.0 - coupling / inertia
+    rest, left = on_pendulum + coupling / inertia * on_ball, (
+        robot.pendulum_inertia - coupling * coupling / inertia)
+    weight = drive.compensated * moment * robot.gravity * math.sin(now.angle)
     # The torque at the end of the step: kp (set - phi - h phi'_new) - kd phi'_new + weight.
     fixed = drive.kp * (set_angle - now.angle) + weight
     damping = drive.kd + drive.kp * step
     rate = (now.rate + step * (share * fixed + rest) / left) / (
         1.0 + step * share * damping / left)
     asked = fixed - damping * rate
-    torque = applied_torque(asked, joint_rate, drive.motor_line, drive.limit)
+    torque = applied_torque(asked, now.rate - spin, drive.motor_line, drive.limit)
     if torque != asked:
         rate = now.rate + step * (share * torque + rest) / left
     turned = (rate - now.rate) / step
-    gain = (on_ball + torque / radius - coupling * turned) / inertia
-    speed = now.speed + step * gain
+    speed = now.speed - step * radius * (on_ball - torque + coupling * turned) / inertia
     return Rolling(now.position + 0.5 * step * (now.speed + speed) * math.cos(slope), speed,
                    now.angle + step * rate, rate)
 

@@ -1,0 +1,38 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+The law of Hunt and Crossley with the exponent 1: ``N = k p (1 - lambda v)``.
+
+Its damping grows with the penetration, so that the force sets in without a jump, and the
+restitution depends on the speed.  See `contact_laws` for the contract.
+
+Reference: K. H. Hunt, F. R. E. Crossley, Coefficient of Restitution Interpreted as Damping in
+Vibroimpact, J. Appl. Mech. 42 (1975) 440.
+"""
+from ballbot_ros.jit import compiled
+from ballbot_ros.physics.model.parameters import Parameters
+
+
+@compiled
+def damper(penetration: float, velocity: float,
+           parameters: Parameters) -> tuple[float, float, float]:
+    """Return the force of the damper [N] and its slopes [N/m], [N s/m]."""
+    damping = parameters.dissipation * penetration
+    return damping * velocity, parameters.dissipation * velocity, damping
+
+
+@compiled
+def linear_damping(_parameters: Parameters) -> float:
+    """Return 0: all of the damping depends on the penetration [N s/m]."""
+    return 0.0
+
+
+@compiled
+def least_remainder(deepest: float, fastest: float, parameters: Parameters) -> float:
+    """Return the least of ``-k lambda p v`` [N]."""
+    return -parameters.dissipation * max(deepest, 0.0) * max(fastest, 0.0)
+
+
+@compiled
+def leaves_freely(_parameters: Parameters) -> bool:
+    """Return that no multiple of the velocity bounds the force of a released ball."""
+    return False
