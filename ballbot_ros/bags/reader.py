@@ -50,17 +50,23 @@ def read_bag(path: Path) -> Recording:
     return Recording(series, torque)
 
 
+# Names of angle and rate of each joint.
+JOINT_VALUES = {
+    'shell': ('ball_angle', 'ball_rate'), 'pendulum': ('joint_angle', 'joint_rate'),
+    'lean': ('lean', 'lean_rate'), 'tilt': ('tilt', 'tilt_rate'), 'yaw': ('heading', 'yaw_rate')}
+
+
 def joint_values(message: Any) -> Dict[str, float]:
     """Return angles, rates and torque of a sensor_msgs/JointState."""
     values = {}
     for place, joint in enumerate(message.name):
-        part = {'shell': 'ball', 'pendulum': 'joint'}.get(joint)
-        if part is None:
+        names = JOINT_VALUES.get(joint)
+        if names is None:
             continue
-        for kind, numbers in (('angle', message.position), ('rate', message.velocity)):
+        for name, numbers in zip(names, (message.position, message.velocity)):
             if place < len(numbers):
-                values[f'{part}_{kind}'] = float(numbers[place])
-        if part == 'joint' and place < len(message.effort):
+                values[name] = float(numbers[place])
+        if joint == 'pendulum' and place < len(message.effort):
             values['pendulum_torque'] = float(message.effort[place])
     return values
 

@@ -15,6 +15,9 @@ Values = Dict[str, float]
 # Of a ball_state, those that decide how it goes on, and what the motor has done.
 BALL_STATE = ('x', 'y', 'ball_angle', 'pendulum_angle', 'velocity_x', 'velocity_y', 'ball_rate',
               'pendulum_rate', 'pendulum_torque', 'motor_work')
+# Absent in bags of versions without turning.
+LATERAL_STATE = ('position_x', 'position_y', 'heading', 'yaw_rate', 'lean', 'lean_rate', 'tilt',
+                 'tilt_rate')
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,6 +35,8 @@ class RecordedRun:
     odometry : mapping of int to mapping
     commands : mapping of int to float
         Torque [N m] that answers the joint state of that stamp.
+    leans : mapping of int to float
+        Set-point of the lean [rad] in the same command; of a robot that turns.
     set_points : list of SetPoint
         As sent, `Mode.SPEED` for those of ``cmd_vel``.
     metadata : mapping of str to str
@@ -43,6 +48,7 @@ class RecordedRun:
     balls: Dict[int, List[Values]] = field(default_factory=dict)
     odometry: Dict[int, Values] = field(default_factory=dict)
     commands: Dict[int, float] = field(default_factory=dict)
+    leans: Dict[int, float] = field(default_factory=dict)
     set_points: List[SetPoint] = field(default_factory=list)
     metadata: Mapping[str, str] = field(default_factory=dict)
 
@@ -121,19 +127,22 @@ def _takers(run: RecordedRun) -> Dict[str, Tuple[str, Callable[[Any], object]]]:
         if math.isfinite(torque):
             # The first one counts; a controller that is ended sends a last one, of no torque.
             run.commands.setdefault(_stamp(message), torque)
+            run.leans.setdefault(_stamp(message), joint_values(message).get('lean', 0.0))
 
     return {
         'joint_states': ('JointState', lambda message: state(
             run.joints, _stamp(message), joint_values(message))),
         'ball_state': ('BallState', lambda message: state(run.balls, _stamp(message), {
-            name: float(getattr(message, name)) for name in BALL_STATE})),
+            name: float(getattr(message, name)) for name in (*BALL_STATE, *LATERAL_STATE)
+            if hasattr(message, name)})),
         'odom': ('Odometry', lambda message: run.odometry.setdefault(
             _stamp(message), odometry_values(message))),
         'joint_commands': ('JointState', command),
         'set_point': ('JointState', lambda message: run.set_points.append(
             _set_point(message))),
         'cmd_vel': ('TwistStamped', lambda message: run.set_points.append(SetPoint(
-            Mode.SPEED, float(message.twist.linear.x), 1e-9 * _stamp(message))))}
+            Mode.SPEED, float(message.twist.linear.x), 1e-9 * _stamp(message),
+            float(message.twist.angular.z))))}
 
 
 def same(one: Mapping[str, float], other: Mapping[str, float]) -> bool:

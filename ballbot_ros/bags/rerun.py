@@ -7,6 +7,7 @@ from ballbot_ros.bags.recorded_run import RecordedRun, Values
 from ballbot_ros.control import JointReadings, SupervisedController
 from ballbot_ros.errors import ConfigurationError, MessageError, SimulationError
 from ballbot_ros.plant import Plant
+from ballbot_ros.steering import law
 
 
 class Torques(Protocol):
@@ -17,6 +18,9 @@ class Torques(Protocol):
     def torque(self, stamp: int, after: int, plant: Plant) -> Optional[float]:
         """Return the torque from one stamp to the next one [ns], None if it is not known."""
 
+    def lean(self, stamp: int, plant: Plant) -> float:
+        """Return the set-point of the lean after a stamp [rad]; asked of a plant that steers."""
+
 
 class Commands:
     """Each recorded command, in the period whose state it answers."""
@@ -24,11 +28,15 @@ class Commands:
     what = 'recorded commands, each in the period whose state it answers'
 
     def __init__(self, run: RecordedRun):
-        self._commands = run.commands
+        self._commands, self._leans = run.commands, run.leans
 
     def torque(self, stamp: int, after: int, plant: Plant) -> Optional[float]:
         """Return the command that answers the state."""
         return self._commands.get(stamp)
+
+    def lean(self, stamp: int, plant: Plant) -> float:
+        """Return that of the same command."""
+        return self._leans.get(stamp, 0.0)
 
 
 class MotorTorques:
@@ -43,6 +51,10 @@ class MotorTorques:
         """Return the torque of the first state of that stamp."""
         return self._joints[after][0].get('pendulum_torque', 0.0) \
             if after in self._joints else None
+
+    def lean(self, stamp: int, plant: Plant) -> float:
+        """Return the lean that the pendulum has, its set-point being unknown."""
+        return plant.lateral.lean
 
 
 class Laws:
@@ -66,6 +78,12 @@ class Laws:
             except MessageError:
                 pass  # refused in the run, too
         return self._controller.answer() or 0.0
+
+    def lean(self, stamp: int, plant: Plant) -> float:
+        """Return the answer of the steering law."""
+        robot = plant.model.robot
+        return law(robot, plant.lateral, -robot.ball_radius * plant.state.ball_rate,
+                   self._controller.set_point.yaw_rate)
 
 
 @dataclass(frozen=True)
@@ -124,7 +142,10 @@ def plant_values(plant: Plant) -> Values:
     values = {name: float(getattr(state, name)) for name in (
         'x', 'y', 'ball_angle', 'pendulum_angle', 'velocity_x', 'velocity_y', 'ball_rate',
         'pendulum_rate', 'joint_angle', 'joint_rate', 'motor_work')}
-    return {**values, 'pendulum_torque': float(plant.torque)}
+    position_x, position_y, heading = plant.relative_pose
+    lateral = plant.lateral._replace(heading=heading)._asdict()
+    return {**values, **lateral, 'position_x': position_x, 'position_y': position_y,
+            'pendulum_torque': float(plant.torque)}
 
 
 class _Comparer:
@@ -205,7 +226,7 @@ def rerun(plant: Plant, run: RecordedRun, torques: Torques) -> Rerun:
         else:
             applied += 1
         try:
-            plant.advance(torque)
+            plant.advance(torque, torques.lean(stamp, plant) if plant.steers else 0.0)
         except SimulationError as error:
             ended = str(error)
             break

@@ -8,7 +8,7 @@ from dataclasses import dataclass, Field, fields, MISSING
 from typing import Any, Callable, Mapping, Sequence
 
 from ballbot_ros.bridge.hardware_file import HardwareNames, load_hardware, SECTIONS, SET_ELSEWHERE
-from ballbot_ros.config.files import find_config, shipped_files
+from ballbot_ros.config.files import shipped_files
 from ballbot_ros.control import ControlTuning
 from ballbot_ros.decision import DecisionTuning
 from ballbot_ros.drives import driver_class, DRIVES
@@ -161,10 +161,52 @@ def experiment_file(name: str, scene: str = 'doorstep') -> list[Section]:
             Section('nodes', {}, '', {}, lines)]
 
 
+WALLS = """\
+# All coordinates are in m.
+walls:
+  size: [6.0, 5.0]       # of the map, whose lower left corner is (0, 0); its outline is a wall
+  resolution: 0.05       # size of a cell
+  thickness: 0.1
+  lines:                 # polylines of walls; gaps are doors
+    - [[0.0, 2.5], [2.5, 2.5]]
+    - [[3.5, 2.5], [6.0, 2.5]]
+# Instead of walls, a map of Nav2's map_server or of SLAM Toolbox, with a path from this file:
+# map: my_map.yaml
+"""
+FEATURES = """\
+features:
+  # Lines. Seen from its first point to its last, a step is higher on the left of its line.
+  - {kind: step, name: upper room, line: [[2.5, 2.5], [3.5, 2.5]], height: 0.02, height_sd: 0.001}
+  # - {kind: threshold, line: [[2.5, 2.5], [3.5, 2.5]], height: 0.015, width: 0.06}
+  # - {kind: cord, line: [[0.5, 0.5], [2.5, 0.5]], height: 0.006, width: 0.012}
+  # - {kind: drop, line: [[5.0, 2.4], [5.0, 0.0]], height: 0.2}    # lower on the right of its line
+  # Areas, by their corners.
+  # - {kind: carpet, polygon: [[1.0, 3.5], [2.0, 3.5], [2.0, 4.5], [1.0, 4.5]], height: 0.008}
+  # - {kind: level, polygon: [[4.0, 3.0], [5.5, 3.0], [5.5, 4.5], [4.0, 4.5]], height: 0.1}
+  # - {kind: ramp, polygon: [[3.0, 3.0], [4.0, 3.0], [4.0, 4.5], [3.0, 4.5]], height: 0.1,
+  #    line: [[3.0, 3.7], [4.0, 3.7]]}       # from the foot to the top
+  # - {kind: friction, polygon: [[0.5, 1.0], [1.5, 1.0], [1.5, 2.0], [0.5, 2.0]], friction: 0.1}
+  # - {kind: keep_out, polygon: [[4.5, 0.5], [5.5, 0.5], [5.5, 1.5], [4.5, 1.5]]}
+  # - {kind: stairs, polygon: [[4.5, 0.5], [5.5, 0.5], [5.5, 1.5], [4.5, 1.5]]}    # down
+"""
+START = """\
+# Where a simulated robot starts: x, y [m] and heading [degrees], counter-clockwise from +x. If not
+# given, in the middle of the largest room.
+start: [1.0, 1.0, 0.0]
+"""
+HEIGHTS = """\
+# heights:               # of the ground under the features, in a grey PNG of 16 bits
+#   image: heights.png
+#   resolution: 0.02     # size of a cell [m]
+#   scale: 0.001         # height of one step of the image [m]: millimetres here
+#   offset: 0.0          # height of the value 0 [m]
+#   origin: [0.0, 0.0]   # of the lower left corner [m]
+"""
+
+
 def floor_file(name: str) -> list[Section]:
-    """Return the sections of a floor file: those of the shipped flat."""
-    text = find_config('floors', 'apartment').read_text(encoding='utf-8')
-    return [Section('', {}, '', {}, text)]
+    """Return the sections of a floor file: two rooms, with each kind of feature."""
+    return [Section('', {}, '', {}, WALLS + FEATURES + START + HEIGHTS)]
 
 
 def curve_file(name: str) -> list[Section]:

@@ -19,7 +19,7 @@ KINDS: Mapping[str, tuple[str, tuple[str, ...], str]] = {
     'tuning': ('gains of the controller', (),
                'ballbot run controller --ros-args -p tuning:={file}'),
     'floor': ('walls or a map, and steps, carpets and drops on it', (),
-              'ballbot plan-route {file} --start X Y --goal X Y'),
+              'ballbot view {file}'),
     'decision': ('margins of the decision', (),
                  'ballbot run obstacle_decision --ros-args -p tuning:={file}')}
 COLUMN, WIDTH = 32, 99  # first and last column of comments

@@ -215,30 +215,28 @@ def write(found: Replayed, folder: Path, title: str, kind: str) -> list[str]:
 def replay_simulator(arguments: argparse.Namespace, run: Any, metadata: Any) -> Replayed:
     """Run again, by commands first, and report whether all states are the same."""
     from ballbot_ros.bags.rerun import rerun
+    from ballbot_ros.nodes.simulator.settings import plant_for
     from ballbot_ros.physics import load_scene
-    from ballbot_ros.physics.simulation.solver import Solver
-    from ballbot_ros.plant import Plant
     from ballbot_ros.results.summary import plain
     known = dict(metadata.parameters)
     if 'control_rate' not in known and len(run.stamps) > 2 and known.get('control') != 'onboard':
         steps = [after - before for before, after in zip(run.stamps, run.stamps[1:])]
         known['control_rate'] = round(1e9 / statistics.median(steps), 6)
     settings = parameters_of(arguments, known)
-    scene = load_scene(settings.scene, settings.robot or None,
-                       Solver(settings.method, settings.physics_step))
+    scene = load_scene(settings.scene, settings.robot or None)
     remarks = differing(metadata, scene)
+    robot = plant_for(settings).model.robot
 
     def again(by: str) -> Any:
-        plant = Plant(scene, settings.control_rate, settings.torque_limit or None,
-                      settings.accuracy or None)
-        return rerun(plant, run, source(by, run, settings, scene))
+        return rerun(plant_for(settings), run, source(by, run, settings, robot))
     ways = [arguments.by] if arguments.by else ways_of(settings, run)
     found = [again(ways[0])]
     # With the motor torque a difference comes from the model, not from the timing of commands.
     if found[0].departure is not None:
         found += [again(way) for way in ways[1:]]
     best = max(found, key=lambda item: item.identical)
-    lines = [f'simulator, scene {settings.scene}, robot {scene.model.robot.name}, '
+    world = f'floor {settings.floor}' if settings.floor else f'scene {settings.scene}'
+    lines = [f'simulator, {world}, robot {robot.name}, '
              f'{settings.control_rate:g} Hz', *remarks]
     for item in found:
         lines += wording(item)
@@ -263,13 +261,13 @@ def ways_of(settings: Any, run: Any) -> list[str]:
     return [COMMANDS, TORQUES] if run.commands else [TORQUES]
 
 
-def source(by: str, run: Any, settings: Any, scene: Any) -> Any:
+def source(by: str, run: Any, settings: Any, robot: Any) -> Any:
     """Return the source of the torque."""
     from ballbot_ros.bags.rerun import Commands, Laws, MotorTorques
     from ballbot_ros.control import checked_controller, load_tuning, Supervision
     if by == SET_POINTS:
         return Laws(run, checked_controller(
-            scene.model.robot, load_tuning(settings.tuning), settings.control_rate, 0,
+            robot, load_tuning(settings.tuning), settings.control_rate, 0,
             Supervision(set_point_timeout=settings.set_point_timeout)))
     return Commands(run) if by == COMMANDS else MotorTorques(run)
 

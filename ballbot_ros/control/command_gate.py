@@ -41,9 +41,9 @@ class CommandGate:
         self.refused: Counter[str] = Counter()
         self.stamp: Optional[float] = None
         self._since = 0.0  # arrival, or the stamp where that is earlier
-        self._torque = 0.0
+        self._torque = self._lean = 0.0
 
-    def offer(self, torque: float, stamp: float, now: float) -> None:
+    def offer(self, torque: float, stamp: float, now: float, lean: float = 0.0) -> None:
         """
         Take a command.
 
@@ -55,6 +55,8 @@ class CommandGate:
             Of the joint state from which it was computed [s].
         now : float
             [s]
+        lean : float, optional
+            Set-point of the lean of the pendulum [rad].
 
         Raises
         ------
@@ -64,20 +66,23 @@ class CommandGate:
 
         """
         try:
-            self._check(torque, stamp, now)
+            self._check(torque, stamp, now, lean)
         except MessageError as error:
             self.refused[error.reason] += 1
             raise
         self.accepted += 1
         self.stamp, self._since, self._torque = stamp, min(stamp, now), torque
+        self._lean = lean
 
     def refuse(self, reason: str) -> None:
         """Count a command that the caller refused."""
         self.refused[reason] += 1
 
-    def _check(self, torque: float, stamp: float, now: float) -> None:
+    def _check(self, torque: float, stamp: float, now: float, lean: float) -> None:
         if not math.isfinite(torque):
             raise MessageError('not_finite', f'effort must be a finite torque, got {torque!r}')
+        if not math.isfinite(lean):
+            raise MessageError('not_finite', f'the lean must be a finite angle, got {lean!r}')
         age = now - stamp
         if not age <= self.timeout:
             raise MessageError(
@@ -97,10 +102,14 @@ class CommandGate:
         """Return the torque to apply at `now` [N m]: 0 without a fresh command."""
         return 0.0 if self.stamp is None or self.expired(now) else self._torque
 
+    def lean(self, now: float) -> float:
+        """Return the set-point of the lean at `now` [rad]: 0 without a fresh command."""
+        return 0.0 if self.stamp is None or self.expired(now) else self._lean
+
     def expired(self, now: float) -> bool:
         """Return whether the last command has expired."""
         return self.stamp is not None and now - self._since > self.timeout
 
     def clear(self) -> None:
         """Drop the command in force; the counts stay."""
-        self.stamp, self._torque = None, 0.0
+        self.stamp, self._torque, self._lean = None, 0.0, 0.0

@@ -42,6 +42,8 @@ class SetPoint:
         counted, not wrapped: 2 pi is one turn away from 0.
     stamp : float
         Time at which it was given [s].
+    yaw_rate : float
+        Beside a speed; positive to the left [rad/s].
 
     Raises
     ------
@@ -53,6 +55,7 @@ class SetPoint:
     mode: Mode
     value: float = 0.0
     stamp: float = 0.0
+    yaw_rate: float = 0.0
 
     def __post_init__(self) -> None:
         """Raise `MessageError` for an invalid set-point."""
@@ -63,7 +66,8 @@ class SetPoint:
             raise MessageError(
                 'unknown_mode',
                 f'set-point mode must be one of {known}, got {self.mode!r}') from error
-        refuse_not_finite('set-point', value=self.value, stamp=self.stamp)
+        refuse_not_finite(
+            'set-point', value=self.value, stamp=self.stamp, yaw_rate=self.yaw_rate)
 
     @property
     def is_rest(self) -> bool:

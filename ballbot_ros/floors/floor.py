@@ -5,7 +5,7 @@ Floors: an occupancy map with steps, thresholds, cords, carpets, drops and keep-
 The occupancy map is either a map of Nav2's map_server (YAML and image) or a list of walls in the
 floor file.  Coordinates are those of the frame ``map`` [m].
 """
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 import math
 from pathlib import Path
@@ -13,6 +13,7 @@ from typing import Any, Dict, List, Optional, Sequence, Tuple, Union
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from ballbot_ros.config.fields import (
     Checked, Problems, quantity, refuse_missing, section, text)
@@ -23,6 +24,8 @@ Point = Tuple[float, float]
 
 # Larger maps are refused: a cell takes some 100 bytes while routes are planned.
 MOST_CELLS = 16_000_000
+# Largest range of the heights of a floor [m].
+HIGHEST = 20.0
 # Meaning of the cells of an occupancy map.
 FREE, UNKNOWN, OCCUPIED = 0, 1, 2
 # What a feature is: lines that the ball crosses, or areas.
@@ -115,6 +118,58 @@ class Feature(Checked):
 
 
 @dataclass(frozen=True, eq=False)
+class Heights:
+    """
+    Heights of the ground on a grid, between which they are linear.
+
+    Attributes
+    ----------
+    values : (rows, columns) array
+        Finite, of the centres of the cells; row 0 has the least y [m].
+    resolution : float
+        [m]
+    origin : (float, float)
+        Corner of cell (0, 0) [m].
+
+    Raises
+    ------
+    ConfigurationError
+        If a height is not finite, or the range is that of another unit.
+
+    """
+
+    values: NDArray[np.float64]
+    resolution: float
+    origin: Point
+
+    def __post_init__(self) -> None:
+        """Check the values."""
+        bad = np.argwhere(~np.isfinite(self.values))
+        if len(bad):
+            raise ConfigurationError(
+                f'heights: {len(bad)} of {self.values.size} are not finite, the first in row '
+                f'{bad[0, 0]}, column {bad[0, 1]}; fill holes before', 'not_finite', 'heights')
+        span = float(np.ptp(self.values))
+        if span > HIGHEST:
+            raise ConfigurationError(
+                f'heights: they range over {span:g} m, more than {HIGHEST:g} m; are these '
+                'millimetres? Give the scale', 'out_of_range', 'heights')
+
+    def at(self, x: Any, y: Any) -> Any:
+        """Return the height at places, beyond the grid that of its border; arrays broadcast."""
+        rows, columns = self.values.shape
+        column = np.clip((x - self.origin[0]) / self.resolution - 0.5, 0.0, columns - 1.0)
+        row = np.clip((y - self.origin[1]) / self.resolution - 0.5, 0.0, rows - 1.0)
+        left, low = (np.minimum(np.floor(part).astype(int), max(count - 2, 0))
+                     for part, count in ((column, columns), (row, rows)))
+        right, top = np.minimum(left + 1, columns - 1), np.minimum(low + 1, rows - 1)
+        across, up = column - left, row - low
+        values = self.values
+        return ((1.0 - up) * ((1.0 - across) * values[low, left] + across * values[low, right])
+                + up * ((1.0 - across) * values[top, left] + across * values[top, right]))
+
+
+@dataclass(frozen=True, eq=False)
 class Floor:
     """
     An occupancy map with features.
@@ -129,6 +184,10 @@ class Floor:
     origin : tuple of float
         x and y of the corner of cell (0, 0) [m].
     features : tuple of Feature
+    start : (float, float, float)
+        x, y and heading of a robot [m], [rad].
+    heights : Heights or None
+        Under the features; None for a level floor.
 
     """
 
@@ -137,6 +196,8 @@ class Floor:
     resolution: float
     origin: Point
     features: Tuple[Feature, ...]
+    start: Tuple[float, float, float] = (0.0, 0.0, 0.0)
+    heights: Optional[Heights] = None
 
     def cell_of(self, point: Sequence[float]) -> Tuple[int, int]:
         """Return row and column of a point [m]; may lie outside."""
@@ -160,21 +221,7 @@ class Floor:
 
         Columns: x and y of the centre, half the width and half the height [m].
         """
-        found: List[Tuple[int, int, int, int]] = []
-        started: Dict[Tuple[int, int], int] = {}  # row in which a run of columns begins
-        rows = self.cells.shape[0]
-        padded = np.pad(self.cells == OCCUPIED, 1)
-        for row in range(rows + 1):
-            change = np.flatnonzero(np.diff(padded[row + 1].astype(np.int8))).tolist()
-            runs = set(zip(change[::2], change[1::2]))
-            for run in [run for run in started if run not in runs]:
-                found.append((*run, started.pop(run), row))
-            for run in runs - started.keys():
-                started[run] = row
-        left, right, bottom, top = np.array(found, float).reshape(-1, 4).T
-        x, y = self.origin
-        return self.resolution * 0.5 * np.column_stack([
-            left + right, bottom + top, right - left, top - bottom]) + (x, y, 0.0, 0.0)
+        return rectangles(self.cells == OCCUPIED, self.resolution, self.origin)
 
     @property
     def extent(self) -> Tuple[float, float, float, float]:
@@ -182,6 +229,45 @@ class Floor:
         rows, columns = self.cells.shape
         return (self.origin[0], self.origin[0] + columns * self.resolution,
                 self.origin[1], self.origin[1] + rows * self.resolution)
+
+
+def rectangles(mask: NDArray[np.bool_], resolution: float, origin: Point
+               ) -> NDArray[np.float64]:
+    """Return rectangles that cover the cells of a mask, with columns as in `Floor.walls`."""
+    found: List[Tuple[int, int, int, int]] = []
+    started: Dict[Tuple[int, int], int] = {}  # row in which a run of columns begins
+    padded = np.pad(mask, 1)
+    for row in range(len(mask) + 1):
+        change = np.flatnonzero(np.diff(padded[row + 1].astype(np.int8))).tolist()
+        runs = set(zip(change[::2], change[1::2]))
+        for run in [run for run in started if run not in runs]:
+            found.append((*run, started.pop(run), row))
+        for run in runs - started.keys():
+            started[run] = row
+    left, right, bottom, top = np.array(sorted(found), float).reshape(-1, 4).T
+    return resolution * 0.5 * np.column_stack([
+        left + right, bottom + top, right - left, top - bottom]) + (*origin, 0.0, 0.0)
+
+
+def start_on(floor: Floor, text: str) -> Tuple[float, float, float]:
+    """
+    Return the pose that a text gives, as x, y [m] and heading [rad] with commas; else the start.
+
+    Raises
+    ------
+    ConfigurationError
+        If it is not three numbers.
+
+    """
+    if not text:
+        return floor.start
+    try:
+        x, y, heading = map(float, text.split(','))
+    except ValueError as error:
+        raise ConfigurationError(
+            f'start must be x, y [m] and heading [rad], separated by commas, got {text!r}',
+            'wrong_type', 'start') from error
+    return x, y, heading
 
 
 def load_floor(name_or_path: Union[str, Path]) -> Floor:
@@ -221,11 +307,29 @@ def load_floor(name_or_path: Union[str, Path]) -> Floor:
         else:
             cells, resolution, origin = _Walls.from_mapping(
                 content['walls'], f'{where}: walls').cells()
+    heights: Optional[Heights] = None
+    with problems.collected():
+        if content.get('heights') is not None:
+            heights = _HeightsFile.from_mapping(content['heights'], f'{where}: heights').read(
+                path.parent, f'{where}: heights')
+    start = content.get('start')
+    with problems.collected():
+        if start is not None and not (isinstance(start, list) and len(start) == 3 and all(
+                isinstance(item, (int, float)) and math.isfinite(item) for item in start)):
+            raise ConfigurationError(
+                f'{where}: start must be x, y [m] and heading [degrees], got {start!r}',
+                'wrong_type', 'start')
     problems.refuse()
     floor = Floor(path.stem, cells, resolution, origin, tuple(features))
+    if start is None:
+        # The middle of the largest free space.
+        clear = ndimage.distance_transform_edt(np.pad(cells == FREE, 1))[1:-1, 1:-1]
+        start = [*floor.center_of(*divmod(int(np.argmax(clear)), cells.shape[1])), 0.0]
+    floor = replace(floor, start=(float(start[0]), float(start[1]), math.radians(start[2])),
+                    heights=heights)
     with problems.collected():
         for number, feature in enumerate(features):
-            for point in feature.line or feature.polygon:
+            for point in (*feature.line, *feature.polygon):
                 with problems.collected():
                     left, right, bottom, top = floor.extent
                     if not (left <= point[0] <= right and bottom <= point[1] <= top):
@@ -240,6 +344,8 @@ def load_floor(name_or_path: Union[str, Path]) -> Floor:
 def read_map(path: Path) -> Tuple[NDArray[np.uint8], float, Point]:
     """
     Read a map as Nav2's map_server does, in its modes ``trinary`` and ``scale``.
+
+    A map with a rotated origin is sampled along the axes.
 
     Parameters
     ----------
@@ -258,7 +364,7 @@ def read_map(path: Path) -> Tuple[NDArray[np.uint8], float, Point]:
     Raises
     ------
     ConfigurationError
-        For values out of range, a rotated map, an image that cannot be read or is too large.
+        For values out of range, an image that cannot be read or is too large.
 
     """
     content = dict(read_yaml(find_config('maps', path)))
@@ -272,10 +378,6 @@ def read_map(path: Path) -> Tuple[NDArray[np.uint8], float, Point]:
             raise ConfigurationError(
                 f'{where}: origin must be [x, y, yaw] in m and rad, got {origin!r}',
                 'wrong_type', 'origin')
-        if origin[2] != 0.0:
-            raise ConfigurationError(
-                f'{where}: origin has a yaw of {origin[2]:g} rad; a rotated map is not supported, '
-                'rotate the image', 'unsupported', 'origin')
     content = {key: value for key, value in content.items() if value is not None}
     content['negate'] = int(content.get('negate', 0))
     values = None
@@ -299,7 +401,31 @@ def read_map(path: Path) -> Tuple[NDArray[np.uint8], float, Point]:
     cells = np.full(shades.shape, UNKNOWN, np.uint8)
     cells[occupancy > values.occupied_thresh] = OCCUPIED
     cells[occupancy < values.free_thresh] = FREE
+    if origin[2]:
+        return _rotated(cells, values.resolution, origin, where)
     return cells, values.resolution, (float(origin[0]), float(origin[1]))
+
+
+def _rotated(cells: NDArray[np.uint8], resolution: float, origin: Sequence[float], where: str
+             ) -> Tuple[NDArray[np.uint8], float, Point]:
+    """Return a map along the axes, each cell that of the rotated map at its centre."""
+    rows, columns = cells.shape
+    cosine, sine = math.cos(origin[2]), math.sin(origin[2])
+    corners = [(resolution * (column * cosine - row * sine),
+                resolution * (column * sine + row * cosine))
+               for row in (0, rows) for column in (0, columns)]
+    left, bottom = (min(corner[axis] for corner in corners) for axis in (0, 1))
+    wide, high = (math.ceil((max(corner[axis] for corner in corners) - least) / resolution)
+                  for axis, least in ((0, left), (1, bottom)))
+    _check_size(high, wide, f'{where}: image')
+    x = left / resolution + np.arange(wide)[None, :] + 0.5
+    y = bottom / resolution + np.arange(high)[:, None] + 0.5
+    column, row = (np.floor(part).astype(int) for part in (
+        cosine * x + sine * y, cosine * y - sine * x))
+    on_map = (0 <= row) & (row < rows) & (0 <= column) & (column < columns)
+    found = np.full((high, wide), UNKNOWN, np.uint8)
+    found[on_map] = cells[row[on_map], column[on_map]]
+    return found, resolution, (float(origin[0]) + left, float(origin[1]) + bottom)
 
 
 @dataclass(frozen=True)
@@ -309,6 +435,44 @@ class _FloorFile(Checked):
     map: Any = section('YAML file of a map_server map', default=None)
     walls: Any = section('walls instead of a map', default=None)
     features: Any = section('steps, drops, areas', default=())
+    heights: Any = section('16-bit PNG of the heights of the ground', default=None)
+    start: Any = section('x, y [m] and heading [degrees] of a robot', default=None)
+
+
+@dataclass(frozen=True)
+class _HeightsFile(Checked):
+    """Heights in an image of 16 bits: the height is offset + scale * value."""
+
+    image: str = text('PNG file of 16 bits')
+    resolution: float = quantity('m', 'size of a cell', minimum=0.002, maximum=1.0)
+    scale: float = quantity('m', 'height of one step of the image; 0.001 for millimetres',
+                            above=0.0, maximum=1.0)
+    offset: float = quantity('m', 'height of the value 0', default=0.0)
+    origin: Any = section('x and y of the lower left corner [m]', default=(0.0, 0.0))
+
+    def read(self, folder: Path, where: str) -> Heights:
+        """Return the heights of the image."""
+        from PIL import Image, UnidentifiedImageError
+        origin, = _points([self.origin], 'origin', 1)
+        image = Path(self.image).expanduser()
+        image = image if image.is_absolute() else folder / image
+        Image.MAX_IMAGE_PIXELS = None  # the size is checked here, before the pixels are read
+        try:
+            with Image.open(image) as picture:
+                _check_size(picture.height, picture.width, f'{where}: image')
+                if not picture.mode.startswith('I'):
+                    raise ConfigurationError(
+                        f'{where}: image {image} must have 16 bits of grey, it is of mode '
+                        f'{picture.mode}', 'wrong_type', 'image')
+                values = np.asarray(picture, dtype=float)[::-1]
+        except (OSError, UnidentifiedImageError) as error:
+            raise ConfigurationError(
+                f'{where}: image {image} cannot be read: {error}', 'unreadable', 'image'
+            ) from error
+        try:
+            return Heights(self.offset + self.scale * values, self.resolution, origin)
+        except ConfigurationError as error:
+            raise error.at(where) from None
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from typing import Callable, List, NamedTuple, Optional, Sequence, Tuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot_ros.floors.floor import Feature, Floor, inside, Point
+from ballbot_ros.floors.floor import Feature, Floor, Heights, inside, Point
 from ballbot_ros.physics.model.terrain import Terrain
 
 Array = NDArray[np.float64]
@@ -118,6 +118,8 @@ def cut(floor: Floor, place: Point, heading: float, level: float = 0.0, radius: 
     if factor is not None:
         parts += _crests(edges, factor)
     breaks = {at for part in parts for at in part[:2]} | {at for slip in slips for at in slip[:2]}
+    grid = _grid_lines(floor.heights, place, along) if floor.heights is not None else np.zeros(0)
+    breaks.update(grid.tolist())
     ahead, behind = (sign * _wall(floor, place, (sign * along[0], sign * along[1]), radius)
                      for sign in (1.0, -1.0))
     inner = sorted([at for at in breaks if behind + SAME < at < ahead - SAME]
@@ -137,6 +139,10 @@ def cut(floor: Floor, place: Point, heading: float, level: float = 0.0, radius: 
             slope = (part.at_end - part.at_begin) / (part.end - part.begin)
             left[within] += part.at_begin + slope * (xs[:-1][within] - part.begin)
             right[within] += part.at_begin + slope * (xs[1:][within] - part.begin)
+    if floor.heights is not None and len(grid):
+        uneven = floor.heights.at(place[0] + grid * along[0], place[1] + grid * along[1])
+        left += np.interp(xs[:-1], grid, uneven)
+        right += np.interp(xs[1:], grid, uneven)
     for slip in slips:
         friction[(slip[0] < middle) & (middle < slip[1])] = slip[2]
     if math.isfinite(behind):
@@ -159,10 +165,11 @@ def passed(floor: Floor, begin: Point, end: Point) -> float:
 
 
 def area_height(floor: Floor, place: Point) -> float:
-    """Return the height that areas give the ground at a place [m]."""
-    return sum(_added(feature, place, (1.0, 0.0), 0.0) for feature in floor.features
+    """Return the height that areas and heights give the ground at a place [m]."""
+    uneven = float(floor.heights.at(*place)) if floor.heights is not None else 0.0
+    return uneven + sum(_added(feature, place, (1.0, 0.0), 0.0) for feature in floor.features
                if feature.kind not in ('step', 'drop', 'friction', 'keep_out')
-               and any(inside(*place, polygon) for polygon in _polygons(feature)))
+               and any(inside(*place, polygon) for polygon in polygons(feature)))
 
 
 def ranges(floor: Floor, place: Point, headings: Sequence[float], limit: float) -> Array:
@@ -181,7 +188,7 @@ def depth(feature: Feature) -> float:
     return UNKNOWN_DEPTH if unknown else feature.height
 
 
-def _polygons(feature: Feature) -> List[Tuple[Point, ...]]:
+def polygons(feature: Feature) -> List[Tuple[Point, ...]]:
     """Return the areas of a feature: of a threshold or cord, a rectangle for each segment."""
     if feature.kind in ('step', 'drop'):
         return []
@@ -200,7 +207,7 @@ def _polygons(feature: Feature) -> List[Tuple[Point, ...]]:
 def _areas(feature: Feature, place: Point, along: Point
            ) -> List[Tuple[Tuple[float, float], Tuple[float, float]]]:
     """Return the intervals of the line on a feature; those of joined bars are one."""
-    found = sorted(interval for polygon in _polygons(feature)
+    found = sorted(interval for polygon in polygons(feature)
                    for interval in _intervals(polygon, place, along))
     merged = found[:1]
     for begin, end in found[1:]:
@@ -281,6 +288,23 @@ def _crests(edges: Sequence[Edge], factor: Callable[[float], float]) -> List[_Pa
         found.append(_Part(edge.distance, edge.distance + length, extra, left) if rises
                      else _Part(edge.distance - length, edge.distance, left, extra))
     return found
+
+
+def _grid_lines(heights: Heights, place: Point, along: Point) -> Array:
+    """Return where a line crosses the rows and columns of the heights, its ends included [m]."""
+    found = []
+    for axis in (0, 1):
+        if abs(along[axis]) < SAME:
+            continue
+        count = heights.values.shape[1 - axis]
+        centres = heights.origin[axis] + (np.arange(count) + 0.5) * heights.resolution
+        at = (centres - place[axis]) / along[axis]
+        other = place[1 - axis] + at * along[1 - axis]
+        low = heights.origin[1 - axis]
+        size = heights.values.shape[axis] * heights.resolution
+        found.append(at[(low <= other) & (other <= low + size)])
+    places: Array = np.unique(np.concatenate(found))
+    return places
 
 
 def _wall(floor: Floor, place: Point, along: Point, radius: float) -> float:

@@ -48,7 +48,7 @@ def write_masks(planner: RoutePlanner, folder: Path) -> List[Path]:
     for feature in floor.features:
         distance = np.min([distance_to_segment(x, y, begin, end)
                            for begin, end in feature.segments], axis=0)
-        if feature.polygon and feature.kind != 'carpet':
+        if feature.kind in ('keep_out', 'stairs'):
             keep_out |= inside(x, y, feature.polygon)
         elif not feature.polygon:
             keep_out |= distance < max(floor.resolution, 0.5 * feature.width)
@@ -56,7 +56,7 @@ def write_masks(planner: RoutePlanner, folder: Path) -> List[Path]:
             keep_out |= distance < planner.drop_distance
             beyond = np.clip((distance - planner.drop_distance) / FADE, 0.1, 1.0)
             percent = np.minimum(percent, 100.0 * beyond)
-        elif feature.kind == 'carpet':
+        elif feature.kind in ('carpet', 'level'):
             keep_out |= distance < floor.resolution
     written = []
     # map_server in the mode scale: occupancy from 0 (white) to 100 (black).

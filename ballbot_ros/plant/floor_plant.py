@@ -24,11 +24,12 @@ from ballbot_ros.physics.simulation.model import Model
 from ballbot_ros.physics.simulation.scene import Initial, Run, Scene
 from ballbot_ros.physics.simulation.solver import Solver
 from ballbot_ros.plant.plant import Plant
-from ballbot_ros.steering import height_factor, LateralState, required_steering, step
+from ballbot_ros.steering import height_factor, LateralState, step
 
 # Heading and place that still lie on the line of a cut where the ball is on or before a face, and
 # where the ground is level that far beyond its radius [rad], [m].
 ON_LINE, NEAR_LINE, MARGIN = 1e-6, 0.01, 0.1
+Line = Tuple[float, float, float, float]  # x, y, heading, and the path length there
 # Largest angle to an edge at which its push to the side is known, see `steering.oblique` [rad].
 STEEPEST = math.radians(45.0)
 
@@ -55,8 +56,8 @@ class FloorPlant(Plant):
     Attributes
     ----------
     floor : Floor
-    lateral : LateralState
-        Its heading is not wrapped.
+    start_pose : (float, float, float)
+        [m], [rad]
 
     Raises
     ------
@@ -74,7 +75,10 @@ class FloorPlant(Plant):
                 f'start pose {tuple(pose)} must lie on the map, which is x {left:g} to {right:g} '
                 f'm, y {bottom:g} to {top:g} m', 'out_of_range', 'pose')
         self.floor, self._radius = floor, robot.ball_radius
-        self._start_pose = self._place(pose)
+        self._level = 0.0
+        self._seen: Optional[Terrain] = None
+        self._seen_at: Line = (0.0, 0.0, 0.0, 0.0)
+        self.start_pose = self._place(pose)
         scene = Scene(floor.name, Model(robot, self._cut.terrain(), solver=solver), Initial(),
                       Actuation(), Run(duration=1.0))
         super().__init__(scene, control_rate, torque_limit)
@@ -82,7 +86,27 @@ class FloorPlant(Plant):
     @property
     def pose(self) -> Tuple[float, float, float]:
         """Return x, y and heading [m], [rad]."""
-        return (*self._at, self.lateral.heading)
+        return (*self._at, self._lateral.heading)
+
+    @property
+    def lateral(self) -> LateralState:
+        """Return the lateral state; its heading is not wrapped."""
+        return self._lateral
+
+    @property
+    def relative_pose(self) -> Tuple[float, float, float]:
+        """Return x, y and heading in the frame of the start [m], [rad]."""
+        x, y, heading = self.start_pose
+        away, side = self._at[0] - x, self._at[1] - y
+        return (math.cos(heading) * away + math.sin(heading) * side,
+                math.cos(heading) * side - math.sin(heading) * away,
+                self._lateral.heading - heading)
+
+    @property
+    def steers(self) -> bool:
+        """Return whether the robot has a lateral axis."""
+        robot = self.model.robot
+        return robot.steering is not None and robot.has_pendulum
 
     @property
     def level(self) -> float:
@@ -98,7 +122,7 @@ class FloorPlant(Plant):
         torque : float
             See `Plant.advance`.
         lean_set_point : float, optional
-            Of the pendulum, see `steering.law`; 0 of a robot that drives straight [rad].
+            Of the pendulum, see `steering.law` [rad].
 
         Raises
         ------
@@ -108,17 +132,15 @@ class FloorPlant(Plant):
             If a robot without steering should lean.
 
         """
-        if lean_set_point:
-            required_steering(self.model.robot)
         self._follow()
         before = self.state
-        after = super().advance(torque)
+        after = super().advance(torque, lean_set_point)
         self._move(before, after, lean_set_point)
         return after
 
     def reset(self, time: bool = False) -> State:
         """Return to the start pose, and to time 0 where `time` is true."""
-        self._place(self._start_pose)
+        self._place(self.start_pose)
         self._use(self._cut)
         return super().reset(time)
 
@@ -135,33 +157,40 @@ class FloorPlant(Plant):
 
         At walls, it is that along the path of the centre.
         """
-        x, y = self._at
-        return cut(self.floor, (x, y), self.lateral.heading, self._level).terrain(self.state.x)
+        if self._seen is None or not self._on(self._seen_at, ON_LINE):
+            self._seen_at = (*self._at, self._lateral.heading, self.state.x)
+            self._seen = cut(self.floor, self._at, self._lateral.heading, self._level).terrain(
+                self.state.x)
+        return self._seen
+
+    def _on(self, line: Line, tolerance: float) -> bool:
+        """Return whether place and heading lie on a line."""
+        x, y, heading, _ = line
+        away, turned = (self._at[0] - x, self._at[1] - y), self._lateral.heading - heading
+        across = away[1] * math.cos(heading) - away[0] * math.sin(heading)
+        return max(abs(turned), abs(across)) < tolerance
 
     def _place(self, pose: Tuple[float, float, float], x: float = 0.0
                ) -> Tuple[float, float, float]:
         """Put the ball at a pose without lean, at a path length; cut the ground."""
         self._at = (float(pose[0]), float(pose[1]))
-        self.lateral = LateralState(heading=float(pose[2]))
-        self._level = level(self.floor, self._at)
-        self._cut_at = (*self._at, self.lateral.heading, x)
+        self._lateral = LateralState(heading=float(pose[2]))
+        self._level, self._seen = level(self.floor, self._at), None
+        self._cut_at = (*self._at, self._lateral.heading, x)
         self._cut = self._new_cut()
-        return (*self._at, self.lateral.heading)
+        return (*self._at, self._lateral.heading)
 
     def _new_cut(self) -> Cut:
-        return cut(self.floor, self._at, self.lateral.heading, self._level, self._radius,
+        return cut(self.floor, self._at, self._lateral.heading, self._level, self._radius,
                    _climbed)
 
     def _follow(self) -> None:
         """Cut the ground again if the ball has left the line of the cut."""
-        x, y, heading, begin = self._cut_at
-        away, turned = (self._at[0] - x, self._at[1] - y), self.lateral.heading - heading
-        across = away[1] * math.cos(heading) - away[0] * math.sin(heading)
-        there = self.state.x - begin
+        there = self.state.x - self._cut_at[3]
         near = np.min(np.abs(self._cut.vertices[:, 0] - there)) < self._radius + MARGIN
-        if max(abs(turned), abs(across)) < (ON_LINE if near else NEAR_LINE):
+        if self._on(self._cut_at, ON_LINE if near else NEAR_LINE):
             return
-        self._cut_at = (*self._at, self.lateral.heading, self.state.x)
+        self._cut_at = (*self._at, self._lateral.heading, self.state.x)
         self._cut = self._new_cut()
         self._use(self._cut)
 
@@ -171,26 +200,25 @@ class FloorPlant(Plant):
 
     def _move(self, before: State, after: State, lean_set_point: float) -> None:
         """Move pose and lateral state on by a period in which the planar state changed."""
-        robot, lateral = self.model.robot, self.lateral
-        steers = robot.steering is not None and robot.has_pendulum
+        robot, lateral = self.model.robot, self._lateral
         speed = 0.5 * (before.velocity_x + after.velocity_x)
         acceleration = (after.velocity_x - before.velocity_x) / self.period
         tilt_rate = lateral.tilt_rate
         # The edge takes speed across it, so that an oblique one pushes sideways, too.
         angle = self._edge_angle(after)
-        if angle and steers:
+        if angle and self.steers:
             tilt_rate += (before.velocity_x - after.velocity_x) * math.tan(angle) \
                 / robot.ball_radius
             lateral = lateral._replace(tilt_rate=tilt_rate)
-        if steers and (lean_set_point or lateral._replace(heading=0.0) != LateralState()):
+        if self.steers and (lean_set_point or lateral._replace(heading=0.0) != LateralState()):
             lateral = step(robot, lateral, speed, lean_set_point, self.period, acceleration)
-        heading = 0.5 * (self.lateral.heading + lateral.heading)
+        heading = 0.5 * (self._lateral.heading + lateral.heading)
         sideways = 0.5 * (tilt_rate + lateral.tilt_rate) * robot.ball_radius * self.period
         forward = after.x - before.x
         there = (self._at[0] + forward * math.cos(heading) - sideways * math.sin(heading),
                  self._at[1] + forward * math.sin(heading) + sideways * math.cos(heading))
         self._level += passed(self.floor, self._at, there)
-        self._at, self.lateral = there, lateral
+        self._at, self._lateral = there, lateral
 
     def _edge_angle(self, state: State) -> float:
         """Return the angle of the edge that the ball is on to the path, 0 on none [rad]."""

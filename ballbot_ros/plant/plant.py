@@ -2,7 +2,7 @@
 """The simulated robot, advanced one control period at a time."""
 from dataclasses import replace
 import math
-from typing import Optional
+from typing import Optional, Tuple
 
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics.mechanics.laws import applied_torque
@@ -13,6 +13,9 @@ from ballbot_ros.physics.simulation.model import Model
 from ballbot_ros.physics.simulation.run import solvers_for, steps_in
 from ballbot_ros.physics.simulation.scene import Scene
 from ballbot_ros.plant.error_monitor import ErrorMonitor
+from ballbot_ros.steering.model import LateralState
+
+STRAIGHT = LateralState()
 
 
 class Plant:
@@ -82,6 +85,25 @@ class Plant:
         floor.touches(pressed)
         floor.energies(pressed)
 
+    @property
+    def lateral(self) -> LateralState:
+        """Return the lateral state, that of a straight drive in a scene."""
+        return STRAIGHT
+
+    @property
+    def relative_pose(self) -> Tuple[float, float, float]:
+        """Return x, y and heading in the frame of the start, that of ``odom`` [m], [rad]."""
+        return self.state.x, 0.0, 0.0
+
+    @property
+    def steers(self) -> bool:
+        """Return whether `advance` takes a set-point of the lean."""
+        return False
+
+    def profile(self) -> Terrain:
+        """Return the ground along the path; the same object where it is the same."""
+        return self.model.terrain
+
     def limit_torque(self, torque_limit: Optional[float]) -> None:
         """Cut further than the motor does, from the next period on; None for no further."""
         self.torque_limit = min(1e9 if torque_limit is None else torque_limit, self._line[-1])
@@ -101,7 +123,7 @@ class Plant:
         """Return since when the accuracy does not hold any more [s], infinite while it does."""
         return self._monitor.accuracy_lost_at if self._monitor else math.inf
 
-    def advance(self, torque: float) -> State:
+    def advance(self, torque: float, lean_set_point: float = 0.0) -> State:
         """
         Advance by one control period under a constant torque and return the new state.
 
@@ -109,13 +131,21 @@ class Plant:
         ----------
         torque : float
             At the pendulum [N m]; cut to what the motor can give, and to the torque limit.
+        lean_set_point : float, optional
+            Of a robot that `steers`; 0 in a scene, which is a vertical plane [rad].
 
         Raises
         ------
+        ConfigurationError
+            If a robot that does not steer should lean.
         SimulationError
             If the run cannot go on; state and time stay at the last good ones.
 
         """
+        if lean_set_point and not self.steers:
+            raise ConfigurationError(
+                f'robot {self.model.robot.name!r} drives straight here: a lean needs a section '
+                'steering in its file, and a floor', 'unsupported', 'steering')
         cut = applied_torque(
             float(torque), self.state.joint_rate, self._line, self.torque_limit)
         actuator = Actuator(TORQUE, cut, limit=self.torque_limit)

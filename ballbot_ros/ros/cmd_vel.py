@@ -21,7 +21,7 @@ TYPE_PERIOD = 0.2
 NEGLIGIBLE = 0.01
 # A turn needs the lateral axis.
 TURN = ('angular', 'z')
-LATERAL = ' (no node commands the lateral axis, of robots with a section steering either)'
+LATERAL = ' (it turns with a section steering in the robot file, and in the simulator on a floor)'
 # Components that the speed law does not follow, with their units.
 OTHERS = (('linear', 'y', 'm/s'), ('linear', 'z', 'm/s'), ('angular', 'x', 'rad/s'),
           ('angular', 'y', 'rad/s'), ('angular', 'z', 'rad/s'))
@@ -82,12 +82,18 @@ def speed_message(kind: Any, speed: float) -> Union[Twist, TwistStamped]:
     return message
 
 
-def speed_set_point(message: Union[Twist, TwistStamped]) -> SetPoint:
+def speed_set_point(message: Union[Twist, TwistStamped], steers: bool = False) -> SetPoint:
     """
     Return the forward speed as a set-point of the speed law, stamped 0 where it has no stamp.
 
     A message that demands another motion, too, is refused as a whole: a robot that turns around
     an obstacle must not drive straight into it.
+
+    Parameters
+    ----------
+    message : Twist or TwistStamped
+    steers : bool, optional
+        Whether the yaw rate is followed, too; within its limits, see `steering.law`.
 
     Raises
     ------
@@ -102,11 +108,12 @@ def speed_set_point(message: Union[Twist, TwistStamped]) -> SetPoint:
         value = getattr(getattr(twist, kind), axis)
         if not math.isfinite(value):
             raise MessageError('not_finite', f'{kind}.{axis} must be finite, got {value!r}')
-        if abs(value) > NEGLIGIBLE:
+        if abs(value) > NEGLIGIBLE and not (steers and (kind, axis) == TURN):
             raise MessageError(
                 'other_axes', f'{kind}.{axis} is {value:.3g} {unit}, and the speed law drives '
                 f'straight ahead only{LATERAL if (kind, axis) == TURN else ""}; nothing of the '
                 'message is followed: send linear.x alone, and the rest within '
                 f'{NEGLIGIBLE:g} of 0')
     return SetPoint(Mode.SPEED, twist.linear.x,
-                    to_seconds(message.header.stamp) if stamped else 0.0)
+                    to_seconds(message.header.stamp) if stamped else 0.0,
+                    twist.angular.z if steers else 0.0)

@@ -1,26 +1,29 @@
 # SPDX-License-Identifier: Apache-2.0
 """Between messages and the values of the pure layers; every message is checked here."""
 import math
-from typing import Any, Sequence, Tuple
+from typing import Any, Optional, Sequence, Tuple
 
 from builtin_interfaces.msg import Time
-from nav_msgs.msg import Odometry
+from nav_msgs.msg import OccupancyGrid, Odometry
 import numpy as np
 from numpy.typing import NDArray
-from sensor_msgs.msg import JointState
+from sensor_msgs.msg import JointState, LaserScan
 
 from ballbot_ros.control import JointReadings, Mode, SetPoint
 from ballbot_ros.decision import (
     Decision, Kind, Motion, Outlook, Reason, StepObservation, TerrainObservation)
 from ballbot_ros.errors import MessageError
 from ballbot_ros.estimation import OdometryState
+from ballbot_ros.floors import Floor, ranges
 from ballbot_ros.msg import (
     BallState, Contact, StepDecision, StepObservation as StepObservationMsg,
     TerrainObservation as TerrainObservationMsg)
+from ballbot_ros.physics.model.robot import Robot
 from ballbot_ros.physics.model.state import State
 from ballbot_ros.physics.simulation.model import Model
-from ballbot_ros.plant import Sensor, Sight, TerrainSight
-from ballbot_ros.ros.frames import FRAMES, Frames, PENDULUM, SHELL
+from ballbot_ros.plant import FloorPlant, Plant, Sensor, Sight, TerrainSight
+from ballbot_ros.ros.frames import FRAMES, Frames, LATERAL, LEAN, PENDULUM, SHELL
+from ballbot_ros.steering import lateral_speed, LateralState
 
 # Variances of exact values (all zeros would mean unknown) and of unknown values; squares of
 # metres, radians, or these per second.
@@ -67,9 +70,9 @@ def _joint_value(message: JointState, joint: str, values: Sequence[float], what:
     return float(values[message.name.index(joint)])
 
 
-def command_torque(message: JointState) -> float:
+def command_torque(message: JointState, leans: bool = False) -> float:
     """
-    Return the torque of a joint command [N m].
+    Return the torque of a joint command [N m]; with `leans`, one with a `lean_set_point`.
 
     Raises
     ------
@@ -78,12 +81,45 @@ def command_torque(message: JointState) -> float:
 
     """
     for what in ('position', 'velocity'):
-        given = [value for value in getattr(message, what) if not math.isnan(value)]
+        given = [value for number, value in enumerate(getattr(message, what))
+                 if not math.isnan(value) and not (
+                     leans and what == 'position'
+                     and tuple(message.name[number:number + 1]) == (LEAN,))]
         if given:
             raise MessageError(
-                'unsupported', f'{what} commands are not followed here, only effort; leave '
-                f'{what} empty or NaN, or send set-points to the controller')
+                'unsupported', f'{what} commands are not followed here, only effort'
+                + (f' and the position of {LEAN!r}' if leans else '') + f'; leave {what} empty or '
+                'NaN, or send set-points to the controller')
     return _joint_value(message, PENDULUM, message.effort, 'effort')
+
+
+def lean_set_point(message: JointState) -> float:
+    """Return the set-point of the lean in a joint command [rad], 0 where there is none."""
+    if LEAN not in message.name:
+        return 0.0
+    return _joint_value(message, LEAN, message.position, 'position')
+
+
+def lateral_readings(message: JointState, robot: Robot) -> Optional[LateralState]:
+    """
+    Return the lateral state in a joint state, None of a robot that drives straight.
+
+    Raises
+    ------
+    MessageError
+        If a joint is missing, the lengths do not fit or a number is not finite.
+
+    """
+    if robot.steering is None or LEAN not in message.name:
+        return None
+    numbers = [_joint_value(message, joint, getattr(message, what), what)
+               for joint in LATERAL for what in ('position', 'velocity')]
+    if not all(map(math.isfinite, numbers)):
+        raise MessageError(
+            'not_finite', f'position and velocity of {", ".join(LATERAL)} must be finite, got '
+            f'{numbers}')
+    *axes, heading, yaw_rate = numbers
+    return LateralState(*axes, yaw_rate, heading)
 
 
 def command_message(stamp: Time, torque: float) -> JointState:
@@ -151,13 +187,22 @@ def set_point_message(stamp: Time, angle: float) -> JointState:
     return message
 
 
-def odometry_message(state: State, frames: Frames = FRAMES) -> Odometry:
-    """Return the true pose and velocity of the level, non-rolling frame at the ball centre."""
+def odometry_message(state: State, frames: Frames = FRAMES,
+                     plant: Optional[Plant] = None) -> Odometry:
+    """
+    Return the true pose and velocity of the level, non-rolling frame at the ball centre.
+
+    Those of a plant include its heading; a state alone moves straight ahead.
+    """
     message = _odometry(state.time, ALL_EXACT, ALL_EXACT, frames)
-    message.pose.pose.position.x = state.x
-    message.pose.pose.position.z = state.y
-    message.twist.twist.linear.x = state.velocity_x
-    message.twist.twist.linear.z = state.velocity_y
+    pose, twist = message.pose.pose, message.twist.twist
+    pose.position.x, pose.position.z = state.x, state.y
+    twist.linear.x, twist.linear.z = state.velocity_x, state.velocity_y
+    if plant is not None:
+        pose.position.x, pose.position.y, heading = plant.relative_pose
+        pose.orientation.z, pose.orientation.w = math.sin(0.5 * heading), math.cos(0.5 * heading)
+        twist.linear.y = lateral_speed(plant.model.robot, plant.lateral)
+        twist.angular.z = plant.lateral.yaw_rate
     return message
 
 
@@ -201,9 +246,11 @@ def motion(message: Odometry) -> Motion:
                   message.twist.twist.linear.x)
 
 
-def ball_state_message(state: State, torque: float, model: Model,
-                       frames: Frames = FRAMES) -> BallState:
-    """Return everything that is known about a state."""
+def ball_state_message(state: State, torque: float, model: Model, frames: Frames = FRAMES,
+                       plant: Optional[Plant] = None) -> BallState:
+    """Return everything that is known about a state; see `odometry_message`."""
+    lateral = LateralState() if plant is None else plant.lateral
+    position_x, position_y, heading = (state.x, 0.0, 0.0) if plant is None else plant.relative_pose
     energies = model.energies(state)
     absent = None if model.robot.has_pendulum else math.nan
     message = BallState(
@@ -214,7 +261,9 @@ def ball_state_message(state: State, torque: float, model: Model,
         pendulum_torque=torque if absent is None else absent,
         kinetic_energy=energies.kinetic, potential_energy=energies.potential,
         contact_energy=energies.contact, dissipated_energy=state.dissipated_energy,
-        motor_work=state.motor_work,
+        motor_work=state.motor_work, position_x=position_x, position_y=position_y,
+        heading=heading, yaw_rate=lateral.yaw_rate, lean=lateral.lean,
+        lean_rate=lateral.lean_rate, tilt=lateral.tilt, tilt_rate=lateral.tilt_rate,
         contacts=[Contact(**touch._asdict()) for touch in model.touches(state)])
     message.header.frame_id = frames.odom
     message.header.stamp = to_time(state.time)
@@ -254,6 +303,50 @@ def terrain_observation(message: TerrainObservationMsg) -> TerrainObservation:
     return TerrainObservation(
         to_seconds(message.header.stamp), tuple(message.x), tuple(message.z),
         tuple(message.z_sd), message.x_min, message.x_max, message.header.frame_id)
+
+
+def scan_message(stamp: Time, plant: FloorPlant, beams: int, reach: float, noise: Variances,
+                 frames: Frames = FRAMES) -> LaserScan:
+    """
+    Return the distances to walls all around, from behind over the right and the front to the left.
+
+    Parameters
+    ----------
+    stamp : Time
+    plant : FloorPlant
+    beams : int
+    reach : float
+        [m]
+    noise : (beams,) array
+        Errors of the distances [m].
+    frames : Frames
+
+    """
+    step = 2.0 * math.pi / beams
+    angles = -math.pi + step * np.arange(beams)
+    x, y, heading = plant.pose
+    distances = ranges(plant.floor, (x, y), (heading + angles).tolist(), reach)
+    message = LaserScan(
+        angle_min=-math.pi, angle_max=-math.pi + step * (beams - 1), angle_increment=step,
+        range_min=0.0, range_max=reach,
+        ranges=np.maximum(distances + noise, 0.0).astype(np.float32))
+    message.header.frame_id, message.header.stamp = frames.base, stamp
+    return message
+
+
+# Occupancy of a message by the meaning of a cell, see `floors.floor`.
+_OCCUPANCY = np.array([0, -1, 100], np.int8)
+
+
+def map_message(floor: Floor, frames: Frames = FRAMES) -> OccupancyGrid:
+    """Return the walls of a floor, as map_server publishes them."""
+    rows, columns = floor.cells.shape
+    message = OccupancyGrid(data=_OCCUPANCY[floor.cells].ravel())
+    message.header.frame_id = frames.map
+    message.info.resolution = floor.resolution
+    message.info.width, message.info.height = columns, rows
+    message.info.origin.position.x, message.info.origin.position.y = floor.origin
+    return message
 
 
 _KINDS = {kind: getattr(StepDecision, f'DECISION_{kind.name}') for kind in Kind}

@@ -10,6 +10,10 @@ The tree, in which each frame hangs from the one before it::
 
 ``odom`` stands still; the joint ``shell`` turns ``ball_link``, the joint ``pendulum`` turns
 ``pendulum_link`` in it; everything else is level.
+
+A robot that turns on a floor has ``axle_link`` between base and ball, which the joint ``tilt``
+turns, and ``carrier_link`` between ball and pendulum, in which the joint ``lean`` turns the
+pendulum sideways.
 """
 from dataclasses import dataclass
 from typing import Any
@@ -17,7 +21,11 @@ from typing import Any
 from ballbot_ros.config.fields import fixed, flag, text
 
 SHELL, PENDULUM = JOINTS = 'shell', 'pendulum'
+# Of a robot that turns, after the others: lean of the pendulum, tilt of the axle, and yaw of the
+# base, which is in joint_states for the controller and no joint of the description.
+LEAN, TILT, YAW = LATERAL = 'lean', 'tilt', 'yaw'
 BALL_LINK, PENDULUM_LINK = 'ball_link', 'pendulum_link'
+AXLE_LINK, CARRIER_LINK = 'axle_link', 'carrier_link'
 
 
 @dataclass(frozen=True)
@@ -37,6 +45,12 @@ class Frames:
         The shell, which rolls; at angle 0 as `base` is.
     pendulum : str
         From the centre of the ball; hangs along its -z.
+    axle : str
+        Level but for the tilt of the axle.
+    carrier : str
+        Turns with the pendulum, but does not lean with it.
+    map : str
+        Of the floor; without the prefix.
     imu : str
         The sensor: in the shell, its readings already turned to the axes of `ball`.
 
@@ -48,13 +62,18 @@ class Frames:
     imu: str = 'imu_link'
     ball: str = BALL_LINK
     pendulum: str = PENDULUM_LINK
+    axle: str = AXLE_LINK
+    carrier: str = CARRIER_LINK
+    map: str = 'map'
 
     @classmethod
     def of(cls, settings: Any, prefixed: bool = True) -> 'Frames':
         """Return the frames that the parameters of a node name, with the prefix or without."""
         prefix = settings.frame_prefix if prefixed else ''
-        return cls(**{kind: prefix + getattr(settings, f'{kind}_frame', default)
-                      for kind, default in vars(FRAMES).items()})
+        names = {kind: prefix + getattr(settings, f'{kind}_frame', default)
+                 for kind, default in vars(FRAMES).items()}
+        # Robots share a map.
+        return cls(**{**names, 'map': getattr(settings, 'map_frame', FRAMES.map)})
 
 
 FRAMES = Frames()
@@ -62,6 +81,7 @@ FRAMES = Frames()
 WHY = 'others have looked it up already'
 _DOCS = {
     'odom': 'frame of reference of the odometry: it stands still',
+    'map': 'frame of the floor; a parent of odom_frame, empty to publish none',
     'footprint': 'level frame at the lowest point of the ball',
     'base': 'level frame at the centre of the ball, which does not roll; a child of odom_frame',
     'imu': 'frame of the inertial sensor, which rolls with the shell'}

@@ -12,17 +12,20 @@ from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
 from ballbot_ros.decision import Decision, Kind
+from ballbot_ros.floors.profile import WALL_HEIGHT
 from ballbot_ros.physics.model.state import State
 from ballbot_ros.physics.simulation.model import Model
+from ballbot_ros.plant import FloorPlant
 from ballbot_ros.ros.conversions import to_time
 from ballbot_ros.ros.endpoints import create_publisher
+from ballbot_ros.ros.frames import Frames
 
 PERIOD = 0.1  # [s]
 HALF_WIDTH = 0.5  # of ground and steps, to both sides [m]
 END = 5.0  # how far the ground is drawn beyond its last vertex [m]
 LENGTH = 0.3  # of the arrow of a force like the weight [m]
 GROUND, CONTACT, FORCE = (0.55, 0.5, 0.45, 1.0), (0.9, 0.1, 0.1, 1.0), (0.9, 0.6, 0.1, 1.0)
-LIMIT = (0.1, 0.4, 0.9, 1.0)
+LIMIT, WALL = (0.1, 0.4, 0.9, 1.0), (0.8, 0.8, 0.78, 0.5)
 TAKEN, REFUSED = (0.1, 0.65, 0.25, 1.0), (0.85, 0.15, 0.1, 1.0)
 Place = Tuple[float, float, float]
 
@@ -61,16 +64,45 @@ def world_markers(state: State, model: Model, frame: str) -> List[Marker]:
     stamp = to_time(state.time)
     ground = _marker(stamp, frame, 'terrain', Marker.TRIANGLE_LIST, GROUND, _ribbon(
         model.terrain.vertices), (1.0, 1.0, 1.0))
-    touches = model.touches(state)
-    points = [(touch.x, 0.0, touch.y) for touch in touches]
-    arrows = []
-    for touch, foot in zip(touches, points):
-        part = LENGTH / model.robot.weight if model.robot.weight > 0.0 else 0.0
+    return [ground, *_contact_markers(state, model, frame, (state.x, 0.0, 0.0))]
+
+
+def floor_markers(plant: FloorPlant, frames: Frames) -> List[Marker]:
+    """Return walls and features of a floor, and the contacts of the ball."""
+    stamp, floor = to_time(plant.time), plant.floor
+    walls: List[Place] = []
+    for x, y, wide, high in floor.walls.tolist():
+        corners = [(x - wide, y - high), (x + wide, y - high), (x + wide, y + high),
+                   (x - wide, y + high)]
+        for one, two in zip(corners, (*corners[1:], corners[0])):
+            low, top = [(*one, 0.0), (*two, 0.0)], [(*one, WALL_HEIGHT), (*two, WALL_HEIGHT)]
+            walls += [low[0], low[1], top[0], top[0], low[1], top[1]]
+    outlines = [(*point, 0.005) for feature in floor.features for segment in feature.segments
+                for point in segment]
+    where = frames.map or frames.odom
+    return [
+        _marker(stamp, where, 'walls', Marker.TRIANGLE_LIST, WALL, walls, (1.0, 1.0, 1.0)),
+        _marker(stamp, where, 'features', Marker.LINE_LIST, LIMIT, outlines, (0.02, 0.0, 0.0)),
+        *_contact_markers(plant.state, plant.model, frames.odom, plant.relative_pose)]
+
+
+def _contact_markers(state: State, model: Model, frame: str,
+                     pose: Tuple[float, float, float]) -> List[Marker]:
+    """Return contacts and forces of a ball at a pose."""
+    stamp = to_time(state.time)
+    part = LENGTH / model.robot.weight if model.robot.weight > 0.0 else 0.0
+
+    def place(x: float, z: float) -> Place:
+        """Return a point of the vertical plane of the path."""
+        return (pose[0] + (x - state.x) * math.cos(pose[2]),
+                pose[1] + (x - state.x) * math.sin(pose[2]), z)
+    points, arrows = [], []
+    for touch in model.touches(state):
         along = touch.normal_force * touch.normal_x + touch.friction_force * touch.normal_y
         up = touch.normal_force * touch.normal_y - touch.friction_force * touch.normal_x
-        arrows += [foot, (foot[0] + part * along, 0.0, foot[2] + part * up)]
+        points.append(place(touch.x, touch.y))
+        arrows += [points[-1], place(touch.x + part * along, touch.y + part * up)]
     return [
-        ground,
         _marker(stamp, frame, 'contacts', Marker.SPHERE_LIST, CONTACT, points,
                 (0.03, 0.03, 0.03)),
         _marker(stamp, frame, 'forces', Marker.LINE_LIST, FORCE, arrows, (0.015, 0.0, 0.0))]

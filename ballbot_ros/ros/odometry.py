@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Odometry as a message; the robot description and, with tf2_msgs, transforms to all frames."""
 import math
-from typing import Any, Callable, Iterator, List, Optional, Tuple
+from typing import Any, Callable, Iterator, List, Optional, Sequence, Tuple
 
 from geometry_msgs.msg import Transform, TransformStamped
 from nav_msgs.msg import Odometry
@@ -10,9 +10,11 @@ from rclpy.publisher import Publisher
 from std_msgs.msg import Header, String
 
 from ballbot_ros.physics.model.robot import Robot
+from ballbot_ros.ros.conversions import to_time
 from ballbot_ros.ros.endpoints import create_publisher, has_subscribers
 from ballbot_ros.ros.frames import Frames
-from ballbot_ros.ros.urdf import robot_description
+from ballbot_ros.ros.urdf import AXIS, LEAN_AXIS, robot_description, TILT_AXIS
+from ballbot_ros.steering.model import LateralState
 
 try:
     from tf2_msgs.msg import TFMessage
@@ -34,14 +36,16 @@ class OdometryTopics:
     robot : Robot
     settings : SimulatorSettings or BridgeSettings
         Its names of frames, ``publish_description``, and ``odom_rate``, 0 for no odometry.
+    steers : bool
+        Whether the robot turns, so that axle and pendulum have joints of their own.
 
     """
 
-    def __init__(self, node: Node, robot: Robot, settings: Any):
+    def __init__(self, node: Node, robot: Robot, settings: Any, steers: bool = False):
         """Create the publishers, and publish what does not change."""
         self.frames = Frames.of(settings)
         self._radius, self._has_pendulum = robot.ball_radius, robot.has_pendulum
-        self._described = settings.publish_description
+        self._described, self._steers = settings.publish_description, steers
         self._node = node
         self._made: Optional[Publisher] = None
         self._odometry: Optional[Publisher] = None
@@ -54,6 +58,25 @@ class OdometryTopics:
             self._describe(node, robot, Frames.of(settings, prefixed=False))
         self.enable_odometry(settings.odom_rate > 0.0)
 
+    def publish_map(self, stamp: float, pose: Tuple[float, float, float]) -> None:
+        """
+        Publish the transform from the map to the frame ``odom``.
+
+        Parameters
+        ----------
+        stamp : float
+            [s]
+        pose : (float, float, float)
+            x, y and heading of ``odom`` on the map [m], [rad].
+
+        """
+        if self._transforms is not None and self.frames.map and has_subscribers(self._transforms):
+            x, y, heading = pose
+            header = Header(stamp=to_time(stamp), frame_id=self.frames.map)
+            self._transforms.publish(TFMessage(transforms=[_transform(
+                header, self.frames.map, self.frames.odom, (x, y, 0.0),
+                (0.0, 0.0, math.sin(0.5 * heading), math.cos(0.5 * heading)))]))
+
     def enable_odometry(self, enabled: bool) -> None:
         """Enable or disable publishing ``odom`` and its transform."""
         if enabled and self._made is None:  # and kept: a loop may be publishing
@@ -64,15 +87,18 @@ class OdometryTopics:
         """Publish the description, and the transforms that stay as they are."""
         # Kept: a publisher that is not referenced ends, and what is latched with it.
         self._description = create_publisher(node, 'robot_description')
-        self._description.publish(String(data=robot_description(robot, names)))
+        self._description.publish(String(data=robot_description(
+            robot, names, self._steers)))
         if TFMessage is not None:
             self._static = create_publisher(node, '/tf_static')
             header = Header()  # what never changes needs no stamp
             self._static.publish(TFMessage(transforms=[
-                _transform(header, self.frames.base, self.frames.footprint, up=-self._radius),
+                _transform(header, self.frames.base, self.frames.footprint,
+                           (0.0, 0.0, -self._radius)),
                 _transform(header, self.frames.ball, self.frames.imu)]))
 
-    def publish(self, make: Callable[[], Odometry], ball_angle: float, joint_angle: float) -> None:
+    def publish(self, make: Callable[[], Odometry], ball_angle: float, joint_angle: float,
+                lateral: LateralState = LateralState()) -> None:
         """
         Publish odometry, if anybody would get it.
 
@@ -82,15 +108,18 @@ class OdometryTopics:
             Returns the odometry of the centre of the ball.
         ball_angle, joint_angle : float
             Of the joints ``shell`` and ``pendulum`` [rad].
+        lateral : LateralState, optional
+            Of a robot that steers.
 
         """
         if any(publisher is not None and has_subscribers(publisher)
                for publisher in (self._odometry, self._transforms)):
-            for publisher, message in self.messages(make(), ball_angle, joint_angle):
+            for publisher, message in self.messages(
+                    make(), ball_angle, joint_angle, lateral):
                 publisher.publish(message)
 
-    def messages(self, message: Odometry, ball_angle: float, joint_angle: float
-                 ) -> Iterator[Tuple[Publisher, Any]]:
+    def messages(self, message: Odometry, ball_angle: float, joint_angle: float,
+                 lateral: LateralState = LateralState()) -> Iterator[Tuple[Publisher, Any]]:
         """
         Yield what odometry is to be published as, and where.
 
@@ -100,36 +129,47 @@ class OdometryTopics:
             Of the centre of the ball.
         ball_angle, joint_angle : float
             Of the joints ``shell`` and ``pendulum`` [rad].
+        lateral : LateralState, optional
+            Of a robot that steers.
 
         """
-        transforms = self._turned(message.header, ball_angle, joint_angle)
+        transforms = self._turned(message.header, ball_angle, joint_angle, lateral)
         publisher = self._odometry
         if publisher is not None:
-            at = message.pose.pose.position
+            at, turned = message.pose.pose.position, message.pose.pose.orientation
             transforms.insert(0, _transform(
-                message.header, self.frames.odom, message.child_frame_id, at.x, at.z))
+                message.header, self.frames.odom, message.child_frame_id, (at.x, at.y, at.z),
+                (turned.x, turned.y, turned.z, turned.w)))
             yield publisher, message
         if self._transforms is not None and transforms:
             yield self._transforms, TFMessage(transforms=transforms)
 
-    def _turned(self, header: Header, ball_angle: float, joint_angle: float
-                ) -> List[TransformStamped]:
+    def _turned(self, header: Header, ball_angle: float, joint_angle: float,
+                lateral: LateralState) -> List[TransformStamped]:
         """Return the transforms of the joints, if no other node publishes them."""
         if not self._described:
             return []
-        links = [_transform(header, self.frames.base, self.frames.ball, angle=ball_angle)]
-        if self._has_pendulum:
-            links.append(_transform(header, self.frames.ball, self.frames.pendulum,
-                                    angle=joint_angle))
-        return links
+        frames = self.frames
+        chain = [(frames.base, frames.ball, AXIS, ball_angle),
+                 (frames.ball, frames.pendulum, AXIS, joint_angle)][:1 + self._has_pendulum]
+        if self._steers:
+            chain = [(frames.base, frames.axle, TILT_AXIS, lateral.tilt),
+                     (frames.axle, frames.ball, AXIS, ball_angle),
+                     (frames.ball, frames.carrier, AXIS, joint_angle),
+                     (frames.carrier, frames.pendulum, LEAN_AXIS, lateral.lean)]
+        return [_transform(header, parent, child, rotation=(
+            *(math.sin(0.5 * angle) * part for part in axis), math.cos(0.5 * angle)))
+                for parent, child, axis, angle in chain]
 
 
-def _transform(header: Header, parent: str, child: str, forward: float = 0.0, up: float = 0.0,
-               angle: float = 0.0) -> TransformStamped:
-    """Return a transform: moved in the plane [m], and turned counter-clockwise in it [rad]."""
+def _transform(header: Header, parent: str, child: str,
+               translation: Sequence[float] = (0.0, 0.0, 0.0),
+               rotation: Sequence[float] = (0.0, 0.0, 0.0, 1.0)) -> TransformStamped:
+    """Return a transform of a translation [m] and a quaternion (x, y, z, w)."""
     transform = Transform()
-    transform.translation.x, transform.translation.z = forward, up
-    transform.rotation.y = -math.sin(0.5 * angle)  # y points into the plane
-    transform.rotation.w = math.cos(0.5 * angle)
+    for name, value in zip('xyz', translation):
+        setattr(transform.translation, name, float(value))
+    for name, value in zip('xyzw', rotation):
+        setattr(transform.rotation, name, float(value) + 0.0)
     return TransformStamped(header=Header(stamp=header.stamp, frame_id=parent),
                             child_frame_id=child, transform=transform)

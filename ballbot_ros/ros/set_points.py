@@ -40,13 +40,15 @@ class SetPoints:
         Counts them by reason.
     overhear : callable
         Takes a `SetPoint` of a node without authority: it demands motion all the same.
+    steers : bool
+        Whether yaw rates on cmd_vel are followed.
 
     """
 
     def __init__(self, node: Node, give: Callable[[SetPoint], None], refused: Counter,
-                 overhear: Callable[[SetPoint], None] = lambda _: None):
+                 overhear: Callable[[SetPoint], None] = lambda _: None, steers: bool = False):
         self._node, self._give, self._refused = node, give, refused
-        self._overhear = overhear
+        self._overhear, self._steers = overhear, steers
         self.authority = Authority(AUTHORITY_TIMEOUT)
         self._publishers = {
             topic: SinglePublisher(node, topic) for topic in ('set_point', 'cmd_vel')}
@@ -57,7 +59,7 @@ class SetPoints:
         self._take('set_point', set_point, message)
 
     def _on_cmd_vel(self, message: Any) -> None:
-        self._take('cmd_vel', speed_set_point, message)
+        self._take('cmd_vel', lambda one: speed_set_point(one, self._steers), message)
 
     def _take(self, topic: str, convert: Callable[[Any], SetPoint], message: Any) -> None:
         try:

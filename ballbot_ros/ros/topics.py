@@ -73,16 +73,17 @@ TOPICS: Mapping[str, Topic] = MappingProxyType({
     'robot_description': Topic('std_msgs/msg/String', LATCHED, LATCHED, 'simulator, bridge', '',
                                'URDF of the robot'),
     'joint_states': Topic('sensor_msgs/msg/JointState', STATE, LATEST, 'simulator, bridge',
-                          'controller', 'angle, rate and torque of `shell` and `pendulum`'),
+                          'controller', 'angle, rate and torque of `shell` and `pendulum`; on a '
+                          'floor also of `lean`, `tilt` and `yaw`'),
     'joint_commands': Topic('sensor_msgs/msg/JointState', COMMAND, LATEST, 'controller',
-                            'simulator, bridge', 'torque of `pendulum`, stamped like the state '
-                            'that it answers'),
+                            'simulator, bridge', 'torque of `pendulum` and angle of `lean`, '
+                            'stamped like the state that they answer'),
     'set_point': Topic('sensor_msgs/msg/JointState', COMMAND, LATEST,
                        'obstacle_decision, navigator',
                        'controller, simulator, bridge', 'absolute pendulum angle or joint rate'),
     'cmd_vel': Topic('geometry_msgs/msg/TwistStamped', LATEST, LATEST, 'navigator',
-                     'controller, simulator, bridge', 'speed of the ball; geometry_msgs/msg/Twist '
-                     'is accepted, too'),
+                     'controller, simulator, bridge', 'speed and, on a floor, yaw rate of the '
+                     'ball; geometry_msgs/msg/Twist is accepted, too'),
     'e_stop': Topic('std_msgs/msg/Bool', LATCHED, LATCHED, 'bridge',
                     'controller, simulator, obstacle_decision, bridge', 'true while the e-stop is '
                     'engaged; volatile publishers are received, too'),
@@ -102,11 +103,13 @@ TOPICS: Mapping[str, Topic] = MappingProxyType({
                            'obstacle_decision', '', 'decision, reason and predicted success'),
     'goal_pose': Topic('geometry_msgs/msg/PoseStamped', LATEST, LATEST, '', 'navigator',
                        'where to drive, as RViz sends it'),
-    'scan': Topic('sensor_msgs/msg/LaserScan', STATE, SENSOR, '', 'navigator',
-                  'distances to walls and obstacles'),
+    'scan': Topic('sensor_msgs/msg/LaserScan', STATE, SENSOR, 'simulator', 'navigator',
+                  'distance to walls all around, at the height of the centre'),
     'plan': Topic('nav_msgs/msg/Path', LATCHED, LATCHED, 'navigator', '', 'route to the goal'),
     'motor_status': Topic('ballbot_ros/msg/MotorStatus', STATE, LATEST, 'bridge', '',
                           'state of the drive, its temperatures and its faults'),
+    'map': Topic('nav_msgs/msg/OccupancyGrid', LATCHED, LATCHED, 'simulator', '',
+                 'walls of a floor'),
     'battery_state': Topic('sensor_msgs/msg/BatteryState', STATE, LATEST, 'bridge', '',
                            'battery of the robot'),
     'markers': Topic('visualization_msgs/msg/MarkerArray', SHORT, SHORT,

@@ -10,9 +10,11 @@ from typing import Any, Iterator, Sequence
 from xml.etree import ElementTree as Xml
 
 from ballbot_ros.physics.model.robot import Robot
-from ballbot_ros.ros.frames import FRAMES, Frames, PENDULUM, SHELL
+from ballbot_ros.ros.frames import FRAMES, Frames, LEAN, PENDULUM, SHELL, TILT
 
 AXIS = (0.0, -1.0, 0.0)
+# Lean is positive to the left, tilt with the left end of the axle down.
+LEAN_AXIS, TILT_AXIS = (1.0, 0.0, 0.0), (-1.0, 0.0, 0.0)
 # The band on which the ball rolls, in two colours by turns, so that it is seen to roll.
 PATCHES = 16
 BAND_WIDTH, BAND_THICKNESS = 0.16, 0.02  # parts of the radius
@@ -23,7 +25,7 @@ COLOURS = {'shell': (0.75, 0.82, 0.9, 0.35), 'dark': (0.1, 0.25, 0.4, 1.0),
            'rod': (0.5, 0.5, 0.5, 1.0), 'weight': (0.85, 0.45, 0.05, 1.0)}
 
 
-def robot_description(robot: Robot, frames: Frames = FRAMES) -> str:
+def robot_description(robot: Robot, frames: Frames = FRAMES, steers: bool = False) -> str:
     """
     Return a robot as URDF.
 
@@ -32,6 +34,8 @@ def robot_description(robot: Robot, frames: Frames = FRAMES) -> str:
     robot : Robot
     frames : Frames
         Names of the links; a prefix is best left to robot_state_publisher.
+    steers : bool, optional
+        Whether the robot turns: with the joints ``tilt`` of the axle and ``lean`` of the pendulum.
 
     Returns
     -------
@@ -48,13 +52,27 @@ def robot_description(robot: Robot, frames: Frames = FRAMES) -> str:
     _joint(tree, 'footprint', 'fixed', frames.base, frames.footprint,
            (0.0, 0.0, -robot.ball_radius))
     tree.append(_ball(robot, frames.ball))
-    shell = _joint(tree, SHELL, 'continuous', frames.base, frames.ball)
+    base = frames.base
+    if steers:
+        base = frames.axle
+        Xml.SubElement(tree, 'link', name=base)
+        _joint(tree, TILT, 'continuous', frames.base, base, axis=TILT_AXIS)
+    shell = _joint(tree, SHELL, 'continuous', base, frames.ball)
     Xml.SubElement(shell, 'dynamics', damping=_number(robot.rolling_friction))
     Xml.SubElement(tree, 'link', name=frames.imu)
     _joint(tree, 'imu', 'fixed', frames.ball, frames.imu)
     if robot.has_pendulum:
         tree.append(_pendulum(robot, frames.pendulum))
-        pendulum = _joint(tree, PENDULUM, 'continuous', frames.ball, frames.pendulum)
+        below = frames.pendulum
+        if steers and robot.steering is not None:
+            below, limits = frames.carrier, robot.steering
+            Xml.SubElement(tree, 'link', name=below)
+            lean = _joint(tree, LEAN, 'revolute', below, frames.pendulum, axis=LEAN_AXIS)
+            Xml.SubElement(lean, 'limit', lower=_number(-limits.largest_lean),
+                           upper=_number(limits.largest_lean),
+                           effort=_number(limits.largest_torque),
+                           velocity=_number(limits.largest_lean_rate))
+        pendulum = _joint(tree, PENDULUM, 'continuous', frames.ball, below)
         if robot.motor is not None:
             Xml.SubElement(pendulum, 'limit', effort=_number(robot.motor.maximum_torque),
                            velocity=_number(idle_rate(robot)))
@@ -139,14 +157,14 @@ def _shape(link: Xml.Element, kind: str, shape: str, xyz: Sequence[float] = (0.0
 
 
 def _joint(tree: Xml.Element, name: str, kind: str, parent: str, child: str,
-           xyz: Sequence[float] = (0.0, 0.0, 0.0)) -> Xml.Element:
+           xyz: Sequence[float] = (0.0, 0.0, 0.0), axis: Sequence[float] = AXIS) -> Xml.Element:
     """Add a joint to a robot, and return it."""
     joint = Xml.SubElement(tree, 'joint', name=name, type=kind)
     Xml.SubElement(joint, 'parent', link=parent)
     Xml.SubElement(joint, 'child', link=child)
     Xml.SubElement(joint, 'origin', xyz=_row(xyz), rpy='0 0 0')
     if kind != 'fixed':
-        Xml.SubElement(joint, 'axis', xyz=_row(AXIS))
+        Xml.SubElement(joint, 'axis', xyz=_row(axis))
     return joint
 
 

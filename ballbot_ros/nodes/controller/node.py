@@ -14,7 +14,7 @@ from ballbot_ros.nodes.controller.settings import ControllerSettings
 from ballbot_ros.physics.model.robot import load_robot
 from ballbot_ros.ros import diagnostics
 from ballbot_ros.ros.cmd_vel import speed_set_point, SpeedSubscription
-from ballbot_ros.ros.conversions import readings, set_point
+from ballbot_ros.ros.conversions import lateral_readings, readings, set_point
 from ballbot_ros.ros.endpoints import (
     create_publisher, create_subscription, subscribe_e_stop, wait_until_received)
 from ballbot_ros.ros.fast_path.joint_state_bytes import (
@@ -22,6 +22,7 @@ from ballbot_ros.ros.fast_path.joint_state_bytes import (
 from ballbot_ros.ros.parameters import Commit, declare
 from ballbot_ros.ros.retuning import change_period, LoopNumbers, prepare_laws
 from ballbot_ros.ros.run import run
+from ballbot_ros.steering import LateralState, law
 
 
 class Controller(Node):
@@ -39,13 +40,16 @@ class Controller(Node):
         self._torque = 0.0
         self._refused: Counter = Counter()
         self._written = CommandBytes()
+        self._lateral: Optional[LateralState] = None  # None of a robot that drives straight
+        self._speed = 0.0
         self._commands = create_publisher(self, 'joint_commands')
         subscribe_joint_states(self, 'joint_states', self._taker(
             'joint_states', self._on_state))
         create_subscription(self, 'set_point', self._taker(
             'set_point', lambda one: self._give(set_point(one))))
         SpeedSubscription(self, self._taker(
-            'cmd_vel', lambda one: self._give(speed_set_point(one))))
+            'cmd_vel', lambda one: self._give(speed_set_point(
+                one, self._lateral is not None))))
         subscribe_e_stop(self, self._on_e_stop)
         self._diagnostics = diagnostics.Diagnostics(
             self, 'pendulum', self._health, self._robot.name)
@@ -80,7 +84,10 @@ class Controller(Node):
 
     def _on_state(self, message: AnyJointState) -> None:
         """Take a joint state; the command that answers it will carry its stamp."""
-        self._controller.take(readings(message))
+        found = readings(message)
+        self._lateral = lateral_readings(message, self._robot)
+        self._speed = -self._robot.ball_radius * found.ball_rate
+        self._controller.take(found)
         self._newest = message.header.stamp
         if not self._watchdog.fed:
             self.get_logger().info('joint states have arrived')
@@ -109,7 +116,11 @@ class Controller(Node):
         # Never stamped with a state that is still to be answered: in lockstep a zero from the
         # watchdog would otherwise pass for its answer.
         self._torque = torque
-        self._commands.publish(self._written.of(self._answered, torque))
+        lean = None
+        if self._lateral is not None:
+            lean = law(self._robot, self._lateral, self._speed,
+                       self._controller.set_point.yaw_rate)
+        self._commands.publish(self._written.of(self._answered, torque, lean))
 
     def _watch(self) -> None:
         """Set the torque to 0 when no joint state comes any more."""

@@ -15,6 +15,7 @@ from ballbot_ros.ros.endpoints import subscribe_e_stop
 from ballbot_ros.ros.parameters import Commit
 from ballbot_ros.ros.retuning import LoopNumbers, prepare_laws
 from ballbot_ros.ros.set_points import SetPoints
+from ballbot_ros.steering import law
 
 
 class TorqueSource(Protocol):
@@ -22,6 +23,9 @@ class TorqueSource(Protocol):
 
     def torque(self, now: float) -> float:
         """Return the torque of the period that begins now [N m]."""
+
+    def lean(self, now: float) -> float:
+        """Return the set-point of the lean in the period that begins now [rad]."""
 
     def expired(self, now: float) -> bool:
         """Return whether there was something to follow and it has become too old."""
@@ -69,7 +73,7 @@ class LawsInside:
         self._controller: SupervisedController = checked_controller(
             plant.model.robot, *_loop(settings), _supervision(settings))
         self.refused: Counter[str] = Counter()
-        SetPoints(node, self._give, self.refused, self._controller.overhear)
+        SetPoints(node, self._give, self.refused, self._controller.overhear, plant.steers)
         subscribe_e_stop(node, self._on_e_stop)
 
     def torque(self, now: float) -> float:
@@ -78,6 +82,14 @@ class LawsInside:
         self._controller.take(JointReadings(
             now, state.ball_angle, state.joint_angle, state.ball_rate, state.joint_rate))
         return self._controller.answer() or 0.0
+
+    def lean(self, now: float) -> float:
+        """Return the answer of the steering law to the state of now [rad]."""
+        robot = self._plant.model.robot
+        if not self._plant.steers:
+            return 0.0
+        return law(robot, self._plant.lateral, -robot.ball_radius * self._plant.state.ball_rate,
+                   self._controller.set_point.yaw_rate)
 
     def expired(self, now: float) -> bool:
         """Return False: the age of set-points is looked after by the controller."""

@@ -14,13 +14,11 @@ from ballbot_ros.errors import MessageError, RefusedError
 from ballbot_ros.nodes.simulator.laws_inside import check_control, LawsInside
 from ballbot_ros.nodes.simulator.outputs import Outputs
 from ballbot_ros.nodes.simulator.scheduler import FollowedClock, Scheduler
-from ballbot_ros.nodes.simulator.settings import SimulatorSettings
+from ballbot_ros.nodes.simulator.settings import plant_for, SimulatorSettings
 from ballbot_ros.nodes.simulator.simulation_interfaces import serve
-from ballbot_ros.physics.simulation.scene import load_scene
-from ballbot_ros.physics.simulation.solver import Solver
-from ballbot_ros.plant import Plant
 from ballbot_ros.ros import diagnostics
-from ballbot_ros.ros.conversions import command_torque, exact, sec_nanosec, to_seconds, to_time
+from ballbot_ros.ros.conversions import (
+    command_torque, exact, lean_set_point, sec_nanosec, to_seconds, to_time)
 from ballbot_ros.ros.endpoints import create_service, create_trigger
 from ballbot_ros.ros.fast_path.joint_state_bytes import AnyJointState, subscribe_joint_states
 from ballbot_ros.ros.parameters import Commit, declare
@@ -40,14 +38,11 @@ class Simulator(Node):
         ignore_sim_time(self)
         self._settings = settings = declare(self, SimulatorSettings, self._prepare)
         check_control(settings)
-        scene = load_scene(settings.scene, settings.robot or None,
-                           Solver(settings.method, settings.physics_step))
-        self._plant = Plant(scene, settings.control_rate, settings.torque_limit or None,
-                            settings.accuracy or None)
+        self._plant = plant_for(settings)
         self._gate = CommandGate(settings.command_timeout)
         self._outputs = Outputs(self, self._plant, settings)
         self._diagnostics = diagnostics.Diagnostics(
-            self, 'simulation', self._health, scene.model.robot.name,
+            self, 'simulation', self._health, self._plant.model.robot.name,
             stamp=lambda: to_time(self._plant.time))
         self._laws = LawsInside(self, self._plant, settings) \
             if settings.control == 'onboard' else None
@@ -87,12 +82,13 @@ class Simulator(Node):
                 raise MessageError(
                     'onboard', 'joint_commands are not followed while the laws run inside: send '
                     'set_point or cmd_vel, or start the simulator with control:=direct')
-            torque = command_torque(message)
+            torque = command_torque(message, self._plant.steers)
+            lean = lean_set_point(message)
         except MessageError as error:
             self._gate.refuse(error.reason)
             return self._refused(error)
         try:
-            self._gate.offer(torque, to_seconds(message.header.stamp), self._plant.time)
+            self._gate.offer(torque, to_seconds(message.header.stamp), self._plant.time, lean)
         except MessageError as error:
             return self._refused(error)
         self._scheduler.command_accepted(exact(message) == sec_nanosec(self._plant.time))
@@ -140,7 +136,8 @@ class Simulator(Node):
     def _health(self) -> Tuple[bytes, str, dict]:
         """Return level, message and numbers for /diagnostics."""
         values = {
-            'simulated_time': f'{self._plant.time:.3f}', 'scene': self._settings.scene,
+            'simulated_time': f'{self._plant.time:.3f}',
+            'scene': self._settings.floor or self._settings.scene,
             'real_time_factor': f'{self._scheduler.real_time_factor:.3f}',
             'periods_dropped': self._scheduler.dropped,
             'commands_accepted': self._gate.accepted,

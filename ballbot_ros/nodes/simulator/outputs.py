@@ -1,23 +1,27 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the simulator publishes, each topic at its own rate."""
 from dataclasses import fields
+import math
 import struct
 from typing import Any, Callable, Dict, List, NamedTuple, Optional, Tuple
 
+import numpy as np
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.nodes.simulator.settings import SimulatorSettings
 from ballbot_ros.physics.model.state import State
-from ballbot_ros.plant import Latency, periods_per, Plant, Sensor, SensorFaults, TerrainSensor
+from ballbot_ros.physics.model.terrain import Terrain
+from ballbot_ros.plant import (
+    FloorPlant, Latency, periods_per, Plant, Sensor, SensorFaults, TerrainSensor)
 from ballbot_ros.ros.conversions import (
-    ball_state_message, observation_message, odometry_message, sec_nanosec, terrain_message,
-    to_time)
+    ball_state_message, map_message, observation_message, odometry_message, scan_message,
+    sec_nanosec, terrain_message, to_time)
 from ballbot_ros.ros.endpoints import create_publisher, has_subscribers
 from ballbot_ros.ros.fast_path.joint_state_bytes import JointStateBytes
 from ballbot_ros.ros.frames import Frames
-from ballbot_ros.ros.markers import MarkerTopic, world_markers
+from ballbot_ros.ros.markers import floor_markers, MarkerTopic, world_markers
 from ballbot_ros.ros.odometry import OdometryTopics
 from ballbot_ros.ros.parameters import Commit
 
@@ -72,13 +76,14 @@ class Outputs:
         self._clock: Optional[Publisher] = None
         if settings.publish_clock:
             self._clock = create_publisher(node, '/clock')
-        self._odometry = OdometryTopics(node, plant.model.robot, settings)
+        self._odometry = OdometryTopics(node, plant.model.robot, settings, plant.steers)
+        self._place = PlaceOnMap(node, plant, settings) if isinstance(plant, FloorPlant) else None
         self._ball = create_publisher(node, 'ball_state')
         self._sensors = Sensors(node, plant, settings)
         self._markers = MarkerTopic(node, settings.publish_markers)
         self._joints = create_publisher(node, 'joint_states')
         self._joint_states = JointStateBytes(
-            self._odometry.frames.base, plant.model.robot.has_pendulum)
+            self._odometry.frames.base, plant.model.robot.has_pendulum, plant.steers)
 
     def prepare(self, wanted: SimulatorSettings) -> Commit:
         """Check other rates and sensors; return what puts them in force."""
@@ -87,6 +92,8 @@ class Outputs:
         def commit() -> None:
             self._every = periods
             see()
+            if self._place is not None:
+                self._place.settings = wanted
         return commit
 
     def publish(self, everything: bool = False) -> None:
@@ -101,16 +108,20 @@ class Outputs:
             self._try_publish('clock', self._publish_clock, plant.time)
         if odometry:
             self._try_publish('odometry', self._publish_odometry, plant.state)
+            if self._place is not None:
+                self._odometry.publish_map(plant.time, self._place.of_odom(plant.time))
         if ball_state:
             self._try_publish('ball_state', self._publish_ball_state, plant.state, plant.torque)
         for publisher, message in seen:
             self._try_publish(publisher.topic_name, publisher.publish, message)
         if marked:
-            self._markers.publish(world_markers(
-                plant.state, plant.model, self._odometry.frames.odom))
+            self._markers.publish(
+                floor_markers(plant, self._odometry.frames) if isinstance(plant, FloorPlant)
+                else world_markers(plant.state, plant.model, self._odometry.frames.odom))
         if joint_states:
             self._try_publish('joint_states', self._joints.publish, self._joint_states.of(
-                plant.state.time, plant.state, plant.torque))
+                plant.state.time, plant.state, plant.torque,
+                plant.lateral._replace(heading=plant.relative_pose[2])))
 
     def repeat(self) -> None:
         """
@@ -132,18 +143,61 @@ class Outputs:
 
     def _publish_odometry(self, state: State) -> None:
         self._odometry.publish(
-            lambda: odometry_message(state, self._odometry.frames), state.ball_angle,
-            state.joint_angle)
+            lambda: odometry_message(state, self._odometry.frames, self._plant),
+            state.ball_angle, state.joint_angle, self._plant.lateral)
 
     def _publish_ball_state(self, state: State, torque: float) -> None:
         if has_subscribers(self._ball):
             self._ball.publish(ball_state_message(
-                state, torque, self._plant.model, self._odometry.frames))
+                state, torque, self._plant.model, self._odometry.frames, self._plant))
+
+
+class PlaceOnMap:
+    """
+    Says where the frame ``odom`` is on the map: exactly, or with an error that drifts.
+
+    The error is that of a localisation, an Ornstein-Uhlenbeck process for each coordinate.
+
+    Parameters
+    ----------
+    node : Node
+    plant : FloorPlant
+    settings : SimulatorSettings
+        May be replaced.
+
+    """
+
+    CORRELATION = 10.0  # time of the drift [s]
+
+    def __init__(self, node: Node, plant: FloorPlant, settings: SimulatorSettings):
+        """Publish the map, and begin without an error."""
+        self._plant, self.settings = plant, settings
+        self._error, self._at = np.zeros(3), 0.0
+        self._random = np.random.default_rng([settings.seed, 1])
+        self._topic = create_publisher(node, 'map')  # kept: it is latched
+        self._topic.publish(map_message(plant.floor, Frames.of(settings)))
+
+    def of_odom(self, now: float) -> Tuple[float, float, float]:
+        """Return x, y and heading of odom on the map at a time [m], [rad]."""
+        elapsed, self._at = max(0.0, now - self._at), now
+        left = math.exp(-elapsed / self.CORRELATION)
+        sd = np.array([*2 * (self.settings.map_sd,), self.settings.map_heading_sd])
+        self._error = left * self._error + math.sqrt(1.0 - left**2) * sd \
+            * self._random.standard_normal(3)
+        # An error of the heading turns the map about the robot, not about its origin.
+        place, (x, y, heading) = self._plant.relative_pose, self._plant.start_pose
+        true_x, true_y, _ = self._plant.pose
+        turned = heading + float(self._error[2])
+        if not self._error.any():
+            return x, y, heading
+        cosine, sine = math.cos(turned), math.sin(turned)
+        return (float(true_x + self._error[0] - cosine * place[0] + sine * place[1]),
+                float(true_y + self._error[1] - sine * place[0] - cosine * place[1]), turned)
 
 
 class Sensors:
     """
-    The step sensor and, where it has a rate, the terrain sensor.
+    The step sensor, the terrain sensor and, on a floor, the laser, as far as they have a rate.
 
     A look is stamped when it was made and published when its latency has passed.
 
@@ -183,28 +237,37 @@ class Sensors:
                                  for item in fields(SensorFaults)})
         if settings.lockstep:
             check_lockstep(settings)
-        ground = self._plant.model.terrain
-        step, terrain = None, None
-        if settings.observation_rate > 0.0:
-            step = Sensor(
+        seen = self._plant.profile()
+
+        def step_on(ground: Terrain) -> Optional[Sensor]:
+            return Sensor(
                 ground, settings.observation_reach, settings.observation_distance_sd,
-                settings.observation_height_sd, settings.seed, faults)
-        if settings.terrain_rate > 0.0:
-            terrain = TerrainSensor(
-                ground, settings.terrain_reach, settings.terrain_height_sd, settings.seed, faults)
+                settings.observation_height_sd, settings.seed, faults
+            ) if settings.observation_rate > 0.0 else None
+
+        def terrain_on(ground: Terrain) -> Optional[TerrainSensor]:
+            return TerrainSensor(
+                ground, settings.terrain_reach, settings.terrain_height_sd, settings.seed, faults
+            ) if settings.terrain_rate > 0.0 else None
+        step, terrain = step_on(seen), terrain_on(seen)
+        on_floor = isinstance(self._plant, FloorPlant)
         periods = [
             periods_per(rate, settings.control_rate, name) if rate > 0.0 else 0
             for name, rate in (('observation_rate', settings.observation_rate),
-                               ('terrain_rate', settings.terrain_rate))]
+                               ('terrain_rate', settings.terrain_rate),
+                               ('scan_rate', settings.scan_rate if on_floor else 0.0))]
 
         def commit() -> None:
-            self._step, self._terrain = step, terrain
-            self._step_periods, self._terrain_periods = periods
+            self._ground, self._step, self._terrain = seen, step, terrain
+            self._step_on, self._terrain_on, self._settings = step_on, terrain_on, settings
+            self._step_periods, self._terrain_periods, self._scan_periods = periods
             self._late.seconds = faults.latency
             if step is not None:
                 self._step_topic = self._topic('step_observation')
             if terrain is not None:
                 self._terrain_topic = self._topic('terrain_observation')
+            if self._scan_periods:
+                self._scan_topic = self._topic('scan')
         return commit
 
     def _topic(self, name: str) -> Publisher:
@@ -226,19 +289,29 @@ class Sensors:
         plant = self._plant
         if everything:
             self._late.clear()
-        if self._step is not None and (
-                everything or plant.periods % self._step_periods == 0):
+        looks = [bool(periods) and (everything or plant.periods % periods == 0)
+                 for periods in (self._step_periods, self._terrain_periods, self._scan_periods)]
+        if any(looks[:2]) and (ground := plant.profile()) is not self._ground:
+            self._ground = ground
+            self._step, self._terrain = self._step_on(ground), self._terrain_on(ground)
+        if self._step is not None and looks[0]:
             sight = self._step.look(plant.state.x, plant.periods // self._step_periods)
             if sight is not None:
                 self._late.put(plant.time, (self._step_topic, observation_message(
                     to_time(plant.time), sight, self._step, self._frames)))
-        if self._terrain is not None and (
-                everything or plant.periods % self._terrain_periods == 0):
-            ground = self._terrain.look(
+        if self._terrain is not None and looks[1]:
+            view = self._terrain.look(
                 plant.state.x, plant.state.y, plant.periods // self._terrain_periods)
-            if ground is not None:
+            if view is not None:
                 self._late.put(plant.time, (self._terrain_topic, terrain_message(
-                    to_time(plant.time), ground, self._frames)))
+                    to_time(plant.time), view, self._frames)))
+        if looks[2] and isinstance(plant, FloorPlant) and has_subscribers(self._scan_topic):
+            settings, number = self._settings, plant.periods // self._scan_periods
+            self._late.put(plant.time, (self._scan_topic, scan_message(
+                to_time(plant.time), plant, settings.scan_beams, settings.scan_reach,
+                settings.scan_sd * np.random.default_rng(
+                    [settings.seed, number]).standard_normal(settings.scan_beams),
+                self._frames)))
         return self._late.due(plant.time)
 
 

@@ -331,7 +331,7 @@ class Scheduler:
                 f'no command for {self._settings.command_timeout:g} s at t = {now:.3f} s: '
                 'torque is 0; is the controller running?')
         try:
-            self._plant.advance(self._gate.torque(now))
+            self._plant.advance(self._gate.torque(now), self._gate.lean(now))
         except SimulationError as error:
             self.failure = error
             self._control.pause()

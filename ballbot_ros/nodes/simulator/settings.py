@@ -5,8 +5,13 @@ from typing import Any
 
 from ballbot_ros.config.fields import count, fixed, flag, live, quantity, text
 from ballbot_ros.control import ControlTuning, load_tuning
+from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.floors.floor import load_floor, start_on
+from ballbot_ros.physics.model.robot import load_robot
+from ballbot_ros.physics.simulation.scene import load_scene
+from ballbot_ros.physics.simulation.solver import Solver
 from ballbot_ros.physics.simulation.solver import METHODS
-from ballbot_ros.plant import SensorFaults
+from ballbot_ros.plant import FloorPlant, Plant, SensorFaults
 from ballbot_ros.ros.frames import described, frame, frame_prefix, marked
 from ballbot_ros.ros.settings import file_in, numbers_in, rate_of, Settings
 
@@ -23,7 +28,14 @@ class SimulatorSettings(Settings):
 
     scene: str = fixed('the world is built of it', file_in('scenes', 'doorstep'))
     robot: str = fixed('the world is built of it', text(
-        'name or file of a robot to put into the scene; empty keeps its own', default=''))
+        'name or file of a robot to put into the scene; empty keeps its own, and takes gimball on '
+        'a floor', default=''))
+    floor: str = fixed('the world is built of it', text(
+        'name of a floor in config/floors, or a YAML file, to drive on in place of the scene; '
+        'empty for the scene', default=''))
+    start: str = fixed('the world is built of it', text(
+        'x, y [m] and heading [rad] of the start on the floor, separated by commas; empty for '
+        'that in the floor file', default=''))
     control_rate: float = fixed('all other rates and the clock are counted in it', quantity(
         'Hz', 'rate of control, and in direct control of joint_states; the motor torque is '
         'constant over a period', default=500.0, minimum=1.0, maximum=10000.0))
@@ -86,6 +98,20 @@ class SimulatorSettings(Settings):
     terrain_height_sd: float = live(quantity(
         'm', 'standard deviation of the height of a point of the terrain', default=0.0,
         minimum=0.0, maximum=1.0))
+    scan_rate: float = live(rate_of('scan on a floor; 0 for none', 10.0, minimum=0.0))
+    scan_reach: float = live(quantity(
+        'm', 'how far the scan sees', default=8.0, above=0.0, maximum=100.0))
+    scan_beams: int = live(count('directions of a scan, all around', default=360, minimum=1,
+                                 maximum=3600))
+    scan_sd: float = live(quantity(
+        'm', 'standard deviation of a distance of the scan', default=0.0, minimum=0.0,
+        maximum=1.0))
+    map_sd: float = live(quantity(
+        'm', 'standard deviation of the place of odom on the map, which drifts; 0 for an exact '
+        'one', default=0.0, minimum=0.0, maximum=10.0))
+    map_heading_sd: float = live(quantity(
+        'rad', 'standard deviation of the heading of odom on the map, which drifts; 0 for an '
+        'exact one', default=0.0, minimum=0.0, maximum=3.2))
     sensor_reported_sd: float = live(_fault('reported_sd'))
     sensor_bias: float = live(_fault('bias'))
     sensor_scale: float = live(_fault('scale'))
@@ -99,8 +125,36 @@ class SimulatorSettings(Settings):
     publish_markers: bool = marked('ground, contacts and forces')
     publish_description: bool = described()
     frame_prefix: str = frame_prefix()
+    map_frame: str = frame('map')
     odom_frame: str = frame('odom')
     footprint_frame: str = frame('footprint')
     base_frame: str = frame('base')
     imu_frame: str = frame('imu')
     gains: ControlTuning = numbers_in('tuning', ControlTuning, load_tuning, 'gains.')
+
+
+def plant_for(settings: SimulatorSettings) -> Plant:
+    """
+    Return the plant that these parameters describe, at its start.
+
+    Raises
+    ------
+    ConfigurationError
+        If a file is not valid, or parameters contradict each other.
+
+    """
+    solver, limit = Solver(settings.method, settings.physics_step), settings.torque_limit or None
+    if not settings.floor:
+        if settings.start:
+            raise ConfigurationError(
+                f'start is a pose on a floor, got {settings.start!r} without one; give floor, or '
+                'leave start empty', 'inconsistent', 'start')
+        scene = load_scene(settings.scene, settings.robot or None, solver)
+        return Plant(scene, settings.control_rate, limit, settings.accuracy or None)
+    if settings.accuracy:
+        raise ConfigurationError(
+            f'accuracy must be 0 on a floor, where no second run confirms it, got '
+            f'{settings.accuracy:g} m', 'inconsistent', 'accuracy')
+    floor = load_floor(settings.floor)
+    return FloorPlant(load_robot(settings.robot or 'gimball'), floor,
+                      start_on(floor, settings.start), settings.control_rate, limit, solver)

@@ -6,6 +6,7 @@ Making messages of Python objects costs rclpy more than simulating and controlli
 states of one sender are alike but for their numbers, so these are read and written in place.  What
 is not understood is left to the middleware.
 """
+import math
 import struct
 from typing import Any, Callable, Dict, NamedTuple, Optional, Sequence, Tuple, Union
 
@@ -17,7 +18,8 @@ from sensor_msgs.msg import JointState
 from ballbot_ros.control import JointReadings
 from ballbot_ros.ros.conversions import sec_nanosec
 from ballbot_ros.ros.endpoints import create_subscription
-from ballbot_ros.ros.frames import JOINTS, PENDULUM
+from ballbot_ros.ros.frames import JOINTS, LATERAL, LEAN, PENDULUM
+from ballbot_ros.steering.model import LateralState
 
 # Of plain CDR, little-endian; within it, numbers are aligned from here on.
 LITTLE_ENDIAN, START = b'\0\1', 4
@@ -229,17 +231,21 @@ class JointStateBytes:
     ----------
     frame : str
     has_pendulum : bool
+    steers : bool
+        Whether lean, tilt and yaw follow, with an effort of 0.
 
     """
 
-    def __init__(self, frame: str = '', has_pendulum: bool = True):
-        names = list(JOINTS) if has_pendulum else list(JOINTS[:1])
+    def __init__(self, frame: str = '', has_pendulum: bool = True, steers: bool = False):
+        self._steers = steers
+        names = [*(JOINTS if has_pendulum else JOINTS[:1]), *(LATERAL if steers else ())]
         zeros = [0.0] * len(names)
         message = JointState(name=names, position=zeros, velocity=zeros, effort=zeros)
         message.header.frame_id = frame
-        self._written, self._count = _Written(message), len(names)
+        self._written, self._count = _Written(message), 2 if has_pendulum else 1
 
-    def of(self, stamp: float, readings: JointReadings, torque: float) -> bytes:
+    def of(self, stamp: float, readings: JointReadings, torque: float,
+           lateral: LateralState = LateralState()) -> bytes:
         """
         Return the bytes of a joint state.
 
@@ -250,21 +256,32 @@ class JointStateBytes:
         readings : JointReadings
         torque : float
             Of the pendulum motor [N m].
+        lateral : LateralState, optional
+            Of a robot that steers.
 
         """
         count = self._count
-        return self._written.of(
-            *sec_nanosec(stamp),
-            (readings.ball_angle, readings.joint_angle)[:count],
-            (readings.ball_rate, readings.joint_rate)[:count], (0.0, torque)[:count])
+        angles = [readings.ball_angle, readings.joint_angle][:count]
+        rates = [readings.ball_rate, readings.joint_rate][:count]
+        efforts = [0.0, torque][:count]
+        if self._steers:
+            angles += lateral.lean, lateral.tilt, lateral.heading
+            rates += lateral.lean_rate, lateral.tilt_rate, lateral.yaw_rate
+            efforts += 0.0, 0.0, 0.0
+        return self._written.of(*sec_nanosec(stamp), angles, rates, efforts)
 
 
 class CommandBytes:
     """Joint commands for the pendulum; see `conversions.command_message`."""
 
     def __init__(self) -> None:
-        self._written = _Written(JointState(name=[PENDULUM], effort=[0.0]))
+        self._straight = _Written(JointState(name=[PENDULUM], effort=[0.0]))
+        self._steering = _Written(JointState(
+            name=[PENDULUM, LEAN], position=[0.0, 0.0], effort=[0.0, 0.0]))
 
-    def of(self, stamp: Any, torque: float) -> bytes:
+    def of(self, stamp: Any, torque: float, lean: Optional[float] = None) -> bytes:
         """Return the bytes of a command that answers the joint state of a stamp."""
-        return self._written.of(stamp.sec, stamp.nanosec, (), (), (torque,))
+        if lean is None:
+            return self._straight.of(stamp.sec, stamp.nanosec, (), (), (torque,))
+        return self._steering.of(stamp.sec, stamp.nanosec, (math.nan, lean), (),
+                                 (torque, math.nan))

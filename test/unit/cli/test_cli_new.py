@@ -3,6 +3,8 @@
 from dataclasses import fields
 import re
 
+import numpy as np
+from PIL import Image
 import pytest
 import yaml
 
@@ -14,6 +16,7 @@ from ballbot_ros.crossing import max_step_height
 from ballbot_ros.decision import DecisionTuning, load_decision_tuning
 from ballbot_ros.drives import DRIVES
 from ballbot_ros.floors import load_floor
+from ballbot_ros.floors.floor import AREAS, LINES
 from ballbot_ros.physics import load_robot, load_scene
 
 LOADERS = {'robot': load_robot, 'scene': load_scene, 'hardware': load_hardware,
@@ -107,3 +110,17 @@ def test_the_scaling_in_the_template_of_a_robot_gives_a_similar_motion(tmp_path)
     height = max_step_height(robot, 0.6, scan=0).height
     assert max_step_height(small, 0.6 * scale**0.5, scan=0).height \
         == pytest.approx(scale * height, abs=1e-4)
+
+
+def test_each_line_of_the_template_of_a_floor_is_valid(tmp_path):
+    path = tmp_path / 'two_rooms.yaml'
+    assert main(['new', 'floor', str(path)]) == 0
+    lines = path.read_text().split('\n')
+    # All features at once, and the heights; a map would replace the walls.
+    lines = [re.sub(r'^(\s*)# (?=- \{|   line|heights:|  [a-z]+: )', r'\1', line)
+             for line in lines]
+    Image.fromarray(np.zeros((4, 4), np.uint16)).save(tmp_path / 'heights.png')
+    path.write_text('\n'.join(lines))
+    floor = load_floor(path)
+    assert {feature.kind for feature in floor.features} == {*LINES, *AREAS}
+    assert floor.heights is not None and floor.start[:2] == (1.0, 1.0)

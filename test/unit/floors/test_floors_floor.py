@@ -1,11 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Floor files and map_server maps: what is read, and what is refused with which reason."""
+import math
+
 import numpy as np
 from PIL import Image
 import pytest
 
 from ballbot_ros.errors import ConfigurationError
-from ballbot_ros.floors import load_floor, read_map
+from ballbot_ros.floors import Floor, load_floor, read_map
 from ballbot_ros.floors.floor import distance_to_segment, FREE, inside, OCCUPIED, UNKNOWN
 
 MAP = 'image: plan.pgm\nresolution: 0.1\norigin: [-1.0, 2.0, 0.0]\nnegate: {}\n' \
@@ -48,7 +50,6 @@ def test_png_and_pgm_give_the_same_map(tmp_path):
 
 
 @pytest.mark.parametrize('change, reason, field', [
-    (('origin: [-1.0, 2.0, 0.0]', 'origin: [0, 0, 0.5]'), 'unsupported', 'origin'),
     (('origin: [-1.0, 2.0, 0.0]', 'origin: [0, 0]'), 'wrong_type', 'origin'),
     (('resolution: 0.1', 'resolution: 50'), 'out_of_range', 'resolution'),
     (('occupied_thresh: 0.65', 'occupied_thresh: .nan'), 'not_finite', 'occupied_thresh'),
@@ -110,3 +111,54 @@ def test_distance_and_inside_agree_with_geometry():
     x, y = np.random.default_rng(1).uniform(-1.0, 2.0, (2, 1000))
     square = [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)]
     assert np.array_equal(inside(x, y, square), (0 <= x) & (x < 1) & (0 <= y) & (y < 1))
+
+
+def test_a_rotated_map_is_sampled_along_the_axes(tmp_path):
+    shades = np.full((20, 40), 255)
+    shades[5, 30] = 0  # row 14 from below
+    text = MAP.format(0).replace('origin: [-1.0, 2.0, 0.0]', 'origin: [1.0, 2.0, 0.5]')
+    cells, resolution, origin = read_map(write_map(tmp_path, shades, text))
+    # The centre of the occupied cell in the frame map.
+    x, y = 3.05, 1.45
+    place = (1.0 + math.cos(0.5) * x - math.sin(0.5) * y, 2.0 + math.sin(0.5) * x
+             + math.cos(0.5) * y)
+    floor = Floor('rotated', cells, resolution, origin, ())
+    occupied = np.argwhere(cells == OCCUPIED)
+    assert 1 <= len(occupied) <= 2
+    for cell in occupied:
+        assert math.dist(floor.center_of(*cell), place) < 0.08
+    assert (cells == UNKNOWN).any()
+    assert np.sum(cells == FREE) == pytest.approx(799, rel=0.02)
+
+
+@pytest.mark.parametrize('change, refusal', [
+    ({}, None), ({'scale': 1.0}, ('out_of_range', 'heights')),
+    ({'image': 'none.png'}, ('unreadable', 'image')),
+    ({'resolution': 1e-4}, ('out_of_range', 'resolution')),
+    ({'image': 'eight.png'}, ('wrong_type', 'image'))])
+def test_heights_are_read_from_an_image_of_16_bits(change, refusal, tmp_path):
+    values = np.array([[0, 1000], [20, 65535]], np.uint16)
+    Image.fromarray(values).save(tmp_path / 'heights.png')
+    Image.fromarray(values.astype(np.uint8)).save(tmp_path / 'eight.png')
+    given = {'image': 'heights.png', 'resolution': 0.5, 'scale': 1e-5, **change}
+    text = 'walls: {size: [1, 1], lines: []}\nheights: {' + ', '.join(
+        f'{key}: {value}' for key, value in given.items()) + '}'
+    path = tmp_path / 'f.yaml'
+    if refusal is not None:
+        assert refusals(path, text) == {refusal}
+        return
+    path.write_text(text)
+    heights = load_floor(path).heights
+    assert heights.values.tolist() == pytest.approx(np.array([[0.0002, 0.65535], [0.0, 0.01]]))
+    assert heights.at(0.5, 0.25) == pytest.approx(0.5 * (0.0002 + 0.65535))
+
+
+def test_a_robot_starts_in_the_middle_of_the_largest_room_or_where_the_file_says(tmp_path):
+    path = tmp_path / 'f.yaml'
+    path.write_text('walls: {size: [6, 4], lines: [[[4, 0], [4, 4]]]}')
+    x, y, heading = load_floor(path).start
+    assert (x, y, heading) == pytest.approx((2.0, 2.0, 0.0), abs=0.11)
+    path.write_text('walls: {size: [6, 4], lines: []}\nstart: [1, 2, 90]')
+    assert load_floor(path).start == pytest.approx((1.0, 2.0, 0.5 * math.pi))
+    assert refusals(path, 'walls: {size: [6, 4], lines: []}\nstart: [1, 2]') == {
+        ('wrong_type', 'start')}

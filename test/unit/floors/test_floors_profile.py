@@ -1,13 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Profiles cut from a floor, compared with geometry solved by hand."""
+from dataclasses import replace
 import math
 
 from hypothesis import assume, given, strategies
 import numpy as np
 import pytest
 
+from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.floors import Feature, Floor
-from ballbot_ros.floors.floor import inside, OCCUPIED
+from ballbot_ros.floors.floor import Heights, inside, OCCUPIED
 from ballbot_ros.floors.levels import level
 from ballbot_ros.floors.profile import area_height, cut, passed, ranges, WALL_HEIGHT
 
@@ -64,6 +66,8 @@ def test_a_ramp_rises_along_its_line(place, heading):
     outline = [(2.0, 2.0), (8.0, 2.0), (8.0, 8.0), (2.0, 8.0)]
     floor = floor_of({'kind': 'ramp', 'polygon': outline, 'line': [[2.0, 5.0], [8.0, 5.0]],
                       'height': 0.6})
+    # A line along the outline is in it or not.
+    assume(min(abs(math.cos(heading)), abs(math.sin(heading))) > 1e-6)
     found = cut(floor, place, heading)
     along = np.linspace(-3.0, 3.0, 61)
     near = np.min(np.abs(along[:, None] - found.vertices[:, 0]), axis=1) < 1e-6
@@ -165,3 +169,23 @@ def test_a_crest_needs_the_height_that_the_angle_asks_for():
     # for a ball that comes back.
     back = cut(floor, (6.0, 5.0), math.pi, factor=lambda angle: 0.75)
     assert heights(back, [0.8, 1.0 - 1e-9]) == pytest.approx([0.0, 0.01], abs=1e-6)
+
+
+@given(places, angles)
+def test_heights_of_a_plane_are_cut_exactly(place, heading):
+    x, y = np.meshgrid(0.05 + 0.1 * np.arange(100), 0.05 + 0.1 * np.arange(100))
+    floor = replace(floor_of(), heights=Heights(0.05 * x - 0.02 * y, 0.1, (0.0, 0.0)))
+    found = cut(floor, place, heading)
+    along = np.linspace(-0.9, 0.9, 37)
+    expected = (0.05 * (place[0] + along * math.cos(heading))
+                - 0.02 * (place[1] + along * math.sin(heading)))
+    assert heights(found, along) == pytest.approx(expected, abs=1e-9)
+    assert area_height(floor, place) == pytest.approx(heights(found, 0.0))
+
+
+@pytest.mark.parametrize('values, reason', [
+    ([[0.0, math.nan]], 'not_finite'), ([[0.0, 45.0]], 'out_of_range')])
+def test_heights_with_holes_or_in_millimetres_are_refused(values, reason):
+    with pytest.raises(ConfigurationError) as caught:
+        Heights(np.array(values), 0.1, (0.0, 0.0))
+    assert (caught.value.reason, caught.value.field) == (reason, 'heights')

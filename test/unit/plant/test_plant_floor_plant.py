@@ -143,7 +143,7 @@ def test_a_robot_without_steering_refuses_to_lean():
     plant.advance(0.1)
     with pytest.raises(ConfigurationError) as caught:
         plant.advance(0.1, 0.1)
-    assert (caught.value.reason, caught.value.field) == ('missing', 'steering')
+    assert (caught.value.reason, caught.value.field) == ('unsupported', 'steering')
 
 
 @pytest.mark.parametrize('pose', [(math.nan, 1.0, 0.0), (-1.0, 1.0, 0.0), (1.0, 1.0, math.inf)])

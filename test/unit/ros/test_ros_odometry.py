@@ -107,7 +107,8 @@ def test_every_frame_has_the_name_that_its_parameter_gives_it():
     settings = SimulatorSettings(odom_frame='a', footprint_frame='b', base_frame='c',
                                  imu_frame='d', frame_prefix='z/')
     assert Frames.of(settings) == Frames(
-        'z/a', 'z/b', 'z/c', 'z/d', 'z/ball_link', 'z/pendulum_link')
+        'z/a', 'z/b', 'z/c', 'z/d', 'z/ball_link', 'z/pendulum_link', 'z/axle_link',
+        'z/carrier_link', 'map')
 
 
 def test_without_tf2_msgs_odometry_and_description_come_all_the_same(make_node, gimball,
