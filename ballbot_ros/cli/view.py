@@ -16,8 +16,9 @@ LOOPBACK = '127.0.0.1'
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('scene', nargs='?', default='voltage_start', metavar='SCENE',
-                        help='name of a scene ("ballbot scenes" lists them), a YAML file, or a '
-                        'bag: its folder or a file ending in .mcap (default: %(default)s)')
+                        help='name of a scene ("ballbot scenes" lists them) or of a floor, a YAML '
+                        'file of either, or a bag: its folder or a file ending in .mcap '
+                        '(default: %(default)s)')
     parser.add_argument('--live', action='store_true',
                         help='show running nodes instead, a simulator or a bridge; needs ROS')
     parser.add_argument('--namespace', default='', metavar='NAME',
@@ -45,8 +46,22 @@ def run(arguments: argparse.Namespace) -> int:
     source = other_source(arguments)
     if source is not None:
         return serve(source, arguments, begin=not arguments.live)
+    if is_floor(arguments.scene):
+        from ballbot_ros.view.floor_source import FloorSource
+        return serve(FloorSource(arguments.scene), arguments, begin=True)
     from ballbot_ros.view.scene_source import SceneSource
     return serve(SceneSource(arguments.scene, paused=True), arguments, begin=True)
+
+
+def is_floor(name: str) -> bool:
+    """Return whether this is the name or the file of a floor; a scene of the name is first."""
+    from ballbot_ros.config.files import (
+        find_config, is_path, read_yaml, shipped_files, SIGNATURES)
+    if not is_path(name):
+        return name in {path.stem for path in shipped_files('floors')} \
+            - {path.stem for path in shipped_files('scenes')}
+    content = read_yaml(find_config('floors', name)).keys()
+    return bool(SIGNATURES['floors'] & content) and not SIGNATURES['scenes'] & content
 
 
 def other_source(arguments: argparse.Namespace) -> Optional[object]:

@@ -32,7 +32,7 @@ MESSAGE_PERIODS: Mapping[str, float] = {
 
 # Recognized nodes, and their displayed parameters.
 NODES: Mapping[str, Tuple[str, ...]] = {
-    'simulator': ('scene', 'robot', 'control_rate'), 'bridge': ('hardware',),
+    'simulator': ('scene', 'robot', 'control_rate', 'floor', 'start'), 'bridge': ('hardware',),
     'emulated_robot': ('scene',), 'controller': ('robot',),
     'obstacle_decision': ('robot', 'curve', 'variant')}
 

@@ -13,6 +13,7 @@ from ballbot_ros.bridge.hardware_file import load_hardware
 from ballbot_ros.decision.planning.curve import HeightCurve, load_curve
 from ballbot_ros.decision.values import Kind, Reason
 from ballbot_ros.errors import BallbotError, ConfigurationError
+from ballbot_ros.floors.floor import load_floor, start_on
 from ballbot_ros.physics.model.robot import load_robot, Robot
 from ballbot_ros.physics.model.terrain import Array, Terrain
 from ballbot_ros.physics.simulation.scene import load_scene
@@ -94,7 +95,10 @@ class FrameAssembly:
             tuple(contact_force(contact) for contact in message.contacts),
             EnergyShares(message.kinetic_energy, message.potential_energy, message.contact_energy,
                          message.dissipated_energy, message.motor_work),
-            self._decision, self._e_stop)
+            self._decision, self._e_stop,
+            (message.position_x, message.position_y, message.heading)
+            if hasattr(message, 'heading') else None,
+            getattr(message, 'lean', 0.0), getattr(message, 'tilt', 0.0))
 
     def _take_joint_states(self, message: Any) -> Optional[Frame]:
         time = stamp_of(message)
@@ -313,7 +317,9 @@ def described_robot(parameters: Mapping[str, Any], robot: str = '') -> Described
     terrain: Optional[Terrain] = None
     found = load_robot(robot) if robot else None
     try:
-        if parameters.get('scene'):
+        if parameters.get('floor'):
+            found = found or load_robot(str(parameters.get('robot') or DEFAULT))
+        elif parameters.get('scene'):
             other = str(parameters.get('robot') or '')
             scene = load_scene(str(parameters['scene']), other or None)
             terrain, found = scene.model.terrain, found or scene.model.robot
@@ -358,6 +364,14 @@ class MessageSource(Source):
         found = described_robot(parameters, robot)
         self._notes, self._curve = found.notes, found.curve
         self._assembly = FrameAssembly(found.robot, found.terrain)
+        self.floor = None
+        if parameters.get('floor'):
+            try:
+                floor = load_floor(str(parameters['floor']))
+                self.start_pose = start_on(floor, str(parameters.get('start') or ''))
+                self.floor = floor
+            except BallbotError as error:
+                self._notes = (*self._notes, f'{error}.')
 
     @property
     def robot(self) -> Robot:

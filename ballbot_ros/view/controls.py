@@ -18,7 +18,7 @@ from ballbot_ros.view.stage import CAMERAS, look_from
 # Control -> its label, by group.
 GROUPS: Mapping[str, Mapping[str, str]] = {
     'Model': {'scene': 'scene', 'robot': 'robot'},
-    'Motor': {'law': 'law', 'set_point': 'set-point'},
+    'Motor': {'law': 'law', 'set_point': 'set-point', 'yaw_rate': 'yaw rate'},
     'World': {'step_height': 'step ahead', 'friction': 'friction'},
     'Simulation': {'speed': 'playback', 'accuracy': 'accuracy'}}
 POSITIONS = 300  # of a slider

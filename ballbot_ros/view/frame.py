@@ -83,6 +83,10 @@ class Frame:
     decision : DecisionSign or None
     e_stop : bool or None
         Whether the e-stop is engaged.
+    place : (float, float, float) or None
+        x, y and heading in the frame of the start; None straight ahead [m], [rad].
+    lean, tilt : float
+        Of the pendulum in the ball and of the axle [rad].
 
     """
 
@@ -100,3 +104,6 @@ class Frame:
     energies: Optional[EnergyShares] = None
     decision: Optional[DecisionSign] = None
     e_stop: Optional[bool] = None
+    place: Optional[Tuple[float, float, float]] = None
+    lean: float = 0.0
+    tilt: float = 0.0

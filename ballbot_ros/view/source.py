@@ -15,6 +15,7 @@ from typing import Any, List, Mapping, NamedTuple, Optional, Sequence, Tuple, Un
 from ballbot_ros.config.fields import suggestion
 from ballbot_ros.decision.planning.curve import HeightCurve
 from ballbot_ros.errors import BallbotError, ConfigurationError
+from ballbot_ros.floors.floor import Floor
 from ballbot_ros.physics.model.robot import Robot
 from ballbot_ros.physics.model.terrain import Terrain
 from ballbot_ros.view.frame import Frame
@@ -32,6 +33,7 @@ CONTROLS: Mapping[str, Tuple[type, str]] = MappingProxyType({
     'robot': (str, 'another robot'),
     'law': (str, 'control law of the motor'),
     'set_point': (float, 'set-point of the law, in its unit'),
+    'yaw_rate': (float, 'yaw rate, within what the speed allows [rad/s]'),
     'step_height': (float, 'height of the next step ahead [m]'),
     'friction': (float, 'coefficient between ball and ground'),
     'accuracy': (float, 'largest error of position [m]; 0 for the solver of the scene'),
@@ -194,6 +196,8 @@ class Source(ABC):
     def __init__(self) -> None:
         self._history = FrameHistory()
         self._sought: Optional[float] = None  # the time to show instead of the latest [s]
+        self.floor: Optional[Floor] = None
+        self.start_pose = (0.0, 0.0, 0.0)  # on the floor, see `Frame.place` [m], [rad]
 
     @property
     @abstractmethod

@@ -29,7 +29,8 @@ SHADOW = 0.7  # [ball radii]
 CAMERAS: Mapping[str, Tuple['Point', 'Point']] = {
     'side': ((0.35, -3.1, 0.62), (0.35, 0.0, 0.14)),
     'behind': ((-1.6, -1.7, 1.0), (0.5, 0.0, 0.1)),
-    'close': ((0.1, -1.35, 0.4), (0.1, 0.0, 0.16))}
+    'close': ((0.1, -1.35, 0.4), (0.1, 0.0, 0.16)),
+    'above': ((-2.2, -7.5, 8.0), (0.0, 0.6, 0.0))}
 FIELD = math.radians(36.0)  # of view, vertical
 # A phone held upright has such a width-to-height ratio. The controls cover the lower part there:
 # the ball is placed this part of half the height above the middle.

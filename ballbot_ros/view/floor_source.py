@@ -1,0 +1,166 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A floor as a source: a robot on it, driven by speed and yaw rate."""
+from threading import Event, Lock, Thread
+from time import monotonic
+from types import MappingProxyType
+from typing import Mapping, Optional
+
+from ballbot_ros.control import (
+    checked_controller, JointReadings, load_tuning, Mode, SetPoint, Supervision)
+from ballbot_ros.decision.planning.curve import HeightCurve
+from ballbot_ros.errors import BallbotError
+from ballbot_ros.floors.floor import load_floor
+from ballbot_ros.physics.model.robot import load_robot, Robot
+from ballbot_ros.physics.model.terrain import Terrain
+from ballbot_ros.plant import FloorPlant, Pace, Speedometer
+from ballbot_ros.steering import law
+from ballbot_ros.view.frame import ContactForce, Frame
+from ballbot_ros.view.source import Control, Health, Idle, Source
+
+RATE = 250.0  # of control [Hz]
+EVERY = 5  # control periods per frame
+FASTEST, SHARPEST = 1.2, 0.5  # set-points [m/s], [rad/s]
+
+
+class FloorSource(Source):
+    """
+    A robot at the start of a floor, which drives as the page says.
+
+    Parameters
+    ----------
+    floor : str
+        Name or file.
+    robot : str
+        Name or file.
+
+    Raises
+    ------
+    ConfigurationError
+        If a file is not valid.
+
+    """
+
+    def __init__(self, floor: str, robot: str = 'gimball'):
+        super().__init__()
+        self.floor = load_floor(floor)
+        self.start_pose = self.floor.start
+        self._plant = FloorPlant(load_robot(robot), self.floor, self.start_pose, RATE)
+        self._controller = checked_controller(
+            self._plant.model.robot, load_tuning('gentle'), RATE, 0, Supervision())
+        self._lock, self._ending = Lock(), Event()
+        self._paused, self._failure = True, ''
+        self._speed = self._yaw_rate = 0.0
+        self._speedometer = Speedometer()
+        self._thread: Optional[Thread] = None
+        self._note()
+
+    @property
+    def title(self) -> str:
+        """Return the name of the floor."""
+        assert self.floor is not None
+        return f'Floor {self.floor.name}'
+
+    @property
+    def robot(self) -> Robot:
+        """Return the robot."""
+        return self._plant.model.robot
+
+    @property
+    def terrain(self) -> Optional[Terrain]:
+        """Return None: the ground is that of the floor."""
+        return None
+
+    @property
+    def curve(self) -> Optional[HeightCurve]:
+        """Return None."""
+        return None
+
+    @property
+    def health(self) -> Health:
+        """Return whether time advances."""
+        stands = not self._paused and not self._speed
+        return Health(not self._paused, None if self._paused else self._speedometer.factor,
+                      failure=self._failure,
+                      idle=Idle('The robot stands: give it a speed.', 'Drive',
+                                (('set_point', 0.4),)) if stands and not self._failure else None)
+
+    @property
+    def controls(self) -> Mapping[str, Control]:
+        """Return pause, reset, speed and yaw rate."""
+        steers = '' if self._plant.steers else 'the robot file has no section steering'
+        return MappingProxyType({
+            'pause': Control(self._paused, refusal=self._failure), 'reset': Control(None),
+            'set_point': Control(self._speed, -FASTEST, FASTEST, 'm/s'),
+            'yaw_rate': Control(self._yaw_rate, -SHARPEST, SHARPEST, 'rad/s', refusal=steers)})
+
+    def start(self) -> None:
+        """Start the thread of the simulation."""
+        self._thread = Thread(target=self._live, name='floor', daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """End the simulation."""
+        self._ending.set()
+        if self._thread is not None:
+            self._thread.join(10.0)
+
+    def _set_pause(self, paused: bool) -> None:
+        self._paused = paused
+
+    def _set_reset(self, _: bool) -> None:
+        with self._lock:
+            self._plant.reset(time=True)
+            self._controller.forget()
+            self._speed = self._yaw_rate = 0.0
+            self._failure = ''
+            self._history.forget()
+            self._note()
+
+    def _set_set_point(self, speed: float) -> None:
+        self._speed = speed
+
+    def _set_yaw_rate(self, yaw_rate: float) -> None:
+        self._yaw_rate = yaw_rate
+
+    def _live(self) -> None:
+        pace = Pace(self._plant.period, 1.0, most=25)
+        while not self._ending.wait(0.01):
+            now = monotonic()
+            if self._paused:
+                pace.restart(now)
+                continue
+            with self._lock:
+                for _ in range(pace.due(now)):
+                    try:
+                        self._advance()
+                    except BallbotError as error:
+                        self._failure, self._paused = str(error), True
+                        break
+                self._speedometer.note(self._plant.time, now)
+
+    def _advance(self) -> None:
+        """Run a control period."""
+        plant, state = self._plant, self._plant.state
+        self._controller.give(SetPoint(Mode.SPEED, self._speed, plant.time))
+        self._controller.take(JointReadings(
+            plant.time, state.ball_angle, state.joint_angle, state.ball_rate, state.joint_rate))
+        torque = self._controller.answer() or 0.0
+        lean = law(self.robot, plant.lateral, state.velocity_x, self._yaw_rate) \
+            if plant.steers else 0.0
+        plant.advance(torque, lean)
+        if plant.periods % EVERY == 0:
+            self._note()
+
+    def _note(self) -> None:
+        """Keep the present state as a frame."""
+        plant, state, lateral = self._plant, self._plant.state, self._plant.lateral
+        contacts = tuple(ContactForce(
+            touch.x, touch.y,
+            touch.normal_force * touch.normal_x + touch.friction_force * touch.normal_y,
+            touch.normal_force * touch.normal_y - touch.friction_force * touch.normal_x,
+            touch.penetration) for touch in plant.model.touches(state))
+        self._history.add(Frame(
+            plant.time, state.x, state.y, state.ball_angle, state.pendulum_angle,
+            state.velocity_x, state.velocity_y, state.ball_rate, state.pendulum_rate,
+            plant.torque, contacts, place=plant.relative_pose, lean=lateral.lean,
+            tilt=lateral.tilt))

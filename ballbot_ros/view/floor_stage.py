@@ -1,0 +1,288 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A floor in three dimensions: rooms at their levels, walls, and what lies on it."""
+import math
+from typing import Dict, Iterator, List, NamedTuple, Optional, Tuple
+
+import numpy as np
+from numpy.typing import NDArray
+import viser
+
+from ballbot_ros.figures.canvas import BLUE, GREEN, GREY, INK, ORANGE, SKY, VERMILION
+from ballbot_ros.floors.floor import Feature, Floor, inside, OCCUPIED, Point, rectangles
+from ballbot_ros.floors.levels import levels
+from ballbot_ros.floors.profile import area_height, depth, polygons
+from ballbot_ros.physics.model.terrain import Array
+from ballbot_ros.physics.model.robot import Robot
+from ballbot_ros.view.frame import Frame
+from ballbot_ros.view.source import Source
+from ballbot_ros.view.stage import APART, joined, Mesh, PATH, rgb, Stage
+
+# Walls are cut at this height, so that the rooms are seen [m].
+WALL = 0.5
+# Thickness of a floor that nothing carries, and of what is painted on it [m].
+SLAB, PAINT = 0.05, 0.003
+# Points of uneven ground along the longer side, at most.
+POINTS = 300
+COLOURS = {'step': BLUE, 'threshold': BLUE, 'cord': VERMILION, 'carpet': GREEN, 'level': SKY,
+           'ramp': SKY, 'friction': ORANGE, 'keep_out': GREY, 'stairs': INK, 'drop': VERMILION}
+GROUND, WALLS = '#EAE6DF', '#B9B2A6'
+
+
+Place = Tuple[float, float, float]
+Quaternion = Tuple[float, float, float, float]
+
+
+class FloorStage(Stage):
+    """
+    Draws frames of a source on its floor, and those of a source without one as `Stage` does.
+
+    Parameters
+    ----------
+    server : viser.ViserServer
+    source : Source
+
+    """
+
+    def __init__(self, server: viser.ViserServer, source: Source):
+        super().__init__(server)
+        self._floor: Optional[Floor] = None
+        if source.floor is not None:
+            # The world is moved so that the ball is at the origin.
+            left, right, bottom, top = source.floor.extent
+            x, y = (0.5 * (left + right) - source.start_pose[0],
+                    0.5 * (bottom + top) - source.start_pose[1])
+            size = max(right - left, top - bottom)
+            above = (x, y - 1.1 * size, 1.5 * size), (x, y, 0.0)
+
+            def look(client: viser.ClientHandle) -> None:
+                client.camera.position, client.camera.look_at = above
+            server.on_client_connect(look)
+
+    def draw(self, source: Source, frame: Frame) -> None:
+        """Draw a frame."""
+        if source.floor is None:
+            super().draw(source, frame)
+            return
+        if source.robot is not self._robot:
+            self._build_robot(source.robot)
+        if source.floor is not self._floor:
+            self._build_floor(source.floor)
+        self._place_on_floor(source, frame, source.robot)
+        self._draw_forces(frame, source.robot)
+
+    def draw_path(self, source: Source, frame: Frame) -> None:
+        """Draw the path of the centre up to a frame."""
+        if source.floor is None:
+            super().draw_path(source, frame)
+            return
+        if source.epoch != self._epoch:
+            self._epoch, self._path, self._path_since = source.epoch, [], -math.inf
+            self._points: List[Tuple[float, Place]] = []
+        for passed in source.history(self._path_since):
+            self._path_since = passed.time
+            point = place_of(source, passed)
+            if point is not None and (not self._points or math.dist(
+                    point, self._points[-1][1]) >= APART * source.robot.ball_radius):
+                self._points.append((passed.time, point))
+        del self._points[:-PATH]
+        ends = np.array([point for time, point in self._points if time <= frame.time],
+                        np.float32).reshape(-1, 3)
+        pairs = np.stack([ends[:-1], ends[1:]], axis=1) if len(ends) > 1 else np.zeros(
+            (1, 2, 3), np.float32)
+        if 'path' in self._nodes:
+            self._nodes['path'].points = pairs
+        else:
+            self._nodes['path'] = self._scene.add_line_segments(
+                '/world/path', pairs, np.array(rgb(GREEN)),
+                thickness=0.06 * source.robot.ball_radius)
+
+    def _place_on_floor(self, source: Source, frame: Frame, robot: Robot) -> None:
+        """Move ball and pendulum to where they are, and the world below the camera."""
+        point = place_of(source, frame)
+        self._nodes['place'].visible = point is not None
+        if point is None or frame.place is None:
+            return
+        heading = source.start_pose[2] + frame.place[2]
+        place = self._nodes['place']
+        place.position, place.wxyz = point, about((0.0, 0.0, 1.0), heading)
+        if frame.ball_angle is not None:
+            self._nodes['ball'].wxyz = product(
+                about((-1.0, 0.0, 0.0), frame.tilt), about((0.0, -1.0, 0.0), frame.ball_angle))
+        if 'pendulum' in self._nodes and frame.pendulum_angle is not None:
+            self._nodes['pendulum'].wxyz = product(
+                about((0.0, -1.0, 0.0), frame.pendulum_angle),
+                about((1.0, 0.0, 0.0), frame.lean - frame.tilt))
+        self._world.position = (-point[0], -point[1], robot.ball_radius - point[2])
+        self._nodes['shadow'].position = (point[0], point[1], point[2] - robot.ball_radius + 0.004)
+
+    def _build_floor(self, floor: Floor) -> None:
+        """Make the meshes and labels of a floor."""
+        self._floor = floor
+        if 'ground' in self._nodes:
+            self._nodes.pop('ground').remove()
+        self._nodes['ground'] = self._scene.add_frame('/world/ground', show_axes=False)
+        for part in floor_parts(floor):
+            self._mesh(f'/world/ground/{part.name}', part.mesh, part.colour, part.opacity,
+                       flat=True)
+            if part.label:
+                self._scene.add_label(
+                    f'/world/ground/label_{part.name}', part.label, position=part.place,
+                    anchor='bottom-center', font_size_mode='screen', font_screen_scale=0.7)
+
+
+def place_of(source: Source, frame: Frame) -> Optional[Place]:
+    """Return the centre of the ball on the map, None where it is unknown [m]."""
+    if frame.place is None or frame.y is None:
+        return None
+    x, y, heading = source.start_pose
+    return (x + math.cos(heading) * frame.place[0] - math.sin(heading) * frame.place[1],
+            y + math.sin(heading) * frame.place[0] + math.cos(heading) * frame.place[1], frame.y)
+
+
+def about(axis: Place, angle: float) -> Quaternion:
+    """Return the quaternion (w, x, y, z) of an angle about a unit axis [rad]."""
+    sine = math.sin(0.5 * angle)
+    return math.cos(0.5 * angle), sine * axis[0], sine * axis[1], sine * axis[2]
+
+
+def product(one: Quaternion, two: Quaternion) -> Quaternion:
+    """Return the product of two quaternions: the second rotation first."""
+    w, x, y, z = one
+    v, i, j, k = two
+    return (w * v - x * i - y * j - z * k, w * i + x * v + y * k - z * j,
+            w * j - x * k + y * v + z * i, w * k + x * j - y * i + z * v)
+
+
+class Part(NamedTuple):
+    """A mesh with its colour, and its label at a place."""
+
+    name: str
+    mesh: Mesh
+    colour: str
+    opacity: Optional[float] = None
+    label: str = ''
+    place: Tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+def floor_parts(floor: Floor) -> Iterator[Part]:
+    """Yield the parts of a floor, in the frame of its map [m]."""
+    height = levels(floor)
+    if floor.heights is None:
+        grounds = []
+        for value in np.unique(height[floor.cells != OCCUPIED]):
+            mask = (height == value) & (floor.cells != OCCUPIED)
+            for feature in floor.features:
+                if feature.kind == 'stairs' or (feature.kind == 'level' and feature.height < 0.0):
+                    mask &= ~_cells_in(floor, feature)
+            grounds += [box(x - wide, y - high, x + wide, y + high, value - SLAB, value)
+                        for x, y, wide, high in rectangles(
+                            mask, floor.resolution, floor.origin).tolist()]
+        yield Part('ground', joined(grounds), GROUND)
+    else:
+        yield Part('ground', _uneven(floor), GROUND)
+    walls = [box(x - wide, y - high, x + wide, y + high, -SLAB, WALL)
+             for x, y, wide, high in floor.walls.tolist()]
+    if walls:
+        yield Part('walls', joined(walls), WALLS)
+    counts: Dict[str, int] = {}
+    for feature in floor.features:
+        number = counts[feature.kind] = counts.get(feature.kind, 0) + 1
+        mesh = _feature(floor, feature)
+        points = np.array(feature.polygon or feature.line)
+        x, y = points.mean(axis=0) if feature.polygon else points[[0, -1]].mean(axis=0)
+        yield Part(f'{feature.kind}_{number}', mesh, COLOURS[feature.kind],
+                   0.6 if feature.kind in ('friction', 'keep_out') else None,
+                   _label(feature), (float(x), float(y), float(mesh.points[:, 2].max()) + 0.1))
+
+
+def box(left: float, bottom: float, right: float, top: float, low: float, high: float) -> Mesh:
+    """Return a box along the axes [m]."""
+    return prism([(left, bottom), (right, bottom), (right, top), (left, top)],
+                 np.full(4, low), np.full(4, high))
+
+
+def prism(outline: List[Point], low: Array, high: Array) -> Mesh:
+    """Return a body over a convex outline, from one height to another at each corner [m]."""
+    count, corners = len(outline), np.array(outline)
+    points = np.vstack([np.column_stack([corners, low]), np.column_stack([corners, high])])
+    triangles = []
+    for index in range(count):
+        other = (index + 1) % count
+        triangles += [[index, other, count + index], [other, count + other, count + index]]
+    for index in range(1, count - 1):
+        triangles += [[0, index + 1, index], [count, count + index, count + index + 1]]
+    return Mesh(points, np.array(triangles))
+
+
+def _feature(floor: Floor, feature: Feature) -> Mesh:
+    """Return the body of a feature."""
+    if not polygons(feature):  # a step or drop: its face
+        size = depth(feature)
+        faces = []
+        for begin, end in feature.segments:
+            length = math.dist(begin, end) or 1.0
+            right = (0.01 * (end[1] - begin[1]) / length, -0.01 * (end[0] - begin[0]) / length)
+            low = _base(floor, (0.5 * (begin[0] + end[0]) + 4.0 * right[0],
+                                0.5 * (begin[1] + end[1]) + 4.0 * right[1]))
+            faces.append(prism([begin, end, (end[0] + right[0], end[1] + right[1]),
+                                (begin[0] + right[0], begin[1] + right[1])],
+                               np.full(4, low - SLAB), np.full(4, low + size + PAINT)))
+        return joined(faces)
+    parts = []
+    for outline in polygons(feature):
+        middle = np.mean(outline, axis=0)
+        base = _base(floor, (float(middle[0]), float(middle[1])))
+        count = len(outline)
+        if feature.kind == 'ramp':
+            foot, top = np.array(feature.line[0]), np.array(feature.line[-1])
+            way = top - foot
+            high = base + feature.height * ((np.array(outline) - foot) @ way) / (way @ way)
+        elif feature.kind == 'stairs' or feature.height < 0.0:
+            high = np.full(count, base - depth(feature) if feature.kind == 'stairs'
+                           else base + feature.height)
+        else:
+            high = np.full(count, base + max(feature.height, PAINT))
+        parts.append(prism(list(outline), np.minimum(high, base) - SLAB, high))
+    return joined(parts)
+
+
+def _base(floor: Floor, place: Point) -> float:
+    """Return the level of the cell at a place, or of a free one near by [m]."""
+    row, column = floor.cell_of(place)
+    rows, columns = floor.cells.shape
+    row, column = min(max(row, 0), rows - 1), min(max(column, 0), columns - 1)
+    near = (slice(max(0, row - 2), row + 3), slice(max(0, column - 2), column + 3))
+    if floor.cells[row, column] != OCCUPIED:
+        return float(levels(floor)[row, column])
+    free = levels(floor)[near][floor.cells[near] != OCCUPIED]
+    return float(free.min()) if len(free) else 0.0
+
+
+def _cells_in(floor: Floor, feature: Feature) -> NDArray[np.bool_]:
+    rows, columns = floor.cells.shape
+    x = floor.origin[0] + (np.arange(columns)[None, :] + 0.5) * floor.resolution
+    y = floor.origin[1] + (np.arange(rows)[:, None] + 0.5) * floor.resolution
+    found: NDArray[np.bool_] = inside(x, y, feature.polygon)
+    return found
+
+
+def _uneven(floor: Floor) -> Mesh:
+    """Return the surface of a floor with heights."""
+    left, right, bottom, top = floor.extent
+    step = max(right - left, top - bottom) / POINTS
+    x, y = np.arange(left, right + step, step), np.arange(bottom, top + step, step)
+    points = np.array([(one, other, area_height(floor, (float(one), float(other))))
+                       for other in y for one in x])
+    number = np.arange(len(points)).reshape(len(y), len(x))
+    here, beside = number[:-1, :-1].ravel(), number[:-1, 1:].ravel()
+    above, across = number[1:, :-1].ravel(), number[1:, 1:].ravel()
+    return Mesh(points, np.vstack([np.column_stack([here, beside, across]),
+                                   np.column_stack([here, across, above])]))
+
+
+def _label(feature: Feature) -> str:
+    """Return name and height of a feature."""
+    words = feature.name or feature.kind.replace('_', ' ')
+    if feature.kind == 'friction':
+        return f'{words}, friction {feature.friction:g}'
+    return f'{words}, {1e3 * feature.height:.0f} mm' if feature.height else words
