@@ -11,8 +11,8 @@ from ballbot_ros.figures.canvas import BLUE, GREEN, GREY, INK, ORANGE, SKY, VERM
 from ballbot_ros.floors.floor import Feature, Floor, inside, OCCUPIED, Point, rectangles
 from ballbot_ros.floors.levels import levels
 from ballbot_ros.floors.profile import area_height, depth, polygons
-from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.model.robot import Robot
+from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.view.frame import Frame
 from ballbot_ros.view.source import Source
 from ballbot_ros.view.stage import APART, joined, Mesh, PATH, rgb, Stage

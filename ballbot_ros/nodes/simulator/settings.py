@@ -9,8 +9,7 @@ from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.floors.floor import load_floor, start_on
 from ballbot_ros.physics.model.robot import load_robot
 from ballbot_ros.physics.simulation.scene import load_scene
-from ballbot_ros.physics.simulation.solver import Solver
-from ballbot_ros.physics.simulation.solver import METHODS
+from ballbot_ros.physics.simulation.solver import METHODS, Solver
 from ballbot_ros.plant import FloorPlant, Plant, SensorFaults
 from ballbot_ros.ros.frames import described, frame, frame_prefix, marked
 from ballbot_ros.ros.settings import file_in, numbers_in, rate_of, Settings

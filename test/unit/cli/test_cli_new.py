@@ -116,7 +116,7 @@ def test_each_line_of_the_template_of_a_floor_is_valid(tmp_path):
     path = tmp_path / 'two_rooms.yaml'
     assert main(['new', 'floor', str(path)]) == 0
     lines = path.read_text().split('\n')
-    # All features at once, and the heights; a map would replace the walls.
+    # All features together, and the heights; a map would replace the walls.
     lines = [re.sub(r'^(\s*)# (?=- \{|   line|heights:|  [a-z]+: )', r'\1', line)
              for line in lines]
     Image.fromarray(np.zeros((4, 4), np.uint16)).save(tmp_path / 'heights.png')
