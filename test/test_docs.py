@@ -71,6 +71,18 @@ def test_each_parameter_and_key_says_what_it_is_in_a_phrase_that_stands_alone(pa
     assert not [cell for cell in cells if fragments.match(cell)]
 
 
+def test_files_that_a_document_names_exist():
+    folders = ('ballbot_ros', 'test', 'scripts', 'bench', 'launch', 'examples', 'extremes', 'docs')
+    files = [ROOT / 'setup.py']
+    for folder in folders:
+        files += (ROOT / folder).rglob('*.py')
+    named = {(page.name, f'/{name}') for page in [*DOCS.glob('*.md'), ROOT / 'README.md']
+             for name in re.findall(r'`([\w/.-]+\.py)(?:::\w+)?`', page.read_text('utf-8'))}
+    assert len(named) > 50
+    assert not [(page, name) for page, name in sorted(named)
+                if not any(path.as_posix().endswith(name) for path in files)]
+
+
 @pytest.mark.slow
 def test_the_site_is_built_without_a_warning_and_asks_no_other_machine_for_anything(site):
     pages = list(site.rglob('*.html'))
