@@ -205,37 +205,39 @@ class Session:
             if self._wanted is Wanted.ACTIVE and not self.supervisor.e_stop:
                 return
             try:
-                self.supervisor.reset(self.clock(), self._inhibit())
+                self.supervisor.reset(self.clock(), *self._inhibit())
             except RefusedError as error:
                 self.observer.event(str(error))
                 raise
             self.observer.event('e-stop released')
 
-    def _inhibit(self) -> str:
-        """Return the reason that inhibits the release of the e-stop, empty for none."""
+    def _inhibit(self) -> Tuple[str, str]:
+        """Return what inhibits the release of the e-stop, and its field; empty for nothing."""
         driver, now = self.line.driver, self.clock()
         if driver is None:
-            return f'the line to the drive is down ({self.line.trouble or "not configured"})'
+            return (f'the line to the drive is down ({self.line.trouble or "not configured"})',
+                    'drive')
         if self._wanted is not Wanted.ACTIVE:
-            return 'the bridge is not active; activate it first'
+            return 'the bridge is not active; activate it first', 'state'
         if now - (driver.telemetry.time or 0.0) > SILENCE:
-            return 'the drive does not report where the motor is'
+            return 'the drive does not report where the motor is', 'encoder'
         if self.control.monitor.condition.stop:
-            return self.control.monitor.condition.stop
+            return self.control.monitor.condition.stop, 'battery'
         if self.control.power.state is MotorState.STOPPING:
-            return 'the drive has not confirmed the stop yet'
+            return 'the drive has not confirmed the stop yet', 'motor'
         if self._sensing.imu_fault:
-            return self._sensing.imu_fault
+            return self._sensing.imu_fault, 'imu'
         if self._sensing.needs_imu(now):
             return (f'no IMU reading arrives, or none did in the last {STEADY:g} s without a gap, '
                     'and without one the pendulum angle is a guess; publish imu, or set '
-                    'imu_required: false in the hardware file for a level floor')
+                    'imu_required: false in the hardware file for a level floor', 'imu')
         estimate, limit = self.fusion.estimate, self.hardware.limits.angle_limit
         if estimate is not None and abs(estimate.readings.pendulum_angle) > limit:
             return (f'the pendulum angle is {estimate.readings.pendulum_angle:.2f} rad, beyond '
                     f'angle_limit of {limit:g} rad: let the robot come to rest, and look at '
-                    'encoder_zero of the hardware file and at how the IMU is mounted')
-        return self.law.inhibit() if self.law is not None else ''
+                    'encoder_zero of the hardware file and at how the IMU is mounted',
+                    'pendulum_angle')
+        return (self.law.inhibit(), 'set_point') if self.law is not None else ('', '')
 
     def clear_faults(self) -> str:
         """

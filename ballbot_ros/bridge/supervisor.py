@@ -99,10 +99,14 @@ class Supervisor:
             self.e_stop = reason
         self.quiet()
 
-    def reset(self, now: float, inhibit: str = '') -> None:
-        """Release the e-stop; `RefusedError` if inhibited, or after a recent nonzero command."""
+    def reset(self, now: float, inhibit: str = '', field: str = '') -> None:
+        """
+        Release the e-stop; `RefusedError` if inhibited, or after a recent nonzero command.
+
+        `field` names what inhibits the release.
+        """
         if inhibit:
-            raise RefusedError(f'the e-stop stays engaged: {inhibit}', 'standing', 'e_stop')
+            raise RefusedError(f'the e-stop stays engaged: {inhibit}', 'standing', field)
         if now - self._pushed < QUIET:
             raise RefusedError(
                 'the e-stop stays engaged: commands other than zero are arriving, and the robot '

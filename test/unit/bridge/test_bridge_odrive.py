@@ -4,6 +4,7 @@ from dataclasses import replace
 import re
 
 import pytest
+from refusals import refused
 from virtual_robot import VirtualRobot
 
 from ballbot_ros.bridge.motor_state import MotorState
@@ -148,37 +149,37 @@ def test_faults_that_are_there_again_are_named(kind):
     robot = tripped(kind)
     robot.temperature = 200.0
     robot.pass_time(0.01)
-    with pytest.raises(RefusedError, match='still names .*OVER_TEMP.*remove the cause'):
+    with refused('standing', 'drive', RefusedError):
         robot.session.clear_faults()
 
 
 def test_faults_are_not_cleared_where_the_motor_could_turn():
     robot = VirtualRobot()
-    with pytest.raises(RefusedError, match='there is no drive: not configured'):
+    with refused('missing', 'drive', RefusedError):
         robot.session.clear_faults()
     robot.ready()
-    with pytest.raises(RefusedError, match='e-stop is released'):
+    with refused('refused', 'e_stop', RefusedError):
         robot.session.clear_faults()
     robot.session.engage('a person')
-    with pytest.raises(RefusedError, match='stop is not confirmed yet'):
+    with refused('busy', 'motor', RefusedError):
         robot.session.clear_faults()
     robot.run(0.1)
     assert robot.session.clear_faults()
     robot.plugged = False
-    with pytest.raises(RefusedError, match='the cable is out'):
+    with refused('failed', 'drive', RefusedError):
         robot.session.clear_faults()
     assert robot.session.control.power.state is MotorState.DISCONNECTED
 
 
-@pytest.mark.parametrize('error, message', [
-    (DriveError('not_clearable', 'not from here'), 'not from here'),
-    (LinkError('gone', 'the cable is out'), 'the cable is out')])
-def test_why_faults_cannot_be_cleared_is_reported(monkeypatch, error, message):
+@pytest.mark.parametrize('error', [
+    DriveError('not_clearable', 'not from here'), LinkError('gone', 'the cable is out')])
+def test_why_faults_cannot_be_cleared_is_reported(monkeypatch, error):
     robot = tripped('odrive 0.5')
 
     def refuse(self, timeout):
         raise error
     monkeypatch.setattr(type(robot.session.line.driver), 'clear_faults', refuse)
     assert issubclass(type(robot.session.line.driver), Driver)
-    with pytest.raises(RefusedError, match=message):
+    with refused('failed', 'drive', RefusedError) as caught:
         robot.session.clear_faults()
+    assert str(error) in str(caught.value)

@@ -4,6 +4,7 @@ from dataclasses import replace
 import math
 
 import pytest
+from refusals import refused
 from virtual_robot import STEP, VirtualRobot
 
 from ballbot_ros.bridge.motor_state import MotorState
@@ -91,7 +92,7 @@ def test_without_a_drive_configure_leaves_no_open_line():
     robot.plugged = False
     with pytest.raises(LinkError):
         robot.session.configure()
-    with pytest.raises(RefusedError, match='no drive'):
+    with refused('missing', 'drive', RefusedError):
         robot.session.activate()
     assert robot.lines == 0
 
@@ -102,17 +103,17 @@ def test_the_motor_has_no_power_before_the_e_stop_is_released():
     robot.session.activate()
     report = robot.run(0.2, torque=1.0)
     assert report.state is MotorState.DISARMED and not robot.device.armed
-    with pytest.raises(RefusedError, match='other than zero'):
+    with refused('refused', 'set_point', RefusedError):
         robot.session.release()
 
 
 def test_the_e_stop_is_not_released_before_the_bridge_is_active():
     robot = VirtualRobot()
-    with pytest.raises(RefusedError, match='line to the drive is down'):
+    with refused('standing', 'drive', RefusedError):
         robot.session.release()
     robot.session.configure()
     robot.run(0.1)
-    with pytest.raises(RefusedError, match='not active'):
+    with refused('standing', 'state', RefusedError):
         robot.session.release()
 
 
@@ -122,7 +123,7 @@ def test_without_an_imu_there_is_no_torque_unless_the_file_says_so():
     robot.session.configure()
     robot.session.activate()
     robot.run(0.1)
-    with pytest.raises(RefusedError, match='no IMU'):
+    with refused('standing', 'imu', RefusedError):
         robot.session.release()
     free = VirtualRobot(imu=False).ready()
     free.run(0.1, torque=0.5)
@@ -379,7 +380,7 @@ def test_after_deactivate_it_measures_on_and_has_to_be_activated_and_released_ag
     robot.session.deactivate()
     report = robot.run(0.1, torque=0.0)
     assert report.state is MotorState.DISARMED and report.estimate is not None
-    with pytest.raises(RefusedError, match='not active'):
+    with refused('standing', 'state', RefusedError):
         robot.session.release()
     robot.session.activate()
     report = robot.run(0.6)
@@ -396,12 +397,12 @@ def test_after_close_by_any_caller_the_e_stop_is_engaged():
 
 def test_without_a_drive_it_cannot_be_activated_and_says_why():
     robot = VirtualRobot()
-    with pytest.raises(RefusedError, match='not configured'):
+    with refused('missing', 'drive', RefusedError):
         robot.session.activate()
     robot.ready()
     robot.plugged = False
     robot.run(0.1)
-    with pytest.raises(RefusedError, match='the cable is out'):
+    with refused('missing', 'drive', RefusedError):
         robot.session.activate()
 
 
@@ -451,14 +452,14 @@ def test_the_e_stop_is_not_released_while_the_drive_is_silent_or_has_not_confirm
     robot.session.activate()
     robot.run(0.1)
     robot.now += 0.101
-    with pytest.raises(RefusedError, match='where the motor is'):
+    with refused('standing', 'encoder', RefusedError):
         robot.session.release()
     robot.run(0.1)
     robot.session.release()
     robot.run(0.1)
     robot.device.receive = lambda data, now: b''
     robot.session.engage('button')
-    with pytest.raises(RefusedError, match='has not confirmed'):
+    with refused('standing', 'motor', RefusedError):
         robot.session.release()
 
 

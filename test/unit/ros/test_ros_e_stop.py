@@ -51,7 +51,7 @@ def test_a_stop_request_of_any_publisher_engages_the_e_stop(cls, profile, make_n
 def test_a_release_that_was_requested_before_the_e_stop_engaged_is_refused(make_node):
     node = make_node(Bridge, **NODES[Bridge][0])
     session, inputs, outputs = node._session, node._inputs, node._outputs
-    session._wanted, session._inhibit = Wanted.ACTIVE, lambda: ''
+    session._wanted, session._inhibit = Wanted.ACTIVE, lambda: ('', '')
     time.sleep(1.1 * RELEASE_DELAY)
     assert inputs._release() and not session.supervisor.e_stop
     outputs.publish_e_stop(False)
