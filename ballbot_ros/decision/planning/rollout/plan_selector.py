@@ -311,7 +311,8 @@ class PlanSelector:
             if not now.standing and self._changes >= CHANGES - 1:
                 return False
             known = now.face.height_sd < SHRUNK * then.face.height_sd
-            if known and choice.reason is not Reason.TOO_HIGH:
+            # Less uncertainty gives no more room behind an edge.
+            if known and choice.reason not in (Reason.TOO_HIGH, Reason.LANDING):
                 return True
         return abs(now.face.height - then.face.height) > max(HEIGHT_NEWS, then.face.height_sd)
 
