@@ -9,8 +9,8 @@ import numpy as np
 from ballbot_ros.decision import Face, Knowledge, load_curve, load_decision_tuning, Motion, Profile
 from ballbot_ros.decision.learning.particles import Particles
 from ballbot_ros.decision.planning.rollout.ahead import look_ahead
-from ballbot_ros.decision.planning.rollout.candidates import Candidate
 from ballbot_ros.decision.planning.rollout.planner import planner
+from ballbot_ros.decision.planning.rollout.search import Candidate
 from ballbot_ros.decision.planning.rollout.worlds import Worlds
 from ballbot_ros.decision.planning.situation import Situation
 from ballbot_ros.decision.values import Strategy

@@ -17,7 +17,7 @@ import numpy as np
 import yaml
 
 from ballbot_ros.crossing import held_at
-from ballbot_ros.decision.planning.curve_file import curve_text
+from ballbot_ros.decision.planning.curve import curve_text
 from ballbot_ros.physics import Actuation, load_robot
 from ballbot_ros.studies.curve_fit import fit_curve, heights_for, Request
 

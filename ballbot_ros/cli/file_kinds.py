@@ -211,7 +211,7 @@ def floor_file(name: str) -> list[Section]:
 
 def curve_file(name: str) -> list[Section]:
     """Return the sections of the file of a height curve, which `ballbot fit-curve` writes."""
-    from ballbot_ros.decision.planning.band import Band
+    from ballbot_ros.decision.planning.curve import Band
     from ballbot_ros.decision.planning.curve import CurveProvenance, HeightCurve
     return [Section('', described(HeightCurve, ('made', 'band')), '', {}),
             Section('made', described(CurveProvenance), 'how it was made', {}),

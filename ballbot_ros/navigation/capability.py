@@ -20,9 +20,8 @@ import numpy as np
 from ballbot_ros.decision import Face, Knowledge, Profile
 from ballbot_ros.decision.learning.particles import Particles
 from ballbot_ros.decision.planning.rollout.ahead import look_ahead
-from ballbot_ros.decision.planning.rollout.candidates import BRISK, candidates
-from ballbot_ros.decision.planning.rollout.plan_selector import KICK
-from ballbot_ros.decision.planning.rollout.search import search, Task, Trial
+from ballbot_ros.decision.planning.rollout.planner import KICK
+from ballbot_ros.decision.planning.rollout.search import BRISK, candidates, search, Task, Trial
 from ballbot_ros.decision.planning.rollout.worlds import Worlds
 
 # Run-ups from rest to the touch, and rooms for the centre behind the last edge, to try [m].

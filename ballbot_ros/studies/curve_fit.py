@@ -20,8 +20,7 @@ from scipy.optimize import linprog, minimize
 from ballbot_ros import __version__
 from ballbot_ros.config.fields import Checked, count, quantity
 from ballbot_ros.crossing import actuation_for, max_step_height, Rules
-from ballbot_ros.decision.planning.band import Band
-from ballbot_ros.decision.planning.curve import CurveProvenance, HeightCurve
+from ballbot_ros.decision.planning.curve import Band, CurveProvenance, HeightCurve
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics import Actuation, Robot
 from ballbot_ros.physics.model.terrain import Array

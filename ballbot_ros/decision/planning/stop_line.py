@@ -7,16 +7,100 @@ and before the end of the observed terrain.  The terrain map is persistent, so t
 memory of its own.  The ball may be as fast as it can be stopped before the line on the slopes in
 between; CLEAR, STOP and GO_ROUND are labels of this one motion.
 """
+from bisect import bisect_left, bisect_right
 from dataclasses import replace
 import math
-from typing import Iterable, List, NamedTuple, Optional, Tuple
+from typing import Iterable, List, NamedTuple, Optional, Sequence, Tuple
 
 from ballbot_ros.crossing.rules import touch_distance
 from ballbot_ros.decision.planning.braking import Braking
 from ballbot_ros.decision.planning.situation import Knowledge, Situation
-from ballbot_ros.decision.planning.terrain import GroundProfile
 from ballbot_ros.decision.values import (
     Decision, Face, Kind, Motion, Plan, Profile, Reason, Strategy)
+
+# A bend of the ground between faces by less than this is none [m].
+UNEVEN = 0.004
+# The ground is read so far from a face: its own points are no floor [m].
+ASIDE = 1e-4
+# Bends that are kept between two faces.
+BENDS = 4
+# A shorter end of the polyline has no slope of its own [m].
+END_LENGTH = 0.1
+
+
+class GroundProfile:
+    """
+    The ground between faces.
+
+    Parameters
+    ----------
+    points : sequence of (float, float)
+        Polyline of the ground, faces included; may be empty.
+    slope : float
+        Of the ground where there are no points [rad].
+
+    """
+
+    def __init__(self, points: Sequence[Tuple[float, float]], slope: float):
+        """Keep them."""
+        self._points, self._slope = points, math.tan(slope)
+        self._places = [x for x, _ in points]
+        self._end_slope = self._slope_at_end()
+
+    def _slope_at_end(self) -> float:
+        """Return the slope with which the ground goes on beyond the last point."""
+        if len(self._points) < 2:
+            return self._slope
+        (left, low), (right, high) = self._points[-2:]
+        length = right - left
+        return (high - low) / length if length > END_LENGTH else self._slope
+
+    def bends(self, begin: float, end: float) -> List[Tuple[float, float]]:
+        """Return where the ground bends between two places, and how much higher it is [m]."""
+        inner = self._inner(begin, end)
+        if len(inner) < 3:
+            return []
+        found = simplified(inner, UNEVEN)[1:-1]
+        return [(x, z - inner[0][1]) for x, z in found] if len(found) <= BENDS else []
+
+    def rise(self, begin: float, end: float) -> float:
+        """Return how much higher the ground is at a second place, faces at both left out [m]."""
+        inner = self._inner(begin, end)
+        return inner[-1][1] - inner[0][1] if inner else 0.0
+
+    def _inner(self, begin: float, end: float) -> List[Tuple[float, float]]:
+        """Return the points from behind the first to before the second of two places."""
+        if end - begin < 2.0 * ASIDE:
+            return []
+        begin, end = begin + ASIDE, end - ASIDE
+        inner = self._points[bisect_right(self._places, begin):bisect_left(self._places, end)]
+        return [(begin, self._height(begin)), *inner, (end, self._height(end))]
+
+    def _height(self, x: float) -> float:
+        """Return the height of the ground at a place without a face [m]."""
+        if not self._points:
+            return self._slope * x
+        after = bisect_right(self._places, x)
+        if after == 0:
+            return self._points[0][1] + self._slope * (x - self._places[0])
+        if after == len(self._points):
+            return self._points[-1][1] + self._end_slope * (x - self._places[-1])
+        (left, low), (right, high) = self._points[after - 1], self._points[after]
+        return low + (high - low) * (x - left) / max(right - left, 1e-9)
+
+
+def simplified(points: Sequence[Tuple[float, float]], error: float) -> List[Tuple[float, float]]:
+    """Return the points that a polyline needs to stay within an error (Douglas, Peucker)."""
+    (x, z), (end_x, end_z) = points[0], points[-1]
+    if len(points) < 3 or end_x - x < ASIDE:
+        return [points[0], points[-1]]
+    steep = (end_z - z) / (end_x - x)
+    away = [abs(point[1] - z - steep * (point[0] - x)) for point in points[1:-1]]
+    worst = max(range(len(away)), key=away.__getitem__) + 1
+    if away[worst - 1] <= error:
+        return [points[0], points[-1]]
+    return [*simplified(points[:worst + 1], error)[:-1], *simplified(points[worst:], error)]
+
 
 # Between the centre at the line and a touch, an edge, or the end of the observed terrain [m].
 LINE_MARGIN = 0.03

@@ -7,7 +7,7 @@ import pytest
 from refusals import refused
 
 from ballbot_ros.decision import load_curve
-from ballbot_ros.decision.planning.band import Band
+from ballbot_ros.decision.planning.curve import Band
 from ballbot_ros.errors import ConfigurationError
 
 FINE = {'samples': 2, 'seed': 0, 'varied': {}, 'speeds': [0.2, 0.4],

@@ -12,12 +12,10 @@ from ballbot_ros.crossing.rules import CLEARANCE
 from ballbot_ros.decision import Face, Knowledge, load_curve, load_decision_tuning, Profile
 from ballbot_ros.decision.execution.pilot_law import pilot_step
 from ballbot_ros.decision.planning.rollout.ahead import look_ahead
-from ballbot_ros.decision.planning.rollout.candidates import Candidate
-from ballbot_ros.decision.planning.rollout.layout import (
-    DRAW, Drive, EDGE, EDGE_FRICTION, FALLS, HEIGHT, OVER, REST, ROBOT, SPEED, STUCK,
-    SURFACE_FRICTION, SWING_ANGLE, SWING_AT, TOUCH_ANGLE, TOUCH_SPEED, VERDICT)
-from ballbot_ros.decision.planning.rollout.rolling import roll, Rolling
-from ballbot_ros.decision.planning.rollout.rollout import fill_ground
+from ballbot_ros.decision.planning.rollout.rollout import (
+    CORNER_FRICTION, DRAW, Drive, EDGE, FALLS, fill_ground, FLOOR_FRICTION, HEIGHT, OVER, REST,
+    ROBOT, roll, Rolling, SPEED, STUCK, SWING_ANGLE, SWING_AT, TOUCH_ANGLE, TOUCH_SPEED, VERDICT)
+from ballbot_ros.decision.planning.rollout.search import Candidate
 from ballbot_ros.decision.planning.rollout.worlds import Worlds
 from ballbot_ros.decision.values import Strategy
 from ballbot_ros.physics.mechanics.laws import limited, position_torque
@@ -42,7 +40,7 @@ def world(robot):
     """Return the world that is as seen, with some robot in it."""
     row = np.zeros((1, DRAW))
     row[0, :ROBOT] = Parameters.of(robot, ContactOptions())
-    row[0, SURFACE_FRICTION], row[0, EDGE_FRICTION] = robot.surface_friction, robot.edge_friction
+    row[0, FLOOR_FRICTION], row[0, CORNER_FRICTION] = robot.surface_friction, robot.edge_friction
     return row
 
 

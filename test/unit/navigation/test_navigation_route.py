@@ -240,8 +240,10 @@ def test_without_a_route_the_message_names_the_step_that_lacks_run_up(tmp_path):
     with pytest.raises(RefusedError) as caught:
         planner.route((0.7, 2.0), (3.3, 2.0))
     assert caught.value.reason == 'no_route' and 'sill' in str(caught.value)
-    # Down it goes without a run-up.
-    assert planner.route((3.3, 2.0), (0.7, 2.0)).segments
+    # Down a lower one it goes without a run-up: 0.85 m are enough to stop behind it.
+    lower = planner_of(
+        tmp_path, ['{kind: step, name: sill, line: [[1.2, 4.0], [1.2, 0.0]], height: 0.02}'])
+    assert lower.route((3.3, 2.0), (0.7, 2.0)).segments
 
 
 def test_a_robot_that_requires_more_takes_longer_run_ups_or_none(tmp_path):

@@ -2,29 +2,186 @@
 """
 One rollout: from now to the verdict, in one sampled world.
 
-The rolling model (`rolling`) holds until the pendulum swings or the touch is near; then the full
-model (`contact`) continues until the ball is over, back or stuck.  The ball is over once it is
-clear of the edge (see `crossing.rules`), under the commands of the pilot.  A second rolling phase
-from the edge checks whether the ball can stop before the next obstacle.
+A *plan row* says what is done, a *draw row* what is so in one of the worlds, a *result row* what
+became of it: rows of numbers, so that many rollouts are one array.
+
+The rolling model holds until the pendulum swings or the touch is near; then the full model
+continues until the ball is over, back or stuck.  The ball is over once it is clear of the edge
+(see `crossing.rules`), under the commands of the pilot.  A second rolling phase, from where the
+ball rolls behind the edge, gives the position at which it can rest.
+
+The rolling model has the equations of `control.rolling_model`, with law (11) in the motor.  The
+derivative gain makes for a pole of some hundred per second, so the rate of the pendulum is stepped
+implicitly, and steps may be ten times longer.
 """
 import math
+from typing import NamedTuple
 
+import numpy as np
+
+from ballbot_ros.control.rolling_model import rolling_loads, RollingNumbers
 from ballbot_ros.control.speed_law import Numbers, speed_law_start, SpeedState
 from ballbot_ros.crossing.rules import CLEARANCE
 from ballbot_ros.decision.execution.pilot_law import pilot_step, PlainOrder
-from ballbot_ros.decision.planning.rollout import layout
-from ballbot_ros.decision.planning.rollout.layout import (
-    DELAY, Drive, EDGE, EDGE_AT, FACES, FALLS, HEIGHT, NEXT_AT, OVER, PASSED_SPEED, PLACE, REST,
-    Scratch, SLOPE, SPEED, START, STUCK, SWING_ANGLE, SWING_AT, TIGHT, TIME, TOUCH_ANGLE,
-    TOUCH_SPEED, VERDICT)
-from ballbot_ros.decision.planning.rollout.rolling import PERIOD, push, roll, Rolling, torque_of
 from ballbot_ros.jit import compiled, outlined, unlocked
-from ballbot_ros.physics.mechanics.contact import first_segment
+from ballbot_ros.physics.mechanics.contact import (
+    contact_table, find_contacts, first_segment, found_loads)
+from ballbot_ros.physics.mechanics.contact_law import POINT_X
+from ballbot_ros.physics.mechanics.equations import write_rates
+from ballbot_ros.physics.mechanics.laws import applied_torque, position_torque
 from ballbot_ros.physics.model.parameters import Parameters, read_parameters
 from ballbot_ros.physics.model.state import (
     BALL_RATE, PENDULUM_ANGLE, PENDULUM_RATE, SIZE, VELOCITY_X, VELOCITY_Y, X, Y)
 from ballbot_ros.physics.model.terrain import (
     Array, EDGE_FRICTION, SURFACE_FRICTION, TANGENT_X, TANGENT_Y, TURN, VERTEX_X, VERTEX_Y)
+from ballbot_ros.physics.solvers.semi_implicit import apply_rates
+
+# What became of a rollout.
+OVER, STUCK, FALLS = range(3)
+
+# Columns of a plan: positions are those of the ball's centre along the odometry axis.
+SPEED = 0         # set speed [m/s]
+SWING_AT = 1      # where the pendulum swings [m]; infinite for no swing
+SWING_ANGLE = 2   # to this absolute angle [rad], until the ball is past the last edge
+START = 3         # where the plan begins, from rest, if that is behind the ball [m]
+EDGE = 4          # where the swing ends, and the ball is stopped [m]
+EDGE_AT = 5       # number of the vertex of the ground behind which the ball is over
+NEXT_AT = 6       # and of the foot of the next face, which it must not meet; the last for none
+PLAN = 7
+
+# An obstacle nearer than this behind the last edge requires braking immediately [m].
+TIGHT = 1.5
+
+# Columns of a draw. The first are the robot, in the order of `Parameters`.
+ROBOT = len(Parameters._fields)
+FLOOR_FRICTION = ROBOT  # coefficients of friction
+CORNER_FRICTION = ROBOT + 1
+SLOPE = ROBOT + 2      # added to the slope of all that lies ahead [rad]
+DELAY = ROBOT + 3      # from what is measured to what the motor does [s]
+HEIGHT = ROBOT + 4     # deviations of the heights of the first faces [m], ...
+FACES = 4              # ... number of faces
+PLACE = HEIGHT + FACES  # and deviations of their positions [m]
+DRAW = PLACE + FACES
+
+# Columns of a result.
+VERDICT = 0
+TOUCH_SPEED = 1   # when the ball first touches a face [m/s]; NaN where it does not
+TOUCH_ANGLE = 2   # of the pendulum then [rad]
+REST = 3          # farthest that the centre gets if it is stopped behind the last edge [m]
+TIME = 4          # from now until the verdict [s]
+PASSED_SPEED = 5  # when the centre has passed the last edge [m/s]; NaN where it does not
+RESULT = 6
+
+
+class Drive(NamedTuple):
+    """How set angles are made and what the motor does with them; plain tuples inside."""
+
+    kp: float  # of law (11) [N m/rad]
+    kd: float  # [N m s/rad]
+    compensated: float  # 1 where the weight of the pendulum is, 0 otherwise
+    limit: float  # of the torque [N m]
+    motor_line: tuple[float, float, float, float]  # see `Robot.motor_line`
+    law: Numbers  # of the speed law
+    lean: float  # see `pilot_law.Order` [rad]
+    emergency_lean: float
+    reaction: float  # [s]
+    cruise: float  # speed behind the last edge [m/s]
+
+
+class Scratch(NamedTuple):
+    """Arrays that a rollout works in; one set for each thread."""
+
+    state: Array  # (13,)
+    rates: Array  # (13,)
+    ground: Array  # (n, 7), see `Terrain.profile`
+    contacts: Array  # see `contact.contact_table`
+
+    @classmethod
+    def of(cls, vertices: int) -> 'Scratch':
+        """Return arrays for a ground with this number of vertices."""
+        return cls(np.zeros(SIZE), np.zeros(SIZE), np.zeros((vertices, 7)),
+                   contact_table(vertices))
+
+
+class Rolling(NamedTuple):
+    """The state of a rolling ball."""
+
+    position: float  # of the centre, horizontally [m]
+    speed: float  # along the ground [m/s]
+    angle: float  # of the pendulum, absolute [rad]
+    rate: float  # [rad/s]
+
+
+@compiled
+def roll(now: Rolling, set_angle: float, slope: float, step: float, robot: Parameters,
+         drive: Drive) -> Rolling:
+    """
+    Return the state a step later.
+
+    Parameters
+    ----------
+    now : Rolling
+    set_angle : float
+        Of law (11) [rad].
+    slope : float
+        Of the ground, positive uphill [rad].
+    step : float
+        [s]
+    robot : Parameters
+    drive : Drive
+
+    """
+    radius = robot.radius - robot.mass * robot.gravity / robot.stiffness
+    moment, spin = robot.pendulum_moment, -now.speed / radius
+    inertia = robot.ball_inertia + robot.mass * radius * radius
+    on_pendulum, on_ball, coupling = rolling_loads(
+        now.angle, now.rate, spin, slope, RollingNumbers(
+            robot.pendulum_inertia, inertia, moment * radius, moment * robot.gravity,
+            robot.joint_friction, robot.rolling_friction, robot.mass * robot.gravity * radius)[:])
+    # Both equations without theta1'': share * torque + rest = left * phi''.
+    share = 1.0 - coupling / inertia
+    rest, left = on_pendulum + coupling / inertia * on_ball, (
+        robot.pendulum_inertia - coupling * coupling / inertia)
+    weight = drive.compensated * moment * robot.gravity * math.sin(now.angle)
+    # The torque at the end of the step: kp (set - phi - h phi'_new) - kd phi'_new + weight.
+    fixed = drive.kp * (set_angle - now.angle) + weight
+    damping = drive.kd + drive.kp * step
+    rate = (now.rate + step * (share * fixed + rest) / left) / (
+        1.0 + step * share * damping / left)
+    asked = fixed - damping * rate
+    torque = applied_torque(asked, now.rate - spin, drive.motor_line, drive.limit)
+    if torque != asked:
+        rate = now.rate + step * (share * torque + rest) / left
+    turned = (rate - now.rate) / step
+    speed = now.speed - step * radius * (on_ball - torque + coupling * turned) / inertia
+    return Rolling(now.position + 0.5 * step * (now.speed + speed) * math.cos(slope), speed,
+                   now.angle + step * rate, rate)
+
+
+# The period of the control loop [s]: torque is held that long.
+PERIOD = 0.002
+
+
+@compiled
+def torque_of(state: Array, set_angle: float, robot: Parameters, drive: Drive) -> float:
+    """Return the torque of law (11) as the motor gives it [N m]."""
+    asked = position_torque(
+        state[PENDULUM_ANGLE], state[PENDULUM_RATE], set_angle, drive.kp, drive.kd,
+        drive.compensated * robot.pendulum_moment * robot.gravity)
+    return applied_torque(asked, state[PENDULUM_RATE] - state[BALL_RATE], drive.motor_line,
+                          drive.limit)
+
+
+@compiled
+def push(state: Array, torque: float, step: float, robot: Parameters, ground: Array,
+         contacts: Array, rates: Array) -> float:
+    """Advance a state in place, and return the x of its foremost contact [m]; -inf for none."""
+    count = find_contacts(state[X], state[Y], robot.radius, ground, contacts)
+    loads = found_loads(state, robot, ground, contacts, count)
+    write_rates(state, robot, loads, torque, rates)
+    apply_rates(state, step, rates, VELOCITY_Y + 1)
+    return contacts[count - 1, POINT_X] if count > 0 else -math.inf
+
 
 SHAPE_X, SHAPE_Z, FACE, HEIGHT_SHARE, PLACE_SHARE = range(5)
 
@@ -42,7 +199,7 @@ def fill_ground(shape: Array, draw: Array, raised: float, here: float, ground: A
     shape : (n, 5) array
         See the module.
     draw : (DRAW,) array
-        See `layout`.
+        See the columns above.
     raised : float
         Added to the height of the first face [m].
     here : float
@@ -68,8 +225,8 @@ def fill_ground(shape: Array, draw: Array, raised: float, here: float, ground: A
         if i > 0 and x == before and abs(z - ground[i - 1, VERTEX_Y]) < APART:
             x += APART
         ground[i, VERTEX_X], ground[i, VERTEX_Y] = x, z
-        ground[i, SURFACE_FRICTION] = draw[layout.SURFACE_FRICTION]
-        ground[i, EDGE_FRICTION] = draw[layout.EDGE_FRICTION]
+        ground[i, SURFACE_FRICTION] = draw[FLOOR_FRICTION]
+        ground[i, EDGE_FRICTION] = draw[CORNER_FRICTION]
         before = x
     # The end segments extend to infinity and must not be vertical.
     ground[0, VERTEX_X] = min(ground[0, VERTEX_X], ground[1, VERTEX_X] - APART)
@@ -279,7 +436,7 @@ def run(start: Rolling, plan: Array, draw: Array, raised: float, drive: Drive, s
     start : Rolling
         The ball now.
     plan, draw, result : arrays
-        Rows of `layout`; the result is overwritten.
+        Rows of the columns above; the result is overwritten.
     raised : float
         Added to the height of the first face [m].
     drive : Drive

@@ -9,10 +9,9 @@ import numpy as np
 from ballbot_ros.control.speed_law import SpeedLaw
 from ballbot_ros.decision.learning.particles import Particles
 from ballbot_ros.decision.planning.rollout.ahead import Ahead
-from ballbot_ros.decision.planning.rollout.layout import (
-    DELAY, DRAW, EDGE_FRICTION, FACES, FALLS, HEIGHT, OVER, PLACE, PLAN, REST, RESULT, ROBOT,
-    Scratch, SLOPE, STUCK, SURFACE_FRICTION, TOUCH_SPEED, VERDICT)
-from ballbot_ros.decision.planning.rollout.rollout import PlainDrive, run_many, Start
+from ballbot_ros.decision.planning.rollout.rollout import (
+    CORNER_FRICTION, DELAY, DRAW, FACES, FALLS, FLOOR_FRICTION, HEIGHT, OVER, PLACE, PlainDrive,
+    PLAN, REST, RESULT, ROBOT, run_many, Scratch, SLOPE, Start, STUCK, TOUCH_SPEED, VERDICT)
 from ballbot_ros.decision.planning.situation import Knowledge
 from ballbot_ros.physics.model.terrain import Array
 
@@ -122,8 +121,8 @@ class Worlds:
         chosen = np.random.default_rng(self._seed).permutation(
             particles.draw(WORLDS, self._seed))
         self._draws[:, :ROBOT] = particles.rows[chosen]
-        self._draws[:, SURFACE_FRICTION] = particles.column('surface_friction')[chosen]
-        self._draws[:, EDGE_FRICTION] = particles.column('edge_friction')[chosen]
+        self._draws[:, FLOOR_FRICTION] = particles.column('surface_friction')[chosen]
+        self._draws[:, CORNER_FRICTION] = particles.column('edge_friction')[chosen]
         self._bias[:] = particles.column('height_bias')[chosen]
 
     def see(self, ahead: Ahead) -> None:
