@@ -2,6 +2,7 @@
 """The demo through a serial line: an emulated drive, laws on board the bridge, decision."""
 import os
 from pathlib import Path
+import sys
 import time
 from typing import List, Optional
 
@@ -85,7 +86,10 @@ def run_hardware_demo(out: Path, protocol: str, firmware: str = '', serial_imu: 
         print(f'An emulated {f"{protocol} {firmware}".strip()} drive, '
               f'{hardware.connection.baud} baud{imu}; bridge and decision on ROS domain '
               f'{own_domain()}, in real time.', flush=True)
-    return perform(out, TWO_STEPS, quiet, play)
+    code = perform(out, TWO_STEPS, quiet, play)
+    if code:
+        print(f'  - {load_note()}', file=sys.stderr)
+    return code
 
 
 class GetGoing:
@@ -119,7 +123,7 @@ class GetGoing:
     def poll(self) -> Optional[str]:
         """Do the next step, and return why it cannot succeed, if so; to be called often."""
         if self._e_stop is not None:
-            return f'the e-stop has engaged by itself: {self._e_stop}; {_load()}'
+            return f'the e-stop has engaged by itself: {self._e_stop}'
         if self._done == len(self._clients):
             return None
         now = time.monotonic()
@@ -144,12 +148,12 @@ class GetGoing:
         if self._refused_since is None:
             self._refused_since = now
         if now - self._refused_since > REFUSAL_TIMEOUT:
-            return f'{service} has refused for {REFUSAL_TIMEOUT:g} s: {message}; {_load()}'
+            return f'{service} has refused for {REFUSAL_TIMEOUT:g} s: {message}'
         return None
 
 
-def _load() -> str:
-    """Return the system load, a cause of watchdog timeouts."""
+def load_note() -> str:
+    """Return the system load, the cause of most failures in real time, or where to look."""
     load = os.getloadavg()[0]
     return (f'the load of this machine is {load:.1f} on {os.cpu_count()} processors, and a '
             'process that is not scheduled in time exceeds its watchdog: try again at a lower '

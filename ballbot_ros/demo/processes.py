@@ -15,7 +15,7 @@ from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.nodes.start import start
 from ballbot_ros.ros import discovery
 
-GRACE = 15.0  # wall time for a node to end after SIGINT before it is killed [s]
+GRACE = 60.0  # wall time for a node to end after SIGINT before it is killed [s]
 
 
 _claims: Dict[Tuple[int, int], Tuple[int, socket.socket]] = {}  # by process and number

@@ -16,6 +16,8 @@ NEAR = 0.01
 
 # A ball that has come so far from where it started has been driven [m].
 DRIVEN = 0.2
+# One that has not been, and stands for so long after a refusal, stays there [s].
+STANDING_TIME = 5.0
 # Heights are seen with an error below this [m].
 SAME_HEIGHT = 0.01
 
@@ -175,12 +177,15 @@ class Timeline:
         """Report when the ball has come to rest behind all that it should cross."""
         due = sum(passage.expected is Expected.CROSSED for passage in self.passages)
         driven = abs(message.x - self.states[0].x) > DRIVEN
-        if self.next_step < due or not driven or abs(message.velocity_x) > REST_SPEED:
+        refused = self._last is not None and self._last[0] in REFUSED
+        if self.next_step < due or not (driven or refused) \
+                or abs(message.velocity_x) > REST_SPEED:
             self._resting = None
             return
         if self._resting is None:
             self._resting = self.now
-        elif self.rested is None and self.now - self._resting >= REST_TIME:
+        elif self.rested is None and self.now - self._resting >= (
+                REST_TIME if driven else STANDING_TIME):
             self.rested = self._resting
             gap = self._gap(message)
             self._report(self._resting, 'rests', 'still' if math.isnan(gap) else

@@ -25,10 +25,13 @@ def demo(domain, tmp_path):
     """Return a function that starts ``ballbot demo``; what it starts ends with the test."""
     started = []
 
-    def start(*arguments):
+    def start(*arguments, together=False):
+        surroundings = environment(domain, tmp_path)
+        if together:  # as without a domain of the user
+            del surroundings['ROS_DOMAIN_ID']
         process = subprocess.Popen(
             [sys.executable, '-m', 'ballbot_ros.cli', 'demo', '--out', str(tmp_path / 'out'),
-             *arguments], env=environment(domain, tmp_path), stdout=subprocess.PIPE,
+             *arguments], env=surroundings, stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT, text=True,
             # A shell that runs the tests in the background has it ignored.
             preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL))
@@ -66,7 +69,7 @@ def wait(condition, what):
 
 @pytest.mark.slow
 def test_a_step_is_crossed_one_refused_a_drop_not_fallen_off_and_all_recorded(demo, tmp_path):
-    process = demo('--timeout', '110')
+    process = demo('--timeout', '110', together=True)
     printed = process.communicate(timeout=TIMEOUT)[0]
     assert process.returncode == 0, printed
     order = ['sees  a step of 31 mm', 'CROSS', 'swing', 'over with', 'touches  the 31 mm step',
@@ -111,6 +114,18 @@ def test_a_step_is_crossed_one_refused_a_drop_not_fallen_off_and_all_recorded(de
         reader = make_reader(file, decoder_factories=[DecoderFactory()])
         states = [message for *_, message in reader.iter_decoded_messages(['/ball_state'])]
     assert states[-1].x == last.x and states[-1].contacts[0].normal_force > 0.0
+
+
+@pytest.mark.slow
+def test_through_an_emulated_drive_a_step_is_crossed_and_one_refused(demo):
+    process = demo('--hardware')
+    printed = process.communicate(timeout=2.0 * TIMEOUT)[0]
+    if process.returncode and 'the load of this machine is' in printed:
+        pytest.skip('the load of this machine is too high for a demo in real time')
+    assert process.returncode == 0, printed
+    place = 0
+    for words in ('CROSS', 'touches  the 31 mm step', 'crossed', 'GO ROUND', 'rests', 'Done:'):
+        assert (place := printed.find(words, place)) >= 0, (words, printed)
 
 
 def test_a_node_that_dies_fails_the_demo_and_is_named(demo, tmp_path):

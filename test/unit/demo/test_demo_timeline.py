@@ -178,6 +178,17 @@ def test_before_a_drop_it_is_right_to_stop_and_wrong_to_fall(gimball):
     assert 'the 100 mm drop was touched' in wrong.verdict()
 
 
+@pytest.mark.parametrize('seconds, rests', [(4, False), (6, True)])
+def test_a_ball_that_is_refused_where_it_starts_rests_there_after_a_while(
+        gimball, seconds, rests):
+    timeline = Timeline([Passage(*STEPS[1][:3], None)], gimball, lambda *event: None)
+    timeline.add_state(ball(0.0, 0.0, speed=0.0))
+    timeline.add_decision(decided(0.0, GO_ROUND, 0.08))
+    for number in range(1, 10 * seconds):
+        timeline.add_state(ball(0.1 * number, 0.0, speed=0.0))
+    assert (timeline.rested is not None) is rests
+
+
 def test_a_ball_that_was_not_driven_yet_does_not_rest(gimball):
     timeline = Timeline([Passage(*face) for face in DROP], gimball, lambda *event: None)
     for number in range(30):
