@@ -16,7 +16,7 @@ NEAR = 0.01
 
 # A ball that has come so far from where it started has been driven [m].
 DRIVEN = 0.2
-# One that has not been, and stands for so long after a refusal, stays there [s].
+# One that has not been, and stands for this time after a refusal, stays there [s].
 STANDING_TIME = 5.0
 # Heights are seen with an error below this [m].
 SAME_HEIGHT = 0.01
