@@ -82,6 +82,13 @@ def test_a_simulated_sensor_without_noise_at_rest_is_plausible():
     assert fault(still) == ('', math.inf)
 
 
+@pytest.mark.parametrize('share, reason', [
+    (0.45, 'imu_gravity'), (0.55, ''), (1.95, ''), (2.05, 'imu_gravity')])
+def test_a_force_is_plausible_from_a_half_to_two_times_gravity(share, reason):
+    held = [(number / RATE, 0.0, 0.0, share * GRAVITY, 0.0) for number in range(1000)]
+    assert fault(held)[0] == reason
+
+
 def test_a_constant_error_of_the_gyro_is_not_a_fault(rolling):
     assert fault(rolling, lambda rate, *force: (rate + 0.1, *force)) == ('', math.inf)
 

@@ -105,6 +105,12 @@ def test_settings_are_those_of_the_makers_table():
     assert sensor.change_baud()[-1] == bytes.fromhex('ff aa 04 06 00')
 
 
+@pytest.mark.parametrize('rate, register', [
+    (10, 0x06), (20, 0x07), (50, 0x08), (100, 0x09), (200, 0x0B)])
+def test_each_rate_has_its_register_value(rate, register):
+    assert WitMotion(115200, rate, 98).configure(115200)[2][3] == register
+
+
 @pytest.mark.parametrize('arguments, reason, field', [
     ((115200, 250, 98), 'not_a_choice', 'rate'), ((115200, 200, 100), 'not_a_choice', 'bandwidth'),
     ((921600, 200, 98), 'not_a_choice', 'baud'), ((38400, 200, 98), 'inconsistent', 'baud')])
