@@ -57,7 +57,8 @@ def ranks(graph):
 def purpose(folder):
     """Return the first clause of a folder's docstring."""
     text = modules()[f'ballbot_ros.{folder}'].read_text(encoding='utf-8')
-    return re.split(r'[.;:]', (ast.get_docstring(ast.parse(text)) or '').split('\n')[0])[0]
+    first = (ast.get_docstring(ast.parse(text)) or '').split('\n')[0]
+    return re.split(r'[.;:]', first)[0].replace('`', '')
 
 
 def draw():
@@ -77,13 +78,15 @@ def draw():
         axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
         axes.set(xlim=(0.0, 12.0), ylim=(-1.5, 1.5 * max(rows) + 0.7))
         axes.axis('off')
+        width = min(2.5, 12.0 / max(map(len, rows.values())) - 0.15)
         for folder, (x, y) in place.items():
             axes.text(x, y, folder + '\n', ha='center', va='center', weight='bold', fontsize=10,
                       zorder=4)
             axes.text(x, y - 0.06,
-                      '\n' + textwrap.shorten(purpose(folder), 40, placeholder=' ...'),
+                      '\n' + textwrap.shorten(
+                          purpose(folder), round(15 * width), placeholder=' ...'),
                       ha='center', va='center', fontsize=6.5, color=canvas.GREY, zorder=4)
-            axes.add_patch(canvas_box(x - 1.25, y - 0.36, 2.5, 0.72))
+            axes.add_patch(canvas_box(x - 0.5 * width, y - 0.36, width, 0.72))
         arrows = {(folder, name) for folder, names in graph.items() for name in names}
         for folder, name in arrows:
             (x, y), (other_x, other_y) = place[folder], place[name]
