@@ -17,11 +17,12 @@ from ballbot_ros.errors import RefusedError
 from ballbot_ros.nodes.simulator.scheduler import Scheduler
 from ballbot_ros.nodes.simulator.settings import SimulatorSettings
 from ballbot_ros.physics.model.state import State
-from ballbot_ros.plant import Plant
+from ballbot_ros.plant import FloorPlant, Plant
 from ballbot_ros.ros.action_server import DeferredActionServer
 from ballbot_ros.ros.conversions import to_time
 from ballbot_ros.ros.endpoints import create_service
 from ballbot_ros.ros.frames import Frames
+from ballbot_ros.steering import lateral_speed
 
 try:
     from simulation_interfaces.action import SimulateSteps
@@ -41,7 +42,7 @@ class Refusal(RefusedError):
     """A request that is answered with a code of simulation_interfaces."""
 
     def __init__(self, code: int, why: str):
-        super().__init__(why)
+        super().__init__(why, 'refused', 'request')
         self.code = code
 
 
@@ -238,8 +239,8 @@ class Interfaces:
             raise Refusal(Result.RESULT_FEATURE_UNSUPPORTED, 'bounds can be a sphere only')
         if len(bounds.points) != 2:
             raise Refusal(Result.RESULT_OPERATION_FAILED, 'a sphere has two points')
-        centre, state = bounds.points[0], self._plant.state
-        return math.dist((centre.x, centre.y, centre.z), (state.x, 0.0, state.y)) \
+        centre, (x, y, _) = bounds.points[0], self._plant.relative_pose
+        return math.dist((centre.x, centre.y, centre.z), (x, y, self._plant.state.y)) \
             <= bounds.points[1].x + self._plant.model.robot.ball_radius
 
     def _known(self, entity: str) -> None:
@@ -249,10 +250,13 @@ class Interfaces:
 
     def _get_entity(self, request: Any, response: Any) -> None:
         self._known(request.entity)
-        response.state = entity_message(self._plant.state, self._frame)
+        response.state = entity_message(self._plant, self._frame)
 
     def _set_entity(self, request: Any, _: Any) -> None:
         self._known(request.entity)
+        if request.set_pose and isinstance(self._plant, FloorPlant):
+            raise Refusal(Result.RESULT_FEATURE_UNSUPPORTED,
+                          'a pose on a floor cannot be set: start the simulator with start:=...')
         if request.set_acceleration:
             raise Refusal(Result.RESULT_FEATURE_UNSUPPORTED, 'accelerations follow from forces')
         if request.state.header.frame_id not in ('', self._frame):
@@ -294,7 +298,7 @@ def _ended(response: Any, complete: bool) -> Any:
 NEGLIGIBLE, DEEPEST = 1e-6, 0.001
 
 
-def entity_message(state: State, frame: str) -> Any:
+def entity_message(plant: Plant, frame: str) -> Any:
     """
     Return the true state of the ball.
 
@@ -302,14 +306,22 @@ def entity_message(state: State, frame: str) -> Any:
     Accelerations are NaN: not measured.
     """
     from simulation_interfaces.msg import EntityState
-    message = EntityState()
+    state, message = plant.state, EntityState()
     message.header.frame_id, message.header.stamp = frame, to_time(state.time)
     place, turned = message.pose.position, message.pose.orientation
-    place.x, place.z = state.x, state.y
-    turned.y, turned.w = math.sin(-0.5 * state.ball_angle), math.cos(0.5 * state.ball_angle)
-    twist = message.twist
-    twist.linear.x, twist.linear.z = state.velocity_x, state.velocity_y
-    twist.angular.y = -state.ball_rate
+    place.x, place.y, heading = plant.relative_pose
+    place.z = state.y
+    # About the axle, then about the vertical.
+    sine, cosine = math.sin(-0.5 * state.ball_angle), math.cos(0.5 * state.ball_angle)
+    turned.x, turned.y = -math.sin(0.5 * heading) * sine, math.cos(0.5 * heading) * sine
+    turned.z, turned.w = math.sin(0.5 * heading) * cosine, math.cos(0.5 * heading) * cosine
+    twist, side = message.twist, lateral_speed(plant.model.robot, plant.lateral)
+    sine, cosine = math.sin(heading), math.cos(heading)
+    twist.linear.x = state.velocity_x * cosine - side * sine
+    twist.linear.y = state.velocity_x * sine + side * cosine
+    twist.linear.z = state.velocity_y
+    twist.angular.x, twist.angular.y = state.ball_rate * sine, -state.ball_rate * cosine
+    twist.angular.z = plant.lateral.yaw_rate
     for vector in (message.acceleration.linear, message.acceleration.angular):
         vector.x = vector.y = vector.z = math.nan
     return message
