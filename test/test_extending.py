@@ -157,8 +157,7 @@ def test_an_inertial_sensor_is_a_folder_and_a_line(house):
 from ballbot_ros.drives.transport import Link
 from ballbot_ros.emulator.imu_line import ImuLine
 from ballbot_ros.imus import sensor_class
-from ballbot_ros.imus.axes import Axes
-from ballbot_ros.imus.source import ImuSource
+from ballbot_ros.imus.source import Axes, ImuSource
 line = ImuLine(sensor='own')
 line.measure(0.5, 0.0, 9.81)
 source = ImuSource(sensor_class('own')(9600, 10, 98), lambda baud: Link(line.path, baud),

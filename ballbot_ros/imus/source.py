@@ -3,16 +3,15 @@
 from collections import Counter
 from dataclasses import dataclass
 import logging
+import math
 import time
-from typing import Callable, List, NamedTuple, Optional
+from typing import Callable, List, NamedTuple, Optional, Tuple
 
 from ballbot_ros.config.fields import Checked, count, quantity, text
 from ballbot_ros.drives.contract import SerialLine
 from ballbot_ros.drives.transport import Link
-from ballbot_ros.errors import LinkError
+from ballbot_ros.errors import ConfigurationError, LinkError
 from ballbot_ros.imus import IMUS, sensor_class
-from ballbot_ros.imus.arrival import ArrivalClock
-from ballbot_ros.imus.axes import Axes
 from ballbot_ros.imus.contract import InertialReading, InertialSensor, Vector
 from ballbot_ros.imus.plausibility import EXPLANATIONS, LONGEST_REPETITION
 
@@ -24,6 +23,12 @@ READING_TIMEOUT = 0.5
 REOPEN_PERIOD = 0.5
 # Between two commands to a sensor [s].
 COMMAND_PERIOD = 0.02
+# Of `ArrivalClock`: largest rise of its line per period, in periods, for a slow clock of a sensor;
+DRIFT = 0.01
+# a delay of more periods than this means lost readings: the line restarts at the arrival.
+LOST = 4.0
+AXES = {'x': 0, 'y': 1, 'z': 2}
+AXES_EXAMPLE = "three of x, y, z and their opposites, such as 'x y z' or '-y x z'"
 
 
 @dataclass(frozen=True)
@@ -64,6 +69,84 @@ class StampedReading(NamedTuple):
     turn_rate: Vector  # about forward, left, up [rad/s]
     force: Vector  # along these [m/s2]
     saturated: bool
+
+
+class Axes:
+    """
+    Turns what a sensor measures into the axes of the shell: forward, left, up.
+
+    Parameters
+    ----------
+    words : str
+        Which axis of the sensor points forward, which to the left, which up: ``'-y x z'`` where
+        its y axis points backward and its x axis to the left.
+
+    Raises
+    ------
+    ConfigurationError
+        If an axis is missing or given twice, or they would be left-handed.
+
+    """
+
+    def __init__(self, words: str):
+        pairs = [(word.lstrip('+-'), -1.0 if word.startswith('-') else 1.0)
+                 for word in words.split()]
+        if sorted(name for name, _ in pairs) != sorted(AXES):
+            raise ConfigurationError(
+                f'axes must be {AXES_EXAMPLE}, got {words!r}', 'not_a_choice', 'axes')
+        self._from = tuple(AXES[name] for name, _ in pairs)
+        self._signs = tuple(sign for _, sign in pairs)
+        first, second, third = self._from
+        even = (first, second, third) in ((0, 1, 2), (1, 2, 0), (2, 0, 1))
+        handed = self._signs[0] * self._signs[1] * self._signs[2] * (1.0 if even else -1.0)
+        if handed < 0.0:
+            raise ConfigurationError(
+                f'axes {words!r} are left-handed, which no mounting gives: change the sign of one',
+                'inconsistent', 'axes')
+
+    def turned(self, vector: Vector) -> Tuple[float, float, float]:
+        """Return a vector of the sensor as forward, left, up."""
+        (i, j, k), (a, b, c) = self._from, self._signs
+        return a * vector[i], b * vector[j], c * vector[k]
+
+
+class ArrivalClock:
+    """
+    Estimates when each reading was sent.
+
+    The sensor sends at even intervals of its own clock; readings arrive delayed by the line, the
+    USB adapter and the scheduler, never early.  So the send times are a straight line that no
+    arrival lies below: an earlier arrival moves the line down immediately, a later one moves it up
+    slowly.
+
+    Parameters
+    ----------
+    period : float
+        Between two [s].
+
+    """
+
+    def __init__(self, period: float):
+        self._period = period
+        self.reset()
+
+    def reset(self) -> None:
+        """Restart: the next arrival counts as without delay."""
+        self._last = -math.inf
+
+    def sent(self, arrival: float) -> float:
+        """
+        Return when a reading was sent that arrived now [s]; never decreases.
+
+        Arrivals must not decrease.
+        """
+        expected = self._last + self._period
+        late = arrival - expected
+        if late > LOST * self._period:
+            self._last = arrival
+        else:
+            self._last = max(expected + min(late, DRIFT * self._period), self._last)
+        return self._last
 
 
 def open_source(port: ImuPort) -> 'ImuSource':

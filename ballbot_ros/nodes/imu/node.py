@@ -6,7 +6,7 @@ from typing import Any, List, Optional
 from rclpy.node import Node
 
 from ballbot_ros.errors import LinkError
-from ballbot_ros.imus.axes import Axes
+from ballbot_ros.imus.source import Axes
 from ballbot_ros.nodes.imu.publisher import ImuOutput
 from ballbot_ros.nodes.imu.settings import ImuSettings
 from ballbot_ros.ros.frames import Frames

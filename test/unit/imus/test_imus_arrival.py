@@ -4,7 +4,7 @@ from hypothesis import given, strategies as some
 import numpy as np
 import pytest
 
-from ballbot_ros.imus.arrival import ArrivalClock, LOST
+from ballbot_ros.imus.source import ArrivalClock, LOST
 
 PERIOD = 0.005
 lateness = some.lists(some.floats(0.0, 3.0 * PERIOD), min_size=1, max_size=200)

@@ -7,7 +7,7 @@ import pytest
 from refusals import refused
 
 from ballbot_ros.errors import ConfigurationError
-from ballbot_ros.imus.axes import Axes
+from ballbot_ros.imus.source import Axes
 
 ALL = [' '.join(sign + name for sign, name in zip(signs, names))
        for names in permutations('xyz') for signs in product(('', '-'), repeat=3)]

@@ -3,9 +3,8 @@
 import pytest
 
 from ballbot_ros.errors import LinkError
-from ballbot_ros.imus.axes import Axes
 from ballbot_ros.imus.plausibility import EXPLANATIONS
-from ballbot_ros.imus.source import ImuSource
+from ballbot_ros.imus.source import Axes, ImuSource
 from ballbot_ros.imus.witmotion.emulated import EmulatedWitMotion
 from ballbot_ros.imus.witmotion.protocol import WitMotion
 
