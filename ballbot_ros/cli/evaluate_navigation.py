@@ -57,7 +57,7 @@ def run(arguments: argparse.Namespace) -> int:
             if arguments.dask is None:
                 # Local workers inherit the kernels that this process has loaded.
                 run_block(evaluation, 'wall', 0, 1)
-            from ballbot_ros.studies.evaluation.closed_loop import watched
+            from ballbot_ros.cli.output import watched
             with watched(evaluation.size, arguments.quiet, 'driving', 'goals') as progress:
                 rows = run_evaluation(evaluation, arguments.out, pool, workers, progress)
     except KeyboardInterrupt:
