@@ -3,8 +3,8 @@
 Motion of the ball after a command timeout: each `on_timeout`, on a slope or a level floor.
 
 The full model of the robot under the torques of the real `Supervisor`, which receives the true
-angles.  The ball rests, or rolls at a constant speed, under the velocity controller (12); then the
-commands stop.  Positive slopes rise towards +x.
+angles.  The ball rests, or rolls at a constant speed, under the velocity controller (12) with the
+`gentle` gains, which are stable at the rate of every hardware file; then the commands stop.  Positive slopes rise towards +x.
 """
 from dataclasses import replace
 import math
@@ -14,6 +14,7 @@ import numpy as np
 
 from ballbot_ros.bridge.hardware_file import Hardware, ON_TIMEOUT
 from ballbot_ros.bridge.supervisor import PendulumMotion, Supervisor
+from ballbot_ros.control.tuning import load_tuning
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics import load_robot, Model, Terrain
 from ballbot_ros.physics.mechanics.laws import velocity_torque
@@ -26,7 +27,6 @@ from ballbot_ros.plant import Plant
 
 COMMANDED_TIME = 1.0  # under commands, before they stop [s]
 OBSERVED_TIME = 10.0  # watched after that [s]
-SPEED_GAIN = 10.0  # kP of law (12), the paper's [N m s/rad]
 ACCURACY = 1e-4  # of positions [m]
 HANGING_ANGLE = math.radians(5.0)  # a pendulum within this hangs [rad]
 
@@ -152,7 +152,8 @@ def lose_commands(hardware: Hardware, scenario: Scenario,
     supervisor = Supervisor(limits, plant.period)
     supervisor.reset(0.0)
     # Law (12) without an integral lags behind by the friction of the joint.
-    set_rate = scene.start.joint_rate * (1.0 + robot.joint_friction / SPEED_GAIN)
+    gain = load_tuning('gentle').velocity_kp
+    set_rate = scene.start.joint_rate * (1.0 + robot.joint_friction / gain)
     last, end = (round(time / plant.period) for time in (COMMANDED_TIME, COMMANDED_TIME + lasts))
     states, given = [], []
     since = None  # work of the motor when the commands were too old
@@ -167,7 +168,7 @@ def lose_commands(hardware: Hardware, scenario: Scenario,
             break
         if plant.periods <= last:
             supervisor.offer(velocity_torque(
-                state.pendulum_angle, state.joint_rate, 0.0, set_rate, SPEED_GAIN, 0.0,
+                state.pendulum_angle, state.joint_rate, 0.0, set_rate, gain, 0.0,
                 robot.largest_gravity_torque), plant.time, plant.time)
         plant.advance(supervisor.decide(plant.time, PendulumMotion(
             state.pendulum_angle, state.pendulum_rate, state.joint_rate)))

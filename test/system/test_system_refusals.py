@@ -138,7 +138,7 @@ BAD = {
 def test_bad_observations_stop_the_robot_with_their_reason(graph, planner, good_reason):
     decisions = graph.subscribe('step_decision', StepDecision, qos.LATCHED)
     points = graph.subscribe('set_point', JointState)
-    graph.start('obstacle_decision', planner=planner, unseen_room=0.65)
+    graph.start('obstacle_decision', planner=planner, unseen_room=1.0)
     observations = graph.publisher('step_observation', StepObservation)
     motions = graph.publisher('odom', Odometry)
     stamp = 0.0

@@ -172,6 +172,9 @@ def test_it_says_what_it_waits_for(nodes, says):
 # --- With ROS -------------------------------------------------------------------------------
 
 
+SETTINGS = {'scene': 'fig7_top', 'robot': '', 'control_rate': 250.0, 'floor': '', 'start': ''}
+
+
 class Robot:
     """A node with the name and the ends of a simulator, in a thread of its own."""
 
@@ -179,7 +182,7 @@ class Robot:
         self.context = Context()
         rclpy.init(context=self.context, domain_id=domain)
         self.node = Node('simulator', namespace='left', context=self.context)
-        for name, value in (('scene', 'fig7_top'), ('robot', ''), ('control_rate', 250.0)):
+        for name, value in SETTINGS.items():
             self.node.declare_parameter(name, value)
         self.states = self.node.create_publisher(BallState, 'ball_state', qos.STATE)
         self.speeds, self.paused = [], Event()
@@ -226,8 +229,7 @@ def test_a_spectator_receives_learns_calls_and_drives_as_long_as_a_client_attend
     looking.start()
     try:
         wait_for(lambda: learned and looking.presence.followers)
-        assert learned == {'simulator': {
-            'scene': 'fig7_top', 'robot': '', 'control_rate': 250.0}}
+        assert learned == {'simulator': SETTINGS}
         wait_for(lambda: robot.states.publish(state(1.5, 0.7)) or received)
         assert received[0][0] == 'ball_state' and received[0][1].x == 0.7
         looking.trigger('simulator/pause')

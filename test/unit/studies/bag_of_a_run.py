@@ -2,7 +2,7 @@
 """A bag as the simulator's topics fill it, written without ROS."""
 import numpy as np
 
-from ballbot_ros.bags.recorded_run import BALL_STATE
+from ballbot_ros.bags.recorded_run import BALL_STATE, LATERAL_STATE
 from ballbot_ros.bags.rerun import plant_values
 from ballbot_ros.bags.writer import RosbagsWriter
 
@@ -41,5 +41,6 @@ class BagOf:
             zero = dict.fromkeys((
                 'kinetic_energy', 'potential_energy', 'contact_energy', 'dissipated_energy'), 0.0)
             self.write('ball_state', 'ballbot_ros/msg/BallState', stamp, contacts=[],
-                       **{name: values[name] for name in BALL_STATE}, **zero)
+                       **{name: values[name] for name in BALL_STATE},
+                       **dict.fromkeys(LATERAL_STATE, 0.0), **zero)
         return stamp

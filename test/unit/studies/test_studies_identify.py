@@ -250,7 +250,7 @@ TIMES = np.linspace(0.0, 1.0, 20)
 
 
 @pytest.mark.parametrize('channels, reason, field', [
-    ({}, 'missing', ''), ({'z': (TIMES, TIMES)}, 'unknown_name', 'z'),
+    ({}, 'missing', 'channels'), ({'z': (TIMES, TIMES)}, 'unknown_name', 'z'),
     ({'x': (TIMES[:5], TIMES[:5])}, 'out_of_range', 'x'),
     ({'x': (TIMES, TIMES * math.nan)}, 'not_finite', 'x'),
     ({'x': (TIMES[::-1], TIMES)}, 'inconsistent', 'time'),
@@ -261,7 +261,7 @@ def test_a_recording_that_makes_no_sense_is_refused(channels, reason, field):
 
 
 @pytest.mark.parametrize('names, reason, field', [
-    ([], 'inconsistent', ''), (['joint_friction'] * 2, 'inconsistent', ''),
+    ([], 'inconsistent', 'parameters'), (['joint_friction'] * 2, 'inconsistent', 'parameters'),
     (['motor.colour', 'joint_frction'], 'unknown_name', 'motor.colour')])
 def test_parameters_that_cannot_be_estimated_are_refused(names, reason, field):
     with refused(reason, field) as error:
