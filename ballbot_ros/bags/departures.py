@@ -6,7 +6,7 @@ from typing import Any, Dict, List, Mapping, NamedTuple, Tuple
 
 import numpy as np
 
-from ballbot_ros.bags.recorded_run import RecordedRun
+from ballbot_ros.bags.recorded_run import LATERAL_STATE, RecordedRun
 from ballbot_ros.config.files import find_config, is_path, read_yaml
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics import Scene
@@ -16,7 +16,7 @@ from ballbot_ros.studies.recording import CHANNELS, Recording, replay
 # Times, measured and model.
 Series = Mapping[str, Tuple[Array, Array, Array]]
 
-UNITS = {**CHANNELS, 'pendulum_torque': 'N m', 'motor_work': 'J'}
+UNITS = {**CHANNELS, **LATERAL_STATE, 'pendulum_torque': 'N m', 'motor_work': 'J'}
 DEPARTURE_SHARE = 0.05  # of the range of a channel: from there on the model has departed
 JOINTS, ODOMETRY = ('ball_angle', 'ball_rate', 'joint_angle', 'joint_rate'), ('x', 'velocity_x')
 

@@ -15,9 +15,10 @@ Values = Dict[str, float]
 # Of a ball_state, those that decide how it goes on, and what the motor has done.
 BALL_STATE = ('x', 'y', 'ball_angle', 'pendulum_angle', 'velocity_x', 'velocity_y', 'ball_rate',
               'pendulum_rate', 'pendulum_torque', 'motor_work')
-# Absent in bags of versions without turning.
-LATERAL_STATE = ('position_x', 'position_y', 'heading', 'yaw_rate', 'lean', 'lean_rate', 'tilt',
-                 'tilt_rate')
+# Units. Absent in bags of versions without turning.
+LATERAL_STATE = {
+    'position_x': 'm', 'position_y': 'm', 'heading': 'rad', 'yaw_rate': 'rad/s',
+    'lean': 'rad', 'lean_rate': 'rad/s', 'tilt': 'rad', 'tilt_rate': 'rad/s'}
 
 
 @dataclass(frozen=True, eq=False)

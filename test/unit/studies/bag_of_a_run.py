@@ -41,6 +41,6 @@ class BagOf:
             zero = dict.fromkeys((
                 'kinetic_energy', 'potential_energy', 'contact_energy', 'dissipated_energy'), 0.0)
             self.write('ball_state', 'ballbot_ros/msg/BallState', stamp, contacts=[],
-                       **{name: values[name] for name in BALL_STATE},
-                       **dict.fromkeys(LATERAL_STATE, 0.0), **zero)
+                       **{name: values[name] for name in (*BALL_STATE, *LATERAL_STATE)},
+                       **zero)
         return stamp
