@@ -130,11 +130,11 @@ def parameters_of(arguments: argparse.Namespace, known: dict[str, Any]) -> Any:
         given[name] = yaml.safe_load(text)
     given.update({name: getattr(arguments, name) for name in ('scene', 'robot')
                   if getattr(arguments, name)})
-    if 'scene' not in given:
+    if 'scene' not in given and not given.get('floor'):
         raise ConfigurationError(
-            f'{arguments.file} does not name its scene: give --scene NAME, and, if they are '
-            'not the defaults, --robot NAME and --set NAME=VALUE for parameters of the '
-            'simulator', 'missing', '--scene')
+            f'{arguments.file} does not name its scene: give --scene NAME or --set '
+            'floor=NAME, and, if they are not the defaults, --robot NAME and --set NAME=VALUE for '
+            'parameters of the simulator', 'missing', '--scene')
     return SimulatorSettings.from_mapping(given, 'parameters of the simulator')
 
 

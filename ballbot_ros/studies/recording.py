@@ -99,13 +99,13 @@ def _series(name: str, times: Any, values: Any) -> Tuple[Array, Array]:
         wrong = np.flatnonzero(~np.isfinite(series))
         if len(wrong):
             raise ConfigurationError(
-                f'recording: column {column}: {series[wrong[0]]} in row {wrong[0] + 1}; remove '
-                'the row or the column', 'not_finite', column)
+                f'recording: column {column}: {series[wrong[0]]} in sample {wrong[0] + 1}; '
+                'remove the sample or the column', 'not_finite', column)
     falls = np.flatnonzero(np.diff(moments) <= 0.0)
     if len(falls):
         row = int(falls[0]) + 2
         raise ConfigurationError(
-            f'recording: the times of {name} must increase; row {row} has {moments[row - 1]:g} s '
+            f'recording: the times of {name} must increase; sample {row} has {moments[row - 1]:g} s '
             f'after {moments[row - 2]:g} s', 'inconsistent', 'time')
     if moments[0] < 0.0:
         raise ConfigurationError(
