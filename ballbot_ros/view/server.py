@@ -5,6 +5,7 @@ import errno
 import http
 import io
 import ipaddress
+import logging
 import socket
 from typing import Any, Callable, Iterator, List, Optional
 from urllib.parse import urlsplit
@@ -12,6 +13,7 @@ from urllib.parse import urlsplit
 import viser
 import websockets.asyncio.server
 from websockets.datastructures import Headers
+from websockets.exceptions import InvalidMessage
 from websockets.http11 import Request, Response
 
 from ballbot_ros.errors import ConfigurationError
@@ -125,13 +127,21 @@ def _checked(inner: Optional[Handler], bound: str) -> Handler:
     return handle
 
 
+def _names_a_fault(record: logging.LogRecord) -> bool:
+    """Return false for a connection closed before any request, as browsers open in advance."""
+    return not (record.exc_info and isinstance(record.exc_info[1], InvalidMessage))
+
+
 @contextmanager
 def _guarded(bound: str, done: List[bool]) -> Iterator[None]:
     """Let the server that is started within be guarded, and note in `done` that it is."""
     module: Any = websockets.asyncio.server
     serve = module.serve
+    log = logging.getLogger('websockets.server')
+    log.addFilter(_names_a_fault)
 
     def guarded(*args: Any, **kwargs: Any) -> Any:
+        kwargs['logger'] = log
         kwargs['process_request'] = _checked(kwargs.get('process_request'), bound)
         done.append(True)
         return serve(*args, **kwargs)

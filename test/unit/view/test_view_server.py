@@ -3,6 +3,8 @@
 from contextlib import nullcontext
 import http.client
 import socket
+import subprocess
+import sys
 
 import pytest
 from refusals import refused
@@ -73,6 +75,21 @@ def test_without_an_origin_there_is_no_connection(server):
 def test_its_own_page_gets_a_connection(server):
     with handshake(server, f'http://{LOOPBACK}:{server.get_port()}') as connection:
         assert connection.recv(timeout=30)
+
+
+def test_a_connection_that_ends_before_its_request_leaves_no_traceback():
+    # In a process of its own: the first request to viser adds a filter to the logger.
+    ended = subprocess.run([sys.executable, '-c', """
+import socket, time
+from ballbot_ros.view.server import free_port, LOOPBACK, PageServer
+server = PageServer(LOOPBACK, free_port(LOOPBACK, 0))
+with socket.create_connection((LOOPBACK, server.get_port()), timeout=30) as raw:
+    raw.shutdown(socket.SHUT_WR)
+    raw.recv(1)
+time.sleep(0.3)  # the record follows the end of the connection
+server.end()
+"""], capture_output=True, text=True, timeout=120)
+    assert (ended.returncode, ended.stderr) == (0, '')
 
 
 def test_a_foreign_page_does_not_get_the_document_either(server):
