@@ -105,8 +105,8 @@ def _series(name: str, times: Any, values: Any) -> Tuple[Array, Array]:
     if len(falls):
         row = int(falls[0]) + 2
         raise ConfigurationError(
-            f'recording: the times of {name} must increase; sample {row} has {moments[row - 1]:g} s '
-            f'after {moments[row - 2]:g} s', 'inconsistent', 'time')
+            f'recording: the times of {name} must increase; sample {row} has '
+            f'{moments[row - 1]:g} s after {moments[row - 2]:g} s', 'inconsistent', 'time')
     if moments[0] < 0.0:
         raise ConfigurationError(
             f'recording: the times of {name} must start at 0 s or later, got {moments[0]:g} s',
