@@ -199,13 +199,19 @@ class Session:
             self.supervisor.trigger(reason)
             self.control.withdraw()
 
-    def release(self) -> None:
-        """Release the e-stop if it is engaged; raise `RefusedError` with the reason why not."""
+    def release(self, too_early: str = '') -> None:
+        """
+        Release the e-stop if it is engaged; raise `RefusedError` with the reason why not.
+
+        `too_early` is a reason of the caller, empty for none; those of the session come first.
+        """
         with self.lock:
             if self._wanted is Wanted.ACTIVE and not self.supervisor.e_stop:
                 return
             try:
-                self.supervisor.reset(self.clock(), *self._inhibit())
+                reason, field = self._inhibit()
+                self.supervisor.reset(
+                    self.clock(), reason or too_early, field if reason else 'e_stop')
             except RefusedError as error:
                 self.observer.event(str(error))
                 raise

@@ -9,7 +9,7 @@ from sensor_msgs.msg import Imu
 
 from ballbot_ros.bridge.session import Session
 from ballbot_ros.control import Authority, SetPoint
-from ballbot_ros.errors import MessageError, RefusedError
+from ballbot_ros.errors import MessageError
 from ballbot_ros.estimation import ImuReading
 from ballbot_ros.imus.source import StampedReading
 from ballbot_ros.nodes.bridge.motor import Clocks, imu_reading, MotorOutputs
@@ -120,9 +120,8 @@ class MotorInputs:
         return 'the e-stop is engaged'
 
     def _release(self) -> str:
-        if self._session.clock() - self._outputs.engaged_at < RELEASE_DELAY:
-            raise RefusedError(
-                f'the e-stop has been engaged for less than {RELEASE_DELAY:g} s, so this request '
-                'may have been sent before; release again', 'refused', 'e_stop')
-        self._session.release()
+        early = self._session.clock() - self._outputs.engaged_at < RELEASE_DELAY
+        self._session.release(
+            f'it engaged less than {RELEASE_DELAY:g} s ago, so this request may have been sent '
+            'before; release again' if early else '')
         return 'the e-stop is released'

@@ -133,14 +133,12 @@ def test_traffic_is_recorded_as_records(pair, tmp_path):
             for item in read_capture(tmp_path / 'bus.txt')] == [('>', b'x'), ('<', b'y')]
 
 
-@pytest.mark.parametrize('port, rate, reason, words', [
-    ('/dev/ttyNOWHERE', RATE, 'missing', 'there is no port /dev/ttyNOWHERE'),
-    ('/', RATE, 'not_a_port', 'no serial adapter'),
-    ('socketcand:', RATE, 'bad_address', 'INTERFACE:CHANNEL'),
-    ('nosuch:1', RATE, 'bad_address', 'nosuch')])
-def test_a_bus_that_does_not_open_says_why(port, rate, reason, words):
-    with pytest.raises(LinkError, match=words) as raised:
-        CanLink(port, rate)
+@pytest.mark.parametrize('port, reason', [
+    ('/dev/ttyNOWHERE', 'missing'), ('/', 'not_a_port'), ('socketcand:', 'bad_address'),
+    ('nosuch:1', 'bad_address')])
+def test_a_bus_that_does_not_open_has_a_reason_and_names_the_port(port, reason):
+    with pytest.raises(LinkError, match=port) as raised:
+        CanLink(port, RATE)
     assert raised.value.reason == reason
 
 

@@ -127,7 +127,8 @@ def test_the_drive_disarms_when_the_host_is_killed(emulator):
             'class There: path = sys.argv[1]; settings = type("S", (), {"torque_limit": 0.08})\n'
             'link, driver = connect(There); driver.arm(); drive(driver, 60.0)')
     host = subprocess.Popen([sys.executable, '-c', code, emulator.path],
-                            env={**os.environ, 'PYTHONPATH': os.path.dirname(__file__)})
+                            env={**os.environ, 'PYTHONPATH': os.pathsep.join(
+                                [os.path.dirname(__file__), *sys.path])})
     try:
         until(lambda: emulator.torque == TORQUE, 30.0)
     finally:
