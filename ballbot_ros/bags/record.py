@@ -1,13 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Record topics of a running graph, also those that appear later."""
+"""Record topics of a running graph, also those that appear later, and their source."""
 from collections import Counter
 from functools import partial
 from pathlib import Path
 import time
-from typing import Callable, Dict, List, Set
+from typing import Any, Callable, Dict, List, Set
 
+from rclpy.parameter import parameter_value_to_python
+from rclpy.parameter_client import AsyncParameterClient
 from rclpy.qos import QoSProfile
 
+from ballbot_ros.bags.metadata import bag_metadata, BRIDGE, SIMULATOR
 from ballbot_ros.bags.writer import BagRecorder
 from ballbot_ros.errors import BallbotError, ConfigurationError
 from ballbot_ros.ros.graph import Observer
@@ -18,6 +21,9 @@ QUEUE_DEPTH = 5000
 GRAPH_PERIOD = 0.2  # of the search for new topics [s]
 # Topics of the graph itself; `ros2 bag record -a` leaves out hidden names only.
 GRAPH_TOPICS = ('/rosout', '/parameter_events')
+PARAMETERS_TIMEOUT = 2.0  # of the node that is the source, for its parameters [s]
+# Declared by rclpy in each node.
+RCLPY_PARAMETERS = ('use_sim_time', 'start_type_description_service')
 
 
 class GraphRecording:
@@ -88,6 +94,35 @@ class GraphRecording:
         self.counts[name] += 1
 
 
+def source_metadata(observer: Observer) -> Dict[str, str]:
+    """
+    Return the metadata of a bag of the running simulator or bridge, for `ballbot replay`.
+
+    Empty where there is none of them or more than one, or where it does not answer.
+    """
+    observer.settle()
+    found = [names for names in observer.node.get_node_names_and_namespaces()
+             if names[0] in (SIMULATOR, BRIDGE)]
+    if len(found) != 1:
+        return {}
+    name, namespace = found[0]
+    client = AsyncParameterClient(observer.node, namespace.rstrip('/') + f'/{name}')
+    if not observer.wait(client.services_are_ready, PARAMETERS_TIMEOUT):
+        return {}
+
+    def answer(future: Any) -> Any:
+        observer.wait(future.done, PARAMETERS_TIMEOUT)
+        return future.result() if future.done() else None
+    listed = answer(client.list_parameters())
+    names = [one for one in listed.result.names if one not in RCLPY_PARAMETERS
+             and not one.startswith('qos_overrides.')] if listed else []
+    values = answer(client.get_parameters(names)) if names else None
+    if values is None:
+        return {}
+    return bag_metadata(name, {
+        one: parameter_value_to_python(value) for one, value in zip(names, values.values)})
+
+
 def record(observer: Observer, folder: Path, topics: List[str], duration: float,
            say: Callable[[str], None]) -> Counter:
     """
@@ -101,7 +136,7 @@ def record(observer: Observer, folder: Path, topics: List[str], duration: float,
     """
     check_new(folder)
     end = time.monotonic() + duration
-    with BagRecorder(folder) as bag:
+    with BagRecorder(folder, source_metadata(observer)) as bag:
         recording = GraphRecording(observer, bag, topics, say)
         observer.wait(lambda: recording.poll() or not recording.missing, 1.0)
         if recording.missing:

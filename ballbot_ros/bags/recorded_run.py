@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 import math
 from pathlib import Path
-from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple
+from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple, Union
 
 from ballbot_ros.bags.opener import Bag, open_bag
 from ballbot_ros.bags.reader import joint_values, odometry_values
@@ -116,7 +116,8 @@ def _stamp(message: Any) -> int:
     return int(message.header.stamp.sec) * 10**9 + int(message.header.stamp.nanosec)
 
 
-def _takers(run: RecordedRun) -> Dict[str, Tuple[str, Callable[[Any], object]]]:
+def _takers(run: RecordedRun) -> Dict[
+        str, Tuple[Union[str, Tuple[str, ...]], Callable[[Any], object]]]:
     """Return type and function that takes a message, by the last part of the topic."""
     def state(kept: Dict[int, List[Values]], stamp: int, values: Values) -> None:
         known = kept.setdefault(stamp, [])
@@ -130,6 +131,16 @@ def _takers(run: RecordedRun) -> Dict[str, Tuple[str, Callable[[Any], object]]]:
             run.commands.setdefault(_stamp(message), torque)
             run.leans.setdefault(_stamp(message), joint_values(message).get('lean', 0.0))
 
+    def set_at(message: Any) -> float:
+        """Return the time of a set-point [s]; without a stamp, that of the last joint states."""
+        own = _stamp(message) if hasattr(message, 'header') else 0
+        return 1e-9 * (own or next(reversed(run.joints), 0))
+
+    def speed(message: Any) -> None:
+        twist = getattr(message, 'twist', message)
+        run.set_points.append(SetPoint(Mode.SPEED, float(twist.linear.x), set_at(message),
+                                       float(twist.angular.z)))
+
     return {
         'joint_states': ('JointState', lambda message: state(
             run.joints, _stamp(message), joint_values(message))),
@@ -140,10 +151,8 @@ def _takers(run: RecordedRun) -> Dict[str, Tuple[str, Callable[[Any], object]]]:
             _stamp(message), odometry_values(message))),
         'joint_commands': ('JointState', command),
         'set_point': ('JointState', lambda message: run.set_points.append(
-            _set_point(message))),
-        'cmd_vel': ('TwistStamped', lambda message: run.set_points.append(SetPoint(
-            Mode.SPEED, float(message.twist.linear.x), 1e-9 * _stamp(message),
-            float(message.twist.angular.z))))}
+            _set_point(message, set_at(message)))),
+        'cmd_vel': (('TwistStamped', 'Twist'), speed)}
 
 
 def same(one: Mapping[str, float], other: Mapping[str, float]) -> bool:
@@ -152,9 +161,9 @@ def same(one: Mapping[str, float], other: Mapping[str, float]) -> bool:
         == {name: value.hex() for name, value in other.items()}
 
 
-def _set_point(message: Any) -> SetPoint:
+def _set_point(message: Any, stamp: float) -> SetPoint:
     """Return the request of a set-point: an angle, a rate, or no torque."""
-    stamp, values = 1e-9 * _stamp(message), joint_values(message)
+    values = joint_values(message)
     for mode, name in ((Mode.HOLD, 'joint_angle'), (Mode.DRIVE, 'joint_rate')):
         if math.isfinite(values.get(name, math.nan)):
             return SetPoint(mode, values[name], stamp)

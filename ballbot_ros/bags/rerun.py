@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Repeat the run of a simulator from its bag, and compare state by state."""
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Dict, List, Optional, Protocol
 
 from ballbot_ros.bags.recorded_run import RecordedRun, Values
@@ -74,7 +74,7 @@ class Laws:
         while self._set_points and self._set_points[-1].stamp <= plant.time + 1e-9:
             given = self._set_points.pop()
             try:
-                self._controller.give(given if given.stamp else replace(given, stamp=plant.time))
+                self._controller.give(given)
             except MessageError:
                 pass  # refused in the run, too
         return self._controller.answer() or 0.0

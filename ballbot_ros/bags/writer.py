@@ -167,11 +167,12 @@ class BagRecorder:
 
     def _writing(self, topic: str, connection: Any, stamp_in: StampOf,
                  callback: Optional[Callable[[bytes], None]]) -> Callable[[bytes], None]:
-        timed = stamp_in is stamp_of  # be it 0, where simulated time begins
+        timed = stamp_in is stamp_of
 
         def write(data: bytes) -> None:
             if timed:
-                self._newest = stamp_in(data)
+                # A zero stamp is none, except where simulated time begins.
+                self._newest = stamp_in(data) or self._newest or 0
                 self._write_early()
             elif self._newest is None:
                 return self._early.append(lambda: write(data))

@@ -69,12 +69,13 @@ def recorded(make_node, tmp_path):
 def test_what_has_no_time_is_given_that_of_the_last_message_that_has(recorded):
     bag, found = recorded(
         String(data='robot'), stamped(JointState, 0.0), stamped(DiagnosticArray, 1.7e9),
-        stamped(JointState, 2.0), String(), MarkerArray(),
+        stamped(JointState, 2.0), stamped(JointState, 0.0), String(), MarkerArray(),
         MarkerArray(markers=[stamped(Marker, 1.5)]))
     assert bag.recorded == {
-        'String': [0, 2 * 10**9], 'JointState': [0, 2 * 10**9], 'DiagnosticArray': [0],
+        'String': [0, 2 * 10**9], 'JointState': [0, 2 * 10**9, 2 * 10**9],
+        'DiagnosticArray': [0],
         'MarkerArray': [2 * 10**9, 1_500_000_000]}
-    assert len(found) == 7 and max(stamp for _, stamp in found) == 2 * 10**9
+    assert len(found) == 8 and max(stamp for _, stamp in found) == 2 * 10**9
 
 
 def test_where_nothing_has_a_time_it_is_that_of_the_wall(recorded):

@@ -20,6 +20,8 @@ from std_srvs.srv import Trigger
 import yaml
 
 from ballbot_ros.bags import record
+from ballbot_ros.bags.metadata import BagMetadata
+from ballbot_ros.bags.opener import open_bag
 from ballbot_ros.cli import main
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.msg import BallState, Contact, StepDecision
@@ -147,6 +149,24 @@ def test_a_recording_has_all_that_came_and_says_how_many(look, robot, tmp_path):
         assert len(list(make_reader(file).iter_messages())) == counts['/odom']
     with refused('exists', '-o'):
         record.record(look, tmp_path / 'bag', ['odom'], 1.0, said.append)
+
+
+def test_a_recording_keeps_the_parameters_of_the_one_simulator(
+        look, make_node, robot, tmp_path):
+    simulator = make_node(Node, 'simulator')
+    simulator.declare_parameter('floor', 'apartment')
+    look._executor.add_node(simulator)
+    publish_while(robot, Odometry, 'odom', odometry())
+    record.record(look, tmp_path / 'one', ['odom'], 0.5, lambda _: None)
+    with open_bag(tmp_path / 'one') as bag:
+        found = BagMetadata.read(bag.metadata)
+        assert found.source == 'simulator' and found.parameters == {'floor': 'apartment'}
+    # Of two simulators, neither is the source.
+    other = make_node(Node, 'simulator', namespace='other')
+    look._executor.add_node(other)
+    assert record.source_metadata(look) == {}
+    for node in (simulator, other):
+        look._executor.remove_node(node)
 
 
 def test_ctrl_c_completes_the_bag_and_topics_that_come_late_are_in_it(
