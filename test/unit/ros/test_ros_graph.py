@@ -152,21 +152,19 @@ def test_a_recording_has_all_that_came_and_says_how_many(look, robot, tmp_path):
 
 
 def test_a_recording_keeps_the_parameters_of_the_one_simulator(
-        look, make_node, robot, tmp_path):
+        look, make_node, context, robot, tmp_path):
     simulator = make_node(Node, 'simulator')
     simulator.declare_parameter('floor', 'apartment')
     look._executor.add_node(simulator)
+    other = Node('simulator', namespace='other', context=context)
+    assert record.source_metadata(look) == {}  # of two, neither is the source
+    other.destroy_node()
     publish_while(robot, Odometry, 'odom', odometry())
-    record.record(look, tmp_path / 'one', ['odom'], 0.5, lambda _: None)
-    with open_bag(tmp_path / 'one') as bag:
+    record.record(look, tmp_path / 'bag', ['odom'], 0.5, lambda _: None)
+    look._executor.remove_node(simulator)
+    with open_bag(tmp_path / 'bag') as bag:
         found = BagMetadata.read(bag.metadata)
-        assert found.source == 'simulator' and found.parameters == {'floor': 'apartment'}
-    # Of two simulators, neither is the source.
-    other = make_node(Node, 'simulator', namespace='other')
-    look._executor.add_node(other)
-    assert record.source_metadata(look) == {}
-    for node in (simulator, other):
-        look._executor.remove_node(node)
+    assert found.source == 'simulator' and found.parameters == {'floor': 'apartment'}
 
 
 def test_ctrl_c_completes_the_bag_and_topics_that_come_late_are_in_it(
