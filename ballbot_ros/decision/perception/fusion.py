@@ -47,6 +47,10 @@ class ProfileTracker:
         self._sigmas = tuning.contradiction_sigma
         self.reset()
 
+    def stand_on(self, steepest: float) -> None:
+        """Take the slope that the ball can be held on [rad]."""
+        self._terrain.steepest = steepest
+
     def reset(self) -> None:
         """Forget all, for a jump of time or place; the numbers of faces go on counting."""
         self._steps.reset()
@@ -177,6 +181,7 @@ class GroundFusion:
     def __init__(self, robot: Robot, tuning: DecisionTuning, frame: str = 'base_link'):
         """Start with nothing seen."""
         self._tracker = ProfileTracker(robot, tuning, frame)
+        self.stand_on = self._tracker.stand_on
         self.reset()
 
     def reset(self) -> None:

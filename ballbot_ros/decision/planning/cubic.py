@@ -408,7 +408,7 @@ class Cubic:
                                   - motion.position):
             return steep
         if step is None:
-            return self._lines.cruise(situation, slope, previous)
+            return self._lines.cruise(situation, slope)
         if step.height < 0.0:
             distance = step.position - motion.position
             return self._lines.stand(

@@ -185,7 +185,7 @@ def with_safety_filter(planner: Planner, knowledge: Knowledge) -> Planner:
         profile = situation.profile
         slope = profile.slope if profile is not None and math.isfinite(profile.slope) \
             else situation.motion.slope
-        planned = lines.filtered(planner(situation, previous), situation, slope, previous)
+        planned = lines.filtered(planner(situation, previous), situation, slope)
         return checked(held_back(planned, situation, knowledge.tuning), situation, knowledge)
     return answer
 

@@ -310,6 +310,8 @@ class PlanSelector:
         if now.failures != then.failures or now.faces != then.faces:
             return True
         if choice.trial is None:
+            if self._changes >= CHANGES:
+                return False
             freed = now.free_from < then.free_from - 0.3
             if now.standing and (not then.standing or freed):
                 return True
@@ -524,7 +526,7 @@ class RolloutPlanner:
             self._selector.forget()
             return self._alone(situation, slope, previous)
         deviation = profile.slope_sd if math.isfinite(profile.slope_sd) else SLOPE_SD
-        line = self._lines.before_slope(profile, faces[0].position, slope, None)
+        line = self._lines.before_slope(profile, faces[0].position)
         behind = math.inf if line is None else line.position
         ahead = look_ahead(profile, faces, motion.position, slope, deviation,
                            self._robot.ball_radius, self._tuning.unseen_room, climbed, behind)
@@ -540,14 +542,16 @@ class RolloutPlanner:
                previous: Optional[Decision]) -> Decision:
         """Decide where no face is ahead: on, but not beyond the stop line."""
         motion, lines = situation.motion, self._lines
-        clear = lines.cruise(situation, slope, previous)
-        line = lines.nearest(situation, slope, (), previous)
+        clear = lines.cruise(situation, slope)
+        line = lines.nearest(situation, ())
         if line is None:
             return clear
         way = lines.braking.distance(motion.speed, lines.slope_to(
             situation.profile, motion.position, line.position, slope), emergency=True)
         room = line.obstacle - motion.position - self._robot.ball_radius
-        if room > way + self._tuning.stop_gap + AT_EASE:
+        # The label changes at the last position for the stop, and back with a margin.
+        stopping = previous is not None and previous.kind is Kind.STOP
+        if room > way + self._tuning.stop_gap + (AT_EASE if stopping else 0.0):
             return clear
         return lines.stand(
             replace(clear, kind=Kind.STOP, reason=line.reason, distance=room,
@@ -584,14 +588,14 @@ class RolloutPlanner:
             # There is time to look closer, and no need to say no yet.
             stand = face.position - self._robot.ball_radius - self._tuning.stop_gap
             way = self._lines.braking.distance(motion.speed, ahead.slope)
-            refused = (previous is not None and previous.step == face.number
-                       and previous.kind in (Kind.STOP, Kind.GO_ROUND))
+            # Until the plans for another face are evaluated, the label does not change.
+            refused = (previous is not None and previous.kind in (Kind.STOP, Kind.GO_ROUND) and (
+                previous.step == face.number or not choice.tally.attempts))
             if choice.reason not in DEFINITE and abs(motion.speed) > STANDING \
                     and stand - motion.position > way + AT_EASE and not refused:
                 return weighing(ahead, motion, self._tuning)
             no = refuse(choice, ahead, motion, room, self._tuning)
-            if refused and previous is not None and no.kind in (Kind.STOP, Kind.GO_ROUND):
-                # The label alone does not change.
+            if refused and previous is not None:
                 no = replace(no, kind=previous.kind)
             return self._lines.stand(no, face.position, situation, ahead.slope)
         end = choice.trial.candidate.end(ahead)
