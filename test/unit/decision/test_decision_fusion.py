@@ -6,7 +6,7 @@ import pytest
 from ballbot_ros.decision import (
     DecisionTuning, Face, Motion, Profile, Reason, StepObservation, TerrainObservation)
 from ballbot_ros.decision.perception import GroundFusion
-from ballbot_ros.decision.planning.stop_line import GroundProfile, steep_stretch
+from ballbot_ros.decision.perception.ground_profile import GroundProfile, steep_stretches
 from ballbot_ros.physics.model.robot import load_robot
 
 GIMBALL, TUNING = load_robot('gimball'), DecisionTuning()
