@@ -148,7 +148,7 @@ class StepTracker:
     def reset(self) -> None:
         """Forget all, for a jump of time or place; the numbers of steps go on counting."""
         self._step: Optional[Face] = None
-        self._confirmed = False
+        self._confirmed, self._first = False, True
         self._trend, self._heights, self._places = Trend(), Scatter(), Scatter()
         self._answer: Optional[Profile] = None
         self._strikes = 0
@@ -203,6 +203,7 @@ class StepTracker:
             self._miss(position)
             if observation.distance > 0.0:
                 seen_to = position + observation.distance
+        self._first = False
         return Profile(observation.stamp, self._faces, seen_to=seen_to,
                        bias_sd=self._bias_of(observation))
 
@@ -260,7 +261,7 @@ class StepTracker:
     def _begin(self, observation: StepObservation, position: float, number: int) -> None:
         """Start a step with an observation."""
         self._number, self._trend = number, Trend()
-        self._confirmed = self._answer is None
+        self._confirmed = self._first
         place_sd, height_sd = self._deviations(observation)
         self._step = Face(
             number, position + observation.distance, observation.height, place_sd,

@@ -110,6 +110,11 @@ class StopLines:
         mean = self.slope_to(situation.profile, position, line, slope)
         return self.braking.speed_within(line - position, mean, emergency=True)
 
+    def face_is_nearer(self, face: Face, steep: Decision, position: float) -> bool:
+        """Return whether the line before a face is nearer than that of a `steep` decision."""
+        return steep.distance > 0.0 and \
+            self.before_face(face).position - position <= steep.distance - LINE_MARGIN
+
     def braking_room(self, step: Face, motion: Motion, slope: float) -> float:
         """Return the distance to the last point where braking avoids a touch or fall [m]."""
         return (step.position - motion.position - touch_distance(self._radius, step.height)

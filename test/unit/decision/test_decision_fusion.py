@@ -167,9 +167,9 @@ def test_a_stretch_that_is_too_steep_is_found_before_the_drop_at_its_end(camera)
     points = ((-0.2, 0.0), (1.0, 0.0), (1.3, -0.06), (1.3, -0.2), (3.0, -0.2))
     profile = Profile(0.0, (Face(1, 1.3, -0.14, 0.01, 0.001),), points,
                       points_sd=(0.001,) * 5 if camera else ())
-    begin, slope = steep_stretch(profile, 0.0, 0.15, 0.0)
+    (begin, slope), = steep_stretches(profile, 0.15)
     assert begin == 1.0 and slope == pytest.approx(-0.197, abs=0.002)
-    assert steep_stretch(profile, 0.0, 0.21, 0.0) is None
+    assert steep_stretches(profile, 0.21) == []
 
 
 def test_the_ground_goes_on_with_its_slope_beyond_the_last_point():

@@ -255,6 +255,9 @@ class PlanSelector:
         motion, face = situation.motion, ahead.faces[0]
         if self.basis is not None and not _is_same(self.basis.face, face):
             self.forget()
+        elif self.choice is not None and self.choice.reason is Reason.COMMITTED \
+                and braking_room > 0.0:
+            self.forget()  # the least harm, while it could not be stopped
         failures = failures_at(face, situation)
         if situation.particles is not None:
             self.worlds.set_particles(situation.particles)
@@ -520,7 +523,7 @@ class RolloutPlanner:
         slope = self._slope_below(profile, faces, motion)
         steep = self._lines.steep(situation, slope, previous, self._disturbed)
         if steep is not None and not (
-                faces and faces[0].position - motion.position < steep.distance):
+                faces and self._lines.face_is_nearer(faces[0], steep, motion.position)):
             return steep
         if not faces or faces[0].position - motion.position > FAR:
             self._selector.forget()
@@ -578,7 +581,8 @@ class RolloutPlanner:
             return self._lines.stand(
                 refuse(choice, ahead, motion, room, self._tuning), face.position, situation,
                 ahead.slope)
-        started = selector.choice is not None and selector.choice.trial is not None
+        started = selector.choice is not None and selector.choice.trial is not None \
+            and selector.choice.reason is not Reason.COMMITTED
         # A plan in execution is aborted only if the ball certainly stops before the face.
         sure = ahead.touch - motion.position - self._lines.braking.distance(
             motion.speed, ahead.slope - 2.0 * ahead.slope_sd, emergency=True)
