@@ -127,7 +127,7 @@ class StepTracker:
     replaces it.  The deviation of the average has a constant error as lower bound.  A trend of
     the height with distance adds its expected remaining change to the uncertainty.
 
-    The first observation gives a step at once, a later one when a second detection agrees with it.
+    The first observation gives a step immediately, later ones when a second detection agrees.
     Once the centre has passed that position, the next detection is another step.  A detection that
     contradicts the step by more than `contradiction_sigma` deviations is reported, not averaged
     in; after `forget_after` consecutive contradictions the latest one replaces the step.  After as

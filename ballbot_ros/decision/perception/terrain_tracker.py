@@ -402,7 +402,8 @@ class TerrainTracker:
         for item in known:
             item.exists.add(False)
             # What the ball has rolled over is not missed.
-            if item.exists.log_odds > 0.0 and ground.seen_from <= item.found.position <= ground.seen_to:
+            if item.exists.log_odds > 0.0 \
+                    and ground.seen_from <= item.found.position <= ground.seen_to:
                 self._faces.append(item)
         self._faces.sort(key=lambda item: item.face.position)
 

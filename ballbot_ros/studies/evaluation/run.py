@@ -69,8 +69,9 @@ class DecisionChanges:
     """
     Counts changes of kind or strategy that follow no news.
 
-    News are those of the `OutcomeMonitor`, the first observation, a new face, and the two positions
-    at which a plan itself changes what it does: where its run-up starts and its last edge.
+    News are those of the `OutcomeMonitor`, the first observation, a new face, and the two
+    positions at which a plan itself changes what it does: where its run-up starts, and its last
+    edge.
     """
 
     def __init__(self) -> None:

@@ -65,7 +65,8 @@ def test_a_step_sensor_crosses_no_bump_behind_which_it_sees_nothing(distance):
     543,    # frozen while it crosses: its edges moved along
     1382])  # frozen between the two edges of a plan
 def test_drawn_approaches_that_ended_in_a_fall_or_a_hit(number):
-    row = run_approach(draw_approach(NOMINAL.robot, NOMINAL.tuning, 11, number), 'rollout', NOMINAL)
+    row = run_approach(
+        draw_approach(NOMINAL.robot, NOMINAL.tuning, 11, number), 'rollout', NOMINAL)
     assert row['outcome'] in ('stopped', 'over') and row['changes'] <= 2
 
 
