@@ -108,7 +108,8 @@ def delays(protocol, at_once):
 def measure():
     """Yield name, unit, values and target of each measurement."""
     for protocol in DRIVES:
-        lag = 1e3 * onboard_lag(load_hardware(f'gimball_{protocol}'))
+        hardware = load_hardware(f'gimball_{protocol}')
+        lag = 1e3 * onboard_lag(hardware, load_robot(hardware.robot))
         for at_once, how in ((True, 'immediately'), (False, 'with the next question')):
             found = delays(protocol, at_once)
             target = lag if at_once else None

@@ -31,13 +31,14 @@ LAYERS = {
     'imus': ('errors', 'config', 'drives'),
     'decision': ('errors', 'config', 'physics', 'crossing', 'control'),
     # Motor controllers in software: what a drive says on its line, and a plant behind it.
-    'emulator': ('errors', 'config', 'physics', 'plant', 'drives', 'imus'),
+    'emulator': ('errors', 'config', 'physics', 'steering', 'plant', 'drives', 'imus'),
     'navigation': ('errors', 'config', 'physics', 'crossing', 'control', 'steering', 'floors',
                    'decision'),
     # Between commands and a real motor.
     'black_box': ('errors', 'config', 'physics', 'control', 'estimation', 'plant', 'drives',
                   'bridge', 'results'),
-    'bridge': ('errors', 'config', 'physics', 'control', 'estimation', 'plant', 'drives', 'imus'),
+    'bridge': ('errors', 'config', 'physics', 'control', 'steering', 'estimation', 'plant',
+               'drives', 'imus'),
 }
 RUNTIME = tuple(LAYERS)
 # Offline: what runs of the model teach, its files and its pictures. No node imports them.

@@ -3,23 +3,20 @@
 from collections import Counter
 import logging
 import math
-from typing import Callable, Optional, Tuple
+from typing import Any, Callable, Generic, Optional, Protocol, Tuple, TypeVar
 
 from ballbot_ros.bridge.condition import ConditionMonitor
 from ballbot_ros.bridge.drive_line import DriveLine, HANDSHAKE
 from ballbot_ros.bridge.hardware_file import Hardware
+from ballbot_ros.bridge.imu_watch import ImuWatch
 from ballbot_ros.bridge.motor_state import Event, LOST, MotorState, Power, SILENCE
 from ballbot_ros.bridge.observer import Level, SessionObserver
-from ballbot_ros.bridge.onboard import OnBoard
 from ballbot_ros.bridge.pacer import DECIDED, Pacer
-from ballbot_ros.bridge.sensing import Sensing
-from ballbot_ros.bridge.supervisor import Supervisor
+from ballbot_ros.bridge.supervisor import PendulumMotion, Supervisor
 from ballbot_ros.drives.contract import Telemetry
 from ballbot_ros.drives.driver import Driver
 from ballbot_ros.errors import (
     BallbotError, DriveError, EstimateLostError, LinkError, MessageError, RefusedError)
-from ballbot_ros.estimation import Estimate
-from ballbot_ros.physics.model.robot import Robot
 
 LOG = logging.getLogger(__name__)
 
@@ -28,14 +25,68 @@ LAST_STOP = 0.5
 IMU_SILENT = 'the IMU fell silent while the motor pulled'
 
 
-class DriveControl:
+class AxisEstimate(Protocol):
+    """What an axis measured."""
+
+    @property
+    def stamp(self) -> float:
+        """Return when the drive measured it [s]."""
+
+    @property
+    def readings(self) -> Any:
+        """Return what the law of the axis takes."""
+
+
+Estimated = TypeVar('Estimated', bound=AxisEstimate, covariant=True)
+
+
+class AxisLaw(Protocol):
+    """Computes the torque of an axis."""
+
+    def answer(self, readings: Any, in_force: float, e_stop: bool) -> float:
+        """Return the torque for readings [N m]; see `OnBoard.answer`."""
+
+    def forget(self) -> None:
+        """Stay idle until the next set-point."""
+
+
+class Measurements(Protocol[Estimated]):
+    """What an axis measures; see `sensing.AxisSensing`."""
+
+    imu_watch: ImuWatch
+    expecting: bool
+
+    @property
+    def estimate(self) -> Optional[Estimated]:
+        """Return the last estimate."""
+
+    def begin(self, now: float) -> None:
+        """Restart with a drive after its handshake."""
+
+    def ask(self, now: float) -> None:
+        """Record a request for a measurement."""
+
+    def restart(self, now: float) -> None:
+        """Restart the reply timeout."""
+
+    def silence(self, now: float) -> float:
+        """Return the time since the unanswered request [s]."""
+
+    def take(self, telemetry: Telemetry, torque: float) -> Optional[Estimated]:
+        """Return an estimate from a new measurement."""
+
+    def motion(self, now: float) -> Optional[PendulumMotion]:
+        """Return the motion that the supervisor limits, None while it is not known."""
+
+
+class DriveControl(Generic[Estimated]):
     """
-    Executes the requests of the motor state and the pacer; `Session` holds its lock.
+    Executes the requests of motor state and pacer of one axis; `Session` holds its lock.
 
     Attributes
     ----------
     power : Power
-    law : OnBoard or None
+    law : AxisLaw or None
         Computes a torque for each estimate; None: torque commands come from a topic.
     counts : Counter
         Number of events by diagnostics name.
@@ -43,18 +94,21 @@ class DriveControl:
         Why the last attempt to arm the motor failed; else empty.
     unconfirmed : str
         Why the drive did not confirm the last stop; else empty.
+    others : tuple of DriveControl
+        The other axes: torque requires that they are armed, too.
 
     """
 
-    def __init__(self, hardware: Hardware, robot: Robot, connect: Callable[[], Driver],
-                 clock: Callable[[], float], observer: SessionObserver,
-                 law: Optional[OnBoard] = None):
+    def __init__(self, hardware: Hardware, sensing: Measurements[Estimated],
+                 connect: Callable[[], Driver], clock: Callable[[], float],
+                 observer: SessionObserver, law: Optional[AxisLaw] = None):
         self._observer = observer
         self._hardware, self._clock, self.law = hardware, clock, law
         period = 1.0 / hardware.connection.loop_rate
         self.line = DriveLine(connect, clock)
         self.supervisor = Supervisor(hardware.limits, DECIDED * period)
-        self.sensing = Sensing(hardware, robot)
+        self.sensing = sensing
+        self.others: Tuple['DriveControl[Any]', ...] = ()
         self.monitor = ConditionMonitor(hardware)
         self.power, self._pacer = Power(), Pacer(period)
         self._period, self._watched, self._unconfirmed = period, -math.inf, 0.0
@@ -66,7 +120,7 @@ class DriveControl:
         self._change(Event.FOUND)
         self.sensing.begin(self.power.since)
 
-    def tick(self, active: bool) -> Optional[Estimate]:
+    def tick(self, active: bool) -> Optional[Estimated]:
         """Execute one period and return the new estimate, if there is one."""
         if self.line.driver is None and self.line.look():
             self.begin()
@@ -86,23 +140,17 @@ class DriveControl:
                 self.lose(driver, error)
         return estimate
 
-    def measure(self, driver: Driver) -> Optional[Estimate]:
+    def measure(self, driver: Driver) -> Optional[Estimated]:
         """Read a new measurement, if there is one."""
-        fusion = self.sensing.fusion
-        zeros = fusion.rezeroed
         try:
-            estimate = self.sensing.take(driver.poll(), self.supervisor.torque)
-            if fusion.rezeroed > zeros:
-                LOG.warning('the encoder has jumped by %.3f rad at the joint, and counts on from '
-                            'there', fusion.last_jump)
-            return estimate
+            return self.sensing.take(driver.poll(), self.supervisor.torque)
         except EstimateLostError as error:
             # Require a release by a person: the next estimate assumes a robot at rest.
             self.supervisor.trigger(str(error))
             LOG.warning('%s', error)
             return None
 
-    def answer(self, estimate: Estimate) -> bool:
+    def answer(self, estimate: AxisEstimate) -> bool:
         """Compute the torque of the onboard controllers; return whether there is one to send."""
         law, supervisor = self.law, self.supervisor
         if law is None:
@@ -194,7 +242,7 @@ class DriveControl:
         Time in which this process was preempted does not count: the drive had no request then.
         """
         confirmed = max(telemetry.status_time or 0.0, self.power.since)
-        estimate = self.sensing.fusion.estimate
+        estimate = self.sensing.estimate
         if estimate is not None and now - estimate.stamp > SILENCE:
             confirmed = -math.inf  # replies arrive, and are too old
         elapsed = min(now - self._watched, DECIDED * self._period)
@@ -252,13 +300,15 @@ class DriveControl:
     def _send_torque(self, driver: Driver, now: float, ask: bool) -> None:
         self._watch_imu(now)
         joint = self._hardware.joint
-        torque = self.supervisor.decide(now, self.sensing.motion(now))
+        together = all(axis.power.state is MotorState.ARMED for axis in self.others)
+        torque = self.supervisor.decide(now, self.sensing.motion(now) if together else None)
         self._pacer = self._pacer.sent_torque(now)
         if ask:
             self.sensing.ask(now)
         driver.send_torque(joint.motor_torque(torque), ask)
 
     def _arm(self, driver: Driver) -> None:
+        driver.meanwhile = self._feed_others
         try:
             driver.arm(HANDSHAKE)
         except DriveError as error:
@@ -271,6 +321,22 @@ class DriveControl:
         self._change(Event.ARMED)
         self.sensing.restart(self.power.since)
         LOG.info('the motor is under power')
+
+    def _feed_others(self) -> None:
+        """Keep the other axes armed while this one blocks."""
+        for axis in self.others:
+            axis.feed()
+
+    def feed(self) -> None:
+        """Feed the watchdog of an armed drive, and do not count the time as silence."""
+        driver, now = self.line.driver, self._clock()
+        if driver is not None and self.power.state is MotorState.ARMED:
+            try:
+                driver.poll()
+                driver.feed()
+            except LinkError as error:
+                self.lose(driver, error)
+        self.sensing.restart(now)
 
     def _begin_stop(self, driver: Driver, event: Event, why: str = '') -> None:
         """Write a stop; it is repeated until the drive confirms it."""

@@ -1,15 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """The link to the drive of a hardware file: open, check, reconnect."""
+from functools import partial
 import logging
 from pathlib import Path
-from typing import Callable, Optional, Tuple
+from typing import Callable, Dict, List, Optional, Sequence, Tuple
 
-from ballbot_ros.bridge.hardware_file import Hardware
+from ballbot_ros.bridge.hardware_file import Connection, Hardware
 from ballbot_ros.bridge.observer import SessionObserver
 from ballbot_ros.drives import open_driver, open_line
 from ballbot_ros.drives.capture import Recorder, ShownToAll
-from ballbot_ros.drives.contract import Identity, Setting
+from ballbot_ros.drives.contract import DriveOptions, Identity, SerialLine, Setting
 from ballbot_ros.drives.driver import Driver
+from ballbot_ros.drives.shared_line import SharedLine
 from ballbot_ros.errors import BallbotError, ConfigurationError
 
 LOG = logging.getLogger(__name__)
@@ -75,14 +77,16 @@ class DriveLine:
             driver.line.close()
 
 
-def connector(hardware: Hardware, capture: str = '', observer: SessionObserver = SessionObserver()
-              ) -> Callable[[], Driver]:
+def connectors(hardware: Sequence[Hardware], capture: str = '',
+               observer: SessionObserver = SessionObserver()) -> List[Callable[[], Driver]]:
     """
-    Return a function that opens the link and returns its driver.
+    Return for each axis a function that opens its link and returns its driver.
+
+    Axes on the same port share the link.
 
     Parameters
     ----------
-    hardware : Hardware
+    hardware : sequence of Hardware
     capture : str
         File for a copy of the raw traffic of all connections; empty for none.
     observer : SessionObserver
@@ -94,15 +98,31 @@ def connector(hardware: Hardware, capture: str = '', observer: SessionObserver =
         If the file cannot be created, or the hardware file has options of another driver.
 
     """
-    connection, options = hardware.connection, hardware.options()
     recorder = ShownToAll(Recorder(Path(capture)), observer) if capture else observer
 
-    def connect() -> Driver:
-        line = open_line(
-            connection.protocol, connection.port, connection.baud, recorder)
-        return open_driver(connection.protocol, line, options)
+    def open_port(connection: Connection) -> SerialLine:
+        return open_line(connection.protocol, connection.port, connection.baud, recorder)
 
-    return connect
+    shared: Dict[str, SharedLine] = {}
+    ports = [item.connection.port for item in hardware]
+    connects: List[Callable[[], Driver]] = []
+    for item in hardware:
+        connection = item.connection
+        opener: Callable[[], SerialLine] = partial(open_port, connection)
+        if ports.count(connection.port) > 1:
+            opener = shared.setdefault(connection.port, SharedLine(opener)).view
+        connects.append(partial(_connect, opener, connection.protocol, item.options()))
+    return connects
+
+
+def _connect(open_it: Callable[[], SerialLine], protocol: str, options: DriveOptions) -> Driver:
+    return open_driver(protocol, open_it(), options)
+
+
+def connector(hardware: Hardware, capture: str = '', observer: SessionObserver = SessionObserver()
+              ) -> Callable[[], Driver]:
+    """Return the function of `connectors` for a single axis."""
+    return connectors([hardware], capture, observer)[0]
 
 
 def handshake(connect: Callable[[], Driver], timeout: float

@@ -19,18 +19,27 @@ LAWS = (Mode.HOLD, Mode.DRIVE, Mode.SPEED)
 RESERVE = 0.5e-3
 
 
-def wire_budget(hardware: Hardware) -> WireBudget:
-    """Return the largest amount of data on the link in one period of the loop."""
-    return open_driver(hardware.connection.protocol, Replay([]), hardware.options()).budget()
+def wire_budget(hardware: Hardware, robot: Robot) -> WireBudget:
+    """Return the largest amount of data on the link in one period of the loop, for all axes."""
+    axes = [hardware]
+    if hardware.steering is not None:
+        lateral = hardware.lateral(robot)
+        if lateral.connection.port == hardware.connection.port:
+            axes.append(lateral)
+    budgets = [open_driver(item.connection.protocol, Replay([]), item.options()).budget()
+               for item in axes]
+    return WireBudget(sum(item.bytes_out for item in budgets),
+                      sum(item.bytes_in for item in budgets), max(
+                          item.turnaround for item in budgets))
 
 
-def onboard_lag(hardware: Hardware) -> float:
+def onboard_lag(hardware: Hardware, robot: Robot) -> float:
     """
     Return the time from a measurement to its torque with onboard control [s].
 
     The transfer times of request, reply and torque, plus `RESERVE`.
     """
-    return wire_budget(hardware).duration(hardware.connection.baud) + RESERVE
+    return wire_budget(hardware, robot).duration(hardware.connection.baud) + RESERVE
 
 
 def check_feasible(hardware: Hardware, robot: Robot, tuning: ControlTuning,
@@ -60,7 +69,7 @@ def check_feasible(hardware: Hardware, robot: Robot, tuning: ControlTuning,
 
     """
     connection = hardware.connection
-    rate, baud, budget = connection.loop_rate, connection.baud, wire_budget(hardware)
+    rate, baud, budget = connection.loop_rate, connection.baud, wire_budget(hardware, robot)
     lowest = max(lowest_stable_rate(robot, tuning, law, delay, None, lag) for law in LAWS)
     if budget.highest_rate(baud) < rate:
         protocol = connection.protocol

@@ -2,19 +2,21 @@
 """The hardware file of one real robot: drive, port, and the joint of the pendulum."""
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
-from typing import Any, Mapping, Optional
+from typing import Any, Mapping, Optional, Tuple
 
 from ballbot_ros.bridge.battery import Battery
 from ballbot_ros.bridge.derating import Thermal
 from ballbot_ros.config.fields import (
     build, Checked, count, expect_mapping, flag, Provenance, quantity, read_values,
-    refuse_missing, refuse_unknown, text)
+    refuse_missing, refuse_unknown, section, text)
 from ballbot_ros.config.files import read_config
 from ballbot_ros.drives import driver_class, DRIVES, read_options
 from ballbot_ros.drives.contract import DriveOptions
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.estimation import FilterTuning, ImuMounting, OdometryTuning
 from ballbot_ros.imus.source import ImuPort
+from ballbot_ros.physics.model.robot import Robot
+from ballbot_ros.steering import required_steering
 
 # Actions after a command timeout; see `supervisor`.
 ON_TIMEOUT = ('coast', 'brake', 'settle')
@@ -68,6 +70,25 @@ class Joint(Checked):
         """Return the torque at the motor shaft for a torque at the pendulum [N m]."""
         return self.direction * torque / (
             self.gear_ratio * self.gear_efficiency * self.torque_factor)
+
+
+@dataclass(frozen=True)
+class SteeringAxis(Joint):
+    """
+    Lateral axis of the pendulum, on a drive of the same protocol.
+
+    Its limits are those of the section ``steering`` of the robot.
+    """
+
+    port: str = text('of its own drive; the port of the section connection if not given, where '
+                     'the protocol names the axis in its replies', default='')
+    drive_torque_limit: float = quantity(
+        'N m', 'largest torque of the axis, as the drive counts it, that the limits of the drive '
+        'itself may let through; the largest torque of the robot where that is more',
+        minimum=0.0, maximum=1000.0, default=0.0)
+    drive: Optional[Mapping[str, Any]] = section(
+        'options of its driver: those of the section drive, except where they differ',
+        default=None)
 
 
 @dataclass(frozen=True)
@@ -146,6 +167,8 @@ class Hardware:
         Of a sensor that the bridge reads itself; without a `port` it takes the topic `imu`.
     connection, joint, limits, imu, estimate, odometry, battery, thermal
         See the classes.
+    steering : SteeringAxis or None
+        None of a robot that drives straight.
     drive : mapping
         Options of this protocol, see the `Options` of its driver.
     provenance : mapping of str to Provenance
@@ -164,6 +187,7 @@ class Hardware:
     odometry: OdometryTuning = OdometryTuning()
     battery: Battery = Battery()
     thermal: Thermal = Thermal()
+    steering: Optional[SteeringAxis] = None
     drive: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))
     provenance: Mapping[str, Provenance] = field(
         default_factory=lambda: MappingProxyType({}), compare=False, repr=False)
@@ -173,6 +197,47 @@ class Hardware:
         return replace(self, connection=replace(
             self.connection, port=port or self.connection.port,
             baud=baud or self.connection.baud))
+
+    def lateral(self, robot: Robot) -> 'Hardware':
+        """
+        Return the hardware of the lateral axis, with the limits of the robot.
+
+        Raises
+        ------
+        ConfigurationError
+            If this hardware or the robot has no section ``steering``, or if the replies to the
+            two axes cannot be distinguished.
+
+        """
+        axis, limits = self.steering, required_steering(robot)
+        if axis is None:
+            raise ConfigurationError(
+                f'{self.name}: there is no section steering', 'missing', 'steering')
+        drive = {**self.drive, **(axis.drive or {})}
+        protocol = self.connection.protocol
+        name = driver_class(protocol).shares_line
+        if axis.port in ('', self.connection.port):
+            if not name:
+                raise ConfigurationError(
+                    f'{self.name}: steering: replies of {protocol} do not name the axis, so its '
+                    'drive needs a port of its own; set steering: port, or use a CAN bus',
+                    'missing', 'port')
+            options = driver_class(protocol).Options
+            mine, other = (mapping.get(name, getattr(options, name)) for mapping in (
+                drive, self.drive))
+            if mine == other:
+                raise ConfigurationError(
+                    f'{self.name}: steering: drive: {name} must differ from that of the section '
+                    f'drive, got {mine} for both', 'inconsistent', name)
+        return replace(
+            self, name=f'{self.name}: steering', joint=axis, steering=None,
+            drive=MappingProxyType(drive), battery=Battery(), thermal=Thermal(),
+            connection=replace(self.connection, port=axis.port or self.connection.port,
+                               imu_required=False),
+            limits=replace(
+                self.limits, torque_limit=limits.largest_torque, on_timeout='coast',
+                drive_torque_limit=axis.drive_torque_limit, angle_limit=limits.largest_lean,
+                speed_limit=limits.largest_lean_rate))
 
     def options(self) -> DriveOptions:
         """
@@ -205,29 +270,45 @@ def read_hardware(content: Mapping[str, Any], where: str) -> Hardware:
         Naming section, field, value and allowed range.
 
     """
-    refuse_unknown(content, ('name', 'robot', 'drive', *SECTIONS), where)
+    refuse_unknown(content, ('name', 'robot', 'drive', 'steering', *SECTIONS), where)
     given = {name: expect_mapping(content.get(name, {}), f'{where}: {name}') for name in SECTIONS}
     names = {name: content[name] for name in ('name', 'robot') if name in content}
     refuse_missing([(HardwareNames, names, where)] + [
         (cls, given[name], f'{where}: {name}') for name, cls in SECTIONS.items()])
     HardwareNames.from_mapping(names, where)
     parts: dict[str, Any] = {}
-    provenance = {}
+    provenance: dict[str, Provenance] = {}
     for name, cls in SECTIONS.items():
         place = f'{where}: {name}'
         values, sources = read_values(cls, given[name], place)
         parts[name] = build(cls, values, place)
         provenance.update({f'{name}.{key}': item for key, item in sources.items()})
-    connection = parts['connection']
-    given_drive = expect_mapping(content.get('drive', {}), f'{where}: drive')
-    _refuse_set_elsewhere(given_drive, f'{where}: drive')
-    drive, sources = read_values(
-        driver_class(connection.protocol).Options, {'torque_limit': 1.0, **given_drive},
-        f'{where}: drive')
-    del drive['torque_limit']  # derived from the limit of the pendulum
-    provenance.update({f'drive.{key}': item for key, item in sources.items()})
-    return Hardware(content['name'], content['robot'], drive=MappingProxyType(drive),
+    protocol = parts['connection'].protocol
+    parts['drive'], of_drive = _read_drive(protocol, content, where)
+    provenance.update({f'drive.{key}': item for key, item in of_drive.items()})
+    if 'steering' in content:
+        place = f'{where}: steering'
+        mapping = dict(expect_mapping(content['steering'], place))
+        drive, of_drive = _read_drive(protocol, mapping, place)
+        mapping.pop('drive', None)
+        values, more = read_values(SteeringAxis, mapping, place)
+        parts['steering'] = build(SteeringAxis, {**values, 'drive': drive}, place)
+        provenance.update({f'steering.{key}': item for key, item in more.items()})
+        provenance.update({f'steering.drive.{key}': item for key, item in of_drive.items()})
+    return Hardware(content['name'], content['robot'],
                     provenance=MappingProxyType(provenance), **parts)
+
+
+def _read_drive(protocol: str, content: Mapping[str, Any], where: str
+                ) -> Tuple[Mapping[str, Any], Mapping[str, Provenance]]:
+    """Return the options of a driver that a section `drive` gives, and their provenance."""
+    place = f'{where}: drive'
+    given = expect_mapping(content.get('drive', {}), place)
+    _refuse_set_elsewhere(given, place)
+    drive, sources = read_values(
+        driver_class(protocol).Options, {'torque_limit': 1.0, **given}, place)
+    del drive['torque_limit']  # derived from the limit of the pendulum
+    return MappingProxyType(drive), sources
 
 
 def _refuse_set_elsewhere(drive: Mapping[str, Any], where: str) -> None:

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""State estimate of a session, and its validity."""
+"""State estimate of a session and its validity."""
+import logging
 import math
-from typing import NamedTuple, Optional
+from typing import NamedTuple, Optional, Tuple
 
 from ballbot_ros.bridge.hardware_file import Hardware
 from ballbot_ros.bridge.imu_watch import ImuWatch
@@ -14,6 +15,7 @@ from ballbot_ros.estimation import (
 from ballbot_ros.imus.plausibility import EXPLANATIONS, ImuPlausibility
 from ballbot_ros.physics.model.robot import Robot
 
+LOG = logging.getLogger(__name__)
 
 # Sum of the overshoots of the pendulum beyond its angle limits [rad].
 SWING_OVERSHOOT = 0.8
@@ -64,44 +66,33 @@ class VelocityCheck(NamedTuple):
         return self.contradicted_for >= CONTRADICTION_TIME
 
 
-class Sensing:
+class AxisSensing:
     """
-    Converts telemetry of the drive to estimates.  All times are of one clock [s].
+    Times of the measurements of one axis.  All times are of one clock [s].
 
     Attributes
     ----------
-    fusion : Fusion
     imu_watch : ImuWatch
-    imu_fault : str
-        Why the IMU is not plausible; empty while it is.
-    odometry : OdometryState or None
-        Of the last estimate; continues after a lost link.
     expecting : bool
         Whether a requested measurement has not arrived.
+    stamp : float
+        Of the last measurement.
 
     """
 
-    def __init__(self, hardware: Hardware, robot: Robot):
+    longest_pause = LONGEST_PAUSE
+
+    def __init__(self, hardware: Hardware):
         self._joint = hardware.joint
-        self._imu_required = hardware.connection.imu_required
-        self.fusion = Fusion(robot, hardware.imu, hardware.estimate, hardware.joint.encoder_zero)
         self.imu_watch = ImuWatch()
-        self._plausibility, self.imu_fault = ImuPlausibility(), ''
-        self._gravity = robot.gravity
-        self._largest_swing = 2.0 * hardware.limits.angle_limit + SWING_OVERSHOOT
-        self._rolling = OdometryFilter(robot, hardware.odometry)
-        self.odometry: Optional[OdometryState] = None
-        self._felt: Optional[OdometryState] = None  # the last one after an IMU reading
-        self.fusion.follower = self._follow
         self._velocity_check = VelocityCheck()
         self._answered = self._waiting_since = 0.0
         self.expecting = False
-        self._stamp = -math.inf  # of the last estimate
+        self.stamp = -math.inf
 
     def begin(self, now: float) -> None:
         """Restart with a drive after its handshake."""
         self._answered, self.expecting = now, False
-        self.fusion.found_again()
 
     def ask(self, now: float) -> None:
         """Record a request for a measurement."""
@@ -117,13 +108,17 @@ class Sensing:
         """Return the time since the unanswered request [s]; 0 without one."""
         return now - self._waiting_since if self.expecting else 0.0
 
-    def take(self, telemetry: Telemetry, torque: float) -> Optional[Estimate]:
-        """
-        Return an estimate from a new measurement, None if there is none in the telemetry.
+    def is_stale(self, now: float) -> bool:
+        """Return whether the last reply, or its measurement, is too old for torque."""
+        # Replies may continue without new estimates, when the time of the measurement is unknown.
+        return now - self._answered > SILENCE or now - self.stamp > SILENCE
 
-        A measurement of unknown time yields no estimate but counts as a reply.
-        Raises as `Fusion.encoder` does, and `EstimateLostError` if the encoder contradicts the
-        velocity that the drive reports.
+    def new_measurement(self, telemetry: Telemetry) -> Optional[Tuple[float, Optional[float]]]:
+        """
+        Return angle and rate of the joint [rad], [rad/s] by a new measurement, or None.
+
+        A measurement of unknown time yields none but counts as a reply.  Raises
+        `EstimateLostError` if the encoder contradicts the velocity that the drive reports.
         """
         if telemetry.position is None or telemetry.time is None \
                 or telemetry.time <= self._answered:
@@ -131,26 +126,81 @@ class Sensing:
         self._answered, self.expecting = telemetry.time, False
         if telemetry.measured is None:
             return None
-        self._stamp = max(telemetry.measured, self._stamp)
+        self.stamp = max(telemetry.measured, self.stamp)
         angle = self._joint.joint_angle(telemetry.position)
         rate = None if telemetry.velocity is None else self._joint.joint_angle(telemetry.velocity)
-        self._velocity_check = self._velocity_check.after(self._stamp, angle, rate)
+        self._velocity_check = self._velocity_check.after(self.stamp, angle, rate)
+        if self._velocity_check.contradicts:
+            self._velocity_check = VelocityCheck()
+            raise EstimateLostError(
+                'the encoder contradicts the velocity that the drive reports: it is frozen, '
+                'reversed or slips; look at its cable, its magnet and the settings of the '
+                'drive for it; let the robot come to rest')
+        return angle, rate
+
+
+class Sensing(AxisSensing):
+    """
+    Converts telemetry of the drive to estimates.  All times are of one clock [s].
+
+    Attributes
+    ----------
+    fusion : Fusion
+    imu_fault : str
+        Why the IMU is not plausible; empty while it is.
+    odometry : OdometryState or None
+        Of the last estimate; continues after a lost link.
+
+    """
+
+    def __init__(self, hardware: Hardware, robot: Robot):
+        super().__init__(hardware)
+        self._imu_required = hardware.connection.imu_required
+        self.fusion = Fusion(robot, hardware.imu, hardware.estimate, hardware.joint.encoder_zero)
+        self._plausibility, self.imu_fault = ImuPlausibility(), ''
+        self._gravity = robot.gravity
+        self._largest_swing = 2.0 * hardware.limits.angle_limit + SWING_OVERSHOOT
+        self._rolling = OdometryFilter(robot, hardware.odometry)
+        self.odometry: Optional[OdometryState] = None
+        self._felt: Optional[OdometryState] = None  # the last one after an IMU reading
+        self.fusion.follower = self._follow
+
+    def begin(self, now: float) -> None:
+        """Restart with a drive after its handshake."""
+        super().begin(now)
+        self.fusion.found_again()
+
+    def take(self, telemetry: Telemetry, torque: float) -> Optional[Estimate]:
+        """
+        Return an estimate from a new measurement, None if there is none in the telemetry.
+
+        Raises as `new_measurement` and `Fusion.encoder` do.
+        """
+        zeros = self.fusion.rezeroed
         try:
-            if self._velocity_check.contradicts:
-                self._velocity_check = VelocityCheck()
+            try:
+                measured = self.new_measurement(telemetry)
+            except EstimateLostError:
                 self.fusion.reset()
-                raise EstimateLostError(
-                    'the encoder contradicts the velocity that the drive reports: it is frozen, '
-                    'reversed or slips; look at its cable, its magnet and the settings of the '
-                    'drive for it; let the robot come to rest')
-            estimate = self.fusion.encoder(self._stamp, angle, torque, rate)
+                raise
+            if measured is None:
+                return None
+            estimate = self.fusion.encoder(self.stamp, measured[0], torque, measured[1])
         except EstimateLostError:
             if self.odometry is not None:
                 self.odometry = self._rolling.lost(self.odometry)
             raise
+        if self.fusion.rezeroed > zeros:
+            LOG.warning('the encoder has jumped by %.3f rad at the joint, and counts on from '
+                        'there', self.fusion.last_jump)
         self.odometry = self._rolling.start(estimate) if self.odometry is None else \
             self._rolling.advance(self.odometry, estimate)
         return estimate
+
+    @property
+    def estimate(self) -> Optional[Estimate]:
+        """Return the last estimate."""
+        return self.fusion.estimate
 
     def _follow(self, estimate: Estimate, imu: ImuReading) -> None:
         """Store the odometry of an IMU update."""
@@ -172,10 +222,8 @@ class Sensing:
     def motion(self, now: float) -> Optional[PendulumMotion]:
         """Return the motion of the robot, None if the estimate is too old for torque."""
         estimate = self.fusion.estimate
-        # Replies may continue without new estimates, when the time of the measurement is unknown.
-        if estimate is None or now - self._answered > SILENCE \
-                or now - estimate.stamp > SILENCE or self.needs_imu(now) \
-                or not self.fusion.is_relied_on():
+        if estimate is None or self.is_stale(now) or now - estimate.stamp > SILENCE \
+                or self.needs_imu(now) or not self.fusion.is_relied_on():
             return None
         angle, _, rate, ball_rate, _ = estimate.mean.tolist()
         return PendulumMotion(angle, rate, rate - ball_rate)

@@ -1,6 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-One drive from handshake to stop, thread-safe: each call holds the lock.
+The axes of a robot from handshake to stop, thread-safe: each call holds the lock.
+
+Each axis has its own `DriveControl`.  All of them have torque, or none has: the e-stop of one is
+that of all, and one that is not armed takes the power of the others.
 
 Only calls that wait for a reply block: `configure`, `deactivate`, `close`, and a `tick` that arms
 the motor or reconnects.
@@ -10,22 +13,30 @@ from enum import auto, Enum
 import math
 import threading
 import time
-from typing import Callable, NamedTuple, Optional, Tuple
+from typing import Any, Callable, List, NamedTuple, Optional, Tuple
 
 from ballbot_ros.bridge.condition import Condition
-from ballbot_ros.bridge.drive_control import DriveControl
+from ballbot_ros.bridge.drive_control import DriveControl, Estimated
 from ballbot_ros.bridge.hardware_file import Hardware
 from ballbot_ros.bridge.imu_watch import STEADY
+from ballbot_ros.bridge.lean import LeanLaw, LeanSensing
 from ballbot_ros.bridge.motor_state import MotorState, SILENCE
 from ballbot_ros.bridge.observer import SessionObserver
 from ballbot_ros.bridge.onboard import OnBoard
+from ballbot_ros.bridge.sensing import Sensing
 from ballbot_ros.bridge.warm_up import warm_up
 from ballbot_ros.control import Mode, SetPoint
 from ballbot_ros.drives.contract import Identity, Setting, Telemetry
 from ballbot_ros.drives.driver import Driver
-from ballbot_ros.errors import LinkError, MessageError, RefusedError
+from ballbot_ros.errors import (
+    BallbotError, ConfigurationError, LinkError, MessageError, RefusedError)
 from ballbot_ros.estimation import Estimate, Fusion, ImuReading, OdometryState
 from ballbot_ros.physics.model.robot import Robot
+from ballbot_ros.steering import required_steering
+
+
+# States of an axis in which the others may have power.
+READY = (MotorState.DISARMED, MotorState.ARMED)
 
 
 class Wanted(Enum):
@@ -68,11 +79,19 @@ class Session:
         Receives what happens.
     law : OnBoard, optional
         Computes the torque from set-points; None for direct control by torque commands.
+    connect_lateral : callable, optional
+        As `connect`, of the lateral axis, where the hardware has one.
 
     Attributes
     ----------
+    axes : tuple of DriveControl
+        The joint of the pendulum first.
     control : DriveControl
-        State of the motor, and counters.
+        The first axis: state of the motor, and counters.
+    sensing : Sensing
+        Of the first axis.
+    lateral : LeanSensing or None
+        Of the lateral axis.
     line : DriveLine
         The connected drive, or why none is connected.
     supervisor : Supervisor
@@ -88,7 +107,8 @@ class Session:
 
     def __init__(self, hardware: Hardware, robot: Robot, connect: Callable[[], Driver],
                  clock: Callable[[], float] = time.monotonic,
-                 observer: SessionObserver = SessionObserver(), law: Optional[OnBoard] = None):
+                 observer: SessionObserver = SessionObserver(), law: Optional[OnBoard] = None,
+                 connect_lateral: Optional[Callable[[], Driver]] = None):
         """Start disconnected and inactive, the e-stop engaged; see `warm_up`."""
         warm_up(robot)
         self.hardware, self.robot, self.clock, self.law = hardware, robot, clock, law
@@ -97,10 +117,24 @@ class Session:
         limits = hardware.limits
         self._largest = {Mode.HOLD: limits.angle_limit, Mode.DRIVE: limits.speed_limit,
                          Mode.SPEED: limits.speed_limit * robot.ball_radius}
-        self.control = DriveControl(hardware, robot, connect, clock, observer, law)
+        self.sensing = Sensing(hardware, robot)
+        self.fusion: Fusion = self.sensing.fusion
+        self.control = DriveControl(hardware, self.sensing, connect, clock, observer, law)
+        self.axes: Tuple[DriveControl[Any], ...] = (self.control,)
+        self.lateral: Optional[LeanSensing] = None
+        if hardware.steering is not None:
+            if law is None or connect_lateral is None:
+                raise ConfigurationError(
+                    f'{hardware.name}: the lateral axis follows the laws on board only: use '
+                    'control:=onboard, or remove the section steering', 'inconsistent', 'control')
+            lateral = hardware.lateral(robot)
+            self.lateral = LeanSensing(lateral, robot, self._speed)
+            self.axes += (DriveControl(
+                lateral, self.lateral, connect_lateral, clock, observer,
+                LeanLaw(robot, self._yaw_rate, self.lateral.forget)),)
+        for axis in self.axes:
+            axis.others = tuple(other for other in self.axes if other is not axis)
         self.line, self.supervisor = self.control.line, self.control.supervisor
-        self._sensing = self.control.sensing
-        self.fusion: Fusion = self._sensing.fusion
         self.lock, self._wanted = threading.RLock(), Wanted.CLOSED
 
     # Requests
@@ -109,17 +143,21 @@ class Session:
         """Open the link and check the drive; raises as `drive_line.handshake` does."""
         with self.lock:
             self.close()
-            found = self.line.open(timeout=0.5)
-            self.control.begin()
+            found = []
+            try:
+                for axis in self.axes:
+                    found.append(axis.line.open(timeout=0.5))
+                    axis.begin()
+            except BallbotError:
+                self.close()
+                raise
             self._wanted = Wanted.INACTIVE
-            return found
+            return found[0][0], tuple(item for _, settings in found for item in settings)
 
     def activate(self) -> None:
         """Enable power once the e-stop is released; raise `RefusedError` without a drive."""
         with self.lock:
-            if self.line.driver is None:
-                raise RefusedError(f'there is no drive: {self.line.trouble or "not configured"}',
-                                   'missing', 'drive')
+            self._drivers()
             self._wanted = Wanted.ACTIVE
 
     def deactivate(self) -> None:
@@ -127,14 +165,20 @@ class Session:
         with self.lock:
             if self._wanted is Wanted.ACTIVE:
                 self._wanted = Wanted.INACTIVE
-            self.control.stop()
+            for axis in self.axes:
+                axis.withdraw()
+            for axis in self.axes:
+                axis.stop()
             self.engage('deactivated')
 
     def close(self) -> None:
         """Stop the motor, close the link, engage the e-stop; raises nothing."""
         with self.lock:
             self._wanted = Wanted.CLOSED
-            self.control.close()
+            for axis in self.axes:
+                axis.withdraw()
+            for axis in self.axes:
+                axis.close()
             self.engage('the bridge was shut down')
 
     def command(self, torque: float, stamp: float) -> None:
@@ -186,18 +230,22 @@ class Session:
         with self.lock:
             self.observer.imu(reading)
             try:
-                self._sensing.imu(reading, self.clock())
+                self.sensing.imu(reading, self.clock())
             finally:
-                if self._sensing.imu_fault and not self.supervisor.e_stop:
-                    self.supervisor.trigger(self._sensing.imu_fault)
-                    self.control.withdraw()
+                if self.sensing.imu_fault and not self.supervisor.e_stop:
+                    self._stop(self.sensing.imu_fault)
 
     def engage(self, reason: str) -> None:
         """Engage the e-stop, which disables motor power immediately."""
         with self.lock:
             self.observer.requested_stop(reason)
-            self.supervisor.trigger(reason)
-            self.control.withdraw()
+            self._stop(reason)
+
+    def _stop(self, reason: str) -> None:
+        """Engage the e-stop of all axes and take their power."""
+        for axis in self.axes:
+            axis.supervisor.trigger(reason)
+            axis.withdraw()
 
     def release(self, too_early: str = '') -> None:
         """
@@ -215,25 +263,31 @@ class Session:
             except RefusedError as error:
                 self.observer.event(str(error))
                 raise
+            for axis in self.axes[1:]:
+                axis.supervisor.release()
+            if self.lateral is not None:
+                self.lateral.rezero()
             self.observer.event('e-stop released')
 
     def _inhibit(self) -> Tuple[str, str]:
         """Return what inhibits the release of the e-stop, and its field; empty for nothing."""
-        driver, now = self.line.driver, self.clock()
-        if driver is None:
-            return (f'the line to the drive is down ({self.line.trouble or "not configured"})',
-                    'drive')
-        if self._wanted is not Wanted.ACTIVE:
-            return 'the bridge is not active; activate it first', 'state'
-        if now - (driver.telemetry.time or 0.0) > SILENCE:
-            return 'the drive does not report where the motor is', 'encoder'
-        if self.control.monitor.condition.stop:
-            return self.control.monitor.condition.stop, 'battery'
-        if self.control.power.state is MotorState.STOPPING:
-            return 'the drive has not confirmed the stop yet', 'motor'
-        if self._sensing.imu_fault:
-            return self._sensing.imu_fault, 'imu'
-        if self._sensing.needs_imu(now):
+        now = self.clock()
+        for axis in self.axes:
+            driver = axis.line.driver
+            if driver is None:
+                return (f'the line to the drive is down ({axis.line.trouble or "not configured"})',
+                        'drive')
+            if self._wanted is not Wanted.ACTIVE:
+                return 'the bridge is not active; activate it first', 'state'
+            if now - (driver.telemetry.time or 0.0) > SILENCE:
+                return 'the drive does not report where the motor is', 'encoder'
+            if axis.monitor.condition.stop:
+                return axis.monitor.condition.stop, 'battery'
+            if axis.power.state is MotorState.STOPPING:
+                return 'the drive has not confirmed the stop yet', 'motor'
+        if self.sensing.imu_fault:
+            return self.sensing.imu_fault, 'imu'
+        if self.sensing.needs_imu(now):
             return (f'no IMU reading arrives, or none did in the last {STEADY:g} s without a gap, '
                     'and without one the pendulum angle is a guess; publish imu, or set '
                     'imu_required: false in the hardware file for a level floor', 'imu')
@@ -243,6 +297,13 @@ class Session:
                     f'angle_limit of {limit:g} rad: let the robot come to rest, and look at '
                     'encoder_zero of the hardware file and at how the IMU is mounted',
                     'pendulum_angle')
+        if self.lateral is not None and self.hardware.steering is not None \
+                and self.hardware.steering.encoder_zero is not None:
+            lean, most = self.lateral.state.lean, required_steering(self.robot).largest_lean
+            if abs(lean) > most:
+                return (f'the lean is {lean:.2f} rad, beyond the largest one of {most:g} rad: '
+                        'look at encoder_zero in the section steering of the hardware file',
+                        'lean')
         return (self.law.inhibit(), 'set_point') if self.law is not None else ('', '')
 
     def clear_faults(self) -> str:
@@ -257,42 +318,92 @@ class Session:
 
         """
         with self.lock:
-            driver = self.line.driver
-            if driver is None:
-                raise RefusedError(f'there is no drive: {self.line.trouble or "not configured"}',
-                                   'missing', 'drive')
+            drivers = self._drivers()
             if not self.supervisor.e_stop:
                 raise RefusedError(
                     'the e-stop is released: a motor whose faults are cleared could turn '
                     'immediately; engage it first', 'refused', 'e_stop')
-            if self.control.power.state is not MotorState.DISARMED:
+            if any(axis.power.state is not MotorState.DISARMED for axis in self.axes):
                 raise RefusedError('the motor is under power, or its stop is not confirmed yet',
                                    'busy', 'motor')
-            left = self.control.clear_faults(driver)
+            left = [name for axis, driver in zip(self.axes, drivers)
+                    for name in axis.clear_faults(driver)]
             self.observer.event(f'faults cleared, left: {", ".join(left) or "none"}')
         if left:
             raise RefusedError(f'the drive still names {", ".join(left)}; remove the cause',
                                'standing', 'drive')
         return 'the drive names no fault any more'
 
+    def _drivers(self) -> List[Driver]:
+        """Return the drivers of all axes; raise `RefusedError` if one is missing."""
+        drivers = []
+        for axis in self.axes:
+            if axis.line.driver is None:
+                raise RefusedError(f'there is no drive: {axis.line.trouble or "not configured"}',
+                                   'missing', 'drive')
+            drivers.append(axis.line.driver)
+        return drivers
+
     # Each period
+
+    def _speed(self) -> Optional[float]:
+        """Return the speed of the ball [m/s], None while its estimate is too old."""
+        estimate = self.fusion.estimate
+        if estimate is None or self.clock() - estimate.stamp > SILENCE:
+            return None
+        return -self.robot.ball_radius * estimate.readings.ball_rate
+
+    def _yaw_rate(self) -> Optional[float]:
+        """Return the commanded yaw rate [rad/s], None while no set-point is followed."""
+        law = self.law
+        if law is None or law.set_point.mode is Mode.IDLE:
+            return None
+        return 0.0 if law.let_down else law.set_point.yaw_rate
+
+    def _couple(self) -> None:
+        """Give all axes the e-stop of one, and lose all where one is lost."""
+        if len(self.axes) == 1:
+            return
+        reason = next((axis.supervisor.e_stop for axis in self.axes if axis.supervisor.e_stop), '')
+        if any(axis.line.driver is None for axis in self.axes):
+            # Requests to one axis could feed the watchdog of another that cannot be stopped.
+            for axis in self.axes:
+                if axis.line.driver is not None:
+                    axis.lose(axis.line.driver, LinkError(
+                        'closed', f'another axis was lost ({self._trouble(axis)})'))
+            reason = reason or next(
+                (axis.supervisor.e_stop for axis in self.axes if axis.supervisor.e_stop), '')
+        if reason and any(not axis.supervisor.e_stop for axis in self.axes):
+            self._stop(reason)
+
+    @staticmethod
+    def _trouble(axis: DriveControl[Any]) -> str:
+        return next((other.line.trouble for other in axis.others if other.line.driver is None), '')
 
     @property
     def odometry(self) -> Optional[OdometryState]:
         """Return the odometry; None before the first measurement."""
-        return self._sensing.steady_odometry()
+        return self.sensing.steady_odometry()
 
     def tick(self) -> Optional[Report]:
         """Execute one period; None before `configure` and after `close`."""
         with self.lock:
             if self._wanted is Wanted.CLOSED:
                 return None
-            return self._report(self.control.tick(self._wanted is Wanted.ACTIVE))
+            estimate = None
+            for axis in self.axes:
+                ready = all(other.power.state in READY for other in axis.others)
+                found = axis.tick(self._wanted is Wanted.ACTIVE and ready)
+                estimate = found if axis is self.control else estimate
+                if axis.line.driver is None:  # the others wait until it is found
+                    break
+            self._couple()
+            return self._report(estimate)
 
     @property
     def expecting(self) -> bool:
         """Return whether a reply of this period is outstanding."""
-        return self._sensing.expecting and self.line.driver is not None
+        return self.line.driver is not None and any(axis.sensing.expecting for axis in self.axes)
 
     def await_answer(self, timeout: float) -> Optional[Report]:
         """
@@ -300,23 +411,40 @@ class Session:
 
         The timeout is in seconds; commands are accepted and sent meanwhile.
         """
-        driver = self.line.driver
+        waited = self.line.driver
+        if waited is None:
+            return None
+        try:
+            if not waited.line.wait(timeout, waited.shortest_answer):
+                return None
+        except LinkError as error:
+            with self.lock:
+                self.control.lose(waited, error)
+                self._couple()
+            return None
+        report = None
+        with self.lock:
+            if self.line.driver is waited:
+                for axis in self.axes:
+                    estimate = self._answered(axis)
+                    if estimate is not None and axis is self.control:
+                        report = self._report(estimate)
+                self._couple()
+        return report
+
+    def _answered(self, axis: DriveControl[Estimated]) -> Optional[Estimated]:
+        """Read the replies of an axis, send its torque, and return a new estimate."""
+        driver = axis.line.driver
         if driver is None:
             return None
         try:
-            if driver.line.wait(timeout, driver.shortest_answer):
-                with self.lock:
-                    if self.line.driver is driver:
-                        estimate = self.control.measure(driver)
-                        if estimate is None:
-                            return None
-                        if self.control.answer(estimate) and self._wanted is Wanted.ACTIVE:
-                            self.control.follow(self.clock())
-                        return self._report(estimate)
+            estimate = axis.measure(driver)
         except LinkError as error:
-            with self.lock:
-                self.control.lose(driver, error)
-        return None
+            axis.lose(driver, error)
+            return None
+        if estimate is not None and axis.answer(estimate) and self._wanted is Wanted.ACTIVE:
+            axis.follow(self.clock())
+        return estimate
 
     def _report(self, estimate: Optional[Estimate]) -> Report:
         supervisor, driver, law = self.supervisor, self.line.driver, self.law
@@ -330,4 +458,4 @@ class Session:
         self.observer.period(now, estimate, supervisor, telemetry, state)
         return Report(now, estimate, supervisor.torque, telemetry, state, supervisor.e_stop,
                       timed_out, commanded, set_point, self.control.monitor.condition,
-                      self._sensing.needs_imu(now))
+                      self.sensing.needs_imu(now))

@@ -112,6 +112,10 @@ class Supervisor:
                 'the e-stop stays engaged: commands other than zero are arriving, and the robot '
                 f'would jump; let the controller command zero (no set-point) for {QUIET:g} s',
                 'refused', 'set_point')
+        self.release()
+
+    def release(self) -> None:
+        """Release the e-stop without the checks of `reset`, which another axis has made."""
         self.e_stop = ''
         self.quiet()
 

@@ -12,6 +12,7 @@ from ballbot_ros.drives.pending_requests import Match, PendingRequests
 from ballbot_ros.errors import DriveError, MessageError
 
 STOP_PERIOD = 0.02  # after which an unconfirmed stop is repeated [s]
+LONGEST_WAIT = 0.01  # between two calls of `Driver.meanwhile` [s]
 
 
 class Driver(ABC):
@@ -34,7 +35,10 @@ class Driver(ABC):
     counts : Counter
         ``sent`` (writes), ``bytes`` (received), ``replies``, ``lost`` (requested, not received
         in time), ``unexpected`` (not requested), ``refused`` (checksum or form is wrong),
-        ``skipped`` (bytes that belong to no message), where a protocol allows it.
+        ``skipped`` (bytes that belong to no message, or to another axis), where a protocol
+        allows it.
+    meanwhile : callable
+        Called while this driver waits: feeds the watchdog of another axis, for instance.
 
     """
 
@@ -46,6 +50,8 @@ class Driver(ABC):
     keeping: ClassVar[str] = ''  # command that keeps settings over a restart
     replies_are_named: ClassVar[bool] = False  # each names the request that it answers
     closes_torque_loop: ClassVar[bool] = True  # with measured current; else open-loop voltage
+    # Option that distinguishes two axes on one line; empty where replies do not name the axis.
+    shares_line: ClassVar[str] = ''
 
     _parser: StreamParser
 
@@ -59,6 +65,7 @@ class Driver(ABC):
         self._armed = False  # by this driver, and not stopped since
         self._off_asked_at = -math.inf  # of the last request whose reply showed no power [s]
         self._pending = PendingRequests(options.reply_timeout, self.replies_are_named)
+        self.meanwhile: Callable[[], None] = lambda: None
         self._begin()
 
     # What waits
@@ -202,7 +209,8 @@ class Driver(ABC):
             left = deadline - self.clock()
             if left <= 0.0:
                 return False
-            self.line.wait(left)
+            self.meanwhile()
+            self.line.wait(min(left, LONGEST_WAIT))
 
     def _soon(self, deadline: float) -> float:
         """Return when a reply to a request sent now is overdue, at most a deadline."""

@@ -64,8 +64,8 @@ class Device(ABC):
 
     Attributes
     ----------
-    sensed : Sensed
-        Its measurements; the owner updates them.
+    sensed, second : Sensed
+        Measurements of the motor, and of a motor on the other output; the owner updates them.
     baud : float
         Of its line; gives the duration of a reply.
 
@@ -96,7 +96,7 @@ class Device(ABC):
                     f'{quirk!r} is not a quirk of an emulated {self.protocol}'
                     + suggestion(quirk, self.quirks), 'unknown_name', quirk)
         self.settings = settings
-        self.sensed = Sensed()
+        self.sensed, self.second = Sensed(), Sensed()
         self.baud = 921600.0
         self.booted_at = -1e9
         self._boot()
@@ -121,6 +121,10 @@ class Device(ABC):
     @abstractmethod
     def torque(self) -> float:
         """Return the torque at the shaft [N m]."""
+
+    def second_torque(self) -> float:
+        """Return the torque of a motor on the other output [N m]; 0 where there is none."""
+        return 0.0
 
     @abstractmethod
     def over_current(self) -> None:

@@ -125,16 +125,37 @@ def step(robot: Robot, state: LateralState, speed: float, command: float, dt: fl
     count = max(1, math.ceil(dt / LARGEST_STEP))
     h = dt / count
     for _ in range(count):
-        lean_rate = _servo(robot, limits, state, speed, target, h)
-        lean_acceleration = (lean_rate - state.lean_rate) / h
-        # Midpoint rule; the lean rate is linear over the step.
-        slope = accelerations(robot, state, speed, lean_acceleration, acceleration)
-        middle = _moved(state, slope, 0.5 * (state.lean_rate + lean_rate), lean_acceleration,
-                        state, 0.5 * h)
-        slope = accelerations(robot, middle, speed, lean_acceleration, acceleration)
-        state = _moved(middle, slope, 0.5 * (state.lean_rate + lean_rate), lean_acceleration,
-                       state, h)
+        lean_rate = state.lean_rate + h * lateral_acceleration(
+            robot, state, speed, servo_torque(robot, state, speed, target))
+        state = follow(robot, state, speed, lean_rate, h, acceleration)
     return state
+
+
+def follow(robot: Robot, state: LateralState, speed: float, lean_rate: float, dt: float,
+           acceleration: float = 0.0) -> LateralState:
+    """
+    Return the state a short time later, at the end of which the lean has a given rate.
+
+    Parameters as of `step`, with a measured lean rate [rad/s].
+    """
+    lean_acceleration = (lean_rate - state.lean_rate) / dt
+    # Midpoint rule; the lean rate is linear over the step.
+    mean = 0.5 * (state.lean_rate + lean_rate)
+    slope = accelerations(robot, state, speed, lean_acceleration, acceleration)
+    middle = _moved(state, slope, mean, lean_acceleration, state, 0.5 * dt)
+    slope = accelerations(robot, middle, speed, lean_acceleration, acceleration)
+    return _moved(middle, slope, mean, lean_acceleration, state, dt)
+
+
+def pull(robot: Robot, state: LateralState, speed: float, torque: float, dt: float,
+         acceleration: float = 0.0) -> LateralState:
+    """
+    Return the state a short time later, under a torque of the lateral axis [N m].
+
+    Parameters as of `step`.
+    """
+    lean_acceleration = lateral_acceleration(robot, state, speed, torque)
+    return follow(robot, state, speed, state.lean_rate + dt * lean_acceleration, dt, acceleration)
 
 
 def _moved(rates: LateralState, slope: Accelerations, mean_lean_rate: float,
@@ -146,18 +167,20 @@ def _moved(rates: LateralState, slope: Accelerations, mean_lean_rate: float,
         start.yaw_rate + h * slope.yaw, start.heading + h * rates.yaw_rate)
 
 
-def _servo(robot: Robot, limits: Steering, state: LateralState, speed: float, target: float,
-           h: float) -> float:
-    """Return the lean rate at the end of a step, within the limits of rate and torque."""
+def servo_torque(robot: Robot, state: LateralState, speed: float, target: float) -> float:
+    """Return the torque of the position control of the lean, within the limits [N m]."""
+    limits = required_steering(robot)
     largest = limits.largest_lean_rate
     wanted = min(max(0.5 * BANDWIDTH * (target - state.lean), -largest), largest)
-    acceleration = 2.0 * BANDWIDTH * (wanted - state.lean_rate)
-    # The torque is linear in the acceleration of the lean.
+    torque = accelerations(
+        robot, state, speed, 2.0 * BANDWIDTH * (wanted - state.lean_rate)).torque
+    return min(max(torque, -limits.largest_torque), limits.largest_torque)
+
+
+def lateral_acceleration(robot: Robot, state: LateralState, speed: float, torque: float) -> float:
+    """Return the acceleration of the lean under a torque, which is linear in it [rad/s2]."""
     without = accelerations(robot, state, speed, 0.0).torque
-    per = accelerations(robot, state, speed, 1.0).torque - without
-    low, high = sorted(((-limits.largest_torque - without) / per,
-                        (limits.largest_torque - without) / per))
-    return state.lean_rate + h * min(max(acceleration, low), high)
+    return (torque - without) / (accelerations(robot, state, speed, 1.0).torque - without)
 
 
 def lateral_speed(robot: Robot, state: LateralState) -> float:

@@ -7,19 +7,21 @@ from pathlib import Path
 import tempfile
 
 from ballbot_ros.bridge.battery import Battery
-from ballbot_ros.bridge.hardware_file import load_hardware
+from ballbot_ros.bridge.hardware_file import load_hardware, SteeringAxis
 from ballbot_ros.bridge.onboard import OnBoard
 from ballbot_ros.bridge.session import Session
 from ballbot_ros.control import load_tuning, Supervision
-from ballbot_ros.drives import device_class, open_driver
+from ballbot_ros.drives import CAN, device_class, driver_class, line_of, open_driver
 from ballbot_ros.drives.emulated_device import DriveSettings, Sensed
 from ballbot_ros.drives.memory_line import MemoryLine
+from ballbot_ros.drives.shared_line import SharedLine
 from ballbot_ros.errors import MessageError
 from ballbot_ros.estimation import ImuReading
 from ballbot_ros.physics import load_robot
 from ballbot_ros.physics.model.state import State
 from ballbot_ros.physics.simulation.scene import read_scene
 from ballbot_ros.plant import Imu, Plant
+from ballbot_ros.steering import LateralState, pull
 
 STEP = 0.002
 # A reply is there a step later [s].
@@ -45,6 +47,55 @@ class HeldShell:
         return self.state
 
 
+class BusOfTwo:
+    """Two devices on a CAN bus, as one with a second output; see `Device`."""
+
+    def __init__(self, first, second):
+        self.first, self.other = first, second
+        self.settings = first.settings
+        self.properties = getattr(first, 'properties', None)
+        self.endpoints = getattr(first, 'endpoints', None)
+
+    def __setattr__(self, name, value):
+        """Give measurements to the device that they are of."""
+        if name == 'sensed':
+            self.first.sensed = value
+        elif name == 'second':
+            self.other.sensed = value
+        else:
+            super().__setattr__(name, value)
+
+    sensed = property(lambda self: self.first.sensed)
+    second = property(lambda self: self.other.sensed)
+    booted_at = property(lambda self: self.first.booted_at)
+
+    def torque(self):
+        """Return the torque of the first motor [N m]."""
+        return self.first.torque()
+
+    def second_torque(self):
+        """Return the torque of the second motor [N m]."""
+        return self.other.torque()
+
+    def receive(self, data, now):
+        """Give bytes to both."""
+        return self.first.receive(data, now) + self.other.receive(data, now)
+
+    def tick(self, now):
+        """Update both."""
+        self.first.tick(now)
+        self.other.tick(now)
+
+    def over_current(self):
+        """Let the first one trip."""
+        self.first.over_current()
+
+    def reboot(self, now):
+        """Let both lose their supply."""
+        self.first.reboot(now)
+        self.other.reboot(now)
+
+
 class VirtualRobot(MemoryLine):
     """
     A session that drives a plant through an emulated drive, and the line between them.
@@ -55,9 +106,17 @@ class VirtualRobot(MemoryLine):
         And behind a space the firmware where there is more than one.
     onboard : str
         Tuning of the laws on board; empty for direct control.
+    steering : bool
+        Whether a second motor leans the pendulum.
 
     Attributes
     ----------
+    lateral : LateralState
+        By the lateral model, in whose speed the planar model takes part.
+    leans : list of float
+        Torque of the second motor, at each step.
+    lean_encoder : callable
+        As `encoder`, of the second motor.
     temperature : float
         Of the drive [degrees Celsius].
     bus_voltage : float
@@ -70,9 +129,14 @@ class VirtualRobot(MemoryLine):
     """
 
     def __init__(self, protocol='odrive', imu=True, settings=None, held=False, terrain=None,
-                 onboard='', **limits):
+                 onboard='', steering=False, **limits):
         protocol, _, firmware = protocol.partition(' ')
         self.hardware = load_hardware(f'gimball_{protocol}')
+        if steering:
+            option = driver_class(protocol).shares_line
+            first = getattr(driver_class(protocol).Options, option)
+            self.hardware = replace(self.hardware, steering=SteeringAxis(
+                50.0, 0.9, drive_torque_limit=4.0, drive={option: first + 1}))
         self.hardware = replace(
             self.hardware, limits=replace(self.hardware.limits, **limits),
             battery=Battery(),  # the supply of most of these drives is not that of GimBall
@@ -80,9 +144,13 @@ class VirtualRobot(MemoryLine):
                                loop_rate=1.0 / STEP))
         self.joint = self.hardware.joint
         torque = self.hardware.options().torque_limit
-        super().__init__(device_class(protocol)(replace(settings or DriveSettings(
+        settings = replace(settings or DriveSettings(
             torque_limit=torque, current_limit=torque / DriveSettings.torque_constant),
-            firmware=firmware)), LINE_TIME)
+            firmware=firmware)
+        device = device_class(protocol)(settings)
+        if steering and line_of(protocol) is CAN:
+            device = BusOfTwo(device, device_class(protocol)(replace(settings, axis=1)))
+        super().__init__(device, LINE_TIME)
         if (protocol, firmware) == ('odrive_can', '0.5'):  # a person has read it with odrivetool
             self.hardware = replace(self.hardware, drive={
                 'firmware': '0.5.6', 'confirmed': dict(self.device.properties)})
@@ -102,7 +170,9 @@ class VirtualRobot(MemoryLine):
         self.stop_switch = 0.0  # 1 pulls that of the drive itself
         self.encoder_jump = 0.0  # of the motor shaft [rad]
         self.bus_voltage = self.device.sensed.bus_voltage
-        self.encoder = self.reading = lambda true: true
+        self.encoder = self.reading = self.lean_encoder = lambda true: true
+        self.lateral, self.leans = LateralState(), []
+        self._shared = SharedLine(self._opened)
         self.refused = None  # of the IMU readings, the last error
         self.lines = 0  # opened and not closed
         self.torques = []  # at the motor, at each step
@@ -116,14 +186,23 @@ class VirtualRobot(MemoryLine):
             robot, load_tuning(self.onboard),
             Supervision(20.0, 0.5, let_down_time=self.hardware.limits.damping_time),
             {'set_point': '/planner', 'cmd_vel': '/teleop'}.get) if self.onboard else None
-        self.session = Session(self.hardware, robot, self.connect, self.clock,
-                               law=law)
+        if self.hardware.steering is None:
+            self.session = Session(self.hardware, robot, self.connect, self.clock, law=law)
+            return
+        lateral = self.hardware.lateral(robot)
+        self.session = Session(
+            self.hardware, robot, lambda: self.connect(self._shared.view()), self.clock, law=law,
+            connect_lateral=lambda: open_driver(
+                lateral.connection.protocol, self._shared.view(), lateral.options(), self.clock))
 
-    def connect(self):
-        """Return a driver on the line."""
+    def _opened(self):
         self.read()  # what a predecessor left
         self.lines += 1
-        return open_driver(self.hardware.connection.protocol, self,
+        return self
+
+    def connect(self, line=None):
+        """Return a driver on the line."""
+        return open_driver(self.hardware.connection.protocol, line or self._opened(),
                            self.hardware.options(), self.clock)
 
     def close(self):
@@ -144,6 +223,8 @@ class VirtualRobot(MemoryLine):
                 scale * state.joint_angle + self.encoder_jump, scale * state.joint_rate,
                 temperature=self.temperature, bus_voltage=self.bus_voltage,
                 stop_switch=self.stop_switch))
+            if self.hardware.steering is not None:
+                self._lean(before, state)
             self.live()
             self.torques.append(motor)
             self.history[round(self.now / STEP)] = state
@@ -155,6 +236,19 @@ class VirtualRobot(MemoryLine):
                         self.session.imu(reading)
                     except MessageError as error:
                         self.refused = error
+
+    def _lean(self, before, after):
+        """Let the second motor and the lateral model live on for a step."""
+        motor = self.device.second_torque() if self.device.booted_at <= self.now else 0.0
+        joint, robot = self.hardware.steering, self.session.robot
+        speeds = [-robot.ball_radius * state.ball_rate for state in (before, after)]
+        self.lateral = pull(
+            robot, self.lateral, sum(speeds) / 2, motor * joint.gear_ratio * joint.gear_efficiency
+            * joint.direction, STEP, (speeds[1] - speeds[0]) / STEP)
+        scale = joint.gear_ratio * joint.direction
+        self.device.second = self.lean_encoder(Sensed(
+            scale * self.lateral.lean, scale * self.lateral.lean_rate))
+        self.leans.append(motor)
 
     def run(self, seconds, torque=None):
         """Let the bridge tick, and command a torque if there is one; return the last report."""

@@ -58,6 +58,7 @@ class RoboClaw(Driver):
         codec.GET_SPEED[0])
     baud_rates = (38400, 115200, 460800, 230400, 57600, 19200, 9600, 2400)
     closes_torque_loop = False
+    shares_line = 'axis'
 
     def _begin(self) -> None:
         axis = self.options.axis
@@ -79,7 +80,9 @@ class RoboClaw(Driver):
     def identify(self, timeout: float = 0.5) -> Identity:
         """Do the handshake; see `Driver`."""
         deadline = self.clock() + timeout
-        text = self._ask(codec.GET_VERSION, deadline, handshake=True).text.strip()
+        # Requests feed the serial timeout, and an earlier duty may still be in force.
+        text = self._ask(codec.GET_VERSION, deadline, handshake=True,
+                         before=self._duty_message(0.0)).text.strip()
         self._ask(codec.GET_BATTERY, deadline)
         self._ask(codec.GET_STATUS, deadline)
         name, _, version = text.rpartition(' ')
@@ -179,7 +182,7 @@ class RoboClaw(Driver):
 
     def feed(self) -> None:
         """Feed the watchdog; the duty does not change; see `Driver`."""
-        self._send(self._group(codec.GET_PWMS, codec.GET_STATUS))
+        self._send(self._group(codec.GET_PWMS, codec.GET_STATUS, *self._motion))
         self._commanded_at = self.clock()
 
     def ask(self) -> None:
@@ -210,7 +213,8 @@ class RoboClaw(Driver):
         return codec.set_duty(self.options.address, self.options.axis, duty)
 
     def _stop_message(self) -> bytes:
-        return self._duty_message(0.0) + self._group(codec.GET_PWMS, codec.GET_STATUS)
+        return self._duty_message(0.0) + self._group(
+            codec.GET_PWMS, codec.GET_STATUS, *self._motion)
 
     def _requests(self) -> bytes:
         now = self.clock()
@@ -226,7 +230,7 @@ class RoboClaw(Driver):
             + codec.set_timeout(self.options.address, self._tenths)
 
     def _group(self, *numbers: int) -> bytes:
-        """Return requests whose replies form a group."""
+        """Return requests whose replies form a group; its motion distinguishes the axes."""
         self._pending.add(numbers)
         self._parser.groups = tuple(self._pending.kinds)
         return b''.join(codec.ask(self.options.address, number) for number in numbers)

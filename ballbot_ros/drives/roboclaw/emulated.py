@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-A RoboClaw, as its packet serial protocol sees it; the motor is on one of its two outputs.
+A RoboClaw, as its packet serial protocol sees it, with a motor on one or both of its outputs.
 
 After the RoboClaw Series User Manual.  It sets a voltage, not a torque; any byte feeds its serial
 timeout; a pause of more than 10 ms inside a packet drops the packet.  Its response to garbage is
@@ -9,13 +9,15 @@ from "Reading and Troubleshooting RoboClaw Errors" of BasicMicro: an e-stop and 
 brake, a low supply and heat release, and from 15 degrees below that the current is reduced.
 """
 from binascii import crc_hqx
+from functools import partial
 import math
 import struct
 from typing import Callable, Optional
 
-from ballbot_ros.drives.emulated_device import Device, DriveSettings, Quirk
+from ballbot_ros.drives.emulated_device import Device, DriveSettings, Quirk, Sensed
 from ballbot_ros.drives.roboclaw import codec
 
+AXES = (0, 1)  # M1 and M2
 PAUSE = 0.010
 TIMEOUT_UNIT = 0.1
 VERSION = 'USB Roboclaw 2x30a v4.2.8\n'
@@ -47,37 +49,55 @@ class RoboClawDevice(Device):
         self._buffer = b''
         self._received_at: Optional[float] = None
         self._timeout = round(self.settings.watchdog / TIMEOUT_UNIT)  # last value written
-        self._duty = 0.0
+        self._duties = [0.0, 0.0]  # of M1 and M2
         self._status, self._broken = 0, False
-        self._origin = self.sensed.position  # the encoder counter starts at 0
-        axis = self.settings.axis
-        other = 1 - axis
+        # The encoder counters start at 0.
+        self._origins = [sensed.position for sensed in self._measured]
         self._answers: dict[int, Callable[[], tuple[int, ...]]] = {
             codec.GET_TIMEOUT: lambda: (self._timeout,),
-            codec.GET_ENCODER[other]: lambda: (0, 0),
-            codec.GET_SPEED[other]: lambda: (0, 0),
-            codec.GET_ENCODER[axis]: lambda: (self._counts(self.sensed.position - self._origin),
-                                              self.sensed.velocity < 0.0),
-            codec.GET_SPEED[axis]: lambda: (self._counts(self.sensed.velocity),
-                                            self.sensed.velocity < 0.0),
             codec.GET_BATTERY: lambda: (round(10.0 * self.sensed.bus_voltage),),
             codec.GET_TEMPERATURE: lambda: (round(10.0 * self.sensed.temperature),),
-            codec.GET_PWMS: lambda: self._of_both(codec.FULL_DUTY * self._effective_duty()),
+            codec.GET_PWMS: lambda: self._of_both(
+                lambda axis: codec.FULL_DUTY * self._effective_duty(axis)),
             codec.GET_CURRENTS: lambda: self._of_both(
-                100.0 * self.torque() / self.settings.torque_constant),
+                lambda axis: 100.0 * self._torque(axis) / self.settings.torque_constant),
             codec.GET_VOLTAGES: lambda: VOLTAGES,
             codec.GET_STATUS: lambda: (self._status,),
-            codec.GET_MAX_CURRENT[axis]: lambda: (round(100.0 * self.settings.largest_current), 0),
-            codec.GET_MAX_CURRENT[other]: lambda: (0, 0),
         }
+        for axis in AXES:
+            self._answers.update({
+                codec.GET_ENCODER[axis]: partial(self._encoder, axis),
+                codec.GET_SPEED[axis]: partial(self._speed, axis),
+                codec.GET_MAX_CURRENT[axis]: lambda: (
+                    round(100.0 * self.settings.largest_current), 0)})
+
+    @property
+    def _measured(self) -> tuple[Sensed, Sensed]:
+        """Return the measurements at M1 and M2."""
+        return (self.second, self.sensed) if self.settings.axis else (self.sensed, self.second)
+
+    def _encoder(self, axis: int) -> tuple[int, ...]:
+        sensed = self._measured[axis]
+        return self._counts(sensed.position - self._origins[axis]), sensed.velocity < 0.0
+
+    def _speed(self, axis: int) -> tuple[int, ...]:
+        velocity = self._measured[axis].velocity
+        return self._counts(velocity), velocity < 0.0
 
     def torque(self) -> float:
         """Return the torque at the shaft; see `Device`."""
-        duty, settings = self._effective_duty(), self.settings
+        return self._torque(self.settings.axis)
+
+    def second_torque(self) -> float:
+        """Return the torque of the motor on the other output; see `Device`."""
+        return self._torque(1 - self.settings.axis)
+
+    def _torque(self, axis: int) -> float:
+        duty, settings = self._effective_duty(axis), self.settings
         if duty == 0.0 and not self._status & BRAKING:  # released, not shorted
             return 0.0
         current = (duty * self.sensed.bus_voltage
-                   - settings.speed_constant * self.sensed.velocity) / settings.resistance
+                   - settings.speed_constant * self._measured[axis].velocity) / settings.resistance
         limit = self.settings.largest_current * min(max(
             (settings.highest_temperature - self.sensed.temperature) / WARM, 0.0), 1.0)
         return settings.torque_constant * min(max(current, -limit), limit)
@@ -87,7 +107,7 @@ class RoboClawDevice(Device):
         if self._received_at is None:
             self._received_at = now
         if self._timeout and now - self._received_at > self._timeout * TIMEOUT_UNIT:
-            self._duty = 0.0
+            self._duties = [0.0, 0.0]
         sensed, hottest = self.sensed, self.settings.highest_temperature
         here = {'E_STOP': sensed.stop_switch > 0.0,
                 'TEMPERATURE_ERROR': sensed.temperature >= hottest,
@@ -106,12 +126,13 @@ class RoboClawDevice(Device):
     def _driver_fault(self) -> str:
         return f'M{self.settings.axis + 1}_DRIVER_FAULT_ERROR'
 
-    def _of_both(self, value: float) -> tuple[int, int]:
-        """Return a value of the motor, and 0 of the output without one."""
-        return (0, round(value)) if self.settings.axis else (round(value), 0)
+    @staticmethod
+    def _of_both(value: Callable[[int], float]) -> tuple[int, int]:
+        """Return a value of M1 and M2."""
+        return round(value(0)), round(value(1))
 
-    def _effective_duty(self) -> float:
-        return 0.0 if self._status & POWERLESS else self._duty
+    def _effective_duty(self, axis: int) -> float:
+        return 0.0 if self._status & POWERLESS else self._duties[axis]
 
     def _counts(self, angle: float) -> int:
         """Return encoder counts, wrapped to 32 bits."""
@@ -144,8 +165,9 @@ class RoboClawDevice(Device):
     def _obey(self, packet: bytes) -> bytes:
         if crc_hqx(packet[:-2], 0) != int.from_bytes(packet[-2:], 'big'):
             return b''
-        if packet[1] == codec.SET_DUTY[self.settings.axis]:
-            self._duty = struct.unpack('>h', packet[2:4])[0] / codec.FULL_DUTY
+        if packet[1] in codec.SET_DUTY:
+            self._duties[codec.SET_DUTY.index(packet[1])] = \
+                struct.unpack('>h', packet[2:4])[0] / codec.FULL_DUTY
         elif packet[1] == codec.SET_TIMEOUT and not self.has('no_timeout'):
             self._timeout = packet[2]
         return bytes((codec.ACKNOWLEDGED,))

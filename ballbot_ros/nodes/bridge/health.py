@@ -74,7 +74,7 @@ def health(session: Session, loop: Optional[Loop], hardware: Hardware,
     """
     supervisor, fusion = session.supervisor, session.fusion
     driver, identity = session.line.driver, session.line.identity
-    sensing, now = session.control.sensing, session.clock()
+    sensing, now = session.sensing, session.clock()
     imu, has_imu = sensing.imu_watch, sensing.imu_watch.has(now)
     # Without power most drives report their watchdog; arming clears that.
     faults = ', '.join(driver.telemetry.faults) if driver else ''

@@ -5,7 +5,7 @@ from functools import partial
 
 from rclpy.node import Node
 
-from ballbot_ros.bridge.drive_line import connector
+from ballbot_ros.bridge.drive_line import connectors
 from ballbot_ros.bridge.feasibility import check_feasible, check_joint_state_rate, onboard_lag
 from ballbot_ros.bridge.hardware_file import load_hardware
 from ballbot_ros.bridge.onboard import OnBoard
@@ -34,7 +34,7 @@ def new_session(node: Node, settings: BridgeSettings) -> Session:
     law = None
     if settings.control == 'onboard':
         check_joint_state_rate(hardware, settings.joint_state_rate)
-        lag = onboard_lag(hardware)
+        lag = onboard_lag(hardware, robot)
         lowest = check_feasible(hardware, robot, tuning, 0, lag)
         node.get_logger().info(
             f'laws on board, {1e3 * lag:.2g} ms from a measurement to its torque at most: these '
@@ -45,8 +45,10 @@ def new_session(node: Node, settings: BridgeSettings) -> Session:
     else:
         check_feasible(hardware, robot, tuning, settings.delay)
     observer = black_box(settings.black_box, hardware)
-    return Session(hardware, robot, connector(hardware, settings.capture, observer),
-                   observer=observer, law=law)
+    axes = [hardware] + ([] if hardware.steering is None else [hardware.lateral(robot)])
+    connect, *lateral = connectors(axes, settings.capture, observer)
+    return Session(hardware, robot, connect, observer=observer, law=law,
+                   connect_lateral=lateral[0] if lateral else None)
 
 
 def prepare_session(session: Session, now: BridgeSettings, wanted: BridgeSettings) -> Commit:
@@ -68,7 +70,7 @@ def prepare_session(session: Session, now: BridgeSettings, wanted: BridgeSetting
     lowest = law.controller.expected.lowest_rate
     if wanted.gains != now.gains:
         lowest = run_in_process(check_feasible, hardware, session.robot, wanted.gains, 0,
-                                onboard_lag(hardware))
+                                onboard_lag(hardware, session.robot))
     expected = replace(law.controller.expected, lowest_rate=lowest,
                        set_point_timeout=wanted.set_point_timeout)
 

@@ -193,7 +193,7 @@ def test_the_joint_turns_shaft_into_pendulum_and_back():
 
 
 def test_a_line_that_is_too_slow_is_refused_with_the_baud_that_does():
-    budget = wire_budget(changed())
+    budget = wire_budget(changed(), GIMBALL)
     assert budget.duration(921600) == pytest.approx(
         10.0 * (budget.bytes_out + budget.bytes_in) / 921600)
     top = int(budget.highest_rate(115200))
@@ -231,8 +231,8 @@ def test_a_watchdog_shorter_than_three_periods_is_refused():
 
 
 def test_on_board_a_torque_is_late_by_what_is_on_the_line_and_a_reserve():
-    budget = wire_budget(changed())
-    assert onboard_lag(changed()) == pytest.approx(
+    budget = wire_budget(changed(), GIMBALL)
+    assert onboard_lag(changed(), GIMBALL) == pytest.approx(
         10.0 * (budget.bytes_out + budget.bytes_in) / 921600 + RESERVE)
 
 
@@ -241,13 +241,13 @@ def test_on_board_a_torque_is_late_by_what_is_on_the_line_and_a_reserve():
 def test_the_published_gains_need_this_rate_on_board(name, lowest):
     hardware = load_hardware(name)
     hardware = replace(hardware, connection=replace(hardware.connection, loop_rate=700.0))
-    assert check_feasible(hardware, GIMBALL, PUBLISHED, 0, onboard_lag(hardware)) \
+    assert check_feasible(hardware, GIMBALL, PUBLISHED, 0, onboard_lag(hardware, GIMBALL)) \
         == pytest.approx(lowest, rel=5e-3)
 
 
 def test_gains_that_diverge_on_board_are_refused_with_the_delay_in_milliseconds():
     with pytest.raises(UnstableLoopError, match='at 500 Hz with 1.9 ms of delay; run it at 548'):
-        check_feasible(changed(), GIMBALL, PUBLISHED, 0, onboard_lag(changed()))
+        check_feasible(changed(), GIMBALL, PUBLISHED, 0, onboard_lag(changed(), GIMBALL))
 
 
 def test_joint_states_come_at_most_at_the_rate_of_the_loop():

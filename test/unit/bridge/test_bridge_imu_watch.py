@@ -166,4 +166,4 @@ def test_stamps_of_a_clock_that_was_set_cost_twenty_milliseconds_and_nothing_els
     robot._imu = imu
     report = robot.run(0.2, torque=0.5)
     assert robot.motor > 0.0 and not report.e_stop
-    assert robot.session.control.sensing.imu_watch.silences == 0
+    assert robot.session.sensing.imu_watch.silences == 0

@@ -50,7 +50,7 @@ def test_speed_is_reported_as_after_the_last_imu_reading_unless_that_is_long_ago
 def test_without_an_imu_the_newest_is_reported():
     robot = VirtualRobot(imu=False).ready()
     robot.run(0.5, torque=0.2)
-    assert robot.session.odometry is robot.session.control.sensing.odometry
+    assert robot.session.odometry is robot.session.sensing.odometry
 
 
 def test_the_place_survives_a_drive_that_is_configured_again():

@@ -168,7 +168,7 @@ def test_the_bridge_reads_a_sensor_itself_where_its_hardware_file_has_the_port(
     node = make_node(Bridge, hardware=str(tmp_path / 'hardware.yaml'), autostart=False,
                      black_box='', port='/dev/none')
     try:
-        watch = node._session.control.sensing.imu_watch
+        watch = node._session.sensing.imu_watch
         assert wait(lambda: watch.usable(time.monotonic()))
         last = node._session.fusion._waiting[-1]
         assert last.turn_rate == pytest.approx(0.25, abs=0.01)  # its left axis points right

@@ -23,7 +23,7 @@ def test_a_refusal_comes_back_as_it_was_raised(gimball):
 def test_a_hardware_file_can_be_sent(gimball):
     hardware = load_hardware('gimball_odrive')
     lowest = run_in_process(check_feasible, hardware, gimball, load_tuning('gentle'), 0,
-                   onboard_lag(hardware))
+                            onboard_lag(hardware, gimball))
     assert 0.0 < lowest < hardware.connection.loop_rate
 
 

@@ -205,6 +205,7 @@ class ODriveCan(Driver):
 
     options: ODriveCanOptions
     protocol, maker = 'odrive_can', 'ODrive'
+    shares_line = 'node_id'
     Options = ODriveCanOptions
     baud_rates = (250000, 1000000, 500000, 125000)
 

@@ -19,7 +19,6 @@ from ballbot_ros.drives.can_frames import CanFrame, RecordParser
 from ballbot_ros.drives.odrive.cansimple import codec
 from ballbot_ros.drives.odrive.emulated_board import BoardDevice, CONFIG, NAMES, QUIRKS
 
-NODE = 0
 FRAME_BITS = 160
 MAILBOXES = 3
 REBOOT = 0x16
@@ -27,7 +26,7 @@ ASCII_ONLY = ('1d', 'no_sc')
 
 
 class ODriveCanDevice(BoardDevice):
-    """See `Device`; the motor is on axis 0, with the node id 0."""
+    """See `Device`; the node id is the number of the axis, one `Device` of a board."""
 
     protocol = 'odrive_can'
     quirks = {name: quirk for name, quirk in QUIRKS.items() if name not in ASCII_ONLY}
@@ -58,7 +57,7 @@ class ODriveCanDevice(BoardDevice):
         reply = b''
         for frame in self._records.feed(data):
             node, command = divmod(frame.identifier, 1 << codec.COMMAND_BITS)
-            if node == NODE and not frame.extended:
+            if node == self.settings.axis and not frame.extended:
                 answer = self._obey(command, frame, now)
                 self.tick(now)
                 reply += self._sent(answer, now)
@@ -86,7 +85,7 @@ class ODriveCanDevice(BoardDevice):
                     for part in ('motor', 'encoder', 'controller')]
         else:
             more = [int(here.get('axis0.procedure_result', 0)), 0, 0]
-        return codec.frame(NODE, codec.HEARTBEAT, struct.pack(
+        return codec.frame(self.settings.axis, codec.HEARTBEAT, struct.pack(
             '<IBBBB', int(here[self.names.errors]) & 0xFFFFFFFF,
             int(here['axis0.current_state']) & 0xFF, *more))
 
@@ -122,9 +121,9 @@ class ODriveCanDevice(BoardDevice):
         if not self._old:
             numbers[codec.TEMPERATURE] = (sensed.temperature, sensed.motor_temperature)
         if command in numbers:
-            return codec.frame(NODE, command, struct.pack('<ff', *numbers[command]))
+            return codec.frame(self.settings.axis, command, struct.pack('<ff', *numbers[command]))
         data = self._old_register(command) if self._old else self._new_register(command)
-        return codec.frame(NODE, command, data) if data else b''
+        return codec.frame(self.settings.axis, command, data) if data else b''
 
     def _old_register(self, command: int) -> bytes:
         parts = {codec.MOTOR_ERROR: 'motor', codec.ENCODER_ERROR: 'encoder',
@@ -148,7 +147,7 @@ class ODriveCanDevice(BoardDevice):
             return b''
         value = found[0] if isinstance(found[0], float) else int(found[0])
         raw = struct.pack('<BHB' + codec.TYPES[_type_of(value)], 0, number, 0, value)
-        return codec.frame(NODE, codec.TX_SDO, raw)
+        return codec.frame(self.settings.axis, codec.TX_SDO, raw)
 
 
 def _type_of(value: float) -> str:

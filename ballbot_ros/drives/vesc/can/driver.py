@@ -27,6 +27,7 @@ class VescCan(Vesc):
 
     options: VescCanOptions
     protocol = 'vesc_can'
+    shares_line = 'can_id'
     Options = VescCanOptions
     baud_rates = (500000, 1000000, 250000, 125000, 100000)
 

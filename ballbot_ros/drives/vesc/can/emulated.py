@@ -9,12 +9,13 @@ HW_TYPE_VESC = 0
 
 
 class VescCanDevice(VescDevice):
-    """See `Device`; its id is `codec.DRIVE_ID`."""
+    """See `Device`; its id is `codec.DRIVE_ID`, and the next one of a second axis."""
 
     protocol = 'vesc_can'
 
     def _boot(self) -> None:
         super()._boot()
+        self._id = codec.DRIVE_ID + self.settings.axis
         self._records, self._assembly = RecordParser(), codec.Assembly()
         self._replies = serial.FrameParser()
 
@@ -24,20 +25,20 @@ class VescCanDevice(VescDevice):
     def _take(self, frame: CanFrame, now: float) -> bytes:
         """Obey a frame and return the records of the answer; see `decode_msg`."""
         kind, to = frame.identifier >> 8, frame.identifier & 0xFF
-        if not frame.extended or to not in (codec.DRIVE_ID, codec.BROADCAST_ID):
+        if not frame.extended or to not in (self._id, codec.BROADCAST_ID):
             return b''
         data = frame.data
         if kind == codec.SET_CURRENT and len(data) >= 4:
             self._obey_message(bytes((serial.SET_CURRENT,)) + data[:4], now)
         elif kind == codec.PING and data:
             return record(codec.packet(
-                codec.PONG, data[0], bytes((codec.DRIVE_ID, HW_TYPE_VESC))))
+                codec.PONG, data[0], bytes((self._id, HW_TYPE_VESC))))
         else:
             payload = self._assembly.take(kind, data)
             if payload is not None and data[1] in (codec.ANSWER_ME, 3):
                 purpose = codec.ANSWER if data[1] == codec.ANSWER_ME else codec.ANSWER_ME
                 return b''.join(
-                    codec.records(reply, data[0], codec.DRIVE_ID, purpose)
+                    codec.records(reply, data[0], self._id, purpose)
                     for reply in self._obey_message(payload, now))
         return b''
 

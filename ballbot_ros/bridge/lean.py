@@ -1,0 +1,147 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+The lateral axis of a robot that steers: lean from its encoder, and the torque of the laws.
+
+Tilt and yaw rate are not measured.  An observer, the lateral model under the measured lean,
+computes them; it starts from rest with each set-point after an idle time, so that its errors do
+not accumulate.
+"""
+from typing import Callable, NamedTuple, Optional
+
+from ballbot_ros.bridge.hardware_file import Hardware
+from ballbot_ros.bridge.sensing import AxisSensing
+from ballbot_ros.bridge.supervisor import PendulumMotion
+from ballbot_ros.drives.contract import Telemetry
+from ballbot_ros.errors import EstimateLostError
+from ballbot_ros.physics.model.robot import Robot
+from ballbot_ros.steering import (
+    follow, lateral_acceleration, LateralState, law, required_steering, servo_torque)
+
+# Comparison of the lean with the torque: time constant [s], and part of the largest torque from
+# which it applies, more than weight and friction oppose at rest.
+SMOOTHING, LEAST_PART = 0.1, 0.5
+
+
+class LeanReadings(NamedTuple):
+    """Lateral state by the encoder and the observer, and the speed of the ball [m/s]."""
+
+    state: LateralState
+    speed: float
+
+
+class LeanEstimate(NamedTuple):
+    """Readings and the time at which the drive measured them [s]."""
+
+    stamp: float
+    readings: LeanReadings
+
+
+class LeanSensing(AxisSensing):
+    """
+    Converts telemetry of the lateral drive to lateral states.
+
+    Parameters
+    ----------
+    hardware : Hardware
+        Of the lateral axis.
+    robot : Robot
+    speed : callable
+        Returns the speed of the ball [m/s]; None while it is not known.
+
+    """
+
+    def __init__(self, hardware: Hardware, robot: Robot, speed: Callable[[], Optional[float]]):
+        super().__init__(hardware)
+        self._robot, self._speed = robot, speed
+        self._limits = required_steering(robot)
+        self._zero = hardware.joint.encoder_zero
+        self._given_zero = self._zero
+        self._difference = 0.0  # of the lean rate from that by the torque, smoothed [rad/s]
+        self.state = LateralState()
+        self.estimate: Optional[LeanEstimate] = None
+
+    def begin(self, now: float) -> None:
+        """Restart with a drive after its handshake."""
+        super().begin(now)
+        self.rezero()
+        self.estimate = None
+
+    def rezero(self) -> None:
+        """Take the pendulum to hang straight now, unless the encoder keeps its zero."""
+        self._zero, self._difference = self._given_zero, 0.0
+
+    def forget(self) -> None:
+        """Restart the observer from rest."""
+        self.state = self.state._replace(tilt=0.0, tilt_rate=0.0, yaw_rate=0.0)
+
+    def take(self, telemetry: Telemetry, torque: float) -> Optional[LeanEstimate]:
+        """Return an estimate from a new measurement, None if there is none in the telemetry."""
+        before, measured = self.stamp, self.new_measurement(telemetry)
+        if measured is None:
+            return None
+        angle, rate = measured
+        pause = self.stamp - before
+        if self._zero is None:
+            self._zero = angle
+        lean, speed = angle - self._zero, self._speed() or 0.0
+        if not 0.0 < pause <= self.longest_pause:
+            self.state = LateralState(lean, rate or 0.0)
+        else:
+            if rate is None:
+                rate = (lean - self.state.lean) / pause
+            self._check_torque(rate - self.state.lean_rate, speed, torque, pause)
+            before_it = self.estimate.readings.speed if self.estimate is not None else speed
+            self.state = follow(
+                self._robot, self.state, 0.5 * (before_it + speed), rate, pause,
+                (speed - before_it) / pause)._replace(lean=lean)
+        self.estimate = LeanEstimate(self.stamp, LeanReadings(self.state, speed))
+        return self.estimate
+
+    def _check_torque(self, change: float, speed: float, torque: float, pause: float) -> None:
+        """Raise `EstimateLostError` if a large torque does not accelerate the lean."""
+        self._difference *= max(0.0, 1.0 - pause / SMOOTHING)
+        if abs(torque) < LEAST_PART * self._limits.largest_torque:
+            return
+        self._difference += change - pause * lateral_acceleration(
+            self._robot, self.state, speed, torque)
+        if abs(self._difference) > self._limits.largest_lean_rate:
+            self._difference = 0.0
+            raise EstimateLostError(
+                'the lean does not follow the torque of the lateral axis: its encoder is frozen '
+                'or reversed, or the axis is blocked; look at the section steering of the '
+                'hardware file')
+
+    def motion(self, now: float) -> Optional[PendulumMotion]:
+        """Return the motion of the lateral axis, None if it is too old for torque."""
+        if self.estimate is None or self.is_stale(now) or self._speed() is None:
+            return None
+        return PendulumMotion(self.state.lean, self.state.lean_rate, self.state.lean_rate)
+
+
+class LeanLaw:
+    """
+    Computes the torque of the lateral axis; an `AxisLaw`.
+
+    Parameters
+    ----------
+    robot : Robot
+    yaw_rate : callable
+        Returns the commanded yaw rate [rad/s]; None while nothing is commanded.
+    forget : callable
+        Restarts the observer.
+
+    """
+
+    def __init__(self, robot: Robot, yaw_rate: Callable[[], Optional[float]],
+                 forget: Callable[[], None]):
+        self._robot, self._yaw_rate, self.forget = robot, yaw_rate, forget
+
+    def answer(self, readings: LeanReadings, in_force: float, e_stop: bool) -> float:
+        """Return the torque for a lateral state, 0 without a set-point [N m]."""
+        yaw_rate = self._yaw_rate()
+        if e_stop or yaw_rate is None:
+            self.forget()
+            return 0.0
+        state, speed = readings
+        return servo_torque(
+            self._robot, state, speed, law(self._robot, state, speed, yaw_rate))

@@ -1,0 +1,234 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A robot with a second motor: it turns, and each fault of one axis ends the torque of both."""
+from dataclasses import replace
+import math
+
+import pytest
+from refusals import refused
+from session_faults import (
+    loop, rebooted_drive, requested_stop, silent_drive, silent_imu, tripped_drive, unplugged)
+from virtual_robot import STEP, VirtualRobot
+
+from ballbot_ros.bridge.feasibility import wire_budget
+from ballbot_ros.bridge.hardware_file import load_hardware, read_hardware
+from ballbot_ros.bridge.motor_state import MotorState
+from ballbot_ros.bridge.session import Session
+from ballbot_ros.control import Mode, SetPoint
+from ballbot_ros.drives.roboclaw import codec
+from ballbot_ros.physics import load_robot
+
+GIMBALL = load_robot('gimball')
+TURN = SetPoint(Mode.SPEED, 0.5, yaw_rate=0.25)
+STEERING = {'gear_ratio': 50.0}
+
+
+@pytest.fixture(params=['roboclaw', 'vesc_can', 'odrive_can 0.6'])
+def robot(request):
+    """Return a robot that steers, its e-stop released."""
+    return VirtualRobot(request.param, onboard='gentle', steering=True).ready()
+
+
+@pytest.fixture
+def turning(robot):
+    """Return a robot in a turn."""
+    robot.loop(1.0, TURN)
+    assert any(robot.torques[-50:]) and any(robot.leans[-50:])
+    return robot
+
+
+@pytest.mark.parametrize('speed, yaw_rate', [(0.3, 0.15), (0.5, -0.3), (-0.4, 0.2), (0.7, 0.1)])
+def test_it_turns_at_the_commanded_yaw_rate(robot, speed, yaw_rate):
+    robot.loop(5.0, SetPoint(Mode.SPEED, speed, yaw_rate=yaw_rate))
+    heading = robot.lateral.heading
+    robot.loop(2.0, SetPoint(Mode.SPEED, speed, yaw_rate=yaw_rate))
+    assert (robot.lateral.heading - heading) / 2.0 == pytest.approx(yaw_rate, rel=0.03)
+    assert robot.session.lateral.state.tilt == pytest.approx(robot.lateral.tilt, abs=0.005)
+    assert not robot.session.supervisor.e_stop
+
+
+def test_without_a_yaw_rate_it_drives_straight(robot):
+    robot.loop(3.0, SetPoint(Mode.SPEED, 0.5))
+    assert robot.lateral.heading == 0.0 and abs(robot.lateral.lean) < 1e-3
+
+
+def test_the_lean_stays_within_the_limit_of_the_robot(robot):
+    leans = []
+    for _ in range(200):
+        robot.loop(0.02, SetPoint(Mode.SPEED, 0.5, yaw_rate=3.0))
+        leans.append(abs(robot.lateral.lean))
+    assert 0.2 < max(leans) < 1.1 * GIMBALL.steering.largest_lean
+    assert not robot.session.supervisor.e_stop
+
+
+def frozen_lean(velocity):
+    """Return a fault: the encoder of the lateral axis repeats its last position."""
+    def plant(robot):
+        position = robot.device.second.position
+        robot.lean_encoder = lambda true: true._replace(
+            position=position, velocity=true.velocity if velocity else 0.0)
+    return plant
+
+
+def reversed_lean(velocity):
+    """Return a fault: the encoder of the lateral axis counts backwards from where it is."""
+    def plant(robot):
+        position = robot.device.second.position
+        robot.lean_encoder = lambda true: true._replace(
+            position=2.0 * position - true.position,
+            velocity=true.velocity if velocity else -true.velocity)
+    return plant
+
+
+def silent_axis(number):
+    """Return a fault: no replies to one axis arrive."""
+    def plant(robot):
+        driver = robot.session.axes[number].line.driver
+        driver._parser.feed = lambda data: []
+    return plant
+
+
+FAULTS = {
+    'requested': requested_stop, 'unplugged': unplugged, 'silent drive': silent_drive,
+    'silent IMU': silent_imu, 'tripped': tripped_drive, 'rebooted': rebooted_drive,
+    'joint silent': silent_axis(0), 'lean silent': silent_axis(1),
+    'lean frozen': frozen_lean(True), 'lean frozen, velocity too': frozen_lean(False),
+    'lean reversed': reversed_lean(True), 'lean reversed, velocity too': reversed_lean(False)}
+
+
+@pytest.mark.parametrize('fault', FAULTS)
+def test_each_fault_of_one_axis_ends_the_torque_of_both(turning, fault):
+    robot, first = turning, len(turning.torques)
+    FAULTS[fault](robot)
+    set_point = SetPoint(Mode.SPEED, 0.5, yaw_rate=-0.4)  # asks for torque of both
+    for _ in range(100):
+        loop(robot, 0.02, set_point)
+        if robot.session.supervisor.e_stop:
+            break
+    robot.loop(0.3)
+    assert all(axis.supervisor.e_stop for axis in robot.session.axes)
+    last = max(number for torques in (robot.torques, robot.leans)
+               for number, torque in enumerate(torques, 1) if torque)
+    assert STEP * (last - first) < 0.7
+    states = {axis.power.state for axis in robot.session.axes}
+    assert states <= {MotorState.DISARMED, MotorState.DISCONNECTED}
+
+
+@pytest.mark.parametrize('exit_by', ['deactivate', 'close'])
+def test_each_exit_stops_both_motors_and_both_confirm_it(turning, exit_by):
+    getattr(turning.session, exit_by)()
+    turning.pass_time(STEP)
+    assert turning.torques[-1] == turning.leans[-1] == 0.0
+    assert not any(axis.unconfirmed for axis in turning.session.axes)
+    expected = MotorState.DISARMED if exit_by == 'deactivate' else MotorState.DISCONNECTED
+    assert {axis.power.state for axis in turning.session.axes} == {expected}
+    assert turning.lines == (exit_by == 'deactivate')
+
+
+def test_the_drive_stops_both_motors_of_a_process_that_was_killed(turning):
+    turning.pass_time(0.2)  # nothing is sent; the serial timeout is 0.1 s
+    assert turning.torques[-1] == turning.leans[-1] == 0.0
+
+
+@pytest.mark.parametrize('rearm', [False, True])
+def test_after_a_lost_line_both_axes_are_found_and_armed_again(rearm):
+    robot = VirtualRobot('roboclaw', onboard='gentle', steering=True, rearm=rearm).ready()
+    robot.loop(1.0, TURN)
+    unplugged(robot)
+    robot.loop(0.3)
+    robot.plugged = True
+    robot.loop(1.5)
+    assert all(axis.line.driver is not None for axis in robot.session.axes)
+    if not rearm:
+        robot.session.release()
+    robot.loop(1.0, TURN)
+    assert {axis.power.state for axis in robot.session.axes} == {MotorState.ARMED}
+    assert any(robot.torques[-50:]) and any(robot.leans[-50:])
+
+
+def test_no_axis_pulls_before_both_are_armed(robot):
+    session = robot.session
+    session.engage('test')
+    robot.loop(0.7)
+    second = session.axes[1]
+    arm, second._arm = second._arm, lambda driver: None
+    session.release()
+    robot.loop(0.5, TURN)
+    assert session.control.power.state is MotorState.ARMED
+    assert not any(robot.torques[-200:])
+    second._arm = arm
+    robot.loop(0.5, TURN)
+    assert any(robot.torques[-50:])
+
+
+def test_the_other_axis_is_fed_while_one_arms_slowly(robot):
+    session, driver = robot.session, robot.session.axes[1].line.driver
+    session.engage('test')
+    robot.loop(0.7)
+    arm = driver._arm
+
+    def slow(deadline):
+        driver._until(lambda: False, driver.clock() + 0.2)
+        arm(driver.clock() + 0.25)
+    driver._arm = slow
+    session.release()
+    robot.loop(1.0, TURN)
+    assert not session.supervisor.e_stop
+    assert {axis.power.state for axis in session.axes} == {MotorState.ARMED}
+
+
+def test_a_second_drive_that_is_set_wrongly_is_refused_and_nothing_stays_open():
+    robot = VirtualRobot('roboclaw', onboard='gentle', steering=True)
+    answers, right = robot.device._answers, robot.device._answers[codec.GET_MAX_CURRENT[1]]
+    answers[codec.GET_MAX_CURRENT[1]] = lambda: (99999, 0)
+    with refused('inconsistent', 'torque limit'):
+        robot.session.configure()
+    assert robot.lines == 0 and robot.session.line.driver is None
+    answers[codec.GET_MAX_CURRENT[1]] = right
+    robot.session.configure()
+
+
+def with_steering(name, robot='gimball', **steering):
+    """Return hardware of the package with a section steering."""
+    hardware = load_hardware(name)
+    content = {
+        'name': 'test', 'robot': robot, 'joint': {'gear_ratio': 50.0},
+        'limits': {'torque_limit': 4.0}, 'drive': dict(hardware.drive),
+        'connection': {'protocol': hardware.connection.protocol, 'port': '/dev/ttyA'},
+        'steering': {**STEERING, **steering}}
+    return read_hardware(content, 'test')
+
+
+@pytest.mark.parametrize('hardware, reason, field', [
+    (lambda: with_steering('gimball_roboclaw').lateral(GIMBALL), 'inconsistent', 'axis'),
+    (lambda: with_steering('gimball_vesc_can').lateral(GIMBALL), 'inconsistent', 'can_id'),
+    (lambda: with_steering('gimball_odrive').lateral(GIMBALL), 'missing', 'port'),
+    (lambda: load_hardware('gimball_odrive').lateral(GIMBALL), 'missing', 'steering'),
+    (lambda: with_steering('gimball_vesc', port='/dev/ttyB').lateral(load_robot('shellball')),
+     'missing', 'steering'),
+    (lambda: with_steering('gimball_roboclaw', drive={'watchdog': 3.0}), 'inconsistent',
+     'watchdog'),
+    (lambda: with_steering('gimball_roboclaw', largest_lean=0.3), 'unknown_name', 'largest_lean'),
+    (lambda: with_steering('gimball_roboclaw', gear_ratio=math.nan), 'not_finite', 'gear_ratio')])
+def test_a_section_steering_that_cannot_work_is_refused(hardware, reason, field):
+    with refused(reason, field):
+        hardware()
+
+
+def test_limits_of_the_lateral_axis_are_those_of_the_robot():
+    lateral = load_hardware('gimball_roboclaw_steering').lateral(GIMBALL)
+    assert lateral.limits.torque_limit == GIMBALL.steering.largest_torque
+    assert lateral.limits.angle_limit == GIMBALL.steering.largest_lean
+    assert lateral.limits.speed_limit == GIMBALL.steering.largest_lean_rate
+
+
+def test_the_laws_must_run_on_board_to_steer():
+    hardware = load_hardware('gimball_roboclaw_steering')
+    with refused('inconsistent', 'control'):
+        Session(hardware, GIMBALL, lambda: None, connect_lateral=lambda: None)
+
+
+def test_both_axes_count_in_the_budget_of_a_line_that_they_share():
+    hardware = load_hardware('gimball_roboclaw_steering')
+    both = wire_budget(hardware, GIMBALL)
+    one = wire_budget(replace(hardware, steering=None), GIMBALL)
+    assert both.bytes_in == 2 * one.bytes_in and both.bytes_out == 2 * one.bytes_out
