@@ -111,14 +111,18 @@ class Memory:
         self._free_from = min(self._free_from, motion.position)
         if motion.position < self._edge_behind - KEPT_OFF - self._radius:
             self._edge_behind = -math.inf  # the ball has rolled back over it
+        ahead = self._ahead
+        if profile is not None and profile.rejection is None:
+            ahead = tuple(face for face in profile.faces if face.position > motion.position)
         for face in self._ahead:
-            if abs(face.height) > UNEVEN and face.position <= motion.position:
+            # The estimate of a face may move from before the ball to behind it.
+            moved = face.position <= motion.position + KEPT_OFF and all(
+                face.number != other.number for other in ahead)
+            if abs(face.height) > UNEVEN and (face.position <= motion.position or moved):
                 # After a step down, the way back is a step up, which the ball touches earlier.
                 self._edge_behind = face.position + KEPT_OFF + touch_distance(
                     self._radius, -face.height)
-        if profile is not None and profile.rejection is None:
-            self._ahead = tuple(face for face in profile.faces
-                                if face.position > motion.position)
+        self._ahead = ahead
         blocked = self._obstruction
         if blocked is not None and motion.position > blocked.position + PASSED:
             self._obstruction = None

@@ -154,9 +154,9 @@ def checked(decision: Decision, situation: Situation, knowledge: Knowledge) -> D
         return decision
     faces = situation.profile.faces if situation.profile is not None else ()
     face = next((item for item in faces if item.number == decision.step), None)
-    if face is None and decision.contact_since is not None \
-            and situation.motion.position < plan.edge:
-        return decision  # of a ball on the edge: its face lies below it
+    if face is None and situation.motion.position < plan.edge and (
+            decision.contact_since is not None or decision.reason is Reason.COMMITTED):
+        return decision  # nothing stops it any more, or its face lies below the ball
     if face is None:
         return stop(Reason.BAD_OBSERVATION, 'Stopping: a plan crosses a step that is not known')
     bound = energy_bound(knowledge.robot, max(tuning.highest_speed, situation.motion.speed),

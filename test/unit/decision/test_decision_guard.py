@@ -69,6 +69,13 @@ def test_a_crossing_beyond_a_limit_is_replaced_by_a_stop(change, face, reason):
     assert answer.explanation
 
 
+@pytest.mark.parametrize('reason, kind', [
+    (Reason.COMMITTED, Kind.CROSS), (Reason.LIKELY, Kind.STOP)])
+def test_a_crossing_whose_face_was_lost_goes_on_only_where_nothing_stops_it(reason, kind):
+    crossing = replace(CROSSING, reason=reason, plan=replace(CROSSING.plan, edge=0.8), step=4)
+    assert checked(crossing, situation(), KNOWN).kind is kind
+
+
 def test_backing_off_stays_on_ground_known_to_be_free():
     back = Decision(Kind.BACK_OFF, Reason.RUN_UP, 0.2, '', plan=Plan(Strategy.BACK_OFF, -0.5))
     known = replace(situation(), free_from=-0.5)

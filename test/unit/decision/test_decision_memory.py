@@ -57,6 +57,18 @@ def test_behind_a_step_that_was_climbed_it_does_not_back_off_over_its_edge():
     assert memory.free_from == 0.0
 
 
+def test_an_edge_whose_estimate_moves_behind_the_ball_has_been_passed():
+    """It is in no profile before and after: as if it had never been ahead."""
+    memory = Memory(TUNING, RADIUS)
+    moved(memory, 0.0, 0.96, faces=(STEP,))
+    moved(memory, 0.98, 1.5, since=0.04)
+    assert memory.free_from == pytest.approx(1.05)
+    far = Memory(TUNING, RADIUS)
+    moved(far, 0.0, 0.5, faces=(STEP,))
+    moved(far, 0.9, since=0.04)
+    assert far.free_from == 0.0
+
+
 def test_below_a_step_down_it_does_not_back_off_against_the_step():
     memory = Memory(TUNING, RADIUS)
     down = replace(STEP, height=-0.02)

@@ -16,9 +16,10 @@ from ballbot_ros.physics.model.terrain import Array
 SMALLEST_DROP, HIGHEST_DESCENT = 0.005, 0.05
 # Faces that are farther apart than this are taken one by one [m].
 TOGETHER = 1.0
-# A swing is held until the centre is past the edge by this [m]; behind a step down, by this number
-# of position deviations more.
-HELD, SIGMAS = 0.01, 2.0
+# A swing is held until the centre is past the edge by this [m].
+HELD = 0.01
+# Number of standard deviations of position and height that count.
+SIGMAS = 2.0
 # Ground is drawn this far behind the ball, and this far behind the last that is known [m].
 BEYOND = 4.0
 
@@ -94,7 +95,7 @@ def faces_ahead(profile: Profile, position: float) -> Tuple[Face, ...]:
 
 def look_ahead(profile: Profile, faces: Sequence[Face], position: float, slope: float,
                slope_sd: float, radius: float, unseen_room: float,
-               climbed: float = 0.0, line: float = math.inf) -> Ahead:
+               climbed: float = 0.0, line: float = math.inf, kept: bool = False) -> Ahead:
     """
     Return the terrain ahead of the ball.
 
@@ -116,6 +117,8 @@ def look_ahead(profile: Profile, faces: Sequence[Face], position: float, slope: 
         Height that the ball has just climbed, and may descend again [m].
     line : float
         Stop line of what is not a face [m].
+    kept : bool
+        Whether there is a plan: then a step down stays one up to `HIGHEST_DESCENT`.
 
     """
     floor = GroundProfile(profile.points, slope)
@@ -137,7 +140,8 @@ def look_ahead(profile: Profile, faces: Sequence[Face], position: float, slope: 
         here = foot + max(face.run, 0.0)
         rows.append((here, level, index, 1.0, 1.0))
         # Down again is fine as far as it went up before.
-        descent = HIGHEST_DESCENT - 2.0 * face.height_sd if seen else 0.0
+        doubt = 0.0 if kept else SIGMAS * face.height_sd
+        descent = HIGHEST_DESCENT - doubt if seen else 0.0
         falls = falls or -face.height > max(descent, climbed + SMALLEST_DROP)
         climbed += face.height
         if falls or index > 0 and foot - last > TOGETHER:

@@ -250,6 +250,11 @@ class PlanSelector:
         self._task: Optional[Task] = None
         self._answers = self._changes = 0
 
+    def has_plan_for(self, face: Face) -> bool:
+        """Return whether a plan for a face has been selected."""
+        return self.choice is not None and self.choice.trial is not None \
+            and self.basis is not None and _is_same(self.basis.face, face)
+
     def update(self, ahead: Ahead, situation: Situation, braking_room: float) -> None:
         """Continue the search, or re-evaluate the plan, within the budget of one decision."""
         motion, face = situation.motion, ahead.faces[0]
@@ -527,7 +532,8 @@ class RolloutPlanner:
         line = self._lines.before_slope(profile, faces[0].position, slope, None)
         behind = math.inf if line is None else line.position
         ahead = look_ahead(profile, faces, motion.position, slope, deviation,
-                           self._robot.ball_radius, self._tuning.unseen_room, climbed, behind)
+                           self._robot.ball_radius, self._tuning.unseen_room, climbed, behind,
+                           self._selector.has_plan_for(faces[0]))
         if not ahead.ends and -HIGHEST_DESCENT < faces[0].height \
                 and self._braking_room(ahead, motion) < TOO_LATE:
             # To go down a small drop on purpose is better than to slide down it.
