@@ -80,6 +80,7 @@ class Decider:
         self._particles = particles
         self._plan = with_safety_filter(self._maker(knowledge), knowledge)
         self._fusion = GroundFusion(knowledge.robot, knowledge.tuning, frame)
+        self._fusion.stand_on(_steepest(knowledge))
         self._pilot = Pilot(knowledge)
         self._memory = Memory(knowledge.tuning, knowledge.robot.ball_radius)
         self._watch = AttemptWatch(knowledge.robot)
@@ -111,6 +112,7 @@ class Decider:
         def begin() -> None:
             self._plan = plan
             self._pilot.follow(knowledge)
+            self._fusion.stand_on(_steepest(knowledge))
         return begin
 
     @property
@@ -181,6 +183,11 @@ class Decider:
         memory.watch(motion, decision)
         self.end = self.goals.update(planned, motion, self._outcome)
         return Answer(motion.stamp, decision, self._pilot.angle(decision, motion))
+
+
+def _steepest(knowledge: Knowledge) -> float:
+    """Return the slope that the ball can be held on [rad]."""
+    return Braking(knowledge.robot, knowledge.tuning, knowledge.control).steepest
 
 
 def warm_up(knowledge: Knowledge, planner: str) -> None:

@@ -275,6 +275,8 @@ class Profile:
     gaps : tuple of (float, float)
         Position intervals between `seen_from` and `seen_to` that edges occlude; the polyline
         drops at their start to the next observed point [m].
+    steep : tuple of (float, float)
+        Stretches that are too steep to stand on: where they begin [m], and slope [rad].
     bias_sd : float
         Part of the height deviations common to all faces, not reduced by averaging [m].
     rejection : Reason or None
@@ -295,6 +297,7 @@ class Profile:
     explanation: str = ''
     points_sd: Tuple[float, ...] = ()
     gaps: Tuple[Tuple[float, float], ...] = ()
+    steep: Tuple[Tuple[float, float], ...] = ()
     bias_sd: float = 0.0
 
     @property

@@ -2,9 +2,9 @@
 """Bring observations and odometry together that come at different times, late, or never."""
 from bisect import bisect_left
 from collections import deque
-from dataclasses import replace
+from dataclasses import dataclass, replace
 import math
-from typing import Deque, Dict, Optional, Set, Tuple, Union
+from typing import Deque, Dict, Optional, Set, Union
 
 import numpy as np
 
@@ -46,6 +46,10 @@ class ProfileTracker:
         self._terrain = TerrainTracker(robot, tuning, frame)
         self._sigmas = tuning.contradiction_sigma
         self.reset()
+
+    def stand_on(self, steepest: float) -> None:
+        """Take the slope that the ball can be held on [rad]."""
+        self._terrain.steepest = steepest
 
     def reset(self) -> None:
         """Forget all, for a jump of time or place; the numbers of faces go on counting."""
@@ -154,6 +158,16 @@ def unchanged_distance(observation: Observation) -> float:
     return FROZEN_DISTANCE + float(np.median(np.diff(x)[max(face - 3, 0):face + 4]))
 
 
+@dataclass
+class _Unchanged:
+    """Data that repeat: where the ball was when they were new, and the profile with them."""
+
+    data: Observation
+    position: float
+    profile: Optional[Profile] = None
+    frozen: bool = False
+
+
 class GroundFusion:
     """
     Fuses each observation at the position that the ball had when it was made.
@@ -177,6 +191,7 @@ class GroundFusion:
     def __init__(self, robot: Robot, tuning: DecisionTuning, frame: str = 'base_link'):
         """Start with nothing seen."""
         self._tracker = ProfileTracker(robot, tuning, frame)
+        self.stand_on = self._tracker.stand_on
         self.reset()
 
     def reset(self) -> None:
@@ -185,7 +200,7 @@ class GroundFusion:
         self._stamps: Deque[float] = deque(maxlen=KEPT)
         self._positions: Deque[float] = deque(maxlen=KEPT)
         self._pending: Deque[Observation] = deque(maxlen=WAITING)
-        self._unchanged: Dict[type, Tuple[Observation, float]] = {}
+        self._unchanged: Dict[type, _Unchanged] = {}
         self._newest: Dict[type, float] = {}
         self._rejected = 0
         self._edges: Set[int] = set()
@@ -235,6 +250,8 @@ class GroundFusion:
         self._newest[kind] = max(self._newest.get(kind, -math.inf), observation.stamp)
         position = self._position_at(observation.stamp)
         if self._is_frozen(observation, position):
+            # What repeated data have shown since they were made is not there.
+            self.profile = self._unchanged[kind].profile or self.profile
             return self._refused(Profile(
                 observation.stamp, rejection=Reason.BAD_OBSERVATION,
                 explanation='the sensor is frozen: the ball rolls and its data do not change'))
@@ -247,12 +264,16 @@ class GroundFusion:
 
     def _is_frozen(self, observation: Observation, position: float) -> bool:
         """Return whether the data are the same although the ball has rolled."""
-        data = replace(observation, stamp=0.0)
-        last = self._unchanged.get(type(observation))
-        if last is None or last[0] != data:
-            self._unchanged[type(observation)] = data, position
+        kind, data = type(observation), replace(observation, stamp=0.0)
+        last = self._unchanged.get(kind)
+        if last is None or last.data != data:
+            if last is not None and last.frozen:
+                self._tracker.reset()
+            self._unchanged[kind] = _Unchanged(data, position)
             return False
-        return abs(position - last[1]) > unchanged_distance(observation)
+        last.profile = last.profile or self.profile
+        last.frozen |= abs(position - last.position) > unchanged_distance(observation)
+        return last.frozen
 
     def _refused(self, found: Profile) -> Profile:
         """Return the profile after a rejected observation: one that is lost, or one too many."""

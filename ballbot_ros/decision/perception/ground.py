@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Make a polyline and faces of a map of heights."""
 import math
-from typing import List, NamedTuple, Tuple
+from typing import List, NamedTuple, Sequence, Tuple
 
 import numpy as np
 
-from ballbot_ros.decision.perception.elevation import CELL, ElevationMap, Whole
+from ballbot_ros.decision.perception.elevation import around, CELL, ElevationMap, Whole
 from ballbot_ros.decision.perception.kernels import line, middle, simplify
 from ballbot_ros.physics.model.terrain import Array
 
@@ -28,6 +28,12 @@ WIDTHS = (1, 0.0008), (3, 0.0025), (5, math.inf)
 # Minimum height of a face, in metres and in standard deviations.
 LEAST_FACE, CERTAIN = 0.002, 4.0
 
+# A known face is one down to this height [m].
+FACE_EXIT = 0.003
+
+# Positions that differ by less are the same [m].
+ON_NODE = 1e-6
+
 # Minimum tolerance of the polyline simplification [m].
 LEAST_TOLERANCE = 0.001
 
@@ -49,8 +55,8 @@ class Nodes(NamedTuple):
     number: Whole
 
 
-def pieces_of(nodes: Nodes, shared: float) -> List[Piece]:
-    """Return the ground as gentle and steep pieces, from left to right."""
+def pieces_of(nodes: Nodes, shared: float, edges: Sequence[Piece] = ()) -> List[Piece]:
+    """Return the ground as gentle and steep pieces, from left to right; `edges` are steep."""
     own = nodes.variance / shared
     usual = middle(own)
     width = next(width for width, most in WIDTHS if usual < most**2)
@@ -59,9 +65,16 @@ def pieces_of(nodes: Nodes, shared: float) -> List[Piece]:
         LEAST_TOLERANCE, CERTAIN * np.sqrt(np.minimum(own, 4.0 * usual) / width))
     keep, stack = np.zeros(len(z)), np.zeros((len(z), 2))
     simplify(nodes.x, z, tolerance, keep, stack)
+    for _, begin, end in edges:
+        keep[begin:end + 1] = 0.0
+        keep[[begin, end]] = 1.0
+    keep[[0, -1]] = 1.0
     corners = np.flatnonzero(keep)
     x, z = nodes.x[corners], z[corners]
     signs = _signs(np.diff(x), np.diff(z))
+    for sign, begin, _ in edges:
+        if begin in corners[:-1]:
+            signs[int(np.searchsorted(corners, begin))] = sign
     pieces: List[Piece] = []
     for sign, begin, end in zip(signs, corners.tolist(), corners[1:].tolist()):
         if sign and pieces and pieces[-1].sign == sign:
@@ -171,6 +184,8 @@ class Found(NamedTuple):
         As of `Face` [m].
     before, after : (int, int)
         Half-open node ranges from which its height is computed.
+    excess : float
+        Height without that of the ground beside it over the same run [m].
 
     """
 
@@ -180,6 +195,7 @@ class Found(NamedTuple):
     height_sd: float
     before: Tuple[int, int]
     after: Tuple[int, int]
+    excess: float
 
 
 class GroundSeen(NamedTuple):
@@ -212,8 +228,21 @@ class GroundSeen(NamedTuple):
     slope_sd: float
 
 
-def ground_of(found: ElevationMap, position: float) -> GroundSeen:
-    """Return what a map shows around a position; empty where it shows nothing."""
+def ground_of(found: ElevationMap, position: float,
+              edges: Sequence[Found] = ()) -> GroundSeen:
+    """
+    Return what a map shows around a position; empty where it shows nothing.
+
+    Parameters
+    ----------
+    found : ElevationMap
+    position : float
+        Of the ball [m].
+    edges : sequence of Found
+        Known faces: they are measured where they are, and no other test than that of
+        `FACE_EXIT` applies to them.
+
+    """
     known = np.flatnonzero(np.isfinite(found.variance))
     if len(known) < 3:
         nan = math.nan
@@ -221,12 +250,24 @@ def ground_of(found: ElevationMap, position: float) -> GroundSeen:
     # Neighbouring nodes share the points that they lie between.
     shared = min(max(1.5 * found.spacing / CELL, 1.0), 20.0)
     nodes, gaps = _bridged(found, known, shared)
-    pieces = pieces_of(nodes, shared)
+    known_edges = _edges_in(nodes, edges)
+    pieces = pieces_of(nodes, shared, known_edges)
     datum, slope, _, slope_variance = _below(nodes, position)
-    points, sds, faces = _assemble(nodes, pieces, datum)
+    points, sds, faces = _assemble(nodes, pieces, known_edges, datum)
     slope_sd = math.sqrt(slope_variance + found.tilt_sd**2 + SLOPE_SD**2)
     return GroundSeen(points, sds, faces, gaps, float(nodes.x[0]), float(nodes.x[-1]),
                       math.atan(slope), slope_sd)
+
+
+def _edges_in(nodes: Nodes, edges: Sequence[Found]) -> List[Piece]:
+    """Return the nodes between which known faces lie."""
+    found = []
+    for edge in edges:
+        begin = int(np.searchsorted(nodes.x, edge.position + ON_NODE)) - 1
+        end = int(np.searchsorted(nodes.x, edge.position + edge.run + ON_NODE))
+        if begin >= 0 and end < len(nodes.x):
+            found.append(Piece(1 if edge.height > 0.0 else -1, begin, end))
+    return found
 
 
 def _bridged(found: ElevationMap, known: Whole,
@@ -240,7 +281,8 @@ def _bridged(found: ElevationMap, known: Whole,
     gaps = [(float(x[index]), float(x[index + 1])) for index in breaks
             if x[index + 1] - x[index] > LEAST_GAP + 1e-9]
     # Occluded terrain: a drop is at its edge, a rise at its nearest possible position.
-    jumps = breaks[np.abs(z[breaks + 1] - z[breaks]) > LEAST_FACE]
+    run, rise = np.diff(x), np.diff(z)
+    jumps = breaks[np.abs(rise - run * around(rise / run))[breaks] > LEAST_FACE]
     return Nodes(np.insert(x, jumps + 1, x[jumps] + 1e-4),
                  np.insert(z, jumps + 1, z[jumps + 1]),
                  np.insert(variance, jumps + 1, variance[jumps + 1]),
@@ -256,7 +298,7 @@ def _below(nodes: Nodes, position: float) -> Tuple[float, float, float, float]:
     return line(nodes.x, nodes.z, nodes.variance, int(begin), int(end), position)
 
 
-def _assemble(nodes: Nodes, pieces: List[Piece], datum: float
+def _assemble(nodes: Nodes, pieces: List[Piece], edges: Sequence[Piece], datum: float
               ) -> Tuple[List[Tuple[float, float]], List[float], List[Found]]:
     """Return polyline, its deviations and the faces."""
     points: List[Tuple[float, float]] = []
@@ -273,7 +315,10 @@ def _assemble(nodes: Nodes, pieces: List[Piece], datum: float
             face, low, high = _face(nodes, pieces, number)
             put(face.position, *low)
             put(face.position + face.run, *high)
-            if abs(face.height) > max(LEAST_FACE, CERTAIN * math.sqrt(low[1] + high[1])):
+            known = any(edge.sign == piece.sign and piece.begin <= edge.begin
+                        and edge.end <= piece.end for edge in edges)
+            if piece.sign * face.excess > FACE_EXIT if known else abs(face.height) > max(
+                    LEAST_FACE, CERTAIN * math.sqrt(low[1] + high[1])):
                 faces.append(face)
             continue
         if number == 0:
@@ -369,5 +414,7 @@ def _face(nodes: Nodes, pieces: List[Piece], number: int
     variance = low.variance + high.variance + blur**2
     if not _is_seen_whole(pieces, number):
         variance += UNSEEN_SD**2
-    return (Found(position, run, high.z - low.z, math.sqrt(variance), low.nodes, high.nodes),
+    excess = high.z - low.z - 0.5 * run * (low.slope + high.slope)
+    return (Found(position, run, high.z - low.z, math.sqrt(variance), low.nodes, high.nodes,
+                  excess),
             (low.z, low.variance), (high.z, high.variance))

@@ -127,6 +127,7 @@ class StepTracker:
     replaces it.  The deviation of the average has a constant error as lower bound.  A trend of
     the height with distance adds its expected remaining change to the uncertainty.
 
+    The first observation gives a step immediately, later ones when a second detection agrees.
     Once the centre has passed that position, the next detection is another step.  A detection that
     contradicts the step by more than `contradiction_sigma` deviations is reported, not averaged
     in; after `forget_after` consecutive contradictions the latest one replaces the step.  After as
@@ -147,6 +148,7 @@ class StepTracker:
     def reset(self) -> None:
         """Forget all, for a jump of time or place; the numbers of steps go on counting."""
         self._step: Optional[Face] = None
+        self._confirmed, self._first = False, True
         self._trend, self._heights, self._places = Trend(), Scatter(), Scatter()
         self._answer: Optional[Profile] = None
         self._strikes = 0
@@ -186,6 +188,8 @@ class StepTracker:
             self._heights.add(observation.height)
             self._places.add(position + observation.distance)
         contradiction = self._contradiction(observation, position)
+        if contradiction and not self._confirmed:
+            self._step, contradiction = None, ''
         if contradiction:
             self._strikes += 1
             if self._strikes < self._forget_after:
@@ -199,6 +203,7 @@ class StepTracker:
             self._miss(position)
             if observation.distance > 0.0:
                 seen_to = position + observation.distance
+        self._first = False
         return Profile(observation.stamp, self._faces, seen_to=seen_to,
                        bias_sd=self._bias_of(observation))
 
@@ -209,6 +214,11 @@ class StepTracker:
     @property
     def _faces(self) -> Tuple[Face, ...]:
         """Return the step, if there is one, with all that is uncertain about it."""
+        return self._estimates if self._confirmed else ()
+
+    @property
+    def _estimates(self) -> Tuple[Face, ...]:
+        """Return the step, confirmed or not."""
         step = self._step
         if step is None:
             return ()
@@ -228,7 +238,7 @@ class StepTracker:
 
     def _contradiction(self, observation: StepObservation, position: float) -> str:
         """Return how a finite observation contradicts the step, or an empty string."""
-        step = next(iter(self._faces), None)
+        step = next(iter(self._estimates), None)
         if step is None or not observation.detected or self._is_passed(position):
             return ''
         place_sd, height_sd = self._deviations(observation)
@@ -251,6 +261,7 @@ class StepTracker:
     def _begin(self, observation: StepObservation, position: float, number: int) -> None:
         """Start a step with an observation."""
         self._number, self._trend = number, Trend()
+        self._confirmed = self._first
         place_sd, height_sd = self._deviations(observation)
         self._step = Face(
             number, position + observation.distance, observation.height, place_sd,
@@ -275,6 +286,7 @@ class StepTracker:
         # Odometry that slipped by less than a ball has not brought another step.
         same = moved < self._radius and grown <= self._sigmas * deviation
         self._begin(observation, position, self._number + (0 if same else 1))
+        self._confirmed = True
 
     def _take(self, observation: StepObservation, position: float) -> None:
         """Average a detection into the step, or start another step with it."""
@@ -283,6 +295,7 @@ class StepTracker:
         if step is None or (self._is_passed(position) and place > step.position + NEXT_FACE):
             self._begin(observation, position, self._number + 1)
             return
+        self._confirmed = True
         place_sd, height_sd = self._deviations(observation)
         place, place_sd = _average(step.position, step.position_sd, place, place_sd)
         # Earlier weights used the reported deviations; the estimated scatter may be larger.

@@ -10,6 +10,8 @@ import numpy as np
 from ballbot_ros.decision.perception.elevation import (
     CELL, ElevationMap, Flags, Look, PLACE_SD, resample)
 from ballbot_ros.decision.perception.ground import Found, ground_of, GroundSeen
+from ballbot_ros.decision.perception.ground_profile import (
+    SLOPE_HYSTERESIS, SLOPE_LENGTH, steep_stretches)
 from ballbot_ros.decision.perception.step_tracker import Trend
 from ballbot_ros.decision.tuning import DecisionTuning
 from ballbot_ros.decision.values import Face, Profile, Reason, TerrainObservation
@@ -124,9 +126,9 @@ SAME_PLACE = 0.06
 # Odometry slips by no more than this [m] beside a part of the distance rolled [1].
 SLIP_MAX, SLIP_SHARE = 0.3, 0.1
 
-# A lone point this far from its neighbours is an outlier [m], unless this many points of the
-# latest observations were at the same place.
-OUTLIER_HEIGHT, OUTLIER_REPEATS, OUTLIER_MEMORY = 0.03, 2, 10
+# A lone point this far from its neighbours is an outlier [m], unless half of this number of latest
+# observations show it at the same place.
+OUTLIER_HEIGHT, OUTLIER_MEMORY = 0.03, 10
 
 # Log-odds that a face exists: what an observation that shows it adds, one that does not show it
 # takes, and the largest.  A face enters the profile at one value and leaves it at 0.
@@ -139,16 +141,51 @@ BLURRED = 0.05
 BESIDE = 6
 
 
+class Existence:
+    """
+    The log-odds that something exists; it is `confirmed` once they have reached `ENTRY`.
+
+    Parameters
+    ----------
+    certain : bool
+        Whether the first observation confirms it.
+
+    """
+
+    def __init__(self, certain: bool):
+        """Count the first observation."""
+        self.log_odds = ENTRY if certain else SHOWN
+        self.confirmed = certain
+
+    def add(self, shown: bool) -> None:
+        """Count an observation that shows it, or does not."""
+        self.log_odds = min(self.log_odds + (SHOWN if shown else -MISSED), EXISTENCE_MAX)
+        self.confirmed |= self.log_odds >= ENTRY
+
+
 @dataclass
 class _Known:
     """A face, and how it has looked from where."""
 
     face: Face
     found: Found
+    exists: Existence
     trend: Trend = field(default_factory=Trend)
-    existence: float = 0.0
-    confirmed: bool = False
     drift: float = 0.0  # of its position in the direction in which the ball rolls [m]
+
+    @property
+    def confirmed(self) -> bool:
+        """Return whether the face is in the profile."""
+        return self.exists.confirmed
+
+
+@dataclass
+class _Steep:
+    """A stretch that is too steep to stand on."""
+
+    begin: float
+    slope: float
+    exists: Existence
 
 
 class TerrainTracker:
@@ -164,6 +201,8 @@ class TerrainTracker:
 
     Attributes
     ----------
+    steepest : float
+        Slope that the ball can be held on [rad].
     offset : float
         By which the floor below the ball was seen too high in the newest look [m].
 
@@ -174,12 +213,14 @@ class TerrainTracker:
         self._radius, self._frame, self._tuning = robot.ball_radius, frame, tuning
         self._map = ElevationMap(tuning)
         self._number = 0
+        self.steepest = math.inf
         self.reset()
 
     def reset(self) -> None:
         """Forget all, for a jump of time or place; the numbers of faces go on counting."""
         self._map.clear()
         self._faces: List[_Known] = []
+        self._steep: List[_Steep] = []
         self._answer: Optional[Profile] = None
         self._strikes = 0
         self._slipped = self._rolled_to = self._position = 0.0
@@ -260,7 +301,7 @@ class TerrainTracker:
         near = (np.abs(found[0][:, None] - seen[0]) < 1.5 * CELL) & (
             np.abs(found[1][:, None] - seen[1]) < 0.5 * OUTLIER_HEIGHT)
         kept: Flags = ~lone
-        kept[lone] = near.sum(axis=1) >= OUTLIER_REPEATS
+        kept[lone] = 2 * near.sum(axis=1) >= OUTLIER_MEMORY
         return kept
 
     def _move(self, nodes: int) -> None:
@@ -268,6 +309,8 @@ class TerrainTracker:
         self._map.first += nodes
         for known in self._faces:
             known.found = known.found._replace(position=known.found.position + nodes * CELL)
+        for stretch in self._steep:
+            stretch.begin += nodes * CELL
 
     def _contradicted(self, observation: TerrainObservation, look: Look, position: float,
                       why: str) -> Profile:
@@ -276,16 +319,17 @@ class TerrainTracker:
         if self._strikes < self._tuning.forget_after:
             return self._reject(observation.stamp, Reason.CONTRADICTORY, why)
         self._map.clear()
-        self._faces = []
+        self._faces, self._steep = [], []
         _, residual = self._map.add(look, position)
         return self._fused(observation.stamp, look, residual, position)
 
     def _fused(self, stamp: float, look: Look, residual: Array, position: float) -> Profile:
         """Return the profile after a look that was taken in."""
         self._strikes = 0
-        ground = ground_of(self._map, position)
+        ground = ground_of(self._map, position,
+                           [known.found for known in self._faces if known.confirmed])
         if not ground.points:
-            self._faces = []
+            self._faces, self._steep = [], []
             return Profile(stamp, seen_from=position, seen_to=position)
         self._name(ground, look, residual, position)
         drift = max((known.drift for known in self._faces), default=0.0)
@@ -293,7 +337,7 @@ class TerrainTracker:
             return self._reject(
                 stamp, Reason.CONTRADICTORY, f'a face has moved along with the ball, by '
                 f'{drift:.2f} m')
-        return self._profile(stamp, ground, position)
+        return self._with_steep(self._profile(stamp, ground, position))
 
     def _profile(self, stamp: float, ground: GroundSeen, position: float) -> Profile:
         """Return the profile of an estimated terrain."""
@@ -303,6 +347,25 @@ class TerrainTracker:
             tuple(ground.points), ground.seen_from, ground.seen_to, ground.slope,
             ground.slope_sd, points_sd=tuple(ground.sds), gaps=tuple(ground.gaps),
             bias_sd=self._bias)
+
+    def _with_steep(self, profile: Profile) -> Profile:
+        """Return a profile with the stretches that are too steep, which persist as faces do."""
+        found = steep_stretches(profile, SLOPE_HYSTERESIS * self.steepest)
+        for known in self._steep:
+            same = [one for one in found if abs(one[0] - known.begin) < SLOPE_LENGTH]
+            if same:
+                known.begin, known.slope = min(same)
+                found = [one for one in found if one not in same]
+            known.exists.add(bool(same))
+        self._steep = [known for known in self._steep if known.exists.log_odds > 0.0
+                       and profile.seen_from <= known.begin <= profile.seen_to]
+        for begin, slope in found:
+            if abs(slope) > self.steepest and all(
+                    abs(begin - known.begin) >= SLOPE_LENGTH for known in self._steep):
+                self._steep.append(_Steep(begin, slope, Existence(self._map.looks == 1)))
+        self._steep.sort(key=lambda known: known.begin)
+        return replace(profile, steep=tuple(
+            (known.begin, known.slope) for known in self._steep if known.exists.confirmed))
 
     @property
     def _bias(self) -> float:
@@ -328,19 +391,19 @@ class TerrainTracker:
                 known.remove(nearest)
                 nearest.drift += forward * (found.position - nearest.found.position)
                 nearest.found = found
+                nearest.exists.add(True)
             else:
                 self._number += 1
                 nearest = _Known(Face(self._number, 0.0, 0.0, 0.0, 0.0), found,
-                                 existence=ENTRY if self._map.looks == 1 else 0.0)
-            nearest.existence = min(nearest.existence + SHOWN, EXISTENCE_MAX)
-            nearest.confirmed |= nearest.existence >= ENTRY
+                                 Existence(self._map.looks == 1))
             self._note(nearest, look, residual, position)
             nearest.face = self._described(nearest, position)
             self._faces.append(nearest)
         for item in known:
-            item.existence -= MISSED
+            item.exists.add(False)
             # What the ball has rolled over is not missed.
-            if item.existence > 0.0 and ground.seen_from <= item.found.position <= ground.seen_to:
+            if item.exists.log_odds > 0.0 \
+                    and ground.seen_from <= item.found.position <= ground.seen_to:
                 self._faces.append(item)
         self._faces.sort(key=lambda item: item.face.position)
 

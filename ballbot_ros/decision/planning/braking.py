@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What can be counted on when a ball speeds up or brakes, on any slope."""
 import math
-from typing import Tuple
 
 from ballbot_ros.control import ControlTuning
 from ballbot_ros.control.speed_law import (
@@ -34,8 +33,6 @@ class Braking:
             return law._replace(gravity_torque=part * law.gravity_torque)[:]
 
         self._faster, self._slower = weaker(tuning.acceleration), weaker(tuning.deceleration)
-        # With all lean until it stands: in an emergency nothing is eased off.
-        self._abrupt = SpeedLaw(*self._slower)._replace(speed_gain=math.inf)[:]
         self._expected = law._replace(speed_gain=math.inf)[:]
         self._gain = law.speed_gain
         self._lean, self._furthest = tuning.largest_lean, tuning.emergency_lean
@@ -69,7 +66,7 @@ class Braking:
             Infinite where it does not stop.
 
         """
-        return braking_distance(speed, slope, *self._with(emergency))
+        return braking_distance(speed, slope, self._lean_of(emergency), self._delay, self._slower)
 
     def expected_distance(self, speed: float, slope: float) -> float:
         """Return how far the ball of the robot file rolls on in an emergency; see `distance`."""
@@ -77,7 +74,7 @@ class Braking:
 
     def speed_within(self, room: float, slope: float, emergency: bool = False) -> float:
         """Return the speed from which the ball stands within some room [m/s]; see `distance`."""
-        return stopping_speed(room, slope, *self._with(emergency))
+        return stopping_speed(room, slope, self._lean_of(emergency), self._delay, self._slower)
 
     def touch_speed(self, speed: float, set_speed: float, room: float, slope: float) -> float:
         """
@@ -117,11 +114,6 @@ class Braking:
             else:
                 far = middle
         return near
-
-    def _with(self, emergency: bool) -> Tuple[float, float, Numbers]:
-        """Return lean, delay and law."""
-        return ((self._furthest, self._delay, self._abrupt) if emergency
-                else (self._lean, self._delay, self._slower))
 
     def _lean_of(self, emergency: bool) -> float:
         return self._furthest if emergency else self._lean

@@ -404,11 +404,11 @@ class Cubic:
             return pushing
         slope = profile.slope if math.isfinite(profile.slope) else motion.slope
         steep = self._lines.steep(situation, slope, previous)
-        if steep is not None and (step is None or steep.distance < step.position
-                                  - motion.position):
+        if steep is not None and (
+                step is None or not self._lines.face_is_nearer(step, steep, motion.position)):
             return steep
         if step is None:
-            return self._lines.cruise(situation, slope, previous)
+            return self._lines.cruise(situation, slope)
         if step.height < 0.0:
             distance = step.position - motion.position
             return self._lines.stand(

@@ -185,7 +185,7 @@ def with_safety_filter(planner: Planner, knowledge: Knowledge) -> Planner:
         profile = situation.profile
         slope = profile.slope if profile is not None and math.isfinite(profile.slope) \
             else situation.motion.slope
-        planned = lines.filtered(planner(situation, previous), situation, slope, previous)
+        planned = lines.filtered(planner(situation, previous), situation, slope)
         return checked(held_back(planned, situation, knowledge.tuning), situation, knowledge)
     return answer
 
@@ -221,7 +221,10 @@ def held_back(decision: Decision, situation: Situation, tuning: DecisionTuning) 
 
 def _committed(previous: Optional[Decision], situation: Situation) -> bool:
     """Return whether the ball crosses a step that it cannot stop before any more."""
-    return (previous is not None and previous.kind is Kind.CROSS
-            and previous.reason is Reason.COMMITTED and situation.profile is not None
-            and not meaningless(situation)
-            and any(face.number == previous.step for face in situation.profile.faces))
+    if previous is None or previous.kind is not Kind.CROSS \
+            or previous.reason is not Reason.COMMITTED or situation.profile is None \
+            or meaningless(situation):
+        return False
+    # Between two edges of a plan, the step may have been passed.
+    return (previous.plan is not None and situation.motion.position < previous.plan.edge < math.inf
+            ) or any(face.number == previous.step for face in situation.profile.faces)

@@ -7,115 +7,23 @@ and before the end of the observed terrain.  The terrain map is persistent, so t
 memory of its own.  The ball may be as fast as it can be stopped before the line on the slopes in
 between; CLEAR, STOP and GO_ROUND are labels of this one motion.
 """
-from bisect import bisect_left, bisect_right
 from dataclasses import replace
 import math
-from typing import Iterable, List, NamedTuple, Optional, Sequence, Tuple
+from typing import Iterable, List, NamedTuple, Optional
 
 from ballbot_ros.crossing.rules import touch_distance
+from ballbot_ros.decision.perception.ground_profile import (
+    GroundProfile, SLOPE_HYSTERESIS, SLOPE_LENGTH_MIN)
 from ballbot_ros.decision.planning.braking import Braking
 from ballbot_ros.decision.planning.situation import Knowledge, Situation
 from ballbot_ros.decision.values import (
     Decision, Face, Kind, Motion, Plan, Profile, Reason, Strategy)
 
-# A bend of the ground between faces by less than this is none [m].
-UNEVEN = 0.004
-# The ground is read so far from a face: its own points are no floor [m].
-ASIDE = 1e-4
-# Bends that are kept between two faces.
-BENDS = 4
-# A shorter end of the polyline has no slope of its own [m].
-END_LENGTH = 0.1
-
-
-class GroundProfile:
-    """
-    The ground between faces.
-
-    Parameters
-    ----------
-    points : sequence of (float, float)
-        Polyline of the ground, faces included; may be empty.
-    slope : float
-        Of the ground where there are no points [rad].
-
-    """
-
-    def __init__(self, points: Sequence[Tuple[float, float]], slope: float):
-        """Keep them."""
-        self._points, self._slope = points, math.tan(slope)
-        self._places = [x for x, _ in points]
-        self._end_slope = self._slope_at_end()
-
-    def _slope_at_end(self) -> float:
-        """Return the slope with which the ground goes on beyond the last point."""
-        if len(self._points) < 2:
-            return self._slope
-        (left, low), (right, high) = self._points[-2:]
-        length = right - left
-        return (high - low) / length if length > END_LENGTH else self._slope
-
-    def bends(self, begin: float, end: float) -> List[Tuple[float, float]]:
-        """Return where the ground bends between two places, and how much higher it is [m]."""
-        inner = self._inner(begin, end)
-        if len(inner) < 3:
-            return []
-        found = simplified(inner, UNEVEN)[1:-1]
-        return [(x, z - inner[0][1]) for x, z in found] if len(found) <= BENDS else []
-
-    def rise(self, begin: float, end: float) -> float:
-        """Return how much higher the ground is at a second place, faces at both left out [m]."""
-        inner = self._inner(begin, end)
-        return inner[-1][1] - inner[0][1] if inner else 0.0
-
-    def _inner(self, begin: float, end: float) -> List[Tuple[float, float]]:
-        """Return the points from behind the first to before the second of two places."""
-        if end - begin < 2.0 * ASIDE:
-            return []
-        begin, end = begin + ASIDE, end - ASIDE
-        inner = self._points[bisect_right(self._places, begin):bisect_left(self._places, end)]
-        return [(begin, self._height(begin)), *inner, (end, self._height(end))]
-
-    def _height(self, x: float) -> float:
-        """Return the height of the ground at a place without a face [m]."""
-        if not self._points:
-            return self._slope * x
-        after = bisect_right(self._places, x)
-        if after == 0:
-            return self._points[0][1] + self._slope * (x - self._places[0])
-        if after == len(self._points):
-            return self._points[-1][1] + self._end_slope * (x - self._places[-1])
-        (left, low), (right, high) = self._points[after - 1], self._points[after]
-        return low + (high - low) * (x - left) / max(right - left, 1e-9)
-
-
-def simplified(points: Sequence[Tuple[float, float]], error: float) -> List[Tuple[float, float]]:
-    """Return the points that a polyline needs to stay within an error (Douglas, Peucker)."""
-    (x, z), (end_x, end_z) = points[0], points[-1]
-    if len(points) < 3 or end_x - x < ASIDE:
-        return [points[0], points[-1]]
-    steep = (end_z - z) / (end_x - x)
-    away = [abs(point[1] - z - steep * (point[0] - x)) for point in points[1:-1]]
-    worst = max(range(len(away)), key=away.__getitem__) + 1
-    if away[worst - 1] <= error:
-        return [points[0], points[-1]]
-    return [*simplified(points[:worst + 1], error)[:-1], *simplified(points[worst:], error)]
-
-
 # Between the centre at the line and a touch, an edge, or the end of the observed terrain [m].
 LINE_MARGIN = 0.03
 
-# Slopes are those over such a length, or down to the shortest where a face ends the stretch [m].
-SLOPE_LENGTH, SLOPE_LENGTH_MIN = 0.2, 0.08
-
-# Steeper than this is not a slope but a face [rad].
-FACE_SLOPE = 0.35
-
 # The part of a slope in the map that the motion of the ball must show, too.
 SLOPE_AGREEMENT = 0.4
-
-# A stop before a slope that is too steep is kept until the slope is less by this part.
-SLOPE_HYSTERESIS = 0.9
 
 # Speed in parts of the distance to the end of the observed terrain [1/s]: a set speed is followed
 # within half a second.
@@ -160,22 +68,16 @@ class StopLines:
         return StopLine(profile.seen_to - self._radius - LINE_MARGIN, profile.seen_to,
                         Reason.WALL, 'the end of the observed terrain')
 
-    def before_slope(self, profile: Profile, position: float, slope: float,
-                     previous: Optional[Decision]) -> Optional[StopLine]:
+    def before_slope(self, profile: Profile, position: float) -> Optional[StopLine]:
         """Return the line before the next stretch that is too steep to stand on, if any."""
-        steepest = self.braking.steepest
-        if previous is not None and previous.reason is Reason.STEEP:
-            steepest *= SLOPE_HYSTERESIS
-        found = steep_stretch(profile, position, steepest, slope)
-        if found is None:
-            return None
-        begin, angle = found
-        return StopLine(
-            begin - LINE_MARGIN, begin, Reason.STEEP,
-            f'a slope of {math.degrees(angle):+.1f} degrees, {self._most} can be held')
+        for begin, angle in profile.steep:
+            if begin >= position:
+                return StopLine(
+                    begin - LINE_MARGIN, begin, Reason.STEEP,
+                    f'a slope of {math.degrees(angle):+.1f} degrees, {self._most} can be held')
+        return None
 
-    def nearest(self, situation: Situation, slope: float, faces: Iterable[Face],
-                previous: Optional[Decision]) -> Optional[StopLine]:
+    def nearest(self, situation: Situation, faces: Iterable[Face]) -> Optional[StopLine]:
         """Return the nearest line; faces that a plan crosses are left out of `faces`."""
         profile, position = situation.profile, situation.motion.position
         if profile is None:
@@ -183,7 +85,7 @@ class StopLines:
         lines: List[Optional[StopLine]] = [self.before_face(face) for face in faces
                                            if face.position > position]
         lines.append(self.end_of_sight(profile))
-        lines.append(self.before_slope(profile, position, slope, previous))
+        lines.append(self.before_slope(profile, position))
         return min((line for line in lines if line is not None), default=None,
                    key=lambda line: line.position)
 
@@ -208,15 +110,19 @@ class StopLines:
         mean = self.slope_to(situation.profile, position, line, slope)
         return self.braking.speed_within(line - position, mean, emergency=True)
 
+    def face_is_nearer(self, face: Face, steep: Decision, position: float) -> bool:
+        """Return whether the line before a face is nearer than that of a `steep` decision."""
+        return steep.distance > 0.0 and \
+            self.before_face(face).position - position <= steep.distance - LINE_MARGIN
+
     def braking_room(self, step: Face, motion: Motion, slope: float) -> float:
         """Return the distance to the last point where braking avoids a touch or fall [m]."""
         return (step.position - motion.position - touch_distance(self._radius, step.height)
                 - self.braking.distance(motion.speed, slope, emergency=True))
 
-    def cruise(self, situation: Situation, slope: float, previous: Optional[Decision]
-               ) -> Decision:
+    def cruise(self, situation: Situation, slope: float) -> Decision:
         """Return CLEAR at the speed of which the ball can be stopped before the line."""
-        line = self.nearest(situation, slope, (), previous)
+        line = self.nearest(situation, ())
         speed = self._tuning.cruise_speed
         if line is not None:
             room = line.position - situation.motion.position
@@ -252,7 +158,7 @@ class StopLines:
                 Kind.STOP, Reason.STEEP, 0.0, f'Stopping: a slope of {math.degrees(below):+.1f} '
                 f'degrees is too steep, {self._most} can be held', plan=Plan(Strategy.STOP),
                 distance=0.0)
-        line = self.before_slope(profile, motion.position, slope, previous)
+        line = self.before_slope(profile, motion.position)
         if line is None:
             return None
         distance = line.obstacle - motion.position
@@ -272,8 +178,7 @@ class StopLines:
             Strategy.GO_ROUND if decision.kind is Kind.GO_ROUND else Strategy.STOP,
             speed=speed, stop_position=place))
 
-    def filtered(self, decision: Decision, situation: Situation, slope: float,
-                 previous: Optional[Decision]) -> Decision:
+    def filtered(self, decision: Decision, situation: Situation, slope: float) -> Decision:
         """
         Return a decision that leaves the ball able to stop before the line after this period.
 
@@ -282,7 +187,7 @@ class StopLines:
         profile = situation.profile
         if decision.kind in (Kind.CROSS, Kind.BACK_OFF) or profile is None:
             return decision
-        line = self.nearest(situation, slope, profile.faces, previous)
+        line = self.nearest(situation, profile.faces)
         if line is None:
             return decision
         most = self.speed_before(line.position, situation, slope)
@@ -298,36 +203,3 @@ class StopLines:
                     explanation=f'Stopping before {line.explanation}',
                     distance=line.obstacle - situation.motion.position),
             line.obstacle, situation, slope)
-
-
-def steep_stretch(profile: Profile, position: float, steepest: float,
-                  slope: float) -> Optional[Tuple[float, float]]:
-    """
-    Return where the ground ahead gets steeper than can be held, and its slope, or None.
-
-    Parameters
-    ----------
-    profile : Profile
-    position : float
-        Of the ball's centre [m].
-    steepest, slope : float
-        That can be held, and below the ball, positive uphill [rad].
-
-    """
-    points = profile.points
-    if len(points) < 2:
-        return None
-    floor, aside = GroundProfile(points, slope), 2e-3
-    for (x, _), sd in zip(points, profile.points_sd or (0.0,) * len(points)):
-        begin = x + aside
-        if x < position or any(face.position - aside < begin < face.position + face.run
-                               for face in profile.faces):
-            continue
-        end = min([begin + SLOPE_LENGTH, points[-1][0]] + [
-            face.position - aside for face in profile.faces if face.position > begin])
-        if end - begin < SLOPE_LENGTH_MIN:
-            continue
-        angle = math.atan(floor.rise(begin, end) / (end - begin))
-        if steepest + 2.0 * sd / (end - begin) < abs(angle) < FACE_SLOPE:
-            return x, angle
-    return None

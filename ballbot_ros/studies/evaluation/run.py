@@ -7,14 +7,14 @@ from typing import Any, Callable, Dict, List, Optional, Tuple
 
 from ballbot_ros.control.tuning import ControlTuning, load_tuning
 from ballbot_ros.decision import (
-    check_decision, Decider, Decision, Knowledge, load_curve, load_decision_tuning, Motion)
+    check_decision, Decider, Decision, Kind, Knowledge, load_curve, load_decision_tuning, Motion)
 from ballbot_ros.errors import SimulationError
 from ballbot_ros.physics.model.robot import load_robot, Robot
 from ballbot_ros.physics.model.state import State
 from ballbot_ros.studies.evaluation.approaches import Approach
 from ballbot_ros.studies.evaluation.baselines import BASELINES
 from ballbot_ros.studies.evaluation.closed_loop import balanced_angle, ClosedLoop, PERIOD
-from ballbot_ros.studies.evaluation.outcome import OutcomeMonitor
+from ballbot_ros.studies.evaluation.outcome import OutcomeMonitor, SAME_FACE
 from ballbot_ros.studies.evaluation.sensors import SimulatedSensor
 from ballbot_ros.studies.evaluation.terrains import true_faces
 
@@ -23,6 +23,7 @@ ODOMETRY_PERIODS = 5      # between two odometry messages
 TIME_LIMIT = 16.0         # of an approach, without the time for a long obstacle [s]
 SLOWEST = 0.2             # speed that the time limit allows over a long obstacle [m/s]
 NEWS_TIME = 0.3           # a decision may change for this time after news [s]
+ARRIVED = 0.05            # a ball is at the start of its run-up from this far on [m]
 LOG_PERIOD = 0.5          # longest time between two lines of the log [s]
 
 # Called with time, state, decision, set angle and decider.
@@ -65,25 +66,49 @@ class NominalModel:
 
 
 class DecisionChanges:
-    """Counts changes of kind or strategy that follow no news."""
+    """
+    Counts changes of kind or strategy that follow no news.
+
+    News are those of the `OutcomeMonitor`, the first observation, a new face, and the two
+    positions at which a plan itself changes what it does: where its run-up starts, and its last
+    edge.
+    """
 
     def __init__(self) -> None:
         self.count = 0
         self._last: Optional[Tuple[object, object]] = None
-        self._known = 0
+        self._known = -1
+        self._target: Optional[Tuple[float, float]] = None  # direction, and position [m]
+        self._reached: Optional[Tuple[float, float]] = None
 
     def update(self, now: float, decision: Decision, monitor: OutcomeMonitor,
                decider: Decider) -> None:
         """Take the decision of a time [s]."""
-        faces = decider.profile.faces if decider.profile else ()
-        known = max((face.number for face in faces), default=0)
+        profile, motion, plan = decider.profile, decider.motion, decision.plan
+        known = -1 if profile is None else max(
+            (face.number for face in profile.faces), default=0)
         if known > self._known:
             self._known, monitor.news = known, now
+        if motion is not None and self._arrives(motion.position):
+            monitor.news = now
         selected = (decision.kind, decision.plan.strategy if decision.plan else None)
         if (self._last is not None and selected != self._last
                 and now > monitor.news + NEWS_TIME):
             self.count += 1
         self._last = selected
+        self._target = (
+            (1.0, plan.edge) if plan is not None and decision.kind is Kind.CROSS else
+            (-1.0, plan.start + ARRIVED) if plan is not None and decision.kind is Kind.BACK_OFF
+            else None)
+
+    def _arrives(self, position: float) -> bool:
+        """Return whether the ball comes to the start or last edge of its plan, once for each."""
+        if self._target is None or self._target[0] * (position - self._target[1]) < 0.0:
+            return False
+        again = self._reached is not None and self._reached[0] == self._target[0] \
+            and abs(self._reached[1] - self._target[1]) < SAME_FACE
+        self._reached = self._target
+        return not again
 
 
 def heading(approach: Approach, planner: str) -> Dict[str, Any]:

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from ballbot_ros.studies.evaluation.approaches import Approach
+from ballbot_ros.studies.evaluation.approaches import Approach, draw_approach
 from ballbot_ros.studies.evaluation.run import NominalModel, run_approach
 from ballbot_ros.studies.evaluation.sensors import SensorModel
 from ballbot_ros.studies.evaluation.terrains import lay, Shape
@@ -58,3 +58,19 @@ def test_a_step_sensor_crosses_no_bump_behind_which_it_sees_nothing(distance):
     row = drive([(0.0, 0.009), (0.04, 0.0), (0.0, -0.009), (distance, 0.0), (0.0, -0.15)],
                 kind='step')
     assert row['outcome'] == 'stopped'
+
+
+@pytest.mark.parametrize('number', [
+    362,    # late behind an edge: the plan of least harm was kept when braking was possible again
+    543,    # frozen while it crosses: its edges moved along
+    1382])  # frozen between the two edges of a plan
+def test_drawn_approaches_that_ended_in_a_fall_or_a_hit(number):
+    row = run_approach(
+        draw_approach(NOMINAL.robot, NOMINAL.tuning, 11, number), 'rollout', NOMINAL)
+    assert row['outcome'] in ('stopped', 'over') and row['changes'] <= 2
+
+
+def test_at_the_end_of_a_short_sight_the_label_does_not_alternate():
+    row = drive([(2.0, 0.0)], slope=-2.7, goal=2.0, kind='terrain', reach=1.18,
+                height_sd=0.0015)
+    assert row['changes'] <= 1

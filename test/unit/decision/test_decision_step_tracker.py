@@ -59,7 +59,8 @@ def test_next_step_is_another_step():
     tracking = tracker()
     assert tracking.update(seen(0.0, 0.5), 0.0).face.number == 1
     assert tracking.update(seen(0.1, 0.5), 0.0).face.number == 1
-    step = tracking.update(seen(0.2, 0.8, height=0.05), 0.51).face
+    assert tracking.update(seen(0.2, 0.8, height=0.05), 0.51).face is None
+    step = tracking.update(seen(0.3, 0.8, height=0.05), 0.51).face
     assert step.number == 2 and step.height == 0.05
     assert step.position == pytest.approx(1.31)
 
@@ -277,8 +278,19 @@ def test_after_a_step_was_forgotten_the_next_is_given_as_many_looks():
         answer = tracking.update(nothing(0.1 * index), 0.0)
     assert answer.face is None
     assert tracking.update(nothing(0.6), 0.0).face is None
-    assert tracking.update(seen(0.7), 0.0).face.number == 2
-    assert tracking.update(nothing(0.8), 0.0).face.number == 2
+    assert tracking.update(seen(0.7), 0.0).face is None
+    assert tracking.update(seen(0.8), 0.0).face.number == 2
+    assert tracking.update(nothing(0.9), 0.0).face.number == 2
+
+
+def test_a_single_step_that_no_other_observation_shows_never_enters():
+    """The sensor reports a phantom in each fifth observation, each elsewhere."""
+    tracking = tracker()
+    tracking.update(nothing(0.0), 0.0)
+    for index in range(1, 50):
+        look = nothing(0.1 * index) if index % 5 else seen(
+            0.1 * index, 0.5 + 0.2 * index % 2.0, 0.01 + 0.03 * index % 0.1)
+        assert tracking.update(look, 0.0).face is None
 
 
 @pytest.mark.parametrize('height, moved, number', [
@@ -315,7 +327,8 @@ def test_a_step_is_the_next_one_once_the_last_is_passed_and_it_is_further_on(
         position, distance, number):
     tracking = tracker()
     tracking.update(seen(0.0, 0.5, distance_sd=0.03), 0.0)
-    answer = tracking.update(seen(0.1, distance, distance_sd=0.03), position)
+    for stamp in (0.1, 0.2):
+        answer = tracking.update(seen(stamp, distance, distance_sd=0.03), position)
     assert answer.rejection is None and answer.face.number == number
 
 

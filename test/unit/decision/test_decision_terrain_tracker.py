@@ -6,7 +6,9 @@ import math
 import numpy as np
 import pytest
 
-from ballbot_ros.decision import DecisionTuning, ProfileTracker, Reason, TerrainObservation
+from ballbot_ros.decision import (
+    DecisionTuning, Motion, ProfileTracker, Reason, TerrainObservation)
+from ballbot_ros.decision.perception import GroundFusion
 from ballbot_ros.physics import Terrain
 from ballbot_ros.physics.model.robot import load_robot
 from ballbot_ros.plant import SensorFaults, TerrainSensor
@@ -76,6 +78,40 @@ def test_the_faces_of_a_ground_are_found_and_no_others(name, height_sd):
     for (place, height), (true_place, true_height) in zip(found, expected):
         assert place == pytest.approx(true_place, abs=0.015)
         assert height == pytest.approx(true_height, abs=0.003 if abs(true_height) < 0.2 else 0.01)
+
+
+@pytest.mark.parametrize('seed', range(4))
+def test_a_face_little_above_the_noise_stays_once_it_is_known(seed):
+    profiles = approach(ground((0.0, 0.008)), looks=120, height_sd=0.003, seed=seed)
+    faces = [[face.number for face in profile.faces if abs(face.position - 1.2) < 0.05]
+             for profile in profiles]
+    first = next(index for index, numbers in enumerate(faces) if numbers)
+    assert first < 30
+    assert all(numbers == faces[first] for numbers in faces[first:])
+
+
+def test_a_known_face_that_is_not_there_any_more_is_dropped():
+    tracking = tracker()
+    approach(ground((0.0, 0.01)), looks=40, to=0.1, tracking=tracking)
+    gone = approach(ground((1.0, 0.0)), looks=160, to=0.1, tracking=tracking)
+    assert not gone[-1].faces
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_a_stretch_too_steep_stays_once_it_is_known(seed):
+    fusion = GroundFusion(GIMBALL, DecisionTuning())
+    fusion.stand_on(0.075)
+    sensor = TerrainSensor(ground((0.5, -0.0393)), 3.0, 0.003, seed)  # 0.0785 rad
+    known = []
+    for number, x in enumerate(np.linspace(0.0, 0.9, 150)):
+        sight = sensor.look(x, RADIUS, number)
+        fusion.move(Motion(0.02 * number, x, 0.3))
+        fusion.observe(TerrainObservation(
+            0.02 * number, sight.x, sight.z, sight.z_sd, sight.x_min, sight.x_max))
+        fusion.fuse()
+        known.append(len(fusion.profile.steep))
+    first = known.index(1)
+    assert first < 75 and set(known[first:]) == {1}
 
 
 @pytest.mark.parametrize('name', ['rise', 'threshold', 'carpet', 'bevel', 'ramp', 'slope'])

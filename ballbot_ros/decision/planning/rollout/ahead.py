@@ -6,8 +6,9 @@ from typing import List, Sequence, Tuple
 
 import numpy as np
 
+from ballbot_ros.decision.perception.ground_profile import GroundProfile
 from ballbot_ros.decision.planning.rollout.rollout import FACES
-from ballbot_ros.decision.planning.stop_line import GroundProfile, LINE_MARGIN
+from ballbot_ros.decision.planning.stop_line import LINE_MARGIN
 from ballbot_ros.decision.values import Face, Profile
 from ballbot_ros.physics.model.terrain import Array
 

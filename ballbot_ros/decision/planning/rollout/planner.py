@@ -260,6 +260,9 @@ class PlanSelector:
         motion, face = situation.motion, ahead.faces[0]
         if self.basis is not None and not _is_same(self.basis.face, face):
             self.forget()
+        elif self.choice is not None and self.choice.reason is Reason.COMMITTED \
+                and braking_room > 0.0:
+            self.forget()  # the least harm, while it could not be stopped
         failures = failures_at(face, situation)
         if situation.particles is not None:
             self.worlds.set_particles(situation.particles)
@@ -315,6 +318,8 @@ class PlanSelector:
         if now.failures != then.failures or now.faces != then.faces:
             return True
         if choice.trial is None:
+            if self._changes >= CHANGES:
+                return False
             freed = now.free_from < then.free_from - 0.3
             if now.standing and (not then.standing or freed):
                 return True
@@ -523,13 +528,13 @@ class RolloutPlanner:
         slope = self._slope_below(profile, faces, motion)
         steep = self._lines.steep(situation, slope, previous, self._disturbed)
         if steep is not None and not (
-                faces and faces[0].position - motion.position < steep.distance):
+                faces and self._lines.face_is_nearer(faces[0], steep, motion.position)):
             return steep
         if not faces or faces[0].position - motion.position > FAR:
             self._selector.forget()
             return self._alone(situation, slope, previous)
         deviation = profile.slope_sd if math.isfinite(profile.slope_sd) else SLOPE_SD
-        line = self._lines.before_slope(profile, faces[0].position, slope, None)
+        line = self._lines.before_slope(profile, faces[0].position)
         behind = math.inf if line is None else line.position
         ahead = look_ahead(profile, faces, motion.position, slope, deviation,
                            self._robot.ball_radius, self._tuning.unseen_room, climbed, behind,
@@ -546,14 +551,16 @@ class RolloutPlanner:
                previous: Optional[Decision]) -> Decision:
         """Decide where no face is ahead: on, but not beyond the stop line."""
         motion, lines = situation.motion, self._lines
-        clear = lines.cruise(situation, slope, previous)
-        line = lines.nearest(situation, slope, (), previous)
+        clear = lines.cruise(situation, slope)
+        line = lines.nearest(situation, ())
         if line is None:
             return clear
         way = lines.braking.distance(motion.speed, lines.slope_to(
             situation.profile, motion.position, line.position, slope), emergency=True)
         room = line.obstacle - motion.position - self._robot.ball_radius
-        if room > way + self._tuning.stop_gap + AT_EASE:
+        # The label changes at the last position for the stop, and back with a margin.
+        stopping = previous is not None and previous.kind is Kind.STOP
+        if room > way + self._tuning.stop_gap + (AT_EASE if stopping else 0.0):
             return clear
         return lines.stand(
             replace(clear, kind=Kind.STOP, reason=line.reason, distance=room,
@@ -580,7 +587,8 @@ class RolloutPlanner:
             return self._lines.stand(
                 refuse(choice, ahead, motion, room, self._tuning), face.position, situation,
                 ahead.slope)
-        started = selector.choice is not None and selector.choice.trial is not None
+        started = selector.choice is not None and selector.choice.trial is not None \
+            and selector.choice.reason is not Reason.COMMITTED
         # A plan in execution is aborted only if the ball certainly stops before the face.
         sure = ahead.touch - motion.position - self._lines.braking.distance(
             motion.speed, ahead.slope - 2.0 * ahead.slope_sd, emergency=True)
@@ -590,14 +598,14 @@ class RolloutPlanner:
             # There is time to look closer, and no need to say no yet.
             stand = face.position - self._robot.ball_radius - self._tuning.stop_gap
             way = self._lines.braking.distance(motion.speed, ahead.slope)
-            refused = (previous is not None and previous.step == face.number
-                       and previous.kind in (Kind.STOP, Kind.GO_ROUND))
+            # Until the plans for another face are evaluated, the label does not change.
+            refused = (previous is not None and previous.kind in (Kind.STOP, Kind.GO_ROUND) and (
+                previous.step == face.number or not choice.tally.attempts))
             if choice.reason not in DEFINITE and abs(motion.speed) > STANDING \
                     and stand - motion.position > way + AT_EASE and not refused:
                 return weighing(ahead, motion, self._tuning)
             no = refuse(choice, ahead, motion, room, self._tuning)
-            if refused and previous is not None and no.kind in (Kind.STOP, Kind.GO_ROUND):
-                # The label alone does not change.
+            if refused and previous is not None:
                 no = replace(no, kind=previous.kind)
             return self._lines.stand(no, face.position, situation, ahead.slope)
         end = choice.trial.candidate.end(ahead)

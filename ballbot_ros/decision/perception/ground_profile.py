@@ -1,0 +1,128 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The ground between faces, from the polyline of a profile."""
+from bisect import bisect_left, bisect_right
+import math
+from typing import List, Sequence, Tuple
+
+from ballbot_ros.decision.values import Profile
+
+# A bend of the ground between faces by less than this is none [m].
+UNEVEN = 0.004
+# The ground is read so far from a face: its own points are no floor [m].
+ASIDE = 1e-4
+# Bends that are kept between two faces.
+BENDS = 4
+# A shorter end of the polyline has no slope of its own [m].
+END_LENGTH = 0.1
+
+
+class GroundProfile:
+    """
+    The ground between faces.
+
+    Parameters
+    ----------
+    points : sequence of (float, float)
+        Polyline of the ground, faces included; may be empty.
+    slope : float
+        Of the ground where there are no points [rad].
+
+    """
+
+    def __init__(self, points: Sequence[Tuple[float, float]], slope: float):
+        """Keep them."""
+        self._points, self._slope = points, math.tan(slope)
+        self._places = [x for x, _ in points]
+        self._end_slope = self._slope_at_end()
+
+    def _slope_at_end(self) -> float:
+        """Return the slope with which the ground goes on beyond the last point."""
+        if len(self._points) < 2:
+            return self._slope
+        (left, low), (right, high) = self._points[-2:]
+        length = right - left
+        return (high - low) / length if length > END_LENGTH else self._slope
+
+    def bends(self, begin: float, end: float) -> List[Tuple[float, float]]:
+        """Return where the ground bends between two places, and how much higher it is [m]."""
+        inner = self._inner(begin, end)
+        if len(inner) < 3:
+            return []
+        found = simplified(inner, UNEVEN)[1:-1]
+        return [(x, z - inner[0][1]) for x, z in found] if len(found) <= BENDS else []
+
+    def rise(self, begin: float, end: float) -> float:
+        """Return how much higher the ground is at a second place, faces at both left out [m]."""
+        inner = self._inner(begin, end)
+        return inner[-1][1] - inner[0][1] if inner else 0.0
+
+    def _inner(self, begin: float, end: float) -> List[Tuple[float, float]]:
+        """Return the points from behind the first to before the second of two places."""
+        if end - begin < 2.0 * ASIDE:
+            return []
+        begin, end = begin + ASIDE, end - ASIDE
+        inner = self._points[bisect_right(self._places, begin):bisect_left(self._places, end)]
+        return [(begin, self._height(begin)), *inner, (end, self._height(end))]
+
+    def _height(self, x: float) -> float:
+        """Return the height of the ground at a place without a face [m]."""
+        if not self._points:
+            return self._slope * x
+        after = bisect_right(self._places, x)
+        if after == 0:
+            return self._points[0][1] + self._slope * (x - self._places[0])
+        if after == len(self._points):
+            return self._points[-1][1] + self._end_slope * (x - self._places[-1])
+        (left, low), (right, high) = self._points[after - 1], self._points[after]
+        return low + (high - low) * (x - left) / max(right - left, 1e-9)
+
+
+def simplified(points: Sequence[Tuple[float, float]], error: float) -> List[Tuple[float, float]]:
+    """Return the points that a polyline needs to stay within an error (Douglas, Peucker)."""
+    (x, z), (end_x, end_z) = points[0], points[-1]
+    if len(points) < 3 or end_x - x < ASIDE:
+        return [points[0], points[-1]]
+    steep = (end_z - z) / (end_x - x)
+    away = [abs(point[1] - z - steep * (point[0] - x)) for point in points[1:-1]]
+    worst = max(range(len(away)), key=away.__getitem__) + 1
+    if away[worst - 1] <= error:
+        return [points[0], points[-1]]
+    return [*simplified(points[:worst + 1], error)[:-1], *simplified(points[worst:], error)]
+
+
+# Slopes are those over such a length, or down to the shortest where a face ends the stretch [m].
+SLOPE_LENGTH, SLOPE_LENGTH_MIN = 0.2, 0.08
+
+# Steeper than this is not a slope but a face [rad].
+FACE_SLOPE = 0.35
+
+# A stretch that is too steep remains so until its slope is less by this part.
+SLOPE_HYSTERESIS = 0.9
+
+
+def steep_stretches(profile: Profile, steepest: float) -> List[Tuple[float, float]]:
+    """
+    Return where the ground is steeper than can be held, and its slopes [m], [rad].
+
+    Parameters
+    ----------
+    profile : Profile
+    steepest : float
+        Slope that can be held [rad].
+
+    """
+    points, found = profile.points, []
+    floor, aside = GroundProfile(points, 0.0), 2e-3
+    for (x, _), sd in zip(points, profile.points_sd or (0.0,) * len(points)):
+        begin = x + aside
+        if any(face.position - aside < begin < face.position + face.run
+               for face in profile.faces):
+            continue
+        end = min([begin + SLOPE_LENGTH, points[-1][0]] + [
+            face.position - aside for face in profile.faces if face.position > begin])
+        if end - begin < SLOPE_LENGTH_MIN:
+            continue
+        angle = math.atan(floor.rise(begin, end) / (end - begin))
+        if steepest + 2.0 * sd / (end - begin) < abs(angle) < FACE_SLOPE:
+            found.append((x, angle))
+    return found
