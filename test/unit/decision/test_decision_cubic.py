@@ -160,7 +160,7 @@ def test_it_stands_with_the_gap_before_what_it_does_not_cross(height, kind):
     immediate = on(height, 0.4, 0.2)
     assert immediate.set_speed == 0.0 and immediate.plan.stop_position == math.inf
     step = Face(1, 0.4, height, 0.01, 0.0)
-    free = DECIDE(Situation(Motion(0.0, 0.0, 0.2), Profile(0.0, (step,)), free_from=-0.2), None)
+    free = DECIDE(Situation(Motion(0.0, 0.0, 0.1), Profile(0.0, (step,)), free_from=-0.2), None)
     assert free.plan.stop_position == pytest.approx(0.4 - GIMBALL.ball_radius - TUNING.stop_gap)
 
 
