@@ -8,7 +8,7 @@ an arc to a neighbouring heading; it ends exactly on a state, and its curvature 
 the robot (Pivtoraiko and Kelly, 2005).  Each primitive exists forward and backward.
 """
 import math
-from typing import Any, List, NamedTuple, Tuple
+from typing import List, NamedTuple, Tuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -188,18 +188,46 @@ class Problem(NamedTuple):
     most_level: int
 
 
+class Nodes(NamedTuple):
+    """
+    The nodes of a search.
+
+    Attributes
+    ----------
+    slots : array of int32
+        Hash table of nodes, filled with -1 before a search; its length is a power of 2.
+    keys, parents, moves : arrays of int64
+        Of each node.
+    costs : array
+        [s]
+    closed : array of uint8
+    heap_costs : array
+    heap_nodes : array of int64
+
+    """
+
+    slots: NDArray[np.int32]
+    keys: NDArray[np.int64]
+    parents: NDArray[np.int64]
+    moves: NDArray[np.int64]
+    costs: NDArray[np.float64]
+    closed: NDArray[np.uint8]
+    heap_costs: NDArray[np.float64]
+    heap_nodes: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, count: int) -> 'Nodes':
+        """Return arrays for a number of nodes, a power of 2."""
+        return cls(np.empty(4 * count, np.int32), *(np.empty(count, np.int64) for _ in range(3)),
+                   np.empty(count), np.empty(count, np.uint8), np.empty(3 * count),
+                   np.empty(3 * count, np.int64))
+
+
 class Tree:
-    """Arrays of a search tree, which searches share and which grow as needed."""
+    """A search tree, which searches share and which grows as needed."""
 
-    def __init__(self, nodes: int = 1 << 16):
-        self._lay(nodes)
-
-    def _lay(self, nodes: int) -> None:
-        self.slots = np.empty(4 * nodes, np.int32)
-        self.keys, self.parents, self.moves = (np.empty(nodes, np.int64) for _ in range(3))
-        self.costs = np.empty(nodes)
-        self.closed = np.empty(nodes, np.uint8)
-        self.heap_costs, self.heap_nodes = np.empty(3 * nodes), np.empty(3 * nodes, np.int64)
+    def __init__(self, count: int = 1 << 16):
+        self._nodes = Nodes.of(count)
 
     def find(self, problem: Problem) -> Tuple[float, List[Tuple[int, int]]]:
         """
@@ -215,37 +243,26 @@ class Tree:
 
         """
         while True:
-            self.slots.fill(-1)
-            found = expand(problem[:], (self.slots, self.keys, self.parents, self.moves,
-                                        self.costs, self.closed, self.heap_costs,
-                                        self.heap_nodes))
-            if found != FULL or len(self.keys) >= MOST_NODES:
+            self._nodes.slots.fill(-1)
+            found = expand(problem, self._nodes)
+            if found != FULL or len(self._nodes.keys) >= MOST_NODES:
                 break
-            self._lay(4 * len(self.keys))
+            self._nodes = Nodes.of(4 * len(self._nodes.keys))
         if found < 0:
             return math.inf, []
         way, node, states = [], found, problem.slowness.size * COUNT
         while node >= 0:
-            way.append((int(self.keys[node]) % states, int(self.moves[node])))
-            node = int(self.parents[node])
-        return float(self.costs[found]), way[::-1]
+            way.append((int(self._nodes.keys[node]) % states, int(self._nodes.moves[node])))
+            node = int(self._nodes.parents[node])
+        return float(self._nodes.costs[found]), way[::-1]
 
 
 @compiled
-def expand(problem: Any, tree: Any) -> int:
+def expand(problem: Problem, tree: Nodes) -> int:
     """
     Search by A* over (risk level, direction, heading, cell); return the node of the goal.
 
     `NONE` if there is no way, `FULL` if the arrays are too short.
-
-    Parameters
-    ----------
-    problem : tuple
-        The fields of a `Problem`.
-    tree : tuple of arrays
-        Hash table of nodes, filled with -1; key, parent, move, cost and whether closed of each
-        node; costs and nodes of the heap.
-
     """
     (starts, start_costs, aligned_cost, goal_cell, goal_heading, slowness, heuristic, ends, cells,
      times, reversal, arc_starts, arc_ends, arc_times, arc_levels, most_level) = problem

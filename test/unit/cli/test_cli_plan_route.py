@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """``ballbot plan-route`` and ``ballbot floor-masks``."""
 import json
+import math
 
 from PIL import Image
 
@@ -16,7 +17,8 @@ def test_a_route_is_printed_drawn_and_given_as_json(capsys, tmp_path):
     assert Image.open(picture).width > 500
     assert main(['plan-route', *FLAT, '--json']) == 0
     route = json.loads(capsys.readouterr().out)
-    assert route['segments'][-1]['points'][-1] == [5.3, 5.8]
+    # The nearest state of the lattice, whose cells are smaller than 0.12 m.
+    assert math.dist(route['segments'][-1]['points'][-1], (5.3, 5.8)) < 0.085
     assert 0.9 <= route['probability'] <= 1.0
 
 

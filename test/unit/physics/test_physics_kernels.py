@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Kernels stay small enough to read, and say what they take."""
+"""Kernels have few parameters, with their types."""
 import ast
 from pathlib import Path
 
@@ -7,7 +7,7 @@ import pytest
 
 PACKAGE = Path(__file__).resolve().parents[3] / 'ballbot_ros'
 MARKS = {'compiled', 'inlined', 'outlined', 'unlocked'}
-MOST_PARAMETERS, MOST_LINES = 8, 70
+MOST_PARAMETERS = 8
 
 
 def kernels(text):
@@ -23,10 +23,6 @@ def faults(kernel):
     parameters = kernel.args.args
     if len(parameters) > MOST_PARAMETERS or kernel.args.vararg or kernel.args.kwonlyargs:
         yield f'{len(parameters)} parameters'
-    begin = kernel.body[1 if ast.get_docstring(kernel) else 0].lineno
-    signature = kernel.body[0].lineno - kernel.lineno
-    if signature + kernel.end_lineno - begin + 1 > MOST_LINES:
-        yield f'{signature + kernel.end_lineno - begin + 1} lines without its docstring'
     kinds = {item.arg: item.annotation for item in parameters} | {'return': kernel.returns}
     for name, kind in kinds.items():
         said = ast.unparse(kind) if kind is not None else ''
@@ -34,7 +30,7 @@ def faults(kernel):
             yield f'{name}: {said or "no type"}'
 
 
-def test_no_kernel_takes_many_parameters_or_is_long_or_untyped():
+def test_no_kernel_takes_many_parameters_or_is_untyped():
     found, count = [], 0
     for path in sorted(PACKAGE.rglob('*.py')):
         for kernel in kernels(path.read_text(encoding='utf-8')):
@@ -49,7 +45,6 @@ def test_no_kernel_takes_many_parameters_or_is_long_or_untyped():
     ('def f(a: int) -> tuple:\n    return a', 'return: tuple'),
     ('def f(a):\n    return a', 'a: no type'),
     (f'def f({", ".join(f"a{i}: int" for i in range(9))}) -> None:\n    pass', '9 parameters'),
-    ('def f(a: int) -> int:\n    "Say."\n' + 71 * '    a += 1\n' + '    return a', '73 lines'),
 ])
 def test_a_kernel_that_breaks_a_rule_is_caught(text, wrong):
     kernel, = kernels('@compiled\n' + text)

@@ -12,13 +12,13 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState, LaserScan
 from tf2_msgs.msg import TFMessage
 
+from ballbot_ros.config.files import find_config
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.msg import BallState, TerrainObservation
 from ballbot_ros.nodes.controller.node import Controller
 from ballbot_ros.nodes.simulator.node import Simulator
 from ballbot_ros.nodes.simulator.outputs import PlaceOnMap
 from ballbot_ros.nodes.simulator.settings import plant_for, SimulatorSettings
-from ballbot_ros.physics import load_robot
 from ballbot_ros.ros import qos
 from ballbot_ros.ros.endpoints import create_subscription
 from ballbot_ros.ros.rclpy_compat import new_executor
@@ -58,8 +58,8 @@ def drive(make_node, context, tmp_path):
         message.twist.linear.x, message.twist.angular.z = speed, yaw_rate
         deadline, plant = time.monotonic() + 120.0, simulator._plant
         sent = -1.0
-        while plant.time < seconds:
-            assert time.monotonic() < deadline
+        while plant.time < seconds or TOPICS.keys() - last.keys():
+            assert time.monotonic() < deadline, TOPICS.keys() - last.keys()
             executor.spin_once(timeout_sec=0.01)
             if plant.time - sent > 0.05:
                 sent = plant.time
@@ -127,12 +127,15 @@ def test_the_place_of_odom_on_the_map_is_exact_or_drifts(make_node):
     assert abs(drifting.of_odom(20000.0)[0] - drifting.of_odom(20000.001)[0]) < 0.005
 
 
-def test_a_robot_without_steering_refuses_to_turn(drive):
-    plant, seen = drive(0.5, 0.3, 0.2, 'onboard', robot='shellball') \
-        if load_robot('shellball').has_pendulum else (None, None)
-    if plant is not None:
-        assert plant.state.velocity_x == 0.0
-        assert list(seen.joint_states.name) == ['shell', 'pendulum']
+@pytest.mark.parametrize('yaw_rate, followed', [(0.2, False), (0.0, True)])
+def test_a_robot_without_steering_refuses_to_turn(drive, tmp_path, yaw_rate, followed):
+    text = find_config('robots', 'gimball').read_text()
+    straight = tmp_path / 'straight.yaml'
+    straight.write_text(text[:text.index('\nsteering:')])
+    plant, seen = drive(1.0, 0.3, yaw_rate, 'onboard', robot=str(straight))
+    # A message with a turn is refused as a whole.
+    assert (plant.state.velocity_x > 0.1) is followed and plant.steers is False
+    assert list(seen.joint_states.name) == ['shell', 'pendulum']
 
 
 @pytest.mark.parametrize('settings, field', [
