@@ -10,7 +10,8 @@ from ballbot_ros.cli.options import add_quiet
 from ballbot_ros.errors import ConfigurationError
 
 FOLDER = Path(__file__).resolve().parent.parent / 'nodes'
-NODES = tuple(sorted(module.name for module in iter_modules([str(FOLDER)])))
+NODES = tuple(sorted(module.name for module in iter_modules([str(FOLDER)])
+                     if module.ispkg))
 # May share a process: none of them drives a motor.
 TOGETHER = ('controller', 'obstacle_decision', 'simulator')
 

@@ -60,6 +60,7 @@ def test_a_file_that_is_no_curve_is_not_overwritten(tmp_path, error_of):
     (['outcomes', 'list', 'nowhere.db'], 'missing', 'FILE'),
     (['view', 'flat', '--port', '70000'], 'out_of_range', '--port'),
     (['run', 'brige'], 'unknown_name', 'brige'),
+    (['run', 'start'], 'unknown_name', 'start'),
     (['emulate-motor', '--protocol', 'vesc', '--baud', '0'], 'out_of_range', '--baud'),
     (['emulate-motor', '--protocol', 'vesc', '--scene', 'flatt'], 'unknown_name', 'scene'),
     (['emulate-motor', '--protocol', 'vesc', '--robot', 'gimbal'], 'unknown_name', 'robot')])
