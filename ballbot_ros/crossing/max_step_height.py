@@ -297,6 +297,12 @@ def _prepare(robot: Robot, speed: float, actuation: Actuation, pendulum_angle: O
         raise ConfigurationError(
             "max_step_height: actuation must be an Actuation, such as Actuation('velocity', "
             f'set_rate=3.0) or held_at(0.0), got {actuation!r}', 'wrong_type', 'actuation')
+    for name, value, wanted in (('site', site, Site), ('rules', rules, Rules),
+                                ('options', options, ContactOptions)):
+        if not isinstance(value, wanted):
+            raise ConfigurationError(
+                f'max_step_height: {name} must be of class {wanted.__name__}, got {value!r}',
+                'wrong_type', name)
     actuation.check_fits(robot)
     if pendulum_angle is None:
         pendulum_angle = actuation.start_angle

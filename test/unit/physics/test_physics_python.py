@@ -48,6 +48,13 @@ def test_a_law_that_is_no_actuation_is_refused_with_one_that_is(find):
         find()
 
 
+@pytest.mark.parametrize('name', ['site', 'rules', 'options'])
+@pytest.mark.parametrize('value', ['any', 3, None])
+def test_a_site_rules_or_options_of_another_class_are_refused(name, value):
+    with refused('wrong_type', name):
+        max_step_height(GIMBALL, 0.5, **{name: value})
+
+
 @pytest.mark.parametrize('make', [
     lambda: held_at(90), lambda: Actuation('position', set_angle=90),
     lambda: held_at(-45.0), lambda: max_step_height('gimball', 0.5, pendulum_angle=90)])
