@@ -105,9 +105,9 @@ class SimulationError(BallbotError, ArithmeticError):
     time : float
         Simulated time of the failure [s].
     quantity : str
-        What went wrong, for instance ``'ball_rate is not finite'``.
+        Cause of the failure, for instance ``'ball_rate is not finite'``.
     remedy : str
-        What to change.
+        Advice to the user.
     trajectory : Trajectory or None
         The part of the run before the failure, if recorded.
 
@@ -148,7 +148,7 @@ class LinkError(_ErrorWithReason, OSError):
     Attributes
     ----------
     reason : str
-        One word for counters and for choosing what to do: ``'missing'``, ``'permission'``,
+        One word for counters and for the choice of a remedy: ``'missing'``, ``'permission'``,
         ``'busy'``, ``'not_a_port'``, ``'bad_address'``, ``'bad_baud'`` when opening;
         ``'gone'`` (unplugged), ``'stuck'`` (takes no bytes) or ``'closed'`` later.
 
@@ -157,7 +157,7 @@ class LinkError(_ErrorWithReason, OSError):
 
 class DriveError(_ErrorWithReason):
     """
-    The line is there, but the motor controller does not do what it must.
+    The line is open, but the motor controller does not work as required.
 
     Attributes
     ----------

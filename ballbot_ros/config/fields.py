@@ -78,7 +78,7 @@ def text(doc: str, *, default: Any = MISSING, choices: Iterable[str] = ()) -> An
 
 
 def section(doc: str, *, cls: Any = None, default: Any = MISSING) -> Any:
-    """Declare what a `Checked` class reads, or, without one, lists that the owner checks."""
+    """Declare a section read by a `Checked` class; without one, lists that the owner checks."""
     return field(default=default, metadata={'kind': object, 'doc': doc, 'cls': cls})
 
 
@@ -281,7 +281,7 @@ def changed(part: C, values: Mapping[str, Any]) -> C:
 
 def build(cls: Type[T], values: Mapping[str, Any], where: str) -> T:
     """
-    Return ``cls(**values)``; what it refuses names the place.
+    Return ``cls(**values)``; errors name the place in the file.
 
     Raises
     ------

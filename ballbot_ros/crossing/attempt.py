@@ -4,14 +4,15 @@ One attempt at a step, from the first touch to its verdict, in compiled code.
 
 Only two vertices of the ground depend on the height of the step, so the ground and the start
 are set up inside the kernel.  The adaptive method runs in blocks; after each the kernel looks
-whether the ball is over or back.  See `crossing` for what these words mean.
+whether the ball is over or back.  `crossing` defines these words.
 
 Besides the verdict an attempt gives a *score*: the square of the speed with which the centre
 of mass passes above the edge, or else minus the square of how far it stayed away, times the
 square of the rate at which a ball falls off an edge.  Where the ball must get clear of the edge on
-rising ground, it is the square of the speed with which it does, or else minus what it would have
-taken to climb on from where it turned round.  Where the ball just gets over, the score goes
-through zero, so that a search can aim instead of halving.  It decides nothing.
+rising ground, it is the square of the speed with which it does, or else minus the square of the
+speed that was missing for the climb from the point where it turned round.  Where the ball just
+gets over, the score goes through zero, so that a search can aim instead of halving.  It decides
+nothing.
 """
 import math
 from typing import NamedTuple
@@ -36,7 +37,7 @@ RETREAT = 0.004
 # Simulated between two looks at the ball [s]; a doubtful block is run again in halves.
 BLOCK = 0.04
 SHORTEST_BLOCK = 1e-6
-# What a ball loses on level ground, as a slope; for scores only.
+# Loss of a ball on level ground, as a slope; for scores only.
 DRAG = 0.02
 LEAST = 1e-12  # size of a score: none is 0 [m2/s2]
 # Vertices of the ground of a step: its foot and its edge, and an end each way.
@@ -44,7 +45,7 @@ VERTICES, EDGE_VERTEX, END_VERTEX = 4, 2, 3
 
 
 class Course(NamedTuple):
-    """What a crossing is, apart from robot, motor, height and ground; for the kernels."""
+    """Conditions of a crossing besides robot, motor, height and ground; for the kernels."""
 
     speed: float  # of the centre at first touch [m/s]
     pendulum_angle: float  # absolute, at the start [rad]
@@ -55,7 +56,7 @@ class Course(NamedTuple):
 
 
 class Crossing(NamedTuple):
-    """What attempts at steps of any height share, with arrays to work in; one for each thread."""
+    """Data and work arrays shared by attempts at steps of any height; one for each thread."""
 
     course: Course
     system: System  # its ground is that of the step, whose height is changed there
@@ -69,7 +70,7 @@ class Crossing(NamedTuple):
 
     @classmethod
     def of(cls, course: Course, system: System, budget: int) -> 'Crossing':
-        """Return the crossing with arrays of its own."""
+        """Return a copy of the crossing with separate arrays."""
         return cls(course, system._replace(ground=system.ground.copy()), budget, np.zeros(SIZE),
                    np.zeros(SIZE), Output(np.zeros((0, 2 + SIZE)), 0.0, 1.0),
                    Workspace.of(VERTICES), np.zeros(2, dtype=np.int64), np.zeros(2))
@@ -410,7 +411,7 @@ def search(width: float, coarse: float, fine: float, guess: float,
     low, high : float
         A step that is passed with the fine tolerance, and one that is not [m].
     lowest, highest : float
-        Between these is also what the coarse tolerance finds [m].
+        Bounds that also enclose the result of the coarse tolerance [m].
     outcome : int
         See `narrow` and `climb`.
 
@@ -455,7 +456,7 @@ def find(accuracy: float, crossing: Crossing) -> Bracket:
     width = WIDTH * accuracy
     coarse, fine = COARSE * width, FINE * width
     robot, speed = crossing.system.parameters, crossing.course.speed
-    # All energy gone into height; what is higher than the centre is a wall.
+    # All energy is converted to height; a step higher than the centre is a wall.
     guess = min(speed * speed / (2.0 * robot.gravity), 0.5 * robot.radius)
     while True:
         low, high, lowest, highest, outcome = search(width, coarse, fine, guess, crossing)

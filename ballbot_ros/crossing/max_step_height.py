@@ -118,7 +118,7 @@ def find_rows(rows: Array, grounds: Array, accuracy: float, results: Array,
 
 
 class Desk(local):
-    """What a thread works with; what the last attempt left there explains how it ended."""
+    """Workspace of a thread; it keeps the last attempt, which explains the outcome."""
 
     def __init__(self) -> None:
         """Make the arrays of a thread."""
@@ -159,7 +159,7 @@ class Crossings(NamedTuple):
         return cls(table(numbers, number), site.grounds(robot, number))
 
     def tried(self, heights: Array, tolerance: float) -> Array:
-        """Return what became of a step of some height [m] each; see `try_rows`."""
+        """Return the outcome at a step of each height [m]; see `try_rows`."""
         results = np.empty((len(self.rows), 3))
         direct(try_rows)(*self, heights, tolerance, results, DESK.packed)
         return results

@@ -188,7 +188,7 @@ class Problem(NamedTuple):
     most_level: int
 
 
-class Nodes(NamedTuple):
+class SearchTree(NamedTuple):
     """
     The nodes of a search.
 
@@ -216,7 +216,7 @@ class Nodes(NamedTuple):
     heap_nodes: NDArray[np.int64]
 
     @classmethod
-    def of(cls, count: int) -> 'Nodes':
+    def of(cls, count: int) -> 'SearchTree':
         """Return arrays for a number of nodes, a power of 2."""
         return cls(np.empty(4 * count, np.int32), *(np.empty(count, np.int64) for _ in range(3)),
                    np.empty(count), np.empty(count, np.uint8), np.empty(3 * count),
@@ -227,7 +227,7 @@ class Tree:
     """A search tree, which searches share and which grows as needed."""
 
     def __init__(self, count: int = 1 << 16):
-        self._nodes = Nodes.of(count)
+        self._nodes = SearchTree.of(count)
 
     def find(self, problem: Problem) -> Tuple[float, List[Tuple[int, int]]]:
         """
@@ -247,7 +247,7 @@ class Tree:
             found = expand(problem, self._nodes)
             if found != FULL or len(self._nodes.keys) >= MOST_NODES:
                 break
-            self._nodes = Nodes.of(4 * len(self._nodes.keys))
+            self._nodes = SearchTree.of(4 * len(self._nodes.keys))
         if found < 0:
             return math.inf, []
         way, node, states = [], found, problem.slowness.size * COUNT
@@ -258,7 +258,7 @@ class Tree:
 
 
 @compiled
-def expand(problem: Problem, tree: Nodes) -> int:
+def expand(problem: Problem, tree: SearchTree) -> int:
     """
     Search by A* over (risk level, direction, heading, cell); return the node of the goal.
 

@@ -131,7 +131,7 @@ def command_message(stamp: Time, torque: float) -> JointState:
 
 def readings(message: JointState) -> JointReadings:
     """
-    Return what the controller needs of a joint state.
+    Return the joint readings that the controller needs.
 
     Raises
     ------
@@ -272,7 +272,7 @@ def ball_state_message(state: State, torque: float, model: Model, frames: Frames
 
 def observation_message(stamp: Time, sight: Sight, sensor: Sensor,
                         frames: Frames = FRAMES) -> StepObservationMsg:
-    """Return what a step sensor has seen."""
+    """Return the observation of a step sensor."""
     message = StepObservationMsg(
         detected=sight.detected, distance=sight.distance, height=sight.height,
         distance_sd=sensor.distance_sd, height_sd=sensor.height_sd)
@@ -290,7 +290,7 @@ def observation(message: StepObservationMsg) -> StepObservation:
 
 def terrain_message(stamp: Time, sight: TerrainSight,
                     frames: Frames = FRAMES) -> TerrainObservationMsg:
-    """Return what a terrain sensor has seen."""
+    """Return the observation of a terrain sensor."""
     message = TerrainObservationMsg(
         x=sight.x, z=sight.z, z_sd=sight.z_sd, x_min=sight.x_min, x_max=sight.x_max)
     message.header.frame_id = frames.base

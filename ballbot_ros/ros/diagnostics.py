@@ -27,7 +27,7 @@ def refusals(what: str, counts: Mapping[str, int]) -> Dict[str, int]:
 
 class Diagnostics:
     """
-    Publishes what `report` returns: level, message, and named values.
+    Publishes the result of `report`: level, message, and named values.
 
     Parameters
     ----------

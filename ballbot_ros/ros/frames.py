@@ -107,6 +107,6 @@ def frame(kind: str) -> Any:
 
 
 def frame_prefix() -> Any:
-    """Declare the parameter for what stands before all frames."""
+    """Declare the parameter for the prefix of all frames."""
     return fixed(WHY, text(
         'before the name of each frame, such as `left/` where there are more robots', default=''))

@@ -26,7 +26,7 @@ class RosHandler(logging.Handler):
 
 
 def forward_logs(node: Node) -> None:
-    """Let a node log what the layers without ROS log in its process."""
+    """Forward the log records of the layers without ROS to the logger of a node."""
     log = logging.getLogger('ballbot_ros')
     log.handlers = [RosHandler(node.get_logger())]
     log.setLevel(logging.INFO)
@@ -34,7 +34,7 @@ def forward_logs(node: Node) -> None:
 
 class DeferredLogs:
     """
-    Holds back what is logged: a loop that drives a motor does not wait for a terminal.
+    Buffers log records, so that a loop that drives a motor does not wait for a terminal.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ class DeferredLogs:
         self._logger.setLevel(logging.INFO)
 
     def forward(self) -> None:
-        """Log what was held back."""
+        """Log the buffered records."""
         while not self._queue.empty():
             record = self._queue.get()
             if self._logger.parent is not None:

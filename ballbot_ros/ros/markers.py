@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What RViz and Foxglove draw besides the robot: ground, contacts, forces, and the decision."""
+"""Markers for RViz and Foxglove: ground, contacts, forces, and the decision."""
 import math
 from typing import Iterable, List, Sequence, Tuple
 
@@ -110,7 +110,7 @@ def _contact_markers(state: State, model: Model, frame: str,
 
 def decision_markers(decision: Decision, odometry: Odometry, radius: float) -> List[Marker]:
     """
-    Return the step ahead, how high it may be, and what was decided, where the ball is.
+    Return markers of the step ahead, its permitted height, and the decision at the ball.
 
     Parameters
     ----------

@@ -24,7 +24,7 @@ except ImportError:  # part of every ROS 2 installation
 
 class OdometryTopics:
     """
-    The topics ``odom`` and ``/tf``, and what else a viewer needs to show the robot.
+    The topics ``odom`` and ``/tf``, and others that a viewer needs to show the robot.
 
     Odometry moves the base in the frame ``odom``.  The frames below the base are published by
     robot_state_publisher, or by this class in its place: ``robot_description``, ``/tf_static``,
@@ -42,7 +42,7 @@ class OdometryTopics:
     """
 
     def __init__(self, node: Node, robot: Robot, settings: Any, steers: bool = False):
-        """Create the publishers, and publish what does not change."""
+        """Create the publishers, and publish the constant messages."""
         self.frames = Frames.of(settings)
         self._radius, self._has_pendulum = robot.ball_radius, robot.has_pendulum
         self._described, self._steers = settings.publish_description, steers
@@ -85,13 +85,13 @@ class OdometryTopics:
 
     def _describe(self, node: Node, robot: Robot, names: Frames) -> None:
         """Publish the description, and the transforms that stay as they are."""
-        # Kept: a publisher that is not referenced ends, and what is latched with it.
+        # Kept: an unreferenced publisher is destroyed, and its latched messages with it.
         self._description = create_publisher(node, 'robot_description')
         self._description.publish(String(data=robot_description(
             robot, names, self._steers)))
         if TFMessage is not None:
             self._static = create_publisher(node, '/tf_static')
-            header = Header()  # what never changes needs no stamp
+            header = Header()  # static transforms need no stamp
             self._static.publish(TFMessage(transforms=[
                 _transform(header, self.frames.base, self.frames.footprint,
                            (0.0, 0.0, -self._radius)),
@@ -121,7 +121,7 @@ class OdometryTopics:
     def messages(self, message: Odometry, ball_angle: float, joint_angle: float,
                  lateral: LateralState = LateralState()) -> Iterator[Tuple[Publisher, Any]]:
         """
-        Yield what odometry is to be published as, and where.
+        Yield the messages of an odometry, each with its publisher.
 
         Parameters
         ----------

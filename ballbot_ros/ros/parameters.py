@@ -13,7 +13,7 @@ files themselves.
 Settings are immutable values.  A change makes other settings, has them checked as a whole by the
 node, and then hands them over, in rclpy's pre-set, on-set and post-set callbacks: all values of a
 request, or none.  A check may take long (the stability of the laws takes a tenth of a second or
-more), so for a request by service it runs in a thread of its own, and the callbacks use its
+more), so for a request by service it runs in a separate thread, and the callbacks use its
 result between two periods.
 """
 from contextlib import contextmanager
@@ -156,7 +156,7 @@ def _given(arguments: Sequence[str], node: str) -> tuple[set[str], set[str]]:
 
 
 def _options(arguments: Sequence[str]) -> Iterator[tuple[str, str]]:
-    """Yield the options that give parameters, with what follows them."""
+    """Yield the options that give parameters, with their values."""
     inside = False
     for one, following in zip(arguments, [*arguments[1:], '']):
         inside = one == '--ros-args' or (inside and one != '--')
@@ -198,7 +198,7 @@ class Change(NamedTuple):
     parameters: Sequence[Parameter] = ()  # that change, also those of a file that is named
     settings: Any = None
     commit: Commit = lambda: None
-    text: str = ''  # what changes, for the log
+    text: str = ''  # the change, for the log
 
 
 class Changes(Generic[S]):

@@ -134,7 +134,7 @@ def run_together(make_nodes: Sequence[Callable[[], Node]],
 
 
 def _run_together(make_nodes: Sequence[Callable[[], Node]], args: Optional[List[str]]) -> int:
-    """Run nodes, and destroy them and what they have raised."""
+    """Run nodes, destroy them, and raise their errors."""
     stopping, making = Stop(), False
 
     def stop(number: int, frame: Any) -> None:

@@ -26,7 +26,7 @@ from ballbot_ros.steering import LateralState, law
 
 
 class Controller(Node):
-    """Runs laws (11) and (12) and the speed law; see `ControllerSettings` for what can be set."""
+    """Runs laws (11) and (12) and the speed law; `ControllerSettings` has its parameters."""
 
     def __init__(self, **kwargs: Any):
         """Refuse a loop that would diverge, then wait for joint states."""
@@ -59,7 +59,7 @@ class Controller(Node):
         self.get_logger().info(f'these gains need joint states at {lowest:.0f} Hz or more')
 
     def _prepare(self, wanted: ControllerSettings) -> Commit:
-        """Check other parameters; return what puts them in force."""
+        """Check other parameters; return a function that applies them."""
         hand_over = prepare_laws(
             self._controller, self._robot, LoopNumbers(*self._settings.loop),
             LoopNumbers(*wanted.loop), wanted.supervision)
@@ -71,7 +71,7 @@ class Controller(Node):
         return commit
 
     def _taker(self, topic: str, take: Callable[[Any], None]) -> Callable[[Any], None]:
-        """Return what answers a message that is taken, and counts and logs one that is refused."""
+        """Return a callback that answers accepted messages, and counts and logs refused ones."""
         def callback(message: Any) -> None:
             try:
                 take(message)

@@ -83,7 +83,7 @@ class EmulatedRobot(Node):
         return self._emulator.failure
 
     def _publish(self) -> None:
-        """Publish what the sensors measure."""
+        """Publish the sensor measurements."""
         before, state = self._before, self._emulator.state
         if state.time <= before.time:
             return

@@ -30,7 +30,7 @@ class ImuNode(Node):
         self._output = ImuOutput(self, settings.as_port, Frames.of(settings).imu)
 
     def _prepare(self, wanted: ImuSettings) -> Commit:
-        """Check other parameters; return what puts them in force."""
+        """Check other parameters; return a function that applies them."""
         axes = Axes(wanted.axes)
 
         def commit() -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""An inertial sensor as a topic: read in a thread of its own, published as it comes."""
+"""An inertial sensor as a topic: a separate thread reads and publishes each sample."""
 import threading
 import time
 from typing import Callable, Mapping, Optional

@@ -14,11 +14,11 @@ EVENTS = '/parameter_events'
 
 class GainWatch:
     """
-    Listens to what changes in the nodes that follow the set-points of a node.
+    Monitors parameter changes of the nodes that follow the set-points of a node.
 
     Plans rest on gains (``control_tuning``): with others the pendulum takes another way to its
-    set angle.  They are not taken over by themselves, for which node drives is not known for
-    certain, and what was learned rests on them.
+    set angle.  New gains are not adopted automatically: it is not certain which node drives, and
+    the learned parameters depend on the gains.
 
     Parameters
     ----------

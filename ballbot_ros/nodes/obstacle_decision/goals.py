@@ -82,7 +82,7 @@ class GoalServers:
         self._last_decision = time.monotonic()
 
     def go_on(self) -> bool:
-        """Do without goals what the decision says; return whether that changes anything."""
+        """Follow the decision without goals; return whether that changes anything."""
         goals = self._decider().goals
         waiting = goals.waiting
         goals.go_on()

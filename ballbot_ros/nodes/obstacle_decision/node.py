@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The node ``obstacle_decision``: what to do about the step ahead, and a set-point for it."""
+"""The node ``obstacle_decision``: it decides about the step ahead and sends a set-point."""
 from collections import Counter
 from functools import partial
 from typing import Any, Callable, Dict, List, Optional, Tuple
@@ -37,7 +37,7 @@ def load_knowledge(settings: DecisionSettings) -> Knowledge:
 
 class ObstacleDecision(Node):
     """
-    Decides and publishes set-points; see `DecisionSettings` for what can be set.
+    Decides and publishes set-points; `DecisionSettings` has its parameters.
 
     An observation waits for odometry that is not older than it, so that the answer depends on
     stamps alone and not on which message happened to arrive first.
@@ -68,7 +68,7 @@ class ObstacleDecision(Node):
             self, 'decision', self._health, knowledge.robot.name)
 
     def _prepare(self, wanted: DecisionSettings) -> Commit:
-        """Check other parameters; return what puts them in force."""
+        """Check other parameters; return a function that applies them."""
         return self._decider.prepare(load_knowledge(wanted))
 
     def _on_observation(self, convert: Callable[[Any], Observation], message: Any) -> None:
@@ -101,7 +101,7 @@ class ObstacleDecision(Node):
         self._seen.clear()
 
     def _stand(self) -> None:
-        """Forget what was decided, so that no plan outlives an e-stop, and ask for rest."""
+        """Discard the decision, so that no plan outlives an e-stop, and command rest."""
         self._forget('the e-stop is engaged')
         self._outputs.rest(Time())
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a node does before it decides, and keeps for the next time: compiled code, and outcomes."""
+"""Preparation of the node before its first decision (compilation), and the log of outcomes."""
 from dataclasses import replace
 from pathlib import Path
 import time
@@ -39,7 +39,7 @@ class Experience:
     """
 
     def __init__(self, path: str, knowledge: Knowledge, planner: str, logger: RcutilsLogger):
-        """Compile what decisions call, read the log and learn from it."""
+        """Compile the kernels of the decision, and update the particles from the log."""
         self.knowledge = knowledge
         start = time.monotonic()
         warm_up(knowledge, planner)
@@ -66,11 +66,11 @@ class Experience:
         return {'outcome_log': problem} if problem else {}
 
     def keep(self, outcome: Optional[Outcome]) -> None:
-        """Keep what came of an attempt, if anything did."""
+        """Log the outcome of an attempt, if there is one."""
         if outcome is not None and self._log is not None:
             self._log.append(outcome)
 
     def close(self) -> None:
-        """Write what waits."""
+        """Write the pending outcomes."""
         if self._log is not None:
             self._log.close()

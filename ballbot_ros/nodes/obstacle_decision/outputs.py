@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the decision publishes: the newest decision, and the set-point that goes with it."""
+"""Outputs of the decision: the newest decision and its set-point."""
 import math
 from typing import Optional, Tuple
 

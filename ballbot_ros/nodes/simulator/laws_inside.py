@@ -19,7 +19,7 @@ from ballbot_ros.steering import law
 
 
 class TorqueSource(Protocol):
-    """What a scheduler asks; a `CommandGate` is one."""
+    """Interface of a scheduler to its source of torque, for instance a `CommandGate`."""
 
     def torque(self, now: float) -> float:
         """Return the torque of the period that begins now [N m]."""
@@ -31,7 +31,7 @@ class TorqueSource(Protocol):
         """Return whether there was something to follow and it has become too old."""
 
     def clear(self) -> None:
-        """Forget what is followed."""
+        """Discard the present command."""
 
 
 def check_control(settings: SimulatorSettings) -> None:
@@ -100,7 +100,7 @@ class LawsInside:
         self._controller.forget()
 
     def prepare(self, now: SimulatorSettings, wanted: SimulatorSettings) -> Commit:
-        """Check other parameters; return what puts them in force."""
+        """Check other parameters; return a function that applies them."""
         return prepare_laws(self._controller, self._plant.model.robot, _loop(now), _loop(wanted),
                             _supervision(wanted))
 

@@ -30,7 +30,7 @@ NO_SIM_TIME = 'use_sim_time does not apply to the simulator, which makes the sim
 
 
 class Simulator(Node):
-    """Owns simulated time; see `SimulatorSettings` for what can be set."""
+    """Owns simulated time; `SimulatorSettings` has its parameters."""
 
     def __init__(self, **kwargs: Any):
         """Load the scene and start (or wait, if paused)."""
@@ -60,7 +60,7 @@ class Simulator(Node):
                                         clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def _prepare(self, wanted: SimulatorSettings) -> Commit:
-        """Check other parameters; return what puts them in force, between two periods."""
+        """Check other parameters; return a function that applies them between two periods."""
         check_control(wanted)
         steps = [self._outputs.prepare(wanted)]
         if self._laws is not None:

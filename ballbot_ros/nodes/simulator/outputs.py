@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the simulator publishes, each topic at its own rate."""
+"""Outputs of the simulator, each topic at its own rate."""
 from dataclasses import fields
 import math
 import struct
@@ -39,7 +39,7 @@ class Every(NamedTuple):
 
 
 def every(settings: SimulatorSettings) -> Every:
-    """Return when what is due; raise `ConfigurationError` for a rate that does not fit."""
+    """Return the period of each output; `ConfigurationError` for a rate that does not fit."""
     periods = [periods_per(getattr(settings, name), settings.control_rate, name)
                for name in ('odom_rate', 'ball_state_rate')]
     clock = settings.clock_rate and periods_per(
@@ -86,7 +86,7 @@ class Outputs:
             self._odometry.frames.base, plant.model.robot.has_pendulum, plant.steers)
 
     def prepare(self, wanted: SimulatorSettings) -> Commit:
-        """Check other rates and sensors; return what puts them in force."""
+        """Check other rates and sensors; return a function that applies them."""
         periods, see = every(wanted), self._sensors.prepare(wanted)
 
         def commit() -> None:
@@ -283,7 +283,7 @@ class Sensors:
         Parameters
         ----------
         everything : bool
-            The state is new: forget what is held back, and look now.
+            The state is new: discard delayed measurements, and measure now.
 
         """
         plant = self._plant

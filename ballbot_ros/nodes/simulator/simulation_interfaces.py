@@ -294,7 +294,7 @@ def _ended(response: Any, complete: bool) -> Any:
     return response
 
 
-# What rounding may leave of a number that must be none; how deep the ball may lie [m].
+# Rounding error permitted in a number that must be zero; largest depth of the ball [m].
 NEGLIGIBLE, DEEPEST = 1e-6, 0.001
 
 

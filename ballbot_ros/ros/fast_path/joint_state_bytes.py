@@ -3,8 +3,8 @@
 Joint states as the bytes that go over the wire.
 
 Making messages of Python objects costs rclpy more than simulating and controlling.  All joint
-states of one sender are alike but for their numbers, so these are read and written in place.  What
-is not understood is left to the middleware.
+states of one sender are alike but for their numbers, so these are read and written in place.  The
+middleware handles all other messages.
 """
 import math
 import struct
@@ -57,7 +57,7 @@ AnyJointState = Union[JointState, ReceivedJointState]
 
 class Form:
     """
-    What joint states have in common that differ in nothing but their numbers.
+    Layout shared by joint states that differ only in their numbers.
 
     Parameters
     ----------
@@ -125,7 +125,7 @@ class Form:
         return begin, count
 
     def empty(self) -> bytearray:
-        """Return a message of this form whose numbers are zero, as is what fills its gaps."""
+        """Return a message of this form whose numbers and padding are zero."""
         return bytearray(self._pattern.to_bytes(self._length, 'little')[:self.end])
 
     def fits(self, data: bytes) -> bool:
@@ -191,7 +191,7 @@ def form_of(data: bytes, message: JointState) -> Optional[Form]:
 
 def subscribe_joint_states(node: Node, topic: str, callback: Callable[[AnyJointState], None]
                            ) -> Subscription:
-    """Return a subscription to joint states, which are read in place; what is none is logged."""
+    """Return a subscription to joint states, which are read in place; other bytes are logged."""
     reader = JointStateReader()
 
     def take(data: bytes) -> None:
