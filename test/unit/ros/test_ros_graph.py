@@ -159,6 +159,7 @@ def test_a_recording_keeps_the_parameters_of_the_one_simulator(
     other = Node('simulator', namespace='other', context=context)
     assert record.source_metadata(look) == {}  # of two, neither is the source
     other.destroy_node()
+    assert look.wait(lambda: look.node.get_node_names().count('simulator') == 1, 30.0)
     publish_while(robot, Odometry, 'odom', odometry())
     record.record(look, tmp_path / 'bag', ['odom'], 0.5, lambda _: None)
     look._executor.remove_node(simulator)
