@@ -598,14 +598,14 @@ class RolloutPlanner:
             # There is time to look closer, and no need to say no yet.
             stand = face.position - self._robot.ball_radius - self._tuning.stop_gap
             way = self._lines.braking.distance(motion.speed, ahead.slope)
-            # Until the plans for another face are evaluated, the label does not change.
+            # Until the plans for a face are evaluated, the label does not change.
             refused = (previous is not None and previous.kind in (Kind.STOP, Kind.GO_ROUND) and (
                 previous.step == face.number or not choice.tally.attempts))
             if choice.reason not in DEFINITE and abs(motion.speed) > STANDING \
                     and stand - motion.position > way + AT_EASE and not refused:
                 return weighing(ahead, motion, self._tuning)
             no = refuse(choice, ahead, motion, room, self._tuning)
-            if refused and previous is not None:
+            if refused and previous is not None and choice.reason not in DEFINITE:
                 no = replace(no, kind=previous.kind)
             return self._lines.stand(no, face.position, situation, ahead.slope)
         end = choice.trial.candidate.end(ahead)
