@@ -135,8 +135,9 @@ def record(observer: Observer, folder: Path, topics: List[str], duration: float,
 
     """
     check_new(folder)
+    metadata = source_metadata(observer)
     end = time.monotonic() + duration
-    with BagRecorder(folder, source_metadata(observer)) as bag:
+    with BagRecorder(folder, metadata) as bag:
         recording = GraphRecording(observer, bag, topics, say)
         observer.wait(lambda: recording.poll() or not recording.missing, 1.0)
         if recording.missing:

@@ -168,6 +168,14 @@ def test_a_recording_keeps_the_parameters_of_the_one_simulator(
     assert found.source == 'simulator' and found.parameters == {'floor': 'apartment'}
 
 
+def test_the_duration_of_a_recording_begins_when_its_source_is_known(
+        look, robot, tmp_path, monkeypatch):
+    monkeypatch.setattr(record, 'source_metadata', lambda _: time.sleep(1.0) or {})
+    publish_while(robot, Odometry, 'odom', odometry())
+    counts = record.record(look, tmp_path / 'bag', ['odom'], 0.8, lambda _: None)
+    assert counts['/odom'] > 3
+
+
 def test_ctrl_c_completes_the_bag_and_topics_that_come_late_are_in_it(
         look, robot, tmp_path, monkeypatch):
     publish_while(robot, Odometry, 'odom', odometry())
