@@ -36,26 +36,29 @@ def loop(robot, seconds, set_point):
         robot.loop(0.02)
 
 
-def frozen(velocity):
-    """Return a fault: the encoder repeats its last position."""
+# Of each axis: its measurements in the device, and the function of the robot that falsifies them.
+ENCODERS = (('sensed', 'encoder'), ('second', 'lean_encoder'))
+
+
+def frozen(velocity, axis=0):
+    """Return a fault: the encoder repeats its last position; with the true velocity, or none."""
     def plant(robot):
-        position = robot.device.sensed.position
-        robot.encoder = lambda true: true._replace(
-            position=position, velocity=true.velocity if velocity else 0.0)
+        measured, encoder = ENCODERS[axis]
+        position = getattr(robot.device, measured).position
+        setattr(robot, encoder, lambda true: true._replace(
+            position=position, velocity=true.velocity if velocity else 0.0))
     return plant
 
 
-def reversed_encoder(robot):
-    """Let the encoder count backwards from where it is."""
-    position = robot.device.sensed.position
-    robot.encoder = lambda true: true._replace(
-        position=2.0 * position - true.position, velocity=-true.velocity)
-
-
-def reversed_position(robot):
-    """Let the encoder count backwards from where it is, with the true velocity."""
-    position = robot.device.sensed.position
-    robot.encoder = lambda true: true._replace(position=2.0 * position - true.position)
+def reversed_encoder(velocity, axis=0):
+    """Return a fault: the encoder counts backwards from where it is; with the true velocity."""
+    def plant(robot):
+        measured, encoder = ENCODERS[axis]
+        position = getattr(robot.device, measured).position
+        setattr(robot, encoder, lambda true: true._replace(
+            position=2.0 * position - true.position,
+            velocity=true.velocity if velocity else -true.velocity))
+    return plant
 
 
 def lost_status(robot):
@@ -145,7 +148,7 @@ def requested_stop(robot):
 FAULTS = {
     'e-stop requested': requested_stop,
     'encoder frozen, its velocity too': frozen(False), 'encoder frozen': frozen(True),
-    'encoder reversed': reversed_encoder, 'encoder jumps every 0.2 s': jumping_encoder,
+    'encoder reversed': reversed_encoder(False), 'encoder jumps every 0.2 s': jumping_encoder,
     'IMU silent': silent_imu, 'IMU frozen': repeated, 'IMU in degrees per second': in_degrees,
     'IMU in g': in_g, 'IMU upside down': upside_down,
     'cable unplugged': unplugged, 'no reply arrives': silent_drive,

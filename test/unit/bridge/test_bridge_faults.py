@@ -7,7 +7,7 @@ import pytest
 from refusals import refused
 from session_faults import (
     FAULTS, FORWARD, frozen, in_degrees, in_g, loop, lost_status, repeated, reversed_encoder,
-    reversed_position, time_to_zero, upside_down)
+    time_to_zero, upside_down)
 from virtual_robot import VirtualRobot
 
 from ballbot_ros.bridge.motor_state import MotorState
@@ -20,7 +20,7 @@ PROTOCOLS = ('odrive 0.5', 'odrive_can 0.6', 'vesc', 'roboclaw')
 
 @pytest.mark.parametrize('protocol', PROTOCOLS)
 @pytest.mark.parametrize('tuning', ['gentle', 'published'])
-@pytest.mark.parametrize('fault', [frozen(True), frozen(False), reversed_encoder],
+@pytest.mark.parametrize('fault', [frozen(True), frozen(False), reversed_encoder(False)],
                          ids=['frozen', 'frozen with its velocity', 'reversed'])
 def test_an_encoder_that_contradicts_the_torque_engages_the_e_stop(protocol, tuning, fault):
     robot = VirtualRobot(protocol, onboard=tuning).ready()
@@ -31,7 +31,7 @@ def test_an_encoder_that_contradicts_the_torque_engages_the_e_stop(protocol, tun
 
 
 @pytest.mark.parametrize('protocol', PROTOCOLS)
-@pytest.mark.parametrize('fault', [frozen(True), reversed_position],
+@pytest.mark.parametrize('fault', [frozen(True), reversed_encoder(True)],
                          ids=['frozen', 'position reversed'])
 def test_an_encoder_that_contradicts_the_velocity_of_the_drive_engages_the_e_stop(
         protocol, fault):
@@ -124,7 +124,7 @@ def test_an_imu_upside_down_inhibits_the_release_where_the_encoder_has_a_zero(pr
     assert not any(robot.torques)
 
 
-@pytest.mark.parametrize('fault', [frozen(False), reversed_encoder, upside_down])
+@pytest.mark.parametrize('fault', [frozen(False), reversed_encoder(False), upside_down])
 def test_sensors_that_contradict_each_other_stop_slow_motion_before_the_ball_has_turned(fault):
     robot = VirtualRobot().ready()
     robot.run(0.3, torque=0.35)  # below that of a check of the torque

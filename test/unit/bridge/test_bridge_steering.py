@@ -6,7 +6,8 @@ import math
 import pytest
 from refusals import refused
 from session_faults import (
-    loop, rebooted_drive, requested_stop, silent_drive, silent_imu, tripped_drive, unplugged)
+    frozen, loop, rebooted_drive, requested_stop, reversed_encoder, silent_drive, silent_imu,
+    tripped_drive, unplugged)
 from virtual_robot import STEP, VirtualRobot
 
 from ballbot_ros.bridge.feasibility import wire_budget
@@ -60,25 +61,6 @@ def test_the_lean_stays_within_the_limit_of_the_robot(robot):
     assert not robot.session.supervisor.e_stop
 
 
-def frozen_lean(velocity):
-    """Return a fault: the encoder of the lateral axis repeats its last position."""
-    def plant(robot):
-        position = robot.device.second.position
-        robot.lean_encoder = lambda true: true._replace(
-            position=position, velocity=true.velocity if velocity else 0.0)
-    return plant
-
-
-def reversed_lean(velocity):
-    """Return a fault: the encoder of the lateral axis counts backwards from where it is."""
-    def plant(robot):
-        position = robot.device.second.position
-        robot.lean_encoder = lambda true: true._replace(
-            position=2.0 * position - true.position,
-            velocity=true.velocity if velocity else -true.velocity)
-    return plant
-
-
 def silent_axis(number):
     """Return a fault: no replies to one axis arrive."""
     def plant(robot):
@@ -91,8 +73,9 @@ FAULTS = {
     'requested': requested_stop, 'unplugged': unplugged, 'silent drive': silent_drive,
     'silent IMU': silent_imu, 'tripped': tripped_drive, 'rebooted': rebooted_drive,
     'joint silent': silent_axis(0), 'lean silent': silent_axis(1),
-    'lean frozen': frozen_lean(True), 'lean frozen, velocity too': frozen_lean(False),
-    'lean reversed': reversed_lean(True), 'lean reversed, velocity too': reversed_lean(False)}
+    'lean frozen': frozen(True, axis=1), 'lean frozen, velocity too': frozen(False, axis=1),
+    'lean reversed': reversed_encoder(True, axis=1),
+    'lean reversed, velocity too': reversed_encoder(False, axis=1)}
 
 
 @pytest.mark.parametrize('fault', FAULTS)
