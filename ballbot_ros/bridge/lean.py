@@ -9,7 +9,7 @@ not accumulate.
 from typing import Callable, NamedTuple, Optional
 
 from ballbot_ros.bridge.hardware_file import Hardware
-from ballbot_ros.bridge.sensing import AxisSensing
+from ballbot_ros.bridge.sensing import AxisSensing, LONGEST_PAUSE
 from ballbot_ros.bridge.supervisor import PendulumMotion
 from ballbot_ros.drives.contract import Telemetry
 from ballbot_ros.errors import EstimateLostError
@@ -84,7 +84,7 @@ class LeanSensing(AxisSensing):
         if self._zero is None:
             self._zero = angle
         lean, speed = angle - self._zero, self._speed() or 0.0
-        if not 0.0 < pause <= self.longest_pause:
+        if not 0.0 < pause <= LONGEST_PAUSE:
             self.state = LateralState(lean, rate or 0.0)
         else:
             if rate is None:

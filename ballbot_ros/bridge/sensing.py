@@ -80,8 +80,6 @@ class AxisSensing:
 
     """
 
-    longest_pause = LONGEST_PAUSE
-
     def __init__(self, hardware: Hardware):
         self._joint = hardware.joint
         self.imu_watch = ImuWatch()

@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """One line for the drivers of several axes; each has a view with all that arrives."""
-from typing import Callable, Optional
+from typing import Callable, Optional, TypeVar
 
 from ballbot_ros.drives.contract import SerialLine
 from ballbot_ros.errors import LinkError
+
+Result = TypeVar('Result')
 
 
 class SharedLine:
@@ -73,10 +75,7 @@ class LineView:
 
     def wait(self, seconds: float, least: int = 1) -> bool:
         """Wait for bytes, and return whether there are any."""
-        found = [bool(self.arrived)]
-        if not found[0]:
-            self._attempt(lambda: found.append(self.line.wait(seconds, least)))
-        return found[-1]
+        return bool(self.arrived) or self._attempt(lambda: self.line.wait(seconds, least))
 
     def close(self) -> None:
         """Close the view; closing twice is allowed."""
@@ -84,12 +83,12 @@ class LineView:
             self._closed = True
             self._shared.drop(self)
 
-    def _attempt(self, action: Callable[[], object]) -> None:
-        """Act on the line; one that fails is closed for all views."""
+    def _attempt(self, action: Callable[[], Result]) -> Result:
+        """Return the result of an action on the line; one that fails is closed for all views."""
         if self._closed:
             raise LinkError('closed', f'{self.port} has been closed')
         try:
-            action()
+            return action()
         except LinkError:
             self._shared.close(self.line)
             raise

@@ -4,8 +4,8 @@ Motion of the ball after a command timeout: each `on_timeout`, on a slope or a l
 
 The full model of the robot under the torques of the real `Supervisor`, which receives the true
 angles.  The ball rests, or rolls at a constant speed, under the velocity controller (12) with the
-`gentle` gains, which are stable at the rate of every hardware file; then the
-commands stop.  Positive slopes rise towards +x.
+`gentle` gains, which are stable at the rate of every hardware file; then the commands stop.
+Positive slopes rise towards +x.
 """
 from dataclasses import replace
 import math

@@ -137,11 +137,9 @@ def _guarded(bound: str, done: List[bool]) -> Iterator[None]:
     """Let the server that is started within be guarded, and note in `done` that it is."""
     module: Any = websockets.asyncio.server
     serve = module.serve
-    log = logging.getLogger('websockets.server')
-    log.addFilter(_names_a_fault)
+    logging.getLogger('websockets.server').addFilter(_names_a_fault)
 
     def guarded(*args: Any, **kwargs: Any) -> Any:
-        kwargs['logger'] = log
         kwargs['process_request'] = _checked(kwargs.get('process_request'), bound)
         done.append(True)
         return serve(*args, **kwargs)
