@@ -12,6 +12,8 @@ from mcap.reader import make_reader
 from nav_msgs.msg import Odometry
 import numpy as np
 import pytest
+import rclpy
+from rclpy.context import Context
 from rclpy.node import Node
 from refusals import refused
 from sensor_msgs.msg import JointState
@@ -151,18 +153,27 @@ def test_a_recording_has_all_that_came_and_says_how_many(look, robot, tmp_path):
         record.record(look, tmp_path / 'bag', ['odom'], 1.0, said.append)
 
 
-def test_a_recording_keeps_the_parameters_of_the_one_simulator(
-        look, make_node, context, robot, tmp_path):
-    simulator = make_node(Node, 'simulator')
-    simulator.declare_parameter('floor', 'apartment')
-    look._executor.add_node(simulator)
-    other = Node('simulator', namespace='other', context=context)
-    assert record.source_metadata(look) == {}  # of two, neither is the source
-    other.destroy_node()
-    assert look.wait(lambda: look.node.get_node_names().count('simulator') == 1, 30.0)
-    publish_while(robot, Odometry, 'odom', odometry())
-    record.record(look, tmp_path / 'bag', ['odom'], 0.5, lambda _: None)
-    look._executor.remove_node(simulator)
+def test_a_recording_keeps_the_parameters_of_the_one_simulator(tmp_path, monkeypatch):
+    # In a context of its own: nodes of other tests named bridge would be sources, too.
+    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'OFF')
+    context = Context()
+    rclpy.init(context=context, domain_id=231)
+    with Observer('test', context) as look:
+        simulator, other, robot = (
+            Node(name, namespace=namespace, context=context) for name, namespace in (
+                ('simulator', ''), ('simulator', 'other'), ('robot', '')))
+        simulator.declare_parameter('floor', 'apartment')
+        assert record.source_metadata(look) == {}  # of two, neither is the source
+        other.destroy_node()
+        assert look.wait(lambda: look.node.get_node_names().count('simulator') == 1, 30.0)
+        for node in (simulator, robot):
+            look._executor.add_node(node)
+        publish_while(robot, Odometry, 'odom', odometry())
+        record.record(look, tmp_path / 'bag', ['odom'], 0.5, lambda _: None)
+        for node in (simulator, robot):
+            look._executor.remove_node(node)
+            node.destroy_node()
+    rclpy.try_shutdown(context=context)
     with open_bag(tmp_path / 'bag') as bag:
         found = BagMetadata.read(bag.metadata)
     assert found.source == 'simulator' and found.parameters == {'floor': 'apartment'}
