@@ -16,7 +16,7 @@ before = time.process_time()
 import numba
 from ballbot_ros.crossing import max_step_height, try_step
 from ballbot_ros.physics import Actuation, load_robot, load_scene, simulate, Solver
-from ballbot_ros.physics.solvers.registry import METHODS
+from ballbot_ros.physics.simulation.solver import METHODS
 imported = time.process_time()
 scene, robot = load_scene('fig7_top'), load_robot('gimball')
 for method in METHODS:

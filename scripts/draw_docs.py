@@ -176,7 +176,7 @@ def main():
     crossing = load_scene('fig7_bottom').simulate()
     save(strip(crossing, 'fig7_bottom'), folder / 'crossing.png')
     animate(crossing, folder / 'crossing.gif', 'fig7_bottom', playback=0.4)
-    for name in ('on_timeout', 'turning', 'oblique'):
+    for name in ('on_timeout', 'turning', 'oblique', 'contact_law'):
         save_small(FIGURES[name](), folder / f'{name}.png')
     planner = RoutePlanner(load_floor('apartment'), Knowledge(
         load_robot('gimball'), load_curve('gimball_down'),

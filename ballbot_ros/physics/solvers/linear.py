@@ -41,7 +41,7 @@ WIDTH = 16  # of a row
  ROWS) = (WIDTH * row for row in range(31))
 
 
-def sum_rows(work: Array, out: int, start: int, scale: float, factors: Array, first: int,
+def _sum_rows(work: Array, out: int, start: int, scale: float, factors: Array, first: int,
              rows: int, count: int) -> None:
     """
     Write ``start + sum(scale * factors[first + k] * row k)`` over `count` rows into `out`.
@@ -119,6 +119,8 @@ if COMPILED:
                           place), _generate
 
     sum_rows = intrinsic(_types)
+else:
+    sum_rows = _sum_rows
 
 
 VELOCITIES = 4
