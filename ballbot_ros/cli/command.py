@@ -16,7 +16,7 @@ import os
 import re
 import signal
 import sys
-from threading import current_thread, Event, main_thread
+from threading import current_thread, Event, main_thread, Timer
 from typing import Any, Callable, Iterator, NamedTuple, NoReturn, Optional, Sequence
 import warnings
 
@@ -80,7 +80,10 @@ VERBS = {
 
 # Exit codes: 128 + number of the signal as in a shell; 2 for misuse as in argparse.
 DONE, FAILED, MISUSED, INTERRUPTED, PIPE_CLOSED = 0, 1, 2, 130, 141
-INTERRUPTION = 'interrupted; files written so far are complete, others were not started'
+# Verbs that end with Ctrl-C, and then with exit code 0.
+UNTIL_CTRL_C = {'drive', 'echo', 'emulate-motor', 'hz', 'view'}
+# Delay before a KeyboardInterrupt that C code has ignored is raised again [s].
+RAISE_AGAIN = 0.1
 
 
 def load_verb(name: str) -> Any:
@@ -127,41 +130,34 @@ def main(argv: Optional[Sequence[str]] = None) -> int:
     -------
     int
         Exit code: 0, 1 for a failed run, 2 for an error in the arguments or a file, 130 after
-        Ctrl-C.
+        Ctrl-C or 0 for a verb that runs until Ctrl-C.
 
     """
+    words = list(sys.argv[1:] if argv is None else argv)
     with _interruption() as pressed:
         try:
-            return _guarded(argv)
-        except Exception:
-            # An extension that was compiling or calling back replaced KeyboardInterrupt.
-            if not pressed.is_set():
+            try:
+                return _run(words)
+            finally:
+                sys.stdout.flush()
+        except BrokenPipeError:
+            # The reader has closed the pipe; buffered text must not fail again at the exit.
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            return PIPE_CLOSED
+        except BallbotError as error:
+            print_refusal(error)
+            return MISUSED
+        except MemoryError:
+            print_error('not enough memory; use a shorter duration or a larger output_step')
+            return FAILED
+        except (KeyboardInterrupt, Exception) as error:
+            # An extension that was compiling or calling back may replace KeyboardInterrupt.
+            if isinstance(error, Exception) and not pressed.is_set():
                 raise
-            print_error(INTERRUPTION)
+            if UNTIL_CTRL_C.intersection(words[:1]):
+                return DONE
+            print_error('interrupted')
             return INTERRUPTED
-
-
-def _guarded(argv: Optional[Sequence[str]]) -> int:
-    """Run; report each expected error as a line and an exit code."""
-    try:
-        try:
-            code = _run(list(sys.argv[1:] if argv is None else argv))
-        finally:
-            sys.stdout.flush()
-        return code
-    except BrokenPipeError:
-        # The reader has closed the pipe; buffered text must not fail again at the exit.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return PIPE_CLOSED
-    except KeyboardInterrupt:
-        print_error(INTERRUPTION)
-        return INTERRUPTED
-    except BallbotError as error:
-        print_refusal(error)
-        return MISUSED
-    except MemoryError:
-        print_error('not enough memory; use a shorter duration or a larger output_step')
-        return FAILED
 
 
 @contextmanager
@@ -169,18 +165,35 @@ def _interruption() -> Iterator[Event]:
     """Yield an event that Ctrl-C sets, even if its exception gets lost."""
     pressed = Event()
 
+    def press() -> None:  # a flag alone would not end a system call
+        signal.pthread_kill(main_thread().ident or 0, signal.SIGINT)
+
+    again = Timer(0.0, press)
+
     def note(*_: object) -> None:
         pressed.set()
         raise KeyboardInterrupt
 
+    def raise_again(lost: Any) -> None:
+        nonlocal again
+        if not issubclass(lost.exc_type, KeyboardInterrupt):
+            hook(lost)
+        elif not again.is_alive():  # C code has called Python code and ignores its exceptions
+            again = Timer(RAISE_AGAIN, press)
+            again.start()
+
+    hook = sys.unraisablehook
     ours = (current_thread() is main_thread()
             and signal.getsignal(signal.SIGINT) is signal.default_int_handler)
     if ours:
         signal.signal(signal.SIGINT, note)
+        sys.unraisablehook = raise_again
     try:
         yield pressed
     finally:
         if ours:
+            again.cancel()
+            sys.unraisablehook = hook
             signal.signal(signal.SIGINT, signal.default_int_handler)
 
 

@@ -95,15 +95,11 @@ def echo(arguments: argparse.Namespace) -> int:
     check_timeout(arguments)
     graph = from_ros()
     form = graph.as_csv if arguments.csv else graph.as_yaml
-    shown = 0
     with graph.Observer('echo') as observer:
-        try:
-            shown = graph.echo(
-                observer, arguments.topic, lambda message: print(form(message), flush=True),
-                arguments.once, arguments.timeout,
-                note_once(f'waiting for a message on {arguments.topic} ...'))
-        except KeyboardInterrupt:
-            return DONE
+        shown = graph.echo(
+            observer, arguments.topic, lambda message: print(form(message), flush=True),
+            arguments.once, arguments.timeout,
+            note_once(f'waiting for a message on {arguments.topic} ...'))
     if not shown:
         note(f'no message on {arguments.topic} within {arguments.timeout:g} s')
     return DONE if shown else FAILED
@@ -121,15 +117,12 @@ def hz(arguments: argparse.Namespace) -> int:
     came = False
     graph = from_ros()
     with graph.Observer('hz') as observer:
-        try:
-            for sentence in graph.rates(observer, arguments.topic, arguments.timeout, waiting):
-                came = came or sentence is not None
-                if sentence is None:
-                    waiting()
-                else:
-                    print(sentence, flush=True)
-        except KeyboardInterrupt:
-            return DONE
+        for sentence in graph.rates(observer, arguments.topic, arguments.timeout, waiting):
+            came = came or sentence is not None
+            if sentence is None:
+                waiting()
+            else:
+                print(sentence, flush=True)
     return DONE if came else FAILED
 
 

@@ -40,9 +40,12 @@ def run(arguments: argparse.Namespace) -> int:
     begin = next((place for place, word in enumerate(arguments.rest) if word not in NODES),
                  len(arguments.rest))
     names, rest = [target, *arguments.rest[:begin]], arguments.rest[begin:]
-    if len(names) == 1:
-        return int(from_ros(f'ballbot_ros.nodes.{target}.node').main(rest))
-    return _together(names, rest)
+    try:
+        if len(names) == 1:
+            return int(from_ros(f'ballbot_ros.nodes.{target}.node').main(rest))
+        return _together(names, rest)
+    except KeyboardInterrupt:  # within imports; later on the node takes the signal
+        return DONE
 
 
 def _together(names: list[str], rest: list[str]) -> int:

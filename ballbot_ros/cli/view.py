@@ -127,7 +127,7 @@ def check(arguments: argparse.Namespace) -> None:
 
 def serve(source: object, arguments: argparse.Namespace, begin: bool) -> int:
     """
-    Serve a page for a source until the end of its duration or Ctrl-C; return 0.
+    Serve a page for a source until the end of its duration, return 0; Ctrl-C raises.
 
     Parameters
     ----------
@@ -144,19 +144,16 @@ def serve(source: object, arguments: argparse.Namespace, begin: bool) -> int:
     if arguments.host not in (LOOPBACK, 'localhost', '::1'):
         print(f'Warning: with --host {arguments.host} everyone in the network can see the page '
               'and drive the robot; there is no password', file=sys.stderr)
+    server = PageServer(arguments.host, free_port(arguments.host, arguments.port))
+    page = Page(source, server, begin)  # type: ignore[arg-type]
     try:
-        server = PageServer(arguments.host, free_port(arguments.host, arguments.port))
-        page = Page(source, server, begin)  # type: ignore[arg-type]
-        try:
-            page.start()
-            if not arguments.quiet:
-                print(f'{page.url}  (Ctrl-C ends)', flush=True)
-            if not arguments.no_browser:
-                import webbrowser
-                webbrowser.open(page.url)
-            Event().wait(arguments.duration)
-        finally:
-            page.close()
-    except KeyboardInterrupt:
-        pass
+        page.start()
+        if not arguments.quiet:
+            print(f'{page.url}  (Ctrl-C ends)', flush=True)
+        if not arguments.no_browser:
+            import webbrowser
+            webbrowser.open(page.url)
+        Event().wait(arguments.duration)
+    finally:
+        page.close()
     return DONE

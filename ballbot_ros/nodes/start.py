@@ -2,15 +2,13 @@
 """Entry points of the nodes: their imports take a second, in which Ctrl-C ends them quietly."""
 from importlib import import_module
 
-INTERRUPTED = 130  # exit code of a shell for SIGINT
-
 
 def start(name: str) -> int:
     """Run a node, by the name of its package, and return the exit code."""
     try:
         module = import_module(f'ballbot_ros.nodes.{name}.node')
     except KeyboardInterrupt:
-        return INTERRUPTED
+        return 0  # as after Ctrl-C later on
     code: int = module.main()
     return code
 

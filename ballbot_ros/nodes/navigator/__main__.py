@@ -4,4 +4,5 @@ import sys
 
 from ballbot_ros.nodes.start import start
 
-sys.exit(start('navigator'))
+if __name__ == '__main__':
+    sys.exit(start('navigator'))

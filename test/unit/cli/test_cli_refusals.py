@@ -1,8 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """What cannot be done is refused before any work, in one line and without a trace."""
+import ctypes
 import os
 import signal
+import subprocess
 import sys
+from threading import Event
 import types
 
 import pytest
@@ -90,13 +93,26 @@ def test_a_file_of_the_user_is_not_taken_for_a_socket(tmp_path, error_of):
     assert 'is not a socket' in line and (tmp_path / 'mine.txt').read_text() == 'mine'
 
 
-@pytest.mark.parametrize('pressed', [True, False])
-def test_ctrl_c_is_ctrl_c_also_where_an_extension_lost_its_exception(
-        pressed, request, monkeypatch, capsys):
-    # A test run in the background of a shell has SIGINT ignored.
+@pytest.fixture
+def sigint(request):
+    """Have Ctrl-C raise KeyboardInterrupt: a test in the background of a shell ignores it."""
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     request.addfinalizer(lambda: signal.signal(signal.SIGINT, before))
 
+
+@pytest.fixture
+def verb_of(monkeypatch):
+    """Return a function that adds a verb, or replaces one, by what it runs."""
+    def add(name, run):
+        monkeypatch.setitem(sys.modules, 'ballbot_ros.cli.other', types.SimpleNamespace(
+            add_arguments=lambda parser: None, run=run))
+        monkeypatch.setitem(command.VERBS, name, ('other', 'do something else'))
+    return add
+
+
+@pytest.mark.parametrize('pressed', [True, False])
+def test_ctrl_c_is_ctrl_c_also_where_an_extension_lost_its_exception(
+        pressed, sigint, verb_of, capsys):
     def run(_):
         try:
             if pressed:
@@ -105,13 +121,60 @@ def test_ctrl_c_is_ctrl_c_also_where_an_extension_lost_its_exception(
             pass
         raise RuntimeError('no compiled object yet')
 
-    monkeypatch.setitem(sys.modules, 'ballbot_ros.cli.compiling', types.SimpleNamespace(
-        add_arguments=lambda parser: None, run=run))
-    monkeypatch.setitem(command.VERBS, 'compile', ('compiling', 'compile'))
+    verb_of('compile', run)
     if pressed:
         assert main(['compile']) == command.INTERRUPTED
-        assert capsys.readouterr().err == f'ballbot: error: {command.INTERRUPTION}\n'
+        assert capsys.readouterr().err.count('\n') == 1
     else:
         with pytest.raises(RuntimeError):
             main(['compile'])
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_ctrl_c_within_a_callback_of_c_code_ends_the_run_quietly(sigint, verb_of, capsys):
+    @ctypes.CFUNCTYPE(None)
+    def callback():
+        os.kill(os.getpid(), signal.SIGINT)
+
+    def run(_):
+        callback()
+        Event().wait(60.0)
+        return 0
+
+    hook = sys.unraisablehook
+    verb_of('compile', run)
+    assert main(['compile']) == command.INTERRUPTED
+    assert capsys.readouterr().err.count('\n') == 1
+    assert sys.unraisablehook is hook
+
+
+@pytest.mark.parametrize('verb, code', [
+    (verb, 0) for verb in sorted(command.UNTIL_CTRL_C)] + [('topics', 130)])
+def test_ctrl_c_is_the_normal_end_of_a_verb_that_has_no_other(verb, code, verb_of, capsys):
+    def run(_):
+        raise KeyboardInterrupt
+
+    verb_of(verb, run)
+    assert main([verb]) == code
+    assert capsys.readouterr().err.count('\n') == (code != 0)
+
+
+def test_ctrl_c_during_the_imports_of_a_node_is_its_normal_end(monkeypatch, capsys):
+    def interrupted(_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr('ballbot_ros.cli.run.from_ros', interrupted)
+    assert main(['run', 'bridge']) == main(['run', 'simulator', 'controller']) == 0
+    assert capsys.readouterr().err == ''
+
+
+def test_ctrl_c_during_the_imports_of_the_command_leaves_no_traceback():
+    program = ('import signal, sys\n'
+               'class Interrupt:\n'
+               '    def find_spec(self, name, *_):\n'
+               '        if name == "ballbot_ros.cli.output": signal.raise_signal(signal.SIGINT)\n'
+               'sys.meta_path.insert(0, Interrupt())\n'
+               'signal.signal(signal.SIGINT, signal.default_int_handler)\n'
+               'from ballbot_ros.cli import main\n')
+    done = subprocess.run([sys.executable, '-c', program], capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (130, '')
