@@ -221,13 +221,15 @@ def by_number(name: str, field: str, modules: Iterable[Any]) -> Callable[..., An
     """
     Return a kernel that calls the kernel `name` of one of several modules.
 
-    A field of its last argument is the number of the module among them.
+    The number of the module among them is a field of its last argument, else (`field` is empty) an
+    argument before all others.
     """
     kernels = [getattr(module, name) for module in modules]
     words = list(signature(in_python(kernels[0])).parameters)
     calls = [f'kernel_{number}({", ".join(words)})' for number in range(len(kernels))]
-    source = '\n'.join([f'def {name}({", ".join(words)}):', *(
-        f'    if {words[-1]}.{field} == {number}.0:\n        return {call}'
+    first, chosen = ([], f'{words[-1]}.{field}') if field else (['number'], 'number')
+    source = '\n'.join([f'def {name}({", ".join(first + words)}):', *(
+        f'    if {chosen} == {number}:\n        return {call}'
         for number, call in enumerate(calls) if number), f'    return {calls[0]}'])
     owner = sys._getframe(1).f_globals
     space = {'__name__': owner['__name__'],

@@ -28,6 +28,25 @@ MIDPOINT = """\
         state[i] += size * stages[1, i]
 """
 
+# The pair of Tsitouras, Comput. Math. Appl. 62 (2011) 770, in place of dormand_prince.py's.
+TSITOURAS = """\
+A = np.array([
+    [0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+    [0.161, 0.0, 0.0, 0.0, 0.0, 0.0],
+    [-0.008480655492356989, 0.335480655492357, 0.0, 0.0, 0.0, 0.0],
+    [2.8971530571054935, -6.359448489975075, 4.3622954328695815, 0.0, 0.0, 0.0],
+    [5.325864828439257, -11.748883564062828, 7.4955393428898365, -0.09249506636175525, 0.0, 0.0],
+    [5.86145544294642, -12.92096931784711, 8.159367898576159, -0.071584973281401,
+     -0.028269050394068383, 0.0],
+    [0.09646076681806523, 0.01, 0.4798896504144996, 1.379008574103742, -3.290069515436081,
+     2.324710524099774]])
+C = np.array([0.0, 0.161, 0.327, 0.9, 0.9800255409045097, 1.0, 1.0])
+ERROR = np.array([0.00178001105222577714, 0.0008164344596567469, -0.007880878010261995,
+                  0.1447110071732629, -0.5823571654525552, 0.45808210592918697, -1 / 66])
+CONTINUE = np.array([-1.0530884977290216, 0.1017, 2.490627285651253, -16.548102889244902,
+                     47.37952196281928, -34.87065786149661, 2.5])
+"""
+
 
 class House:
     """A copy of the package, to build in."""
@@ -89,6 +108,33 @@ def test_a_solver_is_a_file_and_a_line(house):
     assert mine['evaluations'] < known['evaluations']
     assert mine['x'] == pytest.approx(known['x'], abs=1e-6) != 0.5
     assert "'midpoint'" in simulate('midpiont', fails=True)
+
+
+def test_a_step_of_the_adaptive_method_is_a_file_and_a_line(house):
+    house.copy('physics/solvers/dormand_prince.py', 'physics/solvers/tsitouras.py')
+    house.change('physics/solvers/tsitouras.py', (r'A = np.*?(?=STARTS = )', TSITOURAS))
+    house.change('physics/solvers/steps.py',
+                 (r'dormand_prince, rodas5p', 'dormand_prince, rodas5p, tsitouras'),
+                 (r"'implicit': rodas5p}", "'implicit': rodas5p, 'tsitouras': tsitouras}"))
+    program = house.folder / 'drop.py'
+    program.write_text("""
+import json, sys
+import numpy as np
+from ballbot_ros.physics import *
+found = []
+for method, tolerance in (('explicit', 1e-12), ('explicit', 1e-7), ('tsitouras', 1e-7)):
+    robot = load_robot('gimball')
+    model = Model(robot, Terrain.flat(), solver=Solver(method, tolerance=tolerance, models='full'))
+    start = State(y=robot.ball_radius + 1e-3, velocity_x=0.5, velocity_y=-0.5, pendulum_rate=1.0)
+    run = simulate(model, start, Actuation(), 0.1)
+    found.append([run['x'][-1], run['y'][-1], run.effort.evaluations, run.effort.events])
+print(json.dumps(found))
+""", encoding='utf-8')
+    exact, known, mine = json.loads(house.run('drop.py'))
+    assert mine[:2] == pytest.approx(exact[:2], abs=1e-6) and mine[3] == exact[3]
+    assert mine[:2] != known[:2] and mine[2] < 2 * known[2]
+    assert "'tsitouras'" in house.run('-m', 'ballbot_ros.cli', 'simulate', 'flat', '--method',
+                                      'tsituoras', fails=True)
 
 
 def test_a_contact_law_is_a_file_and_a_line(house):
@@ -252,7 +298,7 @@ for publisher, message in node._outputs._sensors.look(everything=True):
 def test_the_documents_name_what_is_copied_and_where_the_line_goes():
     text = (ROOT / 'docs' / 'architecture.md').read_text(encoding='utf-8')
     rows = re.findall(r'^\| an? .*\|$', text, re.M)
-    assert len(rows) == 10
+    assert len(rows) == 11
     for row in rows:
         _, _, copied, registered, _ = row.split('|')
         places = [re.findall(r'`([\w/]+(?:\.py)?)`', cell) for cell in (copied, registered)]

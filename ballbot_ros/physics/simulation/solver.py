@@ -18,9 +18,10 @@ from ballbot_ros.physics.model.parameters import Actuator, Parameters
 from ballbot_ros.physics.model.state import CONTACT_LOSS, JOINT_LOSS, MOTOR_WORK, X, Y
 from ballbot_ros.physics.model.terrain import Array, TANGENT_X
 from ballbot_ros.physics.solvers import integrate, rk4, semi_implicit, trapezoidal
+from ballbot_ros.physics.solvers.steps import STEP_METHODS
 from ballbot_ros.physics.solvers.values import (
-    AUTOMATIC, BUDGET_EXCEEDED, EVALUATIONS, EXPLICIT, IMPLICIT, NO_OUTPUT, Options, Output,
-    Packed, PENETRATED, SEARCH, Status, status_of, STEP_TOO_SMALL, Workspace)
+    AUTOMATIC, BUDGET_EXCEEDED, EVALUATIONS, NO_OUTPUT, Options, Output, Packed, PENETRATED,
+    SEARCH, Status, status_of, STEP_TOO_SMALL, Workspace)
 
 
 class Method(NamedTuple):
@@ -29,7 +30,7 @@ class Method(NamedTuple):
     advance: Callable[[Packed], Packed]  # see `solvers`
     order: int
     evaluations: int = 0  # of the right-hand side per step, for fixed-step methods
-    steps: int = AUTOMATIC  # which steps `integrate` takes
+    steps: int = AUTOMATIC  # number of the step of the adaptive method
     flies: bool = False  # whether it may take flight in closed form
     tolerance: bool = False  # whether steps are chosen by their error
     step: bool = False  # whether the length of a step, or of the longest, is given
@@ -44,9 +45,9 @@ METHODS: dict[str, Method] = {
     'semi_implicit': Method(semi_implicit.advance, semi_implicit.ORDER,
                             semi_implicit.EVALUATIONS, step=True),
     'rk4': Method(rk4.advance, rk4.ORDER, rk4.EVALUATIONS, step=True),
-    'adaptive': Method(integrate.advance, 5, steps=AUTOMATIC, flies=True, tolerance=True),
-    'explicit': Method(integrate.advance, 5, steps=EXPLICIT, flies=True, tolerance=True),
-    'implicit': Method(integrate.advance, 5, steps=IMPLICIT, flies=True, tolerance=True),
+    'adaptive': Method(integrate.advance, 5, flies=True, tolerance=True),
+    **{name: Method(integrate.advance, item.ORDER, steps=number, flies=True, tolerance=True)
+       for number, (name, item) in enumerate(STEP_METHODS.items())},
     'trapezoidal': Method(trapezoidal.advance, 2, tolerance=True, step=True),
 }
 

@@ -17,25 +17,28 @@ types are those of `values`; right-hand sides are `mechanics.equations.derivativ
 `mode_derivative` of a frozen mode.  To add a solver, copy ``rk4.py``, and add its line to
 `simulation.solver.METHODS`.
 
-**A step of the adaptive method is a file with three functions** (`dormand_prince`, `rodas5p`),
-entered in `integrate`::
+**A step of the adaptive method is a file with three functions and two constants**
+(`dormand_prince`, `rodas5p`), entered in `steps.STEP_METHODS`::
 
-    step(time, state, size, ready, system, workspace) -> stiffness
+    step(time, state, size, ready, system, workspace) -> stiffness, ready
     prepare_dense(size, workspace)
     end_step(workspace) -> ready
+    ORDER, DAMPS
 
-`step` writes the motion after `size` seconds to END and its estimated error to ERROR.  `ready` is
-the content of the workspace at the start state (NOTHING, RATES: F0, JACOBIAN: both); all
-of it is valid after a step, too, which may be rejected and repeated.  The *stiffness* is the step
-over the longest stable step of an explicit method.  `prepare_dense` writes the dense output of an
-accepted step to DENSE, see `dense.motion_at`.  `end_step` prepares the workspace for a next step
-that starts at END.
+`step` writes the motion after `size` seconds to END and its estimated error to ERROR, which goes
+with the fifth power of the size.  `ready` is the content of the workspace at the start state
+(NOTHING, RATES: F0, JACOBIAN: both), before and after the step, which may be rejected and
+repeated.  The *stiffness* is the step over the longest stable step of an explicit method.
+`prepare_dense` writes the dense output of an accepted step to DENSE, see `dense.motion_at`.
+`end_step` prepares the workspace for a next step that starts at END.  DAMPS states whether the
+step is L-stable and uses the Jacobian: then `controller` does not limit it by its stiffness, and
+does not choose it in a mode with a CORNER.
 
 END, ERROR, F0 and DENSE are rows of `Workspace.work`, see `linear`, and hold the motion alone; the
 energy balance is an integral along it (``Options.ledger``).  The state between two calls of a
 solver is in `Status`; its `has_mode` and `ready` state which arrays of the workspace are still
 valid.
 
-The `controller`, an immutable value, chooses length and method of the next step.  `events` locates
+The `controller`, an immutable value, chooses length and number of the next step.  `events` locates
 the events of the contact law within a step.  `integrate` is the loop over these three.
 """

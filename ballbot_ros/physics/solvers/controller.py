@@ -18,8 +18,8 @@ from ballbot_ros.physics.model.parameters import Parameters
 from ballbot_ros.physics.model.state import (
     BALL_ANGLE, BALL_RATE, PENDULUM_ANGLE, PENDULUM_RATE, VELOCITY_X, VELOCITY_Y, X)
 from ballbot_ros.physics.model.terrain import Array, TANGENT_X, TANGENT_Y, VERTEX_X
-from ballbot_ros.physics.solvers.values import (
-    AUTOMATIC, IMPLICIT, Options, SMALLEST_STEP, StepController)
+from ballbot_ros.physics.solvers.steps import DAMPS, EXPLICIT, IMPLICIT
+from ballbot_ros.physics.solvers.values import AUTOMATIC, Options, SMALLEST_STEP, StepController
 
 FIRST_STEP = 1e-4       # [s]
 LONGEST_STEP = 0.25     # [s]: does not skip a motion that starts from rest ...
@@ -33,7 +33,6 @@ SAFETY = 0.9            # of the step that would just be accurate enough
 FASTEST_GROWTH, FASTEST_SHRINKING = 5.0, 0.1  # of a step
 MEMORY = 0.01           # [s]: an error of velocity counts at least with this
 
-STABLE = 3.3            # step times rate of the fastest decay where explicit steps diverge
 AT_LIMIT = 0.6          # of the longest stable explicit step: it is stability that limits it
 STEADY = 1.0            # of that: it grows no further, for then it would be rejected
 SUSPICION = 8           # of a step at that limit; the half of it, of a step half as long
@@ -115,13 +114,26 @@ def shortened(step: float, state: Array, distance: float, count: int, parameters
 
 
 @compiled
+def chosen(now: StepController, method: int, smooth: bool) -> int:
+    """
+    Return the number of the next step in `steps.STEP_METHODS`, for a method of `Options`.
+
+    One that damps takes a Jacobian, which is complete only where all contacts are `smooth`.
+    """
+    number = method
+    if method == AUTOMATIC:
+        number = IMPLICIT if now.implicit or now.on_trial else EXPLICIT
+    return number if smooth or not DAMPS[number] else EXPLICIT
+
+
+@compiled
 def started(controller: StepController, count: int, method: int,
             parameters: Parameters) -> StepController:
     """Return the controller at a start, on resuming, or on landing, for `count` contacts."""
     if controller.step > 0.0:
         longest = contact_step(parameters) if count > 0 else math.inf
         return with_step(controller, min(controller.step, longest))
-    implicit = method == IMPLICIT or (method == AUTOMATIC and count > 0)
+    implicit = count > 0 if method == AUTOMATIC else DAMPS[method]
     step = FIRST_STEP
     if implicit and count > 0:
         step = max(step, min(MEMORY, contact_step(parameters)))
@@ -142,13 +154,15 @@ def with_step(now: StepController, step: float) -> StepController:
 
 
 @compiled
-def stiffness_seen(now: StepController, stiffness: float) -> StepController:
+def stiffness_seen(now: StepController, stiffness: float, number: int) -> StepController:
     """
-    Return the controller after an explicit step.
+    Return the controller after a step, accurate enough or not.
 
-    `stiffness` is the step over the longest stable one.  Stiffness disturbs the estimated error,
-    too, and may keep the steps well below the limit.
+    `stiffness` is the step over the longest stable one.  Stiffness disturbs the estimated error of
+    an explicit step, too, and may keep the steps well below the limit.
     """
+    if DAMPS[number]:
+        return now
     suspicion = SUSPICION if stiffness > AT_LIMIT else 0
     if 0.0 < stiffness <= AT_LIMIT:  # a number, that is
         suspicion = int(SUSPICION * stiffness / AT_LIMIT)
@@ -157,7 +171,7 @@ def stiffness_seen(now: StepController, stiffness: float) -> StepController:
 
 
 @compiled
-def largest_growth(stiffness: float, implicit: bool, again: bool) -> float:
+def largest_growth(stiffness: float, number: int, again: bool) -> float:
     """
     Return the factor by which a step may grow at most.
 
@@ -166,7 +180,7 @@ def largest_growth(stiffness: float, implicit: bool, again: bool) -> float:
     """
     if again:
         return 1.0
-    if implicit or stiffness <= STEADY / FASTEST_GROWTH:
+    if DAMPS[number] or stiffness <= STEADY / FASTEST_GROWTH:
         return FASTEST_GROWTH
     return max(1.0, STEADY / stiffness)
 
@@ -206,14 +220,14 @@ def shortest(now: StepController, smallest: float) -> StepController:
 
 
 @compiled
-def unavoidable(used: float, smallest: float, implicit: bool, error: float) -> bool:
+def unavoidable(used: float, smallest: float, number: int, error: float) -> bool:
     """
     Return whether to accept a step [s] of insufficient accuracy, as no shorter one is possible.
 
     After an impact the slip passes its threshold in less than the resolution of time.  An
     L-stable step reaches the state after it; the error is that of an instant.
     """
-    return implicit and used <= smallest and error < math.inf
+    return DAMPS[number] and used <= smallest and error < math.inf
 
 
 @compiled
@@ -233,7 +247,7 @@ def next_step(now: StepController, used: float, grow: float) -> float:
 
 
 @compiled
-def accepted(now: StepController, used: float, error: float, implicit: bool, stiffness: float,
+def accepted(now: StepController, used: float, error: float, number: int, stiffness: float,
              again: bool, options: Options) -> StepController:
     """
     Return the controller after a step that was accurate enough.
@@ -244,17 +258,19 @@ def accepted(now: StepController, used: float, error: float, implicit: bool, sti
         The step [s].
     error : float
         Its estimated error [m].
+    number : int
+        See `chosen`.
     stiffness : float
         The step over the longest stable explicit one.
     again : bool
         Whether a longer step was rejected before.
 
     """
-    grow = min(growth(error, options.tolerance), largest_growth(stiffness, implicit, again))
+    grow = min(growth(error, options.tolerance), largest_growth(stiffness, number, again))
     step = next_step(now, used, grow)
     if options.method != AUTOMATIC:
         return with_step(now, step)
-    if not implicit:
+    if not DAMPS[number]:
         if now.stiff_steps < now.trial_after:
             return with_step(now, step)
         return StepController(step * (1.5 * IMPLICIT_COST), now.implicit, True, step, 0,

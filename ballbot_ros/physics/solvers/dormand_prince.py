@@ -18,11 +18,12 @@ from ballbot_ros.physics.model.parameters import System
 from ballbot_ros.physics.model.state import PENDULUM_ANGLE, SIZE
 from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.solvers import linear
-from ballbot_ros.physics.solvers.controller import STABLE
 from ballbot_ros.physics.solvers.linear import ALONE, MOTION, sum_rows, WIDTH
-from ballbot_ros.physics.solvers.values import EVALUATIONS, NOTHING, RATES, Workspace
+from ballbot_ros.physics.solvers.values import EVALUATIONS, NOTHING, RATES, STABLE, Workspace
 
 STAGES = 7
+ORDER = 5
+DAMPS = False
 
 # Coefficients of the pair; the last row of A is the solution of order 5 (first same as last).
 A = np.array([
@@ -65,7 +66,7 @@ def write_first(time: float, state: Array, system: System, workspace: Workspace)
 
 @compiled
 def step(time: float, state: Array, size: float, ready: int, system: System,
-         workspace: Workspace) -> float:
+         workspace: Workspace) -> tuple[float, int]:
     """
     Take one step; see the contract in `solvers`.
 
@@ -91,7 +92,8 @@ def step(time: float, state: Array, size: float, ready: int, system: System,
         faster += (work[last + i] - work[last - WIDTH + i])**2
     sum_rows(work, linear.ERROR, linear.ZERO, size, ERROR, 0, linear.F0, STAGES)
     workspace.statistics[EVALUATIONS] += STAGES - 1
-    return size * math.sqrt(faster / apart) / STABLE if apart > 0.0 else 0.0
+    stiffness = size * math.sqrt(faster / apart) / STABLE if apart > 0.0 else 0.0
+    return stiffness, max(ready, RATES)
 
 
 @compiled

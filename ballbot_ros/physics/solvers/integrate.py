@@ -21,19 +21,20 @@ from ballbot_ros.physics.mechanics.modes import (
 from ballbot_ros.physics.model.parameters import Parameters, System
 from ballbot_ros.physics.model.state import X, Y
 from ballbot_ros.physics.model.terrain import Array
-from ballbot_ros.physics.solvers import dormand_prince, linear, rodas5p
+from ballbot_ros.physics.solvers import dormand_prince, linear
 from ballbot_ros.physics.solvers.controller import (
-    accepted, after_event, clear_distance, error_length, FASTEST_SHRINKING, rejected, shortened,
-    shortest, smallest_step, started, stiffness_seen, unavoidable, with_step)
+    accepted, after_event, chosen, clear_distance, error_length, FASTEST_SHRINKING, rejected,
+    shortened, shortest, smallest_step, started, stiffness_seen, unavoidable, with_step)
 from ballbot_ros.physics.solvers.dense import interpolate, motion_at, prepare_ledger, write_rows
 from ballbot_ros.physics.solvers.events import CROWD, first_event, LOOKS, rated, STUCK
 from ballbot_ros.physics.solvers.flight import (
     fly_to_touch, has_closed_form, is_let_go, SHORT_FLIGHT)
 from ballbot_ros.physics.solvers.linear import MOTION, WIDTH
+from ballbot_ros.physics.solvers.steps import DAMPS, end_step, prepare_dense, step
 from ballbot_ros.physics.solvers.values import (
-    BUDGET_EXCEEDED, EVALUATIONS, EventRate, EVENTS, EXPLICIT, FINISHED, JACOBIAN, named,
-    NOT_FINITE, NOTHING, Options, Output, Packed, packed, PAUSED, PENETRATED, RATES, REJECTED,
-    SEARCH, Status, STEP_TOO_SMALL, STEPS, Workspace)
+    AUTOMATIC, BUDGET_EXCEEDED, EVALUATIONS, EventRate, EVENTS, FINISHED, named, NOT_FINITE,
+    NOTHING, Options, Output, Packed, packed, PAUSED, PENETRATED, REJECTED, SEARCH, Status,
+    STEP_TOO_SMALL, STEPS, Workspace)
 
 STAGES = dormand_prince.STAGES  # right-hand sides of an explicit step
 PASSED = 100.0      # tolerances that a step may begin otherwise than its rates say; most do by few
@@ -41,44 +42,19 @@ FREE_FEATURES = 32  # of the ground that a right-hand side pays for; more cost w
 
 
 @compiled
-def take_step(implicit: bool, time: float, state: Array, size: float, ready: int, system: System,
-              workspace: Workspace) -> float:
-    """Take a step and return its stiffness."""
-    if implicit:
-        return rodas5p.step(time, state, size, ready, system, workspace)
-    return dormand_prince.step(time, state, size, ready, system, workspace)
-
-
-@compiled
-def prepare_dense(implicit: bool, size: float, workspace: Workspace) -> None:
-    """Compute the coefficients of the dense output of the last step."""
-    if implicit:
-        rodas5p.prepare_dense(size, workspace)
-    else:
-        dormand_prince.prepare_dense(size, workspace)
-
-
-@compiled
-def end_step(implicit: bool, workspace: Workspace) -> int:
-    """Return what is ready for a step that begins where the last one ends."""
-    if implicit:
-        return rodas5p.end_step(workspace)
-    return dormand_prince.end_step(workspace)
-
-
-@compiled
 def too_small(error: float, method: int, mode: ContactMode) -> int:
     """Return why a run ends that asks for less than the smallest step, or that it does not."""
     if error == math.inf:
         return NOT_FINITE
-    return STEP_TOO_SMALL if method == EXPLICIT or not smooth_contacts(mode) else FINISHED
+    damps = smooth_contacts(mode) and (method == AUTOMATIC or DAMPS[method])
+    return FINISHED if damps else STEP_TOO_SMALL
 
 
 @outlined
 def skips_transient(used: float, smallest: float, tolerance: float, parameters: Parameters,
                     workspace: Workspace) -> bool:
     """
-    Return whether to repeat an implicit step [s] that contains an event with a shorter step.
+    Return whether to repeat a step [s] that contains an event with a shorter step.
 
     L-stable steps may skip a fast transient and still end correctly; then the dense output does
     not start with the initial rates, and its event times are wrong.
@@ -106,7 +82,7 @@ def find_event(time: float, state: Array, used: float, distance: float, system: 
 
 
 @compiled
-def write_end(theta: float, state: Array, implicit: bool, workspace: Workspace,
+def write_end(theta: float, state: Array, number: int, workspace: Workspace,
               ledger: bool) -> int:
     """Write the state at the end of a step, or at the event in it; return what is ready then."""
     work = workspace.work
@@ -120,7 +96,7 @@ def write_end(theta: float, state: Array, implicit: bool, workspace: Workspace,
         return NOTHING
     for i in range(MOTION):
         state[i] = work[linear.END + i]
-    return end_step(implicit, workspace)
+    return end_step(number, workspace)
 
 
 @compiled
@@ -162,13 +138,11 @@ def integrate(status: Status, end: float, state: Array, system: System, options:
         smallest, distance = smallest_step(time), clear_distance(state[X], parameters, ground)
         used = shortened(min(max(controller.step, smallest), end - time), state, distance,
                          contact_count(workspace.mode), parameters, ground)
-        implicit = smooth_contacts(workspace.mode) and (controller.implicit or controller.on_trial)
-        stiffness = take_step(implicit, time, state, used, ready, system, workspace)
-        ready = JACOBIAN if implicit else max(ready, RATES)
-        if not implicit:
-            controller = stiffness_seen(controller, stiffness)
+        number = chosen(controller, options.method, smooth_contacts(workspace.mode))
+        stiffness, ready = step(number, time, state, used, ready, system, workspace)
+        controller = stiffness_seen(controller, stiffness, number)
         error = error_length(workspace.error, parameters)
-        if not (error <= options.tolerance or unavoidable(used, smallest, implicit, error)):
+        if not (error <= options.tolerance or unavoidable(used, smallest, number, error)):
             statistics[REJECTED] += 1
             again, on_trial = True, controller.on_trial
             controller = rejected(controller, used, error, options.tolerance)
@@ -179,12 +153,12 @@ def integrate(status: Status, end: float, state: Array, system: System, options:
                 controller = shortest(controller, smallest)
             continue
         statistics[STEPS] += 1
-        controller = accepted(controller, used, error, implicit, stiffness, again, options)
-        prepare_dense(implicit, used, workspace)
+        controller = accepted(controller, used, error, number, stiffness, again, options)
+        prepare_dense(number, used, workspace)
         if options.ledger:
             prepare_ledger(time, state, used, system, workspace)
         theta = find_event(time, state, used, distance, system, workspace)
-        again = implicit and theta <= 1.0 and skips_transient(
+        again = theta <= 1.0 and skips_transient(
             used, smallest, options.tolerance, parameters, workspace)
         if again:
             controller = shortest(controller, FASTEST_SHRINKING * used)
@@ -193,7 +167,7 @@ def integrate(status: Status, end: float, state: Array, system: System, options:
         reached = min(time + used, end) if theta > 1.0 else time + theta * used
         filled = write_rows(
             output, filled, time, used, reached + smallest, system.actuator, workspace)
-        ready = write_end(theta, state, implicit, workspace, options.ledger)
+        ready = write_end(theta, state, number, workspace, options.ledger)
         if rate.crowded > CROWD:  # a long step does not resolve the events
             controller = with_step(controller, 0.5 * used)
         outcome = outcome_of(rate, state, ground)

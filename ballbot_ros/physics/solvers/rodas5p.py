@@ -24,13 +24,13 @@ from ballbot_ros.physics.model.state import (
     BALL_RATE, COORDINATES, PENDULUM_ANGLE, PENDULUM_RATE, VELOCITY_X, VELOCITY_Y)
 from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.solvers import linear
-from ballbot_ros.physics.solvers.controller import STABLE
 from ballbot_ros.physics.solvers.linear import ALONE, invert, MOTION, sum_rows, WIDTH
-from ballbot_ros.physics.solvers.values import EVALUATIONS, JACOBIAN, NOTHING, Workspace
+from ballbot_ros.physics.solvers.values import EVALUATIONS, JACOBIAN, NOTHING, STABLE, Workspace
 
 STAGES = 8
+ORDER = 5
+DAMPS = True
 VELOCITIES = 4
-
 
 GAMMA = 0.21193756319429014
 OWN_START = 5  # the last stage with a start of its own; each later one starts where one ends
@@ -139,7 +139,7 @@ def add_motion(time: float, work: Array, system: System, mode: ContactMode) -> N
 
 @compiled
 def step(time: float, state: Array, size: float, ready: int, system: System,
-         workspace: Workspace) -> float:
+         workspace: Workspace) -> tuple[float, int]:
     """Take one step; see the contract in `solvers`."""
     jacobian, work = workspace.jacobian, workspace.work
     if ready != JACOBIAN:
@@ -169,7 +169,7 @@ def step(time: float, state: Array, size: float, ready: int, system: System,
     sum_rows(work, linear.ERROR, linear.ZERO, 1.0, ALONE, 0, last, 1)
     sum_rows(work, linear.END, linear.END, 1.0, ALONE, 0, last, 1)
     workspace.statistics[EVALUATIONS] += STAGES - 1
-    return size / longest_stable(jacobian)
+    return size / longest_stable(jacobian), JACOBIAN
 
 
 @compiled

@@ -21,10 +21,10 @@ FINISHED, NOT_FINITE, PENETRATED, STEP_TOO_SMALL, BUDGET_EXCEEDED, PAUSED = rang
 # closed form, and the right-hand sides that the search among many features of the ground costs.
 STEPS, REJECTED, EVENTS, EVALUATIONS, FLIGHTS, SEARCH = range(6)
 
-# The method of `integrate`: automatic choice by cost, or always the same.
-AUTOMATIC, EXPLICIT, IMPLICIT = range(3)
+AUTOMATIC = -1  # in place of the number of a step in `steps.STEP_METHODS`: choice by cost
 
 SMALLEST_STEP = 1e-14  # [s], relative to times above 1 s
+STABLE = 3.3  # step times rate of the fastest decay where explicit steps diverge
 STAGES = 4  # maximum of the fixed-step methods
 
 # Content of the workspace at the start of a step: nothing, the rates F0, or F0 and the Jacobian.
@@ -36,7 +36,7 @@ class Options(NamedTuple):
 
     tolerance: float  # local error of a step, see `controller.error_length` [m]
     step: float  # of a fixed-step method; maximum step of `trapezoidal` [s]
-    method: int = AUTOMATIC
+    method: int = AUTOMATIC  # number of the step of the adaptive method
     budget: int = 2**62  # of right-hand sides, counted in the statistics
     flight: bool = False  # whether to fly in closed form
     ledger: bool = True  # whether the adaptive method keeps the energy ledger
