@@ -6,7 +6,8 @@ Tilt and yaw rate are not measured.  An observer, the lateral model under the me
 computes them; it starts from rest with each set-point after an idle time, so that its errors do
 not accumulate.
 """
-from typing import Callable, NamedTuple, Optional
+import math
+from typing import Callable, NamedTuple, Optional, Tuple
 
 from ballbot_ros.bridge.hardware_file import Hardware
 from ballbot_ros.bridge.sensing import AxisSensing, LONGEST_PAUSE
@@ -34,6 +35,28 @@ class LeanEstimate(NamedTuple):
 
     stamp: float
     readings: LeanReadings
+
+
+class Course(NamedTuple):
+    """Place of a ball that turns, in the frame of its start; `after` gives the next."""
+
+    x: float = 0.0  # [m]
+    y: float = 0.0  # [m]
+    path: float = 0.0  # position of the odometry there [m]
+    lateral: LateralState = LateralState()
+
+    def after(self, path: float, lateral: LateralState, radius: float) -> 'Course':
+        """Return the place at a later path length [m] and lateral state, by the midpoint rule."""
+        heading = 0.5 * (self.lateral.heading + lateral.heading)
+        forward, left = path - self.path, radius * (lateral.tilt - self.lateral.tilt)
+        return Course(self.x + forward * math.cos(heading) - left * math.sin(heading),
+                      self.y + forward * math.sin(heading) + left * math.cos(heading),
+                      path, lateral)
+
+    @property
+    def pose(self) -> Tuple[float, float, float]:
+        """Return x, y and heading [m], [rad]."""
+        return self.x, self.y, self.lateral.heading
 
 
 class LeanSensing(AxisSensing):
@@ -85,7 +108,7 @@ class LeanSensing(AxisSensing):
             self._zero = angle
         lean, speed = angle - self._zero, self._speed() or 0.0
         if not 0.0 < pause <= LONGEST_PAUSE:
-            self.state = LateralState(lean, rate or 0.0)
+            self.state = LateralState(lean, rate or 0.0, heading=self.state.heading)
         else:
             if rate is None:
                 rate = (lean - self.state.lean) / pause

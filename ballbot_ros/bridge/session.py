@@ -19,7 +19,7 @@ from ballbot_ros.bridge.condition import Condition
 from ballbot_ros.bridge.drive_control import DriveControl, Estimated
 from ballbot_ros.bridge.hardware_file import Hardware
 from ballbot_ros.bridge.imu_watch import STEADY
-from ballbot_ros.bridge.lean import LeanLaw, LeanSensing
+from ballbot_ros.bridge.lean import Course, LeanLaw, LeanSensing
 from ballbot_ros.bridge.motor_state import MotorState, SILENCE
 from ballbot_ros.bridge.observer import SessionObserver
 from ballbot_ros.bridge.onboard import OnBoard
@@ -92,6 +92,8 @@ class Session:
         Of the first axis.
     lateral : LeanSensing or None
         Of the lateral axis.
+    course : Course or None
+        Place and heading of a robot with a lateral axis, by its model.
     line : DriveLine
         The connected drive, or why none is connected.
     supervisor : Supervisor
@@ -122,13 +124,14 @@ class Session:
         self.control = DriveControl(hardware, self.sensing, connect, clock, observer, law)
         self.axes: Tuple[DriveControl[Any], ...] = (self.control,)
         self.lateral: Optional[LeanSensing] = None
+        self.course: Optional[Course] = None
         if hardware.steering is not None:
             if law is None or connect_lateral is None:
                 raise ConfigurationError(
                     f'{hardware.name}: the lateral axis follows the laws on board only: use '
                     'control:=onboard, or remove the section steering', 'inconsistent', 'control')
             lateral = hardware.lateral(robot)
-            self.lateral = LeanSensing(lateral, robot, self._speed)
+            self.lateral, self.course = LeanSensing(lateral, robot, self._speed), Course()
             self.axes += (DriveControl(
                 lateral, self.lateral, connect_lateral, clock, observer,
                 LeanLaw(robot, self._yaw_rate, self.lateral.forget)),)
@@ -411,7 +414,8 @@ class Session:
 
         The timeout is in seconds; commands are accepted and sent meanwhile.
         """
-        waited = self.line.driver
+        expecting = next((axis for axis in self.axes if axis.sensing.expecting), self.control)
+        waited = expecting.line.driver
         if waited is None:
             return None
         try:
@@ -419,12 +423,12 @@ class Session:
                 return None
         except LinkError as error:
             with self.lock:
-                self.control.lose(waited, error)
+                expecting.lose(waited, error)
                 self._couple()
             return None
         report = None
         with self.lock:
-            if self.line.driver is waited:
+            if expecting.line.driver is waited:
                 for axis in self.axes:
                     estimate = self._answered(axis)
                     if estimate is not None and axis is self.control:
@@ -448,6 +452,9 @@ class Session:
 
     def _report(self, estimate: Optional[Estimate]) -> Report:
         supervisor, driver, law = self.supervisor, self.line.driver, self.law
+        if self.lateral is not None and self.course is not None and self.odometry is not None:
+            self.course = self.course.after(
+                self.odometry.position, self.lateral.state, self.robot.ball_radius)
         timed_out, commanded, set_point = supervisor.timed_out, supervisor.commanded, None
         if law is not None:
             set_point = law.set_point

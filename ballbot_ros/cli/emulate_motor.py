@@ -24,6 +24,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--robot', metavar='NAME',
                         help='robot with a motor (a name or a YAML file) to use instead of the '
                         'one of the scene')
+    parser.add_argument('--steering', action='store_true',
+                        help='add a second motor that leans the pendulum: on M2 of a roboclaw, '
+                        'or at the next address of a CAN bus')
     parser.add_argument('--scene', default='flat', metavar='NAME',
                         help='scene (a name or a YAML file) with the ground and the start of the '
                         'ball (default: %(default)s)')
@@ -102,7 +105,7 @@ def make_emulator(arguments: argparse.Namespace, make: Any) -> Any:
     settings = settings_for(scene.model.robot, firmware=arguments.firmware,
                             quirks=tuple(arguments.quirk), **given)
     return make(arguments.protocol, scene, arguments.baud, settings, arguments.link,
-                arguments.seed)
+                arguments.seed, steering=arguments.steering)
 
 
 def write_log(emulator: Any, path: Path) -> None:

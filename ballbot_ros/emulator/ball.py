@@ -9,6 +9,7 @@ from ballbot_ros.physics.model.robot import Motor, Robot
 from ballbot_ros.physics.model.state import State
 from ballbot_ros.physics.simulation.scene import Scene
 from ballbot_ros.plant import Imu, ImuSample, Plant
+from ballbot_ros.steering import LateralState, pull
 
 
 def motor_of(robot: Robot) -> Motor:
@@ -63,6 +64,11 @@ class Ball:
     imu : Imu, optional
         In the shell; a perfect one in its middle if not given.
 
+    Attributes
+    ----------
+    lateral : LateralState
+        Of a robot whose second motor leans the pendulum.
+
     """
 
     def __init__(self, scene: Scene, settings: DriveSettings, period: float = 1e-3,
@@ -77,6 +83,7 @@ class Ball:
         """Take the state to have lasted for a period already."""
         # Both in one assignment: another thread may ask for a reading at any time.
         self._pair = (self.state._replace(time=self.state.time - self.plant.period), self.state)
+        self.lateral = LateralState()
 
     @property
     def state(self) -> State:
@@ -92,9 +99,14 @@ class Ball:
         """
         return shaft_torque * self.motor.gear_ratio * self.motor.gear_efficiency
 
-    def advance(self, shaft_torque: float) -> State:
+    def advance(self, shaft_torque: float, lateral_torque: float = 0.0) -> State:
         """
-        Advance by a period and return the new state.
+        Advance by a period and return the new planar state.
+
+        Parameters
+        ----------
+        shaft_torque, lateral_torque : float
+            Of the motor, and of the one that leans the pendulum, at their shafts [N m].
 
         Raises
         ------
@@ -103,8 +115,15 @@ class Ball:
 
         """
         before = self.state
-        self._pair = (before, self.plant.advance(self.pendulum_torque(shaft_torque)))
-        return self.state
+        after = self.plant.advance(self.pendulum_torque(shaft_torque))
+        self._pair = (before, after)
+        if lateral_torque or self.lateral != LateralState():
+            robot, period = self.plant.model.robot, self.plant.period
+            speeds = [-robot.ball_radius * state.ball_rate for state in (before, after)]
+            self.lateral = pull(
+                robot, self.lateral, 0.5 * sum(speeds), self.pendulum_torque(lateral_torque),
+                period, (speeds[1] - speeds[0]) / period)
+        return after
 
     def reset(self) -> None:
         """Reset the ball to the start of the scene."""
@@ -123,10 +142,17 @@ class Ball:
             Error of the encoder [rad].
 
         """
+        return self._at_shaft(before, self.state.joint_angle, self.state.joint_rate, jump)
+
+    def lean_sensed(self, before: Sensed) -> Sensed:
+        """Return the present measurements at the second motor; see `sensed`."""
+        return self._at_shaft(before, self.lateral.lean, self.lateral.lean_rate)
+
+    def _at_shaft(self, before: Sensed, angle: float, rate: float, jump: float = 0.0) -> Sensed:
         ratio = self.motor.gear_ratio
-        angle = ratio * self.state.joint_angle + jump
-        return before._replace(position=math.floor(angle / self._count) * self._count,
-                               velocity=ratio * self.state.joint_rate)
+        return before._replace(
+            position=math.floor((ratio * angle + jump) / self._count) * self._count,
+            velocity=ratio * rate)
 
     def imu(self) -> ImuSample:
         """Return the reading of an inertial sensor in the shell over the last period."""

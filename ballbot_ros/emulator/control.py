@@ -177,7 +177,8 @@ def state_of(emulator: Emulator) -> dict[str, object]:
         'pendulum_angle': state.pendulum_angle, 'pendulum_rate': state.pendulum_rate,
         'joint_angle': state.joint_angle, 'joint_rate': state.joint_rate,
         'imu_turn_rate': imu.turn_rate, 'imu_forward': imu.forward, 'imu_upward': imu.upward,
-        'dropped_periods': emulator.dropped}
+        'dropped_periods': emulator.dropped,
+        **(emulator.ball.lateral._asdict() if emulator.steering else {})}
 
 
 def answer(emulator: Emulator, line: str) -> str:

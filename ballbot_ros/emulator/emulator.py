@@ -9,9 +9,10 @@ from threading import Event, Thread
 import time
 from typing import Callable, Deque, NamedTuple, Optional
 
-from ballbot_ros.drives import device_class, line_of, SERIAL
+from ballbot_ros.drives import line_of, SERIAL
 from ballbot_ros.drives.emulated_device import DriveSettings
 from ballbot_ros.emulator.ball import Ball, settings_for
+from ballbot_ros.emulator.bus import new_device
 from ballbot_ros.emulator.line import Direction
 from ballbot_ros.emulator.slcan import SlcanAdapter
 from ballbot_ros.emulator.terminal import PseudoTerminal
@@ -19,6 +20,7 @@ from ballbot_ros.errors import BallbotError
 from ballbot_ros.physics.model.state import State
 from ballbot_ros.physics.simulation.scene import Scene
 from ballbot_ros.plant import Imu, ImuSample, Pace
+from ballbot_ros.steering import required_steering
 
 # The torque is constant over a period, and the ball is simulated by periods [s].
 PERIOD = 1e-3
@@ -61,6 +63,9 @@ class Emulator:
         Of the faults.
     imu : Imu, optional
         In the shell; a perfect one if not given.
+    steering : bool
+        Whether a second motor, with the same gear, leans the pendulum: that on M2 of a RoboClaw,
+        or one with a drive of its own at the next address of the CAN bus.
 
     Attributes
     ----------
@@ -74,17 +79,20 @@ class Emulator:
     Raises
     ------
     ConfigurationError
-        For an unknown protocol or firmware, a robot without motor, or a link that cannot be made.
+        For an unknown protocol or firmware, a robot without motor, or without steering where it
+        should steer, or a link that cannot be made.
 
     """
 
     def __init__(self, protocol: str, scene: Scene, baud: int = 115200,
                  settings: Optional[DriveSettings] = None, link: Optional[Path] = None,
-                 seed: int = 0, imu: Optional[Imu] = None):
-        device = device_class(protocol)
+                 seed: int = 0, imu: Optional[Imu] = None, steering: bool = False):
         self.settings = settings or settings_for(scene.model.robot)
         self.ball = Ball(scene, self.settings, PERIOD, imu)
-        self.device = device(self.settings)
+        if steering:
+            required_steering(scene.model.robot)
+        self.steering = steering
+        self.device = new_device(protocol, self.settings, steering)
         self.device.baud = baud
         self.device.sensed = self.device.sensed._replace(
             bus_voltage=self.ball.motor.maximum_voltage)
@@ -226,8 +234,11 @@ class Emulator:
     def _advance_ball(self, now: float) -> None:
         """Advance the model to a time [s]."""
         for _ in range(self._pace.due(now)):
-            self.ball.advance(self.device.torque())
+            self.ball.advance(
+                self.device.torque(), self.device.second_torque() if self.steering else 0.0)
             self.device.sensed = self.ball.sensed(self.device.sensed, self.encoder_jump)
+            if self.steering:
+                self.device.second = self.ball.lean_sensed(self.device.second)
 
     def _log_torque(self, now: float) -> None:
         """Log the torque if it has changed."""

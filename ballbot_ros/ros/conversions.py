@@ -199,15 +199,23 @@ def odometry_message(state: State, frames: Frames = FRAMES,
     pose.position.x, pose.position.z = state.x, state.y
     twist.linear.x, twist.linear.z = state.velocity_x, state.velocity_y
     if plant is not None:
-        pose.position.x, pose.position.y, heading = plant.relative_pose
-        pose.orientation.z, pose.orientation.w = math.sin(0.5 * heading), math.cos(0.5 * heading)
-        twist.linear.y = lateral_speed(plant.model.robot, plant.lateral)
-        twist.angular.z = plant.lateral.yaw_rate
+        _turn(message, plant.relative_pose, plant.lateral, plant.model.robot.ball_radius)
     return message
 
 
+def _turn(message: Odometry, place: Tuple[float, float, float], lateral: LateralState,
+          radius: float) -> None:
+    """Set x, y and heading, and the velocities of a robot that turns."""
+    pose, twist = message.pose.pose, message.twist.twist
+    pose.position.x, pose.position.y, heading = place
+    pose.orientation.z, pose.orientation.w = math.sin(0.5 * heading), math.cos(0.5 * heading)
+    twist.linear.y, twist.angular.z = radius * lateral.tilt_rate, lateral.yaw_rate
+
+
 def estimated_odometry_message(stamp: float, state: OdometryState, radius: float,
-                               frames: Frames = FRAMES) -> Odometry:
+                               frames: Frames = FRAMES,
+                               place: Optional[Tuple[float, float, float]] = None,
+                               lateral: LateralState = LateralState()) -> Odometry:
     """
     Return pose and velocity of the same frame, estimated from encoder and IMU.
 
@@ -217,9 +225,13 @@ def estimated_odometry_message(stamp: float, state: OdometryState, radius: float
         ROS time [s].
     state : OdometryState
     radius : float
-        Height of the centre above the start floor [m]; climbed height and heading are not
-        estimated.
+        Height of the centre above the start floor [m]; climbed height is not estimated.
     frames : Frames
+    place : (float, float, float), optional
+        x, y and heading of a robot that steers, by its model [m], [rad]: their covariance is
+        that of an unknown.
+    lateral : LateralState, optional
+        Of that robot.
 
     """
     pose, twist = (np.diag([variance + EXACT, UNKNOWN, UNKNOWN, EXACT, EXACT, UNKNOWN]).ravel()
@@ -228,6 +240,8 @@ def estimated_odometry_message(stamp: float, state: OdometryState, radius: float
     message.pose.pose.position.x = state.position
     message.pose.pose.position.z = radius
     message.twist.twist.linear.x = state.speed
+    if place is not None:
+        _turn(message, place, lateral, radius)
     return message
 
 

@@ -8,13 +8,15 @@ import tempfile
 
 from ballbot_ros.bridge.battery import Battery
 from ballbot_ros.bridge.hardware_file import load_hardware, SteeringAxis
+from ballbot_ros.bridge.lean import Course
 from ballbot_ros.bridge.onboard import OnBoard
 from ballbot_ros.bridge.session import Session
 from ballbot_ros.control import load_tuning, Supervision
-from ballbot_ros.drives import CAN, device_class, driver_class, line_of, open_driver
+from ballbot_ros.drives import device_class, driver_class, open_driver
 from ballbot_ros.drives.emulated_device import DriveSettings, Sensed
 from ballbot_ros.drives.memory_line import MemoryLine
 from ballbot_ros.drives.shared_line import SharedLine
+from ballbot_ros.emulator.bus import BusOfTwo, new_device
 from ballbot_ros.errors import MessageError
 from ballbot_ros.estimation import ImuReading
 from ballbot_ros.physics import load_robot
@@ -47,53 +49,28 @@ class HeldShell:
         return self.state
 
 
-class BusOfTwo:
-    """Two devices on a CAN bus, as one with a second output; see `Device`."""
+class SecondPort(MemoryLine):
+    """The port of a second drive, on the clock of the robot."""
 
-    def __init__(self, first, second):
-        self.first, self.other = first, second
-        self.settings = first.settings
-        self.properties = getattr(first, 'properties', None)
-        self.endpoints = getattr(first, 'endpoints', None)
+    def __init__(self, robot, device):
+        super().__init__(device, LINE_TIME)
+        self.pass_time = robot.pass_time
 
-    def __setattr__(self, name, value):
-        """Give measurements to the device that they are of."""
-        if name == 'sensed':
-            self.first.sensed = value
-        elif name == 'second':
-            self.other.sensed = value
-        else:
-            super().__setattr__(name, value)
 
-    sensed = property(lambda self: self.first.sensed)
-    second = property(lambda self: self.other.sensed)
-    booted_at = property(lambda self: self.first.booted_at)
+class TwoPorts(BusOfTwo):
+    """Two drives, each with a port of its own: this device has that of the first."""
 
-    def torque(self):
-        """Return the torque of the first motor [N m]."""
-        return self.first.torque()
-
-    def second_torque(self):
-        """Return the torque of the second motor [N m]."""
-        return self.other.torque()
-
-    def receive(self, data, now):
-        """Give bytes to both."""
-        return self.first.receive(data, now) + self.other.receive(data, now)
+    def __init__(self, device, settings):
+        super().__init__(device, settings)
+        self.other = device(settings)
 
     def tick(self, now):
-        """Update both."""
+        """Update the first."""
         self.first.tick(now)
-        self.other.tick(now)
 
-    def over_current(self):
-        """Let the first one trip."""
-        self.first.over_current()
-
-    def reboot(self, now):
-        """Let both lose their supply."""
-        self.first.reboot(now)
-        self.other.reboot(now)
+    def receive(self, data, now):
+        """Give bytes to the first."""
+        return self.first.receive(data, now)
 
 
 class VirtualRobot(MemoryLine):
@@ -113,6 +90,8 @@ class VirtualRobot(MemoryLine):
     ----------
     lateral : LateralState
         By the lateral model, in whose speed the planar model takes part.
+    course : Course
+        Place on the ground, of a ball that rolls.
     leans : list of float
         Torque of the second motor, at each step.
     lean_encoder : callable
@@ -134,9 +113,10 @@ class VirtualRobot(MemoryLine):
         self.hardware = load_hardware(f'gimball_{protocol}')
         if steering:
             option = driver_class(protocol).shares_line
-            first = getattr(driver_class(protocol).Options, option)
+            where = {'drive': {option: getattr(driver_class(protocol).Options, option) + 1}} \
+                if option else {'port': 'of its own'}
             self.hardware = replace(self.hardware, steering=SteeringAxis(
-                50.0, 0.9, drive_torque_limit=4.0, drive={option: first + 1}))
+                50.0, 0.9, drive_torque_limit=4.0, **where))
         self.hardware = replace(
             self.hardware, limits=replace(self.hardware.limits, **limits),
             battery=Battery(),  # the supply of most of these drives is not that of GimBall
@@ -147,10 +127,10 @@ class VirtualRobot(MemoryLine):
         settings = replace(settings or DriveSettings(
             torque_limit=torque, current_limit=torque / DriveSettings.torque_constant),
             firmware=firmware)
-        device = device_class(protocol)(settings)
-        if steering and line_of(protocol) is CAN:
-            device = BusOfTwo(device, device_class(protocol)(replace(settings, axis=1)))
-        super().__init__(device, LINE_TIME)
+        own_port = steering and not driver_class(protocol).shares_line
+        super().__init__(TwoPorts(device_class(protocol), settings) if own_port
+                         else new_device(protocol, settings, steering), LINE_TIME)
+        self.second_port = SecondPort(self, self.device.other) if own_port else None
         if (protocol, firmware) == ('odrive_can', '0.5'):  # a person has read it with odrivetool
             self.hardware = replace(self.hardware, drive={
                 'firmware': '0.5.6', 'confirmed': dict(self.device.properties)})
@@ -171,7 +151,7 @@ class VirtualRobot(MemoryLine):
         self.encoder_jump = 0.0  # of the motor shaft [rad]
         self.bus_voltage = self.device.sensed.bus_voltage
         self.encoder = self.reading = self.lean_encoder = lambda true: true
-        self.lateral, self.leans = LateralState(), []
+        self.lateral, self.leans, self.course = LateralState(), [], Course()
         self._shared = SharedLine(self._opened)
         self.refused = None  # of the IMU readings, the last error
         self.lines = 0  # opened and not closed
@@ -193,7 +173,8 @@ class VirtualRobot(MemoryLine):
         self.session = Session(
             self.hardware, robot, lambda: self.connect(self._shared.view()), self.clock, law=law,
             connect_lateral=lambda: open_driver(
-                lateral.connection.protocol, self._shared.view(), lateral.options(), self.clock))
+                lateral.connection.protocol, self.second_port or self._shared.view(),
+                lateral.options(), self.clock))
 
     def _opened(self):
         self.read()  # what a predecessor left
@@ -226,6 +207,9 @@ class VirtualRobot(MemoryLine):
             if self.hardware.steering is not None:
                 self._lean(before, state)
             self.live()
+            if self.second_port is not None:
+                self.second_port.now = self.now
+                self.second_port.live()
             self.torques.append(motor)
             self.history[round(self.now / STEP)] = state
             if self._imu is not None:
@@ -245,6 +229,8 @@ class VirtualRobot(MemoryLine):
         self.lateral = pull(
             robot, self.lateral, sum(speeds) / 2, motor * joint.gear_ratio * joint.gear_efficiency
             * joint.direction, STEP, (speeds[1] - speeds[0]) / STEP)
+        self.course = self.course.after(
+            -robot.ball_radius * after.ball_angle, self.lateral, robot.ball_radius)
         scale = joint.gear_ratio * joint.direction
         self.device.second = self.lean_encoder(Sensed(
             scale * self.lateral.lean, scale * self.lateral.lean_rate))

@@ -15,6 +15,7 @@ from ballbot_ros.ros.conversions import estimated_odometry_message, to_time
 from ballbot_ros.ros.endpoints import create_publisher
 from ballbot_ros.ros.frames import FRAMES, Frames
 from ballbot_ros.ros.odometry import OdometryTopics
+from ballbot_ros.steering import LateralState
 
 BATTERY_PERIOD = 1.0  # [s]
 # Rate of the link transforms where another node publishes odometry [Hz].
@@ -54,7 +55,8 @@ class RobotOutputs:
     def __init__(self, node: Node, session: Session, clocks: Clocks, settings: BridgeSettings):
         self._session, self._clocks = session, clocks
         self._radius, self._battery = session.robot.ball_radius, session.hardware.battery
-        self._topics = OdometryTopics(node, session.robot, settings)
+        self._topics = OdometryTopics(
+            node, session.robot, settings, steers=session.course is not None)
         self.publish_odometry_at(settings)
         self._battery_topic = create_publisher(node, 'battery_state')
         self._battery_turns, self._frame = Turns(BATTERY_PERIOD), Frames.of(settings).base
@@ -70,9 +72,12 @@ class RobotOutputs:
         if state is not None and report.estimate is not None \
                 and self._odometry_turns.is_due(state.stamp):
             stamp, angles = self._clocks.stamp(state.stamp), report.estimate.readings
+            course = self._session.course
+            lateral = LateralState() if course is None else course.lateral
             self._topics.publish(lambda: estimated_odometry_message(
-                stamp, state, self._radius, self._topics.frames),
-                angles.ball_angle, angles.joint_angle)
+                stamp, state, self._radius, self._topics.frames,
+                None if course is None else course.pose, lateral),
+                angles.ball_angle, angles.joint_angle, lateral)
         if self._battery_turns.is_due(report.time):
             self._battery_topic.publish(battery_message(
                 self._clocks.stamp(report.time), self._battery, report.telemetry,

@@ -43,7 +43,8 @@ class EmulatedRobot(Node):
         super().__init__('emulated_robot', **kwargs)
         settings = declare(self, EmulatedRobotSettings, self._prepare)
         self._frames = Frames.of(settings)
-        connection = load_hardware(settings.hardware).connection
+        hardware = load_hardware(settings.hardware)
+        connection = hardware.connection
         scene = load_scene(settings.scene)
         self._model = scene.model
         self._imu = self._new_imu(settings)
@@ -57,7 +58,8 @@ class EmulatedRobot(Node):
         self._truth = create_publisher(self, 'ball_state')
         self._emulator = Emulator(
             connection.protocol, scene, connection.baud,
-            settings_for(scene.model.robot, firmware=settings.firmware), Path(settings.link))
+            settings_for(scene.model.robot, firmware=settings.firmware), Path(settings.link),
+            steering=hardware.steering is not None)
         self._before = self._emulator.state
         self._number = 0
         self._emulator.start()

@@ -23,9 +23,9 @@ TURN = SetPoint(Mode.SPEED, 0.5, yaw_rate=0.25)
 STEERING = {'gear_ratio': 50.0}
 
 
-@pytest.fixture(params=['roboclaw', 'vesc_can', 'odrive_can 0.6'])
+@pytest.fixture(params=['roboclaw', 'vesc_can', 'odrive_can 0.6', 'odrive 0.5'])
 def robot(request):
-    """Return a robot that steers, its e-stop released."""
+    """Return a robot that steers, its e-stop released; an ODrive has a port for each motor."""
     return VirtualRobot(request.param, onboard='gentle', steering=True).ready()
 
 
@@ -45,6 +45,18 @@ def test_it_turns_at_the_commanded_yaw_rate(robot, speed, yaw_rate):
     assert (robot.lateral.heading - heading) / 2.0 == pytest.approx(yaw_rate, rel=0.03)
     assert robot.session.lateral.state.tilt == pytest.approx(robot.lateral.tilt, abs=0.005)
     assert not robot.session.supervisor.e_stop
+
+
+def test_odometry_has_the_course_of_the_turn(robot):
+    for yaw_rate in (0.3, -0.2, 0.0):
+        robot.loop(2.5, SetPoint(Mode.SPEED, 0.4, yaw_rate=yaw_rate))
+    assert robot.session.course.pose == pytest.approx(robot.course.pose, abs=0.02)
+    assert abs(robot.course.y) > 0.2
+    robot.session.engage('test')
+    robot.loop(3.0)
+    robot.session.release()
+    robot.loop(1.0, SetPoint(Mode.SPEED, 0.4))
+    assert robot.session.course.pose == pytest.approx(robot.course.pose, abs=0.05)
 
 
 def test_without_a_yaw_rate_it_drives_straight(robot):
@@ -110,6 +122,20 @@ def test_each_exit_stops_both_motors_and_both_confirm_it(turning, exit_by):
 def test_the_drive_stops_both_motors_of_a_process_that_was_killed(turning):
     turning.pass_time(0.2)  # nothing is sent; the serial timeout is 0.1 s
     assert turning.torques[-1] == turning.leans[-1] == 0.0
+
+
+def test_an_axis_on_its_own_port_ends_the_torque_of_both_when_it_is_unplugged():
+    robot = VirtualRobot('vesc', onboard='gentle', steering=True).ready()
+    robot.loop(1.0, TURN)
+    robot.second_port.plugged = False
+    robot.loop(0.3)
+    assert not any(robot.torques[-50:]) and not any(robot.leans[-50:])
+    assert all(axis.line.driver is None for axis in robot.session.axes)
+    robot.second_port.plugged = True
+    robot.loop(1.0)
+    robot.session.release()
+    robot.loop(1.0, TURN)
+    assert any(robot.torques[-50:]) and any(robot.leans[-50:])
 
 
 @pytest.mark.parametrize('rearm', [False, True])

@@ -60,7 +60,7 @@ def report(outputs, session, stamp):
 
 @pytest.mark.parametrize('rate', (50.0, 100.0, 120.0, 500.0))
 def test_odometry_comes_at_its_rate_with_the_stamp_of_the_measurement(make_node, published, rate):
-    session = SimpleNamespace(odometry=None)
+    session = SimpleNamespace(odometry=None, course=None)
     outputs = outputs_of(make_node, session, rate)
     outputs.publish(found(0.0))
     assert not topics(published, 'odom', '/tf')
@@ -73,7 +73,7 @@ def test_odometry_comes_at_its_rate_with_the_stamp_of_the_measurement(make_node,
 
 
 def test_a_rate_of_zero_leaves_odometry_to_others(make_node, published):
-    session = SimpleNamespace(odometry=None)
+    session = SimpleNamespace(odometry=None, course=None)
     outputs = outputs_of(make_node, session, 0.0)
     report(outputs, session, 1.0)
     assert not topics(published, 'odom')
@@ -84,7 +84,7 @@ def test_a_rate_of_zero_leaves_odometry_to_others(make_node, published):
 
 
 def test_after_a_gap_it_does_not_catch_up(make_node, published):
-    session = SimpleNamespace(odometry=None)
+    session = SimpleNamespace(odometry=None, course=None)
     outputs = outputs_of(make_node, session, 100.0)
     for stamp in (0.0, 5.0, 5.002, 5.004):
         report(outputs, session, stamp)
@@ -92,7 +92,7 @@ def test_after_a_gap_it_does_not_catch_up(make_node, published):
 
 
 def test_the_battery_is_reported_once_a_second_at_any_rate_of_the_loop(make_node, published):
-    outputs = outputs_of(make_node, SimpleNamespace(odometry=None), 0.0)
+    outputs = outputs_of(make_node, SimpleNamespace(odometry=None, course=None), 0.0)
     for number in range(1501):
         outputs.publish(found(0.002 * number, bus_voltage=24.0))
     messages = topics(published, 'battery_state')
