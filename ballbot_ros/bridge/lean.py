@@ -37,7 +37,7 @@ class LeanEstimate(NamedTuple):
     readings: LeanReadings
 
 
-class Course(NamedTuple):
+class GroundTrack(NamedTuple):
     """Place of a ball that turns, in the frame of its start; `after` gives the next."""
 
     x: float = 0.0  # [m]
@@ -45,11 +45,11 @@ class Course(NamedTuple):
     path: float = 0.0  # position of the odometry there [m]
     lateral: LateralState = LateralState()
 
-    def after(self, path: float, lateral: LateralState, radius: float) -> 'Course':
+    def after(self, path: float, lateral: LateralState, radius: float) -> 'GroundTrack':
         """Return the place at a later path length [m] and lateral state, by the midpoint rule."""
         heading = 0.5 * (self.lateral.heading + lateral.heading)
         forward, left = path - self.path, radius * (lateral.tilt - self.lateral.tilt)
-        return Course(self.x + forward * math.cos(heading) - left * math.sin(heading),
+        return GroundTrack(self.x + forward * math.cos(heading) - left * math.sin(heading),
                       self.y + forward * math.sin(heading) + left * math.cos(heading),
                       path, lateral)
 

@@ -19,7 +19,7 @@ from ballbot_ros.bridge.condition import Condition
 from ballbot_ros.bridge.drive_control import DriveControl, Estimated
 from ballbot_ros.bridge.hardware_file import Hardware
 from ballbot_ros.bridge.imu_watch import STEADY
-from ballbot_ros.bridge.lean import Course, LeanLaw, LeanSensing
+from ballbot_ros.bridge.lean import GroundTrack, LeanLaw, LeanSensing
 from ballbot_ros.bridge.motor_state import MotorState, SILENCE
 from ballbot_ros.bridge.observer import SessionObserver
 from ballbot_ros.bridge.onboard import OnBoard
@@ -92,7 +92,7 @@ class Session:
         Of the first axis.
     lateral : LeanSensing or None
         Of the lateral axis.
-    course : Course or None
+    course : GroundTrack or None
         Place and heading of a robot with a lateral axis, by its model.
     line : DriveLine
         The connected drive, or why none is connected.
@@ -124,14 +124,14 @@ class Session:
         self.control = DriveControl(hardware, self.sensing, connect, clock, observer, law)
         self.axes: Tuple[DriveControl[Any], ...] = (self.control,)
         self.lateral: Optional[LeanSensing] = None
-        self.course: Optional[Course] = None
+        self.course: Optional[GroundTrack] = None
         if hardware.steering is not None:
             if law is None or connect_lateral is None:
                 raise ConfigurationError(
                     f'{hardware.name}: the lateral axis follows the laws on board only: use '
                     'control:=onboard, or remove the section steering', 'inconsistent', 'control')
             lateral = hardware.lateral(robot)
-            self.lateral, self.course = LeanSensing(lateral, robot, self._speed), Course()
+            self.lateral, self.course = LeanSensing(lateral, robot, self._speed), GroundTrack()
             self.axes += (DriveControl(
                 lateral, self.lateral, connect_lateral, clock, observer,
                 LeanLaw(robot, self._yaw_rate, self.lateral.forget)),)

@@ -29,7 +29,7 @@ class BusOfTwo(Device):
         return getattr(self.__dict__['first'], name)
 
     @property
-    def sensed(self) -> Sensed:  # type: ignore[override]
+    def sensed(self) -> Sensed:
         """Return the measurements of the first device."""
         return self.first.sensed
 
@@ -38,7 +38,7 @@ class BusOfTwo(Device):
         self.first.sensed = sensed
 
     @property
-    def second(self) -> Sensed:  # type: ignore[override]
+    def second(self) -> Sensed:
         """Return the measurements of the second device."""
         return self.other.sensed
 
@@ -47,7 +47,7 @@ class BusOfTwo(Device):
         self.other.sensed = sensed
 
     @property
-    def baud(self) -> float:  # type: ignore[override]
+    def baud(self) -> float:
         """Return the bit rate of the bus."""
         return self.first.baud
 

@@ -23,7 +23,7 @@ from ballbot_ros.physics.model.state import State
 from ballbot_ros.physics.simulation.model import Model
 from ballbot_ros.plant import FloorPlant, Plant, Sensor, Sight, TerrainSight
 from ballbot_ros.ros.frames import FRAMES, Frames, LATERAL, LEAN, PENDULUM, SHELL
-from ballbot_ros.steering import lateral_speed, LateralState
+from ballbot_ros.steering import LateralState
 
 # Variances of exact values (all zeros would mean unknown) and of unknown values; squares of
 # metres, radians, or these per second.

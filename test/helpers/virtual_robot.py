@@ -8,7 +8,7 @@ import tempfile
 
 from ballbot_ros.bridge.battery import Battery
 from ballbot_ros.bridge.hardware_file import load_hardware, SteeringAxis
-from ballbot_ros.bridge.lean import Course
+from ballbot_ros.bridge.lean import GroundTrack
 from ballbot_ros.bridge.onboard import OnBoard
 from ballbot_ros.bridge.session import Session
 from ballbot_ros.control import load_tuning, Supervision
@@ -90,7 +90,7 @@ class VirtualRobot(MemoryLine):
     ----------
     lateral : LateralState
         By the lateral model, in whose speed the planar model takes part.
-    course : Course
+    course : GroundTrack
         Place on the ground, of a ball that rolls.
     leans : list of float
         Torque of the second motor, at each step.
@@ -151,7 +151,7 @@ class VirtualRobot(MemoryLine):
         self.encoder_jump = 0.0  # of the motor shaft [rad]
         self.bus_voltage = self.device.sensed.bus_voltage
         self.encoder = self.reading = self.lean_encoder = lambda true: true
-        self.lateral, self.leans, self.course = LateralState(), [], Course()
+        self.lateral, self.leans, self.course = LateralState(), [], GroundTrack()
         self._shared = SharedLine(self._opened)
         self.refused = None  # of the IMU readings, the last error
         self.lines = 0  # opened and not closed
