@@ -19,8 +19,8 @@ OWN = {'scene': 'scene, a name or a YAML file, instead of the two of the demo',
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add output, nodes and time."""
     parser.add_argument('--out', type=Path, metavar='DIR',
-                        help='folder for the recording (default: ballbot_output/demo, or '
-                        'ballbot_output/demo_hardware; demo_2, ... if it contains results)')
+                        help='folder for the recording (default: ballbot_output/demo, '
+                        'demo_hardware or demo_house there; demo_2, ... if it contains results)')
     add_overwrite(parser)
     parser.add_argument('--real-time', action='store_true',
                         help='run in real time instead of as fast as possible')
@@ -29,6 +29,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--hardware', action='store_true',
                         help='run the bridge with an emulated motor controller on a serial '
                         'link, in real time')
+    parser.add_argument('--house', action='store_true',
+                        help='drive from room to room on the floor apartment, with the navigator')
     parser.add_argument('--protocol', choices=tuple(DRIVES),
                         help='protocol of that motor controller (default: odrive)')
     parser.add_argument('--firmware', default='', metavar='GENERATION',
@@ -64,6 +66,7 @@ def run(arguments: argparse.Namespace) -> int:
     try:
         from ballbot_ros.demo.demo import run_demo
         from ballbot_ros.demo.hardware import run_hardware_demo
+        from ballbot_ros.demo.house import run_house_demo
         from ballbot_ros.demo.own_act import own_acts
         from ballbot_ros.demo.page import page_beside
     except ImportError as error:
@@ -72,24 +75,30 @@ def run(arguments: argparse.Namespace) -> int:
             '/opt/ros/jazzy/setup.bash, or run "make demo" in a checkout.  "ballbot simulate" '
             'works without ROS', 'not_installed', 'ROS') from error
     from ballbot_ros.results.files import check_writable
-    folder = 'demo_hardware' if arguments.hardware else 'demo'
+    folder = 'demo_hardware' if arguments.hardware else (
+        'demo_house' if arguments.house else 'demo')
+    picture = 'house.png' if arguments.house else 'crossing.png'
     default = Path('ballbot_output') / folder
-    check_writable((arguments.out or default) / 'crossing.png')  # before scenes are loaded
-    acts = [] if arguments.hardware else own_acts(
+    check_writable((arguments.out or default) / picture)  # before scenes are loaded
+    acts = [] if arguments.hardware or arguments.house else own_acts(
         arguments.scene, arguments.robot, arguments.curve, arguments.tuning, arguments.duration,
         arguments.planner or 'rollout')
-    names: tuple[str, ...] = ('crossing.png', 'bag', 'logs')
-    if not arguments.hardware:
+    names: tuple[str, ...] = (picture, 'bag', 'logs')
+    if acts:
         names = tuple(f'{Path(act.scene).stem}/{name}' for act in acts for name in names)
     out = result_folder(arguments.out, default, names, arguments.overwrite)
     with page_beside(arguments.quiet) if arguments.view else nullcontext():
+        common = {'out': out, 'quiet': arguments.quiet, 'timeout': arguments.timeout}
         if arguments.hardware:
             code: int = run_hardware_demo(
-                out=out, protocol=arguments.protocol or 'odrive', firmware=arguments.firmware,
-                serial_imu=arguments.serial_imu, quiet=arguments.quiet, timeout=arguments.timeout)
+                **common, protocol=arguments.protocol or 'odrive', firmware=arguments.firmware,
+                serial_imu=arguments.serial_imu)
+        elif arguments.house:
+            code = run_house_demo(**common, real_time=arguments.real_time,
+                                  longest=arguments.duration, watched=arguments.view)
         else:
-            code = run_demo(out=out, real_time=arguments.real_time, quiet=arguments.quiet,
-                            timeout=arguments.timeout, acts=acts, watched=arguments.view)
+            code = run_demo(**common, real_time=arguments.real_time, acts=acts,
+                            watched=arguments.view)
     return code
 
 
@@ -108,10 +117,17 @@ def check(arguments: argparse.Namespace) -> None:
     if arguments.serial_imu and not arguments.hardware:
         raise ConfigurationError(
             '--serial-imu goes with --hardware', 'inconsistent', '--serial-imu')
+    if arguments.hardware and arguments.house:
+        raise ConfigurationError(
+            '--house goes without --hardware, which drives straight only', 'inconsistent',
+            '--house')
     for option in (*OWN, 'planner', 'duration'):
-        if getattr(arguments, option) is not None and arguments.hardware:
-            raise ConfigurationError(f'--{option} goes without --hardware, whose demo is one of '
-                                     'the bridge on its own scene', 'inconsistent', f'--{option}')
+        for own in ('hardware', 'house'):
+            if getattr(arguments, option) is not None and getattr(arguments, own) and (
+                    own, option) != ('house', 'duration'):
+                raise ConfigurationError(
+                    f'--{option} goes without --{own}, whose demo has its own scene',
+                    'inconsistent', f'--{option}')
     for option in OWN:
         if getattr(arguments, option) is not None:
             find_config(f'{option}s', getattr(arguments, option))

@@ -11,6 +11,7 @@ import time
 from typing import (
     Any, BinaryIO, Callable, Iterable, Iterator, List, NamedTuple, Optional, Sequence, Tuple)
 
+from matplotlib.figure import Figure
 import numpy as np
 from rclpy.node import Node
 from std_srvs.srv import Trigger
@@ -89,15 +90,14 @@ def run_demo(out: Path, real_time: bool = False, quiet: bool = False, timeout: f
 
     """
     lockstep_period = 0.0 if real_time else 1.0 / STATES['terrain_observation']
-    how = 'in real time' if real_time else (
-        f'in lockstep, {"at most in real time" if watched else "as fast as it goes"}')
     prepare(('simulator', 'controller', 'decision'))  # before anything is waited for
     import_nodes(('simulator', 'controller', 'obstacle_decision'))
     together = len(acts) > 1 and not (real_time or watched or os.environ.get('ROS_DOMAIN_ID'))
     domains = [own_domain(number if together else 0) for number in range(len(acts))]
     if not quiet:
         print('Three nodes on ROS domain '
-              f'{" and ".join(map(str, dict.fromkeys(domains)))}, {how}.', flush=True)
+              f'{" and ".join(map(str, dict.fromkeys(domains)))}, '
+              f'{lockstep_note(real_time, watched)}.', flush=True)
 
     def play(act: Act, domain: int, folder: Path, timeline: Timeline) -> List[str]:
         simulator = {
@@ -120,6 +120,12 @@ def run_demo(out: Path, real_time: bool = False, quiet: bool = False, timeout: f
     return max(in_processes([
         partial(perform, out / Path(act.scene).stem, act, quiet, partial(play, act, domain))
         for act, domain in zip(acts, domains)], together))
+
+
+def lockstep_note(real_time: bool, watched: bool) -> str:
+    """Return by which time the nodes run; see `run_demo`."""
+    return 'in real time' if real_time else (
+        f'in lockstep, {"at most in real time" if watched else "as fast as it goes"}')
 
 
 def in_processes(works: Sequence[Callable[[], int]], together: bool) -> List[int]:
@@ -182,22 +188,8 @@ def passages_of(scene: Scene, expected: Optional[Sequence[Expected]] = None) -> 
 
 def perform(out: Path, act: Act, quiet: bool,
             play: Callable[[Path, Timeline], List[str]]) -> int:
-    """
-    Print the timeline of a run, draw its picture, and return the exit code.
-
-    Parameters
-    ----------
-    out : Path
-        Folder for bag, picture and logs.
-    act : Act
-    quiet : bool
-        Print only the verdict.
-    play : callable
-        Runs the nodes with that folder, and returns what went wrong on the way.
-
-    """
+    """Run an act with a scene and return the exit code; the parameters are those of `conclude`."""
     scene = load_scene(act.scene, act.robot)
-    out.mkdir(parents=True, exist_ok=True)
     marks: List[Mark] = []
 
     def report(when: float, word: str, sentence: str) -> None:
@@ -209,26 +201,58 @@ def perform(out: Path, act: Act, quiet: bool,
         if not quiet:
             print_event(when, word, sentence)
     timeline = Timeline(passages_of(scene, act.expected), scene.model.robot, report)
+
+    def verdict_on() -> List[str]:
+        if act.expected is not None:
+            return timeline.verdict()
+        if timeline.states and not quiet:
+            print('\nWhat happened:')
+            for sentence in account(timeline):
+                print(f'  - {sentence}')
+        return []
+
+    def draw() -> Figure:
+        return strip(_trajectory(scene, timeline), 'as published on ball_state', marks)
+    return conclude(out, act.title, quiet, timeline, play, verdict_on, draw, 'crossing.png')
+
+
+def conclude(out: Path, title: str, quiet: bool, timeline: Timeline,
+             play: Callable[[Path, Timeline], List[str]], verdict_on: Callable[[], List[str]],
+             draw: Callable[[], Figure], picture: str) -> int:
+    """
+    Print the timeline of a run, draw its picture, and return the exit code.
+
+    Parameters
+    ----------
+    out : Path
+        Folder for bag, picture and logs.
+    title : str
+    quiet : bool
+        Print only the verdict.
+    timeline : Timeline
+    play : callable
+        Runs the nodes with folder and timeline, and returns what went wrong on the way.
+    verdict_on : callable
+        Returns what the robot did not do as it should have.
+    draw : callable
+        Returns the picture of a run with states.
+    picture : str
+        Name of its file.
+
+    """
+    out.mkdir(parents=True, exist_ok=True)
     start = time.monotonic()
     if not quiet:
-        print(f'\n{act.title}\n', flush=True)
+        print(f'\n{title}\n', flush=True)
     with ending_by_signal():
         wrong = play(out, timeline)
-    if act.expected is not None:
-        wrong = wrong + timeline.verdict()
-    elif not timeline.states:
-        wrong = wrong + ['no state of the ball came']
-    elif not quiet:
-        print('\nWhat happened:')
-        for sentence in account(timeline):
-            print(f'  - {sentence}')
-    picture = out / 'crossing.png'
+    wrong = wrong + (verdict_on() if timeline.states else ['no state of the ball came'])
     if timeline.states:
-        save(strip(_trajectory(scene, timeline), 'as published on ball_state', marks), picture)
+        save(draw(), out / picture)
     simulated = timeline.now if timeline.states else 0.0
     if wrong or not quiet:
         print(f'\n{"FAILED" if wrong else "Done"}: {simulated:.1f} s of simulated time in '
-              f'{time.monotonic() - start:.1f} s.  Picture: {picture}  Bag: {out / "bag"}',
+              f'{time.monotonic() - start:.1f} s.  Picture: {out / picture}  Bag: {out / "bag"}',
               file=sys.stderr if quiet else sys.stdout)
     for sentence in wrong:
         print(f'  - {sentence}', file=sys.stderr)

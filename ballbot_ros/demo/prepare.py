@@ -14,9 +14,20 @@ from ballbot_ros.bridge.warm_up import warm_up as warm_up_bridge
 from ballbot_ros.control import checked_controller, load_tuning
 from ballbot_ros.decision import Knowledge, load_curve, load_decision_tuning
 from ballbot_ros.decision.decider import warm_up as warm_up_decision
+from ballbot_ros.floors import load_floor
+from ballbot_ros.navigation import RoutePlanner
 from ballbot_ros.physics import load_scene
 from ballbot_ros.physics.model.robot import load_robot
 from ballbot_ros.plant import Plant
+
+
+def _plan_a_route() -> None:
+    floor = load_floor('apartment')
+    planner = RoutePlanner(floor, Knowledge(
+        load_robot('gimball'), load_curve('gimball_down'),
+        load_decision_tuning('decision_default'), load_tuning('published')))
+    planner.route(floor.start, floor.start)
+
 
 NODES: Mapping[str, Callable[[], object]] = {
     'simulator': lambda: Plant(load_scene('doorstep'), 500.0),
@@ -25,7 +36,8 @@ NODES: Mapping[str, Callable[[], object]] = {
     'bridge': lambda: warm_up_bridge(load_robot('gimball')),
     'decision': lambda: warm_up_decision(
         Knowledge(load_robot('gimball'), load_curve('gimball_down'),
-                  load_decision_tuning('decision_default'), load_tuning('published')), 'rollout')}
+                  load_decision_tuning('decision_default'), load_tuning('published')), 'rollout'),
+    'navigator': _plan_a_route}
 
 
 def prepare(nodes: Sequence[str]) -> None:

@@ -1,14 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """Draws a floor, and a route on it."""
-from typing import Any, Optional
+from contextlib import contextmanager
+from typing import Any, Iterator, Optional, Sequence, Tuple
 
 from matplotlib.figure import Figure
 import numpy as np
 
 from ballbot_ros.figures.canvas import (
     BLUE, drawing, GREEN, GREY, INK, ORANGE, PALE, SOIL, VERMILION)
-from ballbot_ros.floors.floor import Floor, FREE, UNKNOWN
+from ballbot_ros.floors.floor import Floor, FREE, Point, UNKNOWN
 from ballbot_ros.navigation import Route
+
+Points = Sequence[Point]
 
 COLOURS = {'step': VERMILION, 'threshold': ORANGE, 'cord': ORANGE, 'drop': INK, 'stairs': INK,
            'carpet': SOIL, 'keep_out': GREY}
@@ -26,6 +29,45 @@ def route_figure(floor: Floor, route: Optional[Route] = None, radius: float = 0.
         Of the ball [m]; it is drawn at start, goal, and where each crossing begins.
 
     """
+    title = floor.name if route is None else (
+        f'{floor.name}: {route.time:.0f} s, probability {route.probability:.2f}')
+    with _plan_of(floor, title) as (figure, axes):
+        if route is not None:
+            _draw_route(axes, route, radius)
+    return figure
+
+
+def driven_figure(floor: Floor, title: str, plans: Sequence[Points], driven: Points,
+                  goals: Points, radius: float) -> Figure:
+    """
+    Return a plan of a floor with planned paths and the driven one.
+
+    Parameters
+    ----------
+    floor : Floor
+    title : str
+    plans : sequence of sequence of points
+        [m]
+    driven, goals : sequence of points
+        [m]
+    radius : float
+        Of the ball [m].
+
+    """
+    with _plan_of(floor, title) as (figure, axes):
+        for plan in plans:
+            axes.plot(*np.array(plan).T, color=BLUE, linewidth=1.0, linestyle='--',
+                      label='planned' if plan is plans[0] else None)
+        axes.plot(*np.array(driven).T, color=VERMILION, linewidth=1.6, label='driven')
+        for point in (driven[0], *goals):
+            _draw_ball(axes, point, radius)
+        axes.legend(loc='upper left', fontsize=7)
+    return figure
+
+
+@contextmanager
+def _plan_of(floor: Floor, title: str) -> Iterator[Tuple[Figure, Any]]:
+    """Give a figure with a plan of a floor, and its axes."""
     left, right, bottom, top = floor.extent
     width = 7.0
     with drawing(width, 1.2 + width * (top - bottom) / (right - left)) as figure:
@@ -35,15 +77,11 @@ def route_figure(floor: Floor, route: Optional[Route] = None, radius: float = 0.
                     extent=floor.extent, interpolation='nearest')
         for feature in floor.features:
             _draw_feature(axes, feature)
-        if route is not None:
-            _draw_route(axes, route, radius)
+        yield figure, axes
         axes.set(xlim=(left, right), ylim=(bottom, top), aspect='equal', xlabel='x [m]',
                  ylabel='y [m]')
-        title = floor.name if route is None else (
-            f'{floor.name}: {route.time:.0f} s, probability {route.probability:.2f}')
         axes.set_title(title, loc='left')
         figure.tight_layout()
-    return figure
 
 
 def _draw_feature(axes: Any, feature: Any) -> None:
@@ -73,4 +111,9 @@ def _draw_route(axes: Any, route: Route, radius: float) -> None:
                 'arrowstyle': '-|>', 'color': GREEN, 'linewidth': 2.2, 'shrinkA': 0, 'shrinkB': 0})
             axes.add_patch(Circle(tuple(points[0]), radius, facecolor='none', edgecolor=GREEN))
     for point in (route.points[:1] + route.points[-1:]):
-        axes.add_patch(Circle(point, radius, facecolor=PALE, edgecolor=BLUE, linewidth=1.4))
+        _draw_ball(axes, point, radius)
+
+
+def _draw_ball(axes: Any, place: Point, radius: float) -> None:
+    from matplotlib.patches import Circle
+    axes.add_patch(Circle(place, radius, facecolor=PALE, edgecolor=BLUE, linewidth=1.4))

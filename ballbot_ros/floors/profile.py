@@ -12,7 +12,7 @@ from typing import Callable, List, NamedTuple, Optional, Sequence, Tuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot_ros.floors.floor import Feature, Floor, Heights, inside, Point
+from ballbot_ros.floors.floor import Feature, Floor, Heights, inside, LINES, Point
 from ballbot_ros.physics.model.terrain import Terrain
 
 Array = NDArray[np.float64]
@@ -152,16 +152,22 @@ def cut(floor: Floor, place: Point, heading: float, level: float = 0.0, radius: 
     return Cut(*_joined(xs, left, right, friction), tuple(edges))
 
 
-def passed(floor: Floor, begin: Point, end: Point) -> float:
-    """Return by how much the steps and drops between two places raise the ground [m]."""
+def crossed(floor: Floor, begin: Point, end: Point, kinds: Sequence[str] = LINES
+            ) -> List[Tuple[Feature, int]]:
+    """Return the lines between two places, nearest first, and 1 for a way to the left, else -1."""
     length = math.dist(begin, end)
     if not length:
-        return 0.0
+        return []
     along = ((end[0] - begin[0]) / length, (end[1] - begin[1]) / length)
-    return sum(side * depth(feature) for feature in floor.features
-               if feature.kind in ('step', 'drop')
-               for at, side, _ in _crossings(feature.segments, begin, along)
-               if 0.0 < at <= length)
+    found = [(at, feature, side) for feature in floor.features if feature.kind in kinds
+             for at, side, _ in _crossings(feature.segments, begin, along) if 0.0 < at <= length]
+    return [(feature, side) for _, feature, side in sorted(found, key=lambda one: one[0])]
+
+
+def passed(floor: Floor, begin: Point, end: Point) -> float:
+    """Return by how much the steps and drops between two places raise the ground [m]."""
+    return sum(side * depth(feature)
+               for feature, side in crossed(floor, begin, end, ('step', 'drop')))
 
 
 def area_height(floor: Floor, place: Point) -> float:

@@ -449,6 +449,7 @@ class RoutePlanner:
         if not math.isfinite(time):
             self._refuse(shortest, passed, math.isfinite(far[states // COUNT].min()))
         segments, taken = self._segments(path)
+        segments = self._from(start, path[0][0], segments)
         crossed = {arc.number for arc in taken}
         why = [self._lack(number, sign) for number, sign in passed if number not in crossed]
         why += [f'{self._described(arc.number)} needs {arc.crossing.run_up:.2f} m of run-up, '
@@ -497,6 +498,8 @@ class RoutePlanner:
                 if self._blocked[r, c]:
                     continue
                 dx, dy = float(self._x[0, c]) - x, float(self._y[r, 0]) - y
+                if math.hypot(dx, dy) > reach or not self._leads((x, y), (x + dx, y + dy)):
+                    continue
                 for heading, angle in enumerate(HEADINGS):
                     turned = 0.0 if len(start) < 3 else abs(
                         math.remainder(angle - start[2], 2.0 * math.pi))
@@ -504,7 +507,7 @@ class RoutePlanner:
                         continue
                     # Along the heading the ball gets there, sideways it does not.
                     aside = abs(-math.sin(angle) * dx + math.cos(angle) * dy)
-                    if aside <= 1.01 * self._size and math.hypot(dx, dy) <= reach:
+                    if aside <= 1.01 * self._size:
                         states.append((r * self._walls.shape[1] + c) * COUNT + heading)
                         costs.append(OFFSET_COST * aside + TURN_COST * turned
                                      + math.hypot(dx, dy) / BACKWARD_SPEED)
@@ -512,6 +515,15 @@ class RoutePlanner:
             self.check_place(start, 'start')
             raise RefusedError(f'start ({x:g}, {y:g}) m leaves no room to drive', 'wall', 'start')
         return np.array(states, np.int64), np.array(costs)
+
+    def _leads(self, one: Point, two: Point) -> bool:
+        """Return whether neither a wall nor an edge lies between two places."""
+        for share in np.arange(0.0, 1.0, self._size / max(math.dist(one, two), self._size)):
+            at = one[0] + share * (two[0] - one[0]), one[1] + share * (two[1] - one[1])
+            if self._clear.flat[self._node(at)] < self.ball_radius - INACCURATE:
+                return False
+        return not any(_side(one, two, *segment) for feature in self.floor.features
+                       if feature.kind != 'friction' for segment in feature.segments)
 
     @staticmethod
     def _distance(feature: Feature, point: Sequence[float]) -> float:
@@ -552,6 +564,22 @@ class RoutePlanner:
             time += float(self._moves.times[move] * self._slowness[tuple(cells.T)].max())
         end(HEADINGS[path[-1][0] % COUNT])
         return tuple(segments), taken
+
+    def _from(self, start: Sequence[float], state: int, segments: Tuple[Segment, ...]
+              ) -> Tuple[Segment, ...]:
+        """Return the segments with the way from a start where no state is to the first one."""
+        if not self._blocked.flat[self._node(start)]:
+            return segments
+        here, there = (float(start[0]), float(start[1])), self._point(state // COUNT)
+        heading = HEADINGS[state % COUNT]
+        direction = 1 if (there[0] - here[0]) * math.cos(heading) \
+            + (there[1] - here[1]) * math.sin(heading) > 0.0 else -1
+        time = math.dist(here, there) / BACKWARD_SPEED
+        first = segments[0] if segments else None
+        if first is not None and first.feature is None and first.direction == direction:
+            return (first._replace(points=(here, *first.points), time=time + first.time),
+                    *segments[1:])
+        return Segment((here, there), None, None, time, direction, heading), *segments
 
     def _shortest(self, first: int, last: int) -> Tuple[float, List[Tuple[int, int]]]:
         """Return the shortest way as if each step could be crossed, and what it crosses."""

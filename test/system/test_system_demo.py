@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The demo as people start it: what it shows, what it leaves behind, and how it fails."""
+import math
 from pathlib import Path
 import signal
 import subprocess
@@ -126,6 +127,33 @@ def test_through_an_emulated_drive_a_step_is_crossed_and_one_refused(demo):
     place = 0
     for words in ('CROSS', 'touches  the 31 mm step', 'crossed', 'GO ROUND', 'rests', 'Done:'):
         assert (place := printed.find(words, place)) >= 0, (words, printed)
+
+
+@pytest.mark.slow
+def test_the_ball_drives_through_a_house_over_thresholds_and_steps(demo, tmp_path):
+    printed = (process := demo('--house', '--timeout', '110')).communicate(timeout=5 * TIMEOUT)[0]
+    assert process.returncode == 0, printed
+    place = 0
+    for words in ('goal  the bedroom', 'crosses  the kitchen threshold',
+                  'crosses  the bedroom step', 'arrives  in the bedroom',
+                  'crosses  the bathroom step', 'arrives  in the bathroom', 'Done:'):
+        assert (place := printed.find(words, place)) >= 0, (words, printed)
+    with Image.open(tmp_path / 'out' / 'house.png') as picture:
+        assert picture.width > 500 and np.asarray(picture.convert('L')).std() > 10.0
+    with AnyReader([tmp_path / 'out' / 'bag']) as bag:
+        recorded = {one.topic.lstrip('/') for one in bag.connections if one.msgcount}
+        *_, last = (bag.deserialize(data, one.msgtype) for one, _, data in bag.messages(
+            [one for one in bag.connections if one.topic == '/odom']))
+    assert {'map', 'scan', 'plan', 'cmd_vel', 'set_point', 'joint_states'} <= recorded
+    # In the frame of the start, which looks along y.
+    there = last.pose.pose.position
+    assert math.dist((1.7 - there.y, 1.4 + there.x), (8.1, 5.5)) < 0.2
+
+
+def test_a_house_demo_that_does_not_arrive_fails(demo):
+    printed = (process := demo('--house', '--duration', '2')).communicate(timeout=TIMEOUT)[0]
+    assert process.returncode == 1, printed
+    assert 'FAILED' in printed and 'the bedroom was not reached' in printed
 
 
 def test_a_node_that_dies_fails_the_demo_and_is_named(demo, tmp_path):

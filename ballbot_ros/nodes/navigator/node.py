@@ -161,7 +161,10 @@ class NavigatorNode(ManagedNode):
             self._traveled += _along(position.x - before.x, position.y - before.y, heading)
         self._last = message
         now = to_seconds(message.header.stamp)
-        if self.percept is not None and 0.0 <= now - self.percept.stamp < PERIOD - 1e-6:
+        if self.percept is not None and 0.0 < now - self.percept.stamp < PERIOD - 1e-6:
+            return
+        # In lockstep, the simulator repeats a state until it is answered.
+        if self._outputs.repeat(message.header.stamp):
             return
         pose = self.localization.on_map(position.x, position.y, heading)
         if pose is None:

@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the navigator publishes: commands, the plan, and markers of its crossings."""
 import math
-from typing import List, Optional, Tuple
+from typing import Any, List, Optional, Tuple
 
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Point, PoseStamped, TwistStamped
 from nav_msgs.msg import Path
 from rclpy.node import Node
+from rclpy.publisher import Publisher
 from visualization_msgs.msg import Marker, MarkerArray
 
 from ballbot_ros.navigation import Route
@@ -52,17 +53,30 @@ class NavigationOutputs:
         self._set_points = create_publisher(node, 'set_point')
         self._plans = create_publisher(node, 'plan')
         self._markers = create_publisher(node, 'markers')
+        self._last: Optional[Tuple[Publisher, Any]] = None
+
+    def repeat(self, stamp: Time) -> bool:
+        """Publish the last command again, and return True, if it has this stamp."""
+        if self._last is None or self._last[1].header.stamp != stamp:
+            return False
+        publisher, message = self._last
+        publisher.publish(message)
+        return True
 
     def drive(self, stamp: Time, command: Command) -> None:
         """Publish speed and yaw rate."""
         message = TwistStamped()
         message.header.stamp = stamp
         message.twist.linear.x, message.twist.angular.z = command.speed, command.yaw_rate
-        self._speeds.publish(message)
+        self._command(self._speeds, message)
 
     def cross(self, stamp: Time, set_angle: float, yaw_rate: float) -> None:
         """Publish the set angle of a crossing."""
-        self._set_points.publish(set_point_message(stamp, set_angle))
+        self._command(self._set_points, set_point_message(stamp, set_angle))
+
+    def _command(self, publisher: Publisher, message: Any) -> None:
+        self._last = publisher, message
+        publisher.publish(message)
 
     def rest(self, stamp: Time) -> None:
         """Publish a speed of 0 and wait until it is received."""

@@ -47,7 +47,7 @@ def refuses(refusal):
 def replace_demo(monkeypatch):
     """Return a function that replaces functions of the demo, which needs ROS."""
     def replace(**functions):
-        for module in ('demo', 'hardware', 'own_act', 'page'):
+        for module in ('demo', 'hardware', 'house', 'own_act', 'page'):
             monkeypatch.setitem(
                 sys.modules, f'ballbot_ros.demo.{module}', SimpleNamespace(**functions))
     return replace

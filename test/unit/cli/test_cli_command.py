@@ -137,8 +137,12 @@ def test_demo_passes_its_options_on(replace_demo, tmp_path):
         given.update(options)
         return 8
 
+    def run_house_demo(**options):
+        given.update(options)
+        return 9
+
     replace_demo(
-        run_demo=run_demo, run_hardware_demo=run_hardware_demo,
+        run_demo=run_demo, run_hardware_demo=run_hardware_demo, run_house_demo=run_house_demo,
         own_acts=lambda *names: [act, names][:1],
         page_beside=lambda quiet: contextlib.nullcontext())
     assert main(['demo', '--out', str(tmp_path), '--real-time', '--timeout', '9']) == 7
@@ -153,6 +157,10 @@ def test_demo_passes_its_options_on(replace_demo, tmp_path):
                  '--overwrite']) == 8
     assert given == {'out': tmp_path, 'protocol': 'vesc', 'firmware': '', 'quiet': False,
                     'timeout': 60.0, 'serial_imu': False}
+    given.clear()
+    assert main(['demo', '--house', '--out', str(tmp_path / 'flat'), '--duration', '5']) == 9
+    assert given == {'out': tmp_path / 'flat', 'real_time': False, 'quiet': False, 'timeout': 60.0,
+                     'longest': 5.0, 'watched': False}
 
 
 def test_demo_without_ros_is_refused(refuses, monkeypatch):

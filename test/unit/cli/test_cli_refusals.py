@@ -19,6 +19,7 @@ from ballbot_ros.paper.gallery import FIGURES
     ['sweep', '--vary', 'speed=0.5', '--out', '{}/x.parquet'],
     ['test-bench', '--out', '{}/x'], ['fit-curve', '--out', '{}/x.yaml'],
     ['demo', '--out', '{}/x'], ['demo', '--hardware', '--out', '{}'],
+    ['demo', '--house', '--out', '{}'],
     ['emulate-motor', '--protocol', 'vesc', '--log', '{}/x.csv'],
     ['calibrate-motor', '--out', '{}/x.yaml', '--port', '/dev/there_is_none']])
 def test_a_folder_that_is_a_file_is_refused_before_the_work(
@@ -26,7 +27,8 @@ def test_a_folder_that_is_a_file_is_refused_before_the_work(
     def work(*_, **__):
         pytest.fail('worked in vain')
 
-    replace_demo(run_demo=work, run_hardware_demo=work, own_acts=work, page_beside=work)
+    replace_demo(run_demo=work, run_hardware_demo=work, run_house_demo=work, own_acts=work,
+                 page_beside=work)
     monkeypatch.setattr('ballbot_ros.physics.simulation.scene.Scene.simulate', work)
     monkeypatch.setattr('ballbot_ros.paper.procedure.run_tests', work)
     monkeypatch.setattr('ballbot_ros.studies.curve_fit.fit_curve', work)
@@ -47,6 +49,8 @@ def test_a_file_that_is_no_curve_is_not_overwritten(tmp_path, error_of):
 
 @pytest.mark.parametrize('words, reason, field', [
     (['demo', '--protocol', 'vesc'], 'inconsistent', '--protocol'),
+    (['demo', '--house', '--hardware'], 'inconsistent', '--house'),
+    (['demo', '--house', '--scene', 'flat'], 'inconsistent', '--scene'),
     (['demo', '--firmware', '0.6'], 'not_a_choice', '--firmware'),
     (['demo', '--hardware', '--protocol', 'roboclaw', '--firmware', '0.6'], 'not_a_choice',
      '--firmware'),

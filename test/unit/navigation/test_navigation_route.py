@@ -14,6 +14,7 @@ from ballbot_ros.decision import Knowledge, load_curve, load_decision_tuning
 from ballbot_ros.errors import RefusedError
 from ballbot_ros.floors import load_floor
 from ballbot_ros.floors.floor import distance_to_segment
+from ballbot_ros.floors.profile import crossed
 from ballbot_ros.navigation import Capability, RoutePlanner, write_masks
 from ballbot_ros.navigation.lattice import COUNT, LEVELS
 from ballbot_ros.navigation.route import REVERSAL
@@ -272,3 +273,15 @@ def test_masks_keep_nav2_out_of_steps_and_slow_it_near_stairs(flat, tmp_path):
     # No limit far from the stairs, and less speed the nearer they are.
     limits = [255 - int(speed[floor.cell_of((x, 3.4))]) for x in (4.0, 7.2, 7.4)]
     assert limits[0] == 0 and limits[1] > limits[2] > 0
+
+
+def test_the_way_out_of_a_narrow_place_begins_there_and_passes_no_edge(flat):
+    here = (2.45, 3.71, math.radians(-9.6))  # nearer to the wall than a route may lead
+    route = flat.route(here, (5.5, 5.5))
+    assert route.segments[0].points[0] == here[:2]
+    free = [segment.points for segment in route.segments if segment.feature is None]
+    for points in free:
+        for one, two in zip(points, points[1:]):
+            assert not crossed(flat.floor, one, two)
+    for before, after in zip(route.segments, route.segments[1:]):
+        assert math.dist(before.points[-1], after.points[0]) < 1e-9

@@ -1,0 +1,232 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The demo on a floor: the navigator drives from room to room, over thresholds and a step."""
+from functools import partial
+import math
+from pathlib import Path
+from typing import Any, Callable, List, NamedTuple, Optional, Sequence, Tuple
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from matplotlib.figure import Figure
+from nav_msgs.msg import Path as Plan
+from rclpy.action import ActionClient
+from rclpy.task import Future
+
+from ballbot_ros.bags.metadata import bag_metadata, SIMULATOR
+from ballbot_ros.demo.demo import (
+    ALSO, conclude, CONTROL_RATE, in_processes, lockstep_note, print_event, ROBOT, STATES,
+    SynchronizedStart, TUNING)
+from ballbot_ros.demo.forked import import_nodes
+from ballbot_ros.demo.prepare import prepare
+from ballbot_ros.demo.processes import own_domain
+from ballbot_ros.demo.recorded_graph import recorded_graph, RecordedGraph
+from ballbot_ros.demo.timeline import Timeline
+from ballbot_ros.figures.route import driven_figure
+from ballbot_ros.floors import Floor, load_floor
+from ballbot_ros.floors.floor import Point
+from ballbot_ros.floors.profile import crossed
+from ballbot_ros.msg import BallState
+from ballbot_ros.nodes.navigator.goals import NavigateToPose
+from ballbot_ros.nodes.navigator.node import PERIOD
+from ballbot_ros.nodes.navigator.outputs import stamped_pose
+from ballbot_ros.physics import Robot
+from ballbot_ros.physics.model.robot import load_robot
+from ballbot_ros.ros.conversions import to_time
+from ballbot_ros.ros.endpoints import create_subscription
+
+LONGEST = 300.0  # simulated time after which the robot has had its chance [s]
+COMMANDS = ('joint_commands', 'cmd_vel', 'set_point', 'plan')
+SENSORS = ('map', 'scan')
+
+
+class Visit(NamedTuple):
+    """A room and a place in it [m]."""
+
+    room: str
+    x: float
+    y: float
+
+
+FLOOR, START = 'apartment', (1.7, 1.4, 0.5 * math.pi)
+TOUR = (Visit('bedroom', 5.5, 5.5), Visit('bathroom', 8.1, 5.5))
+
+
+def run_house_demo(out: Path, real_time: bool = False, quiet: bool = False, timeout: float = 60.0,
+                   longest: Optional[float] = None, watched: bool = False,
+                   tour: Sequence[Visit] = TOUR) -> int:
+    """
+    Drive through the shipped flat with the node navigator.
+
+    Parameters
+    ----------
+    out, real_time, quiet, timeout, watched
+        See `run_demo`.
+    longest : float, optional
+        End of the run, in simulated time [s].
+    tour : sequence of Visit
+
+    Returns
+    -------
+    int
+        0 if every room was reached, 1 if not.
+
+    """
+    floor, robot = load_floor(FLOOR), load_robot(ROBOT)
+    prepare(('simulator', 'controller', 'decision', 'navigator'))
+    import_nodes(('simulator', 'controller', 'navigator'))
+    domain = own_domain()
+    if not quiet:
+        print(f'Three nodes on ROS domain {domain}, {lockstep_note(real_time, watched)}.',
+              flush=True)
+    timeline = HouseTimeline(floor, robot, START, (
+        lambda *_: None) if quiet else print_event)
+    arrived: List[Visit] = []
+
+    def play(folder: Path, timeline: HouseTimeline) -> List[str]:
+        simulator = {
+            'floor': FLOOR, 'start': ','.join(map(str, START)), 'robot': ROBOT,
+            'control_rate': CONTROL_RATE, 'lockstep': not real_time,
+            'real_time_factor': 1.0 if real_time or watched else 0.0, 'start_paused': True}
+        controller = {'robot': ROBOT, 'tuning': TUNING, 'rate': CONTROL_RATE,
+                      'lockstep_set_point_period': 0.0 if real_time else PERIOD}
+        navigator = {'floor': FLOOR, 'robot': ROBOT, 'control_tuning': TUNING}
+        with recorded_graph(
+                folder, (*STATES, *SENSORS, *COMMANDS, *ALSO), timeline,
+                {'controller': controller, 'navigator': navigator, 'simulator': simulator},
+                bag_metadata(SIMULATOR, simulator), domain) as graph:
+            return graph.run(TourGuide(graph, timeline, tour, arrived).poll, timeout,
+                             longest or LONGEST, tuple(STATES))
+
+    def verdict_on() -> List[str]:
+        return [f'the {visit.room} was not reached' for visit in tour[len(arrived):]]
+
+    def draw() -> Figure:
+        return driven_figure(floor, f'{floor.name}: {timeline.now:.0f} s', timeline.plans,
+                             timeline.driven, [visit[1:] for visit in tour], robot.ball_radius)
+    title = f'The ball drives from the kitchen to the {" and the ".join(v.room for v in tour)}.'
+    return max(in_processes([partial(
+        conclude, out, title, quiet, timeline, play, verdict_on, draw, 'house.png')], False))
+
+
+class HouseTimeline(Timeline):
+    """
+    Detects on a floor which steps, thresholds and cords the ball has crossed.
+
+    Parameters
+    ----------
+    floor : Floor
+    robot : Robot
+    start : (float, float, float)
+        Pose of the frame odom on the map [m], [rad].
+    report : callable
+        See `Timeline`.
+
+    Attributes
+    ----------
+    driven : list of (float, float)
+        Places on the map [m].
+    plans : list of lists of (float, float)
+        Paths that the navigator has published [m].
+
+    """
+
+    def __init__(self, floor: Floor, robot: Robot, start: Tuple[float, float, float],
+                 report: Callable[[float, str, str], None]):
+        super().__init__([], robot, report)
+        self._floor, self._start = floor, start
+        self.driven: List[Point] = []
+        self.plans: List[List[Point]] = []
+
+    def add_state(self, message: BallState) -> None:
+        """Take a state; crossed lines are reported."""
+        x, y, heading = self._start
+        place = (x + math.cos(heading) * message.position_x
+                 - math.sin(heading) * message.position_y,
+                 y + math.sin(heading) * message.position_x
+                 + math.cos(heading) * message.position_y)
+        before = self.driven[-1] if self.driven else place
+        self.states.append(message)
+        self.driven.append(place)
+        for feature, _ in crossed(self._floor, before, place):
+            self.note('crosses', f'the {feature.label}, {1e3 * feature.height:.0f} mm high, at '
+                      f'{abs(message.velocity_x):.2f} m/s')
+
+    def add_plan(self, message: Plan) -> None:
+        """Take a path of the navigator."""
+        points = [(pose.pose.position.x, pose.pose.position.y) for pose in message.poses]
+        if len(points) < 2:
+            return
+        self.plans.append(points)
+        pieces = list(zip(points, points[1:]))
+        names = [feature.label for piece in pieces for feature, _ in crossed(self._floor, *piece)]
+        self.note('plans', f'{sum(map(math.dist, points, points[1:])):.1f} m'
+                  f'{" over the " if names else ""}{", the ".join(names)}')
+
+    def note(self, word: str, sentence: str) -> None:
+        """Report an event of now."""
+        self._report(max(self.now, 0.0), word, sentence)
+
+
+class TourGuide:
+    """
+    Sends the goals of a tour to the navigator, one after the other.
+
+    Parameters
+    ----------
+    graph : RecordedGraph
+    timeline : HouseTimeline
+    tour : sequence of Visit
+    arrived : list of Visit
+        Those that were reached are appended.
+
+    """
+
+    def __init__(self, graph: RecordedGraph, timeline: HouseTimeline, tour: Sequence[Visit],
+                 arrived: List[Visit]):
+        self._timeline, self._tour, self._arrived = timeline, tour, arrived
+        self._start = SynchronizedStart(graph.node, graph.bag, tuple(STATES))
+        self._client = ActionClient(graph.node, NavigateToPose, 'navigate_to_pose')
+        self._ready = False
+        self._sent: Optional[Future] = None
+        self._result: Optional[Future] = None
+        create_subscription(graph.node, '/diagnostics', self._take_health)
+        create_subscription(graph.node, 'plan', timeline.add_plan)
+
+    def _take_health(self, message: DiagnosticArray) -> None:
+        self._ready = self._ready or any(
+            status.name.startswith('navigator:') and status.level == DiagnosticStatus.OK
+            for status in message.status)
+
+    def poll(self) -> Optional[str]:
+        """Do what can be done now, and return why the tour cannot continue, if so."""
+        self._start.poll()
+        if not self._ready or len(self._arrived) == len(self._tour):
+            return None
+        visit = self._tour[len(self._arrived)]
+        if self._sent is None:
+            if self._client.server_is_ready():
+                self._sent = self._client.send_goal_async(NavigateToPose.Goal(
+                    pose=stamped_pose('map', to_time(0.0), visit.x, visit.y, 0.0)))
+            return None
+        if not self._sent.done():
+            return None
+        if self._result is None:
+            handle = self._sent.result()
+            if not handle.accepted:
+                return f'the navigator has refused the {visit.room} as a goal, see its log'
+            self._timeline.note('goal', f'the {visit.room}, ({visit.x:g}, {visit.y:g})')
+            self._result = handle.get_result_async()
+            return None
+        return self._ended(visit) if self._result.done() else None
+
+    def _ended(self, visit: Visit) -> Optional[str]:
+        assert self._result is not None
+        result: Any = self._result.result().result
+        self._sent = self._result = None
+        if result.error_code:
+            return f'the navigator has ended the goal: {result.error_msg}'
+        self._arrived.append(visit)
+        away = math.dist(self._timeline.driven[-1], visit[1:])
+        self._timeline.note('arrives', f'in the {visit.room}, {away:.2f} m from the goal')
+        if len(self._arrived) == len(self._tour):
+            self._timeline.rested = self._timeline.now
+        return None
