@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """A ROS graph for a demo: nodes as processes, and a recorder of their topics."""
+from collections import deque
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 import os
 from pathlib import Path
-from queue import SimpleQueue
 import time
-from typing import Any, Callable, Iterator, List, Mapping, Optional, Sequence
+from typing import Any, Callable, Deque, Dict, Iterator, List, Mapping, Optional, Sequence, Tuple
 
 import rclpy
 from rclpy.executors import Executor
@@ -14,15 +15,61 @@ from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 from rclpy.signals import SignalHandlerOptions
 
-from ballbot_ros.bags.writer import BagRecorder
+from ballbot_ros.bags.writer import BagRecorder, stamp_of
 from ballbot_ros.demo.processes import NodeProcesses, own_domain
 from ballbot_ros.demo.timeline import Timeline
 from ballbot_ros.msg import BallState, StepDecision
 from ballbot_ros.ros import discovery
 from ballbot_ros.ros.rclpy_compat import new_executor
 
-# So often what was recorded is looked at, and the nodes are [s].
-TAKE_AGAIN = 0.01
+# Period at which recorded messages and the node processes are checked [s].
+POLL_PERIOD = 0.01
+# Topics of the timeline.
+STATES, DECISIONS = 'ball_state', 'step_decision'
+# A topic that is this far behind another one no longer delays it [ns].
+LONGEST_DELAY = 5 * 10**9
+
+
+class MessagesInOrder:
+    """
+    Queue of the messages of several topics, in the order of their stamps.
+
+    Topics arrive independently: on a busy machine one may be a second behind another one.
+    Messages are added in one thread and taken in another one.
+
+    Parameters
+    ----------
+    *topics : str
+        Messages with equal stamps are taken in the order of these topics.
+
+    Attributes
+    ----------
+    topics : tuple of str
+
+    """
+
+    def __init__(self, *topics: str):
+        self.topics = topics
+        self._waiting: Dict[str, Deque[Tuple[int, bytes]]] = {topic: deque() for topic in topics}
+        self._newest = dict.fromkeys(topics, -1)
+
+    def add(self, topic: str, data: bytes) -> None:
+        """Add a serialized message that begins with a stamp."""
+        stamp = stamp_of(data)
+        self._waiting[topic].append((stamp, data))
+        self._newest[topic] = stamp
+
+    def take(self) -> Optional[Tuple[str, bytes]]:
+        """Return topic and message, None while an earlier message may still arrive."""
+        heads = {topic: waiting[0][0] for topic, waiting in self._waiting.items() if waiting}
+        if not heads:
+            return None
+        topic = min(heads, key=lambda one: heads[one])
+        stamp = heads[topic]
+        if any(newest < stamp and self._newest[topic] < stamp + LONGEST_DELAY
+               for newest in self._newest.values()):
+            return None
+        return topic, self._waiting[topic].popleft()[1]
 
 
 @dataclass(frozen=True)
@@ -34,7 +81,7 @@ class RecordedGraph:
     bag: BagRecorder
     nodes: NodeProcesses
     timeline: Timeline
-    updates: 'SimpleQueue[Callable[[], None]]'  # pending timeline updates
+    messages: MessagesInOrder
 
     def run(self, poll: Callable[[], Optional[str]], timeout: float,
             longest: float, topics: Sequence[str] = ()) -> List[str]:
@@ -47,9 +94,9 @@ class RecordedGraph:
         """
         deadline, reached, ended = time.monotonic() + timeout, self.timeline.now, False
         while not (ended and self._recorded_to_end(topics)):
-            self.executor.spin_once(timeout_sec=TAKE_AGAIN)
-            while not (ended or self.updates.empty()):
-                self.updates.get()()
+            self.executor.spin_once(timeout_sec=POLL_PERIOD)
+            while not ended and (message := self.messages.take()) is not None:
+                self._add_to_timeline(*message)
                 ended = self.timeline.rested is not None or self.timeline.now > longest
             if self.timeline.now > reached:
                 deadline, reached = time.monotonic() + timeout, self.timeline.now
@@ -67,6 +114,12 @@ class RecordedGraph:
         codes = self.nodes.stop()
         self.bag.take_all()
         return [self._badly(name, code) for name, code in codes.items() if code]
+
+    def _add_to_timeline(self, topic: str, data: bytes) -> None:
+        if topic == STATES:
+            self.timeline.add_state(deserialize_message(data, BallState))
+        else:
+            self.timeline.add_decision(deserialize_message(data, StepDecision))
 
     def _recorded_to_end(self, topics: Sequence[str]) -> bool:
         stamp = self.timeline.states[-1].header.stamp
@@ -90,10 +143,7 @@ def recorded_graph(out: Path, topics: Sequence[str], timeline: Timeline,
     """
     domain = own_domain() if domain is None else domain
     discovery.apply(os.environ)
-    updates: SimpleQueue[Callable[[], None]] = SimpleQueue()
-
-    def forwarding(take: Callable[[Any], None], kind: Any) -> Callable[[bytes], None]:
-        return lambda data: updates.put(lambda: take(deserialize_message(data, kind)))
+    messages = MessagesInOrder(*(topic for topic in (STATES, DECISIONS) if topic in topics))
     with NodeProcesses(out / 'logs', domain) as processes:
         for name, parameters in nodes.items():
             processes.fork(name, parameters)
@@ -102,12 +152,11 @@ def recorded_graph(out: Path, topics: Sequence[str], timeline: Timeline,
         executor.add_node(node)
         try:
             with BagRecorder(out / 'bag', metadata) as bag:
-                callbacks = {'ball_state': forwarding(timeline.add_state, BallState),
-                             'step_decision': forwarding(timeline.add_decision, StepDecision)}
                 for topic in topics:
-                    bag.subscribe(recorder, topic, callbacks.get(topic))
+                    bag.subscribe(recorder, topic, partial(messages.add, topic)
+                                  if topic in messages.topics else None)
                 bag.record_in_thread()
-                yield RecordedGraph(node, executor, bag, processes, timeline, updates)
+                yield RecordedGraph(node, executor, bag, processes, timeline, messages)
         finally:
             executor.remove_node(node)
             node.destroy_node()

@@ -69,6 +69,7 @@ class Timeline:
     """
     Detects events and the end of a run from ball states and decisions.
 
+    Messages are added in the order of their stamps; a decision follows the state that it answers.
     Times count from the first state [s].
 
     Parameters
@@ -90,7 +91,6 @@ class Timeline:
                  report: Callable[[float, str, str], None]):
         self.passages = passages
         self.states: List[BallState] = []
-        self._pending: List[StepDecision] = []
         self._robot, self._report = robot, report
         self._limit = math.nan
         self._last: Optional[Tuple[int, int, int]] = None
@@ -112,32 +112,13 @@ class Timeline:
         return to_seconds(message.header.stamp) - to_seconds(self.states[0].header.stamp)
 
     def add_decision(self, message: StepDecision) -> None:
-        """Take a decision; it is reported when the states have come as far as its stamp."""
-        self._pending.append(message)
-        self._report_pending()
-
-    def add_state(self, message: BallState) -> None:
-        """Take a state; touches, crossings and rest are reported."""
-        before = self.states[-1] if self.states else message
-        self.states.append(message)
-        for passage in self.passages:
-            self._follow(passage, message, before)
-        self._watch_rest(message)
-        self._report_pending()
-
-    def _report_pending(self) -> None:
-        while self._pending and self.states and self.time_of(self._pending[0]) <= self.now:
-            self._decided(self._pending.pop(0))
-
-    def _decided(self, message: StepDecision) -> None:
-        """Report a decision if it differs from the last one."""
-        time = self.time_of(message)
-        # Topics overtake each other: what counts is which step was ahead at that time.
-        index = sum(passage.crossed is not None and passage.crossed <= time
-                    for passage in self.passages)
+        """Take a decision that answers one of the states so far; changes are reported."""
+        time, index = self.time_of(message), self.next_step
         if index and message.decision == StepDecision.DECISION_CROSS and abs(
                 message.height - self.passages[index - 1].height) < SAME_HEIGHT:
-            index -= 1  # it is not over yet for the decision
+            index -= 1  # the decision still follows its plan behind the edge
+        if message.decision == StepDecision.DECISION_CROSS:
+            self._limit = message.height_limit
         key = (message.decision, message.reason, index)
         if key == self._last:
             return
@@ -152,9 +133,15 @@ class Timeline:
             if message.decision not in self.passages[index].decided:
                 self.passages[index].decided.append(message.decision)
         late = 'too late to stop: ' if message.reason == StepDecision.REASON_COMMITTED else ''
-        if message.decision == StepDecision.DECISION_CROSS:
-            self._limit = message.height_limit
         self._report(time, NAMES.get(message.decision, '?'), late + message.explanation)
+
+    def add_state(self, message: BallState) -> None:
+        """Take a state; touches, crossings and rest are reported."""
+        before = self.states[-1] if self.states else message
+        self.states.append(message)
+        for passage in self.passages:
+            self._follow(passage, message, before)
+        self._watch_rest(message)
 
     def _follow(self, passage: Passage, message: BallState, before: BallState) -> None:
         """Report when the ball touches a step, and when it has crossed it."""
