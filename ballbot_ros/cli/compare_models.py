@@ -74,7 +74,7 @@ def table(found: Any, title: str) -> Iterator[str]:
     yield from (heading, table_rule(widths), *lines)
 
 
-def write_spans(ranges: list) -> str:
+def write_spans(ranges: list[Any]) -> str:
     """Return ranges of speeds as text."""
     return ', '.join(f'{low:.3g}' if low == high else f'{low:.3g} to {high:.3g}'
                      for low, high in ranges) or 'none'

@@ -138,18 +138,21 @@ def read_evaluation(arguments: argparse.Namespace) -> Any:
     planners = [*reversed(list(PLANNERS)), *BASELINES]
     names: Tuple[str, ...] = tuple(
         arguments.planners.split(',') if arguments.planners else planners)
-    for name, known in [(name, planners) for name in names] + (
-            [(arguments.kind, list(KINDS))] if arguments.kind is not None else []):
+    for field, name, known in [('planner', name, planners) for name in names] + (
+            [('kind', arguments.kind, list(KINDS))] if arguments.kind is not None else []):
         if name not in known:
             raise ConfigurationError(
-                f'{name!r} is none of {", ".join(known)}{suggestion(name, known)}', 'not_a_choice',
-                'kind' if known != planners else 'planners')
+                f'{name!r} is not a {field}{suggestion(name, known)}', 'not_a_choice', field)
     for option in ('approaches', 'compared', 'crossable', 'searched', 'only', 'seed'):
         value = getattr(arguments, option)
         if value is not None and value < (option == 'approaches'):
             raise ConfigurationError(
                 f'--{option} must be at least {int(option == "approaches")}, got {value}',
                 'out_of_range', option)
+    if not 0.0 < arguments.every < float('inf'):
+        raise ConfigurationError(
+            f'--every must be more than 0 s and finite, got {arguments.every:g}', 'out_of_range',
+            'every')
     parts = [(name, 'drawn', arguments.compared if place else arguments.approaches)
              for place, name in enumerate(names)]
     # The crossable steps come early: they are few.

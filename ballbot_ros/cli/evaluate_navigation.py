@@ -40,8 +40,8 @@ def run(arguments: argparse.Namespace) -> int:
     for name in names:
         if name not in PLANNERS:
             raise ConfigurationError(
-                f'--planners: {name!r} is none of {", ".join(PLANNERS)}'
-                f'{suggestion(name, PLANNERS)}', 'not_a_choice', 'planners')
+                f'{name!r} is not a planner{suggestion(name, PLANNERS)}', 'not_a_choice',
+                'planner')
     for option in ('goals', 'compared', 'seed'):
         if getattr(arguments, option) < (option == 'goals'):
             raise ConfigurationError(

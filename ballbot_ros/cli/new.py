@@ -51,7 +51,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Write the template."""
     from ballbot_ros.cli import file_kinds
     from ballbot_ros.cli.output import check_new_file
-    from ballbot_ros.config.files import find_config
+    from ballbot_ros.physics import load_robot, load_scene
     from ballbot_ros.results.files import write_text
     path, (_, takes, follow) = arguments.file, KINDS[arguments.kind]
     if path.suffix not in ('.yaml', '.yml'):
@@ -66,7 +66,7 @@ def run(arguments: argparse.Namespace) -> int:
         if value is not None:
             given[option] = value
             if option != 'protocol':
-                find_config(f'{option}s', value)
+                (load_robot if option == 'robot' else load_scene)(value)
     check_new_file(path, arguments.overwrite, 'FILE')
     sections = file_kinds.KINDS[arguments.kind](path.stem, **given)
     write_text(template(arguments.kind, sections), path)

@@ -41,8 +41,8 @@ def run(arguments: argparse.Namespace) -> int:
         raise ConfigurationError(
             f'{arguments.action} needs a FILE: the parameter outcome_log of obstacle_decision '
             'names the log of the robot', 'missing', 'FILE')
-    if not arguments.file.is_file():
-        raise ConfigurationError(f'{arguments.file} does not exist', 'missing', 'FILE')
+    from ballbot_ros.config.files import check_file
+    check_file(arguments.file, 'outcome log', 'FILE')
     if arguments.action == 'reset':
         return reset(arguments.file, arguments.quiet)
     outcomes = read(arguments.file)

@@ -49,7 +49,7 @@ def run(arguments: argparse.Namespace) -> int:
     name = f'bench_{robot.name}{"_driven" if arguments.driven else ""}'
     folder = result_folder(arguments.out, DEFAULT_FOLDER / name, (
         'tests.csv', 'truth.csv', *figure_files(['tests'])), arguments.overwrite)
-    rolls: list = []
+    rolls: list[Any] = []
     interrupted = False
     with watched(len(HEIGHTS), arguments.quiet, 'testing', 'steps') as progress:
         try:
@@ -89,7 +89,7 @@ def make_bench(arguments: argparse.Namespace) -> Any:
     return RunUp(**changes) if arguments.driven else Ramp(**changes)
 
 
-def write_all(robot: Any, bench: Any, rolls: list, folder: Path) -> list[str]:
+def write_all(robot: Any, bench: Any, rolls: list[Any], folder: Path) -> list[str]:
     """Write table, truth and plot, and return the names of the files."""
     from ballbot_ros.paper.heights import bench_curves, bench_figure
     from ballbot_ros.results import write_text
@@ -100,7 +100,7 @@ def write_all(robot: Any, bench: Any, rolls: list, folder: Path) -> list[str]:
     return ['tests.csv', 'truth.csv', *save_figure(figure, folder, 'tests')]
 
 
-def measured_rows(bench: Any, rolls: list) -> Iterator[str]:
+def measured_rows(bench: Any, rolls: list[Any]) -> Iterator[str]:
     """Yield the table of the measurements of an experimenter."""
     yield f'test,step height [mm],{bench.setting_name} [{bench.unit}],measured speed [m/s],passed'
     for number, roll in enumerate(rolls, 1):
@@ -109,7 +109,7 @@ def measured_rows(bench: Any, rolls: list) -> Iterator[str]:
                f'{"yes" if roll.passed else "no"}')
 
 
-def true_rows(rolls: list) -> Iterator[str]:
+def true_rows(rolls: list[Any]) -> Iterator[str]:
     """Yield the table of the true states at the first touch."""
     yield 'test,collision speed [m/s],pendulum angle at the touch [rad]'
     for number, roll in enumerate(rolls, 1):
@@ -118,7 +118,7 @@ def true_rows(rolls: list) -> Iterator[str]:
             f'{roll.touch_speed:.6f},{roll.touch_angle:.6f}' if touched else ',')
 
 
-def report(robot: Any, bench: Any, rolls: list) -> Iterator[str]:
+def report(robot: Any, bench: Any, rolls: list[Any]) -> Iterator[str]:
     """Yield the measured and the true thresholds, step by step."""
     from ballbot_ros.paper.procedure import find_thresholds, true_thresholds
     yield f'{robot.name}, {bench.setting_name} varied: {len(rolls)} rolls'

@@ -71,7 +71,7 @@ def find_config(kind: str, name_or_path: Union[str, Path]) -> Path:
     Raises
     ------
     ConfigurationError
-        If there is no such file; the message has the nearest name, or all of them.
+        If there is no such regular file; the message has the nearest name, or all of them.
 
     """
     what = kind.removesuffix('s')
@@ -82,9 +82,8 @@ def find_config(kind: str, name_or_path: Union[str, Path]) -> Path:
     name_or_path = str(name_or_path)
     if is_path(name_or_path):
         path = Path(name_or_path).expanduser()
-        if path.is_file():
-            return path
-        raise ConfigurationError(f'{what} file {name_or_path!r} does not exist', 'missing', what)
+        check_file(path, f'{what} file', what)
+        return path
     files = {file.stem: file for file in shipped_files(kind)}
     if name_or_path in files:
         return files[name_or_path]
@@ -92,6 +91,19 @@ def find_config(kind: str, name_or_path: Union[str, Path]) -> Path:
     raise ConfigurationError(
         f'there is no {what} named {name_or_path!r}{suggestion(name_or_path, files)}; {listing}'
         'the path of a YAML file is accepted too', 'unknown_name', what)
+
+
+def check_file(path: Path, what: str, field: str) -> None:
+    """Refuse the path of a file to read that does not exist or is not a regular file."""
+    if path.is_dir():
+        raise ConfigurationError(
+            f'{what}: {path} is a folder; give the path of a file', 'wrong_kind', field)
+    if not path.exists():
+        raise ConfigurationError(f'{what} {str(path)!r} does not exist', 'missing', field)
+    if not path.is_file():
+        raise ConfigurationError(
+            f'{what}: {path} is a device or a pipe; give the path of a regular file',
+            'wrong_kind', field)
 
 
 # libyaml recurses once per level, and ends the process where its stack ends.

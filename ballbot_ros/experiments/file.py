@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any, Dict, Mapping, Tuple
 
 from ballbot_ros.config.fields import Checked, expect_mapping, quantity, section, text
-from ballbot_ros.config.files import find_config, is_path, read_yaml
+from ballbot_ros.config.files import check_file, find_config, is_path, read_yaml
 from ballbot_ros.errors import ConfigurationError
 
 FILE = 'experiment.yaml'
@@ -54,9 +54,7 @@ def load_experiment(path: Path) -> Experiment:
         Naming file, field, value and allowed range.
 
     """
-    if not path.is_file():
-        raise ConfigurationError(
-            f'{path}: no such file', 'missing', 'experiment')
+    check_file(path, 'experiment file', 'experiment')
     plan = Experiment.from_mapping(read_yaml(path), str(path))
     seeds = plan.seeds
     whole = isinstance(seeds, list) and seeds and all(

@@ -66,9 +66,22 @@ class Bench(Checked):
     coarse: ClassVar[float]
     fine: ClassVar[float]
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.sensor_distance + self.sensor_gap > self.level:
+            raise ConfigurationError(
+                f'sensor_distance must be at most {self.level - self.sensor_gap:.3g} m, where the '
+                f'first sensor is at the begin of the level floor, got {self.sensor_distance:g} m',
+                'inconsistent', 'sensor_distance')
+
     @property
     def highest(self) -> float:
         """Return the highest setting."""
+        raise NotImplementedError
+
+    @property
+    def level(self) -> float:
+        """Return the length of the level floor before the step [m]."""
         raise NotImplementedError
 
     def terrain(self, height: float) -> Terrain:
@@ -161,6 +174,11 @@ class Ramp(Bench):
         """Return the highest setting."""
         return self.highest_release
 
+    @property
+    def level(self) -> float:
+        """Return the length of the level floor before the step [m]."""
+        return self.floor
+
     def terrain(self, height: float) -> Terrain:
         """Return ramp, bend, floor and step."""
         radius = self.bend / math.sin(self.slope)
@@ -189,7 +207,7 @@ class RunUp(Bench):
     """The driven test: a constant voltage from rest; the setting is the voltage."""
 
     length: float = quantity('m', 'distance of the centre to the touch of the step', default=1.2,
-                             above=0.4)
+                             above=0.4, maximum=10.0)
     voltage_sd: float = quantity('1', 'standard deviation of the voltage, relative to it',
                                  default=0.02, minimum=0.0)
     length_sd: float = quantity('m', 'standard deviation of the run-up', default=0.01,
@@ -204,6 +222,11 @@ class RunUp(Bench):
     def highest(self) -> float:
         """Return the highest setting."""
         return self.highest_voltage
+
+    @property
+    def level(self) -> float:
+        """Return the length of the run-up [m]."""
+        return self.length
 
     def terrain(self, height: float) -> Terrain:
         """Return floor and step."""

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Start a node, spin it, and shut it down completely."""
+import ast
 import faulthandler
 import gc
 import os
@@ -31,6 +32,7 @@ END_TIMEOUT = 20.0
 CLOCK_TIMEOUT, CLOCK_WARNING_PERIOD = 3.0, 10.0
 
 EXIT_REFUSED = 2  # exit code when the node does not accept its configuration
+STRAY = 'not an argument of a node; parameters are given as in --ros-args -p robot:=gimball'
 
 
 class Stop:
@@ -150,15 +152,17 @@ def _run_together(make_nodes: Sequence[Callable[[], Node]], args: Optional[List[
     try:
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     except (RuntimeError, ValueError) as error:  # a malformed argument or parameter file
-        print(f'cannot start: {_one_line(error)}', file=sys.stderr)
+        what = _one_line(error)
+        if what.startswith('['):  # rclpy lists unknown arguments and says no more
+            what = f'{", ".join(ast.literal_eval(what))}: {STRAY}'
+        print(f'cannot start: {what}', file=sys.stderr)
         return EXIT_REFUSED
     words = sys.argv[1:] if args is None else args
     begin = words.index('--ros-args') if '--ros-args' in words else len(words)
     # ROS would pass over them, a parameter among them, too; of NAME:=VALUE it makes a remapping.
     stray = [*words[:begin], *remove_ros_args(words[begin:])]
     if stray:
-        print(f'cannot start: {stray[0]!r} is not an argument of a node; parameters are given as '
-              'in --ros-args -p robot:=gimball', file=sys.stderr)
+        print(f'cannot start: {", ".join(stray)}: {STRAY}', file=sys.stderr)
         rclpy.try_shutdown()
         return EXIT_REFUSED
     nodes: List[Node] = []

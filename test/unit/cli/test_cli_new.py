@@ -124,3 +124,11 @@ def test_each_line_of_the_template_of_a_floor_is_valid(tmp_path):
     floor = load_floor(path)
     assert {feature.kind for feature in floor.features} == {*LINES, *AREAS}
     assert floor.heights is not None and floor.start[:2] == (1.0, 1.0)
+
+
+@pytest.mark.parametrize('kind, option', [('experiment', '--scene'), ('scene', '--robot')])
+def test_a_file_that_is_not_yaml_makes_no_template(kind, option, tmp_path, refusal):
+    (tmp_path / 'binary.yaml').write_bytes(b'\x00\xff')
+    error = refusal('new', kind, tmp_path / 'mine.yaml', option, tmp_path / 'binary.yaml')
+    assert error.reason == 'unreadable'
+    assert not (tmp_path / 'mine.yaml').exists()

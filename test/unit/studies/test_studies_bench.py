@@ -111,6 +111,9 @@ def test_thresholds_leave_out_rolls_without_a_speed():
     (lambda: list(run_tests(Ramp(), GIMBALL, ())), 'out_of_range', 'heights'),
     (lambda: list(run_tests(Ramp(), GIMBALL, fine_rolls=0)), 'out_of_range', 'fine_rolls'),
     (lambda: Ramp(slope=1.0), 'out_of_range', 'slope'),
+    (lambda: RunUp(length=1e9), 'out_of_range', 'length'),
+    (lambda: Ramp(sensor_distance=0.55), 'inconsistent', 'sensor_distance'),
+    (lambda: RunUp(length=0.6, sensor_distance=0.55), 'inconsistent', 'sensor_distance'),
     (lambda: Ramp(sensor_distance=0.1).roll(GIMBALL, 0.055, 0.1, dice()), 'inconsistent',
      'sensor_distance'),
     (lambda: RunUp().roll(SHELLBALL, 0.02, 5.0, dice()), 'missing', 'law')])
