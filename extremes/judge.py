@@ -26,7 +26,7 @@ ACCURACY = 1e-4        # asked for, of the radius
 LEDGER = 0.05          # of the energy in play may be missing: the bound of the product
 FIXED = 0.1            # of the radius, and of the path: what fixed steps may be off
 STRICTER = 1.0 / 30.0  # times the tolerance, for the run that confirms
-SLOW = 30.0            # [s] a case that takes longer hangs
+SLOW = 30.0  # [s] of processor time: a case that takes longer hangs
 LOOP = 1e-3            # times the accuracy: the tolerance of a sampled loop
 
 
@@ -44,7 +44,7 @@ class Verdict:
 
 def judge(name, seed, make=make_case):
     """Run a case, as it is made, and return the verdict."""
-    begin = time.perf_counter()
+    begin = time.process_time()
     ledger = 0.0
     try:
         case = make(name, seed)
@@ -57,7 +57,7 @@ def judge(name, seed, make=make_case):
         verdict, why = REFUSED, f'{error}'
     except Exception as error:  # noqa: BLE001 - any other kind is what is looked for
         verdict, why = WRONG, f'{type(error).__name__}: {error}'
-    seconds = time.perf_counter() - begin
+    seconds = time.process_time() - begin
     if seconds > SLOW:
         verdict, why = WRONG, f'takes {seconds:.0f} s; {why}'
     return Verdict(name, seed, verdict, why, ledger, seconds)

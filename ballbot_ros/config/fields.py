@@ -19,6 +19,7 @@ import copyreg
 from dataclasses import dataclass, Field, field, fields, MISSING, replace
 from difflib import get_close_matches
 import math
+from numbers import Real
 from types import MappingProxyType
 from typing import Any, Iterable, Iterator, Mapping, Optional, Type, TypeVar
 
@@ -123,7 +124,7 @@ def check_value(name: str, value: Any, metadata: Mapping[str, Any], where: str) 
     """
     Return `value` converted to its field's kind.
 
-    Integers are accepted for floats; nothing else is converted.
+    Integers and the scalars of NumPy are accepted for floats; nothing else is converted.
 
     Raises
     ------
@@ -154,7 +155,7 @@ def check_value(name: str, value: Any, metadata: Mapping[str, Any], where: str) 
             raise ConfigurationError(
                 f'{place} must be true or false, got {value!r}', 'wrong_type', name)
         return value
-    if isinstance(value, bool) or not isinstance(value, (int, float)):
+    if isinstance(value, bool) or not isinstance(value, Real):
         raise ConfigurationError(
             f'{place} must be a number ({allowed(metadata)}), got {value!r}', 'wrong_type', name)
     if kind is int and not (isinstance(value, int) or float(value).is_integer()):

@@ -15,7 +15,6 @@ Like the paper, the search assumes that the ball crosses every step below one th
 The option `scan` checks this assumption.
 """
 from concurrent.futures import ThreadPoolExecutor
-import math
 import os
 from threading import local
 from typing import Any, Callable, List, NamedTuple, Optional, Sequence, Tuple, Union
@@ -172,6 +171,7 @@ class Crossings(NamedTuple):
 
 
 ACCURACY = quantity('m', 'largest error of the height', minimum=1e-8, maximum=1e-2).metadata
+ANGLE = quantity('rad', 'angle of the pendulum at first contact').metadata
 SCAN = count('heights on each side that are tried', maximum=10_000).metadata
 # A law of actuation, or one for each speed [m/s].
 Actuations = Union[Actuation, Callable[[float], Actuation]]
@@ -242,7 +242,7 @@ def max_step_height(robot: RobotLike, speed: float, actuation: Actuation = Actua
         heights = np.concatenate([low * parts if low > 0.0 else [], high * (1.0 + parts)])
         overs = [_try(item, fine, crossing)[0] for item in heights.tolist()]
         monotone = overs == (heights < high).tolist()
-    return MaxStepHeight(speed, low, error, monotone, *DESK.spent.tolist())
+    return MaxStepHeight(float(speed), low, error, monotone, *DESK.spent.tolist())
 
 
 def _check(outcome: float, tolerance: float) -> None:
@@ -306,11 +306,8 @@ def _prepare(robot: Robot, speed: float, actuation: Actuation, pendulum_angle: O
     actuation.check_fits(robot)
     if pendulum_angle is None:
         pendulum_angle = actuation.start_angle
-    refuse_degrees('max_step_height: pendulum_angle', pendulum_angle)
-    if not math.isfinite(pendulum_angle):
-        raise ConfigurationError(
-            'max_step_height: pendulum_angle must be any finite number rad, '
-            f'got {pendulum_angle!r}', 'not_finite', 'pendulum_angle')
+    refuse_degrees('max_step_height', 'pendulum_angle', pendulum_angle)
+    pendulum_angle = check_value('pendulum_angle', pendulum_angle, ANGLE, 'max_step_height')
     return Crossings.of(1, robot, speed, pendulum_angle, actuation, site, rules, options)
 
 

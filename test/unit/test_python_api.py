@@ -16,6 +16,8 @@ from refusals import refused
 
 import ballbot_ros
 from ballbot_ros import load_robot, load_scene, Model, Robot, Scene, Terrain, Trajectory
+from ballbot_ros.crossing import held_at, try_step
+from ballbot_ros.errors import ConfigurationError
 
 ROOT = Path(__file__).resolve().parents[2]
 COPIES = {'pickle': lambda value: pickle.loads(pickle.dumps(value)), 'copy': copy.copy,
@@ -104,6 +106,23 @@ def test_a_run_is_a_mapping_of_columns_with_units(run):
     assert run.units['pendulum_torque'] == 'N m'
     table = run.to_pandas()
     assert table.attrs['units'] == dict(run.units) and list(table) == list(run)
+
+
+def test_the_arrays_of_a_run_are_read_only(run):
+    for values in (run.rows, *run.values(), pickle.loads(pickle.dumps(run)).rows):
+        with pytest.raises(ValueError):
+            values[0] = 1.0
+
+
+def test_numbers_may_be_scalars_of_numpy():
+    assert load_robot('gimball').replace(ball_mass=np.float32(4.0)).total_mass == 5.6
+    held = held_at(np.float64(0.5))
+    assert try_step('gimball', np.float32(0.5), np.float32(0.0625), held) == try_step(
+        'gimball', 0.5, 0.0625, held)
+    for angle in (np.float32(90.0), np.float64(np.nan), 'level'):
+        with pytest.raises(ConfigurationError) as error:
+            try_step('gimball', 0.5, 0.01, pendulum_angle=angle)
+        assert error.value.field == 'pendulum_angle'
 
 
 def test_a_run_becomes_an_xarray_dataset(run, monkeypatch):

@@ -2,6 +2,7 @@
 """What the pendulum motor does during a simulation: section 4.2 of the paper."""
 from dataclasses import dataclass
 import math
+from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -17,11 +18,11 @@ SET_VALUES = {'set_angle': 'position', 'set_rate': 'velocity', 'voltage': 'volta
               'torque': 'torque'}
 
 
-def refuse_degrees(name: str, angle: float) -> None:
+def refuse_degrees(where: str, name: str, angle: float) -> None:
     """Raise `ConfigurationError` for an angle [rad] beyond half a turn: one in degrees."""
-    if isinstance(angle, (int, float)) and math.pi < abs(angle) < math.inf:
+    if isinstance(angle, Real) and math.pi < abs(angle) < math.inf:
         raise ConfigurationError(
-            f'{name} is in radians, within +-pi, got {angle:g}; '
+            f'{where}: {name} is in radians, within +-pi, got {angle:g}; '
             f'{angle:g} degrees are math.radians({angle:g})', 'out_of_range', name)
 
 
@@ -54,7 +55,7 @@ class Actuation(Checked):
 
     def __post_init__(self) -> None:
         """Check each value; refuse one that is not of the law, and an angle in degrees."""
-        refuse_degrees('Actuation: set_angle', self.set_angle)
+        refuse_degrees('Actuation', 'set_angle', self.set_angle)
         super().__post_init__()
         given = [name for name in SET_VALUES if getattr(self, name) != 0.0]
         # One value and no law: forgotten.  Several are settings, of which a law takes its own.

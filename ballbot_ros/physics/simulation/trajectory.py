@@ -92,7 +92,7 @@ class Assurance(NamedTuple):
 @dataclass(frozen=True, eq=False, repr=False)
 class Trajectory:
     """
-    A run of a model.
+    A run of a model; its arrays are read-only.
 
     Attributes
     ----------
@@ -112,6 +112,10 @@ class Trajectory:
     effort: Effort = Effort()
     assurance: Optional[Assurance] = None
     scene: Any = None
+
+    def __post_init__(self) -> None:
+        """Protect the rows."""
+        object.__setattr__(self, 'rows', _read_only(self.rows))
 
     def __repr__(self) -> str:
         """Return what was run and how long it is; see `columns` for the numbers."""
@@ -171,9 +175,9 @@ class Trajectory:
 
         """
         table = _library('xarray', 'to_xarray').Dataset(
-            {name: ('time', values, {'units': UNITS[name]})
+            {name: ('time', values.copy(), {'units': UNITS[name]})
              for name, values in self.items() if name != 'time'},
-            {'time': ('time', self['time'], {'units': UNITS['time']})},
+            {'time': ('time', self['time'].copy(), {'units': UNITS['time']})},
             {'robot': self.model.robot.name})
         if self.scene is not None:
             table.attrs['scene'] = self.scene.name
@@ -255,7 +259,7 @@ class Trajectory:
         derived = np.empty((len(self.rows), len(_DERIVED)))
         evaluate_rows(self.rows[:, 1:1 + SIZE], self.model.parameters, self.model.profile,
                       contact_table(len(self.model.profile)), derived)
-        found.update(zip(_DERIVED, derived.T))
+        found.update(zip(_DERIVED, _read_only(derived).T))
         return {name: found[name] for name in UNITS}
 
     @property
@@ -288,6 +292,13 @@ class Trajectory:
         return float(max(np.max(np.abs(part)) for part in (
             self['kinetic_energy'], potential - potential[0], self['contact_energy'],
             self.dissipated_energy, self['motor_work'])))
+
+
+def _read_only(values: Array) -> Array:
+    """Return a view that cannot be written to."""
+    view = values.view()
+    view.flags.writeable = False
+    return view
 
 
 def _library(name: str, method: str) -> Any:
