@@ -141,4 +141,4 @@ def refuse_not_finite(what: str, **numbers: float) -> None:
     for name, number in numbers.items():
         if not math.isfinite(number):
             raise MessageError(
-                'not_finite', f'{what} refused: {name} must be finite, got {number!r}')
+                'not_finite', f'{what}: {name} must be finite, got {number!r}')

@@ -68,6 +68,15 @@ def describe(metadata: Mapping[str, Any], why: str) -> ParameterDescriptor:
     return descriptor
 
 
+def refuse_sim_time(node: Node, explanation: str) -> bool:
+    """Refuse to set the parameter use_sim_time at run time, and return whether it is set."""
+    def check(parameters: list[Parameter]) -> SetParametersResult:
+        enabled = any(one.name == 'use_sim_time' and one.value for one in parameters)
+        return SetParametersResult(successful=not enabled, reason=explanation if enabled else '')
+    node.add_on_set_parameters_callback(check)
+    return bool(node.get_parameter('use_sim_time').value)
+
+
 def declare(node: Node, cls: Type[S], prepare: Optional[Prepare[S]] = None) -> S:
     """
     Declare the parameters of a node, and let those change at run time that can.

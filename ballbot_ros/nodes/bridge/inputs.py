@@ -82,7 +82,6 @@ class MotorInputs:
 
     def _command_refused(self, error: MessageError) -> None:
         self._refused('command', error)
-        sleep(REFUSED_PAUSE)
 
     def _give(self, given: SetPoint) -> None:
         try:
@@ -110,6 +109,7 @@ class MotorInputs:
     def _refused(self, what: str, error: MessageError) -> None:
         self._session.observer.refused(what, error)
         self._logger.warning(f'{what} refused: {error}', throttle_duration_sec=1.0)
+        sleep(REFUSED_PAUSE)
 
     def _on_e_stop(self, engaged: bool) -> None:
         """Engage on a stop request; only the service releases."""

@@ -43,7 +43,7 @@ class Clocks:
 
     The offset is sampled every `SAMPLE_PERIOD` and kept unless it has changed by more than a
     sample takes, so that stamps stay in order; a system clock that is set is followed and logged.
-    Hardware has no simulated time: `use_sim_time` changes nothing here.
+    Hardware has no simulated time: the bridge refuses `use_sim_time`.
     """
 
     def __init__(self) -> None:

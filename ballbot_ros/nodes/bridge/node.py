@@ -7,7 +7,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 
 from ballbot_ros.bridge.loop import Loop
-from ballbot_ros.errors import BallbotError, DriveError
+from ballbot_ros.errors import BallbotError, ConfigurationError, DriveError
 from ballbot_ros.msg import MotorStatus
 from ballbot_ros.nodes.bridge.health import health
 from ballbot_ros.nodes.bridge.inputs import MotorInputs
@@ -21,10 +21,12 @@ from ballbot_ros.ros import diagnostics
 from ballbot_ros.ros.frames import Frames
 from ballbot_ros.ros.lifecycle import Autostart, FAILURE, ManagedNode, SUCCESS
 from ballbot_ros.ros.logs import DeferredLogs
-from ballbot_ros.ros.parameters import Commit, declare
+from ballbot_ros.ros.parameters import Commit, declare, refuse_sim_time
 from ballbot_ros.ros.run import run
 
 SWITCH = 5e-4  # longest time that a thread keeps others from running [s]
+NO_SIM_TIME = ('use_sim_time must be false at the bridge: the time of a motor is that of the '
+               'machine; start its controllers without it, too')
 LOOK_AFTER = 0.1  # how often the loop is looked after [s]
 
 
@@ -40,6 +42,8 @@ class Bridge(ManagedNode):
     def __init__(self, **kwargs: Any):
         """Refuse a loop that cannot work, then wait for a transition or make it."""
         super().__init__('bridge', **kwargs)
+        if refuse_sim_time(self, NO_SIM_TIME):
+            raise ConfigurationError(NO_SIM_TIME, 'inconsistent', 'use_sim_time')
         self._settings = settings = declare(self, BridgeSettings, self._prepare)
         self._logs = DeferredLogs('ballbot_ros.bridge')
         self._session = new_session(self, settings)

@@ -3,10 +3,8 @@
 import math
 from typing import Any, List, Optional, Tuple, Union
 
-from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
-from rclpy.parameter import Parameter
 from rclpy.task import Future
 
 from ballbot_ros.control import CommandGate
@@ -21,7 +19,7 @@ from ballbot_ros.ros.conversions import (
     command_torque, exact, lean_set_point, sec_nanosec, to_seconds, to_time)
 from ballbot_ros.ros.endpoints import create_service, create_trigger
 from ballbot_ros.ros.fast_path.joint_state_bytes import AnyJointState, subscribe_joint_states
-from ballbot_ros.ros.parameters import Commit, declare
+from ballbot_ros.ros.parameters import Commit, declare, refuse_sim_time
 from ballbot_ros.ros.retuning import change_period
 from ballbot_ros.ros.run import run
 from ballbot_ros.srv import Step
@@ -35,7 +33,8 @@ class Simulator(Node):
     def __init__(self, **kwargs: Any):
         """Load the scene and start (or wait, if paused)."""
         super().__init__('simulator', **kwargs)
-        ignore_sim_time(self)
+        if refuse_sim_time(self, NO_SIM_TIME):
+            self.get_logger().warning(NO_SIM_TIME)
         self._settings = settings = declare(self, SimulatorSettings, self._prepare)
         check_control(settings)
         self._plant = plant_for(settings)
@@ -156,17 +155,6 @@ class Simulator(Node):
         if self._gate.refused:
             return diagnostics.WARN, 'running; commands were refused', values
         return diagnostics.OK, 'running', values
-
-
-def ignore_sim_time(node: Node) -> None:
-    """Warn if the parameter use_sim_time is set, and refuse to set it at run time."""
-    if node.get_parameter('use_sim_time').value:
-        node.get_logger().warning(NO_SIM_TIME)
-
-    def check(parameters: List[Parameter]) -> SetParametersResult:
-        enabled = any(one.name == 'use_sim_time' and one.value for one in parameters)
-        return SetParametersResult(successful=not enabled, reason=NO_SIM_TIME if enabled else '')
-    node.add_on_set_parameters_callback(check)
 
 
 def main(args: Optional[List[str]] = None) -> int:

@@ -132,6 +132,16 @@ def test_no_port_at_all_and_a_port_that_may_not_be_opened():
         assert WRONG in [finding.verdict for finding in look_at_ports([('/dev/mem', 'memory')])]
 
 
+@pytest.mark.parametrize('permitted, verdict', [(True, OK), (False, NOTE)])
+def test_a_real_time_priority_that_is_not_permitted_is_named_with_the_line_to_type(
+        permitted, verdict, monkeypatch):
+    monkeypatch.setattr(doctor, 'permits', lambda priority: permitted)
+    found, = (finding for finding in doctor.examine('gimball_odrive', '/dev/none', {})
+              if 'real-time priority' in finding.what)
+    assert found.verdict == verdict
+    assert ('rtprio' in found.remedy) is not permitted
+
+
 @pytest.mark.parametrize('environment, verdicts', [
     ({}, [OK, OK]), ({'ROS_DOMAIN_ID': '7', 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'},
                        [OK, OK]),

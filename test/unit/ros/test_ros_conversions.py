@@ -45,6 +45,8 @@ def test_a_stamp_survives_seconds_to_a_microsecond_and_small_ones_exactly(second
 @pytest.mark.parametrize('message, reason', [
     (joints(name=['shell'], effort=[1.0]), 'unknown_joint'),
     (joints(name=[], effort=[1.0]), 'unknown_joint'),
+    (joints(name=['pendulum', 'pendulum'], effort=[1.0, -1.0]), 'duplicate_joint'),
+    (joints(name=['pendulum', 'shell', 'pendulum'], effort=[1.0, 0.0, 1.0]), 'duplicate_joint'),
     (joints(name=['pendulum'], effort=[]), 'wrong_length'),
     (joints(name=['pendulum'], effort=[1.0, 2.0]), 'wrong_length'),
     (joints(name=['pendulum'], position=[1.0], effort=[1.0]), 'unsupported'),
@@ -160,6 +162,8 @@ STATE = {'name': ['shell', 'pendulum'], 'position': [0.1, 0.2], 'velocity': [0.3
 
 @pytest.mark.parametrize('change, reason', [
     ({'name': ['shell', 'wheel']}, 'unknown_joint'),
+    ({'name': ['pendulum', 'pendulum']}, 'unknown_joint'),
+    ({'name': ['shell', 'pendulum', 'shell']}, 'duplicate_joint'),
     ({'name': ['wheel', 'pendulum']}, 'unknown_joint'), ({'name': ['shell']}, 'wrong_length'),
     ({'position': [0.1]}, 'wrong_length'), ({'velocity': []}, 'wrong_length'),
     ({'position': [math.nan, 0.2]}, 'not_finite'), ({'velocity': [0.3, math.inf]}, 'not_finite')])

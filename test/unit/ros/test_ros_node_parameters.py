@@ -5,6 +5,7 @@ import gc
 import pytest
 from rclpy.node import Node
 from rclpy.parameter import get_parameter_value, Parameter
+from refusals import refused
 import yaml
 
 from ballbot_ros.nodes.bridge.node import Bridge
@@ -109,6 +110,14 @@ def test_a_simulator_that_runs_refuses_to_go_by_the_time_that_it_makes(start):
     node = start(Simulator)
     assert 'use_sim_time does not apply to the simulator' in changed(node, use_sim_time=True)
     assert changed(node, use_sim_time=False, odom_rate=50.0) == ''
+    assert not node.get_parameter('use_sim_time').value
+
+
+def test_a_bridge_refuses_simulated_time_at_the_start_and_later(start):
+    with refused('inconsistent', 'use_sim_time'):
+        start(Bridge, use_sim_time=True)
+    node = start(Bridge)
+    assert 'use_sim_time must be false' in changed(node, use_sim_time=True)
     assert not node.get_parameter('use_sim_time').value
 
 

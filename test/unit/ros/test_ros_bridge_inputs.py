@@ -1,0 +1,45 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A flood of messages that the bridge refuses: bounded work, a bounded log, and no torque."""
+import math
+import time
+
+import pytest
+from sensor_msgs.msg import Imu, JointState
+
+from ballbot_ros.nodes.bridge.node import Bridge
+from ballbot_ros.ros.set_points import REFUSED_PAUSE
+
+FLOOD = 100
+
+
+def command(torque):
+    """Return a torque command."""
+    return JointState(name=['pendulum'], effort=[torque])
+
+
+def reading(rate):
+    """Return an IMU reading."""
+    message = Imu()
+    message.angular_velocity.y, message.linear_acceleration.z = rate, 9.81
+    return message
+
+
+@pytest.mark.parametrize('send, message, what', [
+    ('command', command(math.nan), 'command'), ('command', command(math.inf), 'command'),
+    ('_on_imu', reading(math.nan), 'IMU reading')])
+def test_a_flood_of_messages_that_are_not_finite(
+        make_node, tmp_path, capfd, send, message, what):
+    node = make_node(Bridge, autostart=False, black_box='', control='direct',
+                     port=str(tmp_path / 'nowhere'))
+    start = time.monotonic()
+    for _ in range(FLOOD):
+        getattr(node._inputs, send)(message)
+    spent = time.monotonic() - start
+    assert spent >= FLOOD * REFUSED_PAUSE
+    text = capfd.readouterr().err
+    logged = text.count(f'{what} refused')
+    assert 1 <= logged <= 1.0 + spent, text
+    gate = node._session.supervisor.gate
+    assert {'command': gate.refused['not_finite'],
+            'IMU reading': node._inputs.imu_refused}[what] == FLOOD
+    assert node._session.supervisor.torque == 0.0 and gate.accepted == 0
