@@ -39,12 +39,13 @@ def offered_qos(node: Node, topic: str) -> List[Qos]:
     Return the quality of service that a topic is published with, for its replay.
 
     It is that of the publishers in the graph or, before there are any, of the table of topics.
+    Discovery does not transmit the depth, which is therefore that of the table.
     """
-    offered = {Qos(max(one.qos_profile.depth, 1),
+    known = TOPICS.get(topic) or TOPICS.get(topic.rpartition('/')[2])
+    offered = {Qos(known.offered.depth if known is not None else max(one.qos_profile.depth, 1),
                    one.qos_profile.reliability == ReliabilityPolicy.RELIABLE,
                    one.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL)
                for one in node.get_publishers_info_by_topic(topic)}
-    known = TOPICS.get(topic) or TOPICS.get(topic.rpartition('/')[2])
     return sorted(offered) or ([known.offered] if known is not None else [])
 
 
