@@ -6,6 +6,9 @@ from pathlib import Path
 import re
 import sys
 
+# Child processes, the workers of pytest-xdist among them, would compile all modules at each start.
+os.environ.pop('PYTHONDONTWRITEBYTECODE', None)
+
 # Before numpy is imported: two workers whose matrix products take all cores wait for each other.
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 
