@@ -21,12 +21,9 @@ from ballbot_ros.physics.model.robot import load_robot
 from ballbot_ros.plant import Plant
 
 
-def _plan_a_route() -> None:
-    floor = load_floor('apartment')
-    planner = RoutePlanner(floor, Knowledge(
-        load_robot('gimball'), load_curve('gimball_down'),
-        load_decision_tuning('decision_default'), load_tuning('published')))
-    planner.route(floor.start, floor.start)
+def _knowledge() -> Knowledge:
+    return Knowledge(load_robot('gimball'), load_curve('gimball_down'),
+                     load_decision_tuning('decision_default'), load_tuning('published'))
 
 
 NODES: Mapping[str, Callable[[], object]] = {
@@ -34,10 +31,8 @@ NODES: Mapping[str, Callable[[], object]] = {
     'controller': lambda: checked_controller(
         load_robot('gimball'), load_tuning('published'), 500.0, 0),
     'bridge': lambda: warm_up_bridge(load_robot('gimball')),
-    'decision': lambda: warm_up_decision(
-        Knowledge(load_robot('gimball'), load_curve('gimball_down'),
-                  load_decision_tuning('decision_default'), load_tuning('published')), 'rollout'),
-    'navigator': _plan_a_route}
+    'decision': lambda: warm_up_decision(_knowledge(), 'rollout'),
+    'navigator': lambda: RoutePlanner(load_floor('apartment'), _knowledge()).warm_up()}
 
 
 def prepare(nodes: Sequence[str]) -> None:

@@ -441,10 +441,7 @@ class RoutePlanner:
         heading = -1 if len(goal) < 3 else min(range(COUNT), key=lambda item: abs(
             math.remainder(HEADINGS[item] - goal[2], 2.0 * math.pi)))
         far = csgraph.dijkstra(self._backward, directed=True, indices=last)
-        time, path = self._tree.find(Problem(
-            states, costs, ALIGNED_COST, last, heading, self._slowness,
-            far / (OCTILE * self._tuning.cruise_speed), self._moves.ends, self._moves.cells,
-            self._moves.times, REVERSAL, *self._arc_arrays, LEVELS))
+        time, path = self._find(states, costs, last, heading, far)
         shortest, passed = self._shortest(self._node(start), last)
         if not math.isfinite(time):
             self._refuse(shortest, passed, math.isfinite(far[states // COUNT].min()))
@@ -461,6 +458,18 @@ class RoutePlanner:
             why.insert(0, f'{longer:.0f} s longer than the shortest way')
         return Route(segments, sum(segment.time for segment in segments),
                      math.prod(self._probability(arc) for arc in taken), '; '.join(why))
+
+    def warm_up(self) -> None:
+        """Compile the search, or load it."""
+        self._find(np.zeros(1, np.int64), np.zeros(1), 0, -1, np.zeros(self._blocked.size))
+
+    def _find(self, states: NDArray[np.int64], costs: NDArray[np.float64], last: int, heading: int,
+              far: NDArray[np.float64]) -> Tuple[float, List[Tuple[int, int]]]:
+        """Search from states with their costs to a cell; `far` are distances to it [m]."""
+        return self._tree.find(Problem(
+            states, costs, ALIGNED_COST, last, heading, self._slowness,
+            far / (OCTILE * self._tuning.cruise_speed), self._moves.ends, self._moves.cells,
+            self._moves.times, REVERSAL, *self._arc_arrays, LEVELS))
 
     def _refuse(self, shortest: float, passed: List[Tuple[int, int]], point_gets_there: bool
                 ) -> None:

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The actions ``navigate_to_pose`` and ``compute_path_to_pose``, and goals from goal_pose."""
+from collections import Counter
 import math
 import time
 from typing import Any, Optional, Tuple
@@ -32,10 +33,16 @@ class NavigationServers:
     ----------
     node : NavigatorNode
 
+    Attributes
+    ----------
+    refused : Counter
+        Goals by reason.
+
     """
 
     def __init__(self, node: Any):
         self._node = node
+        self.refused: Counter = Counter()
         self._handle: Optional[ServerGoalHandle] = None
         self._started = self._feedback_at = -math.inf
         self._navigate = DeferredActionServer(
@@ -66,8 +73,17 @@ class NavigationServers:
                 'missing', 'odom')
 
     def _check(self, request: Any) -> None:
-        self._ready()
-        self._node.navigator.planner.check_place(self._goal(request.pose), 'goal')
+        try:
+            self._ready()
+            self._node.navigator.planner.check_place(self._goal(request.pose), 'goal')
+        except RefusedError as error:
+            self.count(error)
+            raise
+
+    def count(self, error: BallbotError) -> None:
+        """Count a refused goal by its reason."""
+        self.refused[getattr(error, 'reason', 'failed')] += 1
+        self._node.report_health()
 
     def begin_pose(self, message: PoseStamped) -> None:
         """Start towards a pose; an active goal is replaced."""

@@ -94,6 +94,7 @@ class NavigatorNode(ManagedNode):
             self.navigator = Navigator(RoutePlanner(
                 load_floor(settings.floor), self._knowledge, self._kept), self._knowledge)
             warm_up(self._knowledge, 'rollout')
+            self.navigator.planner.warm_up()
             self._crossing = CrossingDriver(self._knowledge)
         except BallbotError as error:
             self.get_logger().error(str(error))
@@ -141,6 +142,7 @@ class NavigatorNode(ManagedNode):
         try:
             self.servers.begin_pose(message)
         except BallbotError as error:
+            self.servers.count(error)
             self.get_logger().warning(f'goal_pose refused: {error}')
 
     def _on_terrain(self, message: Any) -> None:
@@ -228,10 +230,15 @@ class NavigatorNode(ManagedNode):
         """Leave a command to rest behind."""
         self.abort('inactive', 'navigator was ended')
 
+    def report_health(self) -> None:
+        """Publish the health now."""
+        self._diagnostics.publish()
+
     def _health(self) -> Tuple[bytes, str, dict]:
         """Return level, message and numbers for /diagnostics."""
-        values = {'status': self.state.status.value, 'replans': str(self.state.replans),
-                  'obstacles': str(len(self.state.learned.obstacles))}
+        values = {'status': self.state.status.value, 'replans': self.state.replans,
+                  'obstacles': len(self.state.learned.obstacles),
+                  **diagnostics.refusals('goals', self.servers.refused)}
         if not self.active:
             return diagnostics.WARN, 'inactive', values
         if self.percept is None:

@@ -109,7 +109,8 @@ class Outputs:
         if odometry:
             self._try_publish('odometry', self._publish_odometry, plant.state)
             if self._place is not None:
-                self._odometry.publish_map(plant.time, self._place.of_odom(plant.time))
+                self._try_publish('place', self._odometry.publish_map, plant.time,
+                                  self._place.of_odom(plant.time))
         if ball_state:
             self._try_publish('ball_state', self._publish_ball_state, plant.state, plant.torque)
         for publisher, message in seen:

@@ -1,0 +1,116 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Simulator, controller and navigator as processes, in lockstep: goals of the action."""
+import math
+
+from action_msgs.msg import GoalStatus
+from diagnostic_msgs.msg import DiagnosticStatus
+from nav_msgs.msg import Odometry
+import pytest
+from rclpy.action import ActionClient
+
+from ballbot_ros.nodes.navigator.goals import NavigateToPose
+from ballbot_ros.nodes.navigator.node import PERIOD
+from ballbot_ros.nodes.navigator.outputs import stamped_pose
+from ballbot_ros.ros.conversions import to_time
+
+START = 1.7, 1.4  # of odom on the map; the ball looks along x
+RESTING = 0.03  # [m/s]
+
+
+class Robot:
+    """Three nodes, and a client of the navigator."""
+
+    def __init__(self, graph):
+        self.graph = graph
+        self.odometry = graph.subscribe('odom', Odometry)
+        self.client = ActionClient(graph.node, NavigateToPose, 'navigate_to_pose')
+        graph.start('controller', lockstep_set_point_period=PERIOD)
+        graph.start('navigator', floor='apartment')
+        graph.start('simulator', floor='apartment', start=f'{START[0]},{START[1]},0',
+                    lockstep=True, real_time_factor=0.0)
+        graph.wait(self.client.server_is_ready, 'the action is served')
+        graph.wait_for_health('navigator', DiagnosticStatus.OK)
+
+    @property
+    def place(self):
+        """Return the place on the map [m]."""
+        there = self.odometry[-1].pose.pose.position
+        return START[0] + there.x, START[1] + there.y
+
+    @property
+    def speed(self):
+        return abs(self.odometry[-1].twist.twist.linear.x)
+
+    def send(self, x, y, frame='map'):
+        """Send a goal and return its handle."""
+        sent = self.client.send_goal_async(NavigateToPose.Goal(
+            pose=stamped_pose(frame, to_time(0.0), x, y, 0.0)))
+        self.graph.wait(sent.done, 'the goal is answered')
+        return sent.result()
+
+    def drive(self):
+        """Let the ball get going."""
+        self.graph.wait(lambda: self.odometry and self.speed > 0.1, 'the ball drives')
+
+    def result(self, handle):
+        """
+        Wait until a goal has ended and the ball rests; return status and result.
+
+        The result overtakes odom.  Without a goal time stands still, so that a ball that does not
+        rest by then never does.
+        """
+        got = handle.get_result_async()
+        self.graph.wait(got.done, 'the goal has ended', timeout=240.0)
+        self.graph.wait(lambda: self.speed < RESTING, 'the ball rests')
+        return got.result().status, got.result().result
+
+
+@pytest.fixture
+def robot(graph):
+    return Robot(graph)
+
+
+@pytest.mark.slow
+def test_a_goal_is_reached_and_another_one_after_it(robot):
+    for goal in ((2.6, 1.4), (1.8, 1.4)):
+        status, result = robot.result(robot.send(*goal))
+        assert status == GoalStatus.STATUS_SUCCEEDED, result.error_msg
+        assert math.dist(robot.place, goal) < 0.2
+
+
+@pytest.mark.slow
+def test_cancellation_stops_the_ball_before_its_goal(robot):
+    handle = robot.send(2.7, 1.4)
+    robot.drive()
+    handle.cancel_goal_async()
+    status, result = robot.result(handle)
+    assert status == GoalStatus.STATUS_CANCELED and result.error_msg.startswith('canceled')
+    assert math.dist(robot.place, (2.7, 1.4)) > 0.2
+
+
+@pytest.mark.slow
+def test_a_new_goal_preempts_the_old_one(robot):
+    old = robot.send(2.7, 1.4)
+    robot.drive()
+    new = robot.send(2.0, 1.4)
+    ended = old.get_result_async()
+    robot.graph.wait(ended.done, 'the old goal has ended')
+    status, result = ended.result().status, ended.result().result
+    assert status == GoalStatus.STATUS_ABORTED and result.error_msg.startswith('preempted')
+    status, result = robot.result(new)
+    assert status == GoalStatus.STATUS_SUCCEEDED, result.error_msg
+    assert math.dist(robot.place, (2.0, 1.4)) < 0.2
+
+
+@pytest.mark.slow
+def test_invalid_goals_are_refused_with_their_reasons_and_time_stands_still(robot):
+    refused = {'off_map': (99.0, 1.4), 'wall': (0.05, 3.0), 'not_finite': (math.nan, 1.4),
+               'feature': (2.9, 3.4)}
+    for goal in refused.values():
+        assert not robot.send(*goal).accepted
+    assert not robot.send(2.6, 1.4, frame='odom').accepted
+    robot.graph.wait(lambda: robot.graph.refusals('navigator') == dict.fromkeys(
+        (*refused, 'wrong_frame'), 1), 'the reasons are on /diagnostics')
+    assert {(one.header.stamp.sec, one.header.stamp.nanosec) for one in robot.odometry} == {(0, 0)}
+    # They leave the navigator as it was.
+    assert robot.send(2.0, 1.4).accepted
