@@ -44,15 +44,15 @@ class BallbotError(Exception):
 
 
 class _ErrorWithReason(BallbotError):
-    """An error that is always raised with a reason code."""
+    """An error that is always raised with a reason code and a field."""
 
-    def __init__(self, reason: str, explanation: str, field: str = ''):
+    def __init__(self, explanation: str, reason: str, field: str):
         super().__init__(explanation)
         self.reason = reason
         self.field = field
 
 
-class ConfigurationError(BallbotError, ValueError):
+class ConfigurationError(_ErrorWithReason, ValueError):
     """
     A value in a file, on a command line or in a parameter is not acceptable.
 
@@ -70,11 +70,6 @@ class ConfigurationError(BallbotError, ValueError):
     """
 
     problems: tuple['ConfigurationError', ...] = ()
-
-    def __init__(self, explanation: str, reason: str, field: str):
-        super().__init__(explanation)
-        self.reason = reason
-        self.field = field
 
     def at(self, place: str) -> 'ConfigurationError':
         """Return the error with a place, a file for instance, in front of its message."""
@@ -174,7 +169,7 @@ class EstimateLostError(BallbotError, ArithmeticError):
     reason = 'estimate_lost'
 
 
-class RefusedError(BallbotError):
+class RefusedError(_ErrorWithReason):
     """
     A request, to release the e-stop for instance, is not safe now.
 
@@ -186,8 +181,3 @@ class RefusedError(BallbotError):
         ``'refused'``, for instance by another node.
 
     """
-
-    def __init__(self, explanation: str, reason: str, field: str):
-        super().__init__(explanation)
-        self.reason = reason
-        self.field = field

@@ -228,7 +228,7 @@ class DriveControl(Generic[Estimated]):
         """Detect a drive that stopped answering or disarmed the motor by itself."""
         silence = self.sensing.silence(now)
         if silence > LOST:
-            raise DriveError('silent', f'the drive has not answered for {LOST:g} s')
+            raise DriveError(f'the drive has not answered for {LOST:g} s', 'silent', 'drive')
         observed = self.power.observe(telemetry, silence, self._status_age(telemetry, now))
         if observed is not None and self.line.driver is not None:
             if observed[0] is Event.HAZARD:  # arming again does not clear it

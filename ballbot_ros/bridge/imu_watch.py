@@ -54,12 +54,14 @@ class ImuWatch:
         """
         if stamp > now + AHEAD:
             raise MessageError(
-                'from_the_future', f'IMU reading of {stamp:.3f} s refused: it is {now:.3f} s '
-                'here; do both machines keep the same time, and was a clock set?')
+                f'IMU reading of {stamp:.3f} s refused: it is {now:.3f} s '
+                'here; do both machines keep the same time, and was a clock set?',
+                'from_the_future', 'stamp')
         if not stamp >= now - IMU_TIMEOUT:
             raise MessageError(
-                'stale', f'IMU reading of {stamp:.3f} s refused: it is {now:.3f} s '
-                f'here, more than {IMU_TIMEOUT:g} s later; is it delayed, or do clocks differ?')
+                f'IMU reading of {stamp:.3f} s refused: it is {now:.3f} s '
+                f'here, more than {IMU_TIMEOUT:g} s later; is it delayed, or do clocks differ?',
+                'stale', 'stamp')
 
     def reading_received(self, stamp: float, now: float) -> None:
         """Record the arrival of an accepted reading."""

@@ -82,8 +82,9 @@ class OnBoard:
         self.controller.on_e_stop(e_stop)
         if set_point.stamp > now + SKEW:
             raise MessageError(
-                'from_the_future', f'the set-point is stamped {set_point.stamp:.3f} s and it is '
-                f'{now:.3f} s here: does the sender use another clock?')
+                f'the set-point is stamped {set_point.stamp:.3f} s and it is '
+                f'{now:.3f} s here: does the sender use another clock?',
+                'from_the_future', 'stamp')
         # Its age counts from now at the latest, so the timeout limits every set-point.
         stamp = min(set_point.stamp, now) if set_point.stamp else now
         self.controller.give(replace(set_point, stamp=stamp))

@@ -245,7 +245,7 @@ class Sensing(AxisSensing):
         fault = self._plausibility.fault
         self.imu_fault = EXPLANATIONS[fault] if fault else ''
         if fault:
-            raise MessageError(fault, self.imu_fault)
+            raise MessageError(self.imu_fault, fault, 'imu')
         self.fusion.imu(reading)
         self.imu_watch.reading_received(reading.stamp, now)
 

@@ -194,8 +194,9 @@ class Session:
         if self.law is not None:
             self.supervisor.gate.refuse('onboard')
             raise MessageError(
-                'onboard', 'joint_commands are not followed while the laws run on board: send '
-                'set_point or cmd_vel, or start the bridge with control:=direct')
+                'joint_commands are not followed while the laws run on board: send '
+                'set_point or cmd_vel, or start the bridge with control:=direct',
+                'onboard', 'control')
         with self.lock:
             now = self.clock()
             self.observer.command(torque, stamp)
@@ -216,16 +217,17 @@ class Session:
         """
         if self.law is None:
             raise MessageError(
-                'direct', 'set-points are not followed in direct control: send joint_commands, '
-                'from a node controller for instance, or start the bridge with control:=onboard')
+                'set-points are not followed in direct control: send joint_commands, '
+                'from a node controller for instance, or start the bridge with control:=onboard',
+                'direct', 'control')
         with self.lock:
             self.observer.set_point(set_point)
             largest = self._largest.get(set_point.mode, math.inf)
             if abs(set_point.value) > largest:
                 raise MessageError(
-                    'out_of_range', f'set-point of {set_point.in_words} refused: it must be '
+                    f'set-point of {set_point.in_words} refused: it must be '
                     f'within +-{largest:.3g} by angle_limit and speed_limit of the hardware file',
-                    set_point.mode.value)
+                    'out_of_range', set_point.mode.value)
             self.law.give(set_point, self.clock(), bool(self.supervisor.e_stop))
 
     def imu(self, reading: ImuReading) -> None:
@@ -373,7 +375,7 @@ class Session:
             for axis in self.axes:
                 if axis.line.driver is not None:
                     axis.lose(axis.line.driver, LinkError(
-                        'closed', f'another axis was lost ({self._trouble(axis)})'))
+                        f'another axis was lost ({self._trouble(axis)})', 'closed', 'port'))
             reason = reason or next(
                 (axis.supervisor.e_stop for axis in self.axes if axis.supervisor.e_stop), '')
         if reason and any(not axis.supervisor.e_stop for axis in self.axes):

@@ -66,8 +66,8 @@ class Authority:
             self._contested_at = now
             self.contest = f'{sender or "another"} commands, too, and {self.holder} did first'
             raise MessageError(
-                'other_sender', f'{self.contest}: one at a time; end one of them, or let the '
-                f'first be silent for {self._timeout:g} s')
+                f'{self.contest}: one at a time; end one of them, or let the '
+                f'first be silent for {self._timeout:g} s', 'other_sender', 'publisher')
         if sender:
             self.holder, self._last = sender, now
 

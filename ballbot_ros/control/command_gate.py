@@ -80,23 +80,26 @@ class CommandGate:
 
     def _check(self, torque: float, stamp: float, now: float, lean: float) -> None:
         if not math.isfinite(torque):
-            raise MessageError('not_finite', f'effort must be a finite torque, got {torque!r}')
+            raise MessageError(f'effort must be a finite torque, got {torque!r}',
+                               'not_finite', 'effort')
         if not math.isfinite(lean):
-            raise MessageError('not_finite', f'the lean must be a finite angle, got {lean!r}')
+            raise MessageError(f'the lean must be a finite angle, got {lean!r}',
+                               'not_finite', 'lean')
         age = now - stamp
         if not age <= self.timeout:
             raise MessageError(
-                'stale', f'the command answers a state of {stamp:.3f} s and it is {now:.3f} s: '
+                f'the command answers a state of {stamp:.3f} s and it is {now:.3f} s: '
                 f'older than {self.timeout:g} s; stamp commands with the stamp of the '
-                'joint_states they answer')
+                'joint_states they answer', 'stale', 'stamp')
         if age < -SKEW:
             raise MessageError(
-                'from_the_future', f'the command is stamped {stamp:.3f} s and it is {now:.3f} s '
-                'here: does the sender use wall time instead of simulated time?')
+                f'the command is stamped {stamp:.3f} s and it is {now:.3f} s '
+                'here: does the sender use wall time instead of simulated time?',
+                'from_the_future', 'stamp')
         if self.stamp is not None and stamp < self.stamp:
             raise MessageError(
-                'out_of_order', f'the command is stamped {stamp:.6f} s, one of '
-                f'{self.stamp:.6f} s came before')
+                f'the command is stamped {stamp:.6f} s, one of '
+                f'{self.stamp:.6f} s came before', 'out_of_order', 'stamp')
 
     def torque(self, now: float) -> float:
         """Return the torque to apply at `now` [N m]: 0 without a fresh command."""

@@ -119,8 +119,9 @@ class PendulumController:
         current = self._set_point
         if set_point.stamp < current.stamp:
             raise MessageError(
-                'stale', f'set-point of {set_point.stamp:.6g} s refused: the one in force is '
-                f'of {current.stamp:.6g} s; if time was set back, reset the controller')
+                f'set-point of {set_point.stamp:.6g} s refused: the one in force is '
+                f'of {current.stamp:.6g} s; if time was set back, reset the controller',
+                'stale', 'stamp')
         if (set_point.mode, set_point.value) != (current.mode, current.value):
             if not set_point.mode is current.mode is Mode.SPEED:
                 self._restart()
@@ -151,8 +152,9 @@ class PendulumController:
         last = self._last
         if last is not None and readings.stamp < last.stamp:
             raise MessageError(
-                'stale', f'readings of {readings.stamp:.6g} s refused: those of '
-                f'{last.stamp:.6g} s came before; if time was set back, reset the controller')
+                f'readings of {readings.stamp:.6g} s refused: those of '
+                f'{last.stamp:.6g} s came before; if time was set back, reset the controller',
+                'stale', 'stamp')
         if not (self._answered and last is not None and readings.stamp == last.stamp):
             self._torque = self._law(
                 readings, self._torque if in_force is None else in_force)

@@ -11,7 +11,7 @@ from ballbot_ros.errors import ConfigurationError, MessageError
 def _finite(now: float) -> float:
     """Return `now`; refuse a time that is not finite."""
     if not math.isfinite(now):
-        raise MessageError('not_finite', f'time must be finite, got {now!r}')
+        raise MessageError(f'time must be finite, got {now!r}', 'not_finite', 'stamp')
     return now
 
 

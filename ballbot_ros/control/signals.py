@@ -64,8 +64,8 @@ class SetPoint:
         except ValueError as error:
             known = ', '.join(mode.value for mode in Mode)
             raise MessageError(
-                'unknown_mode',
-                f'set-point mode must be one of {known}, got {self.mode!r}') from error
+                f'set-point mode must be one of {known}, got {self.mode!r}',
+                'unknown_mode', 'mode') from error
         refuse_not_finite(
             'set-point', value=self.value, stamp=self.stamp, yaw_rate=self.yaw_rate)
 
@@ -141,4 +141,4 @@ def refuse_not_finite(what: str, **numbers: float) -> None:
     for name, number in numbers.items():
         if not math.isfinite(number):
             raise MessageError(
-                'not_finite', f'{what}: {name} must be finite, got {number!r}')
+                f'{what}: {name} must be finite, got {number!r}', 'not_finite', name)

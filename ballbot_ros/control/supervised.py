@@ -124,13 +124,14 @@ class SupervisedController:
         ahead = set_point.stamp - self.time
         if self._newest is not None and ahead > SKEW:
             raise MessageError(
-                'from_the_future', f'set-point of {set_point.stamp:.3f} s refused: the joint '
-                f'states are of {self.time:.3f} s; is one of them stamped with wall time?')
+                f'set-point of {set_point.stamp:.3f} s refused: the joint '
+                f'states are of {self.time:.3f} s; is one of them stamped with wall time?',
+                'from_the_future', 'stamp')
         timeout = self.expected.set_point_timeout
         if self._newest is not None and timeout and -ahead > timeout:
             raise MessageError(
-                'stale', f'set-point of {set_point.stamp:.3f} s refused: the joint states are '
-                f'of {self.time:.3f} s, more than {timeout:g} s later')
+                f'set-point of {set_point.stamp:.3f} s refused: the joint states are '
+                f'of {self.time:.3f} s, more than {timeout:g} s later', 'stale', 'stamp')
         self._check_e_stop(set_point)
         if not self.e_stop:
             self._controller.give(set_point)
@@ -166,10 +167,10 @@ class SupervisedController:
         waiting = self._rest_first and (self.e_stop or self.asked is not None)
         self.overhear(set_point)
         if waiting:
-            raise MessageError('e_stop', f'set-point of {set_point.in_words} refused: ' + (
+            raise MessageError(f'set-point of {set_point.in_words} refused: ' + (
                 'the e-stop is engaged' if self.e_stop else
                 'it was asked for while the e-stop was engaged; ask for rest first, or for '
-                f'nothing for {QUIET:g} s'))
+                f'nothing for {QUIET:g} s'), 'e_stop', 'e_stop')
         self._rest_first = False
 
     def take(self, readings: JointReadings) -> None:

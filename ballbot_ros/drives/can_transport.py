@@ -158,7 +158,7 @@ class CanLink:
 
     def _open(self) -> Any:
         if self._bus is None:
-            raise LinkError('closed', f'{self.port} is closed')
+            raise LinkError(f'{self.port} is closed', 'closed', 'port')
         return self._bus
 
     def _readable(self, seconds: float) -> bool:
@@ -184,10 +184,10 @@ class CanLink:
                         break
                 elif message.is_error_frame:
                     if message.arbitration_id & BUS_OFF:
-                        raise LinkError('gone', (
+                        raise LinkError(
                             f'{self.port}: the controller has left the bus (bus off): look at '
                             'CAN_H and CAN_L, at 120 ohm at both ends, and at the bit rate; then: '
-                            + _up(self.port, self.baud)))
+                            + _up(self.port, self.baud), 'gone', 'port')
                 elif not message.is_fd and len(message.data) <= MOST_DATA:
                     with suppress(ValueError):
                         records.append(record(CanFrame(
@@ -204,7 +204,8 @@ def _address(port: str) -> tuple[str, str, dict[str, Any]]:
         interface, channel = ('slcan' if '/' in port else 'socketcan'), port
     if interface == 'slcan':
         if channel.startswith('/') and not os.path.exists(channel):
-            raise LinkError('missing', f'there is no port {channel}: is the adapter plugged in?')
+            raise LinkError(f'there is no port {channel}: is the adapter plugged in?',
+                            'missing', 'port')
         # The driver does not wait for answers of an adapter.
         return interface, channel, {'sleep_after_open': 0.0, 'timeout': 0.0}
     return interface, channel, {}
@@ -225,21 +226,23 @@ def _converted(port: str, baud: int, opening: bool = False) -> Iterator[None]:
     except LinkError:
         raise
     except ModuleNotFoundError as error:
-        raise LinkError('missing', (
-            f'{port}: python-can cannot be imported ({error}): pip install python-can')
+        raise LinkError(
+            f'{port}: python-can cannot be imported ({error}): pip install python-can',
+            'missing', 'port'
         ) from error
     except (ValueError, TypeError, NotImplementedError) as error:
         if 'bitrate' in str(error).lower():
             raise _failure(port, baud, error, opening) from error
-        raise LinkError('bad_address', (
+        raise LinkError(
             f'{port!r} is not a CAN port: can0 for one of the kernel, /dev/ttyACM0 for an slcan '
-            f'adapter, or INTERFACE:CHANNEL of python-can: {error}')) from error
+            f'adapter, or INTERFACE:CHANNEL of python-can: {error}',
+            'bad_address', 'port') from error
     except Exception as error:  # its CanError, OSError of the kernel, termios.error of pyserial
         if opening and isinstance(error, (NameError, AttributeError, ImportError)):
-            raise LinkError('missing', (
+            raise LinkError(
                 f'{port}: the library of this interface is not installed ({error}); install the '
-                "driver of the adapter's maker, or use its interface of the kernel, such as can0"),
-                'port') from error
+                "driver of the adapter's maker, or use its interface of the kernel, such as can0",
+                'missing', 'port') from error
         if not _is_of_the_line(error):
             raise
         raise _failure(port, baud, error, opening) from error
@@ -259,31 +262,34 @@ def _failure(port: str, baud: int, error: Exception, opening: bool) -> LinkError
     """Return why a bus did not open or is gone, with the remedy."""
     number = _number(error)
     if opening and number is None and 'bitrate' in str(error).lower():
-        return LinkError('bad_baud', f'{port} cannot do {baud} bit/s: {error}')
+        return LinkError(f'{port} cannot do {baud} bit/s: {error}', 'bad_baud', 'baud')
     if number == errno.ENETDOWN:
-        return LinkError('gone', f'{port} is down: {_up(port, baud)}')
+        return LinkError(f'{port} is down: {_up(port, baud)}', 'gone', 'port')
     if number == errno.EAFNOSUPPORT:
-        return LinkError('missing', (
-            f'{port} cannot be opened, this kernel has no CAN: sudo modprobe can can_raw'))
+        return LinkError(
+            f'{port} cannot be opened, this kernel has no CAN: sudo modprobe can can_raw',
+            'missing', 'port')
     if number == errno.ENODEV and '/' not in port or 'nknown interface' in str(error):
-        return LinkError('missing' if number else 'bad_address', (
+        return LinkError(
             f'there is no CAN interface {port}: {error}; "ip link" names those that there are, '
-            'and "ballbot doctor" the serial adapters'))
+            'and "ballbot doctor" the serial adapters',
+            'missing' if number else 'bad_address', 'port')
     if not opening:
         if number in (errno.ENOBUFS, errno.EAGAIN) or 'imed out' in str(error):
-            return LinkError('stuck', (
+            return LinkError(
                 f'{port} transmit failed: no acknowledgement on the bus.  Is the drive powered, '
-                f'are both ends closed by 120 ohm, is the bit rate {baud} everywhere?'))
-        return LinkError('gone', f'{port} is gone: {error}; is the plug out?')
+                f'are both ends closed by 120 ohm, is the bit rate {baud} everywhere?',
+                'stuck', 'port')
+        return LinkError(f'{port} is gone: {error}; is the plug out?', 'gone', 'port')
     if number in (errno.EACCES, errno.EPERM):
-        return LinkError('permission', (
+        return LinkError(
             f'no permission to open {port}; join its group (sudo usermod -aG dialout $USER, '
-            'then log in again)'))
+            'then log in again)', 'permission', 'port')
     if number in (errno.EAGAIN, errno.EBUSY):
-        return LinkError('busy', f'{port} is in use by another program')
+        return LinkError(f'{port} is in use by another program', 'busy', 'port')
     if number in (errno.ENOTTY, errno.EISDIR, errno.EINVAL):
-        return LinkError('not_a_port', f'{port} is not a serial adapter: {error}')
-    return LinkError('missing', f'{port} cannot be opened: {error}')
+        return LinkError(f'{port} is not a serial adapter: {error}', 'not_a_port', 'port')
+    return LinkError(f'{port} cannot be opened: {error}', 'missing', 'port')
 
 
 def _number(error: Optional[BaseException]) -> Optional[int]:

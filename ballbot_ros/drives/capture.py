@@ -203,7 +203,7 @@ class Replay:
 
         """
         if self.finished:
-            raise LinkError('gone', 'the capture ends here')
+            raise LinkError('the capture ends here', 'gone', 'port')
         piece = self._pieces.popleft()
         self.bytes_in += len(piece)
         return piece

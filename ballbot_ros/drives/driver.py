@@ -129,13 +129,14 @@ class Driver(ABC):
             if self._until(lambda: self.stopped_since(begin), soon):
                 return
             if self.clock() >= begin + timeout:
-                raise DriveError('not_stopped', (
+                raise DriveError(
                     f'{self.line.port}: the drive did not confirm the stop within {timeout:g} s; '
-                    f'its own watchdog disarms it after {self.options.watchdog:g} s'))
+                    f'its own watchdog disarms it after {self.options.watchdog:g} s',
+                    'not_stopped', 'drive')
 
     def clear_faults(self, timeout: float = 0.5) -> tuple[str, ...]:
         """Clear latched faults, without power, and return the remaining ones; may refuse."""
-        raise DriveError('not_clearable', f'a {self.maker} clears no faults on request')
+        raise DriveError(f'a {self.maker} clears no faults on request', 'not_clearable', 'drive')
 
     # What does not wait
 
@@ -159,9 +160,10 @@ class Driver(ABC):
 
         """
         if not self._armed:
-            raise DriveError('not_armed', f'{self.line.port}: the motor has not been armed')
+            raise DriveError(f'{self.line.port}: the motor has not been armed',
+                             'not_armed', 'drive')
         if not math.isfinite(torque):
-            raise MessageError('not_finite', f'torque must be finite, got {torque!r}')
+            raise MessageError(f'torque must be finite, got {torque!r}', 'not_finite', 'torque')
         limit = self.options.torque_limit
         self._send(self._torque_message(min(max(torque, -limit), limit))
                    + (self._requests() if ask else b''))
@@ -243,20 +245,20 @@ class Driver(ABC):
         while not answered():
             self._send(request())
             if not self._until(answered, self._soon(deadline)) and self.clock() >= deadline:
-                raise DriveError('silent', (
-                    f'{self.line.port}: the {self.maker} does not answer {what}')
-                ) if what else self._handshake_error(before)
+                raise DriveError(
+                    f'{self.line.port}: the {self.maker} does not answer {what}',
+                    'silent', 'drive') if what else self._handshake_error(before)
 
     def _handshake_error(self, before: Counter[str]) -> DriveError:
         """Return why a handshake failed; `before` are the counts from its beginning."""
         received = self.counts['bytes'] - before['bytes']
         if not received:
-            return DriveError('silent', (
+            return DriveError(
                 f'{self.line.port}: no {self.maker} answers; is it powered, are RX and TX '
-                'crossed, is its serial port set to this protocol?'))
-        return DriveError('garbled', (
+                'crossed, is its serial port set to this protocol?', 'silent', 'drive')
+        return DriveError(
             f'{self.line.port}: {received} bytes came that no {self.maker} would send: wrong baud '
-            'rate, another protocol, or noise'))
+            'rate, another protocol, or noise', 'garbled', 'drive')
 
     @abstractmethod
     def _begin(self) -> None:

@@ -85,4 +85,4 @@ class MemoryLine:
 
     def _check(self) -> None:
         if not self.plugged:
-            raise LinkError('gone', 'the cable is out')
+            raise LinkError('the cable is out', 'gone', 'port')

@@ -86,7 +86,7 @@ class LineView:
     def _attempt(self, action: Callable[[], Result]) -> Result:
         """Return the result of an action on the line; one that fails is closed for all views."""
         if self._closed:
-            raise LinkError('closed', f'{self.port} has been closed')
+            raise LinkError(f'{self.port} has been closed', 'closed', 'port')
         try:
             return action()
         except LinkError:

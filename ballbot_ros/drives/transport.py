@@ -285,7 +285,7 @@ class Link:
                 port.close()
 
     def _closed(self) -> 'Transfer':
-        raise LinkError('closed', f'{self.port} has been closed')
+        raise LinkError(f'{self.port} has been closed', 'closed', 'port')
 
     def __enter__(self) -> 'Link':
         return self
@@ -312,9 +312,9 @@ def _transfer(port: Any) -> Transfer:
 
 
 def _stuck(port: str) -> LinkError:
-    return LinkError('stuck', (
+    return LinkError(
         f'{port} accepts no more bytes: the other end does not read, or flow control blocks the '
-        'port; switch hardware and software handshake off'))
+        'port; switch hardware and software handshake off', 'stuck', 'port')
 
 
 def _link_error(port: str, error: Exception, opening: bool = False) -> LinkError:
@@ -323,13 +323,14 @@ def _link_error(port: str, error: Exception, opening: bool = False) -> LinkError
         return _stuck(port)
     if isinstance(error, ValueError):  # an unknown scheme, or a baud rate that does not exist
         if 'baud' in str(error).lower():
-            return LinkError('bad_baud', f'{port} cannot do this baud rate: {error}')
-        return LinkError('bad_address', (
-            f'{port!r} is neither a device nor a URL that pyserial supports: {error}'))
+            return LinkError(f'{port} cannot do this baud rate: {error}', 'bad_baud', 'baud')
+        return LinkError(
+            f'{port!r} is neither a device nor a URL that pyserial supports: {error}',
+            'bad_address', 'port')
     if opening:
         return _opening_failure(port, error)
     return LinkError(
-        'gone', f'{port} is gone ({error}): unplugged, or its controller lost power')
+        f'{port} is gone ({error}): unplugged, or its controller lost power', 'gone', 'port')
 
 
 def _opening_failure(port: str, error: Any) -> LinkError:
@@ -341,16 +342,18 @@ def _opening_failure(port: str, error: Any) -> LinkError:
             number = origin.args[0]
     if number == errno.ENOENT:
         known = ', '.join(found.device for found in list_ports.comports())
-        return LinkError('missing', (
+        return LinkError(
             f'there is no port {port}; '
-            + (f'there are {known}' if known else 'there is none at all: is it plugged in?')))
+            + (f'there are {known}' if known else 'there is none at all: is it plugged in?'),
+            'missing', 'port')
     if number in (errno.EACCES, errno.EPERM):
-        return LinkError('permission', (
+        return LinkError(
             f'no permission to open {port}; join its group (sudo usermod -aG dialout $USER, '
-            'then log in again)'))
+            'then log in again)', 'permission', 'port')
     if number in (errno.EAGAIN, errno.EBUSY):
-        return LinkError('busy', (
-            f'{port} is in use by another program; find it with: sudo fuser -v {port}'))
+        return LinkError(
+            f'{port} is in use by another program; find it with: sudo fuser -v {port}',
+            'busy', 'port')
     if number in (errno.ENOTTY, errno.EISDIR, errno.EINVAL):
-        return LinkError('not_a_port', f'{port} is not a serial port: {error}')
-    return LinkError('missing', f'{port} cannot be opened: {error}')
+        return LinkError(f'{port} is not a serial port: {error}', 'not_a_port', 'port')
+    return LinkError(f'{port} cannot be opened: {error}', 'missing', 'port')

@@ -99,8 +99,8 @@ class Fusion:
         """
         if reading.stamp < self._newest:
             raise MessageError(
-                'out_of_order', f'IMU reading of {reading.stamp:.6f} s refused: one of '
-                f'{self._newest:.6f} s came before')
+                f'IMU reading of {reading.stamp:.6f} s refused: one of '
+                f'{self._newest:.6f} s came before', 'out_of_order', 'stamp')
         self._newest = reading.stamp
         self._waiting.append(reading)
 

@@ -107,13 +107,14 @@ def speed_set_point(message: Union[Twist, TwistStamped], steers: bool = False) -
     for kind, axis, unit in OTHERS:
         value = getattr(getattr(twist, kind), axis)
         if not math.isfinite(value):
-            raise MessageError('not_finite', f'{kind}.{axis} must be finite, got {value!r}')
+            raise MessageError(f'{kind}.{axis} must be finite, got {value!r}',
+                               'not_finite', f'{kind}.{axis}')
         if abs(value) > NEGLIGIBLE and not (steers and (kind, axis) == TURN):
             raise MessageError(
-                'other_axes', f'{kind}.{axis} is {value:.3g} {unit}, and the speed law drives '
+                f'{kind}.{axis} is {value:.3g} {unit}, and the speed law drives '
                 f'straight ahead only{LATERAL if (kind, axis) == TURN else ""}; nothing of the '
                 'message is followed: send linear.x alone, and the rest within '
-                f'{NEGLIGIBLE:g} of 0')
+                f'{NEGLIGIBLE:g} of 0', 'other_axes', f'{kind}.{axis}')
     return SetPoint(Mode.SPEED, twist.linear.x,
                     to_seconds(message.header.stamp) if stamped else 0.0,
                     twist.angular.z if steers else 0.0)

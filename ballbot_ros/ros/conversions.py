@@ -58,15 +58,16 @@ def _joint_value(message: JointState, joint: str, values: Sequence[float], what:
     """Return the entry of one joint; raise `MessageError` where there is none."""
     if joint not in message.name:
         raise MessageError(
-            'unknown_joint', f'joint {joint!r} is missing, the message names '
-            f'{list(message.name)}')
+            f'joint {joint!r} is missing, the message names '
+            f'{list(message.name)}', 'unknown_joint', joint)
     if message.name.count(joint) > 1:
         raise MessageError(
-            'duplicate_joint', f'joint {joint!r} is named {message.name.count(joint)} times: name '
-            'it once, with one value', joint)
+            f'joint {joint!r} is named {message.name.count(joint)} times: name '
+            'it once, with one value', 'duplicate_joint', joint)
     if len(values) != len(message.name):
         raise MessageError(
-            'wrong_length', f'{what} has {len(values)} entries for {len(message.name)} joints')
+            f'{what} has {len(values)} entries for {len(message.name)} joints',
+            'wrong_length', what)
     return float(values[message.name.index(joint)])
 
 
@@ -87,9 +88,9 @@ def command_torque(message: JointState, leans: bool = False) -> float:
                      and tuple(message.name[number:number + 1]) == (LEAN,))]
         if given:
             raise MessageError(
-                'unsupported', f'{what} commands are not followed here, only effort'
+                f'{what} commands are not followed here, only effort'
                 + (f' and the position of {LEAN!r}' if leans else '') + f'; leave {what} empty or '
-                'NaN, or send set-points to the controller')
+                'NaN, or send set-points to the controller', 'unsupported', what)
     return _joint_value(message, PENDULUM, message.effort, 'effort')
 
 
@@ -116,8 +117,8 @@ def lateral_readings(message: JointState, robot: Robot) -> Optional[LateralState
                for joint in LATERAL for what in ('position', 'velocity')]
     if not all(map(math.isfinite, numbers)):
         raise MessageError(
-            'not_finite', f'position and velocity of {", ".join(LATERAL)} must be finite, got '
-            f'{numbers}')
+            f'position and velocity of {", ".join(LATERAL)} must be finite, got '
+            f'{numbers}', 'not_finite', 'position')
     *axes, heading, yaw_rate = numbers
     return LateralState(*axes, yaw_rate, heading)
 
@@ -170,11 +171,12 @@ def set_point(message: JointState) -> SetPoint:
     meant = {mode: value for mode, value in given.items() if not math.isnan(value)}
     if len(meant) > 1:
         raise MessageError(
-            'contradictory', 'a set-point is a position, for law (11), or a velocity, for law '
-            '(12), not both; leave one empty')
+            'a set-point is a position, for law (11), or a velocity, for law '
+            '(12), not both; leave one empty', 'contradictory', 'position')
     if given and not meant:
         raise MessageError(
-            'not_finite', 'the set-point is NaN; for no torque leave position and velocity empty')
+            'the set-point is NaN; for no torque leave position and velocity empty',
+            'not_finite', 'position')
     for mode, value in meant.items():
         return SetPoint(mode, value, stamp)
     return SetPoint(Mode.IDLE, 0.0, stamp)

@@ -49,8 +49,9 @@ class SinglePublisher:
         if len(names) > 1 or (len(self._names) > 1 and now - self._several_since > RESTART_TIME):
             several = ' and '.join(names if len(names) > 1 else self._names)
             raise MessageError(
-                'several_publishers', f'{several} publish {self._topic}, and none of them is '
-                'followed: end all but one, or let twist_mux select one', self._topic)
+                f'{several} publish {self._topic}, and none of them is '
+                'followed: end all but one, or let twist_mux select one',
+                'several_publishers', self._topic)
         return names[0] if names and '_UNKNOWN_' not in names[0] else ''
 
     def _query(self, now: float) -> None:

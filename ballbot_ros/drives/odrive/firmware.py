@@ -323,18 +323,20 @@ def generation_of(version: Sequence[float], axis: int, port: str) -> Generation:
     """
     name = in_words(version)
     if tuple(version[:2]) == OLDEST[:2] and not version[2] >= OLDEST[2]:
-        raise DriveError('firmware', (
+        raise DriveError(
             f'{port}: ODrive firmware 0.5 must be 0.5.4 or later, got {name}: before 0.5.4 states '
             'and errors are answered as "1d" instead of 1 and cannot be written, and 0.5.1 has '
-            'no command "sc", which clears errors; update it with: odrivetool dfu'))
+            'no command "sc", which clears errors; update it with: odrivetool dfu',
+            'firmware', 'firmware')
     found = [item for item in GENERATIONS if item.version == tuple(version[:2])]
     if not found:
         names = ' or '.join(item.name for item in GENERATIONS)
-        raise DriveError('firmware', (
+        raise DriveError(
             f'{port}: ODrive firmware must be {names}, got {name}: older ones take a torque '
-            'command for amperes, names and meanings in newer ones are not known'))
+            'command for amperes, names and meanings in newer ones are not known',
+            'firmware', 'firmware')
     if axis >= found[0].axes:
-        raise DriveError('firmware', (
+        raise DriveError(
             f'{port}: an ODrive with firmware {name} has one motor output, so axis must be 0, '
-            f'got {axis}'))
+            f'got {axis}', 'firmware', 'firmware')
     return found[0]

@@ -144,21 +144,23 @@ class RoboClaw(Driver):
         self.stop(timeout)
         self._ask(codec.GET_STATUS, self.clock() + timeout)
         if self.telemetry.faults:
-            raise DriveError('not_clearable', (
+            raise DriveError(
                 f'{self.line.port}: the RoboClaw names {", ".join(self.telemetry.faults)}, which '
-                'go with their cause or when it is switched off and on; no command clears them'))
+                'go with their cause or when it is switched off and on; no command clears them',
+                'not_clearable', 'drive')
         return ()
 
     def _arm(self, deadline: float) -> None:
         self._ask(codec.GET_STATUS, deadline)
         if self.telemetry.faults:
-            raise DriveError('not_armed', (
-                f'{self.line.port}: the RoboClaw names {", ".join(self.telemetry.faults)}'))
+            raise DriveError(
+                f'{self.line.port}: the RoboClaw names {", ".join(self.telemetry.faults)}',
+                'not_armed', 'drive')
         timeout = self._set_timeout(deadline)
         if not 0.0 < timeout < (self._tenths + 0.5) * TIMEOUT_UNIT:
-            raise DriveError('not_armed', (
+            raise DriveError(
                 f'{self.line.port}: the serial timeout of the RoboClaw is {timeout:g} s and stays '
-                f'so; it must be at most {self._tenths * TIMEOUT_UNIT:g} s'))
+                f'so; it must be at most {self._tenths * TIMEOUT_UNIT:g} s', 'not_armed', 'drive')
         self._ask(codec.GET_BATTERY, deadline)
 
     # What does not wait
@@ -174,9 +176,10 @@ class RoboClaw(Driver):
 
         """
         if self._armed and self.clock() - self._voltage_at > STALE_VOLTAGE:
-            raise DriveError('no_voltage', (
+            raise DriveError(
                 f'{self.line.port}: the RoboClaw has not reported its supply voltage for '
-                f'{STALE_VOLTAGE:g} s, without which a torque makes no duty cycle'))
+                f'{STALE_VOLTAGE:g} s, without which a torque makes no duty cycle',
+                'no_voltage', 'drive')
         super().send_torque(torque, ask)
         self._commanded_at = self.clock()
 

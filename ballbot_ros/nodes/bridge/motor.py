@@ -94,7 +94,8 @@ def imu_reading(message: Imu, clocks: Clocks) -> ImuReading:
     """
     for what in ('angular_velocity', 'linear_acceleration'):
         if getattr(message, f'{what}_covariance')[0] == NOT_REPORTED:
-            raise MessageError('not_reported', f'the IMU reports no {what}, and both are needed')
+            raise MessageError(f'the IMU reports no {what}, and both are needed',
+                               'not_reported', what)
     stamp = to_seconds(message.header.stamp)
     return ImuReading(
         clocks.steady(stamp) if stamp else time.monotonic(), -message.angular_velocity.y,

@@ -144,7 +144,8 @@ class Bridge(ManagedNode):
         self._logs.forward()
         self._outputs.publish_e_stop(bool(self._session.supervisor.e_stop))
         if self._loop is not None and self._loop.failure is not None:
-            self.failure = DriveError('loop_failed', f'the loop ended: {self._loop.failure!r}')
+            self.failure = DriveError(f'the loop ended: {self._loop.failure!r}',
+                                      'loop_failed', 'drive')
         if self._imu is not None:
             self.failure = self.failure or self._imu.failure
         self._service.look(self._session, self._loop, self.failure)

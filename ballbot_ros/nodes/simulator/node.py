@@ -79,8 +79,9 @@ class Simulator(Node):
         try:
             if self._laws is not None:
                 raise MessageError(
-                    'onboard', 'joint_commands are not followed while the laws run inside: send '
-                    'set_point or cmd_vel, or start the simulator with control:=direct')
+                    'joint_commands are not followed while the laws run inside: send '
+                    'set_point or cmd_vel, or start the simulator with control:=direct',
+                    'onboard', 'control')
             torque = command_torque(message, self._plant.steers)
             lean = lean_set_point(message)
         except MessageError as error:

@@ -67,7 +67,7 @@ def test_what_is_written_is_read_back(tmp_path):
     now[0] = 6.0
     box.record('<', bytes(range(256)) * 80)  # longer than a record may be
     box.event('größer', Level.LOG)
-    box.refused('command', MessageError('stale', 'too old'))
+    box.refused('command', MessageError('too old', 'stale', 'stamp'))
     found = kept(box, tmp_path)
     assert not found.damage
     command, imu = found.tables['command'], found.tables['imu']
@@ -260,7 +260,7 @@ def test_a_refusal_that_comes_500_times_a_second_is_counted(tmp_path):
     box = BlackBox(lambda: now[0])
     for number in range(500):
         now[0] = number / 500.0
-        box.refused('command', MessageError('stale', f'{number} too old'))
+        box.refused('command', MessageError(f'{number} too old', 'stale', 'stamp'))
     found = texts(box, tmp_path)
     assert len(found) == 10
     assert found[1].startswith('command refused: 50 too old (49 more')

@@ -192,7 +192,7 @@ def test_however_a_drive_answers_its_port_is_closed_again(fails, monkeypatch):
 
         def answer(self, name):
             if name == fails:
-                raise DriveError('silent', 'planted')
+                raise DriveError('planted', 'silent', 'drive')
             return SimpleNamespace(in_words='a drive') if name == 'identify' else ()
 
         identify = partialmethod(answer, 'identify')
@@ -227,7 +227,7 @@ class Port:
 
             def identify(timeout):
                 if (name, link.rate) != (protocol, baud):
-                    raise DriveError('silent', 'no answer')
+                    raise DriveError('no answer', 'silent', 'drive')
             return SimpleNamespace(identify=identify)
         monkeypatch.setattr(doctor, 'open_line', Line)
         monkeypatch.setattr(doctor, 'open_driver', driver)
@@ -281,7 +281,7 @@ def test_on_a_can_bus_only_its_own_protocols_are_tried_and_only_at_its_bit_rate(
 def test_a_port_that_cannot_be_opened_is_not_tried_again_unless_it_is_for_the_rate(monkeypatch):
     for reason in ('busy', 'bad_baud'):
         said = []
-        Port(monkeypatch, 'vesc', 1, LinkError(reason, 'planted'))
+        Port(monkeypatch, 'vesc', 1, LinkError('planted', reason, 'port'))
         assert probe('x', 'vesc', 1, said.append) is None
         assert (len(said) == 1) is (reason == 'busy')
 

@@ -62,7 +62,7 @@ class Bench:
         return self.line.look()
 
 
-SILENT = DriveError('silent', 'no answer comes')
+SILENT = DriveError('no answer comes', 'silent', 'drive')
 
 
 def test_a_drive_is_stopped_before_it_is_taken_over():
@@ -90,7 +90,7 @@ def test_an_open_line_has_a_drive_and_no_trouble_and_a_closed_one_neither():
 
 
 def test_a_line_that_cannot_be_opened_says_why_until_it_can():
-    bench = Bench(LinkError('missing', 'no such port'), Drive())
+    bench = Bench(LinkError('no such port', 'missing', 'port'), Drive())
     with pytest.raises(LinkError):
         bench.line.open(0.5)
     assert bench.line.driver is None and bench.line.trouble == 'no such port'
@@ -131,7 +131,7 @@ def test_the_timeout_grows_with_each_failure_up_to_a_second_and_shrinks_once_it_
 
 def test_why_a_drive_is_not_found_is_logged_once_and_again_when_it_changes(caplog):
     caplog.set_level('INFO')
-    gone = LinkError('missing', 'no such port')
+    gone = LinkError('no such port', 'missing', 'port')
     bench = Bench(Drive(), gone, gone, Drive(SILENT), gone, Drive())
     bench.line.open(0.5)
     bench.line.lose(SILENT)

@@ -172,7 +172,9 @@ def test_faults_are_not_cleared_where_the_motor_could_turn():
 
 
 @pytest.mark.parametrize('error', [
-    DriveError('not_clearable', 'not from here'), LinkError('gone', 'the cable is out')])
+    DriveError('not from here',
+               'not_clearable', 'drive'), LinkError('the cable is out',
+                                                                     'gone', 'port')])
 def test_why_faults_cannot_be_cleared_is_reported(monkeypatch, error):
     robot = tripped('odrive 0.5')
 

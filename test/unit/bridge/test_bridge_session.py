@@ -154,7 +154,8 @@ def test_a_bridge_that_was_held_up_does_not_take_the_drive_for_silent():
     assert 'silent' not in robot.session.supervisor.e_stop
 
 
-@pytest.mark.parametrize('error', [LinkError('gone', 'planted'), DriveError('odd', 'planted')])
+@pytest.mark.parametrize('error', [
+    LinkError('planted', 'gone', 'port'), DriveError('planted', 'odd', 'drive')])
 def test_a_command_that_cannot_be_sent_is_a_lost_line_and_no_error_of_who_gave_it(error):
     robot = VirtualRobot().ready()
     robot.run(0.1, torque=0.5)

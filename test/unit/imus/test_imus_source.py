@@ -24,7 +24,7 @@ class SensorLine:
     def connect(self, baud):
         """Open the line."""
         if not self.plugged:
-            raise LinkError('missing', 'line is missing')
+            raise LinkError('line is missing', 'missing', 'port')
         self.baud, self.waiting = baud, b''
         self.lines += 1
         return self
@@ -57,7 +57,7 @@ class SensorLine:
         while not self.waiting and self.now < end:
             self.sleep(TICK)
         if not self.plugged:
-            raise LinkError('gone', 'line was unplugged')
+            raise LinkError('line was unplugged', 'gone', 'port')
         return bool(self.waiting)
 
     def read(self):
@@ -68,7 +68,7 @@ class SensorLine:
     def write(self, data):
         """Give bytes to the sensor."""
         if not self.plugged:
-            raise LinkError('gone', 'line was unplugged')
+            raise LinkError('line was unplugged', 'gone', 'port')
         if self.baud == self.device.baud:
             self.device.receive(data)
 

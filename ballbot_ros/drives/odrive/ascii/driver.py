@@ -106,29 +106,31 @@ class ODrive(Driver):
         self._send(self._torque_message(0.0) + codec.CLEAR_ERRORS)
         self._status.forget_errors()
         if self._write(CONTROL_MODE, TORQUE_CONTROL, deadline) != TORQUE_CONTROL:
-            raise DriveError('not_armed', (
+            raise DriveError(
                 f'{self.line.port}: the ODrive does not go into torque control, see '
-                f'{self._path(CONTROL_MODE)}'))
+                f'{self._path(CONTROL_MODE)}', 'not_armed', 'drive')
         self._refuse_faults(deadline)
         self._send(codec.write(self._path(REQUESTED_STATE), CLOSED_LOOP_CONTROL))
         while self._read(STATE, deadline) != CLOSED_LOOP_CONTROL:
             self._send(self._torque_message(0.0))
             self._refuse_faults(deadline)
             if self.clock() >= deadline - self.options.reply_timeout:
-                raise DriveError('not_armed', (
+                raise DriveError(
                     f'{self.line.port}: the ODrive does not go into closed loop control and '
-                    f'names {self._named()}'))
+                    f'names {self._named()}', 'not_armed', 'drive')
         self._refuse_faults(deadline)
 
     def _refuse_faults(self, deadline: float) -> None:
         """Raise `DriveError` if the axis has an error, or does not report it."""
         bits = self._read(self._generation.errors, deadline)
         if not math.isfinite(bits):
-            raise DriveError('not_armed', (
-                f'{self.line.port}: the ODrive has no {self._path(self._generation.errors)}'))
+            raise DriveError(
+                f'{self.line.port}: the ODrive has no {self._path(self._generation.errors)}',
+                'not_armed', 'drive')
         if bits:
-            raise DriveError('not_armed', (
-                f'{self.line.port}: the ODrive names {self._named()}; remove the cause'))
+            raise DriveError(
+                f'{self.line.port}: the ODrive names {self._named()}; remove the cause',
+                'not_armed', 'drive')
 
     def _named(self) -> str:
         """Return the errors of all registers as text; without those that do not reply."""
@@ -145,8 +147,9 @@ class ODrive(Driver):
         deadline = self.clock() + timeout
         self._identify_firmware(deadline)
         if self._armed or self._read(STATE, deadline) != IDLE:
-            raise DriveError('not_clearable', (
-                f'{self.line.port}: the motor is under power; take it off first'))
+            raise DriveError(
+                f'{self.line.port}: the motor is under power; take it off first',
+                'not_clearable', 'drive')
         self._send(codec.feed_watchdog(self.options.axis) + codec.CLEAR_ERRORS)
         self._status.forget_errors()
         return self._faults(deadline, False)
@@ -227,9 +230,9 @@ class ODrive(Driver):
 
     def _handshake_error(self, before: Counter[str]) -> DriveError:
         if self.counts['unchecked'] > before['unchecked']:
-            return DriveError('wrong_protocol', (
+            return DriveError(
                 f'{self.line.port}: text comes back, but not that of an ODrive, whose replies '
-                'have a checksum'))
+                'have a checksum', 'wrong_protocol', 'drive')
         return super()._handshake_error(before)
 
     def _read(self, name: str, deadline: float) -> float:
@@ -254,8 +257,9 @@ class ODrive(Driver):
             if properties.free:
                 return math.nan if properties.value is None else properties.value
             if self.clock() >= deadline:
-                raise DriveError('silent', (
-                    f'{self.line.port}: the ODrive does not answer for {self._path(name)}'))
+                raise DriveError(
+                    f'{self.line.port}: the ODrive does not answer for {self._path(name)}',
+                    'silent', 'drive')
 
     def _write(self, name: str, value: float, deadline: float) -> float:
         """Set a property and return the value read back."""

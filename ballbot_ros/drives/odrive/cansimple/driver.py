@@ -330,17 +330,18 @@ class ODriveCan(Driver):
             if obeyed and condition.armed and not names:
                 return
             if obeyed and names or self.clock() >= deadline:
-                raise DriveError('not_armed', (
+                raise DriveError(
                     f'{self.line.port}: the ODrive does not go into closed loop control and '
                     f'names {", ".join(names) or condition.reason}; remove the cause, '
-                    'odrivetool shows more with dump_errors(odrv0)'))
+                    'odrivetool shows more with dump_errors(odrv0)', 'not_armed', 'drive')
             self._send(self._torque_message(0.0) + self._ask_position())
 
     def clear_faults(self, timeout: float = 0.5) -> tuple[str, ...]:
         """Clear latched faults, without power; see `Driver`."""
         if self._armed or self.telemetry.armed:
-            raise DriveError('not_clearable', (
-                f'{self.line.port}: the motor is under power; stop it first'))
+            raise DriveError(
+                f'{self.line.port}: the motor is under power; stop it first',
+                'not_clearable', 'drive')
         deadline = self.clock() + timeout
         self._known(deadline)
         self._clear_errors(deadline)
@@ -440,11 +441,11 @@ class ODriveCan(Driver):
         if self.counts['skipped'] > before['skipped']:
             return super()._handshake_error(before)
         node, others = self.options.node_id, ', '.join(map(str, sorted(self._nodes_seen)))
-        return DriveError('silent', (
+        return DriveError(
             f'{self.line.port}: no ODrive with node_id {node} answers'
             + (f', though heartbeats come of node {others}: set node_id, or check the wiring'
                if others else '; is it powered, is its CAN protocol SIMPLE, '
-               'is the bit rate the same, are both ends closed by 120 ohm?')))
+               'is the bit rate the same, are both ends closed by 120 ohm?'), 'silent', 'drive')
 
     # Replies
 

@@ -54,14 +54,16 @@ class Vesc(Driver):
         firmware = codec.parse_firmware(self._ask(
             codec.FW_VERSION, self.clock() + timeout, handshake=True))
         if firmware is None:
-            raise DriveError('firmware', (
-                f'{self.line.port}: a VESC answers that does not report its firmware'))
+            raise DriveError(
+                f'{self.line.port}: a VESC answers that does not report its firmware',
+                'firmware', 'firmware')
         version, test = (firmware.major, firmware.minor), firmware.test
         reason = settings.why_not(version, test)
         if reason:
-            raise DriveError('firmware', (
+            raise DriveError(
                 f'{self.line.port}: VESC firmware must be 5.03 to 7.xx, got {version[0]}.'
-                f'{version[1]:02}: {reason}; bring it up to date with VESC Tool, Firmware'))
+                f'{version[1]:02}: {reason}; bring it up to date with VESC Tool, Firmware',
+                'firmware', 'firmware')
         self._version = version
         return Identity(self.protocol, firmware.hardware, f'{version[0]}.{version[1]:02}'
                         + (f' test {test}' if test else ''), firmware.serial_number)
@@ -92,15 +94,15 @@ class Vesc(Driver):
             answered = self._status_asked_at >= begin
             reported = reported or answered
             if answered and self.telemetry.faults:
-                raise DriveError('not_armed', (
+                raise DriveError(
                     f'{self.line.port}: the VESC names {", ".join(self.telemetry.faults)}; the '
-                    'terminal of VESC Tool shows more with: faults'))
+                    'terminal of VESC Tool shows more with: faults', 'not_armed', 'drive')
             if answered and not self._status & codec.TIMED_OUT:
                 return
             if self.clock() >= deadline:
-                raise DriveError('not_armed', f'{self.line.port}: the VESC ' + (
+                raise DriveError(f'{self.line.port}: the VESC ' + (
                     'reports that its timeout has expired, however often it is fed' if reported
-                    else 'does not report its state'))
+                    else 'does not report its state'), 'not_armed', 'drive')
             begin = self.clock()
 
     def clear_faults(self, timeout: float = 1.0) -> tuple[str, ...]:
@@ -119,10 +121,11 @@ class Vesc(Driver):
             if answered and not self.telemetry.faults or self.clock() >= deadline:
                 break
         if self.telemetry.faults or not answered:
-            raise DriveError('not_clearable', (
+            raise DriveError(
                 f'{self.line.port}: the VESC names {", ".join(self.telemetry.faults)}, which it '
-                'clears by itself half a second after the cause has gone; no message clears them')
-                if answered else f'{self.line.port}: the VESC does not report its state')
+                'clears by itself half a second after the cause has gone; no message clears them'
+                if answered else f'{self.line.port}: the VESC does not report its state',
+                'not_clearable', 'drive')
         return ()
 
     # What does not wait
