@@ -16,7 +16,7 @@ from ballbot_ros.figures.route import route_figure  # noqa: E402
 from ballbot_ros.figures.run import animate, save, strip  # noqa: E402
 from ballbot_ros.floors import load_floor  # noqa: E402
 from ballbot_ros.navigation import RoutePlanner  # noqa: E402
-from ballbot_ros.paper.gallery import FIGURES  # noqa: E402
+from ballbot_ros.paper.figures import FIGURES  # noqa: E402
 from ballbot_ros.physics import load_robot, load_scene  # noqa: E402
 
 # Proportions of the drawing, in ball radii; the penetration is exaggerated to be seen.

@@ -64,10 +64,9 @@ def run(arguments: argparse.Namespace) -> int:
     """
     check(arguments)
     try:
-        from ballbot_ros.demo.demo import run_demo
+        from ballbot_ros.demo.demo import own_acts, run_demo
         from ballbot_ros.demo.hardware import run_hardware_demo
         from ballbot_ros.demo.house import run_house_demo
-        from ballbot_ros.demo.own_act import own_acts
         from ballbot_ros.demo.page import page_beside
     except ImportError as error:
         raise ConfigurationError(

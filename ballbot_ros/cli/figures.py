@@ -27,7 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Draw the figures; each is written as soon as it is complete."""
     from ballbot_ros.cli.output import watched
-    from ballbot_ros.paper.gallery import FIGURES
+    from ballbot_ros.paper.figures import FIGURES
     if arguments.list:
         for name, draw in FIGURES.items():
             print(f'{name:<12} {(draw.__doc__ or "").splitlines()[0]}')

@@ -194,7 +194,7 @@ def write(found: Replayed, folder: Path, title: str, kind: str) -> list[str]:
 
     import yaml
 
-    from ballbot_ros.bags.departures import UNITS
+    from ballbot_ros.bags.replay import UNITS
     from ballbot_ros.figures.residuals import departure_figure
     from ballbot_ros.results.files import write_columns, write_text
     write_text(json.dumps(found.content, indent=2, allow_nan=False) + '\n',
@@ -214,7 +214,7 @@ def write(found: Replayed, folder: Path, title: str, kind: str) -> list[str]:
 
 def replay_simulator(arguments: argparse.Namespace, run: Any, metadata: Any) -> Replayed:
     """Run again, by commands first, and report whether all states are the same."""
-    from ballbot_ros.bags.rerun import rerun
+    from ballbot_ros.bags.replay import rerun
     from ballbot_ros.nodes.simulator.settings import plant_for
     from ballbot_ros.physics import load_scene
     from ballbot_ros.results.summary import plain
@@ -263,7 +263,7 @@ def ways_of(settings: Any, run: Any) -> list[str]:
 
 def source(by: str, run: Any, settings: Any, robot: Any) -> Any:
     """Return the source of the torque."""
-    from ballbot_ros.bags.rerun import Commands, Laws, MotorTorques
+    from ballbot_ros.bags.replay import Commands, Laws, MotorTorques
     from ballbot_ros.control import checked_controller, load_tuning, Supervision
     if by == SET_POINTS:
         return Laws(run, checked_controller(
@@ -311,7 +311,7 @@ def compared(found: Any) -> tuple[Any, list[Any]]:
     """Return times, recorded and model of all channels, and their differences."""
     import numpy as np
 
-    from ballbot_ros.bags.departures import differences
+    from ballbot_ros.bags.replay import differences
     series = {name: (np.array(list(values)), np.array(list(values.values())),
                      np.array([found.again[name][time] for time in values]))
               for name, values in found.recorded.items() if len(values) > 1}
@@ -320,7 +320,7 @@ def compared(found: Any) -> tuple[Any, list[Any]]:
 
 def replay_robot(arguments: argparse.Namespace, run: Any, metadata: Any) -> Replayed:
     """Drive the model by the recorded torque, from the first state, and compare."""
-    from ballbot_ros.bags.departures import (
+    from ballbot_ros.bags.replay import (
         commanded_torque, differences, driven_series, measured_columns, scene_content)
     from ballbot_ros.physics.simulation.scene import read_scene
     from ballbot_ros.results.summary import plain

@@ -1,15 +1,24 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Run an experiment: one folder with bags, inputs, versions and digests, that runs again."""
+"""Run an experiment: a folder with bags, inputs, versions, results and digests, to repeat."""
 import csv
+from dataclasses import fields, is_dataclass
+import hashlib
 import io
 import json
 from pathlib import Path
 import platform
 import shutil
-from typing import Any, Optional
+from typing import Any, Dict, List, NamedTuple, Optional, Tuple
 
+import numpy as np
+
+from ballbot_ros.bags.opener import open_bag
+from ballbot_ros.bags.recorded_run import read_run, RecordedRun
 from ballbot_ros.errors import ConfigurationError, RefusedError
 from ballbot_ros.experiments.file import Experiment, FILE, freeze, load_experiment, node_parameters
+from ballbot_ros.physics import Scene, Trajectory
+from ballbot_ros.results.digests import digest, LENGTH
+from ballbot_ros.results.faces import meet_faces
 
 RESULT, TABLE, VERSIONS = 'numbers.json', 'results.csv', 'versions.json'
 
@@ -93,7 +102,6 @@ def _begin(plan: Experiment, folder: Path) -> Experiment:
 
 def _missing(folder: Path, plan: Experiment, timeout: float, say: Any) -> bool:
     """Run the missing seeds, and write the table of all."""
-    from ballbot_ros.experiments.results import as_json
     from ballbot_ros.results.files import write_text
     left = [seed for seed in plan.seeds if not _done(folder, seed)]
     if len(left) < len(plan.seeds):
@@ -130,7 +138,6 @@ def _run_seed(folder: Path, plan: Experiment, seed: int, timeout: float) -> dict
     """Run one seed into its folder, which appears when it is complete; return the result."""
     from ballbot_ros.bags.metadata import bag_metadata, SIMULATOR
     from ballbot_ros.experiments.lockstep import run_lockstep
-    from ballbot_ros.experiments.results import as_json, numbers_of, read_digests
     from ballbot_ros.physics import load_scene
     from ballbot_ros.results.files import write_text
     from ballbot_ros.results.summary import plain
@@ -162,7 +169,6 @@ def _run_seed(folder: Path, plan: Experiment, seed: int, timeout: float) -> dict
 
 def _again(folder: Path, plan: Experiment, timeout: float, say: Any) -> bool:
     """Run all seeds again beside the old ones; return whether the numbers are the same."""
-    from ballbot_ros.experiments.results import first_difference, read_digests
     _prepare(plan)
     for remark in _other_versions(folder):
         say(remark)
@@ -232,3 +238,94 @@ def table(results: list[dict[str, Any]]) -> str:
     rows.writerows([item['seed'], *(repr(item['numbers'][name]) for name in units)]
                    for item in results)
     return stream.getvalue()
+
+
+class TopicDigests(NamedTuple):
+    """Digests of messages by topic and stamp [ns]."""
+
+    topics: Dict[str, Dict[int, str]]
+
+    @property
+    def digests(self) -> Dict[str, str]:
+        """Return a digest of each topic."""
+        return {name: hashlib.sha256(''.join(
+            f'{stamp}{text}' for stamp, text in sorted(messages.items())).encode()
+            ).hexdigest()[:LENGTH] for name, messages in sorted(self.topics.items())}
+
+
+def read_digests(path: Path, until: int) -> TopicDigests:
+    """
+    Return the digests of all messages up to a stamp [ns]; repeated messages count once.
+
+    Raises
+    ------
+    ConfigurationError
+        If the bag cannot be read.
+
+    """
+    topics: Dict[str, Dict[int, str]] = {}
+    with open_bag(path) as bag:
+        for topic, message in bag.messages(list(bag.topics)):
+            header = getattr(message, 'header', None)
+            if header is None:
+                continue
+            stamp = int(header.stamp.sec) * 10**9 + int(header.stamp.nanosec)
+            content = _plain(message)
+            if stamp <= until:
+                topics.setdefault(topic, {}).setdefault(stamp, digest(content))
+    return TopicDigests(topics)
+
+
+def _plain(value: Any) -> Any:
+    """Return a message as mappings, lists and numbers."""
+    if is_dataclass(value):
+        return {item.name: _plain(getattr(value, item.name)) for item in fields(value)
+                if not item.name.startswith('__')}
+    if hasattr(value, 'get_fields_and_field_types'):  # of rclpy
+        return {name: _plain(getattr(value, name)) for name in value.get_fields_and_field_types()}
+    if isinstance(value, (str, bytes, int, float, bool)):
+        return value if not isinstance(value, bytes) else value.hex()
+    return [_plain(item) for item in (value.tolist() if hasattr(value, 'tolist') else value)]
+
+
+def first_difference(one: TopicDigests, other: TopicDigests) -> Optional[Tuple[int, str]]:
+    """Return the stamp [ns] and the topic of the first message that is not the same."""
+    found: List[Tuple[int, str]] = []
+    for name in {*one.topics, *other.topics}:
+        here, there = one.topics.get(name, {}), other.topics.get(name, {})
+        different = [stamp for stamp in {*here, *there} if here.get(stamp) != there.get(stamp)]
+        found += [(min(different), name)] if different else []
+    return min(found, default=None)
+
+
+def numbers_of(path: Path, scene: Scene) -> Dict[str, Any]:
+    """Return a summary of a run, SI, with its contacts at each step."""
+    trajectory = _trajectory(read_run(path), scene)
+    speed = np.hypot(trajectory['velocity_x'], trajectory['velocity_y'])
+    meetings = meet_faces(trajectory)
+    return {
+        'x': float(trajectory['x'][-1]), 'speed': float(speed[-1]),
+        'highest_speed': float(speed.max()),
+        'pendulum_angle': float(np.abs(trajectory['pendulum_angle']).max()),
+        'pendulum_torque': float(np.abs(trajectory['pendulum_torque']).max()),
+        'motor_work': float(trajectory['motor_work'][-1]),
+        'faces_passed': sum(face.passed for face in meetings),
+        'touch_times': [face.touch_time for face in meetings],
+        'touch_speeds': [face.touch_speed for face in meetings]}
+
+
+def _trajectory(run: RecordedRun, scene: Scene) -> Trajectory:
+    """Return the recorded ball states as a trajectory."""
+    names = ('ball_angle', 'pendulum_angle', 'x', 'y', 'ball_rate', 'pendulum_rate',
+             'velocity_x', 'velocity_y')
+    rows = np.zeros((len(run.balls), 15))
+    for row, (stamp, states) in zip(rows, sorted(run.balls.items())):
+        values = states[-1]
+        row[0], row[1:9] = 1e-9 * stamp, [values[name] for name in names]
+        row[13:] = values['motor_work'], values['pendulum_torque']
+    return Trajectory(scene.model, rows)
+
+
+def as_json(content: Any) -> str:
+    """Return text for a file."""
+    return json.dumps(content, indent=2, allow_nan=False) + '\n'

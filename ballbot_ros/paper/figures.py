@@ -1,20 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The figures of the paper, re-simulated: 5 (both halves), 6, 7 and 8.
+The figures of the paper, re-simulated: 5 (both halves), 6, 7 and 8; and all figures by name.
 
 Nothing in them is digitised from print.  Three points of the paper and a range are printed as
 numbers; they are marked as such.
 """
-from typing import Any, Sequence
+from typing import Any, Callable, Mapping, Sequence
 
 from matplotlib.figure import Figure
 import numpy as np
 
 from ballbot_ros.crossing import max_step_heights, rolling
-from ballbot_ros.figures import canvas
+from ballbot_ros.figures import canvas, command_loss, oblique, turning
 from ballbot_ros.figures.canvas import draw_heading, RESIMULATED
 from ballbot_ros.figures.film import stacked
-from ballbot_ros.paper import mujoco_check
+from ballbot_ros.paper import contact_laws, design, mujoco_check, pulled_plug
 from ballbot_ros.paper.cases import ACCURACY, Case, holding, LEVEL, SPEEDS, step_heights
 from ballbot_ros.paper.heights import (
     draw_curves, draw_rolls, height_axes, HeightLine, place_legend, quasi_static_curve)
@@ -158,3 +158,12 @@ def _draw_true_thresholds(axes: Any, rolls: Sequence[Roll]) -> None:
     axes.plot([item.highest_no_pass for item in found],
               [1e3 * item.step_height for item in found], '|', ms=9, mew=1.4,
               color=canvas.INK, zorder=5, label='highest not passed, at the touch')
+
+
+# Name -> what draws it; it reports a progress from 0 to 1.
+FIGURES: Mapping[str, Callable[..., Figure]] = {
+    'fig5': figure_5, 'fig6': figure_6, 'fig7': figure_7, 'fig8': figure_8,
+    'tornado': design.tornado, 'probability': design.probability, 'design': design.design,
+    'slope': design.slope, 'over': design.over, 'contact_law': contact_laws.contact_law,
+    'on_timeout': command_loss.on_timeout, 'black_box': pulled_plug.black_box,
+    'turning': turning.turning, 'oblique': oblique.oblique}

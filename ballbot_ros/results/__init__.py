@@ -13,8 +13,7 @@ Figures are imported from `ballbot_ros.figures.run`, because matplotlib takes a 
 from ballbot_ros.results.faces import FaceMeeting
 from ballbot_ros.results.files import (
     read_columns, read_units, write_csv, write_npz, write_parquet, write_text, write_trajectory)
-from ballbot_ros.results.summary import summarise, Summary
-from ballbot_ros.results.wording import report
+from ballbot_ros.results.summary import report, summarise, Summary
 
 __all__ = [
     'FaceMeeting', 'read_columns', 'read_units', 'report', 'summarise', 'Summary', 'write_csv',

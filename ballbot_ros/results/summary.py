@@ -1,17 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Summary of a run: extremes, contacts, steps, accuracy and warnings."""
+"""Summary of a run: extremes, contacts, steps, accuracy, warnings, and the text for people."""
 from dataclasses import asdict, dataclass
 import json
 import math
-from typing import Any, Optional
+from textwrap import wrap
+from typing import Any, Iterator, Optional
 
 import numpy as np
 
+from ballbot_ros.physics.model.robot import (
+    angle_warnings, height_warnings, implausible, speed_warnings)
 from ballbot_ros.physics.model.terrain import Array
+from ballbot_ros.physics.simulation.scene import Scene
+from ballbot_ros.physics.simulation.solver import METHODS
 from ballbot_ros.physics.simulation.trajectory import Trajectory
-from ballbot_ros.results.faces import FaceMeeting, watch_faces
+from ballbot_ros.results.faces import FaceMeeting, rising_faces, watch_faces
 from ballbot_ros.results.resolved import resolved
-from ballbot_ros.results.warn import find_warnings
 
 
 @dataclass(frozen=True)
@@ -175,3 +179,134 @@ class Extremes:
 def _largest(values: Array) -> float:
     """Return the largest magnitude."""
     return float(np.max(np.abs(values)))
+
+
+# Relative energy balance error above which a smaller step is needed.
+RESIDUAL_MAX = 1e-5
+
+TOP_DEG = 180.0  # pendulum angle above the centre of the ball
+
+# Part of the time in contact with full sliding above which the ball never rolled.
+SLIDING_MAX = 0.9
+
+# Penetration, as part of the radius, above which a shell is not a stiff spring.
+PENETRATION_MAX = 0.1
+
+
+def find_warnings(trajectory: Trajectory, expected: int, residual: Optional[float], depth: float,
+                  sliding: float) -> Iterator[str]:
+    """
+    Yield one sentence for each result that needs attention.
+
+    A complete run has the `expected` samples.  `residual` is the energy balance error relative to
+    the reference energy, `depth` the largest penetration [m], `sliding` the part of the time in
+    contact with full sliding.
+    """
+    model, assured = trajectory.model, trajectory.assurance
+    robot, solver = model.robot, model.solver_in_use
+    if trajectory.scene is not None:
+        yield from scene_warnings(trajectory.scene)
+    finer = (f'a smaller step than {solver.step:g} s' if METHODS[solver.method].fixed
+             else f'a smaller tolerance than {solver.tolerance:g} m')
+    if assured is not None:
+        finer = 'a smaller accuracy'
+        if not assured.complete:
+            yield (f'the motion is chaotic: the accuracy of {assured.accuracy:g} m holds up to '
+                   f'{assured.horizon:.4g} s, and no tolerance takes it further')
+    if len(trajectory) < expected:
+        yield (f'the run ended early: {len(trajectory)} of {expected} samples, up to '
+               f'{trajectory["time"][-1]:g} s')
+    if not np.isfinite(trajectory.rows).all():
+        yield f'some numbers are not finite; use {finer}'
+    elif residual is not None and not residual <= RESIDUAL_MAX:
+        yield (f'the energy balance error is {residual:.1e} relative to the reference energy '
+               f'(good: at most {RESIDUAL_MAX:.0e}); use {finer}')
+    if depth > PENETRATION_MAX * robot.ball_radius:
+        yield (f'the ball sank {1e3 * depth:.3g} mm into the ground, more than '
+               f'{PENETRATION_MAX:.0%} of its radius; contact_stiffness is too low for this '
+               'impact')
+    if sliding > SLIDING_MAX:
+        yield (f'the ball slid for {sliding:.0%} of its time in contact, so it never '
+               'rolled; start it without slip (initial: speed), drive it less or raise '
+               'surface_friction')
+    still = np.ptp(trajectory.rows[:, 1:9], axis=0).max() < 1e-6
+    if still and len(trajectory) > 1:
+        yield 'nothing moved: give the scene an initial speed (initial) or an actuation'
+
+
+def scene_warnings(scene: Scene) -> Iterator[str]:
+    """Yield a sentence for each implausible value of a scene or its robot."""
+    robot, start = scene.model.robot, scene.initial
+    yield from implausible(robot)
+    for face in rising_faces(scene.model.terrain, robot.ball_radius):
+        yield from height_warnings(robot, float(face[-1, 1] - face[0, 1]),
+                                   f'at x = {face[0, 0]:g} m')
+    for name in ('speed', 'velocity_x', 'velocity_y'):
+        yield from speed_warnings(getattr(start, name) or 0.0, f'initial {name}')
+    if abs(start.pendulum_angle_deg) > TOP_DEG:
+        yield (f'initial pendulum_angle_deg is {start.pendulum_angle_deg:g}, above the top of '
+               f'the ball: {math.remainder(start.pendulum_angle_deg, 360.0):g} is the same angle')
+    if scene.actuation.law == 'position':
+        yield from angle_warnings(math.degrees(scene.actuation.set_angle))
+
+
+_WIDTH = 88
+
+
+def report(summary: Summary) -> str:
+    """Return a summary as aligned lines with units."""
+    rows = list(_rows(summary))
+    width = max(len(label) for label, _ in rows)
+    lines = [f'{label:<{width}}  {value}'.rstrip() for label, value in rows]
+    if summary.faces:
+        lines += ['', *_table(summary.faces)]
+    for warning in summary.warnings:
+        lines += ['', *wrap(f'Warning: {warning}.', _WIDTH, subsequent_indent='         ')]
+    return '\n'.join(lines)
+
+
+def _rows(summary: Summary) -> Iterator[tuple[str, str]]:
+    """Yield label and value of each line."""
+    ended = '' if summary.complete else ', ended early'
+    yield 'scene', f'{summary.name}, robot {summary.robot}'
+    yield 'simulated', (f'{summary.duration:.6g} s, {summary.samples} samples, '
+                        f'{summary.steps} steps{ended}')
+    yield 'at the end', (f'x = {summary.x:.3f} m, y = {summary.y:.3f} m, '
+                         f'{summary.speed:.3f} m/s')
+    yield 'speed', f'{summary.lowest_speed:.3f} to {summary.highest_speed:.3f} m/s'
+    yield 'largest normal force', (f'{summary.surface_normal_force:.0f} N on surfaces, '
+                                   f'{summary.edge_normal_force:.0f} N on edges')
+    yield 'largest penetration', f'{1e3 * summary.penetration:.2f} mm'
+    if summary.pendulum_angle is not None and summary.pendulum_torque is not None:
+        yield 'largest pendulum angle', f'{math.degrees(summary.pendulum_angle):.1f} deg'
+        yield 'largest pendulum torque', f'{summary.pendulum_torque:.2f} N m'
+    yield 'in flight', (f'{summary.flight_fraction:.1%} of the time, '
+                        f'{plural(summary.landings, "landing")}')
+    if summary.energy_residual is not None:
+        yield 'energy balance error', (f'{summary.energy_residual:.1e}, relative to '
+                                       f'{summary.energy_in_play:.3g} J')
+    if summary.accuracy is not None and summary.error_estimate is not None:
+        yield 'accuracy', (f'{summary.accuracy:g} m requested, error estimated at '
+                           f'{summary.error_estimate:.1e} m up to {summary.horizon:.4g} s')
+        yield 'effort', (f'{summary.evaluations} evaluations, {summary.events} events located, '
+                         'in all runs')
+    if summary.wall_time is not None and summary.real_time_factor is not None:
+        yield 'run time', (f'{summary.wall_time:.3g} s, {summary.real_time_factor:.3g} times as '
+                       'fast as real time')
+
+
+def plural(number: int, what: str) -> str:
+    """Return a number with its noun."""
+    return f'{number} {what}{"" if number == 1 else "s"}'
+
+
+def _table(faces: tuple[FaceMeeting, ...]) -> Iterator[str]:
+    """Yield the lines of the table of steps."""
+    yield 'step edge at      height    contact at    with speed    passed'
+    for face in faces:
+        start = f'{face.x:11.3f} m  {1e3 * face.height:5.1f} mm'
+        if face.touch_time is None or face.touch_speed is None:
+            yield f'{start}    {"not reached":<10}'.rstrip()
+        else:
+            yield (f'{start}    {face.touch_time:8.3f} s  {face.touch_speed:8.3f} m/s    '
+                   f'{"yes" if face.passed else "no"}')

@@ -11,7 +11,7 @@ import types
 import pytest
 
 from ballbot_ros.cli import command, main
-from ballbot_ros.paper.gallery import FIGURES
+from ballbot_ros.paper.figures import FIGURES
 
 
 @pytest.mark.parametrize('words', [

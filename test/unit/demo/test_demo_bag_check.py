@@ -3,7 +3,7 @@
 import pytest
 import yaml
 
-from ballbot_ros.bags.check import gaps, verdict
+from ballbot_ros.bags.writer import gaps, verdict
 
 RATES = {'joint_states': 500.0, 'odom': 100.0}
 MS = 10**6

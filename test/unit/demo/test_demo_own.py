@@ -6,10 +6,9 @@ import pytest
 from refusals import refused
 
 from ballbot_ros.config.files import config_folder
-from ballbot_ros.demo import demo, hardware, own_act
-from ballbot_ros.demo.demo import ACTS, passages_of
+from ballbot_ros.demo import demo, hardware
+from ballbot_ros.demo.demo import ACTS, own_acts, passages_of
 from ballbot_ros.demo.hardware import GetGoing
-from ballbot_ros.demo.own_act import own_acts
 from ballbot_ros.demo.timeline import account, Passage, Timeline
 from ballbot_ros.errors import ConfigurationError, UnstableLoopError
 from ballbot_ros.msg import BallState, Contact, MotorStatus
@@ -55,7 +54,7 @@ def test_a_robot_without_a_curve_gets_the_command_to_run(own_robot):
 def test_a_robot_without_a_pendulum_and_gains_that_diverge_are_refused(monkeypatch):
     with refused('inconsistent', 'pendulum_mass'):
         own_acts(robot='shellball')
-    monkeypatch.setattr(own_act, 'CONTROL_RATE', 100.0)
+    monkeypatch.setattr(demo, 'CONTROL_RATE', 100.0)
     with pytest.raises(UnstableLoopError, match='275'):
         own_acts('household')
 

@@ -5,7 +5,7 @@ import pytest
 
 from ballbot_ros.cli import main
 from ballbot_ros.figures import command_loss
-from ballbot_ros.paper import design, figures as paper, gallery, heights
+from ballbot_ros.paper import design, figures as paper, heights
 from ballbot_ros.paper.procedure import run_tests
 from ballbot_ros.paper.test_bench import Roll
 
@@ -39,10 +39,10 @@ def words(figure):
     return '\n'.join(found)
 
 
-@pytest.mark.parametrize('name', gallery.FIGURES)
+@pytest.mark.parametrize('name', paper.FIGURES)
 def test_every_figure_says_where_it_comes_from_and_reports_its_progress(name, coarse):
     fractions = []
-    text = words(gallery.FIGURES[name](fractions.append))
+    text = words(paper.FIGURES[name](fractions.append))
     assert ('re-simulated' if name.startswith('fig') else 'simulated with the full') in text
     assert fractions == sorted(fractions) and fractions[-1] == pytest.approx(1.0)
 
@@ -71,7 +71,7 @@ def test_rolls_are_drawn_by_what_came_of_them():
 def test_the_command_lists_the_figures(capsys):
     assert main(['figures', '--list']) == 0
     assert [line.split()[0] for line in capsys.readouterr().out.splitlines()] == list(
-        gallery.FIGURES)
+        paper.FIGURES)
 
 
 def test_an_unknown_figure_is_refused_with_the_nearest(capsys, tmp_path):
@@ -83,7 +83,7 @@ def test_an_interruption_keeps_the_figures_that_are_done(capsys, tmp_path, monke
     def stop(progress):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(gallery, 'FIGURES', {'slope': design.slope, 'never': stop})
+    monkeypatch.setattr(paper, 'FIGURES', {'slope': design.slope, 'never': stop})
     assert main(['figures', '--quiet', '--out', str(tmp_path)]) == 130
     assert sorted(path.name for path in tmp_path.iterdir()) == ['slope.png', 'slope.svg']
     assert 'slope.png, slope.svg are in' in capsys.readouterr().err

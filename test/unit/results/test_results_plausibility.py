@@ -14,7 +14,7 @@ from ballbot_ros.errors import ConfigurationError, PlausibilityWarning
 from ballbot_ros.physics import load_robot, load_scene
 from ballbot_ros.physics.model.robot import implausible
 from ballbot_ros.physics.simulation.scene import read_scene
-from ballbot_ros.results.warn import scene_warnings
+from ballbot_ros.results.summary import scene_warnings
 
 
 def warned(**sections):

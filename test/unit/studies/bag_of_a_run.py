@@ -3,7 +3,7 @@
 import numpy as np
 
 from ballbot_ros.bags.recorded_run import BALL_STATE, LATERAL_STATE
-from ballbot_ros.bags.rerun import plant_values
+from ballbot_ros.bags.replay import plant_values
 from ballbot_ros.bags.writer import RosbagsWriter
 
 

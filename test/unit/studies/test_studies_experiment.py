@@ -13,8 +13,7 @@ from ballbot_ros.config.files import shipped_files
 from ballbot_ros.errors import RefusedError
 from ballbot_ros.experiments import run as experiment
 from ballbot_ros.experiments.file import freeze, load_experiment, node_parameters
-from ballbot_ros.experiments.results import first_difference, TopicDigests
-from ballbot_ros.experiments.run import run_experiment
+from ballbot_ros.experiments.run import first_difference, run_experiment, TopicDigests
 from ballbot_ros.physics import load_scene, Solver
 from ballbot_ros.plant import Plant
 

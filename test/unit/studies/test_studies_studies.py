@@ -8,7 +8,7 @@ import pytest
 from refusals import refused
 
 from ballbot_ros.paper.cases import Case, holding, LEVEL, step_height, step_heights
-from ballbot_ros.paper.sensitivity import (
+from ballbot_ros.paper.design import (
     design_map, heights_on_slopes, sampled_heights, sensitivity)
 from ballbot_ros.physics import Actuation, load_robot
 from ballbot_ros.physics.model.uncertainty import changed, draw, independent, ranges
