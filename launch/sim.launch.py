@@ -6,6 +6,9 @@ from ballbot_ros.ros.launching import describe, ROBOT, SCENE
 
 ARGUMENTS = (
     ROBOT, SCENE,
+    ('floor', '', 'Name of a floor in config/floors, or the path of a YAML file, to drive on in '
+     'place of the scene'),
+    ('start', '', 'x, y [m] and heading [rad] on the floor; empty for that of its file'),
     ('lockstep', 'false', 'true: each period waits for its command, so that a run is repeatable'),
     ('terrain_rate', '50.0', 'How often the ground ahead is seen as a polyline [Hz]; 0: not'),
     ('observation_rate', '0.0', 'How often the next step is seen by a simple sensor [Hz]; 0: not'),
@@ -16,17 +19,19 @@ ARGUMENTS = (
 
 def start(given):
     """Return both nodes, and what shows the robot."""
+    robot = given.robot(real=False)
     return [
         # The simulator publishes /clock, so it must not wait for it.
         given.node('simulator', {
-            'use_sim_time': False, 'robot': given['robot'], 'scene': given['scene'],
+            'use_sim_time': False, 'robot': robot, 'scene': given['scene'],
+            'floor': given['floor'], 'start': given['start'],
             'lockstep': given.flag('lockstep'), 'start_paused': given.flag('start_paused'),
             'terrain_rate': given.number('terrain_rate'),
             'observation_rate': given.number('observation_rate'),
             'real_time_factor': given.number('real_time_factor'), **given.frames()}),
         SetParameter(name='use_sim_time', value=True),
-        given.node('controller', {'robot': given.robot(real=False)}),
-        *given.viewers(given.robot(real=False), simulated=True)]
+        given.node('controller', {'robot': robot}),
+        *given.viewers(robot, simulated=True)]
 
 
 def generate_launch_description():

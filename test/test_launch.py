@@ -16,6 +16,7 @@ from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.nodes.bridge.settings import BridgeSettings
 from ballbot_ros.nodes.controller.settings import ControllerSettings
 from ballbot_ros.nodes.imu.settings import ImuSettings
+from ballbot_ros.nodes.navigator.settings import NavigatorSettings
 from ballbot_ros.nodes.obstacle_decision.settings import DecisionSettings
 from ballbot_ros.nodes.simulator.settings import SimulatorSettings
 
@@ -37,7 +38,7 @@ def started(path):
 def test_launch_files_start_nodes_that_exist_with_parameters_that_exist(path):
     known = {'bridge': BridgeSettings, 'simulator': SimulatorSettings,
              'controller': ControllerSettings, 'obstacle_decision': DecisionSettings,
-             'imu': ImuSettings}
+             'imu': ImuSettings, 'navigator': NavigatorSettings}
     nodes = list(started(path))
     assert nodes or path.stem in ('record.launch', 'two_robots.launch')
     for executable, names in nodes:
@@ -152,8 +153,8 @@ def test_launch_arguments_are_described_and_their_defaults_exist(path):
     arguments = {argument.name: argument for argument in description.get_launch_arguments()}
     assert all(argument.description for argument in arguments.values())
     for name, folder in (('robot', 'robots'), ('scene', 'scenes'), ('hardware', 'hardware'),
-                         ('tuning', 'tunings')):
+                         ('tuning', 'tunings'), ('floor', 'floors')):
         if name in arguments:
             default = perform_substitutions(LaunchContext(), arguments[name].default_value)
-            assert name == 'robot' and not default or (
+            assert name in ('robot', 'floor') and not default or (
                 ROOT / 'config' / folder / f'{default}.yaml').exists()
