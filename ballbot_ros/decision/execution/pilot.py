@@ -29,7 +29,7 @@ def order_for(decision: Decision, tuning: DecisionTuning, stand: float,
     decision : Decision
     tuning : DecisionTuning
     stand : float
-        Where to stand if the decision stops and its plan does not say where [m].
+        Where to stand if the decision stops [m].
     speed : float
         Of the ball [m/s].
 
@@ -37,16 +37,12 @@ def order_for(decision: Decision, tuning: DecisionTuning, stand: float,
     plan = decision.plan or Plan(Strategy.STOP)
     common = Order(lean=tuning.largest_lean, emergency_lean=tuning.emergency_lean,
                    reaction=tuning.reaction_time + tuning.actuation_delay)
-    stop = plan.stop_position if math.isfinite(plan.stop_position) else stand
-    if decision.set_speed == 0.0 and not math.isfinite(plan.stop_position) \
-            and abs(speed) > EASED:
-        stop = -math.inf
     if decision.kind is Kind.BACK_OFF:
         return common._replace(forward=CREEP, backward=BACKING, stop=plan.start)
-    if decision.kind is Kind.STOP:
-        return common._replace(forward=decision.set_speed, backward=CREEP, stop=stop)
-    if decision.kind is Kind.GO_ROUND:
-        return common._replace(forward=decision.set_speed, backward=CREEP, stop=stop)
+    if decision.kind in (Kind.STOP, Kind.GO_ROUND):
+        at_once = decision.set_speed == 0.0 and not math.isfinite(plan.stop_position)
+        return common._replace(forward=decision.set_speed, backward=CREEP,
+                               stop=-math.inf if at_once and abs(speed) > EASED else stand)
     if decision.kind is Kind.CROSS and decision.plan is not None:
         after = 0.0 if plan.after is After.STOP else min(plan.speed, tuning.cruise_speed)
         return common._replace(forward=plan.speed, swing=plan.swing_position,
@@ -121,19 +117,24 @@ class Pilot:
         return self._angle
 
     def _standing(self, decision: Decision, motion: Motion) -> float:
-        """Return the hold position for a stop without a given position [m]."""
-        own = decision.plan is not None and math.isfinite(decision.plan.stop_position)
-        if own or decision.kind not in (Kind.STOP, Kind.GO_ROUND):
+        """
+        Return where to stand [m]: until the ball is at rest, that moves only closer.
+
+        A decision may stop for another reason at an edge, where the slope is measured badly and
+        faces come and go.
+        """
+        if decision.kind not in (Kind.STOP, Kind.GO_ROUND):
             self._stand = math.inf
             return math.inf
-        slope = 0.0 if self._state is None else estimated_slope(self._state, self.law[:])
-        ahead = braking_distance(
-            abs(motion.speed), slope if motion.speed > 0.0 else -slope,
-            self._tuning.emergency_lean, self._tuning.reaction_time, self.law[:])
-        # Where it cannot be braked it stands as soon as it can.
-        soonest = motion.position + math.copysign(min(ahead, FARTHEST), motion.speed)
-        # What was reckoned at an edge, or on a slope that was none, is corrected, but the ball is
-        # not let on.
-        if not math.isfinite(self._stand) or motion.speed > MOVING and soonest < self._stand:
-            self._stand = soonest
+        given = math.inf if decision.plan is None else decision.plan.stop_position
+        if not math.isfinite(given) and (
+                not math.isfinite(self._stand) or motion.speed > MOVING):
+            slope = 0.0 if self._state is None else estimated_slope(self._state, self.law[:])
+            ahead = braking_distance(
+                abs(motion.speed), slope if motion.speed > 0.0 else -slope,
+                self._tuning.emergency_lean, self._tuning.reaction_time, self.law[:])
+            # Where it cannot be braked it stands as soon as it can.
+            given = motion.position + math.copysign(min(ahead, FARTHEST), motion.speed)
+        rests = math.isfinite(given) and abs(motion.speed) <= MOVING
+        self._stand = given if rests else min(self._stand, given)
         return self._stand

@@ -67,6 +67,16 @@ def test_after_an_immediate_stop_it_stands_where_it_came_to_rest(slope_deg):
     assert min(speed for now, _, speed, _ in log if now > 3.0) > -0.02
 
 
+@pytest.mark.parametrize('first', [STOP, stop_at(0.9)])
+def test_before_it_rests_a_stop_for_another_reason_does_not_let_it_roll_on(first):
+    def then(now):
+        return first if now < 2.5 else stop_at(3.0)
+
+    log = drive(0.0, lambda now: CRUISE if now < 2.0 else then(now), 3.5)
+    alone = drive(0.0, lambda now: CRUISE if now < 2.0 else first, 3.5)
+    assert max(x for _, x, *_ in log) < max(x for _, x, *_ in alone) + 0.1
+
+
 @pytest.mark.parametrize('slope_deg', [-3.0, 0.0, 3.0])
 def test_it_backs_off_to_where_a_plan_begins(slope_deg):
     back = Decision(Kind.BACK_OFF, Reason.RUN_UP, 0.0, '', plan=Plan(Strategy.BACK_OFF, -0.7))

@@ -8,6 +8,7 @@ import pytest
 
 from ballbot_ros.decision import (
     Face, Kind, Knowledge, load_curve, load_decision_tuning, Motion, Profile, Reason)
+from ballbot_ros.decision.planning.rollout.ahead import look_ahead
 from ballbot_ros.decision.planning.rollout.planner import planner
 from ballbot_ros.decision.planning.situation import Situation
 from ballbot_ros.decision.values import After, Failure, Plan, Strategy
@@ -106,6 +107,21 @@ def test_a_drop_close_behind_the_edge_is_not_risked():
 def test_a_threshold_is_carried_over():
     answer = decide(step(0.02), Face(2, 0.1, -0.02, 0.01, 0.001))
     assert answer.kind is Kind.CROSS and answer.plan.edge > 0.1
+
+
+def test_no_plan_ends_between_two_edges_where_the_ball_cannot_stand():
+    floor = [(-3.0, 0.0), (0.0, 0.0), (0.0, 0.02), (0.1, 0.02), (0.1, 0.0), (3.0, 0.0)]
+    profile = seen(step(0.02), Face(2, 0.1, -0.02, 0.01, 0.001), points=floor, seen_to=3.0)
+    found = look_ahead(profile, profile.faces, -1.0, 0.0, 0.0, RADIUS, 0.0)
+    assert [end.faces for end in found.ends] == [2]
+
+
+def test_before_a_small_step_down_that_comes_too_late_for_a_stop_it_decides_at_once():
+    floor = [(-3.0, 0.0), (0.0, 0.0), (0.0, -0.01), (3.0, -0.01)]
+    answer = decide(step(-0.01), room=0.1 - RADIUS, speed=0.6, answers=1, points=floor,
+                    seen_to=3.0)
+    assert (answer.kind, answer.reason) == (Kind.CROSS, Reason.COMMITTED)
+    assert answer.set_speed <= TUNING.cruise_speed
 
 
 def test_what_failed_is_not_tried_again_but_more_of_it():

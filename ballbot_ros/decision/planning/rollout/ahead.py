@@ -147,6 +147,8 @@ def look_ahead(profile: Profile, faces: Sequence[Face], position: float, slope: 
         climbed += face.height
         if falls or index > 0 and foot - last > TOGETHER:
             continue
+        if ends and foot - last < radius:
+            ends.pop()  # no ball stands between edges that are nearer than that
         last = here
         # Until a ball rolls down, its step may come later than seen; up, it is lifted.
         later = SIGMAS * max(face.position_sd, 0.0) if face.height < 0.0 else 0.0

@@ -594,6 +594,11 @@ class RolloutPlanner:
             motion.speed, ahead.slope - 2.0 * ahead.slope_sd, emergency=True)
         selector.update(ahead, situation, min(room, sure) if started else room)
         choice = selector.choice or Choice(None, Reason.NOT_LIKELY)
+        if choice.trial is None and face.height < 0.0 and room < TOO_LATE \
+                and motion.speed > STANDING:
+            # It goes down in any case, and needs no search for how.
+            choice = Choice(Trial(Candidate(Strategy.CRUISE, self._tuning.cruise_speed)),
+                            Reason.COMMITTED)
         if choice.trial is None:
             # There is time to look closer, and no need to say no yet.
             stand = face.position - self._robot.ball_radius - self._tuning.stop_gap
