@@ -19,11 +19,9 @@ class Qos(NamedTuple):
                 f'{"latched, " if self.latched else ""}depth {self.depth}')
 
 
-# Publishers of measurements: reliable, so that every subscription matches, and deep enough for a
-# recorder that is delayed by some seconds.
+# Publishers of measurements and commands: reliable, so that every subscription matches, and deep
+# enough for a recorder that is delayed by some seconds.  A node refuses a delayed command.
 STATE = Qos(5000)
-# Publishers of commands and set-points; a delayed one is refused by its stamp.
-COMMAND = Qos(2000)
 # Subscriptions of which only the latest message matters.
 LATEST = Qos(1)
 # Subscriptions to sensors, whose drivers often publish best effort.
@@ -75,10 +73,10 @@ TOPICS: Mapping[str, Topic] = MappingProxyType({
     'joint_states': Topic('sensor_msgs/msg/JointState', STATE, LATEST, 'simulator, bridge',
                           'controller', 'angle, rate and torque of `shell` and `pendulum`; on a '
                           'floor also of `lean`, `tilt` and `yaw`'),
-    'joint_commands': Topic('sensor_msgs/msg/JointState', COMMAND, LATEST, 'controller',
+    'joint_commands': Topic('sensor_msgs/msg/JointState', STATE, LATEST, 'controller',
                             'simulator, bridge', 'torque of `pendulum` and angle of `lean`, '
                             'stamped like the state that they answer'),
-    'set_point': Topic('sensor_msgs/msg/JointState', COMMAND, LATEST,
+    'set_point': Topic('sensor_msgs/msg/JointState', STATE, LATEST,
                        'obstacle_decision, navigator',
                        'controller, simulator, bridge', 'absolute pendulum angle or joint rate'),
     'cmd_vel': Topic('geometry_msgs/msg/TwistStamped', LATEST, LATEST, 'navigator',
