@@ -64,7 +64,7 @@ class Authority:
         if sender != self.holder and 0.0 <= now - self._last <= self._timeout:
             self.refused += 1
             self._contested_at = now
-            self.contest = f'{sender or "another"} commands, too, and {self.holder} did first'
+            self.contest = f'{sender or "another node"} commands, but {self.holder} has authority'
             raise MessageError(
                 f'{self.contest}: one at a time; end one of them, or let the '
                 f'first be silent for {self._timeout:g} s', 'other_sender', 'publisher')

@@ -62,7 +62,7 @@ class CommandGate:
         ------
         MessageError
             With reason ``not_finite``, ``stale``, ``from_the_future`` or ``out_of_order``;
-            `refused` counts it, and the command in force stays.
+            `refused` counts it, and the active command remains.
 
         """
         try:
@@ -114,5 +114,5 @@ class CommandGate:
         return self.stamp is not None and now - self._since > self.timeout
 
     def clear(self) -> None:
-        """Drop the command in force; the counts stay."""
+        """Drop the active command; the counts remain."""
         self.stamp, self._torque, self._lean = None, 0.0, 0.0

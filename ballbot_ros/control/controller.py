@@ -24,13 +24,13 @@ class PendulumController:
     """
     Laws (11) and (12), and the speed law over (11), with a torque limit.
 
-    All time comes from the stamps of readings, so that a paused or replayed simulation
+    All times are stamps of readings, so that a paused or replayed simulation
     gives the same torque.  Until a set-point is given the torque is zero.
 
     The integral of (12) is the paper's ``set_rate * t - theta2`` with both counted from the
     first reading under this set-point; the same set-point given again, as a publisher does
     periodically, does not restart it.  While the torque is limited the integral only moves
-    in the direction that leaves the limit; where it is not limited the law is untouched.
+    in the direction that leaves the limit; without limiting the law is unchanged.
 
     The resistance estimate of the speed law survives a change of the set speed, but not a change
     of the mode.
@@ -47,7 +47,7 @@ class PendulumController:
     Attributes
     ----------
     excess : float
-        Torque that the limit cut off the last output [N m].
+        Torque removed by the limit from the last output [N m].
 
     Raises
     ------
@@ -92,7 +92,7 @@ class PendulumController:
         self._tuning = tuning
         self._gravity_torque = (
             self._robot.largest_gravity_torque if tuning.gravity_compensation else 0.0)
-        # The speed law as its kernels read it, made at the first use.
+        # Parameters of the speed law for its kernels, created at the first use.
         self._numbers: Optional[Numbers] = None
 
     def reset(self) -> None:
@@ -108,7 +108,7 @@ class PendulumController:
 
     def give(self, set_point: SetPoint) -> None:
         """
-        Follow another set-point from now on.
+        Replace the set-point.
 
         Raises
         ------

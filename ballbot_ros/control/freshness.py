@@ -45,7 +45,7 @@ class Watchdog:
 
     @property
     def fed(self) -> bool:
-        """Return whether it was ever fed: an expired watchdog may not have started yet."""
+        """Return whether it was ever fed: before the first feed, the watchdog is also expired."""
         return self._last is not None
 
     def feed(self, now: float) -> None:

@@ -74,7 +74,7 @@ Rolling = Tuple[float, float, float, float, float, float, float]
 @compiled
 def rolling_loads(angle: float, rate: float, ball_rate: float, slope: float,
                   rolling: Rolling) -> Tuple[float, float, float]:
-    """Return the torques on pendulum and ball [N m] but that of the motor, and C [kg m2]."""
+    """Return the torques on pendulum and ball without the motor's [N m], and C [kg m2]."""
     own = RollingNumbers(*rolling)
     friction, aside = own.joint_friction * (rate - ball_rate), angle - slope
     return (-friction - own.gravity_torque * math.sin(angle),

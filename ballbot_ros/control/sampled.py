@@ -127,7 +127,7 @@ def _angles(law: Mode, tuning: ControlTuning) -> Sequence[float]:
     """
     Return the set angles to be checked.
 
-    (11) holds any angle, (12) rolls with a hanging pendulum, the speed law stands on slopes.
+    (11) holds any angle, (12) rolls with a hanging pendulum, the speed law holds on slopes.
     """
     if law is Mode.SPEED:
         return 0.0, 0.45 * tuning.largest_lean, 0.9 * tuning.largest_lean
@@ -205,7 +205,7 @@ def loop_poles(robot: Robot, tuning: ControlTuning, law: Union[Mode, str], rate:
 def _speed_loop(model: RollingModel, tuning: ControlTuning, rate: float, delay: float,
                 set_angle: float) -> Array:
     """
-    Return the loop of the speed law over law (11), about a ball that stands on a slope.
+    Return the loop of the speed law over law (11), about a ball at rest on a slope.
 
     The states are those of the ball (phi, phi', theta1'), of the law (`SpeedState`) and the
     delayed torques.  Finite differences of `speed_law_step` linearise the law.
@@ -271,7 +271,7 @@ def is_stable(robot: Robot, tuning: ControlTuning, law: Union[Mode, str], rate: 
               delay: float = 0, set_angles: Optional[Sequence[float]] = None,
               lag: float = 0.0) -> bool:
     """
-    Return whether nothing grows faster than drift; parameters as in `growth_rate`.
+    Return whether no deviation grows faster than drift; parameters as in `growth_rate`.
 
     This holds for small deviations about these pendulum angles; for a ball that slips see
     `growth_rate` with `rolls` false.
@@ -346,4 +346,4 @@ def _remedy(robot: Robot, tuning: ControlTuning, law: Mode, rate: float, delay: 
         if is_stable(robot, lowered, law, 0.9 * rate, delay, None, lag):
             remedies.append(f'lower {name} to {gain:g}')
             break
-    return ' or '.join(remedies) or 'no rate saves these gains: see config/tunings'
+    return ' or '.join(remedies) or 'no rate makes these gains stable: see config/tunings'

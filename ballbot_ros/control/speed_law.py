@@ -9,7 +9,7 @@ towards +x) by::
 
 An observer estimates the resistance D from speed and pendulum angle.  It uses the measured angle,
 not the set angle, so it does not wind up while the pendulum moves or is at its largest lean, as an
-integral of the speed error would.  The wanted angle compensates D and gives the acceleration
+integral of the speed error would.  The desired angle compensates D and gives the acceleration
 speed_gain (set_speed - speed); the set angle for law (11) leads it, because law (11) lags by
 kd / kp.  See docs/speed_law.md.
 
@@ -48,8 +48,8 @@ class SpeedLaw(NamedTuple):
     coupling: float  # M2 e R [kg m2]
     radius: float  # [m]
     lag: float  # kd / kp of law (11) [s]
-    speed_gain: float  # wanted acceleration per speed error [1/s]
-    swing_time: float  # within which the pendulum follows the wanted angle [s]
+    speed_gain: float  # desired acceleration per speed error [1/s]
+    swing_time: float  # in which the pendulum follows the desired angle [s]
     observer_rate: float  # at which the estimate of the resistance converges [1/s]
 
     @classmethod
@@ -154,7 +154,7 @@ def motion_law_step(state: SpeedState, speed: float, pendulum_angle: float, set_
     set_speed, set_acceleration : float
         [m/s] and its time derivative [m/s2].
     lean : float
-        Largest wanted angle of the pendulum [rad], at most pi / 2.
+        Largest desired angle of the pendulum [rad], at most pi / 2.
     period : float
         Since the last step, above 0 [s].
     law : Numbers
@@ -199,7 +199,7 @@ def place_law_step(state: SpeedState, speed: float, pendulum_angle: float, gap: 
     Stop at a position and hold it; see `motion_law_step`.
 
     The set speed v solves gap = v / speed_gain + v^2 / (2 b), b being BRAKING of the deceleration
-    that the lean gives against the estimated resistance: the gap closes without overshoot.
+    of the lean against the estimated resistance: the gap closes without overshoot.
 
     Parameters
     ----------

@@ -98,7 +98,7 @@ class SupervisedController:
 
     @property
     def excess(self) -> float:
-        """Return the torque that the limit cut off the last output [N m]."""
+        """Return the torque removed by the limit from the last output [N m]."""
         return self._controller.excess
 
     @property
@@ -145,7 +145,7 @@ class SupervisedController:
         self.e_stop = engaged
 
     def forget(self) -> None:
-        """Be idle until the next set-point."""
+        """Drop the set-point."""
         self._controller.reset()
         self.let_down = False
 
@@ -178,7 +178,7 @@ class SupervisedController:
         if self._newest is not None and readings.stamp < self._newest.stamp:
             LOG.warning(
                 f'time went back from {self._newest.stamp:.3f} s to {readings.stamp:.3f} s: '
-                'set-point and integral are forgotten')
+                'set-point and integral are reset')
             self._controller.reset()
             self._asked_at = -math.inf
         self._rate.add(readings.stamp)
@@ -208,7 +208,7 @@ class SupervisedController:
         slow = rate is not None and rate < RATE_SLACK * self.expected.lowest_rate
         if slow and not self.too_slow:
             LOG.warning(
-                f'joint states come at {rate:.0f} Hz and these gains need '
+                f'joint states arrive at {rate:.0f} Hz and these gains need '
                 f'{self.expected.lowest_rate:.0f} Hz: torque is 0; raise the rate or choose '
                 'another tuning')
         if slow or self.too_slow:
@@ -226,8 +226,8 @@ class SupervisedController:
         elif stamp - self._held_at > PUSH and not self.overcome:
             self.overcome = True
             LOG.warning(
-                f'the set speed of {self.set_point.value:g} m/s is not kept: what resists is like '
-                f'a slope of {math.degrees(self._controller.slope):.1f} degrees, and the largest '
+                f'the set speed of {self.set_point.value:g} m/s is not reached: resistance of '
+                f'a slope of {math.degrees(self._controller.slope):.1f} degrees, but the largest '
                 f'lean holds {math.degrees(self._controller.steepest_slope):.1f}; the ball may '
                 'roll away')
 
@@ -253,5 +253,5 @@ class SupervisedController:
             self.let_down = True
             self._controller.give(SetPoint(Mode.HOLD, 0.0, current.stamp))
             LOG.warning(
-                f'no new set-point for {timeout:g} s at t = {stamp:.3f} s: the pendulum is let '
-                f'down; publish set-points at {2.0 / timeout:.0f} Hz or more')
+                f'no new set-point for {timeout:g} s at t = {stamp:.3f} s: the pendulum is '
+                f'lowered; publish set-points at {2.0 / timeout:.0f} Hz or more')

@@ -36,21 +36,21 @@ class ControlTuning(Checked):
     gravity_compensation: bool = flag(
         'add M2 g e sin(theta1 + theta2), as the paper does', default=True)
     torque_limit: float = quantity(
-        'N m', 'largest torque that is ever asked for', above=0.0, maximum=1e6, default=4.0)
+        'N m', 'largest requested torque', above=0.0, maximum=1e6, default=4.0)
     speed_gain: float = quantity(
-        '1/s', 'acceleration per speed error that the speed law wants', above=0.0, maximum=100.0,
+        '1/s', 'desired acceleration of the speed law per speed error', above=0.0, maximum=100.0,
         default=2.0)
     swing_time: float = quantity(
-        's', 'within which the pendulum follows the angle that the speed law wants', above=0.0,
+        's', 'time in which the pendulum follows the desired angle of the speed law', above=0.0,
         maximum=10.0, default=0.15)
     observer_rate: float = quantity(
-        '1/s', 'rate at which the observer of the speed law learns the resistance', above=0.0,
+        '1/s', 'convergence rate of the resistance estimate of the speed law', above=0.0,
         maximum=100.0, default=6.0)
     largest_lean: float = quantity(
-        'rad', 'largest pendulum angle that the speed law wants', above=0.0, maximum=1.5,
+        'rad', 'largest desired pendulum angle of the speed law', above=0.0, maximum=1.5,
         default=1.2)
     blend_time: float = quantity(
-        's', 'time over which a new law takes over from the present torque; 0 for none',
+        's', 'time in which the torque of a new law is blended in; 0 for none',
         minimum=0.0, maximum=10.0, default=0.0)
 
 

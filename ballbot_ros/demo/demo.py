@@ -39,13 +39,13 @@ from ballbot_ros.results.faces import faces_of
 
 ROBOT, CURVE, TUNING, DECISION = 'gimball', 'gimball_down', 'published', 'decision_default'
 CONTROL_RATE = 500.0  # [Hz]
-LONGEST = 30.0  # simulated time after which the robot has had its chance [s]
+LONGEST = 30.0  # end of the run, in simulated time [s]
 
 TOPICS = ('joint_states', 'joint_commands', 'set_point', 'odom', 'terrain_observation',
           'ball_state', 'step_decision')
 ALSO = also_recorded()
 
-# How often what the simulator publishes must be there; and in lockstep what answers it [Hz].
+# Required rate of the topics of the simulator, and in lockstep of their answers [Hz].
 STATES = {'joint_states': 500.0, 'ball_state': 100.0, 'odom': 100.0, 'terrain_observation': 50.0}
 ANSWERS = {'joint_commands': 500.0, 'set_point': 50.0, 'step_decision': 50.0}
 
@@ -63,9 +63,10 @@ class Act(NamedTuple):
     planner: str = 'rollout'
 
 
-TWO_STEPS = Act('The ball stands before a step, and behind that is a higher one.',
+TWO_STEPS = Act('The ball rests in front of a step, with a higher one behind it.',
                 'doorstep', (Expected.CROSSED, Expected.REFUSED))
-ACTS = (TWO_STEPS, Act('The floor falls, and then drops.', 'drop_on_slope', (Expected.REFUSED,)))
+ACTS = (TWO_STEPS, Act(
+    'The floor slopes down, and ends in a drop.', 'drop_on_slope', (Expected.REFUSED,)))
 
 
 def own_acts(scene: Optional[str] = None, robot: Optional[str] = None,
@@ -232,11 +233,11 @@ def in_processes(works: Sequence[Callable[[], int]], together: bool) -> List[int
 
 
 def check_bag(graph: RecordedGraph, real_time: bool, quiet: bool) -> List[str]:
-    """Return what is missing in the bag of a run that has ended, and say where it is complete."""
+    """Return the errors of the bag of a completed run; print a line if there are none."""
     states = graph.timeline.states
     if not states:
         return []
-    # What answers the last state was perhaps still to come.
+    # The answers to the last state may be missing.
     last = states[-1].header.stamp
     end = last.sec * 10**9 + last.nanosec - round(1e9 / STATES['terrain_observation'])
     rates = STATES if real_time else {**STATES, **ANSWERS}
@@ -328,7 +329,7 @@ def conclude(out: Path, title: str, quiet: bool, timeline: Timeline,
 
 @contextmanager
 def ending_by_signal() -> Iterator[None]:
-    """Turn SIGTERM into an exception, so that all nodes are ended on the way out."""
+    """Convert SIGTERM to an exception, so that all nodes are terminated."""
     before = signal.signal(signal.SIGTERM, _leave)
     try:
         yield
@@ -385,7 +386,7 @@ class SynchronizedStart:
         self._done = False
 
     def poll(self) -> None:
-        """Do what can be done now; to be called often."""
+        """Advance the start; to be called often."""
         now = time.monotonic()
         if self._done or now < self._next or not (
                 self._reset.service_is_ready() and self._resume.service_is_ready()):

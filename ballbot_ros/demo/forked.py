@@ -72,7 +72,7 @@ class Forked:
 
 def detached(name: str, work: Callable[[], int], arguments: Sequence[str],
              environment: Mapping[str, str], log: TextIO) -> Callable[[], int]:
-    """Return a function that works in a session of its own, with a name and a log file."""
+    """Return a function that runs in a separate session, with a name and a log file."""
     def work_alone() -> int:
         os.setsid()
         Path('/proc/self/comm').write_text(name)  # ps and top show 15 characters of it

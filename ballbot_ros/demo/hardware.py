@@ -22,11 +22,11 @@ from ballbot_ros.demo.timeline import Timeline
 from ballbot_ros.msg import MotorStatus
 from ballbot_ros.ros.endpoints import create_subscription
 
-TUNING = 'gentle'  # gains that a sample of delay and an estimated angle leave stable
+TUNING = 'gentle'  # gains that are stable with a sample of delay and an estimated angle
 MORE_TOPICS = ('imu', 'motor_status')
 # Wall time between two calls of a service [s].
 AGAIN = 0.3
-# Timeout of a service that keeps refusing [s].
+# Timeout of a service that refuses repeatedly [s].
 REFUSAL_TIMEOUT = 20.0
 
 
@@ -80,7 +80,7 @@ def run_hardware_demo(out: Path, protocol: str, firmware: str = '', serial_imu: 
                 folder, (*TOPICS, *ALSO, *MORE_TOPICS), timeline, nodes, metadata) as graph:
             return graph.run(GetGoing(graph.node).poll, timeout, longest=timeout)
 
-    prepare(('simulator', 'bridge', 'decision'))  # before anything is waited for
+    prepare(('simulator', 'bridge', 'decision'))  # before any wait
     if not quiet:
         imu = ', its IMU on another serial line' if serial_imu else ''
         print(f'An emulated {f"{protocol} {firmware}".strip()} drive, '
@@ -94,11 +94,11 @@ def run_hardware_demo(out: Path, protocol: str, firmware: str = '', serial_imu: 
 
 class GetGoing:
     """
-    Does what a person does: releases the e-stop, then lets the decision go on.
+    Performs the steps of an operator: releases the e-stop, then resumes the decision.
 
-    Not before the decision is there: while it gets ready it takes what the machine has, and a
-    motor under power needs some of that.  An e-stop that engages by itself after that is the end:
-    why it did is worth more than another attempt.
+    It waits for the decision first: the preparation of that node loads the machine, and a
+    loop with motor power needs processor time.  An e-stop that engages by itself later ends the
+    run, with its reason.
     """
 
     def __init__(self, node: Node):
@@ -113,7 +113,7 @@ class GetGoing:
         create_subscription(node, 'motor_status', self.take)
 
     def take(self, message: MotorStatus) -> None:
-        """Take note of the e-stop; that of the start does not count."""
+        """Record the e-stop; that of the start does not count."""
         if self._done == len(self._clients):
             if self._free and message.e_stop:
                 faults = f' ({", ".join(message.faults)})' if message.faults else ''
@@ -121,7 +121,7 @@ class GetGoing:
             self._free = self._free or not message.e_stop
 
     def poll(self) -> Optional[str]:
-        """Do the next step, and return why it cannot succeed, if so; to be called often."""
+        """Do the next step, and return the reason of a failure, if any; to be called often."""
         if self._e_stop is not None:
             return f'the e-stop has engaged by itself: {self._e_stop}'
         if self._done == len(self._clients):
@@ -137,7 +137,7 @@ class GetGoing:
         return None
 
     def _took(self, success: bool, message: str, now: float) -> Optional[str]:
-        """Take an answer; where the decision may not go on, the e-stop has engaged again."""
+        """Take a reply; if the decision cannot resume, the e-stop has engaged again."""
         service = self._services[self._done]
         if success:
             self._done += 1
@@ -153,7 +153,7 @@ class GetGoing:
 
 
 def load_note() -> str:
-    """Return the system load, the cause of most failures in real time, or where to look."""
+    """Return the system load, the cause of most failures in real time, or a hint."""
     load = os.getloadavg()[0]
     return (f'the load of this machine is {load:.1f} on {os.cpu_count()} processors, and a '
             'process that is not scheduled in time exceeds its watchdog: try again at a lower '

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The live page beside a demo: a process of its own, so that it takes no time from the nodes."""
+"""The live page beside a demo: a separate process, so that it does not delay the nodes."""
 from contextlib import contextmanager
 from importlib.util import find_spec
 import os
@@ -32,7 +32,7 @@ def page_beside(quiet: bool = False) -> Iterator[None]:
     Raises
     ------
     ConfigurationError
-        If the page is not there; says why.
+        If the page does not start; with the reason.
 
     """
     if find_spec('viser') is None:
@@ -63,6 +63,6 @@ def _first_line(process: 'subprocess.Popen[str]') -> str:
     line = process.stdout.readline().strip() if ready else ''
     if not line:
         raise ConfigurationError(
-            f'the page was not served within {START_TIMEOUT:g} s; leave --view out, or see what '
-            '"ballbot view --live" says', 'unavailable', '--view')
+            f'the page was not served within {START_TIMEOUT:g} s; leave --view out, or see the '
+            'output of "ballbot view --live"', 'unavailable', '--view')
     return line

@@ -4,7 +4,7 @@ Compile the kernels of the nodes before they start; no ROS is needed.
 
 Each node compiles its own kernels before it is ready. Compiled here, once, they are not compiled
 by several nodes at the same time. As a program, ``python -m ballbot_ros.demo.prepare NODE ...``
-does so for the named nodes, and imports what draws the picture: its bytecode is kept, too.
+does so for the named nodes, and imports the modules of the picture, to cache their bytecode.
 """
 from importlib import import_module
 import sys

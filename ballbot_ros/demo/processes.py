@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Start nodes as processes of their own, and end them for certain."""
+"""Start nodes as separate processes, and guarantee their termination."""
 import os
 from pathlib import Path
 import signal
@@ -60,7 +60,7 @@ def own_domain(number: int = 0) -> int:
 
 
 def environment(domain: int, folder: Path) -> Dict[str, str]:
-    """Return the environment of the nodes of a domain; `ros.discovery` says who finds them."""
+    """Return the environment of the nodes of a domain; `ros.discovery` sets their visibility."""
     return {**os.environ, **discovery.variables(os.environ), 'ROS_DOMAIN_ID': str(domain),
             'ROS_HOME': str(folder.resolve()),
             'RCUTILS_COLORIZED_OUTPUT': '0', 'PYTHONUNBUFFERED': '1'}
@@ -72,7 +72,7 @@ def parameter_arguments(parameters: Mapping[str, Any]) -> List[str]:
     for name, value in parameters.items():
         text = str(value).lower() if isinstance(value, bool) else str(value)
         if isinstance(value, str) and not isinstance(yaml.safe_load(text), str):
-            text = f"'{text}'"  # it would be read as a number, or as nothing
+            text = f"'{text}'"  # it would be parsed as a number, or as null
         arguments += ['-p', f'{name}:={text}']
     return ['--ros-args', *arguments] if arguments else []
 
@@ -113,7 +113,7 @@ class NodeProcesses:
     def start(self, name: str, parameters: Optional[Mapping[str, Any]] = None,
               arguments: Sequence[str] = (), label: str = '') -> None:
         """
-        Start ``ballbot_ros.nodes.<name>``; a second start goes on in the same log.
+        Start ``ballbot_ros.nodes.<name>``; a second start appends to the same log.
 
         Parameters
         ----------
@@ -122,7 +122,7 @@ class NodeProcesses:
         arguments : sequence of str
             More of the command line, ``('--ros-args', '-r', '__ns:=/left')`` for instance.
         label : str
-            What it is called here, if not by its name: where there are two of them.
+            Name of the process, if the same node is started twice.
 
         """
         self.run(f'ballbot_ros.nodes.{name}',

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Entry points of the nodes: their imports take a second, in which Ctrl-C ends them quietly."""
+"""Entry points of the nodes: during their imports, about a second, Ctrl-C ends them quietly."""
 from importlib import import_module
 
 

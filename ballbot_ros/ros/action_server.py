@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-An action server whose goals are worked on by the callbacks of the node, not by a coroutine.
+An action server whose goals are processed by the callbacks of the node, not by a coroutine.
 
-rclpy runs a goal as a coroutine, which its executor that is driven by events never wakes again
-(7.1.6); a loop in a callback would stop the node.  So a goal is handed over when it is accepted,
-and handed back with its result.
+rclpy runs a goal as a coroutine, which its event-driven executor never resumes (7.1.6); a loop in
+a callback would stop the node.  So the owner receives each accepted goal, and returns it with its
+result.
 """
 from typing import Any, Callable
 
@@ -26,9 +26,9 @@ class DeferredActionServer(ActionServer):
         Of the action.
     name : str
     check : callable
-        Is given each request first, and raises `RefusedError` to refuse it.
+        Called with each request first; raises `RefusedError` to refuse it.
     begin : callable
-        Is given the handle of each accepted goal.
+        Called with the handle of each accepted goal.
 
     """
 
@@ -60,8 +60,8 @@ class DeferredActionServer(ActionServer):
         node.destroy_node = destroy_node
 
     def notify_execute(self, goal_handle: ServerGoalHandle, execute_callback: Any) -> None:
-        """Do nothing: the owner works on the goal."""
+        """Do nothing: the owner processes the goal."""
 
     def finish(self, handle: ServerGoalHandle, result: Any) -> None:
-        """Send the result of a goal whose handle says already how it ended."""
+        """Send the result of a goal whose handle already has its final status."""
         super().notify_execute(handle, lambda _: result)

@@ -17,7 +17,7 @@ TOPIC = 'cmd_vel'
 TYPES = {'geometry_msgs/msg/TwistStamped': TwistStamped, 'geometry_msgs/msg/Twist': Twist}
 # Period of the queries for the type that is published [s].
 TYPE_PERIOD = 0.2
-# The largest value that a stick at rest sends [m/s, rad/s].
+# The largest offset of a joystick at rest [m/s, rad/s].
 NEGLIGIBLE = 0.01
 # A turn needs the lateral axis.
 TURN = ('angular', 'z')

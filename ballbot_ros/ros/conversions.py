@@ -103,7 +103,7 @@ def lean_set_point(message: JointState) -> float:
 
 def lateral_readings(message: JointState, robot: Robot) -> Optional[LateralState]:
     """
-    Return the lateral state in a joint state, None of a robot that drives straight.
+    Return the lateral state in a joint state, None for a robot that drives straight.
 
     Raises
     ------
@@ -150,7 +150,7 @@ def readings(message: JointState) -> JointReadings:
 
 def set_point(message: JointState) -> SetPoint:
     """
-    Return the set-point that a joint state asks for.
+    Return the set-point of a joint state.
 
     A position of the joint ``pendulum`` is an absolute pendulum angle for law (11), a
     velocity a joint rate for law (12); a message with neither means no torque.  Beside a
@@ -264,7 +264,7 @@ def motion(message: Odometry) -> Motion:
 
 def ball_state_message(state: State, torque: float, model: Model, frames: Frames = FRAMES,
                        plant: Optional[Plant] = None) -> BallState:
-    """Return everything that is known about a state; see `odometry_message`."""
+    """Return the complete message of a state; see `odometry_message`."""
     lateral = LateralState() if plant is None else plant.lateral
     position_x, position_y, heading = (state.x, 0.0, 0.0) if plant is None else plant.relative_pose
     energies = model.energies(state)

@@ -13,14 +13,14 @@ OK = DiagnosticStatus.OK
 WARN = DiagnosticStatus.WARN
 ERROR = DiagnosticStatus.ERROR
 
-# Publications from one search for endpoints whose profiles do not match to the next.
+# Publications between two searches for endpoints with incompatible profiles.
 MATCHED_EVERY = 10
 
 Health = Tuple[bytes, str, Mapping[str, object]]
 
 
 def refusals(what: str, counts: Mapping[str, int]) -> Dict[str, int]:
-    """Return how many messages were refused, in all and for each reason, as named values."""
+    """Return the number of refused messages, in total and by reason, as named values."""
     return {f'{what}_refused': sum(counts.values()),
             **{f'refused_{reason}': number for reason, number in counts.items()}}
 
@@ -40,7 +40,7 @@ class Diagnostics:
         Hardware id, such as the name of a robot; with the namespace of the node it identifies
         the robot.
     period : float
-        [s] of wall time: health is published while simulated time stands still, too.
+        [s] of wall time: health is also published while simulated time is stopped.
     stamp : callable, optional
         Returns the time of the node, where that is not its clock.
 

@@ -18,7 +18,7 @@ OPEN = f'{RANGE}=SUBNET'
 
 
 def chosen(environment: Mapping[str, str]) -> Dict[str, str]:
-    """Return the variables by which the user has chosen who finds the nodes, empty for none."""
+    """Return the variables by which the user has set the discovery range, empty for none."""
     return {name: environment[name] for name in CHOICES if environment.get(name)}
 
 
@@ -48,7 +48,7 @@ def variables(environment: Mapping[str, str]) -> Dict[str, str]:
 
 def apply(environment: MutableMapping[str, str]) -> str:
     """
-    Add `variables` to an environment, and return a sentence that says who finds the nodes.
+    Add `variables` to an environment, and return a sentence with the discovery range.
 
     Parameters
     ----------

@@ -78,8 +78,8 @@ def create_trigger(node: Node, name: str, act: Callable[[], str]) -> Service:
     node : Node
     name : str
     act : callable
-        Returns the message of a success; the message of a `BallbotError` that it raises says
-        why it did not succeed.
+        Returns the message of a success; the message of a `BallbotError` that it raises gives
+        the reason of a failure.
 
     """
     def callback(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
@@ -92,7 +92,7 @@ def create_trigger(node: Node, name: str, act: Callable[[], str]) -> Service:
 
 
 def has_subscribers(publisher: Publisher) -> bool:
-    """Return whether a message would reach anybody; one that is not kept need not be made else."""
+    """Return whether a message has a subscriber; otherwise it need not be created."""
     return bool(publisher.get_subscription_count())
 
 
@@ -129,8 +129,8 @@ def mismatches(node: Node) -> List[str]:
         names = sorted({endpoint_name(source) for source in sources})
         if topic == CLOCK and own in names and len(names) > 1:
             others = ' and '.join(name for name in names if name != own)
-            found.append(f'{others} publishes {CLOCK}, too, and there can be one time only: start '
-                         'all simulators but one with publish_clock:=false')
+            found.append(f'{others} also publishes {CLOCK}, but a graph has one clock: start '
+                         'all other simulators with publish_clock:=false')
     return found
 
 
@@ -144,7 +144,7 @@ def endpoint_name(endpoint: TopicEndpointInfo) -> str:
 
 
 def _mismatch(source: TopicEndpointInfo, sink: TopicEndpointInfo) -> str:
-    """Return why messages do not pass from one to the other, empty where they do."""
+    """Return the reason why messages do not pass between two endpoints, empty if they do."""
     if source.topic_type != sink.topic_type:
         return (f'it is published as {source.topic_type} and subscribed to as {sink.topic_type}')
     verdict, reason = qos_check_compatible(source.qos_profile, sink.qos_profile)

@@ -2,13 +2,13 @@
 """
 The coordinate frames of a robot by their names; importable without ROS.
 
-The tree, in which each frame hangs from the one before it::
+The tree; each frame is a child of the one before it::
 
     odom ── base_link ── ball_link ── pendulum_link
                 │            └─────── imu_link
                 └─────── base_footprint
 
-``odom`` stands still; the joint ``shell`` turns ``ball_link``, the joint ``pendulum`` turns
+``odom`` is fixed; the joint ``shell`` turns ``ball_link``, the joint ``pendulum`` turns
 ``pendulum_link`` in it; everything else is level.
 
 A robot that turns on a floor has ``axle_link`` between base and ball, which the joint ``tilt``
@@ -78,9 +78,9 @@ class Frames:
 
 FRAMES = Frames()
 
-WHY = 'others have looked it up already'
+WHY = 'other nodes may already use it'
 _DOCS = {
-    'odom': 'frame of reference of the odometry: it stands still',
+    'odom': 'fixed frame of the odometry',
     'map': 'frame of the floor; a parent of odom_frame, empty to publish none',
     'footprint': 'level frame at the lowest point of the ball',
     'base': 'level frame at the centre of the ball, which does not roll; a child of odom_frame',
@@ -90,7 +90,7 @@ _DOCS = {
 def described() -> Any:
     """Declare the parameter that selects the publisher of the link transforms."""
     return fixed('the topics are made at the start', flag(
-        'publish robot_description, and where the links are on /tf and /tf_static; false where '
+        'publish robot_description, and the links on /tf and /tf_static; false if '
         'robot_state_publisher does', default=True))
 
 
@@ -109,4 +109,4 @@ def frame(kind: str) -> Any:
 def frame_prefix() -> Any:
     """Declare the parameter for the prefix of all frames."""
     return fixed(WHY, text(
-        'before the name of each frame, such as `left/` where there are more robots', default=''))
+        'prefix of the name of each frame, such as `left/` with several robots', default=''))

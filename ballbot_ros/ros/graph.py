@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The running graph as commands see it: topics, rates, messages and Trigger services."""
+"""Access of commands to the running graph: topics, rates, messages and Trigger services."""
 import array
 from collections import deque
 import csv
@@ -123,10 +123,10 @@ class Observer:
             known = [one for one, _ in self.node.get_topic_names_and_types()]
             raise ConfigurationError(
                 f'no node publishes or subscribes to {name}{suggestion(name, known)}; '
-                f'"ballbot topics" lists what there is', 'unknown_name', 'topic')
+                f'"ballbot topics" lists the topics', 'unknown_name', 'topic')
         if len(found) > 1:
             raise ConfigurationError(f'{name} has several types, {" and ".join(found)}: '
-                                     'end those nodes that mean the other one',
+                                     'end the nodes with the other type',
                                      'ambiguous', 'topic')
         return str(found[0])
 
@@ -320,7 +320,7 @@ def trigger(observer: Observer, node: str, verb: str, timeout: float) -> Service
             f'{there}', 'unknown_name', '--node')
     answer = client.call_async(Trigger.Request())
     if not observer.wait(answer.done, timeout):
-        raise ConfigurationError(f'{node}/{verb} has not answered within {timeout:g} s; look '
-                                 'whether it did what it was asked for', 'unavailable', '--node')
+        raise ConfigurationError(f'{node}/{verb} has not answered within {timeout:g} s; check '
+                                 'whether it was executed', 'unavailable', '--node')
     result = answer.result()
     return ServiceAnswer(result.success, result.message)

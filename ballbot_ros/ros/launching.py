@@ -23,9 +23,9 @@ Argument = Tuple[Any, ...]
 # Arguments of all launch files.
 SHARED: Tuple[Argument, ...] = (
     ('namespace', '', 'Namespace of all nodes and their topics'),
-    ('frame_prefix', '', 'Before the name of each frame, such as left/, for more robots'),
-    ('params_file', '', 'YAML file with parameters of the nodes; goes before the arguments here'),
-    ('log_level', 'info', 'What is logged at least', ('debug', 'info', 'warn', 'error', 'fatal')),
+    ('frame_prefix', '', 'Prefix of the name of each frame, such as left/, with several robots'),
+    ('params_file', '', 'YAML file with parameters of the nodes; overrides the other arguments'),
+    ('log_level', 'info', 'Lowest logged severity', ('debug', 'info', 'warn', 'error', 'fatal')),
     ('robot_state_publisher', 'true',
      'false: the nodes publish robot_description and all frames themselves'),
     ('rviz', 'false', 'true: start RViz with the view of this package'),
@@ -44,7 +44,7 @@ HARDWARE: Tuple[Argument, ...] = (
 IMU: Tuple[Argument, ...] = (
     ('imu_port', '',
      'hardware: serial device of a WitMotion sensor; empty where another node publishes imu'),
-    ('imu_axes', 'x y z', 'hardware: which of its axes point forward, left and up'))
+    ('imu_axes', 'x y z', 'hardware: its axes that point forward, left and up'))
 
 # Of rviz/ballbot.rviz: what is to follow the namespace.
 SHOWN = ('odom', 'robot_description', 'markers')
@@ -65,7 +65,7 @@ class Given:
         return str(LaunchConfiguration(name).perform(self._context))
 
     def robot(self, real: bool) -> str:
-        """Return the robot that is asked for, or else that of the hardware or of the scene."""
+        """Return the requested robot, or else that of the hardware or of the scene."""
         if self['robot']:
             return self['robot']
         if real:
@@ -123,12 +123,12 @@ class Given:
 
     def viewers(self, robot: str, simulated: bool) -> List[Any]:
         """
-        Return robot_state_publisher, and the programs that show the robot, as far as wanted.
+        Return robot_state_publisher, and the programs that show the robot, as far as requested.
 
         Raises
         ------
         ConfigurationError
-            With reason ``not_installed`` if robot_state_publisher is wanted and missing.
+            With reason ``not_installed`` if robot_state_publisher is requested and missing.
 
         """
         found: List[Any] = []
@@ -165,7 +165,7 @@ def require_package(name: str) -> None:
 
 
 def typed(parameters: Mapping[str, Any]) -> Dict[str, Any]:
-    """Return parameters of which text stays text: a robot may be named 1 or true."""
+    """Return parameters in which text remains text: a robot may be named 1 or true."""
     return {name: ParameterValue(value, value_type=str) if isinstance(value, str) else value
             for name, value in parameters.items()}
 
@@ -173,7 +173,7 @@ def typed(parameters: Mapping[str, Any]) -> Dict[str, Any]:
 def describe(arguments: Iterable[Argument], start: Callable[[Given], List[Any]]
              ) -> LaunchDescription:
     """
-    Return a launch description of arguments, and of what is started with them.
+    Return a launch description with arguments, and with the actions that use them.
 
     Parameters
     ----------

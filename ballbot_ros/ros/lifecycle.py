@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-A lifecycle node that no request ends, and that can start by itself.
+A lifecycle node that survives invalid requests, and that can start by itself.
 
 Where a transition is not possible from the state that the node is in, the callback of the service
 ``change_state`` raises an error in rclpy of Jazzy, which its executors let end the process; in
@@ -17,7 +17,7 @@ from ballbot_ros.ros.rclpy_compat import (
     available_transitions, change_state_service, state_label, transition_label)
 
 SUCCESS, FAILURE = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FAILURE
-# How often a start is tried that has not worked yet [s].
+# Period of the attempts to start [s].
 START_AGAIN = 1.0
 UNCONFIGURED, INACTIVE = 'unconfigured', 'inactive'
 
@@ -36,7 +36,7 @@ class ManagedNode(LifecycleNode):
     """
 
     def __init__(self, name: str, **kwargs: Any):
-        """Take the place of the service callback that may raise."""
+        """Replace the service callback that may raise."""
         super().__init__(name, **kwargs)
         self.managed = False
         service = change_state_service(self)
@@ -58,17 +58,17 @@ class ManagedNode(LifecycleNode):
 
     @property
     def state_label(self) -> str:
-        """Return the state that it is in, as rclpy calls it."""
+        """Return the name of the state."""
         return state_label(self)
 
     def start(self) -> bool:
-        """Configure and activate, as far as that is still to be done; return whether it is."""
+        """Configure and activate, as far as necessary; return whether the node is active."""
         if self.state_label == UNCONFIGURED and self.trigger_configure() is not SUCCESS:
             return False
         return self.state_label == INACTIVE and self.trigger_activate() is SUCCESS
 
     def _possible(self, wanted: Transition) -> bool:
-        """Say whether a transition is possible now: by its name if it has one, else its number."""
+        """Return whether a transition is possible now: by its name if it has one, or number."""
         return any(wanted.label == label if wanted.label else wanted.id == number
                    for number, label in available_transitions(self))
 

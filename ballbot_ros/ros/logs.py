@@ -47,7 +47,7 @@ class DeferredLogs:
         self._logger = logging.getLogger(name)
         self._queue: SimpleQueue[logging.LogRecord] = SimpleQueue()
         self._logger.handlers, self._logger.propagate = [QueueHandler(self._queue)], False
-        # Those above do not take any before the node is there.
+        # Parent loggers have no handler before the node exists.
         self._logger.setLevel(logging.INFO)
 
     def forward(self) -> None:

@@ -47,7 +47,7 @@ class MarkerTopic:
         self._last = -math.inf
 
     def is_due(self, now: float) -> bool:
-        """Return whether markers would be seen, and take note that they are then published."""
+        """Return whether markers are due and have subscribers, and schedule the next ones."""
         if self._topic is None or 0.0 <= now - self._last < PERIOD:
             return False
         self._last = now
@@ -60,7 +60,7 @@ class MarkerTopic:
 
 
 def world_markers(state: State, model: Model, frame: str) -> List[Marker]:
-    """Return the ground, where the ball touches it, and with what force, in the frame `odom`."""
+    """Return the ground, the contact points and the contact forces, in the frame `odom`."""
     stamp = to_time(state.time)
     ground = _marker(stamp, frame, 'terrain', Marker.TRIANGLE_LIST, GROUND, _ribbon(
         model.terrain.vertices), (1.0, 1.0, 1.0))
@@ -143,13 +143,13 @@ def decision_markers(decision: Decision, odometry: Odometry, radius: float) -> L
 
 
 def _across(x: float, low: float, high: float) -> List[Place]:
-    """Return the outline of an upright face across the way."""
+    """Return the outline of an upright face across the path."""
     left, right = HALF_WIDTH, -HALF_WIDTH
     return [(x, left, low), (x, left, high), (x, right, high), (x, right, low), (x, left, low)]
 
 
 def _ribbon(vertices: 'np.ndarray[Tuple[int, int], np.dtype[np.float64]]') -> List[Place]:
-    """Return the triangles of the ground, whose ends go on as its last segments do."""
+    """Return the triangles of the ground, extended along its last segments."""
     ends = [vertices[near] + END * (vertices[near] - vertices[next_]) / np.linalg.norm(
         vertices[near] - vertices[next_]) for near, next_ in ((0, 1), (-1, -2))]
     course = [ends[0], *vertices, ends[1]]
@@ -163,7 +163,7 @@ def _ribbon(vertices: 'np.ndarray[Tuple[int, int], np.dtype[np.float64]]') -> Li
 
 def _marker(stamp: Time, frame: str, name: str, kind: int, colour: Sequence[float],
             points: Iterable[Place], scale: Place) -> Marker:
-    """Return a marker of points; without any, one that takes away that of before."""
+    """Return a marker of points; without points, one that deletes the previous marker."""
     marker = Marker(ns=name, type=kind, action=Marker.ADD, color=ColorRGBA(
         **dict(zip('rgba', colour))), points=[Point(x=x, y=y, z=z) for x, y, z in points])
     marker.header.stamp, marker.header.frame_id = stamp, frame

@@ -24,7 +24,7 @@ except ImportError:  # part of every ROS 2 installation
 
 class OdometryTopics:
     """
-    The topics ``odom`` and ``/tf``, and others that a viewer needs to show the robot.
+    The topics ``odom`` and ``/tf``, and those that viewers need.
 
     Odometry moves the base in the frame ``odom``.  The frames below the base are published by
     robot_state_publisher, or by this class in its place: ``robot_description``, ``/tf_static``,
@@ -37,7 +37,7 @@ class OdometryTopics:
     settings : SimulatorSettings or BridgeSettings
         Its names of frames, ``publish_description``, and ``odom_rate``, 0 for no odometry.
     steers : bool
-        Whether the robot turns, so that axle and pendulum have joints of their own.
+        Whether the robot turns, so that axle and pendulum have separate joints.
 
     """
 
@@ -84,7 +84,7 @@ class OdometryTopics:
         self._odometry = self._made if enabled else None
 
     def _describe(self, node: Node, robot: Robot, names: Frames) -> None:
-        """Publish the description, and the transforms that stay as they are."""
+        """Publish the description, and the static transforms."""
         # Kept: an unreferenced publisher is destroyed, and its latched messages with it.
         self._description = create_publisher(node, 'robot_description')
         self._description.publish(String(data=robot_description(
@@ -100,7 +100,7 @@ class OdometryTopics:
     def publish(self, make: Callable[[], Odometry], ball_angle: float, joint_angle: float,
                 lateral: LateralState = LateralState()) -> None:
         """
-        Publish odometry, if anybody would get it.
+        Publish odometry, if it has subscribers.
 
         Parameters
         ----------

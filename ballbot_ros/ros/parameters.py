@@ -10,8 +10,8 @@ An unknown name given to this node is an error.  In a section for many nodes (``
 meant for another node.  rclpy merges all sections, so the section of a name is looked up in the
 files themselves.
 
-Settings are immutable values.  A change makes other settings, has them checked as a whole by the
-node, and then hands them over, in rclpy's pre-set, on-set and post-set callbacks: all values of a
+Settings are immutable values.  A change creates new settings, which the node checks as a whole and
+then applies, in rclpy's pre-set, on-set and post-set callbacks: all values of a
 request, or none.  A check may take long (the stability of the laws takes a tenth of a second or
 more), so for a request by service it runs in a separate thread, and the callbacks use its
 result between two periods.
@@ -36,15 +36,15 @@ from ballbot_ros.errors import BallbotError, ConfigurationError
 from ballbot_ros.ros.rclpy_compat import answer_later, parameter_overrides, parameter_services
 from ballbot_ros.ros.settings import Described, S
 
-# Puts settings in force, in the thread of the executor; must not fail.
+# Applies settings, in the thread of the executor; must not fail.
 Commit = Callable[[], None]
 Prepare = Callable[[S], Commit]
-# Period at which a request that waits for the executor checks that there still is one [s].
+# Period at which a request that waits for the executor checks that it still exists [s].
 EXECUTOR_CHECK_PERIOD = 0.2
-# Longest time that a check keeps other threads from running [s].
+# Longest time for which a check keeps the interpreter lock [s].
 SWITCH_INTERVAL = 5e-4
 # Parameters that rclpy itself declares.  Those named qos_overrides are not among them: no
-# publisher or subscriber here asks for them, so they would have no effect.
+# publisher or subscriber here uses them, so they would have no effect.
 BUILT_IN = ('use_sim_time', 'start_type_description_service')
 
 
@@ -79,7 +79,7 @@ def refuse_sim_time(node: Node, explanation: str) -> bool:
 
 def declare(node: Node, cls: Type[S], prepare: Optional[Prepare[S]] = None) -> S:
     """
-    Declare the parameters of a node, and let those change at run time that can.
+    Declare the parameters of a node, and permit changes at run time where possible.
 
     Parameters
     ----------
@@ -87,8 +87,8 @@ def declare(node: Node, cls: Type[S], prepare: Optional[Prepare[S]] = None) -> S
     cls : type
         The settings, whose fields all have defaults.
     prepare : callable, optional
-        Takes settings that are wanted while the node runs; raises `BallbotError` if they cannot
-        work, or returns a function that puts them in force.  See `Changes`.  Without it no
+        Takes settings requested while the node runs; raises `BallbotError` if they are
+        invalid, or returns a function that applies them.  See `Changes`.  Without it no
         parameter can change.
 
     Returns
@@ -128,7 +128,7 @@ def refuse_unknown_overrides(node: Node, known: Iterable[str]) -> None:
     """
     Raise `ConfigurationError` for a name given to this node that is none of its parameters.
 
-    One that only a section for many nodes gives is left to those, with a warning.
+    A name that only a section for many nodes contains is ignored, with a warning.
     """
     names = sorted({*known, *BUILT_IN})
     unknown = [name for name in parameter_overrides(node) if name not in names]
@@ -143,12 +143,12 @@ def refuse_unknown_overrides(node: Node, known: Iterable[str]) -> None:
                 + suggestion(name, names), 'unknown_name', name)
         ignored.append(f'{name!r}{suggestion(name, names, listing=False)}')
     node.get_logger().warning(
-        f'not parameters of node {node.get_name()}, and ignored, as a section for many nodes '
-        f'gives them: {", ".join(ignored)}')
+        f'not parameters of node {node.get_name()}, and ignored, because a section for many nodes '
+        f'contains them: {", ".join(ignored)}')
 
 
 def _given(arguments: Sequence[str], node: str) -> tuple[set[str], set[str]]:
-    """Return the names that arguments and their files give to many nodes, and to this one."""
+    """Return the parameter names in arguments and files for many nodes, and for this one."""
     for_many: set[str] = set()
     for_one: set[str] = set()
     for option, value in _options(arguments):
@@ -174,7 +174,7 @@ def _options(arguments: Sequence[str]) -> Iterator[tuple[str, str]]:
 
 
 def _sections(path: str) -> list[tuple[str, set[str]]]:
-    """Return the nodes that a parameter file is for, each with the names that it gives."""
+    """Return the nodes of a parameter file, each with its parameter names."""
     try:
         content = yaml.safe_load(Path(path).read_text(encoding='utf-8'))
     except (OSError, UnicodeDecodeError, yaml.YAMLError):
@@ -204,7 +204,7 @@ class Change(NamedTuple):
     """The effect of a request."""
 
     refusal: str = ''  # why it has none
-    parameters: Sequence[Parameter] = ()  # that change, also those of a file that is named
+    parameters: Sequence[Parameter] = ()  # that change, including those of a named file
     settings: Any = None
     commit: Commit = lambda: None
     text: str = ''  # the change, for the log
@@ -234,7 +234,7 @@ class Changes(Generic[S]):
         self._prepare = prepare
         self._described: dict[str, Described] = settings.described()
         self._change = Change()
-        self._ahead: Optional[Change] = None  # computed for the request that comes next
+        self._ahead: Optional[Change] = None  # computed for the next request
         self._busy = threading.Lock()
         node.add_pre_set_parameters_callback(self._pre_set)
         node.add_on_set_parameters_callback(self._on_set)
@@ -246,7 +246,7 @@ class Changes(Generic[S]):
 
     def _pre_set(self, parameters: list[Parameter]) -> list[Parameter]:
         self._change, self._ahead = self._ahead or self._computed(parameters), None
-        # rclpy takes no empty list; a value that stays keeps the request alive up to _on_set.
+        # rclpy ignores an empty list; an unchanged value makes it call _on_set.
         return list(self._change.parameters) or [self._node.get_parameter(self._live_name)]
 
     def _on_set(self, parameters: list[Parameter]) -> SetParametersResult:
@@ -284,7 +284,7 @@ class Changes(Generic[S]):
 
     def _serve(self, parameters: list[Parameter], atomically: bool, response: Any,
                answer: Future) -> None:
-        """Compute the change, let rclpy make it in the executor, and answer."""
+        """Compute the change, apply it by rclpy in the executor, and answer."""
         with self._busy, _yielding():
             batches = [parameters] if atomically else [[one] for one in parameters]
             results = [self._set(batch) for batch in batches]
@@ -357,7 +357,7 @@ class Changes(Generic[S]):
 
     def _add_value(self, values: dict[str, Any], one: Parameter, item: Described, where: str
                    ) -> None:
-        """Add the value of a parameter, unless it is the one in force."""
+        """Add the value of a parameter, unless it is the present one."""
         if not same(item.value(self._settings), one.value):
             self._refuse_fixed(one.name, one.value, where)
             values[one.name] = check_value(
@@ -377,7 +377,7 @@ class Changes(Generic[S]):
 
 @contextmanager
 def _yielding() -> Iterator[None]:
-    """Let no other thread wait long for this one, which computes."""
+    """Limit the time for which other threads wait for this computing one."""
     before = sys.getswitchinterval()
     sys.setswitchinterval(min(before, SWITCH_INTERVAL))
     try:
@@ -388,7 +388,7 @@ def _yielding() -> Iterator[None]:
 
 def same(now: Any, wanted: Any) -> bool:
     """
-    Return whether a value is the one in force, as ros2cli writes and reads it.
+    Return whether a value is the present one, as ros2cli writes and reads it.
 
     It sends the text ``0.5`` of a file as the number 0.5, and the number 1e-05 as text.
     """
@@ -402,7 +402,7 @@ def same(now: Any, wanted: Any) -> bool:
 
 
 def _number(value: Any, kind: type) -> Any:
-    """Return the number of a text where a number is wanted: YAML 1.1 reads 1e-5 as text."""
+    """Return the number of a text where a number is required: YAML 1.1 reads 1e-5 as text."""
     if kind in (float, int) and isinstance(value, str):
         try:
             return float(value)

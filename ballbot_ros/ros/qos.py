@@ -18,7 +18,7 @@ def profile(wanted: Qos) -> QoSProfile:
 
 SENSOR, STATE, LATEST, LATCHED = map(
     profile, (topics.SENSOR, topics.STATE, topics.LATEST, topics.LATCHED))
-# Subscriptions of a recorder, which misses nothing while it is delayed.
+# Subscriptions of a recorder, deep enough for its delays.
 RECORDING_DEPTH = 20000
 
 

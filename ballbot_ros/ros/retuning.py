@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Change the gains of running laws: checked before, and handed over without a jump."""
+"""Change the gains of running laws: checked before, and applied without a jump."""
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -22,7 +22,7 @@ class LoopNumbers(NamedTuple):
 def prepare_laws(controller: SupervisedController, robot: Robot, now: LoopNumbers,
                  wanted: LoopNumbers, expected: Supervision) -> Commit:
     """
-    Check the requested gains; return a function that puts them in force.
+    Check the requested gains; return a function that applies them.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ def prepare_laws(controller: SupervisedController, robot: Robot, now: LoopNumber
 
 
 def change_period(timer: Timer, period: float) -> None:
-    """Let a timer go on with another period, from now [s]."""
+    """Continue a timer with another period, from now [s]."""
     nanoseconds = round(1e9 * period)
     if timer.timer_period_ns != nanoseconds:
         timer.timer_period_ns = nanoseconds

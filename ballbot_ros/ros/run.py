@@ -25,7 +25,7 @@ from ballbot_ros.ros.rclpy_compat import new_executor, RCLError
 
 # Longest delay of the reaction to a stop signal, or to the failure of a node [s].
 POLL_PERIOD = 0.1
-# Longest time for the middleware to end, once all is safe [s]; then the process ends without it.
+# Timeout of the middleware shutdown, after the motor is safe [s]; then the process ends.
 END_TIMEOUT = 20.0
 
 # Wall time without /clock before a warning, and between two of them [s].
@@ -58,7 +58,7 @@ class Stop:
             self._wake(self)
 
     def done(self) -> bool:
-        """Return whether it was given."""
+        """Return whether a stop was requested."""
         return self.given
 
     def cancelled(self) -> bool:
@@ -72,7 +72,7 @@ class Stop:
             wake(self)
 
     def remove_done_callback(self, wake: Callable[[Any], None]) -> None:
-        """Forget the callback."""
+        """Remove the callback."""
         self._wake = None
 
 
@@ -93,7 +93,7 @@ def spin(executor: Executor, stop: Stop, longest: float) -> None:
 
 class _Stopped(BaseException):
     """
-    A stop signal, while the node is made.
+    A stop signal, while the node is created.
 
     No KeyboardInterrupt: one that goes through exec(), of which numba makes use, has Python end
     the process by SIGINT, though it was caught.
@@ -159,7 +159,7 @@ def _run_together(make_nodes: Sequence[Callable[[], Node]], args: Optional[List[
         return EXIT_REFUSED
     words = sys.argv[1:] if args is None else args
     begin = words.index('--ros-args') if '--ros-args' in words else len(words)
-    # ROS would pass over them, a parameter among them, too; of NAME:=VALUE it makes a remapping.
+    # ROS would ignore them, even a parameter; it takes NAME:=VALUE as a remapping.
     stray = [*words[:begin], *remove_ros_args(words[begin:])]
     if stray:
         print(f'cannot start: {", ".join(stray)}: {STRAY}', file=sys.stderr)
@@ -224,7 +224,7 @@ def _end_in_time(nodes: Sequence[Node]) -> None:
     A node that is destroyed during discovery may block in Fast DDS indefinitely, at full load and
     with the GIL held: only a native thread can end the process, with code 1.
     """
-    if not nodes:  # none that may have something to make safe yet
+    if not nodes:  # no motor power at this stage
         faulthandler.dump_traceback_later(END_TIMEOUT, exit=True, file=open(os.devnull, 'w'))
 
 
@@ -238,7 +238,7 @@ def _watch(node: Node, stopping: Stop) -> None:
 
 
 def _watch_clock(node: Node) -> None:
-    """Warn while a node with use_sim_time receives no /clock: its time stands still."""
+    """Warn while a node with use_sim_time receives no /clock: its time is stopped."""
     def check() -> None:
         if node.get_clock().now().nanoseconds:
             timer.cancel()
@@ -264,8 +264,8 @@ def _one_line(error: Exception) -> str:
     return ' '.join(str(error).split())
 
 
-COMPILING_NOTICE = ('compiling for this machine, which takes a minute or two and is kept: the '
-                    'next start begins immediately')
+COMPILING_NOTICE = ('compiling for this machine, for a minute or two; the result is cached: the '
+                    'next start is immediate')
 # Such a period misses its deadline; a test searches every log for this message.
 LATE_KERNEL = 'this node is late by a kernel that is called for the first time: '
 
@@ -287,7 +287,7 @@ class FirstStart:
         on_first_call(self._on_kernel)
 
     def ready(self) -> None:
-        """Log the time that the start took."""
+        """Log the duration of the start."""
         self._ready = True
         self._log(f'ready after {time.monotonic() - self._start:.1f} s' + (
             f', in which {self._compiled} kernels were compiled' if self._compiled else ''))

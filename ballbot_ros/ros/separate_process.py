@@ -2,7 +2,7 @@
 """
 Run a function in a separate process, so that it does not delay the loop of this one.
 
-Threads of one Python process share the interpreter: beside a thread that computes, a controller
+Threads of one Python process share the interpreter: beside a computing thread, a controller
 answers half of the readings at 500 Hz.  Starting another process costs the loop a millisecond.
 """
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor

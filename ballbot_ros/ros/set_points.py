@@ -39,7 +39,7 @@ class SetPoints:
     refused : Counter
         Counts them by reason.
     overhear : callable
-        Takes a `SetPoint` of a node without authority: it demands motion all the same.
+        Takes a `SetPoint` of a node without authority, which also requests motion.
     steers : bool
         Whether yaw rates on cmd_vel are followed.
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Fields that several nodes have among their parameters, and parameters that a file gives."""
+"""Parameters that several nodes share, and parameters with the values of a file."""
 from dataclasses import dataclass, Field, field, fields, replace
 from typing import Any, Callable, Dict, Mapping, NamedTuple, Type, TypeVar
 
@@ -16,7 +16,7 @@ def file_in(folder: str, default: str, kind: str = '', doc: str = '') -> Any:
 
 
 def rate_of(topic: str, default: float, minimum: float = 1.0, maximum: float = 10000.0) -> Any:
-    """Declare how often a topic is published."""
+    """Declare the rate of a topic."""
     return quantity('Hz', f'rate of {topic}', default=default, minimum=minimum, maximum=maximum)
 
 
@@ -28,7 +28,7 @@ def numbers_in(source: str, cls: Type[Checked], load: Callable[[str], Any],
     Parameters
     ----------
     source : str
-        The field that names the file.  Where it changes, all of the numbers do.
+        The field that names the file.  If it changes, all of the numbers change.
     cls : type
         Whose described fields are the parameters.
     load : callable
@@ -38,7 +38,7 @@ def numbers_in(source: str, cls: Type[Checked], load: Callable[[str], Any],
 
     """
     return field(default=None, metadata={
-        'kind': object, 'doc': f'the numbers of {source}', 'cls': cls, 'source': source,
+        'kind': object, 'doc': f'the parameters of {source}', 'cls': cls, 'source': source,
         'load': load, 'prefix': prefix})
 
 
@@ -57,7 +57,7 @@ class Described(NamedTuple):
 
 @dataclass(frozen=True)
 class Settings(Checked):
-    """The parameters of a node; numbers that are not given come from the file that is named."""
+    """The parameters of a node; the named file gives the numbers that are not set."""
 
     def __post_init__(self) -> None:
         """Check every field, and read the numbers that are missing."""
@@ -87,7 +87,7 @@ class Settings(Checked):
         Raises
         ------
         ConfigurationError
-            If a file cannot be read, or values contradict each other.
+            If a file cannot be read, or values are inconsistent.
 
         """
         described = cls.described()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One node at a time publishes the commands of a topic; two in the graph are refused by name."""
+"""Commands of a topic have one publisher; two in the graph are refused by name."""
 import time
 from typing import List
 

@@ -15,7 +15,7 @@ from ballbot_ros.ros.frames import FRAMES, Frames, LEAN, PENDULUM, SHELL, TILT
 AXIS = (0.0, -1.0, 0.0)
 # Lean is positive to the left, tilt with the left end of the axle down.
 LEAN_AXIS, TILT_AXIS = (1.0, 0.0, 0.0), (-1.0, 0.0, 0.0)
-# The band on which the ball rolls, in two colours by turns, so that it is seen to roll.
+# The band on which the ball rolls, in two alternating colours, to show the rotation.
 PATCHES = 16
 BAND_WIDTH, BAND_THICKNESS = 0.16, 0.02  # parts of the radius
 ROD_RADIUS = 0.03  # part of the radius
@@ -82,14 +82,14 @@ def robot_description(robot: Robot, frames: Frames = FRAMES, steers: bool = Fals
 
 
 def idle_rate(robot: Robot) -> float:
-    """Return the rate of the joint at which the motor gives nothing forwards any more [rad/s]."""
+    """Return the joint rate at which the forward torque of the motor is zero [rad/s]."""
     _, back_voltage, voltage, _ = robot.motor_line
-    # URDF has no infinity; faster than any motor is as good.
+    # URDF has no infinity; this is faster than any motor.
     return voltage / back_voltage if back_voltage > 0.0 and math.isfinite(voltage) else 1e3
 
 
 def _ball(robot: Robot, name: str) -> Xml.Element:
-    """Return the shell: a sphere that one sees through, with a band around it."""
+    """Return the shell: a transparent sphere with a band around it."""
     link = _link(name, robot.ball_mass, robot.ball_inertia)
     radius = robot.ball_radius
     for kind in ('visual', 'collision'):
@@ -107,18 +107,18 @@ def _ball(robot: Robot, name: str) -> Xml.Element:
 
 
 def _patch_angles() -> Iterator[float]:
-    """Yield where the patches of the band are: counter-clockwise from straight down [rad]."""
+    """Yield the angles of the patches of the band, counter-clockwise from straight down [rad]."""
     for number in range(PATCHES):
         yield 2.0 * math.pi * number / PATCHES
 
 
 def _below(distance: float, angle: float = 0.0) -> tuple[float, float, float]:
-    """Return the point that hangs at an angle from the centre, as a pendulum does."""
+    """Return the point at a pendulum angle from the centre."""
     return distance * math.sin(angle), 0.0, -distance * math.cos(angle)
 
 
 def _pendulum(robot: Robot, name: str) -> Xml.Element:
-    """Return the pendulum: a rod, and at its centre of mass a ball of steel as heavy."""
+    """Return the pendulum: a rod, and at its centre of mass a steel ball of the same mass."""
     length, radius = robot.pendulum_length, robot.ball_radius
     link = _link(name, robot.pendulum_mass, robot.pendulum_inertia, _below(length))
     if length > 0.0:
@@ -173,5 +173,5 @@ def _row(values: Sequence[float]) -> str:
 
 
 def _number(value: float) -> str:
-    # Adding 0 takes the sign from a zero, which would only irritate readers.
+    # Adding 0 removes the sign of a negative zero.
     return f'{round(value, 12) + 0.0:.9g}'

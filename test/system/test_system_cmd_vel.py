@@ -60,8 +60,8 @@ def test_a_speed_settles_within_3_s_on_a_slope_and_0_stands(graph, on_slope):
 def test_a_slope_that_is_too_steep_is_reported(graph, on_slope):
     moved = on_slope(7.0)
     ask(graph, 0.0, 2.5, moved)
-    graph.wait_for_log('controller', 'what resists is like a slope of')
+    graph.wait_for_log('controller', 'resistance of a slope of')
     # Time goes on meanwhile, or the controller would say that no joint states come any more.
-    graph.wait(lambda: graph.step(2) and 'more resists the set speed' in getattr(
+    graph.wait(lambda: graph.step(2) and 'resistance above' in getattr(
         graph.statuses.get('controller'), 'message', ''), 'the controller says so, too')
     assert graph.statuses['controller'].level == diagnostics.WARN

@@ -67,7 +67,7 @@ def test_states_that_come_too_rarely_get_no_torque(graph):
     graph.publish_until(lambda: len(commands) > 50, 'commands come', 'set_point',
                         graph.joint(position=[0.5]))
     assert {command.effort[0] for command in commands} == {0.0}
-    graph.wait_for_health('controller', diagnostics.ERROR, 'come too rarely, torque is 0')
+    graph.wait_for_health('controller', diagnostics.ERROR, 'rate of joint_states is too low')
 
 
 @pytest.mark.slow
@@ -87,7 +87,7 @@ def test_decision_that_dies_on_the_way_is_replaced_and_nothing_is_guessed(graph,
     graph.trigger('resume')
     graph.wait(lambda: states[-1].velocity_x > 0.2, 'the ball is on its way')
     graph.kill('obstacle_decision')
-    graph.wait_for_log('controller', 'the pendulum is let down')
+    graph.wait_for_log('controller', 'the pendulum is lowered')
     graph.wait(lambda: abs(states[-1].pendulum_angle) < 0.2, 'the pendulum hangs down')
     graph.trigger('pause')  # or a busy machine would start the next one when all is over
     decisions.clear()

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The node ``bridge``: a real motor on a serial line, and the laws that move it."""
+"""The node ``bridge``: a real motor on a serial line, and its control laws."""

@@ -16,7 +16,7 @@ ROS_HOME = '~/.ros'  # the default of the environment variable
 
 
 def resolve_folder(folder: str) -> Path:
-    """Return the path of a folder, its default moved to ROS_HOME where that is set."""
+    """Return the path of a folder; the default is relative to ROS_HOME if that is set."""
     path, home = Path(folder), os.environ.get('ROS_HOME')
     if home and path.is_relative_to(ROS_HOME):
         return Path(home) / path.relative_to(ROS_HOME)
@@ -24,7 +24,7 @@ def resolve_folder(folder: str) -> Path:
 
 
 class LogRecorder(logging.Handler):
-    """Puts the lines of a log into a black box, with the time of each."""
+    """Records the lines of a log in a black box, with the time of each."""
 
     def __init__(self, box: BlackBox):
         super().__init__(logging.INFO)
@@ -39,8 +39,8 @@ def black_box(folder: str, hardware: Hardware) -> SessionObserver:
     """
     Return the observer of a session.
 
-    Files go to a folder; without one nothing is recorded.  What is due when the process ends is
-    written then.
+    Files go to a folder; without one nothing is recorded.  Pending files are written when the
+    process ends.
     """
     if not folder:
         return SessionObserver()

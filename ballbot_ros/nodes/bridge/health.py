@@ -9,7 +9,7 @@ from ballbot_ros.bridge.session import Session
 from ballbot_ros.control import Authority
 from ballbot_ros.ros import diagnostics
 
-# What is published: the table of docs/nodes.md.  A word in capitals stands for many.
+# Published values: the table of docs/nodes.md.  A word in capitals is a placeholder.
 VALUES: Mapping[str, str] = {
     'port': 'serial device, URL or CAN interface',
     'protocol': 'protocol that the drive speaks',
@@ -17,17 +17,17 @@ VALUES: Mapping[str, str] = {
     'serial_number': 'serial number of the drive; empty where it reports none',
     'e_stop': 'why the e-stop is engaged; empty when it is not',
     'faults': 'faults that the drive reports; empty for none, or while it is away',
-    'torque': 'torque that is applied at the pendulum [N m]',
-    'warnings': 'warnings of drive, battery and heat, which come before any torque is cut',
+    'torque': 'torque applied at the pendulum [N m]',
+    'warnings': 'warnings of drive, battery and heat, published before the torque is reduced',
     'derating': 'part of torque_limit that battery and heat allow',
-    'battery_voltage': 'voltage that the battery would show at rest, smoothed [V]; nan before it '
+    'battery_voltage': 'voltage of the battery at rest, estimated and smoothed [V]; nan before it '
                        'was read',
-    'motor_warmth': 'heating of the winding, computed from the torque; 1 is what it bears '
+    'motor_warmth': 'heating of the winding, computed from the torque; 1 is the value permitted '
                     'continuously',
-    'imu': '`received`, `silent`, or `returning`: readings have come again, but not for long '
+    'imu': '`received`, `silent`, or `returning`: readings arrive again, but not for long '
            'enough yet',
     'commander': 'node whose joint_commands (on board: set-points) are followed; empty before '
-                 'there was one',
+                 'the first',
     'commands_accepted': 'joint_commands that were accepted: fresh and in order',
     'commands_refused': 'joint_commands that were refused',
     'refused_REASON': 'those refused for one reason: `stale`, `not_finite`, `out_of_order`, '
@@ -43,18 +43,18 @@ VALUES: Mapping[str, str] = {
                          '`out_of_range`, `e_stop`, `direct`, `contradictory`, `unknown_joint`, '
                          '`duplicate_joint`, `wrong_length`, `other_sender`, '
                          '`several_publishers`, `other_axes`',
-    'timeouts': 'times that commands came and then timed out',
+    'timeouts': 'times that commands arrived and then timed out',
     'e_stops': 'times that the e-stop engaged after the start',
-    'limited_torque': 'times that torque_limit cut a torque',
-    'limited_rate': 'times that torque_rate_limit cut a torque',
-    'limited_angle': 'times that angle_limit cut a torque',
-    'limited_speed': 'times that speed_limit cut a torque',
+    'limited_torque': 'times that torque_limit reduced a torque',
+    'limited_rate': 'times that torque_rate_limit reduced a torque',
+    'limited_angle': 'times that angle_limit reduced a torque',
+    'limited_speed': 'times that speed_limit reduced a torque',
     'armed': 'times that the motor was armed',
     'disarmed_by_drive': 'times that the drive disarmed the motor by itself',
     'links_lost': 'times that the drive was lost',
     'reconnects': 'times that the drive was found again',
     'encoder_jumps': 'encoder readings that were rejected as jumps',
-    'encoder_rezeroed': 'times that the encoder went on from another zero',
+    'encoder_rezeroed': 'times that the zero of the encoder changed',
     'late_periods': 'periods of the loop that were missed since configure',
     'wire_COUNT': 'counts of the line since it was last opened, as far as the protocol reports '
                   'them: `sent` (writes), `bytes` (received), `replies`, `lost` (not '
@@ -80,7 +80,7 @@ def health(session: Session, loop: Optional[Loop], hardware: Hardware,
     faults = ', '.join(driver.telemetry.faults) if driver else ''
     condition = session.control.monitor.condition
     warnings = ', '.join((*(driver.telemetry.warnings if driver else ()), *condition.warnings))
-    # Copied in one go: the loop may count something for the first time meanwhile.
+    # Copied in one operation: the loop may add a counter meanwhile.
     refused, wire = dict(supervisor.gate.refused), dict(driver.counts) if driver else {}
     law = None if session.law is None else session.law.set_point
     unfollowed = dict(session.set_points_refused)
@@ -126,7 +126,7 @@ def health(session: Session, loop: Optional[Loop], hardware: Hardware,
         return diagnostics.WARN, authority.contest, values
     if sensing.needs_imu(now):
         return diagnostics.ERROR, (
-            f'no IMU, and no torque until one has come for {STEADY:g} s without a gap'), values
+            f'no IMU, and no torque until readings arrive for {STEADY:g} s without a gap'), values
     if delayed:
         return diagnostics.WARN, delayed, values
     if supervisor.timed_out:
@@ -134,11 +134,11 @@ def health(session: Session, loop: Optional[Loop], hardware: Hardware,
     if session.law is not None and session.law.let_down:
         return diagnostics.WARN, 'set-points timed out', values
     if session.law is not None and session.law.controller.too_slow:
-        return diagnostics.ERROR, 'measurements come too rarely for these gains', values
+        return diagnostics.ERROR, 'the measurement rate is too low for these gains', values
     if session.law is not None and session.law.controller.overcome:
-        return diagnostics.WARN, 'more resists the set speed than can be held', values
+        return diagnostics.WARN, 'resistance above that of the largest lean', values
     if not has_imu:
-        return diagnostics.WARN, 'no IMU: the pendulum angle is a guess off level floor', values
+        return diagnostics.WARN, 'no IMU: pendulum angle unreliable off level floor', values
     if warnings:
         return diagnostics.WARN, f'warning before a limit applies: {warnings}', values
     return diagnostics.OK, 'running', values

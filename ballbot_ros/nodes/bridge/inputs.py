@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the motor bridge subscribes to and serves: commands, set-points, the IMU, the e-stop."""
+"""Subscriptions and services of the motor bridge: commands, set-points, IMU, e-stop."""
 from dataclasses import replace
 from time import sleep
 from typing import Callable
@@ -27,7 +27,7 @@ RELEASE_DELAY = 0.1
 
 class MotorInputs:
     """
-    Hands messages on to a session, and counts and logs those that are refused.
+    Passes messages to a session, and counts and logs those that are refused.
 
     Parameters
     ----------
@@ -92,7 +92,7 @@ class MotorInputs:
             raise
 
     def imu(self, reading: StampedReading) -> None:
-        """Take a reading of the sensor that the bridge reads itself."""
+        """Take a reading of the sensor on the bridge's own port."""
         self._take_imu(lambda: ImuReading(
             reading.stamp, -reading.turn_rate[1], reading.force[0], reading.force[2]))
 
@@ -117,7 +117,7 @@ class MotorInputs:
             self._session.engage('requested on the topic e_stop')
 
     def _engage(self) -> str:
-        self._session.engage('asked for by service')
+        self._session.engage('requested by service')
         return 'the e-stop is engaged'
 
     def _release(self) -> str:

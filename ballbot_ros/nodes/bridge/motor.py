@@ -21,10 +21,10 @@ from ballbot_ros.ros.endpoints import create_publisher, wait_until_received
 from ballbot_ros.ros.fast_path.joint_state_bytes import JointStateBytes
 from ballbot_ros.ros.frames import FRAMES, Frames
 
-# Below `bridge`, whose records are held back: a loop that drives a motor asks for the time, too.
+# Below `bridge`, whose records are delayed: the motor loop reads this clock, too.
 LOG = logging.getLogger('ballbot_ros.bridge.clocks')
 
-# REP 145: an IMU says with this that it has no such sensor.
+# REP 145: the value of an IMU without such a sensor.
 NOT_REPORTED = -1.0
 # Two clocks are read one after the other; a sample that takes longer, because other programs run
 # in between, is dropped [s].  An offset that changes by more than this is followed.
@@ -33,7 +33,7 @@ CLOCK_STEP = 0.1  # a clock that jumps by more than this was set [s]
 # Of a motor_status, unknown once the loop has ended.
 NUMBERS = ('set_value', 'pendulum_angle', 'pendulum_angle_sd', 'pendulum_rate_sd', 'current',
            'bus_voltage', 'bus_current', 'temperature', 'motor_temperature')
-# Between samples of the offset [s]; shorter than any timeout that rests on it.
+# Between samples of the offset [s]; shorter than every timeout that depends on it.
 SAMPLE_PERIOD = 0.02
 
 
@@ -69,7 +69,7 @@ class Clocks:
         if abs(change) > LONGEST_SAMPLE:
             if CLOCK_STEP < abs(change) < math.inf:
                 LOG.warning(
-                    f'the clock of this machine was set by {change:+.3f} s: stamps go on from '
+                    f'the clock of this machine was set by {change:+.3f} s: stamps continue from '
                     'there, no timeout depends on it')
             self._offset = offset
 
@@ -84,7 +84,7 @@ class Clocks:
 
 def imu_reading(message: Imu, clocks: Clocks) -> ImuReading:
     """
-    Return what the estimate needs of an IMU message; see `estimation.imu` for the axes.
+    Return the data of an IMU message for the estimate; see `estimation.imu` for the axes.
 
     Raises
     ------
@@ -147,7 +147,7 @@ class MotorOutputs:
         self.publish_e_stop(True)
 
     def publish_at(self, status_rate: float, joint_state_period: float) -> None:
-        """Publish so often from now on; parameters as of the class."""
+        """Change the rates; parameters as of the class."""
         self._status_period, self._joint_period = 1.0 / status_rate, joint_state_period
 
     def publish_e_stop(self, engaged: bool) -> None:
@@ -160,11 +160,11 @@ class MotorOutputs:
                 self._e_stop.publish(Bool(data=engaged))
 
     def publish(self, report: Report) -> None:
-        """Publish what a period of the loop has found."""
+        """Publish the results of a period of the loop."""
         estimate = report.estimate
         if estimate is not None:
             self._estimate = estimate
-            # A quarter of a period early is on time: estimates come when they come.
+            # A quarter of a period early is on time: estimates arrive irregularly.
             if estimate.stamp >= self._joints_due - 0.25 * self._joint_period:
                 due = self._joints_due + self._joint_period
                 self._joints_due = due if due > estimate.stamp else (
@@ -178,7 +178,7 @@ class MotorOutputs:
             self._status.publish(self._motor_status(report, state))
 
     def publish_end(self, state: str, session: Session) -> None:
-        """Publish that the loop has ended, and how it left the motor; wait until it came."""
+        """Publish the end of the loop and the state of the motor; wait for delivery."""
         e_stop, unconfirmed = session.supervisor.e_stop, session.control.unconfirmed
         message = MotorStatus(
             state=state, e_stop=e_stop, derating=1.0,

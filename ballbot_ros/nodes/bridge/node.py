@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The node ``bridge``: a real motor on a serial line, and the laws that move it."""
+"""The node ``bridge``: a real motor on a serial line, and its control laws."""
 import sys
 from typing import Any, List, Optional
 
@@ -32,15 +32,15 @@ LOOK_AFTER = 0.1  # how often the loop is looked after [s]
 
 class Bridge(ManagedNode):
     """
-    Drives a motor; see `BridgeSettings` for what can be set.
+    Drives a motor; `BridgeSettings` has its parameters.
 
     The states are those of ros2_control: *configure* opens the line, finds the drive and checks
-    its settings, and joint states flow; *activate* lets the motor have power, once the e-stop
-    is released; *deactivate* takes the power; *cleanup* closes the line.
+    its settings, and publishes joint states; *activate* permits motor power, once the e-stop
+    is released; *deactivate* disables it; *cleanup* closes the line.
     """
 
     def __init__(self, **kwargs: Any):
-        """Refuse a loop that cannot work, then wait for a transition or make it."""
+        """Refuse an infeasible loop, then wait for a transition or make it."""
         super().__init__('bridge', **kwargs)
         if refuse_sim_time(self, NO_SIM_TIME):
             raise ConfigurationError(NO_SIM_TIME, 'inconsistent', 'use_sim_time')
@@ -71,7 +71,7 @@ class Bridge(ManagedNode):
             Autostart(self)
 
     def _prepare(self, wanted: BridgeSettings) -> Commit:
-        """Check other parameters; return what puts them in force."""
+        """Check other parameters; return a function that applies them."""
         hand_over = prepare_session(self._session, self._settings, wanted)
 
         def commit() -> None:
@@ -86,7 +86,7 @@ class Bridge(ManagedNode):
         try:
             identity, settings = self._session.configure()
         except BallbotError as error:
-            if str(error) != self._complaint:  # said once, not every second
+            if str(error) != self._complaint:  # logged once, not every second
                 self._complaint = str(error)
                 self.get_logger().error(f'cannot configure: {error}')
             return FAILURE
@@ -99,7 +99,7 @@ class Bridge(ManagedNode):
         return SUCCESS
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Let the motor have power, once the e-stop is released."""
+        """Permit motor power, once the e-stop is released."""
         try:
             self._session.activate()
         except BallbotError as error:
@@ -112,7 +112,7 @@ class Bridge(ManagedNode):
         return super().on_activate(state)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Take the power off the motor."""
+        """Disable the motor power."""
         self._session.deactivate()
         return super().on_deactivate(state)
 
@@ -125,7 +125,7 @@ class Bridge(ManagedNode):
     on_shutdown = on_error = on_cleanup
 
     def make_safe(self) -> None:
-        """Stop the motor, close the line, and say that this is the end."""
+        """Stop the motor, close the line, and notify the service manager."""
         self._service.stopping()
         self._close()
         if self._imu is not None:
@@ -140,7 +140,7 @@ class Bridge(ManagedNode):
         self._logs.forward()
 
     def _look_after(self) -> None:
-        """Log what the loop has logged, and end when it has ended."""
+        """Log the messages of the loop, and end the node when the loop has ended."""
         self._logs.forward()
         self._outputs.publish_e_stop(bool(self._session.supervisor.e_stop))
         if self._loop is not None and self._loop.failure is not None:
@@ -153,6 +153,6 @@ class Bridge(ManagedNode):
 
 def main(args: Optional[List[str]] = None) -> int:
     """Run the node."""
-    # The loop must not wait long for a thread that computes: 5 ms is what Python would let it.
+    # The loop must not wait long for a computing thread: Python's default is 5 ms.
     sys.setswitchinterval(SWITCH)
     return run(Bridge, args)

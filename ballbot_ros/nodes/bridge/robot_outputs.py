@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the bridge publishes besides its motor: where the robot is, and its battery."""
+"""Outputs of the bridge besides those of the motor: odometry and battery state."""
 import math
 
 from rclpy.node import Node
@@ -23,18 +23,18 @@ LINK_RATE = 100.0
 
 
 class Turns:
-    """When something is due that is done at a rate, where the times to look do not fit it."""
+    """Schedules a periodic action whose period is not a multiple of the calling period."""
 
     def __init__(self, period: float):
         self._period, self._next = period, -math.inf
 
     def is_due(self, now: float) -> bool:
-        """Return whether it is due, and take note that it is then done."""
+        """Return whether the action is due, and schedule the next one if so."""
         late = now - self._next
         if late < 0.0:
             return False
-        # Counted on from when it was due, or the rate would be too low by half a look; after a
-        # pause from now on, or it would be made up for.
+        # Counted from the time at which it was due, to keep the mean rate; after a
+        # pause from now on, to avoid a burst.
         self._next = now + self._period - (late if late < self._period else 0.0)
         return True
 
@@ -62,12 +62,12 @@ class RobotOutputs:
         self._battery_turns, self._frame = Turns(BATTERY_PERIOD), Frames.of(settings).base
 
     def publish_odometry_at(self, settings: BridgeSettings) -> None:
-        """Publish odometry so often from now on, the links always; the loop may be running."""
+        """Change the rate of the odometry; the loop may be running."""
         self._odometry_turns = Turns(1.0 / (settings.odom_rate or LINK_RATE))
         self._topics.enable_odometry(settings.odom_rate > 0.0)
 
     def publish(self, report: Report) -> None:
-        """Publish what a period of the loop has found, each topic when its turn has come."""
+        """Publish the results of a period of the loop, each topic when it is due."""
         state = self._session.odometry
         if state is not None and report.estimate is not None \
                 and self._odometry_turns.is_due(state.stamp):

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Notifications to systemd: ready, watchdog, stopping, and why the motor has no power.
+Notifications to systemd: ready, watchdog, stopping, and the reason for missing motor power.
 
 The protocol is that of sd_notify(3): datagrams to the socket in the environment.  A process that
 systemd did not start has no such socket and sends nothing.
@@ -33,7 +33,7 @@ class ServiceManager:
     """
 
     def __init__(self, environment: Optional[Mapping[str, str]] = None):
-        """Find the socket, and how often a sign of life is waited for."""
+        """Find the socket and the watchdog timeout."""
         found = os.environ if environment is None else environment
         address = found.get('NOTIFY_SOCKET', '')
         # An abstract address begins with a zero byte, which the environment cannot hold.
@@ -47,18 +47,18 @@ class ServiceManager:
         self._status = ''
 
     def ready(self) -> None:
-        """Say that the start is over: the motor may have power."""
+        """Notify that the start is complete: motor power is permitted."""
         self._notify('READY=1')
 
     def stopping(self) -> None:
         self._notify('STOPPING=1')
 
     def beat(self, _: Report) -> None:
-        """Take note that the loop has done a period; in its thread."""
+        """Record a completed period of the loop; called in its thread."""
         self._beats += 1
 
     def look(self, session: Session, loop: Optional[Loop], failure: object = None) -> None:
-        """Say how it goes, and, while it goes, that it does; to be called ten times a second."""
+        """Send the state and, while the loop runs, a watchdog message; to be called at 10 Hz."""
         if self._socket is None:
             return
         status = _status(session, loop)
@@ -66,14 +66,14 @@ class ServiceManager:
         if status != self._status and self._notify(f'STATUS={status}'):
             self._status = status
         now = time.monotonic()
-        # Before configure there is no loop: a drive that is not there is looked for by a timer.
+        # Before configure there is no loop: a timer searches for a missing drive.
         if self._every > 0.0 and now >= self._next and failure is None \
                 and (loop is None or self._beats != self._seen):
             self._next, self._seen = now + self._every, self._beats
             self._notify('WATCHDOG=1')
 
     def _notify(self, line: str) -> bool:
-        """Send a line and return whether it was taken; the motor comes first if it was not."""
+        """Send a line and return whether it was accepted, without blocking."""
         if self._socket is not None:
             with suppress(OSError):
                 self._socket.sendto(line.encode(), self._address)
@@ -82,7 +82,7 @@ class ServiceManager:
 
 
 def _watchdog(environment: Mapping[str, str]) -> float:
-    """Return after how long without a sign of life the process is taken for dead [s], 0: never."""
+    """Return the watchdog timeout of systemd [s], 0 for none."""
     if environment.get('WATCHDOG_PID', str(os.getpid())) != str(os.getpid()):
         return 0.0  # meant for another process
     try:
@@ -92,7 +92,7 @@ def _watchdog(environment: Mapping[str, str]) -> float:
 
 
 def _status(session: Session, loop: Optional[Loop]) -> str:
-    """Return in one line how it is."""
+    """Return the state in one line."""
     line, supervisor = session.line, session.supervisor
     if loop is None:
         return ': '.join(filter(None, ('not configured', line.trouble)))

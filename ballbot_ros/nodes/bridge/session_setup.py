@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The session of the motor bridge, as its parameters ask for."""
+"""Creates the session of the motor bridge from the parameters."""
 from dataclasses import replace
 from functools import partial
 
@@ -26,7 +26,7 @@ def new_session(node: Node, settings: BridgeSettings) -> Session:
     Raises
     ------
     ConfigurationError, UnstableLoopError
-        If the loop cannot work.
+        If the loop is not feasible.
 
     """
     hardware = load_hardware(settings.hardware).at(settings.port, settings.baud)
@@ -53,7 +53,7 @@ def new_session(node: Node, settings: BridgeSettings) -> Session:
 
 def prepare_session(session: Session, now: BridgeSettings, wanted: BridgeSettings) -> Commit:
     """
-    Check other gains and timeouts; return what hands them to the loop.
+    Check other gains and timeouts; return a function that passes them to the loop.
 
     Raises
     ------
@@ -78,5 +78,5 @@ def prepare_session(session: Session, now: BridgeSettings, wanted: BridgeSetting
         with session.lock:
             law.retune(wanted.gains, expected)
         if wanted.gains != now.gains:
-            session.observer.event('other gains are in force')
+            session.observer.event('the new gains are active')
     return commit

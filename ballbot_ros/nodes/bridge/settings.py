@@ -20,29 +20,29 @@ class BridgeSettings(Settings):
     baud: int = fixed('the line is opened with it', count(
         'bits per second; 0 for those of the hardware file', default=0, maximum=20_000_000))
     control: str = fixed('topics and laws are made for it', text(
-        'where the torque comes from: `onboard` from the laws, run in the loop of the bridge, by '
-        'set_point and cmd_vel; `direct` from joint_commands', default='onboard',
+        'source of the torque: `onboard` for the laws in the loop of the bridge, which follow '
+        'set_point and cmd_vel; `direct` for joint_commands', default='onboard',
         choices=('onboard', 'direct')))
     tuning: str = live(text(
-        'gains of the laws on board, or that the controller runs with: the loop is checked for '
+        'gains of the laws on board, or of the controller: the loop is checked for '
         'them', default='gentle'))
     delay: int = live(count(
         'samples from a joint state to the torque that answers it, for the check of direct '
         'control', default=1, maximum=10))
     set_point_timeout: float = live(quantity(
-        's', 'on board, age of a set-point after which the pendulum is let down', default=0.5,
+        's', 'on board, age of a set-point after which the pendulum is lowered', default=0.5,
         minimum=0.05, maximum=10.0))
     joint_state_rate: float = live(rate_of(
         'joint_states on board, at most that of the loop; in direct control it is that of the '
         'loop', 100.0))
-    autostart: bool = fixed('it says how to begin; change the state of the node instead', flag(
-        'configure and activate at start, and again until it works; the e-stop is engaged all '
-        'the same', default=True))
+    autostart: bool = fixed('it applies at the start; change the state of the node instead', flag(
+        'configure and activate at start, and repeat until it succeeds; the e-stop is engaged '
+        'nevertheless', default=True))
     capture: str = fixed('the line is opened with it', text(
         'file for the raw traffic of the line; empty for none', default=''))
     black_box: str = fixed('it keeps the last ten minutes from the start on', text(
         'folder for files with the last ten minutes before a fault, see `ballbot replay`; '
-        '`~/.ros` is `ROS_HOME` where that is set; empty for none', default='~/.ros/ballbot'))
+        '`ROS_HOME`, if set, replaces `~/.ros`; empty for none', default='~/.ros/ballbot'))
     status_rate: float = live(rate_of('motor_status', 10.0, minimum=0.1, maximum=100.0))
     realtime_priority: int = fixed('the loop begins with it', count(
         'SCHED_FIFO priority of the loop (other threads have one less); 0 for none, -1 for 20 '
@@ -69,5 +69,5 @@ class BridgeSettings(Settings):
 
     @property
     def scheduling(self) -> Scheduling:
-        """Return what the loop asks of the system."""
+        """Return the scheduling that the loop requests from the system."""
         return Scheduling(self.realtime_priority, self.cpu, self.lock_memory)

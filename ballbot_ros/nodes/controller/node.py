@@ -40,7 +40,7 @@ class Controller(Node):
         self._torque = 0.0
         self._refused: Counter = Counter()
         self._written = CommandBytes()
-        self._lateral: Optional[LateralState] = None  # None of a robot that drives straight
+        self._lateral: Optional[LateralState] = None  # None for a robot that drives straight
         self._speed = 0.0
         self._commands = create_publisher(self, 'joint_commands')
         subscribe_joint_states(self, 'joint_states', self._taker(
@@ -99,7 +99,7 @@ class Controller(Node):
             given if given.stamp else replace(given, stamp=self._controller.time))
 
     def _on_e_stop(self, engaged: bool) -> None:
-        """Set the torque to 0 and forget the set-point while the e-stop is engaged."""
+        """Set the torque to 0 and drop the set-point while the e-stop is engaged."""
         self._controller.on_e_stop(engaged)
         if engaged and self._watchdog.fed:
             self._command(0.0)
@@ -113,8 +113,8 @@ class Controller(Node):
             self._command(torque)
 
     def _command(self, torque: float) -> None:
-        # Never stamped with a state that is still to be answered: in lockstep a zero from the
-        # watchdog would otherwise pass for its answer.
+        # Not stamped with a state that has no command yet: in lockstep a zero from the
+        # watchdog would otherwise count as its command.
         self._torque = torque
         lean = None
         if self._lateral is not None:
@@ -123,7 +123,7 @@ class Controller(Node):
         self._commands.publish(self._written.of(self._answered, torque, lean))
 
     def _watch(self) -> None:
-        """Set the torque to 0 when no joint state comes any more."""
+        """Set the torque to 0 when joint states stop."""
         if self._settings.lockstep_set_point_period:
             return  # time is constant between states
         if self._watchdog.fed and self._watchdog.expired(time.monotonic()) and self._torque:
@@ -134,7 +134,7 @@ class Controller(Node):
             self._diagnostics.publish()
 
     def make_safe(self) -> None:
-        """Leave a command of torque 0 behind."""
+        """Publish a final command with torque 0."""
         if self._watchdog.fed:
             self._command(0.0)
             wait_until_received(self._commands)
@@ -149,13 +149,13 @@ class Controller(Node):
         if not self._watchdog.fed:
             return diagnostics.WARN, 'waiting for joint_states', values
         if self._watchdog.expired(time.monotonic()):
-            return diagnostics.WARN, 'no joint_states any more, torque is 0', values
+            return diagnostics.WARN, 'joint_states stopped, torque is 0', values
         if self._controller.e_stop:
             return diagnostics.WARN, 'the e-stop is engaged, torque is 0', values
         if self._controller.too_slow:
-            return diagnostics.ERROR, 'joint_states come too rarely, torque is 0', values
+            return diagnostics.ERROR, 'the rate of joint_states is too low, torque is 0', values
         if self._controller.overcome:
-            return diagnostics.WARN, 'running; more resists the set speed than can be held', values
+            return diagnostics.WARN, 'running; resistance above that of the largest lean', values
         if self._refused:
             return diagnostics.WARN, 'running; messages were refused', values
         return diagnostics.OK, 'running', values

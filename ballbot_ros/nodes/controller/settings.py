@@ -15,23 +15,23 @@ class ControllerSettings(Settings):
     robot: str = fixed('the laws are made for it', file_in('robots', 'gimball'))
     tuning: str = live(file_in('tunings', 'published'))
     torque_limit: float = live(quantity(
-        'N m', 'largest torque asked for; 0 takes that of the tuning', default=0.0, minimum=0.0,
+        'N m', 'largest requested torque; 0 for that of the tuning', default=0.0, minimum=0.0,
         maximum=1000.0))
     rate: float = live(quantity(
-        'Hz', 'rate of joint_states that the loop is checked for, and must then have',
+        'Hz', 'rate of joint_states for which the loop is checked, and which it then requires',
         default=500.0, minimum=1.0, maximum=100000.0))
     delay: int = live(count(
         'samples between a state and the torque that answers it; 0 fits the simulator, which '
-        'applies the answer to the very period that the state begins', default=0, maximum=10))
+        'applies the answer to the period that begins with the state', default=0, maximum=10))
     state_timeout: float = live(quantity(
         's', 'wall time without a joint state after which the torque is set to 0', default=0.1,
         minimum=0.005, maximum=10.0))
     set_point_timeout: float = live(quantity(
         's', 'age of a set-point, on the clock of the joint states, after which the pendulum is '
-        'let down; 0 for never', default=0.5, minimum=0.0, maximum=3600.0))
+        'lowered; 0 for never', default=0.5, minimum=0.0, maximum=3600.0))
     lockstep_set_point_period: float = live(quantity(
         's', 'answer a state only with the set-point of its own period of this length, for runs '
-        'that are repeatable to the bit; 0 to take what is there', default=0.0, minimum=0.0,
+        'that are repeatable to the bit; 0 to use the latest one', default=0.0, minimum=0.0,
         maximum=10.0))
     gains: ControlTuning = numbers_in('tuning', ControlTuning, load_tuning, 'gains.')
 
@@ -44,6 +44,6 @@ class ControllerSettings(Settings):
 
     @property
     def supervision(self) -> Supervision:
-        """Return what is expected of those that publish."""
+        """Return the requirements on the publishers."""
         return Supervision(set_point_timeout=self.set_point_timeout,
                            set_point_period=self.lockstep_set_point_period)

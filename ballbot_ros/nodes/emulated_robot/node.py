@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The node ``emulated_robot``: a drive on a serial device, a ball behind it, its other sensors."""
+"""The node ``emulated_robot``: a drive on a serial device, the simulated ball, its sensors."""
 from pathlib import Path
 import sys
 from typing import Any, List, Optional
@@ -27,16 +27,16 @@ from ballbot_ros.ros.run import run
 # IMU readings per message of the others.
 ODOM_EVERY, OBSERVATION_EVERY, TRUTH_EVERY = 3, 5, 3
 REACH = 3.0  # range of the sensors of the ground ahead [m]
-SWITCH = 5e-4  # longest time that a thread keeps the other from running [s]
+SWITCH = 5e-4  # longest time for which a thread keeps the interpreter lock [s]
 
 
 class EmulatedRobot(Node):
     """
-    Stands for a whole robot, but for its bridge; see `EmulatedRobotSettings`.
+    Emulates a robot without its bridge; `EmulatedRobotSettings` has its parameters.
 
     It publishes imu, step_observation, terrain_observation and the true ball_state, stamped with
-    the time of the wall as those of a real robot are.  Joint states and odometry are not among
-    them: these the bridge publishes.  Its IMU can sit on a serial device instead, for a node imu.
+    wall time like those of a real robot.  The bridge publishes joint states and
+    odometry.  The IMU can be on a serial device instead, for a node imu.
     """
 
     def __init__(self, **kwargs: Any):
@@ -73,7 +73,7 @@ class EmulatedRobot(Node):
                    force_sd=settings.force_sd, bias=settings.gyro_bias)
 
     def _prepare(self, wanted: EmulatedRobotSettings) -> Commit:
-        """Return a function that puts other parameters in force."""
+        """Return a function that applies other parameters."""
         def commit() -> None:
             self._imu = self._new_imu(wanted)
             change_period(self._timer, 1.0 / wanted.imu_rate)
@@ -118,7 +118,7 @@ class EmulatedRobot(Node):
             self._imu_line.stop()
         if self._emulator.dropped:
             self.get_logger().warning(
-                f'{self._emulator.dropped} ms were given up because the machine was too slow')
+                f'{self._emulator.dropped} ms were skipped because the machine was too slow')
 
 
 def main(args: Optional[List[str]] = None) -> int:

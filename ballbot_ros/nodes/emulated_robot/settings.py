@@ -15,7 +15,7 @@ class EmulatedRobotSettings(Settings):
         'hardware', 'gimball_odrive', 'hardware file',
         ', whose protocol and baud rate the drive has'))
     firmware: str = fixed('the emulated drive is made with it', text(
-        'generation that the drive is of, `0.5` or `0.6` for an ODrive; empty for the only or '
+        'firmware generation of the drive, `0.5` or `0.6` for an ODrive; empty for the only or '
         'oldest one', default=''))
     scene: str = fixed('the world is built of it', file_in('scenes', 'doorstep'))
     link: str = fixed('the device is there already', text(

@@ -13,7 +13,7 @@ from ballbot_ros.ros.frames import Frames
 from ballbot_ros.ros.parameters import Commit, declare
 from ballbot_ros.ros.run import run
 
-# Longest time that a thread keeps the other from running [s].
+# Longest time for which a thread keeps the interpreter lock [s].
 SWITCH = 5e-4
 
 

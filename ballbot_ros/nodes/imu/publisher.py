@@ -24,7 +24,7 @@ VALUES: Mapping[str, str] = {
     'skipped': 'bytes that belong to no packet',
     'unpaired': 'forces without a turn rate, or the reverse',
     'saturated': 'readings at the end of the range of the sensor',
-    'frozen': 'readings that were not used, because a sensor that measures does not repeat them',
+    'frozen': 'readings that were rejected because they repeat: the sensor is frozen',
     'lost': 'times that the line was lost',
     'set_up': 'times that the sensor was set up'}
 # Timeout of the thread for bytes [s], and of the wait for its end.
@@ -112,5 +112,5 @@ class ImuOutput:
             return diagnostics.ERROR, self.source.trouble, values
         if self._rate < SLOW * self._port.rate:
             return diagnostics.WARN, (
-                f'{self._rate:.0f} readings a second, {self._port.rate} were asked for'), values
+                f'{self._rate:.0f} readings a second, {self._port.rate} were requested'), values
         return diagnostics.OK, 'running', values

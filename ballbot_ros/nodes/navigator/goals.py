@@ -86,7 +86,7 @@ class NavigationServers:
         self._node.report_health()
 
     def begin_pose(self, message: PoseStamped) -> None:
-        """Start towards a pose; an active goal is replaced."""
+        """Drive to a pose; this replaces an active goal."""
         node = self._node
         self._ready()
         node.state = node.navigator.begin(node.state, self._goal(message), node.percept)
@@ -126,13 +126,13 @@ class NavigationServers:
             self._compute.finish(handle, _failure(ComputePathToPose, error))
             return
         handle.succeed()
-        node.get_logger().info(route.explanation or 'the shortest way')
+        node.get_logger().info(route.explanation or 'the shortest path')
         self._compute.finish(handle, ComputePathToPose.Result(
             path=path_message(route, node._settings.map_frame, to_time(percept.stamp)),
             planning_time=Duration(seconds=time.monotonic() - begin).to_msg()))
 
     def step(self) -> None:
-        """Look after the goal; called after each command."""
+        """Update the goal; called after each command."""
         handle, node = self._handle, self._node
         if handle is None:
             return

@@ -58,7 +58,7 @@ class Localization:
         self._scan = message
 
     def on_map(self, x: float, y: float, heading: float) -> Optional[Pose]:
-        """Return a pose in odom on the map, None before there is a transform."""
+        """Return the pose on the map of a pose in odom, None before the first transform."""
         if self._offset is None:
             return None
         left, up, turn = self._offset

@@ -40,12 +40,12 @@ LATEST_SCAN = 0.5  # a scan that is older is not used [s]
 
 class NavigatorNode(ManagedNode):
     """
-    Plans and drives; see `NavigatorSettings` for what can be set.
+    Plans and drives; `NavigatorSettings` has its parameters.
 
     *Configure* reads floor and robot and computes crossings; *activate* accepts goals;
     *deactivate* stops the ball and ends the goal.  On free floor it publishes cmd_vel, over steps
-    the set-points of an obstacle decision of its own, and without a goal nothing: so only one
-    source drives at a time, and a node obstacle_decision beside it is not needed.
+    the set-points of an internal obstacle decision, and without a goal neither: so only one
+    source drives at a time, and no node obstacle_decision is needed beside it.
     """
 
     def __init__(self, **kwargs: Any):
@@ -114,7 +114,7 @@ class NavigatorNode(ManagedNode):
         return SUCCESS
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Forget floor and robot."""
+        """Release floor and robot."""
         self.navigator = None
         return SUCCESS
 
@@ -203,7 +203,7 @@ class NavigatorNode(ManagedNode):
         self.servers.step()
 
     def _keep(self) -> None:
-        """Write what was learned beside the map, if it has changed."""
+        """Write the learned data beside the map, if they have changed."""
         if self.state.learned == self._kept or not self._settings.learned:
             return
         self._kept = self.state.learned
@@ -213,7 +213,7 @@ class NavigatorNode(ManagedNode):
             self.get_logger().warning(f'learned: {error}', throttle_duration_sec=10.0)
 
     def _reload(self) -> str:
-        """Read the floor again; an active goal is stopped for and planned again."""
+        """Read the floor again; with an active goal the ball stops first, then plans again."""
         if self.navigator is None:
             raise BallbotError('the node is not configured', 'inactive', 'navigator')
         planner = RoutePlanner(load_floor(self._settings.floor), self._knowledge)
@@ -221,13 +221,13 @@ class NavigatorNode(ManagedNode):
         return f'floor {planner.floor.name} read'
 
     def _forget(self) -> str:
-        """Forget what was learned about the floor."""
+        """Delete the learned data of the floor."""
         self.state = replace(self.state, learned=Learned())
         self._keep()
-        return 'heights, obstacles and outcomes forgotten'
+        return 'heights, obstacles and outcomes deleted'
 
     def make_safe(self) -> None:
-        """Leave a command to rest behind."""
+        """Publish a final command to rest."""
         self.abort('inactive', 'navigator was ended')
 
     def report_health(self) -> None:

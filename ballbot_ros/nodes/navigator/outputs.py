@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the navigator publishes: commands, the plan, and markers of its crossings."""
+"""Outputs of the navigator: commands, the plan, and markers of its crossings."""
 import math
 from typing import Any, List, Optional, Tuple
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from ballbot_ros.config.fields import fixed, flag, text
 from ballbot_ros.ros.settings import file_in, Settings
 
-WHY = 'routes and crossings rest on it'
+WHY = 'routes and crossings depend on it'
 
 
 @dataclass(frozen=True)
@@ -18,15 +18,15 @@ class NavigatorSettings(Settings):
     curve: str = fixed(WHY, file_in('curves', 'gimball_down', 'height curve'))
     tuning: str = fixed(WHY, file_in('tunings', 'decision_default', 'decision tuning'))
     control_tuning: str = fixed(WHY, file_in(
-        'tunings', 'published', doc=': that of the laws that drive'))
+        'tunings', 'published', doc=': gains of the control laws'))
     learned: str = fixed('it is read at the start', text(
-        'file for what is learned about the floor, which is read at the start; empty for none',
+        'file for learned data of the floor, read at the start; empty for none',
         default=''))
     map_frame: str = fixed('it names the poses', text('frame of the floor', default='map'))
     odom_frame: str = fixed('it names the poses', text(
-        'frame of odom; /tf gives its place in map_frame', default='odom'))
+        'frame of odom; /tf contains its transform from map_frame', default='odom'))
     localized: bool = fixed('it selects the source of the pose', flag(
         'wait for the transform from map_frame to odom_frame; false: they are the same',
         default=True))
-    autostart: bool = fixed('it counts at the start', flag(
+    autostart: bool = fixed('it applies at the start', flag(
         'configure and activate at the start, without a lifecycle manager', default=True))

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The node ``obstacle_decision``: it decides about the step ahead and sends a set-point."""
+"""The node ``obstacle_decision``: decisions about the step ahead, and set-points."""

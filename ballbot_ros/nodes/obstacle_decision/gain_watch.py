@@ -16,8 +16,8 @@ class GainWatch:
     """
     Monitors parameter changes of the nodes that follow the set-points of a node.
 
-    Plans rest on gains (``control_tuning``): with others the pendulum takes another way to its
-    set angle.  New gains are not adopted automatically: it is not certain which node drives, and
+    Plans depend on gains (``control_tuning``): with others the pendulum takes another path to its
+    set angle.  New gains are not adopted automatically: the driving node is not known, and
     the learned parameters depend on the gains.
 
     Parameters
@@ -48,8 +48,8 @@ class GainWatch:
             changed = {'tuning': changed['tuning']}
         said = ', '.join(f'{name} {value}' for name, value in changed.items())
         self._node.get_logger().warning(
-            f'{event.node} drives with other gains now ({said}), and plans are still made for '
-            f'control_tuning {planned!r}: if that is to stay, set control_tuning to a file with '
+            f'{event.node} now uses other gains ({said}), but plans are still computed for '
+            f'control_tuning {planned!r}: to keep them, set control_tuning to a file with '
             'these gains')
 
     def _followers(self) -> Set[str]:

@@ -16,7 +16,7 @@ from ballbot_ros.nodes.obstacle_decision.standstill import Standstill
 from ballbot_ros.ros.action_server import DeferredActionServer
 from ballbot_ros.ros.conversions import decision_message, to_time
 
-# Between two feedback messages [s], and how long odometry may be silent on the way [s].
+# Between two feedback messages [s]; timeout of odometry during a goal [s].
 FEEDBACK, SILENCE = 0.1, 10.0
 
 
@@ -31,9 +31,9 @@ class GoalServers:
         Returns the decider.
     knowledge : Knowledge
     standstill : Standstill
-        While it stands no goal is taken; its service goes on without goals.
+        During a standstill goals are rejected; its service resumes without goals.
     waiting : bool
-        Whether the ball stands until there is a goal.
+        Whether the ball rests until a goal arrives.
 
     """
 
@@ -54,15 +54,15 @@ class GoalServers:
         node.create_timer(1.0, self._watch, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def _check(self) -> Decider:
-        """Return the decider that a goal can be given to."""
+        """Return the decider that can accept a goal."""
         decider = self._decider()
         if self._standstill.standing:
             raise RefusedError(self._standstill.reason, 'standing', 'e_stop')
         if decider.goals.goal is not None:
-            raise RefusedError('another goal is under way: cancel it first', 'busy', 'goal')
+            raise RefusedError('another goal is active: cancel it first', 'busy', 'goal')
         if decider.motion is None or decider.planned is None:
             raise RefusedError(
-                'no odometry has come yet: does a simulator or a bridge run?', 'missing', 'odom')
+                'no odometry received yet: is a simulator or a bridge running?', 'missing', 'odom')
         return decider
 
     def _check_drive(self, request: DriveTo.Goal) -> None:
@@ -82,14 +82,14 @@ class GoalServers:
         self._last_decision = time.monotonic()
 
     def go_on(self) -> bool:
-        """Follow the decision without goals; return whether that changes anything."""
+        """Follow the decision without goals; return whether the mode changes."""
         goals = self._decider().goals
         waiting = goals.waiting
         goals.go_on()
         return waiting
 
     def step(self) -> None:
-        """Look after the goal; called after each decision."""
+        """Update the goal; called after each decision."""
         if self._running is None:
             return
         decider, handle = self._decider(), self._running[1]
@@ -110,14 +110,14 @@ class GoalServers:
             self._finish(GoalEnd(Ending.E_STOP if self._standstill.engaged else Ending.LOST, why))
 
     def close(self) -> None:
-        """End the goal because the node ends, and let that be sent."""
+        """End the goal because the node ends, and send the result."""
         if self._running is not None:
             self.abort('obstacle_decision was ended')
             self._node.executor.spin_once(timeout_sec=0.1)
 
     def _watch(self) -> None:
         if self._running is not None and time.monotonic() - self._last_decision > SILENCE:
-            self.abort(f'no odometry has come for {SILENCE:g} s')
+            self.abort(f'no odometry received for {SILENCE:g} s')
 
     def _finish(self, end: GoalEnd) -> None:
         server, handle = self._running
@@ -158,7 +158,7 @@ class GoalServers:
 
 
 def _in_force(decider: Decider) -> Tuple[int, int, str]:
-    """Return kind, reason and words of the last decision about the ground."""
+    """Return kind, reason and explanation of the last decision about the ground."""
     planned, decision = decider.planned, decider.decision
     if planned is None or decision is None:
         return 0, 0, ''

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The node ``obstacle_decision``: it decides about the step ahead and sends a set-point."""
+"""The node ``obstacle_decision``: decisions about the step ahead, and set-points."""
 from collections import Counter
 from functools import partial
 from typing import Any, Callable, Dict, List, Optional, Tuple
@@ -22,7 +22,7 @@ from ballbot_ros.ros.endpoints import create_subscription
 from ballbot_ros.ros.parameters import Commit, declare
 from ballbot_ros.ros.run import run
 
-# Where observations come more slowly, set-points are published with the odometry in between [s].
+# With slower observations, set-points are also published for the odometry in between [s].
 LONGEST_SILENCE = 0.025
 
 
@@ -40,7 +40,7 @@ class ObstacleDecision(Node):
     Decides and publishes set-points; `DecisionSettings` has its parameters.
 
     An observation waits for odometry that is not older than it, so that the answer depends on
-    stamps alone and not on which message happened to arrive first.
+    stamps alone and not on the order of arrival.
     """
 
     def __init__(self, **kwargs: Any):
@@ -73,7 +73,7 @@ class ObstacleDecision(Node):
 
     def _on_observation(self, convert: Callable[[Any], Observation], message: Any) -> None:
         if self._seen.get(type(message)) == exact(message):
-            # The observation is repeated: to decide again might give another answer.
+            # The observation is repeated: a second decision could differ.
             if self._observed is None:
                 self._outputs.repeat()
             return
@@ -89,7 +89,7 @@ class ObstacleDecision(Node):
         self._odometry = message
         self._decider.move(motion(message))
         self._decide_pending()
-        # Between observations, and when they have ended, the ball is driven all the same.
+        # The ball is also driven between observations and after their end.
         if to_seconds(message.header.stamp) - self._outputs.time > LONGEST_SILENCE:
             self._decide(message.header.stamp)
 
@@ -126,7 +126,7 @@ class ObstacleDecision(Node):
             self.get_logger().info(f'{decision.kind.name}: {decision.explanation}')
 
     def make_safe(self) -> None:
-        """Let the pendulum down."""
+        """Lower the pendulum."""
         self._goals.close()
         if self._odometry is not None:
             self._outputs.end(self._odometry.header.stamp)

@@ -14,7 +14,7 @@ from ballbot_ros.decision.learning.outcome_log import OutcomeLog
 from ballbot_ros.decision.learning.outcomes import Outcome
 from ballbot_ros.decision.learning.particles import Particles
 
-# Number of latest outcomes that the start learns from.
+# Number of latest outcomes from which the node learns at start.
 NEWEST = 100
 
 
@@ -34,7 +34,7 @@ class Experience:
     Attributes
     ----------
     knowledge : Knowledge
-        With the particles that the log has taught.
+        With the particles updated from the log.
 
     """
 
@@ -61,7 +61,7 @@ class Experience:
 
     @property
     def problem(self) -> Dict[str, str]:
-        """Return for /diagnostics why outcomes are not kept just now, if they should be."""
+        """Return for /diagnostics the reason why outcomes are not logged, if they should be."""
         problem = self._log.problem if self._log is not None else ''
         return {'outcome_log': problem} if problem else {}
 

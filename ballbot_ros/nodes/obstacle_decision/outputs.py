@@ -35,20 +35,20 @@ class DecisionOutputs:
         return math.inf if self._newest is None else to_seconds(self._newest[1].header.stamp)
 
     def forget(self) -> None:
-        """Have nothing to repeat."""
+        """Clear the message to repeat."""
         self._newest = None
 
     def decide(self, stamp: Time, answer: Answer, odometry: Odometry) -> None:
         """Publish a decision stamped like its observation, and the set-point for now."""
         if self._markers.is_due(to_seconds(stamp)):
             self._markers.publish(decision_markers(answer.decision, odometry, self._radius))
-        # In lockstep the stamp of the set-point names the period that it is for.
+        # In lockstep the stamp of the set-point identifies its period.
         self._newest = (decision_message(stamp, answer.decision, self._frame),
                         set_point_message(to_time(answer.stamp), answer.set_angle))
         self.repeat()
 
     def rest(self, stamp: Time) -> None:
-        """Publish a set-point that asks for rest, and no decision."""
+        """Publish a set-point for rest, and no decision."""
         self._newest = None, set_point_message(stamp, 0.0)
         self.repeat()
 
@@ -61,7 +61,7 @@ class DecisionOutputs:
             self._set_points.publish(set_point)
 
     def end(self, stamp: Time) -> None:
-        """Let the pendulum down, if it was driven, and wait until that is received."""
+        """Lower the pendulum, if it was driven, and wait until this is received."""
         if self._newest is not None:
             self._set_points.publish(set_point_message(stamp, 0.0))
             wait_until_received(self._set_points)

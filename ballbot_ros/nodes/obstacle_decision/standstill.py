@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""E-stop latch of a node that publishes set-points: it holds until ``~/resume`` is called."""
+"""E-stop latch of a node that publishes set-points: released only by ``~/resume``."""
 from typing import Callable
 
 from rclpy.node import Node
@@ -12,7 +12,7 @@ class Standstill:
     """
     Latches the e-stop, and offers the service ``~/resume``.
 
-    Releasing the e-stop permits motion but starts none: a person may stand beside the ball.
+    Releasing the e-stop permits motion but does not start it: a person may stand beside the ball.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ class Standstill:
     def reason(self) -> str:
         """Return the reason of the standstill as text."""
         return 'standing: the e-stop is engaged' if self.engaged else (
-            f'standing: the e-stop was engaged; to go on call {self._service}')
+            f'standing: the e-stop was engaged; to continue call {self._service}')
 
     def _on_e_stop(self, engaged: bool) -> None:
         if engaged == self.engaged:
@@ -60,4 +60,4 @@ class Standstill:
             raise RefusedError('the e-stop is engaged: release it first', 'standing', 'e_stop')
         went_on = self.go_on()
         was, self.standing = self.standing or went_on, False
-        return 'going on' if was else 'nothing has stopped it'
+        return 'resumed' if was else 'no stop to resume from'

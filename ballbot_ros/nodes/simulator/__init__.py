@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The node ``simulator``: the ball robot, its sensors, and the time they live in."""
+"""The node ``simulator``: the ball robot, its sensors, and simulated time."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where the torque of a simulated period comes from: commands, or laws inside the simulator."""
+"""Source of the torque of a simulated period: commands, or laws inside the simulator."""
 from collections import Counter
 from dataclasses import replace
 from typing import Dict, Protocol
@@ -28,19 +28,19 @@ class TorqueSource(Protocol):
         """Return the set-point of the lean in the period that begins now [rad]."""
 
     def expired(self, now: float) -> bool:
-        """Return whether there was something to follow and it has become too old."""
+        """Return whether a command or set-point was active and has timed out."""
 
     def clear(self) -> None:
         """Discard the present command."""
 
 
 def check_control(settings: SimulatorSettings) -> None:
-    """Raise `ConfigurationError` where parameters of laws inside contradict each other."""
+    """Raise `ConfigurationError` if parameters of the laws inside are inconsistent."""
     if settings.control == 'onboard':
         if settings.lockstep:
             raise ConfigurationError(
                 'lockstep waits for the joint_commands that answer each state, and with '
-                'control:=onboard there are none; take control:=direct and a node controller',
+                'control:=onboard there are none; use control:=direct and a node controller',
                 'inconsistent', 'control')
         periods_per(settings.joint_state_rate, settings.control_rate, 'joint_state_rate')
 
@@ -77,14 +77,14 @@ class LawsInside:
         subscribe_e_stop(node, self._on_e_stop)
 
     def torque(self, now: float) -> float:
-        """Return the answer to the state of now, the beginning of a period [N m]."""
+        """Return the torque for the present state, at the start of a period [N m]."""
         state = self._plant.state
         self._controller.take(JointReadings(
             now, state.ball_angle, state.joint_angle, state.ball_rate, state.joint_rate))
         return self._controller.answer() or 0.0
 
     def lean(self, now: float) -> float:
-        """Return the answer of the steering law to the state of now [rad]."""
+        """Return the lean of the steering law for the present state [rad]."""
         robot = self._plant.model.robot
         if not self._plant.steers:
             return 0.0
@@ -92,11 +92,11 @@ class LawsInside:
                    self._controller.set_point.yaw_rate)
 
     def expired(self, now: float) -> bool:
-        """Return False: the age of set-points is looked after by the controller."""
+        """Return False: the controller checks the age of set-points."""
         return False
 
     def clear(self) -> None:
-        """Forget the set-point."""
+        """Drop the set-point."""
         self._controller.forget()
 
     def prepare(self, now: SimulatorSettings, wanted: SimulatorSettings) -> Commit:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The node ``simulator``: the ball robot, its sensors, and the time they live in."""
+"""The node ``simulator``: the ball robot, its sensors, and simulated time."""
 import math
 from typing import Any, List, Optional, Tuple, Union
 
@@ -24,7 +24,7 @@ from ballbot_ros.ros.retuning import change_period
 from ballbot_ros.ros.run import run
 from ballbot_ros.srv import Step
 
-NO_SIM_TIME = 'use_sim_time does not apply to the simulator, which makes the simulated time'
+NO_SIM_TIME = 'use_sim_time does not apply to the simulator, which publishes the clock'
 
 
 class Simulator(Node):
@@ -75,7 +75,7 @@ class Simulator(Node):
         return commit
 
     def _on_command(self, message: AnyJointState) -> None:
-        """Take a command; in lockstep the right one lets time go on."""
+        """Take a command; in lockstep, the one for the present state advances time."""
         try:
             if self._laws is not None:
                 raise MessageError(

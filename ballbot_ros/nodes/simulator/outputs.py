@@ -25,7 +25,7 @@ from ballbot_ros.ros.markers import floor_markers, MarkerTopic, world_markers
 from ballbot_ros.ros.odometry import OdometryTopics
 from ballbot_ros.ros.parameters import Commit
 
-# A serialized rosgraph_msgs/Clock (little-endian CDR): made so often, messages would cost more.
+# A serialized rosgraph_msgs/Clock (little-endian CDR), cheaper than a message at this rate.
 LITTLE_ENDIAN, CLOCK = b'\0\1\0\0', struct.Struct('<4siI')
 
 
@@ -39,7 +39,7 @@ class Every(NamedTuple):
 
 
 def every(settings: SimulatorSettings) -> Every:
-    """Return the period of each output; `ConfigurationError` for a rate that does not fit."""
+    """Return the period of each output; raise `ConfigurationError` for an invalid rate."""
     periods = [periods_per(getattr(settings, name), settings.control_rate, name)
                for name in ('odom_rate', 'ball_state_rate')]
     clock = settings.clock_rate and periods_per(
@@ -97,7 +97,7 @@ class Outputs:
         return commit
 
     def publish(self, everything: bool = False) -> None:
-        """Publish the present state, on each topic whose turn has come or on all of them."""
+        """Publish the present state, on each topic that is due or on all of them."""
         plant, now, every = self._plant, self._plant.periods, self._every
         odometry, ball_state, joint_states = (
             everything or now % period == 0 for period in every[1:])
@@ -128,7 +128,7 @@ class Outputs:
         """
         Publish the last message of each topic again, with its stamp.
 
-        For subscribers that were not there in time: a controller that is started again in
+        For late subscribers: a controller that is restarted in
         lockstep needs the set-point of its period, hence the decision the observation.
         """
         for publish, values in self._last.values():
@@ -155,7 +155,7 @@ class Outputs:
 
 class PlaceOnMap:
     """
-    Says where the frame ``odom`` is on the map: exactly, or with an error that drifts.
+    Publishes the pose of the frame ``odom`` on the map: exactly, or with a drifting error.
 
     The error is that of a localisation, an Ornstein-Uhlenbeck process for each coordinate.
 
@@ -171,7 +171,7 @@ class PlaceOnMap:
     CORRELATION = 10.0  # time of the drift [s]
 
     def __init__(self, node: Node, plant: FloorPlant, settings: SimulatorSettings):
-        """Publish the map, and begin without an error."""
+        """Publish the map; the initial error is zero."""
         self._plant, self.settings = plant, settings
         self._error, self._at = np.zeros(3), 0.0
         self._random = np.random.default_rng([settings.seed, 1])
@@ -200,7 +200,7 @@ class Sensors:
     """
     The step sensor, the terrain sensor and, on a floor, the laser, as far as they have a rate.
 
-    A look is stamped when it was made and published when its latency has passed.
+    A measurement has the stamp of its time, and is published after its latency.
 
     Parameters
     ----------
@@ -272,7 +272,7 @@ class Sensors:
         return commit
 
     def _topic(self, name: str) -> Publisher:
-        """Return a publisher, made when it is first needed."""
+        """Return a publisher, created when it is first needed."""
         if name not in self._topics:
             self._topics[name] = create_publisher(self._node, name)
         return self._topics[name]
@@ -317,7 +317,7 @@ class Sensors:
 
 
 def check_lockstep(settings: SimulatorSettings) -> None:
-    """Refuse observations that may come twice, late or not at all."""
+    """Refuse observations that may arrive twice, late or not at all."""
     if settings.observation_rate > 0.0 and settings.terrain_rate > 0.0:
         raise ConfigurationError(
             'terrain_rate must be 0 Hz where observation_rate is above 0 Hz in lockstep, where '

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Runs the control periods of a simulation: in real time, as fast as it goes, or in lockstep."""
+"""Runs the control periods of a simulation: in real time, at maximum speed, or in lockstep."""
 import math
 import time
 from typing import Callable, Optional, Union
@@ -22,7 +22,7 @@ from ballbot_ros.ros.endpoints import create_subscription
 REPEAT_PERIOD = 0.2
 # Wall time of one callback where the simulation runs as fast as possible [s].
 BATCH_TIME = 0.002
-# A larger lag behind a followed /clock is given up: time jumps [s].
+# A larger lag behind a followed /clock is skipped: time jumps [s].
 LAG_MAX = 1.0
 # Rounding of stamps to the nanosecond, as a part of any period at most.
 STAMP_ROUNDING = 1e-4
@@ -87,8 +87,8 @@ class FollowedClock:
     """
     Counts the control periods that are due by /clock, in place of a `Pace`.
 
-    The plant takes its time from the first message, is never ahead of the newest one, and follows
-    it also where it jumps: its stamps are of the one time of the graph.
+    The time of the plant starts at the first message, is never ahead of the newest, and follows
+    its jumps: the stamps have the common time of the graph.
 
     Parameters
     ----------
@@ -100,7 +100,7 @@ class FollowedClock:
     Attributes
     ----------
     dropped : int
-        Periods given up so far.
+        Periods skipped so far.
 
     """
 
@@ -141,7 +141,7 @@ class FollowedClock:
             self._waiting_since = now
         if now - self._waiting_since > CLOCK_TIMEOUT:
             self._logger.warning(
-                'no /clock, and publish_clock is false: time stands still; start the simulator '
+                'no /clock, and publish_clock is false: time is stopped; start the simulator '
                 'that publishes it', throttle_duration_sec=10.0)
 
 
@@ -153,20 +153,20 @@ class Scheduler:
     ----------
     plant : Plant
     gate : TorqueSource
-        Where the torque of a period comes from.
+        Source of the torque of a period.
     outputs : Outputs
         Publishes the states.
     settings : SimulatorSettings
     logger : RcutilsLogger
     failed : callable
-        Called when the simulation cannot go on.
+        Called when the simulation cannot continue.
     clock : FollowedClock, optional
-        Of another simulator, by which time passes here.
+        Of another simulator, which sets the time here.
 
     Attributes
     ----------
     failure : SimulationError or None
-        Why time stands still until `reset`.
+        The reason why time is stopped until `reset`.
 
     """
 
@@ -180,13 +180,13 @@ class Scheduler:
         self._pace = self._new_pace(settings)
         self._speed = Speedometer()
         self._due = 0  # periods that the clock allows and lockstep has not run yet
-        self._expecting = False  # commands have come, and their end would be worth a warning
+        self._expecting = False  # commands have arrived, so their timeout causes a warning
         self.failure: Optional[SimulationError] = None
         self._publish()
 
     @property
     def interval(self) -> float:
-        """Return how often `tick` is to be called [s of wall time]."""
+        """Return the period of calls of `tick` [s of wall time]."""
         if self._clock is not None:
             return self._plant.period
         if self._pace:
@@ -195,7 +195,7 @@ class Scheduler:
 
     @property
     def paused(self) -> bool:
-        """Return whether time stands still until `resume` or `step`."""
+        """Return whether time is stopped until `resume` or `step`."""
         return self._control.paused
 
     @property
@@ -205,7 +205,7 @@ class Scheduler:
 
     @property
     def dropped(self) -> int:
-        """Return the periods given up because the machine was too slow."""
+        """Return the number of periods skipped because the machine was too slow."""
         return self._pace.dropped if self._pace else 0
 
     def tick(self) -> None:
@@ -235,7 +235,7 @@ class Scheduler:
                 self._run_answered()
 
     def follow(self, settings: SimulatorSettings) -> None:
-        """Go on by other parameters from now on."""
+        """Continue with other parameters."""
         before, self._settings = self._settings, settings
         if settings.real_time_factor != before.real_time_factor:
             dropped, self._pace = self.dropped, self._new_pace(settings)
@@ -254,23 +254,23 @@ class Scheduler:
         return Pace(self._plant.period, factor) if factor > 0.0 else None
 
     def pause(self) -> None:
-        """Let no more time pass."""
+        """Stop time."""
         self._control.pause()
 
     def resume(self) -> None:
-        """Let time pass again."""
+        """Resume time."""
         self._control.resume()
         self._restart()
 
     def step(self, periods: int) -> Future:
-        """Let some periods pass, then pause; the future holds whether all have passed."""
+        """Run some periods, then pause; the future holds whether all have run."""
         done = self._control.step(periods)
         self._restart()
         return done
 
     @property
     def makes_time(self) -> bool:
-        """Return whether time is made here, not by the clock of another simulator."""
+        """Return whether this simulator publishes the time, not another one."""
         return self._clock is None
 
     def reset(self, state: bool = True, time: bool = True) -> None:
@@ -280,9 +280,9 @@ class Scheduler:
         Parameters
         ----------
         state : bool
-            Reset the state of the robot, and forget failure and commands.
+            Reset the state of the robot, and clear failure and commands.
         time : bool
-            Reset the simulated time; a time that another simulator makes goes on.
+            Reset the simulated time, unless another simulator publishes it.
 
         """
         time = time and self.makes_time
@@ -297,7 +297,7 @@ class Scheduler:
         self._publish(everything=True)
 
     def put(self, state: State) -> None:
-        """Have the robot in a state from now on."""
+        """Set the state of the robot."""
         self._plant.put(state)
         self._publish(everything=True)
 
@@ -355,5 +355,5 @@ class Scheduler:
         if now - self._since >= self._settings.lockstep_timeout:
             self._gate.clear()
             self._logger.warning(
-                f'no command answers the state of t = {self._plant.time:.3f} s: time stands '
-                'still, torque is 0; is the controller running?', throttle_duration_sec=10.0)
+                f'no command answers the state of t = {self._plant.time:.3f} s: time is '
+                'stopped, torque is 0; is the controller running?', throttle_duration_sec=10.0)

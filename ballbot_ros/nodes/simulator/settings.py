@@ -27,7 +27,7 @@ class SimulatorSettings(Settings):
 
     scene: str = fixed('the world is built of it', file_in('scenes', 'doorstep'))
     robot: str = fixed('the world is built of it', text(
-        'name or file of a robot to put into the scene; empty keeps its own, and takes gimball on '
+        'name or file of a robot for the scene; empty for that of the scene, and for gimball on '
         'a floor', default=''))
     floor: str = fixed('the world is built of it', text(
         'name of a floor in config/floors, or a YAML file, to drive on in place of the scene; '
@@ -35,19 +35,19 @@ class SimulatorSettings(Settings):
     start: str = fixed('the world is built of it', text(
         'x, y [m] and heading [rad] of the start on the floor, separated by commas; empty for '
         'that in the floor file', default=''))
-    control_rate: float = fixed('all other rates and the clock are counted in it', quantity(
+    control_rate: float = fixed('all other rates and the clock depend on it', quantity(
         'Hz', 'rate of control, and in direct control of joint_states; the motor torque is '
         'constant over a period', default=500.0, minimum=1.0, maximum=10000.0))
     physics_step: float = fixed('the world is built with it', quantity(
         's', 'integration step of a method that has one; a control period is a whole number of '
         'them', default=1e-4, minimum=1e-7, maximum=0.01))
     method: str = fixed('the world is built with it', text(
-        'integrator, where no accuracy is asked for', default='rk4', choices=METHODS))
+        'integrator, if accuracy is 0', default='rk4', choices=METHODS))
     accuracy: float = fixed('the world is built with it', quantity(
-        'm', 'error of position allowed under given torques; chooses the method and is watched on '
+        'm', 'error of position allowed under given torques; selects the method, is reported on '
         '/diagnostics; 0 to use method and physics_step', default=0.0, minimum=0.0, maximum=0.1))
     real_time_factor: float = live(quantity(
-        '1', 'simulated seconds per wall second; 0 for as fast as it goes', default=1.0,
+        '1', 'simulated seconds per wall second; 0 for maximum speed', default=1.0,
         minimum=0.0, maximum=1000.0))
     lockstep: bool = live(flag(
         'wait for the command that answers each state, so that a run is repeatable to the bit',
@@ -55,37 +55,37 @@ class SimulatorSettings(Settings):
     lockstep_timeout: float = live(quantity(
         's', 'wall time after which a missing answer is reported', default=2.0, minimum=0.1,
         maximum=3600.0))
-    start_paused: bool = fixed('it says how to begin; call ~/pause or ~/resume', flag(
+    start_paused: bool = fixed('it applies at the start; call ~/pause or ~/resume', flag(
         'wait for the service ~/resume or ~/step', default=False))
     control: str = fixed('topics and laws are made for it', text(
-        'where the torque comes from: `direct` from joint_commands; `onboard` from the laws, run '
-        'inside the simulator as in a bridge, by set_point and cmd_vel', default='direct',
-        choices=('direct', 'onboard')))
+        'source of the torque: `direct` for joint_commands; `onboard` for the laws, run '
+        'inside the simulator as in a bridge, which follow set_point and cmd_vel',
+        default='direct', choices=('direct', 'onboard')))
     tuning: str = live(file_in('tunings', 'published', doc=': gains of the laws inside'))
     set_point_timeout: float = live(quantity(
-        's', 'on board, simulated age of a set-point after which the pendulum is let down; 0 for '
+        's', 'on board, simulated age of a set-point after which the pendulum is lowered; 0 for '
         'never', default=0.5, minimum=0.0, maximum=3600.0))
     joint_state_rate: float = live(rate_of(
         'joint_states on board; in direct control it is control_rate', 100.0))
     command_timeout: float = live(quantity(
-        's', 'simulated time after which a command is not followed any more', default=0.1,
+        's', 'simulated age after which a command is dropped', default=0.1,
         minimum=1e-3, maximum=10.0))
     torque_limit: float = live(quantity(
-        'N m', 'largest torque at the pendulum, where the motor could give more; 0 for none but '
+        'N m', 'largest torque at the pendulum, below that of the motor; 0 for '
         'that of the motor', default=0.0, minimum=0.0, maximum=1000.0))
-    publish_clock: bool = fixed('who makes the time is said at the start', flag(
-        'make the time of the graph and publish it as /clock; false to follow the /clock of '
+    publish_clock: bool = fixed('the source of the time is fixed at the start', flag(
+        'publish the time of the graph as /clock; false to follow the /clock of '
         'another simulator', default=True))
     clock_rate: float = live(rate_of(
-        '/clock in simulated time; 0 for one before all that is published, so that no stamp is '
+        '/clock in simulated time; 0 for one before each other message, so that no stamp is '
         'ahead of it', 0.0, minimum=0.0))
     odom_rate: float = live(rate_of('odom', 100.0))
     ball_state_rate: float = live(rate_of('ball_state', 100.0))
     observation_rate: float = live(rate_of(
-        'step_observation, of a sensor that sees the next step and no floor behind it; 0 for none',
+        'step_observation, of a sensor for the next step without the floor behind it; 0 for none',
         0.0, minimum=0.0))
     observation_reach: float = live(quantity(
-        'm', 'how far ahead the step sensor sees', default=3.0, above=0.0, maximum=1000.0))
+        'm', 'range of the step sensor', default=3.0, above=0.0, maximum=1000.0))
     observation_distance_sd: float = live(quantity(
         'm', 'standard deviation of the observed distance', default=0.0, minimum=0.0,
         maximum=10.0))
@@ -93,23 +93,23 @@ class SimulatorSettings(Settings):
         'm', 'standard deviation of the observed height', default=0.0, minimum=0.0, maximum=1.0))
     terrain_rate: float = live(rate_of('terrain_observation; 0 for none', 50.0, minimum=0.0))
     terrain_reach: float = live(quantity(
-        'm', 'how far ahead the terrain sensor sees', default=3.0, above=0.0, maximum=100.0))
+        'm', 'range of the terrain sensor', default=3.0, above=0.0, maximum=100.0))
     terrain_height_sd: float = live(quantity(
         'm', 'standard deviation of the height of a point of the terrain', default=0.0,
         minimum=0.0, maximum=1.0))
     scan_rate: float = live(rate_of('scan on a floor; 0 for none', 10.0, minimum=0.0))
     scan_reach: float = live(quantity(
-        'm', 'how far the scan sees', default=8.0, above=0.0, maximum=100.0))
-    scan_beams: int = live(count('directions of a scan, all around', default=360, minimum=1,
+        'm', 'range of the scan', default=8.0, above=0.0, maximum=100.0))
+    scan_beams: int = live(count('directions of a scan, over a circle', default=360, minimum=1,
                                  maximum=3600))
     scan_sd: float = live(quantity(
         'm', 'standard deviation of a distance of the scan', default=0.0, minimum=0.0,
         maximum=1.0))
     map_sd: float = live(quantity(
-        'm', 'standard deviation of the place of odom on the map, which drifts; 0 for an exact '
+        'm', 'standard deviation of the drifting position of odom on the map; 0 for an exact '
         'one', default=0.0, minimum=0.0, maximum=10.0))
     map_heading_sd: float = live(quantity(
-        'rad', 'standard deviation of the heading of odom on the map, which drifts; 0 for an '
+        'rad', 'standard deviation of the drifting heading of odom on the map; 0 for an '
         'exact one', default=0.0, minimum=0.0, maximum=3.2))
     sensor_reported_sd: float = live(_fault('reported_sd'))
     sensor_bias: float = live(_fault('bias'))
@@ -139,7 +139,7 @@ def plant_for(settings: SimulatorSettings) -> Plant:
     Raises
     ------
     ConfigurationError
-        If a file is not valid, or parameters contradict each other.
+        If a file is not valid, or parameters are inconsistent.
 
     """
     solver, limit = Solver(settings.method, settings.physics_step), settings.torque_limit or None

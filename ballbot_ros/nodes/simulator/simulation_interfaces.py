@@ -2,7 +2,7 @@
 """
 The services and the action of simulation_interfaces, where that package is installed.
 
-Stopped is paused at the start of the scene.
+The state *stopped* means paused at the start of the scene.
 """
 import math
 import re
@@ -118,12 +118,12 @@ class Interfaces:
         named, answer, state = SimulationState, SetSimulationState.Response, request.state.state
         if state == named.STATE_QUITTING:
             raise Refusal(Result.RESULT_FEATURE_UNSUPPORTED,
-                          'quitting is not offered: end the process with SIGINT')
+                          'quitting is not supported: end the process with SIGINT')
         if state not in (named.STATE_STOPPED, named.STATE_PLAYING, named.STATE_PAUSED):
             raise Refusal(answer.INCORRECT_TRANSITION,
-                          f'{state} cannot be asked for: 0 stops, 1 plays, 2 pauses')
+                          f'{state} cannot be requested: 0 stops, 1 plays, 2 pauses')
         if state == self._state:
-            raise Refusal(answer.ALREADY_IN_TARGET_STATE, 'this is the state already')
+            raise Refusal(answer.ALREADY_IN_TARGET_STATE, 'already in this state')
         if state == named.STATE_PLAYING:
             if self._scheduler.failure is not None:
                 raise Refusal(answer.STATE_TRANSITION_ERROR,
@@ -143,7 +143,7 @@ class Interfaces:
         if scope == request.SCOPE_TIME and not self._scheduler.makes_time:
             raise Refusal(Result.RESULT_FEATURE_UNSUPPORTED,
                           'the time is that of another simulator: reset that one')
-        if scope != request.SCOPE_SPAWNED:  # nothing can be spawned
+        if scope != request.SCOPE_SPAWNED:  # spawning is not supported
             self._scheduler.reset(bool(scope & request.SCOPE_STATE),
                                   bool(scope & request.SCOPE_TIME))
 
@@ -336,7 +336,7 @@ def placed(plant: Plant, message: Any, pose: bool, twist: bool) -> State:
     Raises
     ------
     RefusedError
-        If something is not finite, not in the plane of motion, or the ball lies in the ground.
+        If a value is not finite or not in the plane of motion, or the ball penetrates the ground.
 
     """
     state = plant.state
@@ -354,7 +354,7 @@ def placed(plant: Plant, message: Any, pose: bool, twist: bool) -> State:
         deepest = max((touch.penetration for touch in plant.model.touches(state)), default=0.0)
         if deepest > DEEPEST:
             raise RefusedError(
-                f'the ball would lie {1e3 * deepest:.1f} mm in the ground, 1 mm is allowed',
+                f'the ball would penetrate the ground by {1e3 * deepest:.1f} mm, 1 mm is allowed',
                 'out_of_range', 'position')
     if twist:
         linear, angular = message.twist.linear, message.twist.angular

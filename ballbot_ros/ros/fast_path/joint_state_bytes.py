@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Joint states as the bytes that go over the wire.
+Joint states as serialised bytes.
 
 Making messages of Python objects costs rclpy more than simulating and controlling.  All joint
-states of one sender are alike but for their numbers, so these are read and written in place.  The
+states of one sender differ in their numbers only, so these are read and written in place.  The
 middleware handles all other messages.
 """
 import math
@@ -24,7 +24,7 @@ from ballbot_ros.steering.model import LateralState
 # Of plain CDR, little-endian; within it, numbers are aligned from here on.
 LITTLE_ENDIAN, START = b'\0\1', 4
 STAMP = struct.Struct('<iI')
-# Of these many senders or kinds of messages the form is kept.
+# Number of cached message layouts.
 FORMS = 16
 
 
@@ -129,12 +129,12 @@ class Form:
         return bytearray(self._pattern.to_bytes(self._length, 'little')[:self.end])
 
     def fits(self, data: bytes) -> bool:
-        """Say whether a message differs from that of this form in its numbers only."""
+        """Return whether a message differs from one of this form in its numbers only."""
         return len(data) == self._length \
             and int.from_bytes(data, 'little') & self._mask == self._pattern
 
     def read(self, data: bytes) -> ReceivedJointState:
-        """Return the message that these bytes are."""
+        """Return the message of these bytes."""
         values = self._struct.unpack_from(data)
         position, velocity, effort = self._slices
         return ReceivedJointState(
@@ -143,7 +143,7 @@ class Form:
 
 
 def same(one: AnyJointState, other: AnyJointState) -> bool:
-    """Say whether two messages are equal to the bit, NaN included."""
+    """Return whether two messages are equal to the bit, NaN included."""
     return (one.header.stamp.sec, one.header.stamp.nanosec, one.header.frame_id) == (
         other.header.stamp.sec, other.header.stamp.nanosec, other.header.frame_id) \
         and list(one.name) == list(other.name) and all(
@@ -153,7 +153,7 @@ def same(one: AnyJointState, other: AnyJointState) -> bool:
 
 
 class JointStateReader:
-    """Reads joint states: by the middleware where their form is new, else in place."""
+    """Reads joint states: by the middleware if their form is new, otherwise in place."""
 
     def __init__(self) -> None:
         self._forms: Dict[int, Form] = {}  # by length

@@ -128,7 +128,7 @@ def test_commands_that_timed_out_are_a_warning_until_they_come_again():
 def test_without_an_imu_it_warns_where_none_is_required():
     robot = driving(imu=False)
     assert described(robot)[:2] == (
-        diagnostics.WARN, 'no IMU: the pendulum angle is a guess off level floor')
+        diagnostics.WARN, 'no IMU: pendulum angle unreliable off level floor')
     assert values(robot)['imu'] == 'silent'
 
 
@@ -254,7 +254,7 @@ def test_every_message_stands_in_the_document():
             ('ERROR', 'looking for the drive: WHY'),
             ('WARN', 'e-stop: WHY'), ('ERROR', 'the drive reports FAULTS'),
             ('WARN', 'commands timed out'),
-            ('WARN', 'no IMU: the pendulum angle is a guess off level floor'), ('OK', 'running')):
+            ('WARN', 'no IMU: pendulum angle unreliable off level floor'), ('OK', 'running')):
         assert f'| {level} | `{message}` |' in text
 
 

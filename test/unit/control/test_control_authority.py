@@ -42,7 +42,7 @@ def test_a_contest_is_reported_for_a_while():
     assert not authority.contested(1.0) and authority.contest == ''
     assert refused(authority, 'teleop', 1.05)
     assert authority.contested(2.0) and not authority.contested(2.1)
-    assert authority.contest == 'teleop commands, too, and controller did first'
+    assert authority.contest == 'teleop commands, but controller has authority'
 
 
 def test_a_clock_that_was_set_back_gives_authority_to_the_next():

@@ -76,7 +76,7 @@ def test_an_old_set_point_lets_the_pendulum_down_with_one_warning(caplog):
     assert answer(controller, 0.6) < 0.0
     answer(controller, 0.7)
     assert controller.set_point == SetPoint(Mode.HOLD, 0.0, 0.0)
-    assert len(caplog.messages) == 1 and 'let down' in caplog.messages[0]
+    assert len(caplog.messages) == 1 and 'lowered' in caplog.messages[0]
     controller.give(SetPoint(Mode.HOLD, 1.0, 0.71))
     assert answer(controller, 0.72) > 0.0
 

@@ -175,4 +175,4 @@ def test_a_missing_clock_is_reported_after_a_timeout(followed, capfd):
     clock.due(102.9)
     assert 'no /clock' not in capfd.readouterr().err
     clock.due(103.1)
-    assert 'no /clock, and publish_clock is false: time stands still' in capfd.readouterr().err
+    assert 'no /clock, and publish_clock is false: time is stopped' in capfd.readouterr().err

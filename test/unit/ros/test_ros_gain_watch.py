@@ -30,7 +30,7 @@ def test_other_gains_of_the_one_that_drives_are_said_with_what_to_do(decision, c
     watch = GainWatch(decision, 'set_point')
     watch.on_event(event('/controller', gains__position_kp=30.0))
     said = capfd.readouterr().err
-    assert '/controller drives with other gains now (gains.position_kp 30.0)' in said
+    assert '/controller now uses other gains (gains.position_kp 30.0)' in said
     assert "control_tuning 'published'" in said
     watch.on_event(event('/controller', tuning='gentle', gains__position_kp=6.0))
     assert '(tuning gentle)' in capfd.readouterr().err

@@ -100,7 +100,7 @@ def test_in_lockstep_time_waits_for_its_answer_and_asks_again(clock):
     for _ in range(50):
         tick(around, clock, 0.05)
     assert around.plant.periods == 2 and around.gate.torque(0.004) == 0.0
-    assert 'no command answers the state of t = 0.004 s: time stands still' in around.log[-1]
+    assert 'no command answers the state of t = 0.004 s: time is stopped' in around.log[-1]
 
 
 def test_in_lockstep_in_real_time_an_answer_waits_for_the_clock(clock):
