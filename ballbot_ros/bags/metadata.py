@@ -15,12 +15,12 @@ PREFIX = 'ballbot_ros.'
 @dataclass(frozen=True)
 class BagMetadata:
     """
-    Where a bag comes from.
+    The origin of a bag.
 
     Attributes
     ----------
     source : str
-        `SIMULATOR` or `BRIDGE`; empty where the bag does not say.
+        `SIMULATOR` or `BRIDGE`; empty if the bag does not contain it.
     version : str
         Of this package.
     parameters : mapping
@@ -57,7 +57,7 @@ class BagMetadata:
 
 
 def _mapping(texts: Mapping[str, str], name: str) -> Dict[str, Any]:
-    """Return a mapping that is kept as JSON; empty where it is none."""
+    """Return a mapping that is stored as JSON; empty if it is not a mapping."""
     try:
         found = json.loads(texts.get(f'{PREFIX}{name}', '{}'))
     except ValueError:
@@ -78,7 +78,7 @@ def bag_metadata(source: str, parameters: Mapping[str, Any],
     parameters : mapping
         Of that node.
     scene : Scene, optional
-        That the simulator runs.
+        Of the simulator.
     decision : mapping, optional
         Parameters of the node obstacle_decision.
 

@@ -19,7 +19,7 @@ from ballbot_ros.ros.topics import message_class
 MISSING = ('bags need the Python package rosbags (pip install rosbags), or the ROS package '
            'rosbag2_py with its MCAP storage; neither is installed')
 ENDINGS = ('.mcap', '.db3')
-# Errors of a reader for bytes that are no bag, or a damaged one.
+# Errors of a reader for bytes that are not a bag, or a damaged one.
 UNREADABLE = (ArithmeticError, AssertionError, AttributeError, EOFError, LookupError, OSError,
               RuntimeError, TypeError, ValueError, sqlite3.Error, struct.error)
 
@@ -81,8 +81,8 @@ def unreadable(path: Path, error: BaseException) -> ConfigurationError:
     """Return the error for a bag that cannot be read."""
     if 'magic' in str(error):
         return ConfigurationError(
-            f'{path}: is not a readable bag, or one that was cut short ({error}); what was '
-            'recorded before its end can be had with "mcap recover"', 'unreadable', str(path))
+            f'{path}: is not a readable bag, or is truncated ({error}); the messages '
+            'before its end can be recovered with "mcap recover"', 'unreadable', str(path))
     return ConfigurationError(
         f'{path}: is not a readable bag: {error or repr(error)}', 'unreadable', str(path))
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Read what encoders and odometry have published in a bag."""
+"""Read joint states and odometry from a bag."""
 from pathlib import Path
 from typing import Any, Dict, List, Optional, Tuple
 
@@ -20,7 +20,7 @@ def read_bag(path: Path) -> Recording:
     Raises
     ------
     ConfigurationError
-        If the bag cannot be read, or has nothing of that.
+        If the bag cannot be read, or has neither.
 
     """
     found: Dict[str, Tuple[List[float], List[float]]] = {}

@@ -37,7 +37,7 @@ class GraphRecording:
     topics : list of str
         Their names; empty for all.
     say : callable
-        Receives messages about what is recorded and what cannot be recorded.
+        Receives messages about recorded topics, and about those that cannot be recorded.
 
     Attributes
     ----------
@@ -56,11 +56,11 @@ class GraphRecording:
 
     @property
     def missing(self) -> List[str]:
-        """Return the topics that were asked for and are not there."""
+        """Return the requested topics that do not exist."""
         return sorted(self._wanted - self._known)
 
     def poll(self) -> None:
-        """Record what has come, and look for new topics; to be called often."""
+        """Record received messages, and search for new topics; to be called often."""
         self._bag.take_all()
         if time.monotonic() >= self._look_at:
             self._look_at = time.monotonic() + GRAPH_PERIOD
@@ -98,7 +98,7 @@ def source_metadata(observer: Observer) -> Dict[str, str]:
     """
     Return the metadata of a bag of the running simulator or bridge, for `ballbot replay`.
 
-    Empty where there is none of them or more than one, or where it does not answer.
+    Empty if there is none or more than one of them, or without an answer.
     """
     observer.settle()
     found = [names for names in observer.node.get_node_names_and_namespaces()
@@ -126,12 +126,12 @@ def source_metadata(observer: Observer) -> Dict[str, str]:
 def record(observer: Observer, folder: Path, topics: List[str], duration: float,
            say: Callable[[str], None]) -> Counter:
     """
-    Record until Ctrl-C, or for a duration [s]; return how many messages came, by topic.
+    Record until Ctrl-C, or for a duration [s]; return the number of messages by topic.
 
     Raises
     ------
     ConfigurationError
-        If the folder is there already.
+        If the folder exists.
 
     """
     check_new(folder)
@@ -141,7 +141,7 @@ def record(observer: Observer, folder: Path, topics: List[str], duration: float,
         recording = GraphRecording(observer, bag, topics, say)
         observer.wait(lambda: recording.poll() or not recording.missing, 1.0)
         if recording.missing:
-            say(f'not there yet: {", ".join(recording.missing)}; recorded as soon as a node '
+            say(f'not published yet: {", ".join(recording.missing)}; recorded as soon as a node '
                 'publishes')
         try:
             while time.monotonic() < end:
@@ -154,7 +154,7 @@ def record(observer: Observer, folder: Path, topics: List[str], duration: float,
 
 
 def check_new(folder: Path) -> None:
-    """Refuse a folder that exists: a bag would take its place."""
+    """Refuse an existing folder, which a bag would replace."""
     if folder.exists():
         raise ConfigurationError(
             f'{folder} exists already; name another folder with -o, or remove it', 'exists', '-o')

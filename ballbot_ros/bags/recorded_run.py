@@ -12,7 +12,7 @@ from ballbot_ros.control import Mode, SetPoint
 from ballbot_ros.errors import ConfigurationError
 
 Values = Dict[str, float]
-# Of a ball_state, those that decide how it goes on, and what the motor has done.
+# Of a ball_state, those that determine the further motion, and the torque of the motor.
 BALL_STATE = ('x', 'y', 'ball_angle', 'pendulum_angle', 'velocity_x', 'velocity_y', 'ball_rate',
               'pendulum_rate', 'pendulum_torque', 'motor_work')
 # Units. Absent in bags of versions without turning.
@@ -30,7 +30,7 @@ class RecordedRun:
     ----------
     joints : mapping of int to list of mappings
         Angles, rates and torque as on ``joint_states``.  One each stamp; more where the simulation
-        was put back to its start at that time.
+        was reset at that time.
     balls : mapping of int to list of mappings
         As on ``ball_state``; none of a real robot.
     odometry : mapping of int to mapping
@@ -67,7 +67,7 @@ def read_run(path: Path, namespace: Optional[str] = None) -> RecordedRun:
     ----------
     path : Path
     namespace : str, optional
-        Of the robot; needed where the bag has several.
+        Of the robot; required if the bag has several.
 
     Raises
     ------
@@ -127,7 +127,7 @@ def _takers(run: RecordedRun) -> Dict[
     def command(message: Any) -> None:
         torque = joint_values(message).get('pendulum_torque', math.nan)
         if math.isfinite(torque):
-            # The first one counts; a controller that is ended sends a last one, of no torque.
+            # The first one counts; a terminated controller sends a final one with zero torque.
             run.commands.setdefault(_stamp(message), torque)
             run.leans.setdefault(_stamp(message), joint_values(message).get('lean', 0.0))
 
@@ -156,7 +156,7 @@ def _takers(run: RecordedRun) -> Dict[
 
 
 def same(one: Mapping[str, float], other: Mapping[str, float]) -> bool:
-    """Return whether the numbers of two states are the same, bit for bit."""
+    """Return whether the values of two states are identical to the bit."""
     return {name: value.hex() for name, value in one.items()} \
         == {name: value.hex() for name, value in other.items()}
 

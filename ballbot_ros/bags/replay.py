@@ -29,10 +29,10 @@ class Torques(Protocol):
     what: str
 
     def torque(self, stamp: int, after: int, plant: Plant) -> Optional[float]:
-        """Return the torque from one stamp to the next one [ns], None if it is not known."""
+        """Return the torque from one stamp to the next one [ns], None if unknown."""
 
     def lean(self, stamp: int, plant: Plant) -> float:
-        """Return the set-point of the lean after a stamp [rad]; asked of a plant that steers."""
+        """Return the set-point of the lean after a stamp [rad]; called for a plant that steers."""
 
 
 class Commands:
@@ -66,14 +66,14 @@ class MotorTorques:
             if after in self._joints else None
 
     def lean(self, stamp: int, plant: Plant) -> float:
-        """Return the lean that the pendulum has, its set-point being unknown."""
+        """Return the actual lean of the pendulum, because its set-point is unknown."""
         return plant.lateral.lean
 
 
 class Laws:
     """Laws on board, which receive recorded set-points at the times of their stamps."""
 
-    what = 'recorded set-points, given to the laws on board when their stamps had come'
+    what = 'recorded set-points, applied to the laws on board at the times of their stamps'
 
     def __init__(self, run: RecordedRun, controller: SupervisedController):
         self._set_points = sorted(run.set_points, key=lambda given: given.stamp, reverse=True)
@@ -101,10 +101,10 @@ class Laws:
 
 @dataclass(frozen=True)
 class Departure:
-    """The first number that is not as it was recorded."""
+    """The first value that differs from the recording."""
 
     time: float  # [s]
-    states: int  # that came before it, all of them identical
+    states: int  # before it, all of them identical
     channel: str
     recorded: float
     again: float
@@ -113,25 +113,25 @@ class Departure:
 @dataclass(frozen=True, eq=False)
 class Rerun:
     """
-    A run that was run again.
+    A repeated run.
 
     Attributes
     ----------
     what : str
-        Where the torque came from.
+        Source of the torque.
     states : int
         That were compared.
     identical : int
         Of these, bit for bit.
     departure : Departure or None
     applied : int
-        Periods for which the source knew the torque.
+        Periods for which the source had a torque.
     filled : int
-        Periods in which it did not, and the torque that the motor gave was taken.
+        Periods without one, in which the motor torque was used.
     resets : int
-        How often the simulation was put back to its start.
+        Number of resets of the simulation.
     ended : str
-        Why it ended before the recording; empty if it did not.
+        Reason for an end before that of the recording; empty without one.
     recorded, again : mapping of str to mapping of float to float
         Values by channel and time [s].
 
@@ -162,7 +162,7 @@ def plant_values(plant: Plant) -> Values:
 
 
 class _Comparer:
-    """Counts states, and keeps the first departure."""
+    """Counts states, and stores the first departure."""
 
     def __init__(self) -> None:
         self.states = self.identical = 0
@@ -171,12 +171,12 @@ class _Comparer:
         self.again: Dict[str, Dict[float, float]] = {}
 
     def look(self, time: float, all_recorded: List[Values], plant: Plant) -> None:
-        """Compare a state with what was recorded of it, by one topic or two."""
+        """Compare a state with its record, from one topic or two."""
         again, good = plant_values(plant), True
         for recorded in all_recorded:
             for name, value in recorded.items():
                 if value != value:
-                    continue  # NaN: of a pendulum that the robot has not
+                    continue  # NaN: a robot without a pendulum
                 self.recorded.setdefault(name, {})[time] = value
                 self.again.setdefault(name, {})[time] = again[name]
                 if value.hex() == again[name].hex():
@@ -190,15 +190,15 @@ class _Comparer:
 
 def rerun(plant: Plant, run: RecordedRun, torques: Torques) -> Rerun:
     """
-    Run a plant from its start as a recording says, and compare each recorded state.
+    Run a plant from its start by a recording, and compare each recorded state.
 
     Parameters
     ----------
     plant : Plant
-        As the simulator had it, at its start.
+        Of the simulator, at its start.
     run : RecordedRun
     torques : Torques
-        Where a torque is not known, the one that the motor gave by the next joint state is taken.
+        For an unknown torque, the motor torque in the next joint state is used.
 
     Raises
     ------

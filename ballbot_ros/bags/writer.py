@@ -31,7 +31,7 @@ SEQUENCES = ('sequence<geometry_msgs/TransformStamped>', 'sequence<visualization
 WALL_TIME_MESSAGES = ('DiagnosticArray', 'Log')
 
 StampOf = Callable[[bytes], int]
-# Period at which a recorder with a thread of its own takes messages [s].
+# Period at which a recorder with a separate thread takes messages [s].
 POLL_PERIOD = 0.002
 
 
@@ -135,7 +135,7 @@ class BagRecorder:
         Return whether each of these topics is recorded up to a stamp [ns].
 
         Delivery is reliable and in order, so all messages before it are recorded, too.  Publishers
-        must not end before: what is not delivered then is lost.
+        must not end before: undelivered messages are lost.
         """
         return all(self._latest.get(topic, -1) >= stamp for topic, stamp in stamps.items())
 
@@ -143,7 +143,7 @@ class BagRecorder:
         """
         Record all messages that have arrived.
 
-        An executor takes one message per topic each time that it wakes up, and looks at all
+        An executor takes one message per topic at each wake-up, and polls all
         topics again before the next one; on a busy machine that is too slow.
         """
         with self._taking:
@@ -153,9 +153,9 @@ class BagRecorder:
 
     def record_in_thread(self) -> None:
         """
-        Take messages in a thread of its own, until the bag is closed.
+        Take messages in a separate thread, until the bag is closed.
 
-        The node that subscribes needs no executor then.
+        The subscribing node then needs no executor.
         """
         self._thread = threading.Thread(target=self._take_on, name='bag recorder', daemon=True)
         self._thread.start()
@@ -173,7 +173,7 @@ class BagRecorder:
 
         def write(data: bytes) -> None:
             if timed:
-                # A zero stamp is none, except where simulated time begins.
+                # A zero stamp means none, except at the start of simulated time.
                 self._newest = stamp_in(data) or self._newest or 0
                 self._write_early()
             elif self._newest is None:
@@ -199,7 +199,7 @@ def stamp_of(data: bytes, offset: int = OFFSET) -> int:
 
 
 def stamp_of_first(data: bytes) -> int:
-    """Return the stamp of the first of the messages that a serialized one consists of [ns]."""
+    """Return the stamp of the first message in a serialized sequence [ns]."""
     count, = _COUNT.unpack_from(data, OFFSET)
     return stamp_of(data, OFFSET + LENGTH) if count else 0
 
@@ -213,7 +213,7 @@ def stamp_reader(kind: Any) -> StampOf:
     """
     Return the function that reads the stamp of messages of a class [ns]; 0 where they have none.
 
-    A stamp is looked for at the beginning: a time or a header there, or a sequence of messages
+    A stamp is at the beginning: a time or a header, or a sequence of messages
     that begin with a header, as those of /tf.
     """
     first = next(iter(kind.get_fields_and_field_types().values()), '')
@@ -240,7 +240,7 @@ def bag_writer(folder: Path, metadata: Mapping[str, str]) -> Any:
     Raises
     ------
     ConfigurationError
-        If there is nothing to write bags with.
+        If no library that writes bags is installed.
 
     """
     if find_spec('rosbags') is not None:
@@ -306,7 +306,7 @@ class Rosbag2Writer:
         self._topics = 0
 
     def open(self) -> None:
-        """Begin; `ConfigurationError` where there is no storage plugin for MCAP."""
+        """Open the bag; `ConfigurationError` without a storage plugin for MCAP."""
         try:
             self._writer.open(self._storage, self._rosbag2.ConverterOptions('cdr', 'cdr'))
         except RuntimeError as error:

@@ -49,7 +49,7 @@ class BlackBoxRecording:
     reason : str
         Of the fault.
     fault_time : float
-        When the fault was detected [s].
+        Time of the detection of the fault [s].
     about : mapping of str to str
         Hardware, robot, protocol and more.
     tables : mapping of str to mapping of str to (n,) array
@@ -135,7 +135,7 @@ def read_black_box(path: PathLike) -> BlackBoxRecording:
                         _take(record, messages, damage)
                     complete = complete or isinstance(record, Footer)
             except DAMAGES as error:
-                damage.append(f'the file is damaged or was cut off: {error!r}')
+                damage.append(f'the file is damaged or truncated: {error!r}')
     except OSError as error:
         raise ConfigurationError(
             f'{path}: cannot be read: {error.strerror or error}',
@@ -148,7 +148,7 @@ def read_black_box(path: PathLike) -> BlackBoxRecording:
             f'{", ".join(damage) or "it has no record of a fault"}',
             'unreadable', str(path)) from None
     if not complete and not damage:
-        damage.append('the file was cut off')
+        damage.append('the file is truncated')
     traffic = sorted(
         (Record(stamp, side, data[4:4 + struct.unpack_from('<I', data)[0]])
          for channel, side in ((TO_DRIVE, '>'), (FROM_DRIVE, '<'))

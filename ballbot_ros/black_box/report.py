@@ -60,7 +60,7 @@ def _before(recording: BlackBoxRecording) -> Iterator[Tuple[str, str]]:
         yield 'joint rate', _range(periods['joint_rate'][measured], 'rad/s')
         yield 'ball rate', _range(periods['ball_rate'][measured], 'rad/s')
         yield 'last measured', _ago(fault - periods['time'][measured][-1])
-    yield 'torque asked', _range(periods['asked'], 'N m')
+    yield 'torque requested', _range(periods['asked'], 'N m')
     yield 'torque applied', _range(periods['torque'], 'N m')
     yield from _slow(recording, periods)
     yield 'gaps of the loop', _gap(periods['time'], fault)
@@ -110,7 +110,7 @@ def merge_repeated(events: Sequence[RecordedEvent]) -> List[RecordedEvent]:
     repeated within `REPETITION_TIME` is listed once, with its number.
     """
     kept: List[RecordedEvent] = []
-    times: List[List[float]] = []  # of each that is kept
+    times: List[List[float]] = []  # of each kept event
     places: dict[str, int] = {}
     for event in events:
         place = places.get(event.text)
@@ -158,22 +158,22 @@ def _last_command(commands: dict[str, Array], fault: float) -> str:
 
 
 def _zero_after(after: dict[str, Array], fault: float) -> str:
-    """Return the time from which the torque stayed at zero."""
+    """Return the time from which the torque remained at zero."""
     if not len(after['time']):
-        return 'nothing was recorded after the fault'
+        return 'no records after the fault'
     pushing = np.abs(after['torque']) > ZERO_TORQUE
     if not pushing.any():
-        return 'when the fault was noticed'
+        return 'at the detection of the fault'
     last = int(np.flatnonzero(pushing)[-1])
     if last + 1 == len(pushing):
-        return 'not in the time that was recorded'
+        return 'not within the recorded time'
     return f'{1e3 * (after["time"][last + 1] - fault):.1f} ms after it'
 
 
 def _range(values: Array, unit: str) -> str:
     known = values[np.isfinite(values)]
     if not len(known):
-        return 'not known'
+        return 'unknown'
     return f'{known.min():.3g} to {known.max():.3g} {unit}, {known[-1]:.3g} at the end'
 
 
@@ -182,7 +182,7 @@ def _ago(seconds: float) -> str:
 
 
 def _printable(data: bytes) -> str:
-    """Return bytes as text if they are, else in hexadecimal; the first of them."""
+    """Return the first bytes as text if printable, otherwise in hexadecimal."""
     text = data[-60:].decode('ascii', 'replace')
     if ''.join(text.split()).isprintable() and '\ufffd' not in text:
         return repr(text)

@@ -92,7 +92,7 @@ CHANNELS: Mapping[int, MessageKind] = MappingProxyType({
 })
 PERIOD, DRIVE, COMMAND, IMU, TO_DRIVE, FROM_DRIVE, EVENT = CHANNELS
 # A Message record of MCAP: opcode and length; channel, sequence number, two times [ns]; the first
-# four bytes of the data say that CDR is little-endian.
+# four bytes of the data specify little-endian CDR.
 MESSAGE, CDR = struct.Struct('<BQHIQQ4s'), b'\x00\x01\x00\x00'
 OUTSIDE_LENGTH = struct.calcsize('<BQ')
 RECORDS = {number: struct.Struct(MESSAGE.format + kind.layout.format[1:])
@@ -101,7 +101,7 @@ RECORDS = {number: struct.Struct(MESSAGE.format + kind.layout.format[1:])
 
 class BlackBox(SessionObserver):
     """
-    Records what happens in a bounded piece of memory; may be used from any thread.
+    Records a session in bounded memory; may be used from any thread.
 
     Parameters
     ----------

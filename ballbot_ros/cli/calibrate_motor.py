@@ -19,7 +19,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 class Console:
-    """The dialogue with a person at a terminal."""
+    """The dialogue at the terminal."""
 
     def say(self, text: str) -> None:
         """Print."""
@@ -94,7 +94,7 @@ def write(path: Path, content: Mapping[str, Any], found: Any, base: str) -> None
             'value': round(found.torque_factor, 4), 'unit': '1', 'source': 'measured',
             'range': [round(max(1e-3, found.torque_factor - spread), 4),
                       round(found.torque_factor + spread, 4)],
-            'note': f'as good as M2 and e of the robot; friction was {found.friction:.3f} N m'}}
+            'note': f'accurate as M2 and e of the robot; friction was {found.friction:.3f} N m'}}
     whole = {**content, 'joint': joint}
     read_hardware(whole, str(path))  # check that the file is readable
     write_text(f'# Measured by ballbot calibrate-motor; the rest is that of {base}.\n'

@@ -32,10 +32,10 @@ class Verb(NamedTuple):
     run: Callable[[argparse.Namespace], int]
 
 
-# Verb -> its module, or module:name of a `Verb` in it; and what it does.
+# Verb -> its module, or module:name of a `Verb` in it; and its description.
 VERBS = {
-    'demo': ('demo', 'run all ROS nodes: the robot meets a step that it can cross and one that it '
-             'cannot'),
+    'demo': ('demo', 'run all ROS nodes: the robot approaches a step that it can cross and one '
+             'that it cannot'),
     'run': ('run', 'run a node as ros2 run does, or an experiment from a file'),
     'drive': ('drive', 'drive the robot from the keyboard or with a gamepad'),
     'topics': ('graph:TOPICS', 'list the topics of the running graph'),
@@ -162,7 +162,7 @@ def main(argv: Optional[Sequence[str]] = None) -> int:
 
 @contextmanager
 def _interruption() -> Iterator[Event]:
-    """Yield an event that Ctrl-C sets, even if its exception gets lost."""
+    """Yield an event that Ctrl-C sets, even if its exception is lost."""
     pressed = Event()
 
     def press() -> None:  # a flag alone would not end a system call
@@ -198,7 +198,7 @@ def _interruption() -> Iterator[Event]:
 
 
 def print_refusal(error: BallbotError) -> None:
-    """Print an error of this package; each of several in a file on a line of its own."""
+    """Print an error of this package; each of several in a file on a separate line."""
     for problem in getattr(error, 'problems', ()) or (error,):
         print_error(str(problem))
 
@@ -210,7 +210,7 @@ def print_error(message: str) -> None:
 
 def _run(words: list[str]) -> int:
     """Parse the words and run their verb."""
-    if words[:1] == ['help']:  # "ballbot help simulate", as other programs have it
+    if words[:1] == ['help']:  # "ballbot help simulate", as in other programs
         words = [*words[1:2], '--help']
     verb = next((word for word in words if not word.startswith('-')), None)
     if verb is not None and verb not in VERBS:

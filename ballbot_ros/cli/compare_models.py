@@ -14,7 +14,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add robot and actuation."""
     add_robot(parser)
     parser.add_argument('--actuation', choices=('free', 'held'), default='free',
-                        help='what the pendulum does: swing freely, or be held at --angle-deg '
+                        help='state of the pendulum: free, or held at --angle-deg '
                         '(default: %(default)s)')
     parser.add_argument('--angle-deg', type=float, metavar='DEGREES',
                         help='angle at which the pendulum is held: 0 down, 90 level ahead '
@@ -26,7 +26,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Compute and print the table."""
     if arguments.angle_deg is not None and arguments.actuation != 'held':
         raise ConfigurationError(
-            f'--angle-deg goes with --actuation held, not {arguments.actuation}',
+            f'--angle-deg requires --actuation held, not {arguments.actuation}',
             'inconsistent', '--angle-deg')
     angle = arguments.angle_deg or 0.0
     if not math.isfinite(angle):
@@ -38,7 +38,7 @@ def run(arguments: argparse.Namespace) -> int:
     from ballbot_ros.paper.comparison import compare, count_heights
     case = holding(robot, math.radians(angle)) if arguments.actuation == 'held' \
         else Case(robot)
-    case.actuation.actuator(robot)  # refuses what this robot cannot do
+    case.actuation.actuator(robot)  # refuses an actuation that this robot does not support
     with watched(count_heights(case, len(SPEEDS)), arguments.json, 'computing',
                  'heights', keeps=False) as progress:
         found = compare(case, SPEEDS, progress)

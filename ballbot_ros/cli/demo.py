@@ -9,10 +9,10 @@ from ballbot_ros.cli.output import result_folder
 from ballbot_ros.drives import DRIVES
 from ballbot_ros.errors import ConfigurationError
 
-# Options that take a name or a YAML file.
+# Options with a name or a YAML file.
 OWN = {'scene': 'scene, a name or a YAML file, instead of the two of the demo',
        'robot': 'robot, a name or a YAML file, instead of the one of the scene',
-       'curve': 'height curve of the decision, made by "ballbot fit-curve"',
+       'curve': 'height curve of the decision, fitted by "ballbot fit-curve"',
        'tuning': 'gains of the controller, a name or a YAML file (default: published)'}
 
 
@@ -36,7 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--firmware', default='', metavar='GENERATION',
                         help='firmware of an odrive: 0.5 (default) or 0.6')
     parser.add_argument('--serial-imu', action='store_true',
-                        help='connect the emulated IMU by a serial link of its own to the node '
+                        help='connect the emulated IMU by a separate serial link to the node '
                         'imu')
     for option, what in OWN.items():
         parser.add_argument(f'--{option}', metavar='NAME', help=what)
@@ -58,7 +58,7 @@ def run(arguments: argparse.Namespace) -> int:
     ------
     ConfigurationError
         If the timeout is not above 0, a protocol or firmware is given without such a motor
-        controller, scene, robot, curve and gains do not exist or do not belong together, the
+        controller, scene, robot, curve and gains do not exist or are inconsistent, the
         folder cannot be written, or ROS cannot be found.
 
     """
@@ -102,7 +102,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def check(arguments: argparse.Namespace) -> None:
-    """Refuse what is out of range, does not exist or does not go together."""
+    """Refuse options out of range, missing files and invalid combinations."""
     from ballbot_ros.config.files import find_config
     from ballbot_ros.drives import device_class
     for option in ('timeout', 'duration'):
@@ -112,7 +112,7 @@ def check(arguments: argparse.Namespace) -> None:
                 f'--{option} must be more than 0 s and finite, got {value!r}',
                 'out_of_range', f'--{option}')
     if arguments.protocol is not None and not arguments.hardware:
-        raise ConfigurationError('--protocol goes with --hardware', 'inconsistent', '--protocol')
+        raise ConfigurationError('--protocol requires --hardware', 'inconsistent', '--protocol')
     if arguments.serial_imu and not arguments.hardware:
         raise ConfigurationError(
             '--serial-imu goes with --hardware', 'inconsistent', '--serial-imu')
@@ -134,6 +134,6 @@ def check(arguments: argparse.Namespace) -> None:
     known = device_class(protocol).firmwares
     if arguments.firmware and (not arguments.hardware or arguments.firmware not in known):
         raise ConfigurationError(
-            f'--firmware goes with --hardware, and must be {" or ".join(known) or "left out"} '
+            f'--firmware requires --hardware, and must be {" or ".join(known) or "left out"} '
             f'with --protocol {protocol}, got {arguments.firmware!r}',
             'not_a_choice', '--firmware')

@@ -16,7 +16,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Print each finding; 1 if something is wrong."""
+    """Print each finding; return 1 if one is wrong."""
     from ballbot_ros.bridge.commissioning.doctor import examine, WRONG
     code = DONE
     for finding in examine(arguments.hardware, arguments.port, os.environ, _print_instruction):

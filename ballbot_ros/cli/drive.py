@@ -30,7 +30,7 @@ HOLD_HELP = ('hold up/down to drive   space stop   e e-stop   R release it   q q
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--step', type=float, default=0.1, metavar='M_PER_S',
-                        help='how much a key changes the speed (default: %(default)g)')
+                        help='change of the speed per key press (default: %(default)g)')
     parser.add_argument('--max-speed', type=float, default=0.6, metavar='M_PER_S',
                         help='highest commanded speed (default: %(default)g)')
     parser.add_argument('--hold', action='store_true',
@@ -43,7 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Drive until q; 1 if the terminal or the gamepad went away."""
+    """Drive until q; return 1 if the terminal or the gamepad was disconnected."""
     for name in ('step', 'max_speed'):
         value = getattr(arguments, name)
         if not 0.0 < value <= SPEED_MAX:
@@ -83,7 +83,7 @@ def drive(arguments: argparse.Namespace, observer: Any, robot: Any, keyboard: An
     Returns
     -------
     int
-        0 after q, 1 if the terminal or the gamepad went away.
+        0 after q, 1 if the terminal or the gamepad was disconnected.
 
     """
     driving = Driving(arguments.step, arguments.max_speed, arguments.hold)
@@ -134,7 +134,7 @@ def show(robot: Any, wanted: float) -> None:
 
 @contextmanager
 def ended_by_exception() -> Iterator[None]:
-    """Turn SIGTERM and SIGHUP into an exception, so that the robot is stopped on the way out."""
+    """Convert SIGTERM and SIGHUP to an exception, so that the robot is stopped."""
     def leave(number: int, _: Any) -> None:
         sys.exit(128 + number)
 
@@ -250,7 +250,7 @@ _BYTES_MAX = 1024
 
 
 def keys_of(data: bytes) -> list[str]:
-    """Return names of keys, ``'up'`` for instance; letters as they are, others left out."""
+    """Return names of keys, such as ``'up'``; letters unchanged, others left out."""
     found = []
     while data:
         for code, name in _KEYS.items():

@@ -15,11 +15,11 @@ from ballbot_ros.drives import DRIVES
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add drive, ball and faults."""
     parser.add_argument('--protocol', required=True, metavar='NAME',
-                        help=f'protocol that the drive speaks: {" or ".join(DRIVES)}')
+                        help=f'protocol of the drive: {" or ".join(DRIVES)}')
     parser.add_argument('--firmware', default='', metavar='GENERATION',
                         help='firmware of an odrive: 0.5 (default) or 0.6')
     parser.add_argument('--quirk', action='append', default=[], metavar='NAME',
-                        help='imitate what some boards do differently, by a name from the table '
+                        help='emulate a quirk of some boards, by a name from the table '
                         'in docs/hardware.md; may be repeated')
     parser.add_argument('--robot', metavar='NAME',
                         help='robot with a motor (a name or a YAML file) to use instead of the '
@@ -38,7 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--link', type=Path, metavar='PATH',
                         help='symbolic link to make, which points to the serial device')
     parser.add_argument('--fault', action='append', default=[], metavar='LINE',
-                        help='begin with this fault, such as "corrupt 0.01"; may be repeated')
+                        help='start with this fault, such as "corrupt 0.01"; may be repeated')
     parser.add_argument('--control', type=Path, metavar='SOCKET',
                         help='Unix socket to read faults from, one on each line, beside standard '
                         'input')

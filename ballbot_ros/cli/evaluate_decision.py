@@ -34,7 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help='use this sensor for all approaches that it can detect (default: '
                         'all three)')
     parser.add_argument('--required-probability', type=float, metavar='P',
-                        help='probability of getting over that a crossing requires, instead of '
+                        help='success probability that a crossing requires, instead of '
                         'the one in the decision tuning')
     parser.add_argument('--searched', type=int, default=200, metavar='N',
                         help='number of approaches of the first planner for which a search with '

@@ -18,7 +18,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help='figures to draw (default: all)')
     parser.add_argument('--list', action='store_true', help='print the names, and draw nothing')
     parser.add_argument('--out', type=Path, metavar='DIR', help='folder for the files (default: '
-                        f'{DEFAULT_FOLDER}, or where these figures are in it figures_2, ...)')
+                        f'{DEFAULT_FOLDER}, or figures_2, ... if it contains these figures)')
     add_overwrite(parser)
     add_format(parser)
     add_quiet(parser)

@@ -18,7 +18,7 @@ from ballbot_ros.physics import Actuation, ContactOptions, load_robot, Solver
 from ballbot_ros.physics.model.robot import Motor, Robot, Steering
 from ballbot_ros.physics.simulation.scene import HUMAN, Initial, SceneFile
 
-# Numbers of `Actuation` for which scene files have others.
+# Fields of `Actuation` that scene files express in other units.
 NOT_FOR_PEOPLE = ('set_angle',)
 # Options of a drive that follow from other sections of a hardware file.
 
@@ -33,8 +33,8 @@ class Section:
     key : str
         Of the section; empty for the top of the file.
     keys : mapping of str to mapping
-        Name -> description of what may stand in it, as `config.fields` declares it, with its
-        default (``'default'``) where it has one.
+        Name -> description of the allowed values, as `config.fields` declares it, with its
+        default (``'default'``) if it has one.
     doc : str
         One sentence.
     given : mapping
@@ -140,7 +140,7 @@ def hardware_file(name: str, robot: str = 'gimball', protocol: str = 'odrive') -
         parts.append(Section(key, described(cls), _first_line(cls), _values(getattr(known, key))))
     given = {key: value for key, value in known.drive.items()
              if key in own and value != own[key].get('default', MISSING)}
-    return [*parts, Section('drive', own, f'what only {protocol} needs', given)]
+    return [*parts, Section('drive', own, f'options of {protocol} only', given)]
 
 
 def _first_line(cls: Any) -> str:
@@ -190,7 +190,7 @@ features:
   # - {kind: stairs, polygon: [[4.5, 0.5], [5.5, 0.5], [5.5, 1.5], [4.5, 1.5]]}    # down
 """
 START = """\
-# Where a simulated robot starts: x, y [m] and heading [degrees], counter-clockwise from +x. If not
+# Start of a simulated robot: x, y [m] and heading [degrees], counter-clockwise from +x. If not
 # given, in the middle of the largest room.
 start: [1.0, 1.0, 0.0]
 """
@@ -214,8 +214,8 @@ def curve_file(name: str) -> list[Section]:
     from ballbot_ros.decision.planning.curve import Band
     from ballbot_ros.decision.planning.curve import CurveProvenance, HeightCurve
     return [Section('', described(HeightCurve, ('made', 'band')), '', {}),
-            Section('made', described(CurveProvenance), 'how it was made', {}),
-            Section('band', described(Band), 'of robots that may be the one at hand', {})]
+            Section('made', described(CurveProvenance), 'its conditions', {}),
+            Section('band', described(Band), 'for robots drawn from the parameter ranges', {})]
 
 
 # Kind -> the function that returns its sections; `ballbot new` writes these.

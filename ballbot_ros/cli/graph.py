@@ -36,7 +36,7 @@ def note(sentence: str) -> None:
 
 
 def note_once(sentence: str) -> Callable[[], None]:
-    """Return a function that prints a note when it is called for the first time."""
+    """Return a function that prints a note at its first call."""
     printed: list[str] = []
 
     def print_it() -> None:

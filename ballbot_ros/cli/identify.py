@@ -27,7 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help='apply the torque of the recording instead of the law of the scene')
     parser.add_argument('--out', type=Path, metavar='DIR',
                         help='folder for the files (default: ballbot_output/identify_SCENE, or '
-                        'where results are in it identify_SCENE_2, ...)')
+                        'identify_SCENE_2, ... if it contains results)')
     add_overwrite(parser)
     parser.add_argument('--json', action='store_true', help='print the result as JSON')
     add_quiet(parser)
@@ -76,7 +76,7 @@ def run(arguments: argparse.Namespace) -> int:
                     'it the scene of the recording, with its start and its law?')
         return FAILED
     if found.interrupted:
-        print_error(f'interrupted; the best values until then are in {folder}')
+        print_error(f'interrupted; the best values so far are in {folder}')
         return INTERRUPTED
     return DONE
 
@@ -109,13 +109,13 @@ def warnings_of(found: Any) -> Iterator[str]:
     for name, item in found.channels.items():
         unit = CHANNELS[name]
         if item.verdict == 'poor':
-            yield (f'{name}: poor fit, residual RMS {item.residual_rms:.3g} {unit} where the '
-                   f'channel itself varies by {item.motion:.3g} {unit}')
+            yield (f'{name}: poor fit, residual RMS {item.residual_rms:.3g} {unit}, while the '
+                   f'channel varies by {item.motion:.3g} {unit}')
         elif item.verdict == 'correlated':
             samples = len(found.residuals[name])
             yield (f'{name}: residuals are correlated (RMS {item.residual_rms:.3g} {unit}; '
                    f'effective sample size {samples / item.correlation:.0f} of {samples}): the '
-                   'model is incomplete; the intervals are wider for it, and may still be too '
+                   'model is incomplete; the intervals are widened, and may still be too '
                    'narrow')
 
 

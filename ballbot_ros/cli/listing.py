@@ -47,7 +47,7 @@ def scenes(arguments: argparse.Namespace) -> int:
     return DONE
 
 
-# The text of a column is cut to lines of this width.
+# The text of a column is wrapped at this width.
 NOTE_WIDTH = 44
 
 
@@ -105,7 +105,7 @@ def _rows(robot: Any) -> Iterator[tuple[str, str, str, str, str, str]]:
                (known.note if known else '') or metadata['doc'])
     for name, unit, note in (
             ('total_mass', 'kg', 'M1 + M2'),
-            ('static_penetration', 'm', 'how deep the ball rests in a level surface'),
+            ('static_penetration', 'm', 'penetration of the ball at rest on a level surface'),
             ('largest_gravity_torque', 'N m', 'gravity torque with the pendulum horizontal'),
             ('slope_limit', 'rad', 'steepest slope that the pendulum can hold'),
             ('damping_ratio', '1', 'damping ratio of the ball on its contact spring'),

@@ -49,7 +49,7 @@ def run(arguments: argparse.Namespace) -> int:
         if item.monotone is False:
             warnings.append('not monotone: a lower step stops the ball, or it passes a higher one')
         if item.error > arguments.accuracy:
-            warnings.append('the requested accuracy is out of reach')
+            warnings.append('the requested accuracy cannot be achieved')
         print(f'{item.speed:8.4g} {1e3 * item.height:14.4f} {1e3 * item.error:10.4f}   '
               f'{"; ".join(warnings)}'.rstrip())
     return DONE

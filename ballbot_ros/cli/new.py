@@ -12,7 +12,7 @@ from ballbot_ros.errors import ConfigurationError
 # Kind -> description, options, and the command that uses the file.
 KINDS: Mapping[str, tuple[str, tuple[str, ...], str]] = {
     'robot': ('the parameters of a robot', ('robot',), 'ballbot robots {file}'),
-    'scene': ('a robot, a ground and how it starts', ('robot',), 'ballbot simulate {file}'),
+    'scene': ('a robot, a ground and the initial state', ('robot',), 'ballbot simulate {file}'),
     'hardware': ('the motor of a real robot', ('robot', 'protocol'),
                  'ballbot doctor --hardware {file}'),
     'experiment': ('a scene, the nodes and seeds', ('scene',), 'ballbot run {file}'),
@@ -25,11 +25,11 @@ KINDS: Mapping[str, tuple[str, tuple[str, ...], str]] = {
 COLUMN, WIDTH = 32, 99  # first and last column of comments
 SCALING = (
     ' The values are those of an existing robot. For a ball of another size change all of them, '
-    'not only mass and radius: a robot that is larger by a factor s and moves alike, at speeds '
+    'not only mass and radius: a robot with the same dynamics, larger by a factor s, at speeds '
     'larger by s^0.5, has lengths larger by s, masses by s^3, inertias by s^5, contact_stiffness '
     'by s^2, contact_damping by s^2.5, rolling_friction and joint_friction by s^4.5, '
     'slip_threshold by s^0.5 and torques of the motor by s^4; coefficients of friction and '
-    'gravity stay.')
+    'gravity remain.')
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -62,7 +62,8 @@ def run(arguments: argparse.Namespace) -> int:
         value = getattr(arguments, option)
         if value is not None and option not in takes:
             raise ConfigurationError(
-                f'--{option} does not go with {arguments.kind}', 'inconsistent', f'--{option}')
+                f'--{option} cannot be combined with {arguments.kind}', 'inconsistent',
+                f'--{option}')
         if value is not None:
             given[option] = value
             if option != 'protocol':

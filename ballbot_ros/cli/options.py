@@ -2,7 +2,7 @@
 """
 Options that several verbs share, and their values.
 
-Several numbers in one option are written alike in all verbs: ``0.5`` is a number, ``0.2,0.5,0.9``
+Several numbers in one option have the same form in all verbs: ``0.5`` is a number, ``0.2,0.5,0.9``
 are three, ``0.2:1.2:21`` are 21 of them, evenly spaced, the first and the last included.
 ``0.2:1.2``, for a design that draws its points, is a range.
 """
@@ -111,14 +111,14 @@ def warn_speeds(arguments: argparse.Namespace, option: str, speeds: Iterable[flo
 
 
 def read_law(arguments: argparse.Namespace) -> Any:
-    """Return the actuation; `ConfigurationError` where angle or voltage is not of the law."""
+    """Return the actuation; `ConfigurationError` if angle or voltage is not for this law."""
     from ballbot_ros.crossing import held_at
     from ballbot_ros.physics import Actuation
     law = arguments.actuation
     for option, owner in (('angle_deg', 'held'), ('voltage', 'voltage')):
         if getattr(arguments, option) is not None and law != owner:
             raise ConfigurationError(
-                f'--{option.replace("_", "-")} goes with --actuation {owner}, not {law}',
+                f'--{option.replace("_", "-")} requires --actuation {owner}, not {law}',
                 'inconsistent', f'--{option.replace("_", "-")}')
     if law == 'held':
         angle = arguments.angle_deg or 0.0
@@ -149,13 +149,13 @@ def read_site(arguments: argparse.Namespace) -> Any:
 
 
 def read_rules(arguments: argparse.Namespace) -> Any:
-    """Return the rules; `ConfigurationError` for a clearance that does not count."""
+    """Return the rules; `ConfigurationError` for a clearance without effect."""
     from ballbot_ros.crossing import Rules
     if arguments.clearance is None:
         return Rules(arguments.attempts, over=arguments.over)
     if arguments.over != 'clear':
         raise ConfigurationError(
-            f'--clearance goes with --over clear, not {arguments.over}',
+            f'--clearance requires --over clear, not {arguments.over}',
             'inconsistent', '--clearance')
     return Rules(arguments.attempts, over=arguments.over, clearance=arguments.clearance)
 
@@ -184,7 +184,7 @@ def read_numbers(words: Sequence[str], option: str) -> list[float]:
     ----------
     words : sequence of str
     option : str
-        With its dashes; it begins each refusal.
+        With its dashes; each refusal begins with it.
 
     Raises
     ------

@@ -120,7 +120,7 @@ class _Progress:
 
     def __init__(self, total: float, doing: str, unit: str, keeps: bool):
         self.total, self.doing, self.unit = total, doing, unit
-        self.ending = 'ends it and keeps the part so far' if keeps else 'ends it'
+        self.ending = 'ends it and keeps the results so far' if keeps else 'ends it'
         self.begin = perf_counter()
         self.bar: Any = None
         self.shown = False

@@ -23,7 +23,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     _add_floor(parser)
     for name in ('start', 'goal'):
         parser.add_argument(f'--{name}', type=float, nargs=2, required=True, metavar=('X', 'Y'),
-                            help='place of the centre [m]')
+                            help='position of the centre [m]')
     parser.add_argument('--out', type=Path, metavar='FILE.png',
                         help='draw the floor and the route to a PNG or SVG file')
     options.add_overwrite(parser, file=True)

@@ -25,7 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         '~/.ros/ballbot (or that folder, for the newest)')
     parser.add_argument('--out', type=Path, metavar='DIR',
                         help='folder for numbers and figure (default: ballbot_output/replay_BAG '
-                        'for a bag that is not identical, else nothing is written)')
+                        'for a bag that is not identical, otherwise no file is written)')
     parser.add_argument('--before', type=float, metavar='SECONDS',
                         help='time before the fault to draw, for a black box (default: '
                         f'{BEFORE:g})')
@@ -42,14 +42,14 @@ def run(arguments: argparse.Namespace) -> int:
     if path is None and is_bag(arguments.file):
         if arguments.before is not None:
             raise ConfigurationError(
-                f'--before goes with a black box; {arguments.file} is a bag',
+                f'--before requires a black box; {arguments.file} is a bag',
                 'wrong_kind', '--before')
         return run_bag(arguments)
     given = [f'--{name}' for name in BAG_OPTIONS if getattr(arguments, name)]
     if given:
         raise ConfigurationError(
-            f'{given[0]} goes with a bag (a folder with metadata.yaml, a file ending in .mcap or '
-            f'.db3); {arguments.file} is none', 'wrong_kind', given[0])
+            f'{given[0]} requires a bag (a folder with metadata.yaml, a file ending in .mcap or '
+            f'.db3); {arguments.file} is not one', 'wrong_kind', given[0])
     if path is None and arguments.file.is_dir():
         raise ConfigurationError(
             f'{arguments.file}: contains neither a file of a black box nor a bag; the bridge '
@@ -359,7 +359,7 @@ def refuse(arguments: argparse.Namespace) -> None:
     if arguments.by == SET_POINTS:
         raise ConfigurationError(
             '--by set-points is for a bag of the simulator with control:=onboard: a real robot '
-            'was driven by its own estimate of its state; take torques', 'wrong_kind', '--by')
+            'was driven by its own state estimate; use torques', 'wrong_kind', '--by')
 
 
 def robot_of(metadata: Any, arguments: argparse.Namespace) -> str:

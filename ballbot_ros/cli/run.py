@@ -23,7 +23,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         'experiment')
     # Options after the target belong to it.
     parser.add_argument('rest', nargs=argparse.REMAINDER, metavar='...',
-                        help='options of the target: --ros-args and what follows it for a node; '
+                        help='options of the target: --ros-args and its parameters for a node; '
                         '--out DIR, --quiet, --timeout SECONDS for an experiment')
 
 
@@ -44,7 +44,7 @@ def run(arguments: argparse.Namespace) -> int:
         if len(names) == 1:
             return int(from_ros(f'ballbot_ros.nodes.{target}.node').main(rest))
         return _together(names, rest)
-    except KeyboardInterrupt:  # within imports; later on the node takes the signal
+    except KeyboardInterrupt:  # during imports; later the node handles the signal
         return DONE
 
 
@@ -52,7 +52,7 @@ def _together(names: list[str], rest: list[str]) -> int:
     """Run several nodes in this process."""
     alone = [name for name in names if name not in TOGETHER]
     if alone or len(set(names)) < len(names):
-        what = f'{alone[0]} runs in a process of its own' if alone else 'each can run once'
+        what = f'{alone[0]} requires a separate process' if alone else 'each can run once'
         raise ConfigurationError(
             f'cannot run {" and ".join(names)} in one process: {what}; several of '
             f'{", ".join(TOGETHER)} can share one', 'inconsistent', 'NODE')

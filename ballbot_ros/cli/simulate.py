@@ -27,8 +27,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('scene', metavar='SCENE',
                         help='name of a scene ("ballbot scenes" lists them) or a YAML file')
     parser.add_argument('--out', type=Path, metavar='DIR',
-                        help='folder for the files (default: ballbot_output/SCENE, or where '
-                        'results are in it SCENE_2, ...)')
+                        help='folder for the files (default: ballbot_output/SCENE, or '
+                        'SCENE_2, ... if it contains results)')
     add_overwrite(parser)
     parser.add_argument('--duration', type=float, metavar='SECONDS',
                         help='time to simulate, instead of that of the scene')
@@ -42,14 +42,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         'trapezoidal, or rk4 and semi_implicit with fixed steps; or paper, for '
                         'that of the paper')
     parser.add_argument('--tolerance', type=float, metavar='METRES',
-                        help='local error per step of a method that chooses its steps, instead of '
+                        help='local error per step of an adaptive method, instead of '
                         'that of the scene')
     parser.add_argument('--accuracy', type=float, metavar='METRES',
-                        help='largest error of position, which chooses the solver (default: '
-                        '1e-5, where the scene names no solver)')
+                        help='largest error of position, which determines the solver (default: '
+                        '1e-5, if the scene names no solver)')
     parser.add_argument('--models', choices=('auto', 'full'),
-                        help='auto lets a method that chooses its steps compute flights in closed '
-                        'form, full does not (default: that of the scene)')
+                        help='auto: adaptive methods compute flights in closed '
+                        'form; full: they do not (default: that of the scene)')
     parser.add_argument('--no-figures', action='store_true', help='write numbers only')
     parser.add_argument('--animate', nargs='?', const=Path(), type=animation_file,
                         metavar='FILE.gif|FILE.mp4', help='write an animation as well (default '
@@ -58,7 +58,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help='simulated seconds per second of the animation (default: 1)')
     add_format(parser)
     parser.add_argument('--json', action='store_true',
-                        help='print the summary as JSON and nothing else')
+                        help='print the summary as JSON only')
     add_quiet(parser)
 
 
@@ -110,15 +110,15 @@ def run(arguments: argparse.Namespace) -> int:
         print(f'{report(summary)}\n\nWritten to {folder}: '
               f'{", ".join(named(path, folder) for path in files)}')
     if failure is not None:
-        print_error(f'{failure}; the part before that was written to {folder}')
+        print_error(f'{failure}; the preceding part was written to {folder}')
         return FAILED
     if not summary.complete:
         print_error(f'interrupted at {summary.duration:g} s of {scene.run.duration:g} s; the '
                     f'part so far was written to {folder}' + ', without an animation' * cut)
         return INTERRUPTED
     if cut:
-        print_error(f'interrupted before {animation} was complete, and it was not written; '
-                    f'all else is in {folder}')
+        print_error(f'interrupted before {animation} was complete; it was not written; '
+                    f'the other files are in {folder}')
         return INTERRUPTED
     return DONE
 
@@ -145,7 +145,7 @@ def check_size(scene: Any, folder: Path, silent: bool) -> None:
                  if path.exists())
     if size > shutil.disk_usage(place).free:
         raise ConfigurationError(
-            f'{words}; {place} has no room for it', 'out_of_range', '--output-step')
+            f'{words}; {place} has not enough space', 'out_of_range', '--output-step')
     if size > WARNED_SIZE and not silent:
         print(f'Warning: {words}', file=sys.stderr, flush=True)
 
@@ -163,7 +163,7 @@ def animation_asked(arguments: argparse.Namespace, scene: Any, folder: Path) -> 
     if arguments.animate is None:
         if arguments.playback is not None:
             raise ConfigurationError(
-                '--playback goes with --animate', 'inconsistent', '--playback')
+                '--playback requires --animate', 'inconsistent', '--playback')
         return None
     from ballbot_ros.figures.run import check_animation
     path: Path = folder / 'animation.gif' if arguments.animate == Path() else arguments.animate
@@ -262,8 +262,8 @@ def refuse_idle(arguments: argparse.Namespace, scene: Any) -> None:
         for name in ('step', 'method', 'tolerance'):
             if getattr(arguments, name) is not None:
                 raise ConfigurationError(
-                    f'--{name} changes nothing with an accuracy '
-                    f'({scene.run.accuracy:g} m), which chooses the solver; leave out one of them',
+                    f'--{name} has no effect with an accuracy '
+                    f'({scene.run.accuracy:g} m), which selects the solver; leave out one of them',
                     'inconsistent', f'--{name}')
         return
     if scene.model.solver is None:
@@ -272,7 +272,7 @@ def refuse_idle(arguments: argparse.Namespace, scene: Any) -> None:
     for name, use in (('step', 'step'), ('tolerance', 'tolerance'), ('models', 'flies')):
         methods = [item for item, described in METHODS.items() if getattr(described, use)]
         if getattr(arguments, name) is not None and method not in methods:
-            raise ConfigurationError(f'--{name} goes with --method {", ".join(methods)}, '
+            raise ConfigurationError(f'--{name} requires --method {", ".join(methods)}, '
                                      f'not {method}', 'inconsistent', f'--{name}')
 
 

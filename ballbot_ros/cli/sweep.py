@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The verb ``sweep``: crossings over any numbers, on all cores or a cluster."""
+"""The verb ``sweep``: crossings over any parameters, on all cores or a cluster."""
 import argparse
 from pathlib import Path
 from time import perf_counter

@@ -33,7 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help='seed of the scatter (default: %(default)s)')
     parser.add_argument('--out', type=Path, metavar='DIR',
                         help='folder for the files (default: ballbot_output/bench_ROBOT, or '
-                        'where results are in it bench_ROBOT_2, ...)')
+                        'bench_ROBOT_2, ... if it contains results)')
     add_overwrite(parser)
     add_quiet(parser)
 

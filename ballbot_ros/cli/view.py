@@ -71,8 +71,8 @@ def other_source(arguments: argparse.Namespace) -> Optional[object]:
     Raises
     ------
     ConfigurationError
-        For a bag that cannot be read, an option that does not go with a scene, and where there is
-        no ROS for nodes.
+        For a bag that cannot be read, an option without effect on a scene, and if ROS is missing
+        for nodes.
 
     """
     path = Path(arguments.scene)
@@ -96,7 +96,7 @@ def other_source(arguments: argparse.Namespace) -> Optional[object]:
     for option in ('namespace', 'robot'):
         if getattr(arguments, option):
             raise ConfigurationError(
-                f'--{option} goes with a bag or --live; the page has a choice of robots for a '
+                f'--{option} requires a bag or --live; the page has a choice of robots for a '
                 'scene', 'inconsistent', f'--{option}')
     return None
 

@@ -66,7 +66,7 @@ class Authority:
             self._contested_at = now
             self.contest = f'{sender or "another node"} commands, but {self.holder} has authority'
             raise MessageError(
-                f'{self.contest}: one at a time; end one of them, or let the '
+                f'{self.contest}: end one of them, or let the '
                 f'first be silent for {self._timeout:g} s', 'other_sender', 'publisher')
         if sender:
             self.holder, self._last = sender, now

@@ -98,8 +98,8 @@ class CommandGate:
                 'from_the_future', 'stamp')
         if self.stamp is not None and stamp < self.stamp:
             raise MessageError(
-                f'the command is stamped {stamp:.6f} s, one of '
-                f'{self.stamp:.6f} s came before', 'out_of_order', 'stamp')
+                f'the command is stamped {stamp:.6f} s, but one of '
+                f'{self.stamp:.6f} s arrived before', 'out_of_order', 'stamp')
 
     def torque(self, now: float) -> float:
         """Return the torque to apply at `now` [N m]: 0 without a fresh command."""

@@ -153,7 +153,7 @@ class PendulumController:
         if last is not None and readings.stamp < last.stamp:
             raise MessageError(
                 f'readings of {readings.stamp:.6g} s refused: those of '
-                f'{last.stamp:.6g} s came before; if time was set back, reset the controller',
+                f'{last.stamp:.6g} s arrived before; if time was set back, reset the controller',
                 'stale', 'stamp')
         if not (self._answered and last is not None and readings.stamp == last.stamp):
             self._torque = self._law(

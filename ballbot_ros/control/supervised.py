@@ -169,7 +169,7 @@ class SupervisedController:
         if waiting:
             raise MessageError(f'set-point of {set_point.in_words} refused: ' + (
                 'the e-stop is engaged' if self.e_stop else
-                'it was asked for while the e-stop was engaged; ask for rest first, or for '
+                'it was requested while the e-stop was engaged; request rest first, or '
                 f'nothing for {QUIET:g} s'), 'e_stop', 'e_stop')
         self._rest_first = False
 

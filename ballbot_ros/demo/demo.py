@@ -193,7 +193,7 @@ def run_demo(out: Path, real_time: bool = False, quiet: bool = False, timeout: f
 def lockstep_note(real_time: bool, watched: bool) -> str:
     """Return by which time the nodes run; see `run_demo`."""
     return 'in real time' if real_time else (
-        f'in lockstep, {"at most in real time" if watched else "as fast as it goes"}')
+        f'in lockstep, {"at most in real time" if watched else "at maximum speed"}')
 
 
 def in_processes(works: Sequence[Callable[[], int]], together: bool) -> List[int]:
@@ -274,7 +274,7 @@ def perform(out: Path, act: Act, quiet: bool,
         if act.expected is not None:
             return timeline.verdict()
         if timeline.states and not quiet:
-            print('\nWhat happened:')
+            print('\nResult:')
             for sentence in account(timeline):
                 print(f'  - {sentence}')
         return []
@@ -314,7 +314,7 @@ def conclude(out: Path, title: str, quiet: bool, timeline: Timeline,
         print(f'\n{title}\n', flush=True)
     with ending_by_signal():
         wrong = play(out, timeline)
-    wrong = wrong + (verdict_on() if timeline.states else ['no state of the ball came'])
+    wrong = wrong + (verdict_on() if timeline.states else ['no state of the ball was received'])
     if timeline.states:
         save(draw(), out / picture)
     simulated = timeline.now if timeline.states else 0.0

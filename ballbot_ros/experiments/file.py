@@ -10,15 +10,15 @@ from ballbot_ros.errors import ConfigurationError
 
 FILE = 'experiment.yaml'
 NODES = ('simulator', 'controller', 'obstacle_decision')
-# Parameters that the experiment sets, and why.
+# Parameters that the experiment sets, and the reasons.
 RESERVED_PARAMETERS = {
     'scene': 'it is a field of the experiment', 'robot': 'it is a field of the experiment',
     'seed': 'it is each of the seeds of the experiment',
     'lockstep': 'an experiment is in lockstep', 'start_paused': 'the experiment starts it',
-    'real_time_factor': 'an experiment goes as fast as it can',
+    'real_time_factor': 'an experiment runs at maximum speed',
     'control': 'in lockstep, joint_commands answer each state',
     'lockstep_set_point_period': 'it is the period of the observations',
-    'outcome_log': 'a run that learns from the one before it is not repeatable'}
+    'outcome_log': 'a run that learns from the previous one is not repeatable'}
 # Parameters of nodes that name a file, and the folder of config it is in.
 FILE_PARAMETERS = {'tuning': 'tunings', 'control_tuning': 'tunings', 'curve': 'curves'}
 
@@ -34,13 +34,13 @@ class Experiment(Checked):
     simulator: Any = section('parameters of the node simulator', default=None)
     controller: Any = section('parameters of the node controller', default=None)
     obstacle_decision: Any = section(
-        'parameters of the node obstacle_decision; left out, nothing drives', default=None)
+        'parameters of the node obstacle_decision; left out, the ball is not driven', default=None)
     nodes: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     period: float = 0.0  # of the observations [s]; 0 without obstacle_decision
 
     @property
     def periods(self) -> int:
-        """Return how many control periods a run has."""
+        """Return the number of control periods of a run."""
         return round(self.duration * float(self.nodes['simulator']['control_rate']))
 
 
@@ -125,9 +125,9 @@ def _nodes(plan: Experiment, path: Path, beside: Path
 
 def freeze(plan: Experiment) -> Dict[str, str]:
     """
-    Return the files, as text by their names, that hold all that an experiment reads.
+    Return the files, as text by their names, with all inputs of an experiment.
 
-    The first is the experiment itself; it names the others, which lie beside it.
+    The first is the experiment itself; it names the others, in the same folder.
     """
     files: Dict[str, str] = {}
 

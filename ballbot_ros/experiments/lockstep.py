@@ -25,7 +25,7 @@ SPIN_TIME = 0.02
 
 
 def topics_of(nodes: Mapping[str, Mapping[str, Any]]) -> List[str]:
-    """Return the topics that are recorded."""
+    """Return the recorded topics."""
     topics = ['joint_states', 'joint_commands', 'odom', 'ball_state']
     if nodes['simulator']['terrain_rate']:
         topics.append('terrain_observation')
@@ -37,7 +37,7 @@ def topics_of(nodes: Mapping[str, Mapping[str, Any]]) -> List[str]:
 
 
 def last_stamps(simulator: Mapping[str, Any], periods: int) -> Dict[str, int]:
-    """Return the stamp of the last message of each topic that has a rate of its own [ns]."""
+    """Return the stamp of the last message of each topic with a separate rate [ns]."""
     rate = float(simulator['control_rate'])
     every = {name: round(rate / float(simulator.get(f'{name}_rate', 100.0)))
              for name in ('odom', 'ball_state')}

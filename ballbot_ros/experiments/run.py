@@ -27,7 +27,7 @@ def run_experiment(target: str, out: Optional[Path], quiet: bool, timeout: float
     """
     Run the file of an experiment, or its folder again.
 
-    Seeds that are done are kept; each appears whole or not at all.
+    Completed seeds are kept; each appears completely or not at all.
 
     Parameters
     ----------
@@ -43,12 +43,12 @@ def run_experiment(target: str, out: Optional[Path], quiet: bool, timeout: float
     Returns
     -------
     bool
-        False if the numbers are not the same again.
+        False if the repeated numbers differ.
 
     Raises
     ------
     ConfigurationError
-        If the file is not right, or the folder contains another experiment.
+        If the file is invalid, or the folder contains another experiment.
 
     """
     if not 0.0 < timeout < float('inf'):
@@ -60,8 +60,8 @@ def run_experiment(target: str, out: Optional[Path], quiet: bool, timeout: float
     if path.is_dir():
         if out is not None:
             raise ConfigurationError(
-                f'--out goes with the file of an experiment; {path} is a folder, which is run '
-                'again in its place', 'inconsistent', '--out')
+                f'--out requires the file of an experiment; {path} is a folder, which is repeated '
+                'in place', 'inconsistent', '--out')
         if not (path / FILE).is_file():
             raise ConfigurationError(
                 f'{path}: contains no {FILE}: it is not a folder of an experiment',
@@ -105,7 +105,7 @@ def _missing(folder: Path, plan: Experiment, timeout: float, say: Any) -> bool:
     from ballbot_ros.results.files import write_text
     left = [seed for seed in plan.seeds if not _done(folder, seed)]
     if len(left) < len(plan.seeds):
-        say(f'{len(plan.seeds) - len(left)} of {len(plan.seeds)} seeds were done before')
+        say(f'{len(plan.seeds) - len(left)} of {len(plan.seeds)} seeds were complete before')
     if left:
         _prepare(plan)
         write_text(as_json(versions()), folder / VERSIONS)
@@ -130,7 +130,7 @@ def _prepare(plan: Experiment) -> None:
             f'an experiment needs ROS 2, and {error.name or error} cannot be imported; source '
             '/opt/ros/jazzy/setup.bash, or use the .venv of a checkout (make setup)',
             'not_installed', 'ROS') from error
-    if 'obstacle_decision' in plan.nodes:  # the others are ready soon
+    if 'obstacle_decision' in plan.nodes:  # the other nodes are ready soon
         prepare(('simulator', 'controller', 'decision'))
 
 

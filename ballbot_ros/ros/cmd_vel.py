@@ -112,8 +112,8 @@ def speed_set_point(message: Union[Twist, TwistStamped], steers: bool = False) -
         if abs(value) > NEGLIGIBLE and not (steers and (kind, axis) == TURN):
             raise MessageError(
                 f'{kind}.{axis} is {value:.3g} {unit}, and the speed law drives '
-                f'straight ahead only{LATERAL if (kind, axis) == TURN else ""}; nothing of the '
-                'message is followed: send linear.x alone, and the rest within '
+                f'straight ahead only{LATERAL if (kind, axis) == TURN else ""}; the '
+                'message is ignored: send linear.x alone, and the rest within '
                 f'{NEGLIGIBLE:g} of 0', 'other_axes', f'{kind}.{axis}')
     return SetPoint(Mode.SPEED, twist.linear.x,
                     to_seconds(message.header.stamp) if stamped else 0.0,

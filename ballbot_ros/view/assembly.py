@@ -20,7 +20,7 @@ from ballbot_ros.physics.simulation.scene import load_scene
 from ballbot_ros.view.frame import ContactForce, DecisionSign, EnergyShares, Frame
 from ballbot_ros.view.source import Source
 
-# Numbers of StepDecision in their order, from 1 on; a test compares them with the message.
+# Constants of StepDecision in their order, from 1; a test compares them with the message.
 KINDS = (Kind.CLEAR, Kind.CROSS, Kind.STOP, Kind.GO_ROUND, Kind.BACK_OFF)
 REASONS = (
     Reason.NOTHING_AHEAD, Reason.WITHIN_CURVE, Reason.TOO_HIGH, Reason.NO_ROOM, Reason.DROP,
@@ -43,16 +43,16 @@ def stamp_of(message: Any) -> float:
 
 class FrameAssembly:
     """
-    Makes frames from messages, in the order of their arrival.
+    Creates frames from messages, in the order of their arrival.
 
-    Each ``ball_state`` makes a frame; where there is none, each ``joint_states`` does, with the
+    Each ``ball_state`` creates a frame; without it, each ``joint_states`` does, with the
     latest ``odom``.
 
     Parameters
     ----------
     robot : Robot
     terrain : Terrain, optional
-        The ground, where it is known; otherwise the observed terrain.
+        The ground, if known; otherwise the observed terrain.
 
     """
 
@@ -62,7 +62,7 @@ class FrameAssembly:
         self.restart()
 
     def restart(self) -> None:
-        """Forget all messages: time restarts."""
+        """Clear all messages: time restarts."""
         self._ground = ObservedTerrain(self.robot.ball_radius)
         self._decision: Optional[DecisionSign] = None
         self._e_stop: Optional[bool] = None
@@ -73,7 +73,7 @@ class FrameAssembly:
 
     @property
     def terrain(self) -> Optional[Terrain]:
-        """Return the ground as far as it is known."""
+        """Return the known part of the ground."""
         return self._given or self._ground.terrain
 
     @property
@@ -82,7 +82,7 @@ class FrameAssembly:
         return self._decision
 
     def take(self, topic: str, message: Any) -> Optional[Frame]:
-        """Take a message of one of `TOPICS`; return a frame where it makes one."""
+        """Take a message of one of `TOPICS`; return a frame if it creates one."""
         frame: Optional[Frame] = getattr(self, f'_take_{topic}')(message)
         return frame
 
@@ -149,7 +149,7 @@ class FrameAssembly:
         self._decision = decision_sign(message)
 
 
-# The topics that make frames, by the last part of their names.
+# The topics that create frames, by the last part of their names.
 TOPICS = tuple(name[len('_take_'):] for name in vars(FrameAssembly) if name.startswith('_take_'))
 
 
@@ -185,7 +185,7 @@ def total(joints: Mapping[str, Optional[float]]) -> Optional[float]:
     return None if shell is None or pendulum is None else shell + pendulum
 
 
-# A scan that differs by less changes nothing [m]: noise would redraw the page all the time.
+# A scan that differs by less has no effect [m]: noise would redraw the page continuously.
 SAME_TERRAIN = 1e-3
 
 
@@ -207,7 +207,7 @@ class ObservedTerrain:
 
     @property
     def terrain(self) -> Optional[Terrain]:
-        """Return the ground; another object where it has changed, None before any scan."""
+        """Return the ground; another object if it has changed, None before any scan."""
         return self._terrain
 
     def add_profile(self, x: float, y: float, along: Sequence[float],
@@ -257,7 +257,7 @@ class ObservedTerrain:
         if points[0, 0] < known[0, 0] - SAME_TERRAIN \
                 or points[-1, 0] > known[-1, 0] + 50.0 * SAME_TERRAIN:
             return False
-        # Compared both ways, so that neither a new step nor one that is gone is missed.
+        # Compared in both directions, to detect new steps and removed ones.
         return _lies_on(points, known) and _lies_on(known[inside], points)
 
 
@@ -302,7 +302,7 @@ def described_robot(parameters: Mapping[str, Any], robot: str = '') -> Described
     Parameters
     ----------
     parameters : mapping
-        ``scene``, ``robot``, ``hardware``, ``curve`` and its ``variant`` count; a file of another
+        ``scene``, ``robot``, ``hardware``, ``curve`` and its ``variant``; a file of another
         machine may be missing here.
     robot : str
         Name or file of a robot that overrides the parameters.

@@ -22,14 +22,14 @@ CURVE = ('curve', 'variant')  # parameters of the decision that name its height 
 
 class Playback:
     """
-    A place in time that goes on at some speed, from a begin to an end that may grow.
+    A playback time that advances at some speed, from a start to an end that may grow.
 
-    No thread moves it: where it is follows from when it was asked.  For any number of threads.
+    No thread advances it: it is computed at each query.  Safe for any number of threads.
 
     Parameters
     ----------
     span : callable
-        Returns begin and end [s].
+        Returns start and end [s].
     clock : callable
         Returns seconds.
 
@@ -55,30 +55,30 @@ class Playback:
 
     @property
     def paused(self) -> bool:
-        """Return whether it stands, because someone paused it or at the end."""
+        """Return whether it is paused or at the end."""
         with self._lock:
             return self._paused or self._place() >= self._span()[1]
 
     def pause(self, paused: bool) -> None:
-        """Stand or play; at the end, play from the begin again."""
+        """Pause or play; at the end, play from the start again."""
         with self._lock:
             place, (begin, end) = self._place(), self._span()
             self._stand(begin if not paused and place >= end else place)
             self._paused = paused
 
     def seek(self, place: float) -> None:
-        """Stand at a time [s]."""
+        """Pause at a time [s]."""
         with self._lock:
             self._stand(place)
             self._paused = True
 
     def restart(self) -> None:
-        """Go back to the begin; play on, or stand as before."""
+        """Return to the start; playing or paused as before."""
         with self._lock:
             self._stand(self._span()[0])
 
     def set_speed(self, speed: float) -> None:
-        """Go on at another speed."""
+        """Change the speed."""
         with self._lock:
             self._stand(self._place())
             self._speed = speed
@@ -96,14 +96,14 @@ class BagSource(MessageSource):
     """
     Plays the frames of a bag.
 
-    A thread reads the bag; the part that is read can be shown already.
+    A thread reads the bag; the part already read can be shown.
 
     Parameters
     ----------
     path : Path
         Folder of a bag, or a file ending in .mcap.
     namespace : str
-        Of the robot, where the bag has several.
+        Of the robot, if the bag has several.
     robot : str
         Name or file of the robot; empty for that of the bag.
     paused : bool
@@ -118,7 +118,7 @@ class BagSource(MessageSource):
     """
 
     def __init__(self, path: Path, namespace: str = '', robot: str = '', paused: bool = False):
-        # The demo leaves a folder with a bag in it for each scene.
+        # The demo creates a folder with a bag for each scene.
         self._path = path / 'bag' if (path / 'bag' / 'metadata.yaml').is_file() else path
         with open_bag(self._path) as bag:
             self._topics = robot_topics(path, list(bag.topics), namespace)
@@ -199,7 +199,7 @@ class BagSource(MessageSource):
             self._thread.join(10.0)
 
     def _read(self) -> None:
-        """Make frames of all messages, evenly spaced so that all fit the history; from time 0."""
+        """Create frames of all messages, evenly spaced to fit the history; from time 0."""
         origin: Optional[float] = None
         newest, spacing = 0.0, 1.0 / RATE
         try:
@@ -229,7 +229,7 @@ class BagSource(MessageSource):
 
 def robot_topics(path: Path, topics: List[str], namespace: str) -> Tuple[str, ...]:
     """
-    Return the topics of the robot of a bag that make frames.
+    Return the topics of the robot of a bag that create frames.
 
     Raises
     ------

@@ -36,7 +36,7 @@ KEYS = {'space': 'pause', 'arrowright': 'step', 'R': 'reset', 'E': 'e_stop'}
 
 class Controls:
     """
-    Makes a widget for each control of a source, and keeps both equal.
+    Creates a widget for each control of a source, and keeps both consistent.
 
     A control that cannot be used now is grey, and the state shows why.
 
@@ -50,7 +50,7 @@ class Controls:
     def __init__(self, server: viser.ViserServer, source: Source):
         self._gui, self._source = server.gui, source
         self._widgets: Dict[str, Any] = {}
-        # Range, unit and choices of each widget; a change of them makes a new widget.
+        # Range, unit and choices of each widget; a change of them creates a new widget.
         self._shapes: Dict[str, Tuple[Any, ...]] = {}
         self._orders: Dict[str, float] = {}
         self._refused = ''
@@ -94,7 +94,7 @@ class Controls:
         self._show_state()
 
     def _run_controls(self) -> None:
-        """Make the buttons, their hotkeys and the timeline."""
+        """Create the buttons, their hotkeys and the timeline."""
         controls = self._source.controls
         if 'e_stop' in controls:
             self._button('e_stop', 'E-STOP: motor off', 'red', lambda: not self._is_on('e_stop'))
@@ -112,7 +112,7 @@ class Controls:
             self._on_change('seek', slider, float)
 
     def _button(self, name: str, label: str, colour: Any, value: Callable[[], Value]) -> None:
-        """Make a button that gives a control a value."""
+        """Create a button that sets a control to a value."""
         control = self._source.controls[name]
         button = self._gui.add_button(
             label, color=colour, disabled=bool(control.refusal),
@@ -132,7 +132,7 @@ class Controls:
         return STEP
 
     def _camera_controls(self, server: viser.ViserServer) -> None:
-        """Make the choice of camera presets, with the digits as hotkeys."""
+        """Create the choice of camera presets, with the digits as hotkeys."""
         def use(name: str, event: Any) -> None:
             if event.client is not None:
                 look_from(event.client, name)
@@ -153,7 +153,7 @@ class Controls:
         return bool(self._source.controls[name].value)
 
     def _seek(self) -> None:
-        """Move the timeline to the frame that is shown, and its end to the latest one."""
+        """Move the timeline to the displayed frame, and its end to the latest one."""
         slider, shown = self._widgets.get('seek'), self._source.shown
         if slider is None or shown is None:
             return
@@ -167,7 +167,7 @@ class Controls:
             self._set(slider, 'value', round(min(max(shown.time, first), slider.max), 2))
 
     def _show(self, name: str, label: str, control: Control, folder: Any) -> None:
-        """Show a value, in a new widget where it is missing or has another range."""
+        """Show a value, in a new widget if it is missing or has another range."""
         shape = (control.lowest, control.highest, control.unit, control.choices,
                  control.refusal)
         if self._shapes.get(name) != shape:
@@ -181,7 +181,7 @@ class Controls:
             self._set(self._widgets[name], 'value', self._shown(name, control.value))
 
     def _make(self, name: str, label: str, control: Control) -> Any:
-        """Make the widget for a control."""
+        """Create the widget for a control."""
         about: Any = {'order': self._orders[name], 'hint': control.refusal or CONTROLS[name][1]}
         if control.refusal:
             return self._gui.add_text(label, '-', disabled=True, **about)
@@ -203,7 +203,7 @@ class Controls:
         return widget
 
     def _shown(self, name: str, value: Any) -> Any:
-        """Return a value as its widget shows it."""
+        """Return the displayed form of a value."""
         if name == 'accuracy':
             named = [words for words, number in ACCURACIES.items() if number == value]
             return named[0] if named else f'{value:g} m'

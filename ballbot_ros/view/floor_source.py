@@ -24,7 +24,7 @@ FASTEST, SHARPEST = 1.2, 0.5  # set-points [m/s], [rad/s]
 
 class FloorSource(Source):
     """
-    A robot at the start of a floor, which drives as the page says.
+    A robot on a floor, driven by the controls of the page.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ class FloorSource(Source):
         stands = not self._paused and not self._speed
         return Health(not self._paused, None if self._paused else self._speedometer.factor,
                       failure=self._failure,
-                      idle=Idle('The robot stands: give it a speed.', 'Drive',
+                      idle=Idle('The robot is at rest: set a speed.', 'Drive',
                                 (('set_point', 0.4),)) if stands and not self._failure else None)
 
     @property

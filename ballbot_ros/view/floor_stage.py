@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A floor in three dimensions: rooms at their levels, walls, and what lies on it."""
+"""A floor in three dimensions: rooms at their levels, walls and features."""
 import math
 from typing import Dict, Iterator, List, NamedTuple, Optional, Tuple
 
@@ -17,9 +17,9 @@ from ballbot_ros.view.frame import Frame
 from ballbot_ros.view.source import Source
 from ballbot_ros.view.stage import APART, joined, Mesh, PATH, rgb, Stage
 
-# Walls are cut at this height, so that the rooms are seen [m].
+# Walls are cut at this height, so that the rooms are visible [m].
 WALL = 0.5
-# Thickness of a floor that nothing carries, and of what is painted on it [m].
+# Thickness of an unsupported floor, and of flat markings on it [m].
 SLAB, PAINT = 0.05, 0.003
 # Points of uneven ground along the longer side, at most.
 POINTS = 300
@@ -97,7 +97,7 @@ class FloorStage(Stage):
                 thickness=0.06 * source.robot.ball_radius)
 
     def _place_on_floor(self, source: Source, frame: Frame, robot: Robot) -> None:
-        """Move ball and pendulum to where they are, and the world below the camera."""
+        """Move ball and pendulum to their poses, and the world below the camera."""
         point = place_of(source, frame)
         self._nodes['place'].visible = point is not None
         if point is None or frame.place is None:
@@ -116,7 +116,7 @@ class FloorStage(Stage):
         self._nodes['shadow'].position = (point[0], point[1], point[2] - robot.ball_radius + 0.004)
 
     def _build_floor(self, floor: Floor) -> None:
-        """Make the meshes and labels of a floor."""
+        """Create the meshes and labels of a floor."""
         self._floor = floor
         if 'ground' in self._nodes:
             self._nodes.pop('ground').remove()
@@ -247,7 +247,7 @@ def _feature(floor: Floor, feature: Feature) -> Mesh:
 
 
 def _base(floor: Floor, place: Point) -> float:
-    """Return the level of the cell at a place, or of a free one near by [m]."""
+    """Return the level of the cell at a position, or of a free one nearby [m]."""
     row, column = floor.cell_of(place)
     rows, columns = floor.cells.shape
     row, column = min(max(row, 0), rows - 1), min(max(column, 0), columns - 1)

@@ -20,8 +20,8 @@ class EnergyShares(NamedTuple):
     kinetic: Optional[float] = None
     potential: Optional[float] = None
     contact: Optional[float] = None  # stored in the contact springs
-    dissipated: Optional[float] = None  # taken by dampers and frictions
-    motor_work: Optional[float] = None  # given by the motor
+    dissipated: Optional[float] = None  # dissipated by dampers and friction
+    motor_work: Optional[float] = None  # supplied by the motor
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class DecisionSign:
     kind, reason : str
         Values of `decision.Kind` and `decision.Reason`.
     explanation : str
-        One sentence for people, empty where there is none.
+        One sentence, may be empty.
     height : float or None
         Of the step ahead [m].
     distance : float or None

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The next step ahead of the ball: which it is, and the same ground with another one there."""
+"""The next step ahead of the ball, and the same ground with another height of it."""
 from typing import NamedTuple, Optional
 
 import numpy as np
@@ -8,28 +8,28 @@ from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics.model.terrain import Array, Terrain
 from ballbot_ros.results.faces import LEAST_HEIGHT, LEAST_SLOPE, SHORT
 
-# Where no step lies ahead, a new one is placed so far before the centre of the ball [m].
+# Without a step ahead, a new one is placed at this distance from the centre of the ball [m].
 NEW_STEP = 1.0
 
 
 class StepAhead(NamedTuple):
     """The next face ahead that rises or drops."""
 
-    x: float  # of its foot, or of the edge where it drops [m]
-    height: float  # [m]; negative where it drops
+    x: float  # of its foot, or of the edge of a drop [m]
+    height: float  # [m]; negative for a drop
 
 
 def step_ahead(terrain: Terrain, x: float, radius: float) -> Optional[StepAhead]:
     """
-    Return the first face beyond `x`, None where there is none.
+    Return the first face beyond `x`, None without one.
 
     Parameters
     ----------
     terrain : Terrain
     x : float
-        From where on to look [m].
+        Start of the search [m].
     radius : float
-        Of the ball [m]: what is short beside it is not a slope.
+        Of the ball [m]: a segment that is short relative to it is not a slope.
 
     """
     for face in _faces(terrain, radius):
@@ -42,8 +42,8 @@ def with_step(terrain: Terrain, x: float, radius: float, height: float) -> Terra
     """
     Return the ground with another height of the next step ahead of a ball at `x`.
 
-    What lies behind the step is lifted with it.  Where no step lies ahead one is made, `NEW_STEP`
-    before the ball; one of less than `LEAST_HEIGHT` goes.
+    The ground behind the step is lifted with it.  Without a step ahead one is created, `NEW_STEP`
+    before the ball; a step below `LEAST_HEIGHT` is removed.
 
     Raises
     ------
@@ -58,7 +58,7 @@ def with_step(terrain: Terrain, x: float, radius: float, height: float) -> Terra
     if face[0, 0] - x <= 1.01 * radius:
         raise ConfigurationError(
             f'step_height cannot change while the ball is at the step: its centre is '
-            f'{max(face[0, 0] - x, 0.0):.2f} m before it, let there be more than {radius:.2f} m',
+            f'{max(face[0, 0] - x, 0.0):.2f} m before it, more than {radius:.2f} m are required',
             'inconsistent', 'step_height')
     height = 0.0 if abs(height) < LEAST_HEIGHT else height
     points = terrain.vertices.copy()
@@ -75,9 +75,9 @@ def _faces(terrain: Terrain, radius: float) -> list[Array]:
 
 
 def _new_step(terrain: Terrain, x: float, height: float) -> Terrain:
-    """Return the ground with an upright face at `x`, where there was none."""
+    """Return the ground with a new upright face at `x`."""
     points, surface, edge = terrain.vertices, terrain.surface_friction, terrain.edge_friction
-    # The end segments extend to infinity: an additional vertex on them changes nothing.
+    # The end segments extend to infinity: an additional vertex on them has no effect.
     if x <= points[0, 0]:
         end = [[x - 1.0, float(terrain.height(x - 1.0))]]
         points, surface, edge = (np.vstack([end, points]), np.append(surface[:1], surface),
@@ -90,13 +90,13 @@ def _new_step(terrain: Terrain, x: float, height: float) -> Terrain:
     cut = int(np.searchsorted(points[:, 0], x, side='right'))
     behind = points[cut:] + [0.0, height]
     points = np.vstack([points[:cut], [[x, foot], [x, foot + height]], behind])
-    # The face takes the friction of the robot; the segment that it cuts keeps its own.
+    # The face has the friction of the robot; the segment that it divides keeps its own.
     surface = np.concatenate([surface[:cut], [np.nan], surface[cut - 1:]])
     edge = np.concatenate([edge[:cut], [np.nan, np.nan], edge[cut:]])
     return _without_doubles(points, surface, edge)
 
 
 def _without_doubles(points: Array, surface: Array, edge: Array) -> Terrain:
-    """Return a terrain without the vertices that lie on the one before."""
+    """Return a terrain without repeated vertices."""
     kept = np.append(True, (np.diff(points, axis=0) != 0.0).any(axis=1))
     return Terrain(points[kept], surface[kept[1:]], edge[kept])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Law and set-point of the motor of a simulated robot, chosen by a person."""
+"""Law and set-point of the motor of a simulated robot, selected by the user."""
 from dataclasses import replace
 import math
 from typing import Any, Mapping, NamedTuple, Optional, Tuple
@@ -13,8 +13,8 @@ from ballbot_ros.physics.model.parameters import Actuator, TORQUE
 from ballbot_ros.physics.model.robot import Robot
 from ballbot_ros.physics.model.state import State
 
-# Law -> unit of its set-point as people give it.  All but `speed` are those of scene files;
-# `speed` is the speed law of the controller, answered once in a period.
+# Law -> unit of its set-point in the page.  All but `speed` are those of scene files;
+# `speed` is the speed law of the controller, computed once per period.
 UNITS: Mapping[str, str] = {
     'free': '', 'speed': 'm/s', 'position': 'deg', 'velocity': 'm/s', 'voltage': 'V',
     'torque': 'N m'}
@@ -76,14 +76,14 @@ class MotorLaw:
 
     def changed(self, robot: Optional[Robot] = None, law: Optional[str] = None,
                 set_point: Optional[float] = None) -> 'MotorLaw':
-        """Return another: another law begins with a set-point of 0."""
+        """Return a modified copy: another law starts with a set-point of 0."""
         other = law is not None and law != self.law
         value = set_point if set_point is not None else 0.0 if other else self.set_point
         return MotorLaw(robot or self.robot, law or self.law, value, self.base,
                         self.chosen or other or set_point is not None)
 
     def begin(self, state: State) -> None:
-        """Count integrals from this state on."""
+        """Start the integrals at this state."""
         if self._controller is not None:
             self._controller.reset()
             self._controller.give(SetPoint(Mode.SPEED, self.set_point, state.time))
@@ -92,7 +92,7 @@ class MotorLaw:
 
     @property
     def sampled(self) -> bool:
-        """Return whether the torque is set once in a period, by the state at its beginning."""
+        """Return whether the torque is computed once per period, from the state at its start."""
         return self._controller is not None
 
     def actuator(self, state: State) -> Actuator:
@@ -101,12 +101,12 @@ class MotorLaw:
             return self._actuator
         asked = self._controller.torque(JointReadings(
             state.time, state.ball_angle, state.joint_angle, state.ball_rate, state.joint_rate))
-        # As the motor of a `Plant`: no more than it can give at the rate of its joint.
+        # As the motor of a `Plant`: within its limits at the joint rate.
         return Actuator(TORQUE, applied_torque(
             asked, state.joint_rate, self.robot.motor_line, 1e9))
 
     def _actuation_of(self, law: str, value: float) -> Actuation:
-        """Return the actuation of a law that a person chose."""
+        """Return the actuation of a law that the user selected."""
         if law == 'free':
             return Actuation('free')
         given: Any = {
@@ -127,12 +127,12 @@ def laws_of(robot: Robot) -> Tuple[str, ...]:
 
 def bounds_of(robot: Robot, law: str) -> Bounds:
     """
-    Return the settings of a person.
+    Return the user's settings.
 
     Raises
     ------
     ConfigurationError
-        For ``free``, which follows nothing.
+        For ``free``, which has no set-point.
 
     """
     motor = robot.motor
@@ -146,4 +146,4 @@ def bounds_of(robot: Robot, law: str) -> Bounds:
         largest = motor.maximum_torque if motor else 2.0 * robot.largest_gravity_torque
         return Bounds(-largest, largest)
     raise ConfigurationError(
-        'a free pendulum follows no set-point; choose another law', 'inconsistent', 'set_point')
+        'a free pendulum has no set-point; choose another law', 'inconsistent', 'set_point')

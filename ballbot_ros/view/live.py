@@ -31,12 +31,12 @@ class LiveSource(MessageSource):
     robot : str
         Name or file of the robot; empty for that of the nodes.
     link : Spectator, optional
-        The connection to the nodes; made here by default.
+        The connection to the nodes; created here by default.
 
     Raises
     ------
     ConfigurationError
-        If there is no such robot, or the namespace is none.
+        If there is no such robot, or the namespace is invalid.
 
     """
 
@@ -64,7 +64,7 @@ class LiveSource(MessageSource):
         newest = self._history.newest
         if newest is not None and frame.time <= newest.time:
             if frame.time > newest.time - FRAME_TIMEOUT:
-                return  # repeated in lockstep, or overtaken on its way
+                return  # repeated in lockstep, or out of order
             # Perhaps of another simulator, on another scene.
             self._link.ask_again()
             self._assembly.restart()
@@ -96,7 +96,7 @@ class LiveSource(MessageSource):
 
     @property
     def health(self) -> Health:
-        """Return whether frames arrive, and otherwise what the source waits for."""
+        """Return whether frames arrive, and otherwise the missing conditions."""
         running = self._fresh
         factor = self._speedometer.factor
         paused = self._paused_at > self._frame_at and 'simulator' in self._link.presence.nodes
@@ -107,7 +107,7 @@ class LiveSource(MessageSource):
 
     @property
     def controls(self) -> Mapping[str, Control]:
-        """Return all controls at all times: one without its node has a refusal."""
+        """Return all controls at all times: a control without its node has a refusal."""
         presence = self._link.presence
         begin, end = self._history.span
         found = {'pause': Control(self._paused), 'seek': Control(None, begin, end, 's')}

@@ -61,7 +61,7 @@ class Page:
         self._thread.start()
 
     def close(self) -> None:
-        """End page and source."""
+        """Close page and source."""
         self._ended.set()
         if self._thread.is_alive():
             self._thread.join()
@@ -84,7 +84,7 @@ class Page:
             looked = True
 
     def _draw(self, whole: bool) -> None:
-        """Draw the current frame; all of it, or the parts that are due."""
+        """Draw the current frame, completely or only the parts that are due."""
         frame = self._source.shown
         count, self.frames = self.frames, self.frames + 1
         with self._server.atomic():

@@ -62,7 +62,7 @@ PLOTS: Mapping[str, Tuple[PlottedCurve, ...]] = {
 
 class Readouts:
     """
-    Values and plots beside the scene; made once, then updated.
+    Values and plots beside the scene; created once, then updated.
 
     Parameters
     ----------
@@ -124,7 +124,7 @@ class Readouts:
             self._last[name] = handle.content = content
 
     def _curve_plot(self) -> Any:
-        """Make the plot of the height curve."""
+        """Create the plot of the height curve."""
         from viser import uplot
         series = (
             uplot.Series(label='speed at contact [m/s]'),
@@ -144,7 +144,7 @@ class Readouts:
             legend=uplot.Legend(show=False))
 
     def _plot(self, title: str, series: Sequence[PlottedCurve]) -> Any:
-        """Make one plot."""
+        """Create one plot."""
         from viser import uplot
         empty, least = np.array([0.0, 1e-3]), RANGE_MIN[title]
         spread = {'min': {'pad': 0.1, 'soft': -least, 'mode': 1},
@@ -164,7 +164,7 @@ class Readouts:
 def _curve_scales(height: float) -> Any:
     """Return the scales of the plot of the height curve for a step ahead [mm]."""
     from viser import uplot
-    # Fixed, because uPlot finds no range where a column has a NaN.
+    # Fixed, because uPlot computes no range for a column with a NaN.
     return {'x': uplot.Scale(time=False, auto=True),
             'y': uplot.Scale(auto=False, range=(0.0, 160.0 if height > 75.0 else 80.0))}
 
@@ -217,7 +217,7 @@ def thinned(frames: Sequence[Frame], apart: float) -> List[Frame]:
     """
     Return the first frame of each stretch of time of a length [s], and the last of all.
 
-    The stretches stand still while time goes on, so that a curve does not flicker.
+    The stretches are fixed in time, so that a curve does not flicker.
     """
     kept: List[Frame] = []
     for frame in frames:
@@ -227,7 +227,7 @@ def thinned(frames: Sequence[Frame], apart: float) -> List[Frame]:
 
 
 def column(frames: Sequence[Frame], value: Callable[[Frame], Optional[float]]) -> Array:
-    """Return a value in each frame, NaN where it is not known."""
+    """Return a value in each frame, NaN if unknown."""
     found = [value(frame) for frame in frames]
     return np.array([math.nan if item is None else item for item in found])
 
@@ -243,7 +243,7 @@ class Prospect(NamedTuple):
 
 
 def prospect_of(source: Source, frame: Frame) -> Prospect:
-    """Return the step ahead, from the decision where it has one, otherwise from the ground."""
+    """Return the step ahead, from the decision if available, otherwise from the ground."""
     speed = None if frame.velocity_x is None else abs(frame.velocity_x)
     decision = frame.decision
     if decision is not None and decision.height is not None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Runs a scene without an end, with changes during the run."""
+"""Runs a scene indefinitely, with changes during the run."""
 from dataclasses import replace
 from functools import lru_cache
 import math
@@ -32,7 +32,7 @@ class SceneRun:
     """
     A scene, one period after the other; for one thread.
 
-    Each change is made whole or, with an error, not at all.
+    Each change is applied completely or, with an error, not at all.
 
     Parameters
     ----------
@@ -76,20 +76,20 @@ class SceneRun:
 
     @property
     def accuracy_lost_at(self) -> float:
-        """Return since when the accuracy does not hold any more [s], infinite while it does."""
+        """Return the time from which the accuracy does not hold [s], infinite while it holds."""
         return self._monitor.accuracy_lost_at if self._monitor else math.inf
 
     def advance(self, periods: int) -> None:
         """
-        Go on by some periods.
+        Advance by some periods.
 
         Raises
         ------
         SimulationError
-            If the run cannot go on; it stays at the last good period.
+            If the run fails; it remains at the last valid period.
 
         """
-        # What depends on the state at the beginning of a period is asked once in each.
+        # A law that depends on the state at the start of a period is evaluated once per period.
         at_once = 1 if self.law.sampled and not self.e_stop else periods
         for _ in range(periods // at_once):
             actuator = self._actuator()
@@ -119,11 +119,11 @@ class SceneRun:
             e_stop=self.e_stop)
 
     def reset(self) -> None:
-        """Go back to the start, on the present ground, with the present robot and law."""
+        """Return to the start, on the present ground, with the present robot and law."""
         self._take(self._model, None)
 
     def set_robot(self, name: str) -> None:
-        """Begin again with another robot."""
+        """Restart with another robot."""
         robot = load_robot(name)
         law = self.law.changed(robot=robot) if robot.has_pendulum or self.law.law == 'free' \
             else self.law.changed(robot=robot, law='free')
@@ -132,7 +132,7 @@ class SceneRun:
         law.begin(self.state)
 
     def set_friction(self, friction: float) -> None:
-        """Give ball and ground another coefficient, also at edges; what has its own keeps it."""
+        """Set the friction of ball, ground and edges; pieces with their own friction keep it."""
         robot = replace(self.robot, surface_friction=friction, edge_friction=friction)
         law = self.law.changed(robot=robot)
         self._take(replace(self._model, robot=robot), self.state)
@@ -145,12 +145,12 @@ class SceneRun:
         self._take(replace(self._model, terrain=ground), self.state)
 
     def set_law(self, law: Optional[str] = None, set_point: Optional[float] = None) -> None:
-        """Follow another law, from a set-point of 0, or another set-point."""
+        """Select another law, from a set-point of 0, or another set-point."""
         self.law = self.law.changed(law=law, set_point=set_point)
         self.law.begin(self.state)
 
     def set_accuracy(self, accuracy: float) -> None:
-        """Go on with another accuracy [m]; 0 goes back to the solver of the scene."""
+        """Continue with another accuracy [m]; 0 selects the solver of the scene."""
         self.accuracy, before = accuracy or None, self.accuracy
         try:
             self._take(self._model, self.state)
@@ -159,7 +159,7 @@ class SceneRun:
             raise
 
     def curve(self) -> Optional[HeightCurve]:
-        """Return the shipped height curve for this robot and law, None where none is for it."""
+        """Return the shipped height curve for this robot and law, None without one."""
         law, angle = self.law.law, math.radians(self.law.set_point)
         held = law == 'position' and not self.e_stop
         for curve in _shipped_curves():
@@ -174,7 +174,7 @@ class SceneRun:
         return Actuator() if self.e_stop else self.law.actuator(self.state)
 
     def _take(self, model: Model, state: Optional[State]) -> None:
-        """Go on with a model, from a state, or from the start of the scene."""
+        """Continue with a model, from a state, or from the start of the scene."""
         monitor, begin = None, state
         if begin is None:
             begin = self.scene.initial.state(model)

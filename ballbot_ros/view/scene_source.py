@@ -24,12 +24,12 @@ from ballbot_ros.view.laws import bounds_of, laws_of, UNITS
 from ballbot_ros.view.scene_run import SceneRun
 from ballbot_ros.view.source import Control, Health, Idle, Source, Value
 
-FRAME_RATE = 100.0  # frames per second on the wall, at most
+FRAME_RATE = 100.0  # frames per second of wall time, at most
 LAG_MAX = 0.1  # a longer lag behind the wall clock is dropped, not caught up [s]
 CONTROL_TIMEOUT = 10.0  # for a control to take effect [s]
 LOOP_PAUSE = 1.5  # wall time between the end of the scene and its repetition [s]
 REST_SPEED, REST_TIME = 1e-3, 1.0  # at rest: slower than this [m/s], for this long [s]
-DRIVE_SPEED = 0.5  # that the page offers for a robot at rest [m/s]
+DRIVE_SPEED = 0.5  # speed offered by the page for a robot at rest [m/s]
 
 
 class SceneSource(Source):
@@ -44,7 +44,7 @@ class SceneSource(Source):
     name : str
         Of a scene, or its file.
     paused : bool
-        Whether to wait for ``pause`` to be lifted before time goes on.
+        Whether the scene starts paused.
 
     Raises
     ------
@@ -60,7 +60,7 @@ class SceneSource(Source):
         self._robot_name = self._run.robot.name
         self._paused, self._speed = paused, 1.0
         self._repeats = True
-        self._moved_at = 0.0  # the last time at which the robot moved [s]
+        self._moved_at = 0.0  # last time of motion [s]
         self._failure = ''
         self._speedometer = Speedometer()
         self._jobs: 'Queue[Optional[Tuple[Callable[[], None], Future[None]]]]' = Queue()
@@ -161,7 +161,7 @@ class SceneSource(Source):
     # In the thread.
 
     def _live(self) -> None:
-        """Simulate in step with the wall clock, and use controls in between."""
+        """Simulate in real time, and apply controls between frames."""
         origin, begin = monotonic(), self._run.state.time
         while not self._closed:
             ahead = origin + (self._run.state.time - begin) / self._speed - monotonic()
@@ -183,7 +183,7 @@ class SceneSource(Source):
             self._speedometer.note(self._run.state.time, monotonic())
 
     def _await_job(self, timeout: float) -> bool:
-        """Use the next control that arrives within a time [s]; return whether one did."""
+        """Apply the next control that arrives within a time [s]; return whether one did."""
         try:
             job = self._jobs.get(timeout=timeout) if timeout > 0.0 else self._jobs.get_nowait()
         except Empty:
@@ -298,9 +298,9 @@ class SceneSource(Source):
             FileChoice(self._robot_name, self._robot_name)))
 
 
-SLOWEST, FASTEST = 0.05, 4.0  # simulated seconds per second on the wall
+SLOWEST, FASTEST = 0.05, 4.0  # simulated seconds per second of wall time
 HIGHEST_STEP, HIGHEST_FRICTION, LONGEST_STRIDE = 0.15, 1.2, 5.0  # [m], [1], [s]
-NO_SET_POINT = 'a free pendulum follows no set-point; choose another law'
+NO_SET_POINT = 'a free pendulum has no set-point; choose another law'
 
 
 class FileChoice(NamedTuple):
@@ -313,16 +313,16 @@ class FileChoice(NamedTuple):
 def controls_of(run: SceneRun, paused: bool, speed: float, first: float, scene: FileChoice,
                 robot: FileChoice) -> Mapping[str, Control]:
     """
-    Return the controls of a scene that runs.
+    Return the controls of a running scene.
 
     Parameters
     ----------
     run : SceneRun
     paused : bool
     speed : float
-        Simulated seconds per second on the wall.
+        Simulated seconds per second of wall time.
     first : float
-        Earliest time that can be looked at [s].
+        Earliest time that can be shown [s].
     scene, robot : FileChoice
 
     """

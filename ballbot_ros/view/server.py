@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The server of the page: who may ask it, and on which port it listens."""
+"""The server of the page: access checks and port."""
 from contextlib import contextmanager, redirect_stdout
 import errno
 import http
@@ -20,7 +20,7 @@ from ballbot_ros.errors import ConfigurationError
 
 LOOPBACK = '127.0.0.1'
 DEFAULT_PORT = 8080
-# Ports tried after one that is taken.
+# Ports tried after one that is in use.
 TRIED = 20
 
 # The page is self-contained and must not load from other hosts.
@@ -56,10 +56,10 @@ class PageServer(viser.ViserServer):
         self.gui.configure_theme(show_logo=False, show_share_button=False)
 
     def request_share_url(self, verbose: bool = True) -> None:
-        """Refuse: any page that is connected may ask for a tunnel to the outside."""
+        """Refuse: any connected page may request a tunnel to a public server."""
 
     def end(self) -> None:
-        """Stop, without a word."""
+        """Stop without a message."""
         with redirect_stdout(io.StringIO()):
             self.stop()
 
@@ -89,7 +89,7 @@ def refusal(request: Request, bound: str) -> Optional[str]:
 
 
 def _is_ours(host: str, bound: str) -> bool:
-    """Return whether a name in a request can only mean this machine."""
+    """Return whether a name in a request denotes this machine only."""
     try:
         name = urlsplit(f'//{host}').hostname or ''
     except ValueError:
@@ -97,7 +97,7 @@ def _is_ours(host: str, bound: str) -> bool:
     if name in ('localhost', bound.lower(), socket.gethostname().lower()):
         return True
     try:
-        # No foreign page can be served under the number of this machine.
+        # No foreign page can be served under the address of this machine.
         ipaddress.ip_address(name)
     except ValueError:
         return False
@@ -134,7 +134,7 @@ def _names_a_fault(record: logging.LogRecord) -> bool:
 
 @contextmanager
 def _guarded(bound: str, done: List[bool]) -> Iterator[None]:
-    """Let the server that is started within be guarded, and note in `done` that it is."""
+    """Guard the server that is started within the context, and set `done`."""
     module: Any = websockets.asyncio.server
     serve = module.serve
     logging.getLogger('websockets.server').addFilter(_names_a_fault)
@@ -160,12 +160,12 @@ def free_port(host: str, port: Optional[int]) -> int:
     ----------
     host : str
     port : int or None
-        That very port, or None for the first free one from `DEFAULT_PORT` on.
+        This port, or None for the first free one from `DEFAULT_PORT` on.
 
     Raises
     ------
     ConfigurationError
-        If the port is taken, or the address is not one of this machine.
+        If the port is in use, or the address is not one of this machine.
 
     """
     first = DEFAULT_PORT if port is None else port
@@ -182,15 +182,15 @@ def free_port(host: str, port: Optional[int]) -> int:
                 continue
             if error.errno == errno.EACCES:
                 raise ConfigurationError(
-                    f'--port {tried} is not allowed to this user; take one from 1024 on',
+                    f'--port {tried} is not permitted for this user; use one from 1024 on',
                     'out_of_range', '--port') from None
             raise ConfigurationError(
                 f'--host {host} is not an address of this machine; leave it out to listen on '
                 f'{LOOPBACK}', 'out_of_range', '--host') from None
     if port is not None:
         raise ConfigurationError(
-            f'port {port} of {host} is taken, perhaps by another page; leave --port out to take '
+            f'port {port} of {host} is in use, possibly by another page; leave --port out to use '
             'the next free one', 'unavailable', '--port')
     raise ConfigurationError(
-        f'the ports {first} to {last} of {host} are all taken; give a free one with --port',
+        f'the ports {first} to {last} of {host} are all in use; give a free one with --port',
         'unavailable', '--port')

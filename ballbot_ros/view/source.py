@@ -33,7 +33,7 @@ CONTROLS: Mapping[str, Tuple[type, str]] = MappingProxyType({
     'robot': (str, 'another robot'),
     'law': (str, 'control law of the motor'),
     'set_point': (float, 'set-point of the law, in its unit'),
-    'yaw_rate': (float, 'yaw rate, within what the speed allows [rad/s]'),
+    'yaw_rate': (float, 'yaw rate, within the limit for the speed [rad/s]'),
     'step_height': (float, 'height of the next step ahead [m]'),
     'friction': (float, 'coefficient between ball and ground'),
     'accuracy': (float, 'largest error of position [m]; 0 for the solver of the scene'),
@@ -56,7 +56,7 @@ class Control:
     choices : tuple of str
         Of a text.
     refusal : str
-        Why it cannot be used now, and what enables it; empty where it can be used.
+        Reason against its use at present, and the remedy; empty if it can be used.
 
     """
 
@@ -69,7 +69,7 @@ class Control:
 
 
 class Idle(NamedTuple):
-    """Why nothing moves, and the controls that start a motion, with a label for them."""
+    """The reason for rest, and the controls that start a motion, with a label for them."""
 
     reason: str
     label: str
@@ -90,11 +90,11 @@ class Health:
     error_estimate : float or None
         Largest error of position so far [m].
     failure : str
-        Why it cannot continue, one sentence; empty while it can.
+        Reason why it cannot continue, one sentence; empty while it can.
     notes : tuple of str
         Remarks for the user, a sentence each.
     idle : Idle or None
-        Why nothing moves, and a remedy; None while something moves, and where it is unknown.
+        Reason for rest, and a remedy; None during motion, and if unknown.
 
     """
 
@@ -106,7 +106,7 @@ class Health:
     idle: Optional[Idle] = None
 
 
-# Frames kept; at 50 a second those of ten minutes.
+# Stored frames; at 50 per second those of ten minutes.
 MOST = 30_000
 
 
@@ -117,12 +117,12 @@ class FrameHistory:
     Parameters
     ----------
     most : int
-        Frames kept at least; up to a tenth more lie there before they are dropped.
+        Frames kept at least; up to a tenth more are stored before they are dropped.
 
     Attributes
     ----------
     epoch : int
-        How often `forget` was called.
+        Number of calls of `forget`.
 
     """
 
@@ -195,7 +195,7 @@ class Source(ABC):
 
     def __init__(self) -> None:
         self._history = FrameHistory()
-        self._sought: Optional[float] = None  # the time to show instead of the latest [s]
+        self._sought: Optional[float] = None  # time to show instead of the latest [s]
         self.floor: Optional[Floor] = None
         self.start_pose = (0.0, 0.0, 0.0)  # on the floor, see `Frame.place` [m], [rad]
 
@@ -207,12 +207,12 @@ class Source(ABC):
     @property
     @abstractmethod
     def robot(self) -> Robot:
-        """Return the robot; another object where it has changed."""
+        """Return the robot; another object if it has changed."""
 
     @property
     @abstractmethod
     def terrain(self) -> Optional[Terrain]:
-        """Return the ground, another object where it has changed; None where it is unknown."""
+        """Return the ground, another object if it has changed; None if unknown."""
 
     @property
     @abstractmethod
@@ -244,7 +244,7 @@ class Source(ABC):
 
     @property
     def shown(self) -> Optional[Frame]:
-        """Return the frame to show: the latest, or that of the time sought; None before any."""
+        """Return the frame to show: the latest, or that of the selected time; None before any."""
         return self._history.newest if self._sought is None else self._history.at(self._sought)
 
     @property
@@ -282,7 +282,7 @@ class Source(ABC):
 
 def checked(controls: Mapping[str, Control], name: str, value: Any) -> Value:
     """
-    Return the value for a control of a source, in the kind that it has.
+    Return the value for a control of a source, converted to its type.
 
     Raises
     ------
@@ -319,7 +319,7 @@ def _number(control: Control, name: str, value: Any) -> float:
               else float('nan'))
     low = float('-inf') if control.lowest is None else control.lowest
     high = float('inf') if control.highest is None else control.highest
-    # A slider rounds; its ends must not be refused for that.
+    # A slider rounds; its ends must not be refused for this.
     slack = 1e-9 * max(1.0, abs(number))
     if not low - slack <= number <= high + slack or abs(number) == float('inf'):
         raise ConfigurationError(

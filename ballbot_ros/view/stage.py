@@ -15,11 +15,11 @@ from ballbot_ros.results.faces import LEAST_HEIGHT, LEAST_SLOPE, SHORT
 from ballbot_ros.view.frame import Frame
 from ballbot_ros.view.source import Source
 
-# The ground is drawn so far beyond its ends, and beyond the ball where that goes farther [m].
+# The ground is drawn beyond its ends, and beyond the ball, by this distance [m].
 BEYOND, DEPTH = 12.0, 0.15  # DEPTH below the lowest point
-# A force as large as the weight is drawn this long, and none longer than that [ball radii].
+# Length of a force equal to the weight, and greatest length [ball radii].
 WEIGHT, LONGEST = 0.8, 3.0
-# Points of the path that are drawn, and how far apart they are at least [ball radii].
+# Drawn points of the path, and their least distance [ball radii].
 PATH, APART = 1500, 0.05
 # The ground from above, its squares, and the section in front.
 TOP, SQUARE, CUT = '#EAE6DF', '#D9D3C8', '#F1E9DC'
@@ -35,8 +35,8 @@ FIELD = math.radians(36.0)  # of view, vertical
 # A phone held upright has such a width-to-height ratio. The controls cover the lower part there:
 # the ball is placed this part of half the height above the middle.
 PHONE, ABOVE = (0.35, 0.62), 0.6
-WIDE = 0.45  # half of the width shows at least that [m]
-HEIGHT = 0.2  # of what the camera looks at there, about the centre of the ball [m]
+WIDE = 0.45  # least distance shown by half of the width [m]
+HEIGHT = 0.2  # of the camera target there, relative to the centre of the ball [m]
 TABLET, BETWEEN_PANELS = 1.0, 1 / 3  # below that ratio, the panels leave such a part of the width
 Colour = Tuple[int, int, int]
 Point = Tuple[float, float, float]
@@ -216,7 +216,7 @@ class Stage:
         self._scene = server.scene
         self._scene.set_up_direction('+z')
         self._scene.world_axes.visible = False
-        # Shadows cost more than all the rest where there is no graphics card.
+        # Shadows cost more than everything else without a graphics card.
         self._scene.configure_default_lights(cast_shadow=False)
         camera = server.initial_camera
         camera.position, camera.look_at = CAMERAS['side']
@@ -268,7 +268,7 @@ class Stage:
                 thickness=0.03 * source.robot.ball_radius)
 
     def _place(self, frame: Frame, robot: Robot) -> None:
-        """Move ball and pendulum to where they are, and the world below the camera."""
+        """Move ball and pendulum to their poses, and the world below the camera."""
         known = frame.x is not None and frame.y is not None
         place = self._nodes['place']
         if place.visible is not known:
@@ -311,7 +311,7 @@ class Stage:
             color=rgb(colour), opacity=opacity, flat_shading=flat, side='double')
 
     def _build_robot(self, robot: Robot) -> None:
-        """Make ball, mark and pendulum."""
+        """Create ball, mark and pendulum."""
         if 'place' in self._nodes:
             self._nodes['place'].remove()
             self._nodes['shadow'].remove()
@@ -323,7 +323,7 @@ class Stage:
         self._scene.add_icosphere('/world/place/ball/shell', radius, rgb(SKY), subdivisions=4,
                                   opacity=0.22, cast_shadow=False)
         thick, quarter = 0.028 * radius, 0.5 * math.pi
-        # Two quarters of the rim are dark: that it rolls is seen at any speed.
+        # Two quarters of the rim are dark, to show the rotation at any speed.
         for colour, first in ((BLUE, 0.0), (INK, quarter)):
             self._mesh(f'/world/place/ball/rim_{first:.0f}', joined(
                 tube(radius, thick, begin, begin + quarter)
@@ -345,7 +345,7 @@ class Stage:
             visible=False)
 
     def _build_ground(self, terrain: Optional[Terrain], x: float, radius: float) -> None:
-        """Make the ground around a position, with a scale along it."""
+        """Create the ground around a position, with a scale along it."""
         self._terrain = terrain
         if 'ground' in self._nodes:
             self._nodes.pop('ground').remove()

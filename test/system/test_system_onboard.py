@@ -38,7 +38,7 @@ def test_a_simulator_on_board_takes_the_e_stop_and_the_decision_goes_on_only_whe
     refused = graph.call('obstacle_decision/resume', Trigger)
     assert not refused.success and 'release it first' in refused.message
     latch.publish(Bool(data=False))
-    graph.wait_for_health('obstacle_decision', diagnostics.WARN, 'to go on call')
+    graph.wait_for_health('obstacle_decision', diagnostics.WARN, 'to continue call')
     graph.wait(lambda: len(wanted) > 20, 'set-points flow')
     assert {message.position[0] for message in wanted[-10:]} == {0.0}
     answer = graph.call('obstacle_decision/resume', Trigger)

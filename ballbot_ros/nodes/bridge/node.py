@@ -24,10 +24,10 @@ from ballbot_ros.ros.logs import DeferredLogs
 from ballbot_ros.ros.parameters import Commit, declare, refuse_sim_time
 from ballbot_ros.ros.run import run
 
-SWITCH = 5e-4  # longest time that a thread keeps others from running [s]
+SWITCH = 5e-4  # longest time for which a thread keeps the interpreter lock [s]
 NO_SIM_TIME = ('use_sim_time must be false at the bridge: the time of a motor is that of the '
                'machine; start its controllers without it, too')
-LOOK_AFTER = 0.1  # how often the loop is looked after [s]
+LOOK_AFTER = 0.1  # period of the checks of the loop [s]
 
 
 class Bridge(ManagedNode):

@@ -88,7 +88,7 @@ class ImuOutput:
                     if has_subscribers(self._publisher):
                         self._publisher.publish(self._message(reading))
         except Exception as error:  # noqa: BLE001 the owner reports any failure
-            self.failure = LinkError(f'the reading ended: {error!r}', 'ended', 'port')
+            self.failure = LinkError(f'the reading thread ended: {error!r}', 'ended', 'port')
 
     def _message(self, reading: StampedReading) -> Imu:
         message = Imu()

@@ -333,7 +333,7 @@ def test_a_file_that_was_cut_off_anywhere_gives_what_is_left(tmp_path):
         except ConfigurationError as error:
             assert 'is not a file of a black box' in str(error)
         else:
-            assert 'cut off' in found.damage[0]
+            assert 'truncated' in found.damage[0]
             seen.add(len(found.events))
     assert seen >= {0, 1000, 2000}
 

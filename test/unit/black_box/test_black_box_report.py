@@ -38,8 +38,8 @@ def file(tmp_path):
 def test_the_second_before_the_fault_is_put_into_words(recording):
     text = summary(recording)
     for expected in ('drive lost: the line was lost: the cable is out', 'pendulum angle',
-                     'torque asked      -0.5 to', 'longest 2.0 ms', '2.0 ms before: torque',
-                     'when the fault was noticed', '+0.000 s  FAULT', '24 to 24 V'):
+                     'torque requested  -0.5 to', 'longest 2.0 ms', '2.0 ms before: torque',
+                     'at the detection of the fault', '+0.000 s  FAULT', '24 to 24 V'):
         assert expected in text
     assert 'Damaged' not in text and 'nan' not in text
     assert 'Damaged: a block' in summary(replace(recording, damage=('a block',)))
@@ -53,7 +53,7 @@ def test_a_torque_that_went_on_after_the_fault_is_reported(recording):
     tables = {**recording.tables, 'period': period}
     assert 'torque at zero    52.0 ms after it' in summary(replace(recording, tables=tables))
     period['torque'] = np.where(later, 0.3, 0.0)
-    assert 'not in the time that was recorded' in summary(replace(recording, tables=tables))
+    assert 'not within the recorded time' in summary(replace(recording, tables=tables))
 
 
 def test_tables_have_times_from_the_fault_on(recording, tmp_path):
@@ -134,7 +134,7 @@ def test_replay_prints_and_writes(file, tmp_path, capsys):
 def test_replay_of_a_damaged_file_gives_what_is_left_and_fails(file, capsys):
     file.write_bytes(file.read_bytes()[:-20])
     assert main(['replay', str(file)]) == 1
-    assert 'Damaged: the file is damaged or was cut off' in capsys.readouterr().out
+    assert 'Damaged: the file is damaged or truncated' in capsys.readouterr().out
 
 
 @pytest.mark.parametrize('words, complaint', [

@@ -84,7 +84,7 @@ def test_an_impossible_option_is_named(words, reason, field, refuses):
 
 
 @pytest.mark.parametrize('words, sentence', [
-    (['compare-models', '--angle-deg', '30'], '--angle-deg goes with --actuation held'),
+    (['compare-models', '--angle-deg', '30'], '--angle-deg requires --actuation held'),
     (['simulate', 'flat', '--method', 'papr'], "did you mean 'paper'?"),
     (['test-bench', '--slope-deg', '-3'], 'must be more than 0 and at most 45 degrees'),
     (['test-bench', '--slope-deg', 'nan'], 'degrees, got nan'),

@@ -165,7 +165,7 @@ def test_animate_writes_a_gif_beside_the_other_files_or_at_a_given_path(tmp_path
 
 
 @pytest.mark.parametrize('words, says', [
-    (['--playback', '2'], '--playback goes with --animate'),
+    (['--playback', '2'], '--playback requires --animate'),
     (['--animate', 'film.avi'], 'must end in .gif or .mp4'),
     (['--animate', '/dev/null/film.gif'], 'cannot be written'),
     (['--animate', '--duration', '100'], 'choose a playback of 2 or more'),

@@ -8,8 +8,8 @@ pytest.importorskip('viser')
 @pytest.mark.parametrize('words, says', [
     (['missing.mcap'], 'missing.mcap: is not a readable bag'),
     (['.'], 'is not a readable bag'),
-    (['doorstep', '--robot', 'shellball'], '--robot goes with a bag or --live'),
-    (['doorstep', '--namespace', 'left'], '--namespace goes with a bag or --live'),
+    (['doorstep', '--robot', 'shellball'], '--robot requires a bag or --live'),
+    (['doorstep', '--namespace', 'left'], '--namespace requires a bag or --live'),
     (['--live', '--robot', 'gimbal'], "no robot named 'gimbal'")])
 def test_what_cannot_be_shown_is_refused(error_of, tmp_path, monkeypatch, words, says):
     monkeypatch.chdir(tmp_path)

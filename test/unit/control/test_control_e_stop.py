@@ -53,7 +53,7 @@ def test_a_set_point_that_outlives_it_is_refused_until_it_was_at_rest():
     for number in range(200):
         stamp = 1.12 + 0.02 * number
         assert answer(controller, stamp) == 0.0
-        assert 'ask for rest first' in refused(controller, 0.5, stamp)
+        assert 'request rest first' in refused(controller, 0.5, stamp)
     controller.give(SetPoint(Mode.SPEED, 0.0, stamp))
     controller.give(SetPoint(Mode.HOLD, 0.5, stamp))
     assert answer(controller, stamp + 0.02) > 0.0

@@ -104,7 +104,7 @@ def test_that_no_rate_saves_the_gains_is_said():
     # Less stiff than gravity on a raised pendulum pulls: it falls over, however often asked.
     tuning = ControlTuning(position_kp=0.5, position_kd=1.0, gravity_compensation=False)
     assert lowest_stable_rate(GIMBALL, tuning, 'hold') == math.inf
-    with pytest.raises(UnstableLoopError, match='no rate saves'):
+    with pytest.raises(UnstableLoopError, match='no rate makes'):
         check_loop(GIMBALL, tuning, 'hold', 1000.0, 0)
 
 

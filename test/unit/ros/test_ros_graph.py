@@ -310,7 +310,7 @@ def test_nodes_that_share_a_process_each_take_their_parameters_and_all_are_made_
 
 
 @pytest.mark.parametrize('words, said', [
-    (['simulator', 'bridge'], 'bridge runs in a process of its own'),
+    (['simulator', 'bridge'], 'bridge requires a separate process'),
     (['simulator', 'controller', 'simulator'], 'each can run once')])
 def test_nodes_that_cannot_share_a_process_are_refused(words, said, capsys):
     assert main(['run', *words]) == 2

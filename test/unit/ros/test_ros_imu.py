@@ -130,7 +130,7 @@ def test_health_says_what_is_wrong_and_has_every_value_of_the_table(
         time.sleep(0.05)
         level, message, values = output._health()
         assert (level, message) == (
-            diagnostics.WARN, '0 readings a second, 200 were asked for')
+            diagnostics.WARN, '0 readings a second, 200 were requested')
         assert set(values) == set(imu.VALUES)
         source.counts['readings'] += 10**6
         assert output._health()[:2] == (diagnostics.OK, 'running')

@@ -164,7 +164,7 @@ def test_a_written_curve_is_read_again(tmp_path, capsys):
     (['--out', 'x.yaml', '--samples', '1'], 'samples must be 0, or at least 2'),
     (['--out', 'x.yaml', '--robot', 'shellball', '--samples', '8'],
      '--samples 8: no parameter of shellball has a range'),
-    (['--out', 'x.yaml', '--angle-deg', '3'], '--angle-deg goes with')])
+    (['--out', 'x.yaml', '--angle-deg', '3'], '--angle-deg requires')])
 def test_a_curve_that_cannot_be_made_is_refused(capsys, tmp_path, monkeypatch, words, message):
     monkeypatch.chdir(tmp_path)
     assert main(['fit-curve', *words]) == 2

@@ -111,7 +111,7 @@ def test_what_a_bag_does_not_say_is_asked_for(tmp_path, capsys):
     code, _, said = replayed(capsys, bag, '--scene', 'flat', '--set', 'contrl_rate=400')
     assert code == 2 and "did you mean 'control_rate'?" in said
     code, _, said = replayed(capsys, bag, '--before', '3')
-    assert code == 2 and '--before goes with a black box' in said
+    assert code == 2 and '--before requires a black box' in said
 
 
 def test_of_two_robots_one_is_named(tmp_path, capsys):
@@ -140,7 +140,7 @@ def test_foreign_and_damaged_bags_are_refused_with_a_sentence(tmp_path, capsys):
     (tmp_path / 'odd' / 'metadata.yaml').write_text('{')
     for name, message in (
             ('foreign', 'has no joint_states, so it is not a recording of a ball robot'),
-            ('cut', 'one that was cut short'), ('odd', 'is not a readable bag'),
+            ('cut', 'or is truncated'), ('odd', 'is not a readable bag'),
             ('none.mcap', 'is not a readable bag')):
         code, _, said = replayed(capsys, tmp_path / name)
         assert code == 2 and message in said and 'Traceback' not in said

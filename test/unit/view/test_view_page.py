@@ -104,7 +104,7 @@ def test_widgets_follow_what_the_source_can_do(page):
     controls, source = page._controls, page._source
     controls._use('law', 'free', Asker())
     assert controls._widgets['set_point'].disabled
-    assert 'follows no set-point' in controls._widgets['set_point'].hint
+    assert 'has no set-point' in controls._widgets['set_point'].hint
     controls._use('law', 'position', Asker())
     slider = controls._widgets['set_point']
     assert (slider.min, slider.max) == (-180.0, 180.0) and 'deg' in slider.label

@@ -76,7 +76,7 @@ def test_the_step_ahead_is_reported_as_the_ball_goes_on(source):
 def test_a_free_pendulum_has_no_set_point(source):
     assert source.controls['set_point'].value == 7.0 and source.controls['set_point'].unit == 'V'
     source.apply('law', 'free')
-    assert 'follows no set-point' in source.controls['set_point'].refusal
+    assert 'has no set-point' in source.controls['set_point'].refusal
     with refused('unavailable', 'set_point'):
         source.apply('set_point', 1.0)
 
