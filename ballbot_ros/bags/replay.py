@@ -251,7 +251,7 @@ def rerun(plant: Plant, run: RecordedRun, torques: Torques) -> Rerun:
 Series = Mapping[str, Tuple[Array, Array, Array]]
 
 UNITS = {**CHANNELS, **LATERAL_STATE, 'pendulum_torque': 'N m', 'motor_work': 'J'}
-DEPARTURE_SHARE = 0.05  # of the range of a channel: from there on the model has departed
+DEPARTURE_SHARE = 0.05  # of the range of a channel: a larger difference is a departure
 JOINTS, ODOMETRY = ('ball_angle', 'ball_rate', 'joint_angle', 'joint_rate'), ('x', 'velocity_x')
 
 
@@ -284,7 +284,7 @@ def measured_columns(run: RecordedRun) -> Dict[str, Array]:
     """
     Return the columns of a recording as `Recording.of_columns` takes them, from its first state.
 
-    The shell starts at the angle 0, for its turns so far do not matter: the joint starts at the
+    The shell starts at the angle 0, as its earlier turns have no effect: the joint starts at the
     absolute angle of the pendulum.  Odometry is interpolated to the stamps of the joint states.
 
     Raises
@@ -296,7 +296,7 @@ def measured_columns(run: RecordedRun) -> Dict[str, Array]:
     rows = [(stamp, states[-1]) for stamp, states in sorted(run.joints.items())
             if all(math.isfinite(states[-1].get(name, math.nan)) for name in JOINTS)]
     seen = sorted(run.odometry)
-    if seen:  # nothing is known of the place outside
+    if seen:  # the position outside is unknown
         rows = [row for row in rows if seen[0] <= row[0] <= seen[-1]]
     if len(rows) < 8:
         raise ConfigurationError(
@@ -321,12 +321,12 @@ def measured_columns(run: RecordedRun) -> Dict[str, Array]:
 
 def commanded_torque(run: RecordedRun, columns: Mapping[str, Array]) -> Array:
     """
-    Return the torque that was commanded, each up to the time of a row as `Recording` counts it.
+    Return the commanded torque, each up to the time of a row as in `Recording`.
 
     Raises
     ------
     ConfigurationError
-        If nothing was commanded.
+        If there are no commands.
 
     """
     if not run.commands:
@@ -335,7 +335,7 @@ def commanded_torque(run: RecordedRun, columns: Mapping[str, Array]) -> Array:
     begin = min(run.joints)
     stamps = sorted(run.commands)
     times = np.array([1e-9 * (stamp - begin) for stamp in stamps])
-    # In force between two rows is what was commanded last at the first of them.
+    # Between two rows the last command at the first of them applies.
     place = np.searchsorted(times, columns['time'] + 1e-9, side='right') - 1
     values = np.array([run.commands[stamp] for stamp in stamps])
     held = np.where(place >= 0, values[np.maximum(place, 0)], 0.0)
@@ -354,8 +354,8 @@ def scene_content(scene: str, robot: str, columns: Mapping[str, Array],
     columns : mapping
         See `measured_columns`.
     from_scene : bool
-        Whether the position counts from where the scene starts: odometry of a real robot begins
-        at 0 wherever that is.  Otherwise the x of the recording is that of the scene.
+        Whether the position counts from the start of the scene: odometry of a real robot starts
+        at 0 at any position.  Otherwise the x of the recording is that of the scene.
 
     """
     content = dict(read_yaml(find_config('scenes', scene)))
@@ -386,7 +386,7 @@ def driven_series(scene: Scene, columns: Mapping[str, Array]) -> Series:
     ConfigurationError
         If there is no torque.
     SimulationError
-        If the model cannot go on.
+        If the model fails.
 
     """
     recording = Recording.of_columns(columns)

@@ -337,7 +337,7 @@ class Rosbag2Writer:
 
 
 def also_recorded() -> Tuple[str, ...]:
-    """Return the topics that tools which open a bag look for, where their types are installed."""
+    """Return the topics that viewers of a bag expect, if their types are installed."""
     found = ('/clock', '/diagnostics', 'robot_description', 'markers')
     return found if TFMessage is None else (*found, '/tf', '/tf_static')
 
@@ -350,9 +350,9 @@ def gaps(recorded: Mapping[str, Sequence[int]], rates: Mapping[str, float], end:
     Parameters
     ----------
     recorded : mapping of str to sequence of int
-        Stamps by topic [ns]; those of messages that were repeated count once.
+        Stamps by topic [ns]; those of repeated messages count once.
     rates : mapping of str to float
-        How often each of these topics must have been published, from 0 on [Hz].
+        Required rate of each of these topics, from 0 on [Hz].
     end : int
         Stamp up to which it must be complete [ns].
 

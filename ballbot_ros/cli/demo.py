@@ -115,7 +115,7 @@ def check(arguments: argparse.Namespace) -> None:
         raise ConfigurationError('--protocol requires --hardware', 'inconsistent', '--protocol')
     if arguments.serial_imu and not arguments.hardware:
         raise ConfigurationError(
-            '--serial-imu goes with --hardware', 'inconsistent', '--serial-imu')
+            '--serial-imu requires --hardware', 'inconsistent', '--serial-imu')
     if arguments.hardware and arguments.house:
         raise ConfigurationError(
             '--house goes without --hardware, which drives straight only', 'inconsistent',

@@ -213,7 +213,7 @@ def write(found: Replayed, folder: Path, title: str, kind: str) -> list[str]:
 
 
 def replay_simulator(arguments: argparse.Namespace, run: Any, metadata: Any) -> Replayed:
-    """Run again, by commands first, and report whether all states are the same."""
+    """Repeat the run, by commands first, and report whether all states are the same."""
     from ballbot_ros.bags.replay import rerun
     from ballbot_ros.nodes.simulator.settings import plant_for
     from ballbot_ros.physics import load_scene

@@ -102,7 +102,7 @@ def own_acts(scene: Optional[str] = None, robot: Optional[str] = None,
         if known:
             return known
     scene = scene or ACTS[0].scene
-    load_scene(scene, robot)  # refuses what is wrong in it
+    load_scene(scene, robot)  # refuses invalid content
     name = robot or str(read_yaml(find_config('scenes', scene))['robot'])
     kind = load_robot(name)
     tuning = tuning or TUNING
@@ -112,7 +112,7 @@ def own_acts(scene: Optional[str] = None, robot: Optional[str] = None,
 
 
 def fitting_curve(robot: Robot, name: str, curve: Optional[str]) -> str:
-    """Return a curve that was made for a robot: the one that is given, or one that is shipped."""
+    """Return a curve of a robot: the given one, or a shipped one."""
     tuning = load_decision_tuning(DECISION)
     if curve:
         check_decision(robot, load_curve(curve), tuning)
@@ -124,7 +124,7 @@ def fitting_curve(robot: Robot, name: str, curve: Optional[str]) -> str:
             continue
         return file.stem
     raise ConfigurationError(
-        f'no height curve here was made for the robot {name}, and the decision needs one: make '
+        f'no shipped height curve is for the robot {name}, and the decision needs one: fit '
         f'it with "ballbot fit-curve --robot {name} --actuation held --out my_curve.yaml", then '
         f'give --curve my_curve.yaml', 'missing', '--curve')
 

@@ -289,7 +289,7 @@ def _plain(value: Any) -> Any:
 
 
 def first_difference(one: TopicDigests, other: TopicDigests) -> Optional[Tuple[int, str]]:
-    """Return the stamp [ns] and the topic of the first message that is not the same."""
+    """Return the stamp [ns] and the topic of the first message that differs."""
     found: List[Tuple[int, str]] = []
     for name in {*one.topics, *other.topics}:
         here, there = one.topics.get(name, {}), other.topics.get(name, {})
