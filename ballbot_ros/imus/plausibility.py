@@ -9,8 +9,9 @@ Three checks, each over a time that no motion of the robot explains:
 * The specific force stays near gravity, except for impacts, falls and bounces.
   A force in multiples of g, or with gravity removed, does not.
 * The turn of the shell plus that of the joint is that of the pendulum, which its limits keep
-  within a range.  A gyro in deg/s, or one whose sign the mounting reverses, leaves that range as
-  soon as the ball has rolled.  An impact or a fall may throw the pendulum round: the sum restarts.
+  within a range.  A gyro in deg/s, an IMU upside down, and an encoder that is frozen or reversed
+  leave that range as soon as the ball has rolled, at any speed: gravity corrects the drift of the
+  gyro.  An impact or a fall may throw the pendulum round: the sum restarts.
 """
 import math
 from typing import NamedTuple, Optional, Tuple
@@ -23,7 +24,8 @@ JOINT_MOTION = 0.1
 # from 1 m with its bounces takes less than 1 s.
 LOWEST_FORCE, HIGHEST_FORCE = 0.5, 2.0
 LONGEST_OUTSIDE = 1.5
-# Time in which a constant error of the gyro is forgotten [s]: 0.1 rad/s amounts to 1 rad.
+# Time in which gravity corrects the turn of the shell [s]: a gyro error of 0.1 rad/s amounts to
+# 1 rad.
 DRIFT_TIME = 10.0
 # A reading after a longer pause does not continue the turn before [s].
 LONGEST_PAUSE = 0.1
@@ -47,8 +49,9 @@ class ImuPlausibility(NamedTuple):
     repeated_since: float = math.inf  # [s]
     joint_then: float = 0.0  # joint angle at the start of the repetition [rad]
     outside_since: float = math.inf  # since when the force is out of its range [s]
-    swing: float = 0.0  # turn of shell and joint together, less drift [rad]
     joint_angle: Optional[float] = None  # with the last reading [rad]
+    shell: float = 0.0  # angle by the gyro, corrected by gravity [rad]
+    start: Optional[float] = None  # sum of the angles of shell and joint at the restart [rad]
 
     def after(self, stamp: float, turn_rate: float, forward: float, upward: float,
               gravity: float, joint_angle: Optional[float] = None,
@@ -84,19 +87,23 @@ class ImuPlausibility(NamedTuple):
         inside = LOWEST_FORCE * gravity <= math.hypot(forward, upward) <= HIGHEST_FORCE * gravity
         outside = math.inf if inside else min(self.outside_since, stamp)
         pause = stamp - self.stamp
-        swing = 0.0
-        if inside and joint_angle is not None and self.joint_angle is not None \
-                and pause <= LONGEST_PAUSE:
-            swing = (self.swing * (1.0 - pause / DRIFT_TIME) + turn_rate * pause
-                     + joint_angle - self.joint_angle)
+        shell, start, swing = math.atan2(forward, upward), None, 0.0
+        if inside and joint_angle is not None:
+            if self.start is not None and pause <= LONGEST_PAUSE:
+                turned, start = self.shell + turn_rate * pause, self.start
+                shell = turned + pause / DRIFT_TIME * math.remainder(shell - turned, math.tau)
+            else:
+                start = shell + joint_angle
+            swing = shell + joint_angle - start
         fault = ''
         if frozen:
             fault = 'imu_frozen'
         elif stamp - outside > LONGEST_OUTSIDE:
             fault = 'imu_gravity'
         elif abs(swing) > largest_swing:
-            fault = 'imu_turn_rate'
-        return ImuPlausibility(fault, stamp, values, repeated, then, outside, swing, joint_angle)
+            fault, start = 'imu_turn_rate', None  # once: the zero of the encoder may have moved
+        return ImuPlausibility(fault, stamp, values, repeated, then, outside, joint_angle,
+                               shell, start)
 
 
 # Text and remedy of each fault.

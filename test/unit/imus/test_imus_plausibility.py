@@ -93,6 +93,21 @@ def test_a_constant_error_of_the_gyro_is_not_a_fault(rolling):
     assert fault(rolling, lambda rate, *force: (rate + 0.1, *force)) == ('', math.inf)
 
 
+@pytest.mark.parametrize('bias', [-0.1, 0.0, 0.1])
+def test_an_encoder_that_stands_still_while_the_shell_creeps_is_found_with_a_gyro_error(bias):
+    rate = 0.05  # of the shell [rad/s]
+    creeping = [(number / RATE, rate, GRAVITY * math.sin(rate * number / RATE),
+                 GRAVITY * math.cos(rate * number / RATE)) for number in range(round(140 * RATE))]
+    right = [(*reading, -rate * reading[0]) for reading in creeping]
+    frozen = [(*reading, 1e-3 * math.sin(reading[0])) for reading in creeping]
+
+    def biased(rate, *force):
+        return rate + bias, *force
+    assert fault(right, biased) == ('', math.inf)
+    found, when = fault(frozen, biased)
+    assert found == 'imu_turn_rate' and rate * when == pytest.approx(4.0, abs=1.1)
+
+
 def test_a_new_zero_of_the_encoder_is_not_a_turn(rolling):
     moved = [(*reading[:4], reading[4] + 50.0 * (reading[0] > 2.0)) for reading in rolling]
     assert fault(moved)[0] == 'imu_turn_rate'
