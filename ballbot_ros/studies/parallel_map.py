@@ -69,18 +69,26 @@ def checkpointed_map(function: Callable[..., Any],
     progress(done)
     pending = iter(missing.items())
     running: Dict[Future[Any], Tuple[str, int]] = {}
-    while True:
-        for name, (cases, arguments) in islice(pending,
-                                               QUEUED_PER_WORKER * workers - len(running)):
-            running[pool.submit(function, *arguments)] = name, cases
-        if not running:
-            return found
-        ready: Set[Future[Any]] = wait(running, return_when=FIRST_COMPLETED)[0]
-        for future in ready:
-            name, cases = running.pop(future)
-            write(future.result(), folder / name)
-            done += cases
-            progress(done)
+    try:
+        while True:
+            for name, (cases, arguments) in islice(pending,
+                                                   QUEUED_PER_WORKER * workers - len(running)):
+                running[pool.submit(function, *arguments)] = name, cases
+            if not running:
+                return found
+            ready: Set[Future[Any]] = wait(running, return_when=FIRST_COMPLETED)[0]
+            for future in ready:
+                name, cases = running[future]
+                write(future.result(), folder / name)
+                del running[future]
+                done += cases
+                progress(done)
+    except KeyboardInterrupt:
+        # The pool does not end before the blocks that its workers have started: keep them.
+        for future, (name, _) in running.items():
+            if not future.cancel():
+                write(future.result(), folder / name)
+        raise
 
 
 def _claim(folder: Path, digest: str) -> None:

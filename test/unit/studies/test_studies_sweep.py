@@ -9,6 +9,7 @@ from pathlib import Path
 import signal
 import subprocess
 import sys
+from threading import Event
 import time
 
 import numpy as np
@@ -18,6 +19,7 @@ from refusals import refused
 from ballbot_ros.cli import main
 from ballbot_ros.crossing import held_at, max_step_height, rolling, Site, try_step
 from ballbot_ros.physics import Actuation, load_robot
+from ballbot_ros.studies.parallel_map import checkpointed_map
 from ballbot_ros.studies.sweep import columns, run_block, run_sweep
 from ballbot_ros.studies.sweep_plan import SweepPlan
 
@@ -137,6 +139,26 @@ def test_a_killed_sweep_resumes_and_loses_nothing(tmp_path):
     # What was done before is not done again.
     assert {path: stamps[path] for path in done} == done
     assert parquet.read_table(killed) == parquet.read_table(whole)
+
+
+def test_ctrl_c_keeps_the_blocks_that_the_workers_have_started(tmp_path):
+    pressed = Event()
+
+    def compute(number):
+        return number if number == 0 or pressed.wait(60.0) else None
+
+    def press(done):
+        if done:
+            pressed.set()
+            raise KeyboardInterrupt
+
+    blocks = {str(number): (1, (number,)) for number in range(100)}
+    with ThreadPoolExecutor(2) as pool, pytest.raises(KeyboardInterrupt):
+        checkpointed_map(compute, blocks, tmp_path / 'blocks', 'x', pool, 2,
+                         lambda number, path: path.write_text(str(number)), press)
+    written = {path.name for path in (tmp_path / 'blocks').glob('[0-9]*')}
+    assert {'0', '1'} <= written and len(written) < 100
+    assert all((tmp_path / 'blocks' / name).read_text() == name for name in written)
 
 
 def test_workers_end_with_their_parent():
