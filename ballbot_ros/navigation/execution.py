@@ -36,7 +36,7 @@ ALIGNMENTS = 2
 JUMP, JUMP_TURN = 0.25, 0.5
 # A larger gap between percepts says nothing about jumps [s].
 LONGEST_GAP = 1.0
-# Distance over which the path is checked for obstacles [m], and percepts that must agree.
+# Distance over which the path is checked for obstacles [m], and measurements that must agree.
 LOOK_AHEAD, AGREEING = 1.5, 3
 # Walls of the map explain observed points within this distance [m].
 EXPLAINED = 0.2
@@ -100,10 +100,10 @@ class Percept(NamedTuple):
         Localisation on the map [m], [rad].
     speed : float
         Along the heading [m/s].
-    points : tuple of (float, float)
-        Observed obstacles on the map, such as of a laser scan [m].
-    faces : tuple of (float, float)
-        Distance ahead of the centre and height of observed faces [m].
+    points : tuple of (float, float) or None
+        Observed obstacles on the map, such as of a laser scan [m]; None without a new scan.
+    faces : tuple of (float, float) or None
+        Distance ahead of the centre and height of observed faces [m]; None without a new look.
     crossing : CrossingReport or None
         Once, when the crossing has ended.
 
@@ -114,8 +114,8 @@ class Percept(NamedTuple):
     y: float
     heading: float
     speed: float
-    points: Tuple[Point, ...] = ()
-    faces: Tuple[Tuple[float, float], ...] = ()
+    points: Optional[Tuple[Point, ...]] = None
+    faces: Optional[Tuple[Tuple[float, float], ...]] = None
     crossing: Optional[CrossingReport] = None
 
 
@@ -189,7 +189,7 @@ class NavigationState:
     moving: float = -math.inf  # when the ball was last seen moving
     anchor: Tuple[float, float] = (0.0, -math.inf)  # progress, and when it was made
     crossing_start: float = 0.0  # [s]
-    agreeing: int = 0  # percepts with an obstacle on the path
+    agreeing: Tuple[int, ...] = (0, 0)  # scans and looks in a row with an obstacle on the path
     last: Optional[Percept] = None
     next: Optional[NavStatus] = None  # after a stop: CANCELED, FAILED, or DRIVING with a new route
 
@@ -246,7 +246,7 @@ class Navigator:
         self.planner.check_place(goal, 'goal')
         started = replace(
             state, status=NavStatus.STOPPING, reason='', message='planning', goal=goal,
-            next=NavStatus.DRIVING, replans=0, recoveries=0, alignments=0, agreeing=0,
+            next=NavStatus.DRIVING, replans=0, recoveries=0, alignments=0, agreeing=(0, 0),
             last=percept, moving=percept.stamp)
         if state.status.ended and abs(percept.speed) < RESTING:
             # A ball at rest needs no stop.
@@ -347,7 +347,7 @@ class Navigator:
         segment = state.route.segments[index]
         path = Path.of(segment.points, segment.direction)
         state = replace(state, status=NavStatus.DRIVING, index=index, along=0.0, path=path,
-                        next=None, anchor=(0.0, percept.stamp), agreeing=0)
+                        next=None, anchor=(0.0, percept.stamp), agreeing=(0, 0))
         if segment.feature is None:
             return state
         along, left = path.project(percept.x, percept.y, 0.0)
@@ -399,11 +399,10 @@ class Navigator:
         ahead = state.path.ahead(state.along, LOOK_AHEAD)
         if not len(ahead):
             return state
-        found, learned = [], state.learned
-        for point in percept.points:
-            if self._on(point, ahead) and not self._explained(point):
-                found.append(point)
-        for distance, height in percept.faces:
+        found = [point for point in percept.points or ()
+                 if self._on(point, ahead) and not self._explained(point)]
+        seen, learned = len(found), state.learned
+        for distance, height in percept.faces or ():
             point = (percept.x + distance * math.cos(percept.heading),
                      percept.y + distance * math.sin(percept.heading))
             if abs(height) < FACE or state.path.direction < 0:
@@ -417,16 +416,18 @@ class Navigator:
                     learned = learned.with_height(number, height)
             elif self._on(point, ahead) and not self._explained(point):
                 found.append(point)
-        if not found and learned is state.learned:
-            return replace(state, agreeing=0)
-        state = replace(state, agreeing=state.agreeing + 1)
-        if state.agreeing < AGREEING:
-            return state
+        faced = len(found) > seen or learned is not state.learned
+        # The sensors measure at their own rates: a percept without a measurement says nothing.
+        agreeing = tuple(count if measured is None else count + 1 if agrees else 0
+                         for count, measured, agrees in zip(
+                             state.agreeing, (percept.points, percept.faces), (seen > 0, faced)))
+        if max(agreeing) < AGREEING:
+            return replace(state, agreeing=agreeing)
         if found:
             learned = learned.with_obstacles(tuple(found))
-        return self._stop(replace(state, learned=learned, agreeing=0), 'obstacle' if found else
-                          'higher', 'an obstacle lies on the path' if found else
-                          'a step is higher than on the map')
+        return self._stop(
+            replace(state, learned=learned, agreeing=(0, 0)), 'obstacle' if found else 'higher',
+            'an obstacle lies on the path' if found else 'a step is higher than on the map')
 
     def _on(self, point: Point, ahead: NDArray[np.float64]) -> bool:
         """Return whether the ball would touch a point on its path."""

@@ -8,7 +8,7 @@ an arc to a neighbouring heading; it ends exactly on a state, and its curvature 
 the robot (Pivtoraiko and Kelly, 2005).  Each primitive exists forward and backward.
 """
 import math
-from typing import List, NamedTuple, Tuple
+from typing import Dict, List, NamedTuple, Tuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -117,7 +117,7 @@ class Moves(NamedTuple):
     ends : (16 * n, 4) array of int64
         Row and column of the end, heading of the end, direction.
     cells : (16 * n, k, 2) array of int64
-        Rows and columns of the cells on the way, the last one repeated.
+        Rows and columns of the cells around the points on the way, the last one repeated.
     times : (16 * n,) array
         [s]
 
@@ -131,13 +131,21 @@ class Moves(NamedTuple):
     def of(cls, table: Tuple[Tuple[Primitive, ...], ...], times: List[float]) -> 'Moves':
         """Return the arrays of a table and the time of each primitive."""
         rows = [item for items in table for item in items]
-        longest = max(len(item.points) for item in rows)
+        ways = [_cells_around(item.points) for item in rows]
+        longest = max(map(len, ways))
         ends = np.array([(item.row, item.column, item.end, item.direction) for item in rows],
                         np.int64)
-        cells = np.array([
-            np.vstack([item.points] + [item.points[-1:]] * (longest - len(item.points)))[:, ::-1]
-            for item in rows])
-        return cls(ends, np.floor(cells + 0.5).astype(np.int64), np.array(times))
+        cells = np.array([way + way[-1:] * (longest - len(way)) for way in ways], np.int64)
+        return cls(ends, cells, np.array(times))
+
+
+def _cells_around(points: NDArray[np.float64]) -> List[Tuple[int, int]]:
+    """Return rows and columns of the cells between whose centres points lie [cells]."""
+    found: Dict[Tuple[int, int], None] = {}
+    for x, y in np.round(points, 6).tolist():
+        for row in (math.floor(y), math.ceil(y)):
+            found.update(((row, column), None) for column in (math.floor(x), math.ceil(x)))
+    return list(found)
 
 
 class Problem(NamedTuple):

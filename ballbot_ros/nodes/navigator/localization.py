@@ -65,11 +65,11 @@ class Localization:
         return (left + math.cos(turn) * x - math.sin(turn) * y,
                 up + math.sin(turn) * x + math.cos(turn) * y, heading + turn)
 
-    def points(self, pose: Pose, since: float) -> Tuple[Point, ...]:
+    def points(self, pose: Pose, since: float) -> Optional[Tuple[Point, ...]]:
         """Return the points of the last scan on the map, once, if it is not older than a time."""
         scan, self._scan = self._scan, None
         if scan is None or to_seconds(scan.header.stamp) < since:
-            return ()
+            return None
         x, y, heading = pose
         step = max(1, len(scan.ranges) // MOST_POINTS)
         return tuple(

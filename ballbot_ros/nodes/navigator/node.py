@@ -60,7 +60,7 @@ class NavigatorNode(ManagedNode):
         self._command: Command = REST
         self._report: Optional[CrossingReport] = None
         self._observations: List[TerrainObservation] = []
-        self._faces: Tuple[Tuple[float, float], ...] = ()
+        self._faces: Optional[Tuple[Tuple[float, float], ...]] = None
         self._traveled = 0.0
         self._last: Optional[Odometry] = None
         self._kept: Optional[Learned] = None
@@ -174,7 +174,7 @@ class NavigatorNode(ManagedNode):
         self.percept = Percept(now, *pose, message.twist.twist.linear.x,
                                self.localization.points(pose, now - LATEST_SCAN), self._faces,
                                self._report)
-        self._report, self._faces = None, ()
+        self._report = self._faces = None
         if self.active:
             self._drive(self.percept, message)
 

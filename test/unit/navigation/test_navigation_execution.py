@@ -28,14 +28,17 @@ class Ball:
         self.x, self.y, self.heading = x, y, heading
         self.speed = self.yaw_rate = self.time = 0.0
         self.offset = (0.0, 0.0)
-        self.points, self.faces, self.report, self.trail = (), (), None, []
+        self.points = self.faces = self.report = None
+        self.every = 1  # percepts from one measurement to the next
         self.crosses = self._cross
         self.path = []
 
     def percept(self):
         report, self.report = self.report, None
+        measured = round(self.time / PERIOD) % self.every == 0
         return Percept(self.time, self.x + self.offset[0], self.y + self.offset[1], self.heading,
-                       self.speed, self.points, self.faces, report)
+                       self.speed, *((self.points, self.faces) if measured else (None, None)),
+                       report)
 
     def _cross(self, segment):
         self.x, self.y = segment.points[-1]
@@ -127,8 +130,10 @@ def test_a_refused_goal_leaves_the_active_one(navigator):
     assert ball.state.goal == STUDY and ball.state.status is NavStatus.DRIVING
 
 
-def test_an_obstacle_on_the_path_is_driven_around(navigator):
+@pytest.mark.parametrize('every', [1, 5])
+def test_an_obstacle_on_the_path_is_driven_around(navigator, every):
     ball = Ball(navigator, 0.6, 5.0)
+    ball.every = every
     ball.begin((2.8, 5.0))
     ball.points = tuple((1.8, 4.95 + 0.04 * number) for number in range(8))
     ball.run(120.0)
