@@ -234,7 +234,7 @@ class SearchTree(NamedTuple):
 class Tree:
     """A search tree, which searches share and which grows as needed."""
 
-    def __init__(self, count: int = 1 << 16):
+    def __init__(self, count: int = 1 << 18):
         self._nodes = SearchTree.of(count)
 
     def find(self, problem: Problem) -> Tuple[float, List[Tuple[int, int]]]:
@@ -252,7 +252,8 @@ class Tree:
         """
         while True:
             self._nodes.slots.fill(-1)
-            found = expand(problem, self._nodes)
+            firsts = np.full(problem.slowness.size * COUNT, -1, np.int32)
+            found = expand(problem, self._nodes, firsts)
             if found != FULL or len(self._nodes.keys) >= MOST_NODES:
                 break
             self._nodes = SearchTree.of(4 * len(self._nodes.keys))
@@ -266,11 +267,13 @@ class Tree:
 
 
 @compiled
-def expand(problem: Problem, tree: SearchTree) -> int:
+def expand(problem: Problem, tree: SearchTree, firsts: NDArray[np.int32]) -> int:
     """
     Search by A* over (risk level, direction, heading, cell); return the node of the goal.
 
-    `NONE` if there is no way, `FULL` if the arrays are too short.
+    `NONE` if there is no way, `FULL` if the arrays are too short.  The first node that is expanded
+    at a state is kept in `firsts`, which holds -1 before: it dominates all others of at least its
+    risk level that cost more by a change of direction.
     """
     (starts, start_costs, aligned_cost, goal_cell, goal_heading, slowness, heuristic, ends, cells,
      times, reversal, arc_starts, arc_ends, arc_times, arc_levels, most_level) = problem
@@ -326,6 +329,12 @@ def expand(problem: Problem, tree: SearchTree) -> int:
             if remaining == math.inf:
                 continue
             key = (new_level * 2 + (1 - new_direction) // 2) * states + target
+            node = firsts[target]
+            if node >= 0:
+                rest = keys[node] // states
+                turn = reversal if new_direction != 1 - 2 * (rest % 2) else 0.0
+                if new_level >= rest // 2 and cost >= costs[node] + turn:
+                    continue
             slot = (key * 0x9E3779B1 >> 7) & mask
             while slots[slot] >= 0 and keys[slots[slot]] != key:
                 slot = (slot + 1) & mask
@@ -370,5 +379,7 @@ def expand(problem: Problem, tree: SearchTree) -> int:
             return NONE
         closed[expanded] = 1
         state = keys[expanded] % states
+        if firsts[state] < 0 and (parents[expanded] >= 0 or costs[expanded] <= aligned_cost):
+            firsts[state] = expanded
         if state // 16 == goal_cell and (goal_heading < 0 or state % 16 == goal_heading):
             return expanded

@@ -240,13 +240,13 @@ class RoutePlanner:
         self._fixed = np.logical_or.reduce([self._walls] + [
             near for near, feature in zip(self._near, floor.features)
             if feature.kind == 'drop' or feature.kind in CLOSED])
-        self._open = _grid_graph(self._fixed, size)
+        self._open = _grid_graph(np.where(self._fixed, np.inf, 1.0), size)
 
     def _lay_graph(self, obstacles: NDArray[np.float64]) -> None:
         """Set up slowness, the crossings that are left, and the graph of the heuristic."""
         self._slowness = np.where(self._blocked, np.inf, np.where(
             self._clear < self.ball_radius + COMFORT, CLOSE, 1.0))
-        self._graph = _grid_graph(self._blocked, self._size)
+        self._graph = _grid_graph(self._slowness, self._size)
         limit = -math.log(self._tuning.required_probability)
         arcs: List[Tuple[_Arc, int]] = []
         for items in self._arcs.values():
@@ -630,22 +630,28 @@ class RoutePlanner:
             else f'the {feature.label}'
 
 
-def _grid_graph(blocked: NDArray[np.bool_], size: float) -> 'sparse.csr_matrix':
-    """Return the graph of free cells with their eight neighbours; weights are distances [m]."""
-    numbers = np.arange(blocked.size).reshape(blocked.shape)
+def _grid_graph(slowness: NDArray[np.float64], size: float) -> 'sparse.csr_matrix':
+    """
+    Return the graph of free cells with their eight neighbours.
+
+    Weights are distances times the lower slowness of the two cells [m]: times over them are lower
+    bounds of those of moves, which take the highest slowness on their way.
+    """
+    numbers = np.arange(slowness.size).reshape(slowness.shape)
     begins, ends, weights = [], [], []
     for down, right in ((0, 1), (1, 0), (1, 1), (1, -1)):
-        one = (slice(0, blocked.shape[0] - down),
-               slice(max(0, -right), blocked.shape[1] - max(0, right)))
-        two = (slice(down, blocked.shape[0]),
-               slice(max(0, right), blocked.shape[1] + min(0, right)))
-        free = ~(blocked[one] | blocked[two])
+        one = (slice(0, slowness.shape[0] - down),
+               slice(max(0, -right), slowness.shape[1] - max(0, right)))
+        two = (slice(down, slowness.shape[0]),
+               slice(max(0, right), slowness.shape[1] + min(0, right)))
+        free = np.isfinite(slowness[one] + slowness[two])
         begins.append(numbers[one][free])
         ends.append(numbers[two][free])
-        weights.append(np.full(begins[-1].size, size * math.hypot(down, right)))
+        weights.append(size * math.hypot(down, right)
+                       * np.minimum(slowness[one], slowness[two])[free])
     return sparse.csr_matrix(
         (np.concatenate(weights), (np.concatenate(begins), np.concatenate(ends))),
-        shape=(blocked.size, blocked.size))
+        shape=(slowness.size, slowness.size))
 
 
 def _chain(before: NDArray[np.int32], last: int) -> List[int]:
