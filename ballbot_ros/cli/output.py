@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Output of the verbs: JSON, tables, figures, folders, files, and progress on standard error."""
-from contextlib import contextmanager
+import atexit
+from contextlib import contextmanager, suppress
 import json
+import os
 from pathlib import Path
 import sys
 from time import perf_counter
@@ -41,7 +43,9 @@ def result_folder(given: Optional[Path], default: Path, names: Sequence[str],
     """
     Return the folder that a verb writes to: without results in it, unless these are replaced.
 
-    No folder is created; a missing one above a given folder is reported.
+    The default folder is created, so that no other process chooses it, and removed at the end of
+    the process if it is empty.  A given one is not created; one that is missing above it is
+    reported.
 
     Parameters
     ----------
@@ -65,12 +69,22 @@ def result_folder(given: Optional[Path], default: Path, names: Sequence[str],
     def there(folder: Path) -> list[str]:
         return [name for name in names if (folder / name).exists()]
     folder = default if given is None else given
+
+    def claim(folder: Path) -> bool:
+        try:
+            folder.mkdir(parents=True)
+        except FileExistsError:  # an empty one belongs to another run that has just started
+            return any(folder.iterdir()) and not there(folder)
+        atexit.register(_remove_empty, folder)
+        return True
+
+    check_writable(folder / names[0])
     if given is None and not overwrite:
         number = 1
-        while there(folder):
+        while not claim(folder):
             number += 1
             folder = default.with_name(f'{default.name}_{number}')
-    check_writable(folder / names[0])
+            check_writable(folder / names[0])
     if there(folder) and not overwrite:
         raise ConfigurationError(
             f'{folder} contains results ({", ".join(there(folder)[:3])}); add --overwrite to '
@@ -78,6 +92,12 @@ def result_folder(given: Optional[Path], default: Path, names: Sequence[str],
     if given is not None:
         report_new_folders(folder)
     return folder
+
+
+def _remove_empty(folder: Path) -> None:
+    """Remove a folder without content, and those above it that have no other."""
+    with suppress(OSError):
+        os.removedirs(folder)
 
 
 def report_new_folders(path: Path) -> None:
