@@ -27,9 +27,9 @@ from ballbot_ros.estimation import OdometryTuning
 from ballbot_ros.nodes.bridge.health import VALUES
 from ballbot_ros.nodes.bridge.settings import BridgeSettings
 from ballbot_ros.nodes.controller.settings import ControllerSettings
-from ballbot_ros.nodes.emulated_robot.settings import EmulatedRobotSettings
+from ballbot_ros.nodes.emulated_robot.node import EmulatedRobotSettings
+from ballbot_ros.nodes.imu.node import ImuSettings
 from ballbot_ros.nodes.imu.publisher import VALUES as IMU_VALUES
-from ballbot_ros.nodes.imu.settings import ImuSettings
 from ballbot_ros.nodes.navigator.settings import NavigatorSettings
 from ballbot_ros.nodes.obstacle_decision.settings import DecisionSettings
 from ballbot_ros.nodes.simulator.settings import SimulatorSettings

@@ -15,7 +15,7 @@ from refusals import refused
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.nodes.bridge.settings import BridgeSettings
 from ballbot_ros.nodes.controller.settings import ControllerSettings
-from ballbot_ros.nodes.imu.settings import ImuSettings
+from ballbot_ros.nodes.imu.node import ImuSettings
 from ballbot_ros.nodes.navigator.settings import NavigatorSettings
 from ballbot_ros.nodes.obstacle_decision.settings import DecisionSettings
 from ballbot_ros.nodes.simulator.settings import SimulatorSettings

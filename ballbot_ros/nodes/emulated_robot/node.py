@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The node ``emulated_robot``: a drive on a serial device, the simulated ball, its sensors."""
+from dataclasses import dataclass
 from pathlib import Path
 import sys
 from typing import Any, List, Optional
@@ -8,26 +9,59 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
 from ballbot_ros.bridge.hardware_file import load_hardware
+from ballbot_ros.config.fields import fixed, flag, live, quantity, text
 from ballbot_ros.emulator.ball import settings_for
 from ballbot_ros.emulator.emulator import Emulator
 from ballbot_ros.emulator.imu_line import ImuLine
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.nodes.bridge.motor import imu_message
-from ballbot_ros.nodes.emulated_robot.settings import EmulatedRobotSettings
 from ballbot_ros.physics import load_scene
 from ballbot_ros.plant import Imu, Sensor, TerrainSensor
 from ballbot_ros.ros.conversions import (
     ball_state_message, observation_message, odometry_message, terrain_message, to_time)
 from ballbot_ros.ros.endpoints import create_publisher
-from ballbot_ros.ros.frames import Frames
+from ballbot_ros.ros.frames import frame, frame_prefix, Frames
 from ballbot_ros.ros.parameters import Commit, declare
 from ballbot_ros.ros.retuning import change_period
 from ballbot_ros.ros.run import run
+from ballbot_ros.ros.settings import file_in, rate_of, Settings
 
 # IMU readings per message of the others.
 ODOM_EVERY, OBSERVATION_EVERY, TRUTH_EVERY = 3, 5, 3
 REACH = 3.0  # range of the sensors of the ground ahead [m]
 SWITCH = 5e-4  # longest time for which a thread keeps the interpreter lock [s]
+
+
+@dataclass(frozen=True)
+class EmulatedRobotSettings(Settings):
+    """Parameters of the node ``emulated_robot``."""
+
+    hardware: str = fixed('the emulated drive is made with it', file_in(
+        'hardware', 'gimball_odrive', 'hardware file',
+        ', whose protocol and baud rate the drive has'))
+    firmware: str = fixed('the emulated drive is made with it', text(
+        'firmware generation of the drive, `0.5` or `0.6` for an ODrive; empty for the only or '
+        'oldest one', default=''))
+    scene: str = fixed('the world is built of it', file_in('scenes', 'doorstep'))
+    link: str = fixed('the device is there already', text(
+        'symbolic link to keep pointing to the serial device', default='/tmp/ballbot_motor'))
+    publish_odom: bool = fixed('the topic is made at the start', flag(
+        'publish the true odom, 83 times a second, for a bridge whose odom_rate is 0',
+        default=False))
+    imu_link: str = fixed('the device is made at the start', text(
+        'symbolic link to the serial device of an emulated WitMotion sensor, in place of the '
+        'topic imu; empty for the topic', default=''))
+    imu_rate: float = live(rate_of('imu', 250.0, minimum=10.0, maximum=1000.0))
+    gyro_sd: float = live(quantity(
+        'rad/s', 'noise of the gyro per reading', default=0.005, minimum=0.0, maximum=10.0))
+    gyro_bias: float = live(quantity(
+        'rad/s', 'constant error of the gyro', default=0.005, minimum=-1.0, maximum=1.0))
+    force_sd: float = live(quantity(
+        'm/s2', 'noise of the accelerometer per reading', default=0.1, minimum=0.0, maximum=10.0))
+    frame_prefix: str = frame_prefix()
+    odom_frame: str = frame('odom')
+    base_frame: str = frame('base')
+    imu_frame: str = frame('imu')
 
 
 class EmulatedRobot(Node):

@@ -1,20 +1,46 @@
 # SPDX-License-Identifier: Apache-2.0
 """The node ``imu``: an inertial sensor on a serial line."""
+from dataclasses import dataclass, fields
 import sys
 from typing import Any, List, Optional
 
 from rclpy.node import Node
 
+from ballbot_ros.config.fields import fixed, live, text
 from ballbot_ros.errors import LinkError
-from ballbot_ros.imus.source import Axes
+from ballbot_ros.imus.source import Axes, ImuPort
 from ballbot_ros.nodes.imu.publisher import ImuOutput
-from ballbot_ros.nodes.imu.settings import ImuSettings
-from ballbot_ros.ros.frames import Frames
+from ballbot_ros.ros.frames import frame, frame_prefix, Frames
 from ballbot_ros.ros.parameters import Commit, declare
 from ballbot_ros.ros.run import run
+from ballbot_ros.ros.settings import Settings
 
 # Longest time for which a thread keeps the interpreter lock [s].
 SWITCH = 5e-4
+PORT = {declared.name: declared for declared in fields(ImuPort)}
+
+
+@dataclass(frozen=True)
+class ImuSettings(Settings):
+    """Parameters of the node ``imu``: an `ImuPort`, and the frame of the readings."""
+
+    sensor: str = fixed('the port is opened for it', PORT['sensor'])
+    port: str = fixed('the port is opened with it', text(
+        'serial device or URL; best a name in /dev/serial/by-id', default='/dev/ballbot_imu'))
+    baud: int = fixed('the port is opened with it', PORT['baud'])
+    rate: int = fixed('the sensor is configured when it is found', PORT['rate'])
+    bandwidth: int = fixed('the sensor is configured when it is found', PORT['bandwidth'])
+    axes: str = live(PORT['axes'])
+    latency: float = live(PORT['latency'])
+    gyro_sd: float = live(PORT['gyro_sd'])
+    force_sd: float = live(PORT['force_sd'])
+    frame_prefix: str = frame_prefix()
+    imu_frame: str = frame('imu')
+
+    @property
+    def as_port(self) -> ImuPort:
+        """Return the port without the frames."""
+        return ImuPort(**{name: getattr(self, name) for name in PORT})
 
 
 class ImuNode(Node):

@@ -16,8 +16,8 @@ from ballbot_ros.estimation import OdometryFilter, PendulumFilter
 from ballbot_ros.msg import StepDecision, StepObservation, TerrainObservation
 from ballbot_ros.nodes.bridge.settings import BridgeSettings
 from ballbot_ros.nodes.controller.settings import ControllerSettings
-from ballbot_ros.nodes.emulated_robot.settings import EmulatedRobotSettings
-from ballbot_ros.nodes.imu.settings import ImuSettings
+from ballbot_ros.nodes.emulated_robot.node import EmulatedRobotSettings
+from ballbot_ros.nodes.imu.node import ImuSettings
 from ballbot_ros.nodes.obstacle_decision.settings import DecisionSettings
 from ballbot_ros.nodes.simulator.settings import SimulatorSettings
 from ballbot_ros.physics import load_robot, Model, State, Terrain

@@ -15,7 +15,7 @@ from ballbot_ros.config.fields import checked_values
 from ballbot_ros.nodes.bridge import service_manager
 from ballbot_ros.nodes.bridge.service_manager import ServiceManager, SIGNS
 from ballbot_ros.nodes.bridge.settings import BridgeSettings
-from ballbot_ros.nodes.imu.settings import ImuSettings
+from ballbot_ros.nodes.imu.node import ImuSettings
 
 ROOT = Path(__file__).resolve().parents[3]
 UNITS = sorted((ROOT / 'config' / 'systemd').glob('*.service'))
