@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Between commands and a real motor: estimate, supervise, keep the drive; no ROS."""
+"""Commands to a real motor: estimation, supervision, session with the drive; no ROS."""

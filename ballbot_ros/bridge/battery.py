@@ -37,8 +37,8 @@ class Battery(Checked):
         'V', 'voltage below which, for empty_time, the torque fades and the e-stop engages',
         above=0.0, maximum=1000.0, optional=True)
     high_voltage: Optional[float] = quantity(
-        'V', 'voltage above which braking feeds back more than battery and brake resistor take: '
-        'a warning, to be set below the limit at which the drive cuts', above=0.0, maximum=1000.0,
+        'V', 'voltage above which braking feeds back more than battery and brake resistor absorb: '
+        'a warning, to be set below the cut-off limit of the drive', above=0.0, maximum=1000.0,
         optional=True)
     resistance: float = quantity(
         'ohm', 'resistance of battery and leads, through which the current lowers the voltage',
@@ -47,9 +47,9 @@ class Battery(Checked):
         's', 'time constant with which the voltage is smoothed', default=2.0, above=0.0,
         maximum=600.0)
     empty_time: float = quantity(
-        's', 'how long it must be empty', default=5.0, minimum=0.0, maximum=600.0)
+        's', 'time for which it must be empty', default=5.0, minimum=0.0, maximum=600.0)
     fade_time: float = quantity(
-        's', 'time in which the torque then fades, so that the pendulum comes down', default=2.0,
+        's', 'time in which the torque then fades, to lower the pendulum', default=2.0,
         minimum=0.0, maximum=60.0)
     capacity: Optional[float] = quantity(
         'A h', 'charge when full', above=0.0, maximum=1e4, optional=True)

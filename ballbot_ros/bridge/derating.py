@@ -28,17 +28,17 @@ class Thermal(Checked):
         'degC', 'temperature of the power stage above which the torque is reduced',
         minimum=0.0, maximum=200.0, optional=True)
     drive_zero_at: Optional[float] = quantity(
-        'degC', 'temperature of the power stage at which no torque is left; set it below the one '
-        'at which the drive cuts', minimum=0.0,
+        'degC', 'temperature of the power stage at which the torque is zero; set it below the one '
+        'at which the drive cuts the torque', minimum=0.0,
         maximum=200.0, optional=True)
     motor_warn_at: Optional[float] = quantity(
         'degC', 'temperature of the motor above which the torque is reduced', minimum=0.0,
         maximum=300.0, optional=True)
     motor_zero_at: Optional[float] = quantity(
-        'degC', 'temperature of the motor at which no torque is left', minimum=0.0, maximum=300.0,
+        'degC', 'temperature of the motor at which the torque is zero', minimum=0.0, maximum=300.0,
         optional=True)
     continuous_torque: Optional[float] = quantity(
-        'N m', 'torque at the pendulum that the motor bears continuously', above=0.0,
+        'N m', 'continuous torque rating of the motor, at the pendulum', above=0.0,
         maximum=1000.0, optional=True)
     time_constant: float = quantity(
         's', 'time constant with which the winding warms', default=30.0, above=0.0, maximum=1e4)
@@ -50,8 +50,8 @@ class Thermal(Checked):
                 ('motor', self.motor_warn_at, self.motor_zero_at)):
             if (warn_at is None) != (zero_at is None):
                 raise ConfigurationError(
-                    f'Thermal: {part}_warn_at and {part}_zero_at go together, got {warn_at} and '
-                    f'{zero_at} degC; give both or neither', 'missing', f'{part}_warn_at')
+                    f'Thermal: {part}_warn_at and {part}_zero_at belong together, got {warn_at} '
+                    f'and {zero_at} degC; give both or neither', 'missing', f'{part}_warn_at')
             if warn_at is not None and zero_at is not None and not warn_at < zero_at:
                 raise ConfigurationError(
                     f'Thermal: {part}_warn_at must be below {part}_zero_at, got {warn_at:g} and '
@@ -59,7 +59,7 @@ class Thermal(Checked):
 
 
 class Derating(NamedTuple):
-    """Fraction of the torque limit that heat leaves, and the warnings."""
+    """Fraction of the torque limit after thermal derating, and the warnings."""
 
     part: float = 1.0  # of torque_limit
     warnings: Tuple[str, ...] = ()

@@ -22,19 +22,19 @@ LOG = logging.getLogger(__name__)
 
 # Timeout of the final stop [s]; after it the watchdog of the drive stops the motor.
 LAST_STOP = 0.5
-IMU_SILENT = 'the IMU fell silent while the motor pulled'
+IMU_SILENT = 'the IMU timed out while the motor had torque'
 
 
 class AxisEstimate(Protocol):
-    """What an axis measured."""
+    """Measurement of an axis."""
 
     @property
     def stamp(self) -> float:
-        """Return when the drive measured it [s]."""
+        """Return the time of the measurement [s]."""
 
     @property
     def readings(self) -> Any:
-        """Return what the law of the axis takes."""
+        """Return the input of the law of the axis."""
 
 
 Estimated = TypeVar('Estimated', bound=AxisEstimate, covariant=True)
@@ -51,7 +51,7 @@ class AxisLaw(Protocol):
 
 
 class Measurements(Protocol[Estimated]):
-    """What an axis measures; see `sensing.AxisSensing`."""
+    """State estimation of an axis; see `sensing.AxisSensing`."""
 
     imu_watch: ImuWatch
     expecting: bool
@@ -76,7 +76,7 @@ class Measurements(Protocol[Estimated]):
         """Return an estimate from a new measurement."""
 
     def motion(self, now: float) -> Optional[PendulumMotion]:
-        """Return the motion that the supervisor limits, None while it is not known."""
+        """Return the motion that the supervisor limits, None while unknown."""
 
 
 class DriveControl(Generic[Estimated]):
@@ -91,9 +91,9 @@ class DriveControl(Generic[Estimated]):
     counts : Counter
         Number of events by diagnostics name.
     refusal : str
-        Why the last attempt to arm the motor failed; else empty.
+        Reason why the last attempt to arm the motor failed; otherwise empty.
     unconfirmed : str
-        Why the drive did not confirm the last stop; else empty.
+        Reason why the drive did not confirm the last stop; otherwise empty.
     others : tuple of DriveControl
         The other axes: torque requires that they are armed, too.
 
@@ -127,7 +127,7 @@ class DriveControl(Generic[Estimated]):
         driver, estimate = self.line.driver, None
         if driver is not None:
             try:
-                if self.sensing.expecting or driver.awaits_reply:  # else all has been read
+                if self.sensing.expecting or driver.awaits_reply:  # else all data are read
                     estimate = self.measure(driver)
                 if estimate is not None and self.answer(estimate):
                     self._pacer = self._pacer.commanded()
@@ -221,7 +221,7 @@ class DriveControl(Generic[Estimated]):
             why = f'the line was lost: {error}'
             self._change(Event.LOST, why)
             if not self._hardware.limits.rearm:
-                self.supervisor.trigger(why)  # else it would arm after the reconnection
+                self.supervisor.trigger(why)  # otherwise it would arm after the reconnection
             self.line.lose(error)
 
     def _watch(self, telemetry: Telemetry, now: float) -> None:
@@ -244,7 +244,7 @@ class DriveControl(Generic[Estimated]):
         confirmed = max(telemetry.status_time or 0.0, self.power.since)
         estimate = self.sensing.estimate
         if estimate is not None and now - estimate.stamp > SILENCE:
-            confirmed = -math.inf  # replies arrive, and are too old
+            confirmed = -math.inf  # replies arrive, but are too old
         elapsed = min(now - self._watched, DECIDED * self._period)
         self._unconfirmed = 0.0 if confirmed > self._watched else self._unconfirmed + elapsed
         self._watched = now
@@ -320,7 +320,7 @@ class DriveControl(Generic[Estimated]):
         self.refusal = ''
         self._change(Event.ARMED)
         self.sensing.restart(self.power.since)
-        LOG.info('the motor is under power')
+        LOG.info('motor power is enabled')
 
     def _feed_others(self) -> None:
         """Keep the other axes armed while this one blocks."""

@@ -32,7 +32,7 @@ class DriveLine:
         self._failures = 0  # consecutive failed attempts to reconnect
         self.driver: Optional[Driver] = None
         self.identity: Optional[Identity] = None  # of the last connected drive
-        self.trouble = ''  # why no drive is connected
+        self.trouble = ''  # reason for a missing connection
         self.reconnects = 0  # successful reconnections
 
     def open(self, timeout: float) -> Tuple[Identity, Tuple[Setting, ...]]:
@@ -153,7 +153,7 @@ def handshake(connect: Callable[[], Driver], timeout: float
         wrong = [item for item in settings if not item.acceptable]
         if wrong:
             raise ConfigurationError(
-                'the drive is not set as it must be: ' + '; '.join(
+                'the settings of the drive are wrong: ' + '; '.join(
                     f'{item.name} is {item.value}, must be {item.wanted}'
                     + (f': {item.remedy}' if item.remedy else '') for item in wrong),
                 'inconsistent', wrong[0].name)

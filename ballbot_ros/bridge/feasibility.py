@@ -117,6 +117,6 @@ def _ways(budget: WireBudget, baud: int, rate: float, lowest: float,
     if top >= lowest:
         ways.append(f'set loop_rate to {top} Hz or less (these gains need {lowest:.0f} Hz)')
     else:
-        ways.append(f'lower loop_rate to {top} Hz and choose gentler gains, for these need '
-                    f'{lowest:.0f} Hz (tuning "gentle"), or take a faster line')
+        ways.append(f'lower loop_rate to {top} Hz and choose lower gains, because these need '
+                    f'{lowest:.0f} Hz (tuning "gentle"), or use a faster line')
     return ways

@@ -26,8 +26,8 @@ ON_TIMEOUT = ('coast', 'brake', 'settle')
 class HardwareNames(Checked):
     """Names in a hardware file."""
 
-    name: str = text('its own name')
-    robot: str = text('name of the robot that it moves')
+    name: str = text('name of this hardware')
+    robot: str = text('name of its robot')
 
 
 @dataclass(frozen=True)
@@ -46,13 +46,13 @@ class Joint(Checked):
         '1 if the drive counts up when the pendulum swings to +x, else -1', default=1,
         minimum=-1, maximum=1)
     encoder_scale: Optional[float] = quantity(
-        '1', 'turns of the joint per turn that the drive reports; 1 / gear_ratio if not given, '
+        '1', 'turns of the joint per reported turn of the drive; 1 / gear_ratio if not given, '
         'for an encoder on the motor', above=0.0, optional=True)
     torque_factor: float = quantity(
-        '1', 'torque that is there over torque that was asked for; found by calibrate-motor',
+        '1', 'actual torque over requested torque; measured by calibrate-motor',
         above=0.0, maximum=10.0, default=1.0)
     encoder_zero: Optional[float] = quantity(
-        'rad', 'joint angle that the drive reports at joint angle 0, where it remembers that',
+        'rad', 'joint angle that the drive reports at joint angle 0, if it retains its zero',
         optional=True)
 
     def __post_init__(self) -> None:
@@ -80,11 +80,11 @@ class SteeringAxis(Joint):
     Its limits are those of the section ``steering`` of the robot.
     """
 
-    port: str = text('of its own drive; the port of the section connection if not given, where '
+    port: str = text('port of its drive; that of the section connection if not given, if '
                      'the protocol names the axis in its replies', default='')
     drive_torque_limit: float = quantity(
-        'N m', 'largest torque of the axis, as the drive counts it, that the limits of the drive '
-        'itself may let through; the largest torque of the robot where that is more',
+        'N m', 'largest torque of the axis, by scale of the drive, that the limits of the drive '
+        'may permit; the largest torque of the robot if that is more',
         minimum=0.0, maximum=1000.0, default=0.0)
     drive: Optional[Mapping[str, Any]] = section(
         'options of its driver: those of the section drive, except where they differ',
@@ -98,30 +98,30 @@ class Limits(Checked):
     torque_limit: float = quantity(
         'N m', 'largest torque at the pendulum', above=0.0, maximum=1000.0)
     drive_torque_limit: float = quantity(
-        'N m', 'largest torque at the pendulum, as the drive counts it, that the limits of the '
-        'drive itself may let through: torque_limit can then be lowered in the file alone; '
-        'torque_limit where that is more', minimum=0.0, maximum=1000.0, default=0.0)
+        'N m', 'largest torque at the pendulum, by the scale of the drive, that the limits of the '
+        'drive may permit: torque_limit can then be lowered in the file alone; '
+        'torque_limit if that is more', minimum=0.0, maximum=1000.0, default=0.0)
     torque_rate_limit: float = quantity(
-        'N m/s', 'fastest change of the torque; a cut to zero is always immediate', above=0.0,
+        'N m/s', 'fastest change of the torque; zero torque is always immediate', above=0.0,
         default=400.0)
     angle_limit: float = quantity(
-        'rad', 'absolute pendulum angle beyond which only torque back is let through',
+        'rad', 'absolute pendulum angle beyond which only torque towards 0 is permitted',
         above=0.0, maximum=6.3, default=1.6)
     speed_limit: float = quantity(
-        'rad/s', 'rate of the joint beyond which only torque against it is let through; at half '
-        'as much again the e-stop engages', above=0.0, default=12.0)
+        'rad/s', 'rate of the joint beyond which only torque against it is permitted; at 1.5 '
+        'times this rate the e-stop engages', above=0.0, default=12.0)
     command_timeout: float = quantity(
-        's', 'the motor is at zero this long after the last fresh command at the latest',
+        's', 'longest time from the last fresh command to zero torque',
         minimum=0.01, maximum=10.0, default=0.1)
     on_timeout: str = text(
-        'what the motor does when commands time out', default='coast', choices=ON_TIMEOUT)
+        'action of the motor after a command timeout', default='coast', choices=ON_TIMEOUT)
     damping: float = quantity(
         'N m s/rad', 'torque per rate of brake and settle', minimum=0.0, default=0.3)
     damping_time: float = quantity(
-        's', 'how long brake and settle last; zero torque after', minimum=0.0, maximum=60.0,
+        's', 'duration of brake and settle; zero torque afterwards', minimum=0.0, maximum=60.0,
         default=2.0)
     rearm: bool = flag(
-        'whether to go on after a lost line, a reboot, a drive that disarmed by itself or a '
+        'whether to continue after a lost line, a reboot, a drive that disarmed by itself or a '
         'silent IMU; if not, the e-stop engages and a person must release it', default=False)
 
 
@@ -129,7 +129,7 @@ class Limits(Checked):
 class Connection(Checked):
     """Port and loop rate of the drive."""
 
-    protocol: str = text('what the drive speaks', choices=tuple(DRIVES))
+    protocol: str = text('protocol of the drive', choices=tuple(DRIVES))
     port: str = text('serial device, best by its name in /dev/serial/by-id, or URL of pyserial; a '
                      'CAN interface, or INTERFACE:CHANNEL of python-can')
     baud: int = count('bits per second', default=115200, minimum=300, maximum=20_000_000)
@@ -140,7 +140,7 @@ class Connection(Checked):
         's', 'time without a command after which the drive disarms by itself', minimum=0.01,
         maximum=1.0, default=0.1)
     imu_required: bool = flag(
-        'give no torque while no IMU reading arrives: without one the angle is a guess off level '
+        'no torque while no IMU reading arrives: without one the angle is unreliable off level '
         'floor',
         default=True)
 
@@ -164,11 +164,11 @@ class Hardware:
     name, robot : str
         Name of the hardware, and of its robot.
     imu_port : ImuPort
-        Of a sensor that the bridge reads itself; without a `port` it takes the topic `imu`.
+        Of a sensor on the bridge's own port; without a `port` the bridge uses the topic `imu`.
     connection, joint, limits, imu, estimate, odometry, battery, thermal
         See the classes.
     steering : SteeringAxis or None
-        None of a robot that drives straight.
+        None for a robot that drives straight.
     drive : mapping
         Options of this protocol, see the `Options` of its driver.
     provenance : mapping of str to Provenance
@@ -193,7 +193,7 @@ class Hardware:
         default_factory=lambda: MappingProxyType({}), compare=False, repr=False)
 
     def at(self, port: str = '', baud: int = 0) -> 'Hardware':
-        """Return a copy with another port or baud rate, where one is given."""
+        """Return a copy with another port or baud rate, if given."""
         return replace(self, connection=replace(
             self.connection, port=port or self.connection.port,
             baud=baud or self.connection.baud))
@@ -220,7 +220,7 @@ class Hardware:
             if not name:
                 raise ConfigurationError(
                     f'{self.name}: steering: replies of {protocol} do not name the axis, so its '
-                    'drive needs a port of its own; set steering: port, or use a CAN bus',
+                    'drive needs a separate port; set steering: port, or use a CAN bus',
                     'missing', 'port')
             options = driver_class(protocol).Options
             mine, other = (mapping.get(name, getattr(options, name)) for mapping in (
@@ -301,7 +301,7 @@ def read_hardware(content: Mapping[str, Any], where: str) -> Hardware:
 
 def _read_drive(protocol: str, content: Mapping[str, Any], where: str
                 ) -> Tuple[Mapping[str, Any], Mapping[str, Provenance]]:
-    """Return the options of a driver that a section `drive` gives, and their provenance."""
+    """Return the driver options in a section `drive`, and their provenance."""
     place = f'{where}: drive'
     given = expect_mapping(content.get('drive', {}), place)
     _refuse_set_elsewhere(given, place)
@@ -315,7 +315,7 @@ def _refuse_set_elsewhere(drive: Mapping[str, Any], where: str) -> None:
     for name, place in SET_ELSEWHERE.items():
         if name in drive:
             raise ConfigurationError(
-                f'{where}: {name} follows from {place}, which is the one place to set it: remove '
+                f'{where}: {name} follows from {place}, its only definition: remove '
                 'it here', 'inconsistent', name)
 
 

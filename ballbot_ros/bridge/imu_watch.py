@@ -4,8 +4,8 @@ Availability of the IMU, by a monotonic clock.
 
 The age of a reading counts from its arrival, or from its stamp if that is earlier.  A reading
 stamped in the future or too far in the past is refused: it would hide a dead IMU, or put all later
-readings out of order.  So a clock that is set, forward or back, costs the few readings before
-`Clocks` follows it, and never safety.
+readings out of order.  So a clock step, forward or back, causes the loss of the readings before
+`Clocks` follows it, but does not affect safety.
 """
 import math
 
@@ -55,7 +55,7 @@ class ImuWatch:
         if stamp > now + AHEAD:
             raise MessageError(
                 f'IMU reading of {stamp:.3f} s refused: it is {now:.3f} s '
-                'here; do both machines keep the same time, and was a clock set?',
+                'here; are the clocks of both machines synchronised, and was one set?',
                 'from_the_future', 'stamp')
         if not stamp >= now - IMU_TIMEOUT:
             raise MessageError(
@@ -85,12 +85,12 @@ class ImuWatch:
         ----------
         now : float
         pulling : bool
-            Whether the motor makes a torque.
+            Whether the motor has torque.
 
         Returns
         -------
         bool
-            Whether a timeout was just detected that started while the motor made torque.
+            Whether a timeout was just detected that started while the motor had torque.
 
         """
         if self.has(now):

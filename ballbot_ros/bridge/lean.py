@@ -38,7 +38,7 @@ class LeanEstimate(NamedTuple):
 
 
 class GroundTrack(NamedTuple):
-    """Place of a ball that turns, in the frame of its start; `after` gives the next."""
+    """Pose of a ball that turns, in the frame of its start; `after` returns the next."""
 
     x: float = 0.0  # [m]
     y: float = 0.0  # [m]
@@ -46,7 +46,7 @@ class GroundTrack(NamedTuple):
     lateral: LateralState = LateralState()
 
     def after(self, path: float, lateral: LateralState, radius: float) -> 'GroundTrack':
-        """Return the place at a later path length [m] and lateral state, by the midpoint rule."""
+        """Return the pose at a later path length [m] and lateral state, by the midpoint rule."""
         heading = 0.5 * (self.lateral.heading + lateral.heading)
         forward, left = path - self.path, radius * (lateral.tilt - self.lateral.tilt)
         return GroundTrack(self.x + forward * math.cos(heading) - left * math.sin(heading),
@@ -69,7 +69,7 @@ class LeanSensing(AxisSensing):
         Of the lateral axis.
     robot : Robot
     speed : callable
-        Returns the speed of the ball [m/s]; None while it is not known.
+        Returns the speed of the ball [m/s]; None while unknown.
 
     """
 
@@ -90,7 +90,7 @@ class LeanSensing(AxisSensing):
         self.estimate = None
 
     def rezero(self) -> None:
-        """Take the pendulum to hang straight now, unless the encoder keeps its zero."""
+        """Assume that the pendulum hangs straight now, unless the encoder retains its zero."""
         self._zero, self._difference = self._given_zero, 0.0
 
     def forget(self) -> None:
@@ -131,7 +131,7 @@ class LeanSensing(AxisSensing):
             self._difference = 0.0
             raise EstimateLostError(
                 'the lean does not follow the torque of the lateral axis: its encoder is frozen '
-                'or reversed, or the axis is blocked; look at the section steering of the '
+                'or reversed, or the axis is blocked; check the section steering of the '
                 'hardware file')
 
     def motion(self, now: float) -> Optional[PendulumMotion]:
@@ -149,7 +149,7 @@ class LeanLaw:
     ----------
     robot : Robot
     yaw_rate : callable
-        Returns the commanded yaw rate [rad/s]; None while nothing is commanded.
+        Returns the commanded yaw rate [rad/s]; None without a set-point.
     forget : callable
         Restarts the observer.
 

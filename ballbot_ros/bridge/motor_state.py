@@ -106,10 +106,10 @@ class Power(NamedTuple):
         if self.state is not MotorState.ARMED:
             return None
         if silence > SILENCE:
-            return Event.SILENT, f'the drive fell silent for {SILENCE:g} s'
+            return Event.SILENT, f'no reply of the drive for {SILENCE:g} s'
         if status_age > STATUS_TIMEOUT:
             return Event.UNCONFIRMED, (
-                f'the drive has not reported for {STATUS_TIMEOUT:g} s whether it is armed, or its '
+                f'the drive has not reported its armed state for {STATUS_TIMEOUT:g} s, or its '
                 f'measurements are older than {SILENCE:g} s')
         if telemetry.hazards:
             return Event.HAZARD, ', '.join(telemetry.hazards)

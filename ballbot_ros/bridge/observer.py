@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The interface by which a session reports what happens; `black_box.ring` records it."""
+"""The interface for the events of a session; `black_box.ring` implements it."""
 from enum import IntEnum
 from typing import Optional
 
@@ -20,7 +20,7 @@ class Level(IntEnum):
 
 
 class SessionObserver:
-    """Receives what happens in a session, from any thread; this one drops it."""
+    """Receives the events of a session, from any thread; this base class ignores them."""
 
     def period(self, now: float, estimate: Optional[Estimate], supervisor: Supervisor,
                telemetry: Telemetry, state: MotorState) -> None:
@@ -42,7 +42,7 @@ class SessionObserver:
         """Receive an event."""
 
     def refused(self, what: str, error: MessageError) -> None:
-        """Receive a message that was refused, and why."""
+        """Receive a refused message with the reason."""
 
     def requested_stop(self, reason: str) -> None:
         """Receive the reason of an e-stop that a person requests: it is not a fault."""

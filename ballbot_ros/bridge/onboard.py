@@ -41,7 +41,7 @@ class OnBoard:
     ----------
     controller : SupervisedController
     tuning : ControlTuning
-        Gains in force.
+        Active gains.
 
     """
 
@@ -76,7 +76,7 @@ class OnBoard:
         Raises
         ------
         MessageError
-            As `SupervisedController.give` does; the current set-point stays.
+            As `SupervisedController.give` does; the current set-point remains.
 
         """
         self.controller.on_e_stop(e_stop)
@@ -113,12 +113,12 @@ class OnBoard:
         self.controller.forget()
 
     def inhibit(self) -> str:
-        """Return why the e-stop may not be released now, empty for no reason."""
+        """Return the reason against a release of the e-stop, empty for none."""
         asked = self.controller.asked
         if asked is None:
             return ''
         topic = topic_of(asked)
         names = self._publishers(topic)
-        return (f'{topic} asks for {asked.in_words}{f" (from {names})" if names else ""}, and the '
-                'robot would jump; let it ask for rest (a set-point of 0) or for nothing for half '
+        return (f'{topic} requests {asked.in_words}{f" (from {names})" if names else ""}, and the '
+                'robot would jump; request rest (a set-point of 0), or nothing for half '
                 'a second, then release again')

@@ -71,7 +71,7 @@ class Scheduling(NamedTuple):
         allowed = sorted(os.sched_getaffinity(0))
         if self.cpu >= 0 and self.cpu not in allowed:
             raise ConfigurationError(
-                f'cpu {self.cpu} is not one that this process may run on, which are '
+                f'cpu {self.cpu} is not available to this process, only '
                 f'{", ".join(map(str, allowed))}; choose one of them, or -1 for any; {PAGE}',
                 'unavailable', 'cpu')
         if self.lock_memory:

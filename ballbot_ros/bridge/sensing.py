@@ -132,7 +132,7 @@ class AxisSensing:
             self._velocity_check = VelocityCheck()
             raise EstimateLostError(
                 'the encoder contradicts the velocity that the drive reports: it is frozen, '
-                'reversed or slips; look at its cable, its magnet and the settings of the '
+                'reversed or slips; check its cable, its magnet and the settings of the '
                 'drive for it; let the robot come to rest')
         return angle, rate
 
@@ -145,7 +145,7 @@ class Sensing(AxisSensing):
     ----------
     fusion : Fusion
     imu_fault : str
-        Why the IMU is not plausible; empty while it is.
+        Reason why the IMU is implausible; empty while it is plausible.
     odometry : OdometryState or None
         Of the last estimate; continues after a lost link.
 
@@ -189,7 +189,7 @@ class Sensing(AxisSensing):
                 self.odometry = self._rolling.lost(self.odometry)
             raise
         if self.fusion.rezeroed > zeros:
-            LOG.warning('the encoder has jumped by %.3f rad at the joint, and counts on from '
+            LOG.warning('the encoder has jumped by %.3f rad at the joint, and continues from '
                         'there', self.fusion.last_jump)
         self.odometry = self._rolling.start(estimate) if self.odometry is None else \
             self._rolling.advance(self.odometry, estimate)

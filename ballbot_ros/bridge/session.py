@@ -2,8 +2,8 @@
 """
 The axes of a robot from handshake to stop, thread-safe: each call holds the lock.
 
-Each axis has its own `DriveControl`.  All of them have torque, or none has: the e-stop of one is
-that of all, and one that is not armed takes the power of the others.
+Each axis has its own `DriveControl`.  Either all of them have torque, or none: the e-stop of one
+is that of all, and one that is not armed disables the others.
 
 Only calls that wait for a reply block: `configure`, `deactivate`, `close`, and a `tick` that arms
 the motor or reconnects.
@@ -76,11 +76,11 @@ class Session:
     clock : callable
         Monotonic clock [s].
     observer : SessionObserver
-        Receives what happens.
+        Receives the events.
     law : OnBoard, optional
         Computes the torque from set-points; None for direct control by torque commands.
     connect_lateral : callable, optional
-        As `connect`, of the lateral axis, where the hardware has one.
+        As `connect`, for the lateral axis, if the hardware has one.
 
     Attributes
     ----------
@@ -93,9 +93,9 @@ class Session:
     lateral : LeanSensing or None
         Of the lateral axis.
     course : GroundTrack or None
-        Place and heading of a robot with a lateral axis, by its model.
+        Position and heading of a robot with a lateral axis, by its model.
     line : DriveLine
-        The connected drive, or why none is connected.
+        The connected drive, or the reason for a missing connection.
     supervisor : Supervisor
         With the e-stop.
     fusion : Fusion
@@ -247,14 +247,14 @@ class Session:
             self._stop(reason)
 
     def _stop(self, reason: str) -> None:
-        """Engage the e-stop of all axes and take their power."""
+        """Engage the e-stop of all axes and disable their power."""
         for axis in self.axes:
             axis.supervisor.trigger(reason)
             axis.withdraw()
 
     def release(self, too_early: str = '') -> None:
         """
-        Release the e-stop if it is engaged; raise `RefusedError` with the reason why not.
+        Release the e-stop if it is engaged; raise `RefusedError` with the reason of a refusal.
 
         `too_early` is a reason of the caller, empty for none; those of the session come first.
         """
@@ -285,7 +285,7 @@ class Session:
             if self._wanted is not Wanted.ACTIVE:
                 return 'the bridge is not active; activate it first', 'state'
             if now - (driver.telemetry.time or 0.0) > SILENCE:
-                return 'the drive does not report where the motor is', 'encoder'
+                return 'the drive does not report the motor position', 'encoder'
             if axis.monitor.condition.stop:
                 return axis.monitor.condition.stop, 'battery'
             if axis.power.state is MotorState.STOPPING:
@@ -293,21 +293,21 @@ class Session:
         if self.sensing.imu_fault:
             return self.sensing.imu_fault, 'imu'
         if self.sensing.needs_imu(now):
-            return (f'no IMU reading arrives, or none did in the last {STEADY:g} s without a gap, '
-                    'and without one the pendulum angle is a guess; publish imu, or set '
+            return (f'no IMU readings, or not yet for {STEADY:g} s without a gap, '
+                    'and without them the pendulum angle is unreliable; publish imu, or set '
                     'imu_required: false in the hardware file for a level floor', 'imu')
         estimate, limit = self.fusion.estimate, self.hardware.limits.angle_limit
         if estimate is not None and abs(estimate.readings.pendulum_angle) > limit:
             return (f'the pendulum angle is {estimate.readings.pendulum_angle:.2f} rad, beyond '
-                    f'angle_limit of {limit:g} rad: let the robot come to rest, and look at '
-                    'encoder_zero of the hardware file and at how the IMU is mounted',
+                    f'angle_limit of {limit:g} rad: let the robot come to rest, and check '
+                    'encoder_zero of the hardware file and the mounting of the IMU',
                     'pendulum_angle')
         if self.lateral is not None and self.hardware.steering is not None \
                 and self.hardware.steering.encoder_zero is not None:
             lean, most = self.lateral.state.lean, required_steering(self.robot).largest_lean
             if abs(lean) > most:
                 return (f'the lean is {lean:.2f} rad, beyond the largest one of {most:g} rad: '
-                        'look at encoder_zero in the section steering of the hardware file',
+                        'check encoder_zero in the section steering of the hardware file',
                         'lean')
         return (self.law.inhibit(), 'set_point') if self.law is not None else ('', '')
 
@@ -329,15 +329,15 @@ class Session:
                     'the e-stop is released: a motor whose faults are cleared could turn '
                     'immediately; engage it first', 'refused', 'e_stop')
             if any(axis.power.state is not MotorState.DISARMED for axis in self.axes):
-                raise RefusedError('the motor is under power, or its stop is not confirmed yet',
+                raise RefusedError('motor power is enabled, or the stop is not confirmed yet',
                                    'busy', 'motor')
             left = [name for axis, driver in zip(self.axes, drivers)
                     for name in axis.clear_faults(driver)]
             self.observer.event(f'faults cleared, left: {", ".join(left) or "none"}')
         if left:
-            raise RefusedError(f'the drive still names {", ".join(left)}; remove the cause',
+            raise RefusedError(f'the drive still reports {", ".join(left)}; remove the cause',
                                'standing', 'drive')
-        return 'the drive names no fault any more'
+        return 'the drive reports no faults'
 
     def _drivers(self) -> List[Driver]:
         """Return the drivers of all axes; raise `RefusedError` if one is missing."""
@@ -366,7 +366,7 @@ class Session:
         return 0.0 if law.let_down else law.set_point.yaw_rate
 
     def _couple(self) -> None:
-        """Give all axes the e-stop of one, and lose all where one is lost."""
+        """Apply the e-stop of one axis to all, and disconnect all if one is lost."""
         if len(self.axes) == 1:
             return
         reason = next((axis.supervisor.e_stop for axis in self.axes if axis.supervisor.e_stop), '')
@@ -400,7 +400,7 @@ class Session:
                 ready = all(other.power.state in READY for other in axis.others)
                 found = axis.tick(self._wanted is Wanted.ACTIVE and ready)
                 estimate = found if axis is self.control else estimate
-                if axis.line.driver is None:  # the others wait until it is found
+                if axis.line.driver is None:  # the other axes wait until it is found
                     break
             self._couple()
             return self._report(estimate)

@@ -50,7 +50,7 @@ class Supervisor:
     derating : float
         Available fraction of the torque limit by heat and battery; set by the owner.
     e_stop : str
-        Why the e-stop is engaged; empty while it is released.
+        Reason of the engaged e-stop; empty while it is released.
     counts : Counter
         ``timeouts``, ``limited_torque``, ``limited_rate``, ``limited_angle``,
         ``limited_speed``, ``e_stops``.
@@ -93,7 +93,7 @@ class Supervisor:
             self._pushed = now
 
     def trigger(self, reason: str) -> None:
-        """Engage the e-stop; the first reason stays."""
+        """Engage the e-stop; the first reason is kept."""
         if not self.e_stop:
             self.counts['e_stops'] += 1
             self.e_stop = reason
@@ -106,10 +106,10 @@ class Supervisor:
         `field` names what inhibits the release.
         """
         if inhibit:
-            raise RefusedError(f'the e-stop stays engaged: {inhibit}', 'standing', field)
+            raise RefusedError(f'the e-stop remains engaged: {inhibit}', 'standing', field)
         if now - self._pushed < QUIET:
             raise RefusedError(
-                'the e-stop stays engaged: commands other than zero are arriving, and the robot '
+                'the e-stop remains engaged: commands other than zero are arriving, and the robot '
                 f'would jump; let the controller command zero (no set-point) for {QUIET:g} s',
                 'refused', 'set_point')
         self.release()
@@ -129,7 +129,7 @@ class Supervisor:
         """Return the torque from now on [N m]: zero while the motion is unknown (None)."""
         wanted = self.asked = self._wanted(now, motion)
         if self.e_stop or motion is None or wanted == 0.0:
-            torque = 0.0  # no rate limit on a cut to zero
+            torque = 0.0  # no rate limit for zero torque
         else:
             torque = self._within(wanted, now, motion)
         self.torque, self._decided = torque, now
@@ -157,7 +157,7 @@ class Supervisor:
         self._fast_since = min(self._fast_since, now) if fast else math.inf
         if fast and now - self._fast_since >= RUNAWAY_TIME:
             self.trigger(
-                f'runaway: the joint turns at {motion.joint_rate:.1f} rad/s and speed_limit is '
+                f'runaway: the joint rotates at {motion.joint_rate:.1f} rad/s, but speed_limit is '
                 f'{limits.speed_limit:g} rad/s')
             return 0.0
         torque = self._cut('torque', wanted, limits.torque_limit * self.derating)

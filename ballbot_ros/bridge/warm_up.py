@@ -29,5 +29,5 @@ def warm_up(robot: Robot) -> float:
         fusion.encoder(stamp, 0.0, 0.0)
     spent = time.monotonic() - begin
     if spent > SHORT:
-        LOG.info('filter and laws were compiled, in %.1f s; the next start has them', spent)
+        LOG.info('filter and laws were compiled in %.1f s, cached for the next start', spent)
     return spent

@@ -164,6 +164,6 @@ def open_driver(protocol: str, line: SerialLine, options: DriveOptions,
     found = driver_class(protocol)
     if not isinstance(options, found.Options):
         raise ConfigurationError(
-            f'{protocol} wants {found.Options.__name__}, got {type(options).__name__}',
+            f'{protocol} requires {found.Options.__name__}, got {type(options).__name__}',
             'wrong_type', 'drive')
     return found(line, options, clock)

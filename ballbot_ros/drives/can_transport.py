@@ -38,7 +38,7 @@ BUS_OFF = 0x40
 
 class CanLink:
     """
-    An open CAN bus that never blocks: what has arrived is read, what is written goes out.
+    An open CAN bus with non-blocking reads and writes.
 
     Not safe for several threads; give it one owner.
 
@@ -165,7 +165,7 @@ class CanLink:
         return bool(select.select([self._descriptor], [], [], seconds)[0])
 
     def _take(self) -> bytes:
-        """Return the records of all that has arrived."""
+        """Return the records of all received frames."""
         records = []
         with _converted(self.port, self.baud):
             bus = self._open()
@@ -185,8 +185,8 @@ class CanLink:
                 elif message.is_error_frame:
                     if message.arbitration_id & BUS_OFF:
                         raise LinkError(
-                            f'{self.port}: the controller has left the bus (bus off): look at '
-                            'CAN_H and CAN_L, at 120 ohm at both ends, and at the bit rate; then: '
+                            f'{self.port}: the controller has left the bus (bus off): check '
+                            'CAN_H and CAN_L, 120 ohm at both ends, and the bit rate; then: '
                             + _up(self.port, self.baud), 'gone', 'port')
                 elif not message.is_fd and len(message.data) <= MOST_DATA:
                     with suppress(ValueError):
@@ -259,7 +259,7 @@ def _is_of_the_line(error: Exception) -> bool:
 
 
 def _failure(port: str, baud: int, error: Exception, opening: bool) -> LinkError:
-    """Return why a bus did not open or is gone, with the remedy."""
+    """Return the reason why a bus did not open or is lost, with the remedy."""
     number = _number(error)
     if opening and number is None and 'bitrate' in str(error).lower():
         return LinkError(f'{port} cannot do {baud} bit/s: {error}', 'bad_baud', 'baud')

@@ -166,12 +166,12 @@ def _read(path: Path) -> list[Record]:
 
 class Replay:
     """
-    A capture in place of a `Link`: each read gives the next piece that came from the drive.
+    A capture in place of a `Link`: each read returns the next piece from the drive.
 
     Attributes
     ----------
     written : list of bytes
-        What was written to it.
+        The written data.
 
     """
 

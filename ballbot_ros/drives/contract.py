@@ -7,16 +7,16 @@ gear, direction and zero of the pendulum joint are the caller's.  A session goes
 
     driver = open_driver(protocol, link, options)
     driver.identify()                   # the handshake; raises DriveError without an answer
-    driver.read_settings()              # what the drive is set to, and whether that is acceptable
+    driver.read_settings()              # settings of the drive, and whether they are acceptable
     driver.arm()
     each period:
-        telemetry = driver.poll()       # what has arrived; never waits
+        telemetry = driver.poll()       # received data; never waits
         driver.send_torque(torque)      # one write: the command and the next requests
     driver.stop()                       # repeated until the drive confirms
 
 `identify`, `read_settings`, `arm` and `stop` wait for answers, never longer than their
 ``timeout``.  `poll`, `send_torque`, `send_stop`, `ask` and `feed` do not wait: a reply that is
-delayed or lost is counted and requested again.  Any of them raises `LinkError` when the line is
+delayed or lost is counted and requested again.  Each of them raises `LinkError` when the line is
 gone; then close the link and open it again.
 
 `Driver` in driver.py is the base class that keeps this contract for all protocols: torque only
@@ -38,7 +38,7 @@ class SerialLine(Protocol):
         """Write all."""
 
     def read(self) -> bytes:
-        """Return what has arrived, without waiting."""
+        """Return the received data, without waiting."""
 
     def wait(self, seconds: float, least: int = 1) -> bool:
         """Wait for a number of bytes, where supported, and return whether there are any."""
@@ -82,7 +82,7 @@ class Setting(NamedTuple):
     ----------
     name : str
     value : str
-        As read, with its unit; ``'unknown'`` where the drive does not report it.
+        As read, with its unit; ``'unknown'`` if the drive does not report it.
     wanted : str
         Required value, as text.
     acceptable : bool

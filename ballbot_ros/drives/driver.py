@@ -68,7 +68,7 @@ class Driver(ABC):
         self.meanwhile: Callable[[], None] = lambda: None
         self._begin()
 
-    # What waits
+    # Blocking methods
 
     @abstractmethod
     def identify(self, timeout: float = 0.5) -> Identity:
@@ -138,7 +138,7 @@ class Driver(ABC):
         """Clear latched faults, without power, and return the remaining ones; may refuse."""
         raise DriveError(f'a {self.maker} clears no faults on request', 'not_clearable', 'drive')
 
-    # What does not wait
+    # Non-blocking methods
 
     def send_torque(self, torque: float, ask: bool = True) -> None:
         """
@@ -192,7 +192,7 @@ class Driver(ABC):
         return bool(self._pending)
 
     def poll(self) -> Telemetry:
-        """Read what has arrived and return the latest telemetry."""
+        """Read the received data and return the latest telemetry."""
         self._take(self.line.read(), self.clock())
         return self.telemetry
 
@@ -257,7 +257,7 @@ class Driver(ABC):
                 f'{self.line.port}: no {self.maker} answers; is it powered, are RX and TX '
                 'crossed, is its serial port set to this protocol?', 'silent', 'drive')
         return DriveError(
-            f'{self.line.port}: {received} bytes came that no {self.maker} would send: wrong baud '
+            f'{self.line.port}: {received} bytes received, but not of a {self.maker}: wrong baud '
             'rate, another protocol, or noise', 'garbled', 'drive')
 
     @abstractmethod

@@ -41,13 +41,13 @@ class DriveSettings(Checked):
                                'disarmed; 0 for never', default=0.1, minimum=0.0, maximum=25.0)
     counts_per_turn: int = count('encoder counts per motor turn', default=4096, minimum=4)
     pole_pairs: int = count('pole pairs of the motor', default=7, minimum=1)
-    highest_temperature: float = quantity('degC', 'temperature at which the power stage gives up',
+    highest_temperature: float = quantity('degC', 'temperature at which the power stage trips',
                                           default=100.0)
-    axis: int = count('output that the motor is on, where a drive has two', default=0, maximum=1)
+    axis: int = count('output of the motor, for a drive with two', default=0, maximum=1)
     boot_time: float = quantity('s', 'time that a reboot takes', default=0.3, minimum=0.0)
-    firmware: str = text('generation that the drive is of; empty for the only or oldest one',
+    firmware: str = text('firmware generation; empty for the only or oldest one',
                          default='')
-    quirks: tuple[str, ...] = section('names from `Device.quirks` of what this one does',
+    quirks: tuple[str, ...] = section('quirks of this device, by names from `Device.quirks`',
                                       default=())
 
     @property

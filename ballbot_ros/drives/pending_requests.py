@@ -9,7 +9,7 @@ was requested once since the loss shows which requests are complete.  Drivers se
 turn, each at most once in `LONGEST_LATENCY`.  A longer interruption ends in a stop, and without
 power requests are dropped: see `may_send`.
 
-Where replies name their request (VESC), each request is a kind of its own.
+Where replies name their request (VESC), each request is a separate kind.
 """
 from collections import deque
 import math
@@ -58,7 +58,7 @@ class PendingRequests:
     timeout : float
         After which a reply counts as lost [s].
     named : bool
-        Whether each request has a kind of its own.
+        Whether each request is a separate kind.
 
     """
 

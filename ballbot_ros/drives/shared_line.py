@@ -35,7 +35,7 @@ class SharedLine:
         return self._views[-1]
 
     def distribute(self, line: SerialLine) -> None:
-        """Hand what has arrived to each view."""
+        """Pass the received data to each view."""
         data = line.read()
         if data:
             for view in self._views:
@@ -68,7 +68,7 @@ class LineView:
         self._attempt(lambda: self.line.write(data))
 
     def read(self) -> bytes:
-        """Return what has arrived since the last read of this view."""
+        """Return the data received since the last read of this view."""
         self._attempt(lambda: self._shared.distribute(self.line))
         data, self.arrived = self.arrived, b''
         return data

@@ -78,7 +78,7 @@ class Descriptor:
         self._room.register(number, select.POLLOUT)
 
     def read(self) -> bytes:
-        """Return what has arrived, which may be nothing."""
+        """Return the received data, may be empty."""
         try:
             data = os.read(self._number, LARGEST_READ)
         except BlockingIOError:
@@ -117,7 +117,7 @@ class Descriptor:
         return False
 
     def _confirm_from(self, least: int) -> None:
-        """Make the kernel report data only from a number of bytes: a reply comes in pieces."""
+        """Make the kernel report data only from a number of bytes: a reply arrives in pieces."""
         self._least = least
         if os.isatty(self._number):
             settings = termios.tcgetattr(self._number)
@@ -165,7 +165,7 @@ class Indirect:
 
 class Link:
     """
-    An open serial port that never blocks: what has arrived is read, what is written goes out.
+    An open serial port with non-blocking reads and writes.
 
     Not safe for several threads; give it one owner.
 
@@ -233,7 +233,7 @@ class Link:
 
     def read(self) -> bytes:
         """
-        Return what has arrived, which may be nothing; do not wait.
+        Return the received data, may be empty; do not wait.
 
         Raises
         ------
@@ -277,10 +277,10 @@ class Link:
             raise _link_error(self.port, error) from error
 
     def close(self) -> None:
-        """Close the port; closing twice, or a port that is gone, is allowed."""
+        """Close the port; closing twice, or after a loss of the port, is allowed."""
         port, self._serial, self._transfer = self._serial, None, None
         if port is not None:
-            # A port that is gone is closed, too.
+            # A lost port is closed, too.
             with suppress(serial.SerialException, OSError, termios.error):
                 port.close()
 

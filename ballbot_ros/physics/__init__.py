@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The ball robot as a mechanical system, importable without ROS; what is public, with examples.
+The ball robot as a mechanical system, importable without ROS; the public interface, with examples.
 
 A `Scene` that comes with the package, and the `Trajectory` of its run:
 

@@ -28,7 +28,7 @@ class Driving:
         self.graph.wait(lambda: self.states, 'joint states flow')
         for _ in range(5):
             while not (answer := self.graph.call('bridge/release_e_stop', Trigger)).success:
-                assert 'stays engaged' in answer.message
+                assert 'remains engaged' in answer.message
             self.status.clear()
             if self.graph.wait(lambda: self.has_power() or self.not_armed(),
                                'the motor has power') is True:

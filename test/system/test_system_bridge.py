@@ -98,7 +98,7 @@ def test_the_services_of_a_lifecycle_node_take_and_give_the_power(graph, motor, 
     graph.wait(lambda: run.states, 'joint states flow before there is power')
     motor.call(motor.device.over_current)
     answer = graph.call('bridge/clear_faults', Trigger)
-    assert answer.success and answer.message == 'the drive names no fault any more'
+    assert answer.success and answer.message == 'the drive reports no faults'
     answer = graph.call('bridge/release_e_stop', Trigger)
     assert not answer.success and 'not active' in answer.message
     assert change(Transition.TRANSITION_ACTIVATE)

@@ -56,7 +56,7 @@ def test_a_drive_from_its_maker_is_refused_until_all_is_done_that_the_doctor_say
     shop = workshop(kind)
     shop.copy_file(torque_limit=0.3)
     connect = connector(load_hardware('my.yaml'))
-    with pytest.raises(ConfigurationError, match='not set as it must be'):
+    with pytest.raises(ConfigurationError, match='settings of the drive are wrong'):
         handshake(connect, 1.0)
     assert shop.obey_doctor('ballbot doctor --hardware my.yaml') >= 1
     driver, _, settings = handshake(connect, 1.0)

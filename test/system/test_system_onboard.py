@@ -96,7 +96,7 @@ def test_a_bridge_drives_by_set_points_and_names_who_keeps_the_e_stop_engaged(
                         'it refuses them', 'set_point', up)
     answer = released()
     assert not answer.success
-    assert 'set_point asks for a pendulum angle of 0.4 rad (from /test)' in answer.message
+    assert 'set_point requests a pendulum angle of 0.4 rad (from /test)' in answer.message
     graph.spin(0.6)
     graph.publish_until(lambda: released().success, 'rest lets it be released', 'set_point', rest)
     graph.publish_until(lambda: abs(motor.torque) > 0.0 and status[-1].law == 'hold'

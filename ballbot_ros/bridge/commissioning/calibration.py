@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Calibrate direction, encoder scale and torque factor of a pendulum motor, with a person.
+Calibrate direction, encoder scale and torque factor of a pendulum motor, with an operator.
 
-The shell is fixed, so that the joint angle is the pendulum angle.  First the person turns the
+The shell is fixed, so that the joint angle is the pendulum angle.  First the operator turns the
 pendulum by a known angle while the motor has no power, which gives direction and encoder scale.
 Then the motor lifts it a little, forward and back, with a slowly rising torque; at rest, gravity
 balances the torque::
 
-    torque_factor * torque asked for = M2 g e sin(angle) +- friction
+    torque_factor * requested torque = M2 g e sin(angle) +- friction
 
 The factor is the slope over both directions, so friction cancels.  Errors of M2 and e in the robot
 file scale it: only the torque against gravity is observable.
@@ -36,13 +36,13 @@ SMALLEST_TURN, LARGEST_TURN = 6.0, 400.0  # by hand [degrees]
 
 
 class Dialogue(Protocol):
-    """Dialogue with the person."""
+    """Dialogue with the operator."""
 
     def say(self, text: str) -> None:
-        """Inform the person."""
+        """Inform the operator."""
 
     def ask(self, question: str) -> str:
-        """Return the reply; raise `RefusedError` if the person cancels."""
+        """Return the reply; raise `RefusedError` if the operator cancels."""
 
 
 class Calibration(NamedTuple):
@@ -82,7 +82,7 @@ class Calibrator:
         Raises
         ------
         RefusedError
-            If the person cancels, or the motor exceeds a limit.
+            If the operator cancels, or the motor exceeds a limit.
         LinkError, DriveError
             If the drive is lost.
 
@@ -121,7 +121,7 @@ class Calibrator:
             else turned / self._joint.encoder_scale
         if abs(moved) < LEAST_TURN * expected:
             raise RefusedError(
-                f'the drive saw {math.degrees(moved):.1f} degrees at its shaft and about '
+                f'the drive reported {math.degrees(moved):.1f} degrees at its shaft, but about '
                 f'{math.degrees(expected):.0f} were expected: is the encoder connected, does the '
                 'pinion engage, is gear_ratio right?', 'failed', 'gear_ratio')
         scale = turned / abs(moved)
@@ -136,7 +136,7 @@ class Calibrator:
     def _enter(self, question: str) -> None:
         """Wait for Enter alone; any other input repeats the question."""
         while answer := self._dialogue.ask(question).strip():
-            self._dialogue.say(f'Enter alone goes on, "q" ends it; got {answer!r}.')
+            self._dialogue.say(f'Enter alone continues, "q" ends it; got {answer!r}.')
 
     def _ask_angle(self, question: str) -> float:
         """Return an angle [rad], a right angle for Enter; invalid input repeats the question."""
@@ -164,7 +164,7 @@ class Calibrator:
             if abs(level) == top and angle * level < 0.0:
                 raise RefusedError(
                     'torque and encoder have opposite signs: a positive torque turned the shaft '
-                    'back.  With any controller this runs away.  Calibrate the encoder with the '
+                    'back.  Every control loop would be unstable.  Calibrate the encoder with the '
                     "maker's tool, or swap the leads of a brushed motor; then start again",
                     'failed', 'encoder')
             torques.append(level)
@@ -204,7 +204,7 @@ class Calibrator:
         asked = driver.clock()
         while (driver.telemetry.time or -math.inf) <= asked:
             if driver.clock() - asked > 1.0:
-                raise RefusedError('the drive does not report where its shaft is',
+                raise RefusedError('the drive does not report the position of its shaft',
                                    'missing', 'encoder')
             driver.ask()
             self._wait(driver.clock() + PERIOD)
@@ -240,7 +240,7 @@ def fit(torques: List[float], angles: List[float], gravity_torque: float
     if np.abs(lifted).max() < 0.1 * np.abs(asked).max():
         raise RefusedError(
             'the pendulum barely moved: friction holds it, or the torque does not reach it; '
-            'raise torque_limit, or look at motor and gear', 'failed', 'torque_limit')
+            'raise torque_limit, or check motor and gear', 'failed', 'torque_limit')
     # Friction has the sign of the preceding motion: plus on the way up, minus on the way down.
     moving = np.sign(np.diff(asked, prepend=0.0))
     columns = np.column_stack([asked, -moving])

@@ -50,11 +50,11 @@ def look_at_ports(found: Optional[List[Tuple[str, str]]] = None,
     known = ports() if found is None else found
     if not known:
         yield Finding(NOTE, 'no serial port at all',
-                      'plug the adapter in and look at: dmesg | tail')
+                      'plug in the adapter and see: dmesg | tail')
     for device, description in known:
         names = stable_names(device)
         yield Finding(OK, f'{device}: {description or "adapter without a description"}',
-                      f'use the name that stays: {names[0]}' if names else '')
+                      f'use the persistent name: {names[0]}' if names else '')
         yield from look_at_permission(device)
         yield from look_at_latency(device, system)
 
@@ -83,7 +83,7 @@ def look_at_permission(device: str) -> Iterator[Finding]:
         return
     if not os.access(device, os.R_OK | os.W_OK):
         user = pwd.getpwuid(os.getuid()).pw_name
-        yield Finding(WRONG, f'{device}: {user} may not open it, the group {group} may',
+        yield Finding(WRONG, f'{device}: no permission for {user}, only for the group {group}',
                       f'sudo usermod -aG {group} {user}, then log out and in')
 
 
@@ -95,8 +95,8 @@ def look_at_latency(device: str, system: Path = Path('/sys')) -> Iterator[Findin
     except (OSError, ValueError):
         return
     if latency > SLOW_LATENCY:
-        yield Finding(WRONG, f'{device}: its latency timer is {latency} ms, so no loop is faster '
-                      f'than {1000.0 / latency:.0f} Hz',
+        yield Finding(WRONG, f'{device}: its latency timer is {latency} ms, which limits the loop '
+                      f'to {1000.0 / latency:.0f} Hz',
                       f'echo 1 | sudo tee {path}, or install config/udev/99-ballbot.rules')
 
 
@@ -122,7 +122,7 @@ def look_at_ros(environment: Mapping[str, str]) -> Iterator[Finding]:
     elif reach in ('SUBNET', 'SYSTEM_DEFAULT'):
         yield Finding(NOTE, f'ROS discovery range {reach}: every host on this network and '
                       'domain can command this motor',
-                      'unset ROS_AUTOMATIC_DISCOVERY_RANGE if that is not wanted')
+                      'unset ROS_AUTOMATIC_DISCOVERY_RANGE to prevent this')
     else:
         yield Finding(WRONG, f'ROS_AUTOMATIC_DISCOVERY_RANGE is {reach!r}',
                       'must be OFF, LOCALHOST, SUBNET or SYSTEM_DEFAULT')
@@ -159,8 +159,8 @@ def look_at_drive(hardware: Hardware,
                           + ('' if item.acceptable else f', must be {item.wanted}'),
                           '' if item.acceptable else item.remedy)
         if driver.keeping and not all(item.acceptable for item in settings):
-            yield Finding(NOTE, 'what is set is forgotten when the drive restarts, unless it is '
-                          'configured to keep it', driver.keeping)
+            yield Finding(NOTE, 'the settings are lost when the drive restarts, unless they are '
+                          'saved in it', driver.keeping)
     except (DriveError, LinkError) as error:
         yield Finding(WRONG, f'its settings cannot be read: {error}')
     finally:
@@ -178,18 +178,18 @@ def _wrong_drive(hardware: Hardware, error: Union[DriveError, LinkError],
     if found is None:
         serial = line_of(connection.protocol) is SERIAL
         return Finding(WRONG, str(error), (
-            'nothing known answers at any common baud rate: look at power, at TX and RX '
-            '(crossed?), and at the ground between them') if serial else (
-            'nothing known answers at this bit rate: look at power, at CAN_H, CAN_L and ground, '
-            'at 120 ohm at both ends (60 ohm between CAN_H and CAN_L with all power off), and at '
+            'no known drive answers at any common baud rate: check power, TX and RX '
+            '(crossed?), and the ground connection') if serial else (
+            'no known drive answers at this bit rate: check power, CAN_H, CAN_L and ground, '
+            '120 ohm at both ends (60 ohm between CAN_H and CAN_L with all power off), and '
             'bit rate and id of the drive'))
     protocol, baud = found
     if protocol != connection.protocol:
         same = '' if baud == connection.baud else f' and baud: {baud}'
-        return Finding(WRONG, f'wrong protocol: {connection.port} speaks {protocol}, not '
+        return Finding(WRONG, f'wrong protocol: {connection.port} has {protocol}, not '
                        f'{connection.protocol}', f'set protocol: {protocol}{same} in the file')
     return Finding(WRONG, f'wrong baud rate: the {protocol} on {connection.port} answers at '
-                   f'{baud} and not at {connection.baud}',
+                   f'{baud}, not at {connection.baud}',
                    f'set baud: {baud} in the file, or change it in the drive')
 
 

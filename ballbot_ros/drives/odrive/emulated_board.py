@@ -31,7 +31,7 @@ QUIRKS: Mapping[str, Quirk] = MappingProxyType({
                 'fibre-cpp/protocol.hpp and CHANGELOG.md, fw-v0.5.3'),
     'no_sc': Quirk('0.5.1: `1d`, and `sc` does nothing',
                    'communication/ascii_protocol.cpp, fw-v0.5.1'),
-    '0.5.4': Quirk('0.5.4: what stops the controller is named as two errors of the motor, in ten '
+    '0.5.4': Quirk('0.5.4: a controller stop is reported as two motor errors, in ten '
                    'digits of which nine are sent', 'MotorControl/main.cpp, fw-v0.5.4'),
     'vel_limit': Quirk('velocity limit 2 turn/s (0.6: 10), in torque mode too, and 1.2 times as '
                        'much is an error, as from the factory',

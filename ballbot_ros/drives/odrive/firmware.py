@@ -8,12 +8,12 @@ as the maker generates it (flat_endpoints.json); names of errors, states and boa
 maker's Python package `odrive`, 0.6.11 (enums.py, hw_version.py).  The maker's descriptions of the
 properties were not available.  Their meaning follows from their names, and from measurements of
 users of 0.6.11: `init_torque` becomes the torque at arming, a position that is not `circular`
-counts full turns, and an error may clear by itself.
+counts full turns, and an error may clear without a command.
 
 Guessed for 0.6: that `torque_soft_min`, `torque_soft_max` and `current_soft_max` bound the torque
-command as `torque_lim` and `current_lim` did; that an encoder in RELATIVE_MODE will do, because
-nothing here rests on where zero is; that feedback is not valid while an estimate is
-missing; that `disarm_reason` stays after the error has gone.
+command as `torque_lim` and `current_lim` did; that an encoder in RELATIVE_MODE is sufficient,
+because its zero is not used; that feedback is not valid while an estimate is
+missing; that `disarm_reason` remains after the error has cleared.
 """
 from dataclasses import dataclass
 from itertools import combinations
@@ -152,7 +152,7 @@ class Rule(NamedTuple):
     setting: str
     name: str
     wanted: tuple[int, ...]
-    words: Mapping[int, str]  # what values mean
+    words: Mapping[int, str]  # meaning of the values
     remedy: str = ''  # to write the first wanted value if not given
 
 
@@ -299,7 +299,7 @@ GENERATION_6 = Generation(
              CALIBRATE),
         Rule('commutation', 'axis0.commutation_mapper.status', (NOMINAL,), STATUS, CALIBRATE),
         Rule('position', 'axis0.pos_vel_mapper.config.circular', (0,), {
-            0: 'goes on over full turns', 1: 'restarts at each turn'}),
+            0: 'continues over full turns', 1: 'restarts at each turn'}),
         Rule('torque at arming', 'axis0.config.init_torque', (0,), {0: 'none'})))
 
 GENERATIONS = (GENERATION_5, GENERATION_6)

@@ -95,7 +95,7 @@ def _braking(generation: Generation, read: Read, options: DriveOptions) -> Setti
     power = RUNAWAY * options.speed_limit * options.torque_limit
     needed = power / voltage if voltage > 0.0 else math.nan
     taken = FULL_DUTY * voltage / resistance if enabled else 0.0
-    # With a resistor, the allowed current flows back, and what exceeds its power.
+    # With a resistor, the allowed current flows back, and the excess over its power.
     back = max(allowed, needed - taken) if enabled else needed
     resistor = f'a brake resistor of {resistance:g} ohm' if enabled else 'no brake resistor'
     into = _reading(-most, ' A') + ' into the supply'

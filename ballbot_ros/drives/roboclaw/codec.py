@@ -57,7 +57,7 @@ STATUS = {
     0x200000: 'TEMPERATURE_2_WARNING', 0x400000: 'S4_SIGNAL_TRIGGERED',
     0x800000: 'S5_SIGNAL_TRIGGERED', 0x1000000: 'SPEED_ERROR_LIMIT_WARNING',
     0x2000000: 'POSITION_ERROR_LIMIT_WARNING'}
-# The bits that remove the power until the drive is reset, or the cause is gone.
+# The bits that remove the power until the drive is reset, or the cause has disappeared.
 ERRORS = 0xFFFF
 
 
@@ -117,7 +117,7 @@ def answer_length(number: int) -> int:
 
 class ReplyParser:
     """
-    Finds the answers to groups of requests in what the drive sends.
+    Finds the answers to groups of requests in the data of the drive.
 
     Attributes
     ----------

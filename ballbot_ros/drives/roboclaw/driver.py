@@ -75,7 +75,7 @@ class RoboClaw(Driver):
         self._commanded_at = -math.inf
         self._counts = 0  # of the encoder, without the wraps of its counter
 
-    # What waits
+    # Blocking methods
 
     def identify(self, timeout: float = 0.5) -> Identity:
         """Do the handshake; see `Driver`."""
@@ -116,7 +116,7 @@ class RoboClaw(Driver):
             Setting('watchdog', 'unknown' if math.isnan(timeout) else
                     f'{timeout:g} s' if timeout else 'off', f'at most {wanted_time:g} s',
                     0.0 < timeout <= 1.01 * wanted_time,
-                    'the drive does not take commands 14 and 15 for it: bring its firmware up to '
+                    'the drive does not accept commands 14 and 15 for it: update its firmware to '
                     'date with Motion Studio; its Serial Timeout is then set to '
                     f'{wanted_time:g} s at each start'),
             Setting('supply', f'{supply:.3g} V', f'between {lowest:.3g} V and {highest:.3g} V, or '
@@ -163,7 +163,7 @@ class RoboClaw(Driver):
                 f'so; it must be at most {self._tenths * TIMEOUT_UNIT:g} s', 'not_armed', 'drive')
         self._ask(codec.GET_BATTERY, deadline)
 
-    # What does not wait
+    # Non-blocking methods
 
     def send_torque(self, torque: float, ask: bool = True) -> None:
         """

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-A RoboClaw, as its packet serial protocol sees it, with a motor on one or both of its outputs.
+A RoboClaw by its packet serial protocol, with a motor on one or both of its outputs.
 
 After the RoboClaw Series User Manual.  It sets a voltage, not a torque; any byte feeds its serial
 timeout; a pause of more than 10 ms inside a packet drops the packet.  Its response to garbage is

@@ -9,7 +9,7 @@ the head is the same.  The offsets of the rest (observer, encoder, positions of 
 with nearly every firmware, so it is not read.
 
 Source: confgenerator.c of vedderb/bldc, tags 5.00 to 6.00, branches release_6_02, release_6_05,
-release_6_06, release_7_00 and master (7.01); what the limits do: update_override_limits() of
+release_6_06, release_7_00 and master (7.01); effect of the limits: update_override_limits() of
 motor/mc_interface.c; applications and kill switch: datatypes.h.
 """
 from dataclasses import dataclass
@@ -44,7 +44,7 @@ MOVING: tuple[Version, ...] = ((5, 3), (6, 0), (6, 5))
 _HEAD_OF_6_05: Version = (6, 5)
 _APPLICATION_OF_6: Version = (6, 0)
 
-# Name in the firmware -> format and what an integer is divided by; in their order.
+# Name in the firmware -> format and divisor of an integer; in their order.
 Layout = Mapping[str, tuple[str, float]]
 _CURRENTS: Layout = {
     'l_current_max': ('f', 1.0), 'l_current_min': ('f', 1.0), 'l_in_current_max': ('f', 1.0),
@@ -263,7 +263,7 @@ def _watchdog(app: Application, options: VescOptions) -> Setting:
     wanted = max(options.watchdog - THREAD, 0.5 * options.watchdog)
     return Setting(
         'watchdog', 'off' if app.timeout == 0.0 else _shown(app.timeout + THREAD, 's'),
-        f'at most {wanted + THREAD:g} s, of which the drive takes {THREAD:g} s to notice',
+        f'at most {wanted + THREAD:g} s, of which the drive needs {THREAD:g} s to detect it',
         0.0 < app.timeout <= wanted + 1e-6,
         f'{GENERAL}: Timeout {1000.0 * wanted:.0f} ms')
 

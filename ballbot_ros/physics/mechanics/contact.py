@@ -12,8 +12,8 @@ Local *maxima* within reach (only concave vertices have them) count negatively. 
 a wall corner never reaches the vertex, so nothing changes there; but where a floor turns
 gently into a ramp, the two contacts merge into one at the vertex, and without the negative
 one a whole contact force would appear or vanish within one step and violate energy balance.
-Friction acts at the minima only, where it always dissipates; a maximum takes its share
-from the coefficients of the two minima that it lies between, see `share_friction`.
+Friction acts at the minima only, where it always dissipates; a maximum reduces the
+coefficients of its two neighbouring minima by its share, see `share_friction`.
 
 A *feature* of the ground is a number: 2 j for segment j, 2 j + 1 for the vertex at its end.  The
 force of each contact is in `contact_law`.
@@ -36,7 +36,7 @@ from ballbot_ros.physics.model.terrain import (
 IntArray = NDArray[np.int64]
 Loads = tuple[float, float, float, float, float]  # see `loads_of`
 Accelerations = tuple[float, float, float, float]  # of ball, pendulum, x and y
-# What forces of the ground add: a newton along x and y to the pendulum (two), along x to x, along
+# Response to ground forces: a newton along x and y to the pendulum (two), along x to x, along
 # x to y and along y to x, along y to y; a newton metre to the ball.
 Compliance = tuple[float, float, float, float, float, float]
 Response = tuple[Accelerations, Compliance]
@@ -148,7 +148,7 @@ def away_from(segment: int, x: float, y: float, ground: Array) -> tuple[float, f
 def meeting(feature: int, x: float, y: float,
             ground: Array) -> tuple[float, float, float, float]:
     """
-    Return where a feature of the ground lies from a point.
+    Return the position of a feature of the ground relative to a point.
 
     Returns
     -------
@@ -176,7 +176,7 @@ def meeting(feature: int, x: float, y: float,
 @compiled
 def pressed_and_slid(feature: int, motion: Array, ground: Array,
                      parameters: Parameters) -> tuple[float, float, float, float, float, float]:
-    """Return what `meeting` does for the centre of the ball, then the force and slip there."""
+    """Return the results of `meeting` for the centre of the ball, then force and slip there."""
     normal_x, normal_y, distance, friction = meeting(feature, motion[X], motion[Y], ground)
     force, slip, _, _, _ = pressing_and_slipping(
         normal_x, normal_y, parameters.radius - distance, slip_lever(distance, parameters),
@@ -255,7 +255,7 @@ def find_contacts(x: float, y: float, radius: float, ground: Array, contacts: Ar
 def contact_sum(motion: Array, parameters: Parameters, ground: Array, contacts: Array,
                 signs: IntArray, count: int, form: int, response: Response) -> ContactSum:
     """
-    Return what all contacts together do to the ball: eqs. (7) to (10), summed.
+    Return the sum of all contact loads on the ball: eqs. (7) to (10).
 
     Parameters
     ----------
@@ -273,7 +273,7 @@ def contact_sum(motion: Array, parameters: Parameters, ground: Array, contacts: 
         the table, pieces from the signs.  QUICK: features and pieces from the signs, without the
         table; there must be no CORNER then.
     response : tuple
-        What the contacts add to, and how: see `equations.unforced`.  With `SUMMED` they add up to
+        Response to the contact forces: see `equations.unforced`.  With `SUMMED` they add up to
         force and torque.
 
     Returns
@@ -308,7 +308,7 @@ def contact_sum(motion: Array, parameters: Parameters, ground: Array, contacts: 
             pressed, sliding = pressed_sign(force, parameters), sliding_sign(slip, parameters)
         pressing, rubbing = normal_and_friction(
             force, slip, pressed, sliding, parameters, friction)
-        # Lost is all but what the spring takes: the force of a contact that would pull, too.
+        # All power except that of the spring is dissipated, also that of a clipped pulling force.
         lost = damping if pressed != 0 else parameters.stiffness * penetration
         contact_loss += sign * lost * away
         friction_loss -= rubbing * (along + distance * spin)

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-What the ground does to the ball at one contact: eqs. (7)-(10), and their slopes.
+The loads on the ball at one contact: eqs. (7)-(10), and their derivatives.
 
 The normal force of a contact law, eq. (7) or another, which does not pull unless asked to;
 friction with a slip velocity at the contact point, eq. (8), that grows to its full coefficient
@@ -10,7 +10,7 @@ The law has kinks.  Between them it is smooth, and which piece holds is two sign
 the normal force (0 where the damper would pull and is not let), and *sliding*, of a slip beyond
 the threshold (0 within).  Every function here takes the signs as given, and continues its piece
 smoothly beyond its ends: with the signs of the state itself (`pressed_sign`, `sliding_sign`) it
-is the law, with those of a frozen mode (see `modes`) what an integrator needs.
+is the law, with those of a frozen mode (see `modes`) its smooth continuation for an integrator.
 
 The force before these limits is that of one of the `contact_laws`.
 """
@@ -44,7 +44,7 @@ def pressing_and_slipping(normal_x: float, normal_y: float, penetration: float, 
                           velocity_x: float, velocity_y: float, spin: float,
                           parameters: Parameters) -> tuple[float, float, float, float, float]:
     """
-    Return what eqs. (7) and (8) say of a contact: normal [-], penetration and `slip_lever` [m].
+    Return the quantities of eqs. (7) and (8): normal [-], penetration and `slip_lever` [m].
 
     Returns
     -------
@@ -67,7 +67,7 @@ def pressing_and_slipping(normal_x: float, normal_y: float, penetration: float, 
 def force_and_slip(state: Array, parameters: Parameters, contacts: Array,
                    row: int) -> tuple[float, float, float]:
     """
-    Return what eqs. (7) and (8) say of one contact, before any limit.
+    Return the results of eqs. (7) and (8) for one contact, before any limit.
 
     Parameters
     ----------
@@ -119,8 +119,8 @@ def friction_scale(slip: float, sliding: int, parameters: Parameters) -> float:
     Return mu_scale of eq. (9) with the sign of the slip.
 
     It reaches 1 at the threshold: along a straight line, or (smooth) along the cubic that ends
-    there with zero slope.  The line goes on beyond; the cubic would soon change its sign there,
-    and a trial step would run away, so that a constant continues it, smoothly enough.
+    there with zero slope.  The line continues beyond; the cubic would change its sign there
+    and make a trial step diverge, so a constant continues it, with a continuous slope.
     """
     if sliding != 0:
         return float(sliding)

@@ -7,7 +7,7 @@ Equations of motion of the ball and its pendulum: eqs. (3)-(6) and (13), solved 
           y ^        phi = theta1 + theta2: absolute angle of the pendulum,
             |              0 hanging down, + towards +x
             |   ___        theta1: ball angle     all angles counter-clockwise positive
-            | /     \      theta2 = phi - theta1: joint angle, what an encoder reads
+            | /     \      theta2 = phi - theta1: joint angle, read by an encoder
             ||   o   |
             | \  |\ /   e: pendulum length
         ____|__‾‾|‾*‾____________> x          rolling forward (to +x) turns the ball
@@ -85,14 +85,14 @@ def direction_near(angle: float, start: Turned) -> Direction:
 
 @compiled
 def unsaturated_torque(time: float, state: Array, actuator: Actuator) -> float:
-    """Return the torque tau2 that the law asks for, without the limit [N m]."""
+    """Return the torque tau2 of the law, without the limit [N m]."""
     sine = math.sin(state[PENDULUM_ANGLE]) if actuator.gravity_torque != 0.0 else 0.0
     return torque_asked(time, state, sine, actuator)
 
 
 @compiled
 def torque_asked(time: float, state: Array, sine: float, actuator: Actuator) -> float:
-    """Return what `unsaturated_torque` does where the sine of the pendulum angle is known."""
+    """Return the result of `unsaturated_torque` for a known sine of the pendulum angle."""
     joint_rate = state[PENDULUM_RATE] - state[BALL_RATE]
     if actuator.law == POSITION:
         return actuator.gravity_torque * sine + position_feedback(
@@ -139,7 +139,7 @@ def actuator_torque(time: float, state: Array, actuator: Actuator) -> float:
 def unforced(motion: Array, hanging: Direction, motor: float, parameters: Parameters
              ) -> Response:
     """
-    Return the accelerations without the ground, and what its forces add; eq. (13).
+    Return the accelerations without the ground, and the response to its forces; eq. (13).
 
     Parameters
     ----------
@@ -205,7 +205,7 @@ def write_rates(state: Array, parameters: Parameters, loads: Loads, motor: float
     state, rates : (13,) arrays
     parameters : Parameters
     loads : tuple
-        What the ground does to the ball, see `contact.loads_of`.
+        Loads of the ground on the ball, see `contact.loads_of`.
     motor : float
         Torque tau2 of the pendulum motor [N m].
 
@@ -231,7 +231,7 @@ def derivative(time: float, state: Array, system: System, contacts: Array, rates
     time : float
         [s]
     state, rates : (13,) arrays
-        Ordered as `model.state` says.
+        In the order of `model.state`.
     system : System
     contacts : (2 n, 7) array
         Filled with the contacts, see `contact.contact_table`.

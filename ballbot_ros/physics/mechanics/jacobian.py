@@ -135,7 +135,7 @@ def write_jacobian(time: float, state: Array, hanging: Direction, system: System
     Returns
     -------
     force_x, force_y, torque : float
-        What the ground does to the ball in that state [N], [N m].
+        Loads of the ground on the ball in that state [N], [N m].
 
     """
     parameters = system.parameters
@@ -167,7 +167,7 @@ def write_jacobian(time: float, state: Array, hanging: Direction, system: System
 @compiled
 def add_pendulum(time: float, state: Array, hanging: Direction, system: System,
                  mode: ContactMode, force: tuple[float, float], out: Array) -> None:
-    """Add to the derivative what the pendulum and its motor do, and how they feel the loads."""
+    """Add the terms of pendulum and motor, and their response to the loads, to the derivative."""
     (force_x, force_y), actuator, parameters = force, system.actuator, system.parameters
     (sine, cosine), rate = hanging, state[PENDULUM_RATE]
     # Slopes of the torque with ball and pendulum angle, ball and pendulum rate, and time.

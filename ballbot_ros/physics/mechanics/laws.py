@@ -36,7 +36,7 @@ def position_torque(pendulum_angle: float, pendulum_rate: float, set_angle: floa
 @compiled
 def position_feedback(pendulum_angle: float, pendulum_rate: float, set_angle: float, kp: float,
                       kd: float) -> float:
-    """Return what `position_torque` does without gravity compensation [N m]."""
+    """Return the result of `position_torque` without gravity compensation [N m]."""
     return kp * (set_angle - pendulum_angle) - kd * pendulum_rate
 
 
@@ -70,7 +70,7 @@ def velocity_torque(pendulum_angle: float, joint_rate: float, joint_lag: float,
 @compiled
 def velocity_feedback(joint_rate: float, joint_lag: float, set_rate: float, kp: float,
                       ki: float) -> float:
-    """Return what `velocity_torque` does without gravity compensation [N m]."""
+    """Return the result of `velocity_torque` without gravity compensation [N m]."""
     return kp * (set_rate - joint_rate) + ki * joint_lag
 
 
@@ -128,7 +128,7 @@ def available_torque(joint_rate: float, stall_torque_per_volt: float, back_volta
 def applied_torque(asked: float, joint_rate: float, line: tuple[float, float, float, float],
                    limit: float) -> float:
     """
-    Return the torque at the joint for one that a control law asks for [N m].
+    Return the torque at the joint for the requested torque of a control law [N m].
 
     First the speed-torque line of the motor cuts it, then the limit of the drive: beyond the
     idle speed, where the line leaves braking only, a drive does not exceed its limit either.

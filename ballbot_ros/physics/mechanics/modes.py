@@ -10,7 +10,7 @@ the *guards*, each positive inside and negative beyond.  An integrator that free
 locates the zero and restarts there keeps its order.
 
 `find_mode` finds the mode of a state, `mode_holds` is a quick check whether it still holds, which
-most steps pass, and `violated_guards` lists what has ended it.
+most steps pass, and `violated_guards` lists the guards that have ended it.
 """
 import math
 from typing import NamedTuple
@@ -59,7 +59,7 @@ def contact_count(mode: ContactMode) -> int:
 
 @compiled
 def smooth_contacts(mode: ContactMode) -> bool:
-    """Return whether no contact of a mode is a CORNER, which changes what its neighbours do."""
+    """Return whether no contact of a mode is a CORNER, which changes its neighbours' forces."""
     return mode.signs[len(mode.signs) - 1, CORNERS] == 0
 
 
@@ -115,7 +115,7 @@ def write_mode_motion_under(time: float, motion: Array, hanging: Direction,
                             push: tuple[float, float, float], system: System, mode: ContactMode,
                             out: Array) -> None:
     """
-    Write what `write_mode_motion` does, where more is known.
+    Write the result of `write_mode_motion` from known intermediate results.
 
     The direction of the pendulum, and force [N] and torque [N m] of the ground on the ball.
     """
@@ -130,11 +130,11 @@ def write_mode_motion_under(time: float, motion: Array, hanging: Direction,
 def write_mode_motion(time: float, motion: Array, start: Turned, system: System,
                       mode: ContactMode, out: Array) -> None:
     """
-    Write how a motion goes on in a frozen mode without a CORNER: what steps call most.
+    Write the rates of a motion in a frozen mode without a CORNER: the most frequent call.
 
     The same as `mode_derivative` without the flows of energy, and without a table of contacts:
-    all numbers stay in registers.  What the motion does without the ground, and what each newton
-    of its forces adds, is computed before these forces are known.
+    all numbers stay in registers.  The motion without the ground, and the response to each newton
+    of its forces, are computed before these forces are known.
 
     Parameters
     ----------
@@ -182,7 +182,7 @@ def find_mode(time: float, state: Array, system: System, mode: ContactMode) -> i
     return count
 
 
-# What a guard belongs to.
+# Kind of a guard.
 OF_FEATURE, OF_FORCE, OF_SLIP, OF_MOTOR = range(4)
 
 

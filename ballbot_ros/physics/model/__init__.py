@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a scene is made of: robot, terrain, contact options, actuation."""
+"""The components of a scene: robot, terrain, contact options, actuation."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the pendulum motor does during a simulation: section 4.2 of the paper."""
+"""Control of the pendulum motor during a simulation: section 4.2 of the paper."""
 from dataclasses import dataclass
 import math
 from numbers import Real
@@ -39,9 +39,9 @@ class Actuation(Checked):
     """
 
     law: str = text('law of actuation', default='free', choices=LAWS)
-    set_angle: float = quantity('rad', 'wanted absolute pendulum angle', default=0.0,
+    set_angle: float = quantity('rad', 'reference of the absolute pendulum angle', default=0.0,
                                 minimum=-math.pi, maximum=math.pi)
-    set_rate: float = quantity('rad/s', 'wanted rate of the pendulum joint', default=0.0)
+    set_rate: float = quantity('rad/s', 'reference of the pendulum joint rate', default=0.0)
     voltage: float = quantity('V', 'voltage on the motor', default=0.0)
     torque: float = quantity('N m', 'constant torque', default=0.0)
     position_kp: float = quantity('N m/rad', 'kP of eq. (11)', default=40.0, minimum=0.0)
@@ -50,7 +50,7 @@ class Actuation(Checked):
     velocity_ki: float = quantity('N m/rad', 'kI of eq. (12)', default=0.0, minimum=0.0)
     gravity_compensation: bool = flag('add M2 g e sin(angle) to (11) and (12)', default=True)
     torque_limit: float = quantity(
-        'N m', 'largest torque; the default is above all that gains can ask for',
+        'N m', 'largest torque; the default is above the torque of any gains',
         default=1e9, above=0.0)
 
     def __post_init__(self) -> None:
@@ -88,7 +88,7 @@ class Actuation(Checked):
         return self.actuators(robot, start_time, start_joint_angle)
 
     def actuators(self, robot: Robot, start_time: float, start_joint_angle: float) -> Actuator:
-        """Return what `actuator` does, unchecked; columns where there are any."""
+        """Return the result of `actuator`, unchecked; with columns if there are any."""
         if self.law == 'free':
             return Actuator()
         gravity = robot.largest_gravity_torque if self.gravity_compensation else 0.0
@@ -111,7 +111,7 @@ class Actuation(Checked):
         return self.set_angle if self.law == 'position' else 0.0
 
     def fits(self, robot: Robot) -> Any:
-        """Return whether a robot has what the law takes; a column where there are any."""
+        """Return whether a robot has the parameters of the law; a column if there are any."""
         if self.law == 'free':
             return True
         if self.law != 'voltage' or robot.motor is None:
@@ -119,7 +119,7 @@ class Actuation(Checked):
         return robot.has_pendulum & (abs(self.voltage) <= robot.motor.maximum_voltage)
 
     def check_fits(self, robot: Robot) -> None:
-        """Raise `ConfigurationError` if a robot has not what the law takes."""
+        """Raise `ConfigurationError` if a robot lacks the parameters of the law."""
         if self.fits(robot):
             return
         if not robot.has_pendulum:

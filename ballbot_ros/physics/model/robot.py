@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The ball robot as a set of numbers, where each comes from, and whether it is plausible."""
+"""The parameters of a ball robot, their sources, and plausibility checks."""
 from dataclasses import dataclass, field, fields
 import hashlib
 import math
@@ -38,7 +38,7 @@ class ContactOptions(Checked):
 # The files of `contact_laws`; the first is the law of robots that name none.
 CONTACT_LAWS = ('kelvin_voigt', 'hunt_crossley')
 
-LEAD, AIR = 11340.0, 1.2  # densities between which that of a robot lies [kg/m3]
+LEAD, AIR = 11340.0, 1.2  # plausible range of the density of a robot [kg/m3]
 DENSITIES = (20.0, 5000.0)  # of robots: a corrected value that gives one of these was meant
 DEEPEST = 0.25  # static penetration that can still be a contact [radii]
 SPEED_MAX = 20.0  # plausible for a robot [m/s]
@@ -173,7 +173,7 @@ class Robot(Checked):
     A ball with or without a pendulum; symbols are those of the paper's nomenclature.
 
     A robot without a pendulum has ``pendulum_mass == 0`` and then no other pendulum
-    quantity either; it has equations of its own (the mass matrix of the full ones would
+    quantity either; it has separate equations (the mass matrix of the full ones would
     be singular).
 
     Attributes
@@ -411,7 +411,7 @@ def load_robot(name_or_path: RobotLike) -> Robot:
     """
     Read a robot of the package by name, or a custom file.
 
-    A `Robot` is returned as it is.
+    A `Robot` is returned unchanged.
 
     >>> load_robot('gimball').provenance['ball_mass'].source
     'derived'

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The state of the ball as a value, what it has and touches, and the order of its vector.
+The state of the ball as a value, its energies and contacts, and the order of its vector.
 
 All angles are counter-clockwise positive; see `mechanics.equations` for the picture.
 """
 from typing import NamedTuple
 
-# In a vector: coordinates, rates, then energy gone since the start.
+# In a vector: coordinates, rates, then energy dissipated since the start.
 (BALL_ANGLE, PENDULUM_ANGLE, X, Y, BALL_RATE, PENDULUM_RATE, VELOCITY_X, VELOCITY_Y,
  CONTACT_LOSS, FRICTION_LOSS, ROLLING_LOSS, JOINT_LOSS, MOTOR_WORK) = range(13)
 SIZE = 13
@@ -17,7 +17,7 @@ class State(NamedTuple):
     """
     Everything that evolves; see `mechanics.equations` for the picture of the angles.
 
-    The last five say where energy has gone since the start [J].
+    The last five are energies transferred since the start [J].
     """
 
     time: float = 0.0

@@ -123,7 +123,7 @@ class Terrain:
         Parameters
         ----------
         surface_friction, edge_friction : float
-            The robot's coefficients, for all that has none of its own.
+            The robot's coefficients, for pieces without their own.
 
         """
         profile = np.zeros((len(self.vertices), 7))
@@ -175,7 +175,7 @@ class Terrain:
             for begin, end in zip(ends[::2], ends[1::2]):
                 face = self.vertices[begin:end + 1]
                 width, height = (face[-1] - face[0]) * (1.0, sign)
-                # A quarter of a circle is as high as it is wide, and less so on a slope.
+                # A quarter of a circle is as high as wide, on a slope less high.
                 mostly = np.sum(climb[begin:end][steep[begin:end]]) > 0.5 * height
                 if height >= least_height and (mostly or height >= least_slope * width):
                     found[begin] = face
@@ -212,7 +212,7 @@ def _check_course(points: Array) -> None:
     for index, (dx, dy) in enumerate(step):
         if dx < 0.0:
             raise ConfigurationError(
-                f'terrain: vertex {index + 1} lies {-dx:g} m behind vertex {index}; x must '
+                f'terrain: vertex {index + 1} is {-dx:g} m behind vertex {index}; x must '
                 'never decrease (no overhangs)', 'inconsistent', 'vertices')
         if dx == 0.0 and dy == 0.0:
             raise ConfigurationError(
@@ -226,7 +226,7 @@ def _check_course(points: Array) -> None:
 
 
 def _friction(name: str, values: ArrayLike, length: int) -> Array:
-    """Return checked coefficients of friction, NaN where there is none of its own."""
+    """Return checked coefficients of friction, NaN where a piece has none."""
     array = _frozen(name, values)
     if array.shape != (length,):
         raise ConfigurationError(
@@ -393,7 +393,7 @@ def _join(pieces: list[tuple[Strides, float, float]]) -> Terrain:
     for piece, friction, edge_friction in [*lead, *pieces, *tail]:
         strides += piece
         surfaces += [friction] * len(piece)
-        # An edge belongs to the piece that has an edge_friction of its own.
+        # An edge belongs to the piece with its own edge_friction.
         if not math.isnan(edge_friction):
             edges[-1] = edge_friction
         edges += [edge_friction] * len(piece)

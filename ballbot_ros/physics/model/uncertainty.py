@@ -2,9 +2,9 @@
 """
 Random robots: numbers drawn from the ranges that a robot file gives for them.
 
-Numbers are drawn evenly and independently, but for one thing: where the masses of ball and
-pendulum are both uncertain, their sum stays, for it is what a balance measures (and the paper
-prints) while the split is not.
+Parameters are drawn uniformly and independently, with one exception: if the masses of ball and
+pendulum are both uncertain, their sum is kept, because a scale measures the sum (and the paper
+prints it), but not the split.
 
 The points are those of ``scipy.stats.qmc.Sobol``, scrambled; but to import that takes most of a
 second, in each start of a node that decides.
@@ -98,7 +98,7 @@ def uncertain(robot: Robot) -> Dict[str, Tuple[float, float]]:
 
 
 def independent(found: Mapping[str, Ends]) -> Dict[str, Ends]:
-    """Return uncertain numbers without the ball mass, where the pendulum mass stands for both."""
+    """Return uncertain parameters without the ball mass, if the pendulum mass determines both."""
     return {name: ends for name, ends in found.items()
             if name != 'ball_mass' or 'pendulum_mass' not in found}
 
@@ -143,7 +143,7 @@ def rows_of_parameters(robot: Robot, values: Mapping[str, Array], number: int,
 
 def spread_points(dimensions: int, count: int, seed: int) -> Array:
     """Return (count, dimensions) points, evenly in the unit cube; Sobol's sequence, scrambled."""
-    # A power of two keeps the sequence balanced; more than asked for are thrown away.
+    # A power of two keeps the sequence balanced; surplus points are discarded.
     power = max(0, int(np.ceil(np.log2(count))))
     return sobol(dimensions, power, seed)[:count]
 

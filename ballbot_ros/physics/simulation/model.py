@@ -82,7 +82,7 @@ class Model:
 
         """
         height, normal_x, normal_y = self._resting_place(x)
-        # Rolling without slip about the contact point, which lies inside the ball.
+        # Rolling without slip about the contact point, which is inside the undeformed ball.
         lever = self.robot.ball_radius
         if self.options.slip_lever == 'contact':
             lever -= min(self.robot.static_penetration * normal_y, 0.5 * lever)
@@ -109,7 +109,7 @@ class Model:
         high = float(np.max(self.terrain.height(reach))) + 1.01 * radius
         low = float(self.terrain.height(x)) + 1e-9 * radius
         if support(low) < 0.0:
-            # What carries grows with the stiffness: the deeper, the less of it is enough.
+            # The supporting force grows with the stiffness: deeper contacts require less of it.
             lift = support(low) + self.robot.weight
             enough = robot.stiffness * self.robot.weight / lift / SINKS if lift > 0.0 else 0.0
             raise ConfigurationError(

@@ -1,20 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Run a model from a state for a while: `simulate`, to an accuracy unless a solver is asked for.
+Run a model from a state for a duration: `simulate`, to an accuracy unless a solver is given.
 
 **To an accuracy**: a run is repeated with ever smaller tolerances of the adaptive method until two
 successive runs agree to within the accuracy at all times that are kept.  Their difference is the
 error of the *coarser* of the two; the finer one is returned, so that the estimate errs on the safe
 side.  That holds where both saw the same motion.  Two runs that met another number of kinks of the
 contact law did not, and may agree by chance; then a third, by another method, has to agree, too.
-And no run is coarser than what friction and contact need to be resolved at all.  Motion with many
+No run is coarser than required to resolve friction and contact.  Motion with many
 bounces is chaotic: errors grow until no tolerance helps.  The `Assurance` of such a run states the
 time up to which the accuracy holds.
 
-**With fixed steps**, for those who need a constant cost or the recipe of the paper: they can be
-stable, in balance, and yet too long to be right, as where a ball bounces a little too early.  So
-such a run is compared with the adaptive method, which takes a small part of its time; where that
-one cannot go on, with steps of half the length.
+**With fixed steps**, for a constant cost or the settings of the paper: they can be
+stable, in energy balance, and still too long to be correct, for instance if a ball bounces too
+early.  So such a run is compared with the adaptive method, which takes a small part of its
+time; if that fails, with steps of half the length.
 """
 from dataclasses import replace
 import math
@@ -314,7 +314,7 @@ def centres(run: Trajectory) -> Array:
 
 
 def _agree(assured: Assurance) -> bool:
-    """Return whether two runs were close enough together to be trusted."""
+    """Return whether two runs agree closely enough."""
     return assured.complete and assured.estimate <= SAFETY * assured.accuracy
 
 
@@ -358,7 +358,7 @@ def check_steps(run: Trajectory, actuation: Actuation, duration: float,
         gap = gap[run.rows[:len(gap), 0] <= horizon]
         remedy = f'{_shorter(solver.step)}, or the adaptive method'
     except SimulationError:
-        # Too stiff for it.  The error goes with the step, or faster: half of it is what halving
+        # Too stiff for it.  The error scales with the step, or faster: half of it is what halving
         # the step takes away.
         gap = 2.0 * _apart(run, _halved(run, start, actuation, duration, output_step))
         remedy = (f'{_shorter(solver.step)}, a softer contact_stiffness or a larger '

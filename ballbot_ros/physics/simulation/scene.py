@@ -21,7 +21,7 @@ from ballbot_ros.physics.simulation.trajectory import Trajectory
 
 @dataclass(frozen=True)
 class Initial(Checked):
-    """How a scene starts: on the ground and rolling without slip, unless said otherwise."""
+    """Initial state of a scene: by default on the ground and rolling without slip."""
 
     x: float = quantity('m', 'x of the ball centre', default=0.0)
     speed: float = quantity('m/s', 'speed of the centre along the ground', default=0.0)
@@ -66,7 +66,7 @@ class SceneFile(Run):
     terrain: Any = section(
         'pieces of ground from left to right, or its vertices; level if not given', default=None)
     initial: Any = section('how it starts', default=None)
-    actuation: Any = section('what the motor does', default=None)
+    actuation: Any = section('control of the motor', default=None)
     solver: Any = section(
         'the integrator, in place of an accuracy; or a name: paper, for that of the paper',
         default=None)
@@ -116,7 +116,7 @@ class Scene:
         Raises
         ------
         SimulationError
-            If the run cannot go on; its attribute ``trajectory`` holds the part before that.
+            If the run fails; its attribute ``trajectory`` holds the part before the failure.
         ConfigurationError
             If a value is out of range, or steps and durations do not fit together.
 
@@ -135,14 +135,14 @@ class Scene:
         return replace(trajectory, scene=scene)
 
     def __repr__(self) -> str:
-        """Return what people call it, not all of its numbers."""
+        """Return its name and main properties, without all parameters."""
         return (f'Scene({self.name!r}, {self.model.robot!r}, {self.actuation!r}, '
                 f'{self.run.duration:g} s)')
 
 
-# What scene files have in place of numbers of `Actuation`, for people.
+# Keys of scene files in place of fields of `Actuation`, in other units.
 HUMAN = {
-    'set_angle_deg': quantity('deg', 'wanted absolute pendulum angle, in place of set_angle'),
+    'set_angle_deg': quantity('deg', 'reference of the pendulum angle, in place of set_angle'),
     'set_speed': quantity('m/s', 'speed at which the ball rolls, in place of set_rate')}
 
 
@@ -242,7 +242,7 @@ def _read_robot(content: Mapping[str, Any], where: str) -> Robot:
 
 
 def _read_solver(content: Mapping[str, Any], where: str) -> Optional[Solver]:
-    """Return the solver of a scene: one with a name, or described; None if it asks for none."""
+    """Return the solver of a scene, by name or by fields; None if it has none."""
     if 'solver' not in content:
         return None
     section = content['solver']
@@ -289,7 +289,7 @@ def _read_actuation(section: Any, robot: Robot, where: str) -> Actuation:
                 'inconsistent', name)
     actuation = Actuation.from_mapping(entries, where)
     try:
-        actuation.actuator(robot)  # refuses what this robot cannot do, before the run
+        actuation.actuator(robot)  # refuses an unsupported one before the run
     except ConfigurationError as error:
         raise error.at(where) from None
     return actuation

@@ -25,7 +25,7 @@ from ballbot_ros.physics.solvers.values import (
 
 
 class Method(NamedTuple):
-    """A method, and what users choose it by."""
+    """A method and its description for users."""
 
     advance: Callable[[Packed], Packed]  # see `solvers`
     order: int
@@ -53,7 +53,7 @@ METHODS: dict[str, Method] = {
 
 
 MODELS = ('auto', 'full')
-# Largest error of position [m]: the default, and what can be asked for.
+# Largest error of position [m]: the default, and the allowed range.
 ACCURACY, SMALLEST, LARGEST = 1e-5, 1e-9, 0.1
 
 
@@ -79,7 +79,7 @@ class Solver(Checked):
         'm', 'local error per step of a method that chooses its steps', default=1e-9,
         minimum=1e-14, maximum=1e-3)
     models: str = text(
-        'what a method that chooses its steps may simulate: full, always the full model; auto, '
+        'models of an adaptive method: full, always the full model; auto, '
         'flight in closed form where that is exact', default='auto', choices=MODELS)
     work_budget: int = count(
         'function evaluations that one run may take before it is given up; the default is some '
@@ -92,7 +92,7 @@ PRESETS = {'paper': Solver('trapezoidal', step=1e-3, tolerance=1e-9)}
 
 class Integrator:
     """
-    What advances states; one for each thread.
+    Advances states; one for each thread.
 
     Parameters
     ----------
@@ -106,7 +106,7 @@ class Integrator:
     Attributes
     ----------
     workspace : Workspace
-        Overwritten at each call, but for its statistics, which add up.
+        Overwritten at each call, except its statistics, which accumulate.
 
     """
 
@@ -164,7 +164,7 @@ NAMES = ('ball_angle', 'pendulum_angle', 'x', 'y', 'ball_rate', 'pendulum_rate',
          'motor_work')
 
 
-# What the ledger of a state holds [J]: kinetic and potential energy, that in the springs of the
+# Terms of the energy balance [J]: kinetic and potential energy, that in the springs of the
 # contacts; lost to dampers and frictions, and work of the motor, since the start.  A plain tuple:
 # it goes to Python and back, see `solvers.values.Packed`.
 Energy = tuple[float, float, float, float, float]
@@ -246,7 +246,7 @@ class Ledger:
         Returns
         -------
         missing : float
-            Energy from or to nowhere since the start, over the energy in play; the worst.
+            Largest energy residual since the start, relative to the reference energy.
         where : int
             Number of that state; the first that is beyond `LEDGER_BOUND`.
 
@@ -256,7 +256,7 @@ class Ledger:
 
 
 class OutOfBalance(SimulationError):
-    """A run is finite, but energy has come from nowhere or gone there."""
+    """A run is finite, but its energy balance does not close."""
 
 
 def out_of_balance(time: float, missing: float, solver: Solver) -> OutOfBalance:
@@ -315,7 +315,7 @@ def failure(outcome: int, time: float, vector: Array, solver: Solver) -> Simulat
             f'raise contact_stiffness, lower the speed of the impact, or {shorter}softer gains')
     if outcome == STEP_TOO_SMALL:
         return SimulationError(
-            time, 'the adaptive step became too small to go on',
+            time, 'the adaptive step became too small to continue',
             f'raise the tolerance above {solver.tolerance:g} m, use softer gains or a '
             'larger slip_threshold')
     if outcome == BUDGET_EXCEEDED:

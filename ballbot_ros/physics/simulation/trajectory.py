@@ -69,7 +69,7 @@ def evaluate_rows(states: Array, parameters: Parameters, ground: Array, contacts
 
 
 class Effort(NamedTuple):
-    """What a run has cost."""
+    """Computational cost of a run."""
 
     steps: int = 0
     rejected: int = 0  # steps of a method that chooses them that were not accurate enough
@@ -81,7 +81,7 @@ class Effort(NamedTuple):
 class Assurance(NamedTuple):
     """Error bound of a run, and its basis."""
 
-    accuracy: float  # asked for [m]
+    accuracy: float  # requested [m]
     estimate: float  # of the largest error of position up to the horizon [m]
     horizon: float  # simulated time up to which the accuracy holds [s]
     complete: bool  # whether that is the whole run
@@ -101,9 +101,9 @@ class Trajectory:
         Time, the state vector (see `model.state`), torque of the motor.
     effort : Effort
     assurance : Assurance or None
-        Where an accuracy was asked for.
+        If an accuracy was requested.
     scene : Scene or None
-        Whose run it is, with the duration and output step that were asked for.
+        The simulated scene, with the requested duration and output step.
 
     """
 
@@ -118,7 +118,7 @@ class Trajectory:
         object.__setattr__(self, 'rows', _read_only(self.rows))
 
     def __repr__(self) -> str:
-        """Return what was run and how long it is; see `columns` for the numbers."""
+        """Return scene and duration as text; see `columns` for the values."""
         return (f'Trajectory({self.model.robot.name!r}, {len(self)} samples from '
                 f'{self.rows[0, 0]:g} to {self.rows[-1, 0]:g} s)')
 
@@ -134,7 +134,7 @@ class Trajectory:
     @property
     def crossed(self) -> Optional[bool]:
         """
-        Return whether the ball got over every step of the ground that it met or was to meet.
+        Return whether the ball crossed every step of the ground ahead of the start.
 
         None where the ground ahead of the start has no step; see `Summary.faces` for each step.
         """
@@ -264,14 +264,14 @@ class Trajectory:
 
     @property
     def dissipated_energy(self) -> Array:
-        """Return what dampers and frictions have taken since the start [J]."""
+        """Return the energy dissipated by dampers and friction since the start [J]."""
         return (self['contact_loss'] + self['friction_loss'] + self['rolling_loss']
                 + self['joint_loss'])
 
     @property
     def energy_residual(self) -> Array:
         """
-        Return what the energy ledger misses at each sample [J].
+        Return the residual of the energy balance at each sample [J].
 
         Kinetic, potential and contact energy, plus all dissipated, minus the work of the
         motor, less the same at the start: zero for an exact integration.

@@ -63,7 +63,7 @@ def error_length(errors: Array, parameters: Parameters) -> float:
 
 @compiled
 def smallest_step(time: float) -> float:
-    """Return the step that is not worth taking [s]."""
+    """Return the smallest useful step [s]."""
     return SMALLEST_STEP * max(1.0, abs(time))
 
 
@@ -95,10 +95,10 @@ def time_for(distance: float, speed: float, gravity: float) -> float:
 def shortened(step: float, state: Array, distance: float, count: int, parameters: Parameters,
               ground: Array) -> float:
     """
-    Return a step [s], or the longest that overlooks nothing.
+    Return a step [s], or the longest one that misses no contact.
 
-    Along its ground the ball may go as far as `distance`; towards it a part of its radius only,
-    and what does not touch the ground (`count` contacts) falls: a ball of a millimetre more than
+    Along its ground the ball may move by `distance`; towards it by a part of its radius only,
+    and a ball without contact (`count` contacts) falls: a ball of a millimetre more than
     its radius in 20 ms.
     """
     segment = first_segment(ground, state[X])
@@ -232,7 +232,7 @@ def unavoidable(used: float, smallest: float, number: int, error: float) -> bool
 
 @compiled
 def growth(error: float, tolerance: float) -> float:
-    """Return by what the step may grow after an error."""
+    """Return the growth factor of the step after an error."""
     if error == 0.0:
         return FASTEST_GROWTH
     return min(FASTEST_GROWTH, SAFETY * fifth_root(tolerance / error))
@@ -241,7 +241,7 @@ def growth(error: float, tolerance: float) -> float:
 @compiled
 def next_step(now: StepController, used: float, grow: float) -> float:
     """Return the step to try after one that was accepted [s]."""
-    # A step cut short by the end, or by the limit, says little about the one to try.
+    # A step shortened by the end, or by the limit, contains little information about the next one.
     step = max(now.step, used * grow) if used < now.step else used * grow
     return min(step, max(LONGEST_STEP, CALM_GROWTH * used))
 
@@ -275,7 +275,7 @@ def accepted(now: StepController, used: float, error: float, number: int, stiffn
             return with_step(now, step)
         return StepController(step * (1.5 * IMPLICIT_COST), now.implicit, True, step, 0,
                               now.trial_after)
-    # Implicit steps go on where they are longer than explicit ones by more than their cost.
+    # Implicit steps continue while they are longer than explicit ones by more than their cost.
     # While the step still grows as fast as it may, that is not known yet.
     if grow == FASTEST_GROWTH or step * stiffness > IMPLICIT_COST * used:
         return StepController(step, True, False, now.explicit_step, now.stiff_steps,

@@ -29,12 +29,12 @@ def factors_at(theta: float) -> list[float]:
 
 def integrals(nodes: Array) -> Array:
     """
-    Return what a flow at each node of a step makes of the last four coefficients of its integral.
+    Return the last four coefficients of the integral of a flow, from its values at the nodes.
 
     The flow is taken as the polynomial through the nodes.
     """
     powers = np.arange(1, 5)
-    # Columns: the powers of theta in what d1 to d4 are multiplied with, see `interpolate`.
+    # Columns: the powers of theta in the factors of d1 to d4, see `interpolate`.
     functions = np.array([[1, 1, 0, 0], [0, -1, 1, 1], [0, 0, -1, -2], [0, 0, 0, 1.0]])
     found: Array = np.linalg.solve(functions, np.linalg.inv(
         nodes[:, None] ** (powers - 1)) / powers[:, None])

@@ -2,8 +2,8 @@
 """
 Where a frozen mode ends within a step: a bound of each guard, then violated guards, located.
 
-Most steps end in their mode, and a bound shows it.  Along the dense output (see `dense`) what is
-linear in the motion is a polynomial, too, and the functions that its coefficients are multiplied
+Most steps end in their mode, and a bound proves it.  Along the dense output (see `dense`) a linear
+function of the motion is a polynomial, too, and the functions that its coefficients are multiplied
 with lie between 0 and 1, 1/4, 4/27 and 1/16.  So its least value is at least the sum of the least
 values of its terms.  Where such a bound proves nothing, the guards are evaluated at some times
 within the step, and a violated one is located.
@@ -60,7 +60,7 @@ def combined(one: float, first: Course, other: float, second: Course) -> Course:
 
 @compiled
 def started_at(value: float, course: Course) -> Course:
-    """Return the course of a quantity that goes on as another one does, from its own begin."""
+    """Return the course of a quantity with the changes of another one, from its own start."""
     return value, course[1], course[2], course[3], course[4]
 
 
@@ -196,9 +196,9 @@ def falls_off(vertex: int, ground: Array) -> bool:
 @compiled
 def covered_by_active_contact(segment: int, system: System, mode: ContactMode) -> bool:
     """
-    Return whether `contact_persists` of what is in contact says enough of a segment and its end.
+    Return whether `contact_persists` of active contacts also covers a segment and its end.
 
-    That is so of what is in contact itself, and of its neighbours: the centre stays before the
+    This holds for features in contact, and for their neighbours: the centre remains before the
     start of one, or behind the end of the other.
     """
     ground, own, last = system.ground, 2 * segment, len(system.ground) - 2
@@ -215,10 +215,10 @@ def covered_by_active_contact(segment: int, system: System, mode: ContactMode) -
 @compiled
 def contact_excluded(work: Array, segment: int, system: System) -> bool:
     """
-    Return whether a segment surely does not touch within the last step.
+    Return whether a segment provably has no contact within the last step.
 
-    All of it lies behind the line through the point that is nearest at the begin, across the way
-    to the centre: it is as far away as that line at least.
+    All of it is behind the line through the initially nearest point, perpendicular to the
+    direction to the centre: its distance is at least that of the line.
     """
     ground = system.ground
     tangent_x, tangent_y = ground[segment, TANGENT_X], ground[segment, TANGENT_Y]
@@ -237,9 +237,9 @@ def contact_excluded(work: Array, segment: int, system: System) -> bool:
 @compiled
 def motor_stays(time: float, step: float, work: Array, system: System, mode: ContactMode) -> bool:
     """
-    Return whether the torque stays within the limit of the motor, or beyond it.
+    Return whether the torque remains within the limit of the motor, or beyond it.
 
-    All laws are linear but for gravity compensation, whose sine changes by no more than the angle.
+    All laws are linear except gravity compensation, whose sine changes by no more than the angle.
     """
     actuator = system.actuator
     by_ball, by_angle, by_spin, by_rate, by_time = torque_slopes(actuator)
@@ -362,9 +362,9 @@ def event_between(before: float, theta: float, time: float, step: float, feature
     """
     Return the first theta up to a given one at which the mode ends, NO_EVENT if it does not.
 
-    A guard may have been violated for a while before the one that a look finds: a ball lands on
-    a segment and rolls over its end.  So what has been located is looked at again, from just
-    before.
+    An earlier violation may precede the located one: a ball lands on
+    a segment and rolls over its end.  So the located event is checked again, from just
+    before it.
     """
     (first, behind), event = features, NO_EVENT
     for _ in range(MOST_EVENTS):

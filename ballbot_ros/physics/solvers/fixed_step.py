@@ -46,7 +46,7 @@ def moved(status: Status, outcome: int, time: float, filled: int) -> Packed:
 
 @compiled
 def outcome_of(state: Array, system: System) -> int:
-    """Return whether a run can go on from a state, FINISHED if so."""
+    """Return whether a run can continue from a state, FINISHED if so."""
     if not is_finite(state):
         return NOT_FINITE
     return PENETRATED if state[Y] <= ground_height(system.ground, state[X]) else FINISHED

@@ -23,7 +23,7 @@ there is no touch, and the least h of all segments is a safe step.  Repeated, th
 quadratically to the first contact, and cannot pass it.
 
 A ball at release still overlaps the ground: gap < 0.  Its speed away stays above gap' - A h,
-so with ``gap'^2 > -2 A gap`` it has left before it comes back, and all the while the force of
+so with ``gap'^2 > -2 A gap`` it leaves before it returns, and during this time the force of
 spring and damper, k (-gap) - d gap', stays below a parabola that opens upwards and is not above
 zero at either end.  Then the later root is the time h.
 """
@@ -49,7 +49,7 @@ from ballbot_ros.physics.solvers.dense import motion_at, write_row
 from ballbot_ros.physics.solvers.linear import WIDTH
 from ballbot_ros.physics.solvers.values import FLIGHTS, Output, Workspace
 
-# What `spin_start` returns.
+# The result of `spin_start`.
 Spin = tuple[float, float, float, float, float, float]
 
 # Gauss and Legendre's abscissae and weights on (0, 1).
@@ -74,7 +74,7 @@ def spin_law(parameters: Parameters, actuator: Actuator) -> tuple[float, float]:
 
 @compiled
 def has_closed_form(parameters: Parameters, actuator: Actuator) -> bool:
-    """Return whether the law of the motor leaves the angles linear (but for its limit)."""
+    """Return whether the angles are linear under the law of the motor (apart from its limit)."""
     return (parameters.swing_inertia <= 0.0 or actuator.law == FREE or actuator.law == TORQUE
             or actuator.law == VOLTAGE)
 
@@ -82,7 +82,7 @@ def has_closed_form(parameters: Parameters, actuator: Actuator) -> bool:
 @compiled
 def spin_start(state: Array, parameters: Parameters, actuator: Actuator) -> Spin:
     """
-    Return what `spin_after` needs of the start of a flight.
+    Return the initial values of a flight for `spin_after`.
 
     Returns
     -------
@@ -169,7 +169,7 @@ def centre_after(state: Array, time: float, spin: Spin,
 
 @outlined
 def rolling_loss(state: Array, time: float, spin: Spin, parameters: Parameters) -> float:
-    """Return what c1 takes during a flight [J]."""
+    """Return the energy dissipated by c1 during a flight [J]."""
     if parameters.rolling_friction == 0.0:
         return 0.0
     l1, l2, g1, _, g2, _ = spin
@@ -219,7 +219,7 @@ def fly(state: Array, time: float, spin: Spin, parameters: Parameters, out: Arra
 @outlined
 def add_to_ledger(state: Array, time: float, spin: Spin, parameters: Parameters,
                   actuator: Actuator, out: Array) -> None:
-    """Add to the ledger of a state after a time of flight what that takes and gives; see `fly`."""
+    """Add the energies of a flight to the energy balance of a state; see `fly`."""
     rolled = rolling_loss(state, time, spin, parameters)
     out[ROLLING_LOSS] += rolled
     if parameters.swing_inertia <= 0.0:
@@ -331,7 +331,7 @@ def touch_within(time: float, step: float, first: int, behind: int, system: Syst
 # A search looks so far at a time [s]: the bound of the acceleration is one of that time.
 WINDOW = 0.05
 MOST_LOOKS = 200
-SHORT_FLIGHT = 1e-6  # [s]: not worth another one
+SHORT_FLIGHT = 1e-6  # [s]: too short for another one
 
 
 @outlined
@@ -436,7 +436,7 @@ def fly_for(lasting: float, state: Array, spin: Spin, stored: float, system: Sys
     """
     Write the state after a time of flight [s] into the probe.
 
-    What was stored in the spring of a contact [J] that would pull is lost as the ball leaves.
+    The energy in the spring of a contact [J] that would pull is lost as the ball leaves.
     """
     fly(state, lasting, spin, system.parameters, workspace.probe)
     if ledger:

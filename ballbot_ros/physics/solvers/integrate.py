@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Adaptive integration that meets every kink of the contact law on purpose.
+Adaptive integration that locates every kink of the contact law.
 
 Steps are chosen by the estimated local error.  Each is taken with a frozen mode (see `modes`);
 where the mode ends within the step, the end is located on the dense output and the next step
@@ -43,7 +43,7 @@ FREE_FEATURES = 32  # of the ground that a right-hand side pays for; more cost w
 
 @compiled
 def too_small(error: float, method: int, mode: ContactMode) -> int:
-    """Return why a run ends that asks for less than the smallest step, or that it does not."""
+    """Return why a run with less than the smallest step ends, or that it continues."""
     if error == math.inf:
         return NOT_FINITE
     damps = smooth_contacts(mode) and (method == AUTOMATIC or DAMPS[method])
@@ -84,7 +84,7 @@ def find_event(time: float, state: Array, used: float, distance: float, system: 
 @compiled
 def write_end(theta: float, state: Array, number: int, workspace: Workspace,
               ledger: bool) -> int:
-    """Write the state at the end of a step, or at the event in it; return what is ready then."""
+    """Write the state at the end of a step, or at the event in it; return the valid data."""
     work = workspace.work
     if ledger:
         interpolate(min(theta, 1.0), workspace.dense, state)
@@ -101,7 +101,7 @@ def write_end(theta: float, state: Array, number: int, workspace: Workspace,
 
 @compiled
 def outcome_of(rate: EventRate, state: Array, ground: Array) -> int:
-    """Return whether a run can go on after a step, FINISHED if so."""
+    """Return whether a run can continue after a step, FINISHED if so."""
     if rate.stuck > STUCK:
         return STEP_TOO_SMALL
     if not is_finite(state):
@@ -112,7 +112,7 @@ def outcome_of(rate: EventRate, state: Array, ground: Array) -> int:
 @compiled
 def integrate(status: Status, end: float, state: Array, system: System, options: Options,
               output: Output, workspace: Workspace) -> Status:
-    """Do what `advance` does, inside the kernel that calls it: what it never uses is left out."""
+    """Same as `advance`, inlined in the calling kernel: unused parts are left out."""
     parameters, ground, statistics = system.parameters, system.ground, workspace.statistics
     time, filled, controller, rate = status.time, status.filled, status.controller, status.rate
     has_mode, may_fly, again = status.has_mode, status.may_fly, False

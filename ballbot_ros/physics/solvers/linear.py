@@ -46,14 +46,14 @@ def _sum_rows(work: Array, out: int, start: int, scale: float, factors: Array, f
     """
     Write ``start + sum(scale * factors[first + k] * row k)`` over `count` rows into `out`.
 
-    What the last row adds is added last: it is the one that has to be waited for.
+    The last row is added last: it has the longest latency.
 
     Parameters
     ----------
     work : array
         All rows.
     out, start, rows : int
-        Places there: of the result, of what is added to, and of the first row.
+        Offsets of the result, of the first summand, and of the first row.
     scale : float
     factors : array
     first : int
@@ -113,7 +113,7 @@ if COMPILED:
 
     def _types(_: Any, work: Any, out: Any, start: Any, scale: Any, factors: Any, first: Any,
                rows: Any, count: Any) -> Any:
-        """Return types of the compiled sums, and what writes their code."""
+        """Return types of the compiled sums, and their code generator."""
         place = types.intp
         return types.void(work, place, place, types.float64, factors, place, place,
                           place), _generate
@@ -125,7 +125,7 @@ else:
 
 VELOCITIES = 4
 INVERSE = COLUMNS + WIDTH * COORDINATES  # the columns of the velocities
-CANCELLED = 1e-6  # of a determinant is left where its products all but cancel: look for pivots
+CANCELLED = 1e-6  # of a determinant remains where its products nearly cancel: search for pivots
 
 Block = tuple[float, float, float, float]  # two by two: a row, then the other
 

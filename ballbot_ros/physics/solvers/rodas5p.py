@@ -2,8 +2,8 @@
 """
 One step of the Rosenbrock method Rodas5P, 5(4), in a frozen mode.
 
-Linearly implicit and L-stable: what is stiff (friction while the ball sticks, a hard contact)
-is damped instead of limiting the step, and no iteration is needed that could fail.  A stage is
+Linearly implicit and L-stable: stiff components (friction while the ball sticks, a hard contact)
+are damped instead of limiting the step, and no iteration is needed that could fail.  A stage is
 ``((1 / (gamma h)) I - J) U_i = f(y + sum a_ij U_j) + sum c_ij U_j / h + h d_i f_t``, solved
 by eliminating the coordinates: a 4 x 4 system in the velocities, factorised once per step.
 
@@ -33,7 +33,7 @@ DAMPS = True
 VELOCITIES = 4
 
 GAMMA = 0.21193756319429014
-OWN_START = 5  # the last stage with a start of its own; each later one starts where one ends
+OWN_START = 5  # the last stage with a separate start; each later one starts at the end of one
 A = np.array([
     [0.0, 0.0, 0.0, 0.0, 0.0],
     [3.0, 0.0, 0.0, 0.0, 0.0],
@@ -82,7 +82,7 @@ def solve(right: int, out: int, work: Array) -> None:
 @compiled
 def begin_stage(stage: int, per_size: float, work: Array) -> None:
     """
-    Write where a stage starts into END, and what earlier ones add to its right-hand side.
+    Write the start of a stage into END, and the terms of earlier ones in its right-hand side.
 
     Parameters
     ----------
@@ -121,7 +121,7 @@ def begin_stage(stage: int, per_size: float, work: Array) -> None:
 
 @compiled
 def add_motion(time: float, work: Array, system: System, mode: ContactMode) -> None:
-    """Add how the motion at the end of a stage goes on to the right-hand side of the next."""
+    """Add the rates at the end of a stage to the right-hand side of the next."""
     motion, right = work[linear.END:linear.END + MOTION], linear.RIGHT
     trig = linear.PENDULUM_TRIG
     start = work[trig], work[trig + 1], work[trig + 2]

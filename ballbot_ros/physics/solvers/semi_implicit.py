@@ -21,7 +21,7 @@ def apply_rates(state: Array, size: float, rates: Array, count: int) -> None:
     """Advance `count` numbers of a state by their rates, the velocities first."""
     for i in range(COORDINATES, count):
         state[i] += size * rates[i]
-    # The coordinates follow with the new velocities; this is what keeps springs bounded.
+    # The coordinates follow with the new velocities, which keeps springs bounded.
     for i in range(COORDINATES):
         state[i] += size * state[COORDINATES + i]
 

@@ -111,7 +111,7 @@ def prepare_dense(state: Array, step: float, workspace: Workspace) -> None:
 
 @compiled
 def factor(error: float, tolerance: float) -> float:
-    """Return what the error asks the next step to be, over the last."""
+    """Return the ratio of the next step to the last one, from the error."""
     return SAFETY * (tolerance / error)**(1.0 / 3.0)
 
 

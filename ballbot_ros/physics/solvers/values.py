@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What travels through a solver: options, arrays to work in, output, controller, status."""
+"""Values of a solver: options, workspace, output, controller, status."""
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,7 +17,7 @@ from ballbot_ros.physics.solvers.linear import WIDTH
 # The outcome of a run.
 FINISHED, NOT_FINITE, PENETRATED, STEP_TOO_SMALL, BUDGET_EXCEEDED, PAUSED = range(6)
 
-# What `Workspace.statistics` counts: steps, rejected steps, events, right-hand sides, flights in
+# Counters of `Workspace.statistics`: steps, rejected steps, events, right-hand sides, flights in
 # closed form, and the right-hand sides that the search among many features of the ground costs.
 STEPS, REJECTED, EVENTS, EVALUATIONS, FLIGHTS, SEARCH = range(6)
 
@@ -79,8 +79,8 @@ class Status(NamedTuple):
     controller: StepController = StepController()
     rate: EventRate = EventRate()
     has_mode: bool = False  # whether the workspace holds the mode of the state
-    ready: int = NOTHING  # what the workspace holds for the next step
-    may_fly: bool = True  # not just after a flight that was not worth it
+    ready: int = NOTHING  # valid data in the workspace for the next step
+    may_fly: bool = True  # not just after a rejected flight
     before: float = 0.0  # the step before, for a method that looks back [s]
 
     @property
@@ -96,7 +96,7 @@ class Status(NamedTuple):
 Packed = tuple[Any, ...]
 packed = packer(Status)
 _pack_status = in_python(packed)
-status_of = in_python(unpacker(Status))  # what a solver returned to Python
+status_of = in_python(unpacker(Status))  # result of a solver in Python
 
 
 @compiled
@@ -161,7 +161,7 @@ class Arrays(NamedTuple):
 
 
 class Call(NamedTuple):
-    """What Python hands to a solver, as plain tuples; see `solvers`."""
+    """Arguments of a solver from Python, as plain tuples; see `solvers`."""
 
     status: Status
     end: float  # [s]
@@ -191,7 +191,7 @@ def unpacked(arrays: Packed) -> Workspace:
 
 @compiled
 def named(plain: Packed) -> tuple[Status, float, Array, System, Options, Output, Workspace]:
-    """Return with their names what Python hands to a solver."""
+    """Return the arguments of a solver from Python with their names."""
     call = unpack_call(plain)
     return (call.status, call.end, call.state, call.system, call.options, call.output,
             workspace_of(call.arrays))

@@ -230,9 +230,9 @@ def test_a_drive_that_is_lost_without_power_is_one_too():
 
 def test_a_runaway_is_one():
     robot = RecordedRobot().ready()
-    robot.session.supervisor.trigger('runaway: the joint turns at 99 rad/s')
+    robot.session.supervisor.trigger('runaway: the joint rotates at 99 rad/s')
     robot.run(0.1)
-    assert robot.box.take_fault()[1] == 'e-stop: runaway: the joint turns at 99 rad/s'
+    assert robot.box.take_fault()[1] == 'e-stop: runaway: the joint rotates at 99 rad/s'
 
 
 def test_a_loop_that_fails_is_one():
@@ -251,7 +251,7 @@ def test_a_release_that_is_refused_is_reported(tmp_path):
     robot.session.engage('x')
     with pytest.raises(RefusedError):
         robot.session.release()
-    assert any(text.startswith('the e-stop stays engaged: ')
+    assert any(text.startswith('the e-stop remains engaged: ')
                for text in texts(robot.box, tmp_path))
 
 

@@ -72,7 +72,7 @@ def test_what_is_not_given_is_not_watched():
 
 
 @pytest.mark.parametrize('changes, said', [
-    ({'drive_warn_at': 80.0}, 'go together'), ({'motor_zero_at': 80.0}, 'go together'),
+    ({'drive_warn_at': 80.0}, 'belong together'), ({'motor_zero_at': 80.0}, 'belong together'),
     ({'drive_warn_at': 90.0, 'drive_zero_at': 90.0}, 'must be below'),
     ({'motor_warn_at': 90.0, 'motor_zero_at': 60.0}, 'must be below'),
     ({'continuous_torque': 0.0}, 'more than 0'), ({'time_constant': -1.0}, 'more than 0')])

@@ -56,7 +56,7 @@ def test_a_drive_that_does_not_confirm_its_status_is_stopped(protocol):
     robot = VirtualRobot(protocol, onboard='gentle').ready()
     loop(robot, 0.1, FORWARD)
     assert time_to_zero(robot, lost_status) < 0.25
-    assert 'has not reported for 0.2 s whether it is armed' in robot.session.supervisor.e_stop
+    assert 'has not reported its armed state for 0.2 s' in robot.session.supervisor.e_stop
 
 
 def test_a_process_that_was_preempted_does_not_take_the_status_for_lost():

@@ -97,7 +97,7 @@ def test_an_imu_that_falls_silent_ends_the_torque_and_what_was_commanded(rearm):
     robot.torques.clear()
     report = silence(robot, 0.1)
     assert any(robot.torques[:20]) and not any(robot.torques[28:])
-    assert ('IMU fell silent' in report.e_stop) is not rearm
+    assert ('IMU timed out' in report.e_stop) is not rearm
     assert state_of(report) == ('no_imu' if rearm else 'e_stop')
 
 

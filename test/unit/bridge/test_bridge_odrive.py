@@ -136,7 +136,7 @@ def tripped(kind):
 @both
 def test_faults_are_cleared_on_request_and_the_motor_stays_without_power(kind):
     robot = tripped(kind)
-    assert robot.session.clear_faults() == 'the drive names no fault any more'
+    assert robot.session.clear_faults() == 'the drive reports no faults'
     report = robot.run(0.5)
     assert report.telemetry.faults == () and report.state is MotorState.DISARMED
     assert report.e_stop and robot.session.control.counts['links_lost'] == 0

@@ -70,9 +70,9 @@ def test_under_power_it_is_idle_until_a_set_point_comes():
 
 
 @pytest.mark.parametrize('law, words, node', [
-    (UP, 'set_point asks for a pendulum angle of 0.5 rad', '/planner'),
-    (SetPoint(Mode.DRIVE, -2.0), 'set_point asks for a joint rate of -2 rad/s', '/planner'),
-    (SetPoint(Mode.SPEED, 0.3), 'cmd_vel asks for a speed of 0.3 m/s', '/teleop')])
+    (UP, 'set_point requests a pendulum angle of 0.5 rad', '/planner'),
+    (SetPoint(Mode.DRIVE, -2.0), 'set_point requests a joint rate of -2 rad/s', '/planner'),
+    (SetPoint(Mode.SPEED, 0.3), 'cmd_vel requests a speed of 0.3 m/s', '/teleop')])
 def test_a_release_while_motion_is_asked_for_is_refused_with_what_and_who(law, words, node):
     robot = ready()
     robot.session.engage('button')
@@ -83,7 +83,7 @@ def test_a_release_while_motion_is_asked_for_is_refused_with_what_and_who(law, w
         robot.loop(0.02)
     with pytest.raises(RefusedError) as caught:
         robot.session.release()
-    for part in (words, f'from {node}', 'ask for rest', 'release again'):
+    for part in (words, f'from {node}', 'request rest', 'release again'):
         assert part in str(caught.value)
     assert robot.motor == 0.0 and not robot.device.armed
     robot.loop(0.6, SetPoint(Mode.HOLD, 0.0))

@@ -144,7 +144,7 @@ def test_a_jump_of_two_turns_is_reported_and_the_angle_stays_right(protocol, tur
     warnings = [text for text in caplog.messages if 'encoder has jumped' in text]
     assert warnings == [
         f'the encoder has jumped by {turns * math.tau / 50.0:.3f} rad at the joint, '
-        'and counts on from there']
+        'and continues from there']
 
 
 def test_an_encoder_that_goes_on_jumping_takes_the_torque_away_and_then_the_power():

@@ -115,7 +115,7 @@ def test_what_the_system_does_not_allow_is_refused_with_the_remedy(asked, words)
 def test_a_processor_that_is_not_there_is_refused_and_those_that_are_are_named():
     with refused('unavailable', 'cpu', ConfigurationError) as raised:
         Scheduling(cpu=1023).prepared()
-    assert re.search(rf'which are .*\b{min(os.sched_getaffinity(0))}\b', str(raised.value))
+    assert re.search(rf'process, only .*\b{min(os.sched_getaffinity(0))}\b', str(raised.value))
 
 
 def test_a_limit_on_locked_memory_counts_only_where_it_binds(monkeypatch):

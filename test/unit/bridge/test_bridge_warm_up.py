@@ -50,4 +50,4 @@ def test_compiling_is_reported_where_it_took_long(monkeypatch, caplog):
     assert not caplog.records
     monkeypatch.setattr(module, 'SHORT', 0.0)
     module.warm_up(load_robot('gimball'))
-    assert 'were compiled, in 0.0 s' in caplog.text
+    assert 'were compiled in 0.0 s' in caplog.text

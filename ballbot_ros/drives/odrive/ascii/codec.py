@@ -8,16 +8,16 @@ command here has one, and a line from the drive without is not taken for a reply
 
 The checksum is weak, and the drive obeys a line that lost it: a ``3`` with one bit turned is
 ``;``, which starts a comment and hides the rest.  Hence a torque is written as a small number
-and an exponent, ``0.000005000e4``: cut short anywhere it is next to nothing.  And a space stands
-before the asterisk: one that turned into a digit must not lengthen the number.
+and an exponent, ``0.000005000e4``: any truncation of it is nearly zero.  A space precedes
+the asterisk, so that a corrupted separator does not lengthen the number.
 
 Sources.  For 0.5: docs/ascii-protocol.rst and Firmware/communication/ascii_protocol.cpp in
 odriverobotics/ODrive, at fw-v0.5.  The source of 0.6 is not published; for it the maker has the
 page "ASCII Protocol" (docs.odriverobotics.com/v/latest/manual) on checksum, comments and lost
 responses, and odriverobotics/ODriveArduino, src/ODriveUART.cpp, which sends ``sc``, ``c``, ``f``,
 ``r`` and ``w`` in the form of 0.5.  For 0.6 these are guessed: that ``u`` still feeds the watchdog
-(programs of users have it), and how numbers are printed, namely as in 0.5 with six decimals, and
-truth as 0 and 1.  What is printed otherwise is not a number here, and the drive is refused.
+(programs of users have it), and the format of numbers, namely as in 0.5 with six decimals, and
+Boolean values as 0 and 1.  Any other format is not accepted as a number, and the drive is refused.
 """
 from collections import Counter
 from functools import cache, reduce
@@ -87,8 +87,8 @@ def marker(number: int) -> bytes:
     """
     Return lines that write and read back a chosen number, without other effects.
 
-    Replies come in the order of the requests but do not name them.  What comes before the answer
-    to a marker belongs to earlier requests.  A wrong checksum first ends an incomplete line that a
+    Replies arrive in the order of the requests but do not name them.  Replies before the answer
+    to a marker belong to earlier requests.  A wrong checksum first ends an incomplete line that a
     predecessor may have left in the buffer of the drive, so that the drive ignores it.
 
     Parameters
@@ -132,7 +132,7 @@ class LineParser:
     def feed(self, data: bytes) -> list[str]:
         """Take bytes and return the texts of the lines that they complete."""
         *lines, rest = (self._rest + data).split(LINE_END)
-        # What is longer than any line cannot become one; the end may be half a line end.
+        # Longer data than any line cannot become one; the end may be half a line end.
         self._rest = rest[-LONGEST_LINE:]
         return [text for text in map(self._check, lines) if text is not None]
 
@@ -146,7 +146,7 @@ class LineParser:
         return None
 
 
-# What every codec has; see drives/__init__.py.
+# Functions of every codec; see drives/__init__.py.
 parser = LineParser
 
 

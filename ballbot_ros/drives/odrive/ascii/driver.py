@@ -63,7 +63,7 @@ class ODrive(Driver):
     def _generation(self) -> Generation:
         return self._status.generation
 
-    # What waits
+    # Blocking methods
 
     def identify(self, timeout: float = 0.5) -> Identity:
         """Do the handshake; see `Driver`."""
@@ -148,13 +148,13 @@ class ODrive(Driver):
         self._identify_firmware(deadline)
         if self._armed or self._read(STATE, deadline) != IDLE:
             raise DriveError(
-                f'{self.line.port}: the motor is under power; take it off first',
+                f'{self.line.port}: the motor is under power; disable it first',
                 'not_clearable', 'drive')
         self._send(codec.feed_watchdog(self.options.axis) + codec.CLEAR_ERRORS)
         self._status.forget_errors()
         return self._faults(deadline, False)
 
-    # What does not wait
+    # Non-blocking methods
 
     def feed(self) -> None:
         """Feed the watchdog; see `Driver`."""
@@ -182,7 +182,7 @@ class ODrive(Driver):
         self._period_start = now
         marker = b'' if properties.in_sync else self._property_request(STATE)
         if marker:
-            return marker  # which is long, and stands alone
+            return marker  # which is long, and sent alone
         if self._generation.one_reply_at_a_time and properties.asked \
                 and properties.asked_at >= start:
             return b''  # its answer is on its way, and would cost that to another request
@@ -231,7 +231,7 @@ class ODrive(Driver):
     def _handshake_error(self, before: Counter[str]) -> DriveError:
         if self.counts['unchecked'] > before['unchecked']:
             return DriveError(
-                f'{self.line.port}: text comes back, but not that of an ODrive, whose replies '
+                f'{self.line.port}: text received, but not of an ODrive, whose replies '
                 'have a checksum', 'wrong_protocol', 'drive')
         return super()._handshake_error(before)
 

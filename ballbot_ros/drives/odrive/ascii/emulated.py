@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-An ODrive with firmware 0.5 or 0.6, as its ASCII protocol sees it.
+An ODrive with firmware 0.5 or 0.6, by its ASCII protocol.
 
 0.5 is written after Firmware/communication/ascii_protocol.cpp of odriverobotics/ODrive, with its
-oddities: a line without a checksum is obeyed, ``;`` starts a comment, ``!`` ends a line, numbers
-are read as far as they go, and a value is cut to nine characters.  What the motor does, and what
-is an error, is in emulated_board.py.
+quirks: a line without a checksum is executed, ``;`` starts a comment, ``!`` ends a line, the
+numeric prefix of a text is read as a number, and a value is truncated to nine characters.  Motor
+and errors are in emulated_board.py.
 
 The source of 0.6 is not published.  Its names, and that a response is discarded while the one
 before it is still being sent, are from the maker's documents; see firmware.py and codec.py.  All
@@ -65,7 +65,7 @@ class ODriveDevice(BoardDevice):
         return reply
 
     def _sent(self, responses: list[bytes], now: float) -> bytes:
-        """Return what of the responses goes out."""
+        """Return the part of the responses that is sent."""
         reply = b''
         for response in responses:
             if self.names.one_reply_at_a_time and now < self._sending_until:
@@ -76,7 +76,7 @@ class ODriveDevice(BoardDevice):
         return reply
 
     def _line_received(self, raw: bytes, now: float) -> list[bytes]:
-        """Obey one line and return the responses."""
+        """Execute one line and return the responses."""
         raw = raw.split(b';')[0]
         body, asterisk, digits = raw.partition(b'*')
         checked = bool(asterisk and digits)

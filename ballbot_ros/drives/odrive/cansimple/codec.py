@@ -105,7 +105,7 @@ def parse_endpoint(data: bytes, endpoint: int, kind: str) -> Optional[float]:
     return float(struct.unpack_from('<' + TYPES[kind], data, _SDO.size)[0])
 
 
-# What every codec has; see drives/__init__.py.
+# Functions of every codec; see drives/__init__.py.
 parser, frame_reply = RecordParser, record
 
 

@@ -198,8 +198,8 @@ class ODriveCan(Driver):
     """
     See `Driver`.
 
-    Only a heartbeat reports whether the motor has power.  One that came after
-    the answer to a request was sent after the drive had obeyed what was sent before the request:
+    Only a heartbeat reports whether the motor has power.  A heartbeat received after
+    the answer to a request was sent after the drive had executed all frames before the request:
     frames of one sender keep their order.
     """
 
@@ -214,16 +214,16 @@ class ODriveCan(Driver):
         self._condition = AxisCondition()
         self._version: tuple[int, ...] = ()
         self._replies: dict[int, bytes] = {}  # command -> its last reply
-        # The drive has executed what was sent before: as of now, and as of the latest heartbeat.
+        # The drive has executed all frames sent before: as of now, and as of the latest heartbeat.
         self._obeyed_until = self._reported_until = -math.inf
         self._torque, self._torque_at = 0.0, -math.inf
         self._status_at, self._turn = -math.inf, 0
         self._endpoints: Mapping[str, Endpoint] = {}
         self._settings: dict[str, float] = {}  # values of `safety_settings` to compare with
         self._read_back = 0  # number of read-backs
-        self._nodes_seen: set[int] = set()  # nodes whose heartbeat came
+        self._nodes_seen: set[int] = set()  # nodes with a received heartbeat
 
-    # What waits
+    # Blocking methods
 
     def identify(self, timeout: float = 0.5) -> Identity:
         """Do the handshake; see `Driver`."""
@@ -349,7 +349,7 @@ class ODriveCan(Driver):
         self._until(lambda: bool(self._condition.beats), deadline)
         return self.telemetry.faults
 
-    # What does not wait
+    # Non-blocking methods
 
     def feed(self) -> None:
         """Feed the watchdog; see `Driver`."""
@@ -443,7 +443,7 @@ class ODriveCan(Driver):
         node, others = self.options.node_id, ', '.join(map(str, sorted(self._nodes_seen)))
         return DriveError(
             f'{self.line.port}: no ODrive with node_id {node} answers'
-            + (f', though heartbeats come of node {others}: set node_id, or check the wiring'
+            + (f', but heartbeats of node {others} arrive: set node_id, or check the wiring'
                if others else '; is it powered, is its CAN protocol SIMPLE, '
                'is the bit rate the same, are both ends closed by 120 ohm?'), 'silent', 'drive')
 

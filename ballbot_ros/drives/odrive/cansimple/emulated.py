@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-An ODrive with firmware 0.5 or 0.6, as a CAN bus sees it; its motor is that of emulated_board.py.
+An ODrive with firmware 0.5 or 0.6 on a CAN bus; its motor is that of emulated_board.py.
 
 0.5 is written after Firmware/communication/can/can_simple.cpp and odrive_can.cpp of
 odriverobotics/ODrive at fw-v0.5.6, with their peculiarities: any frame to the node feeds its

@@ -5,7 +5,7 @@ VESC on a CAN bus, firmware 5.03 to 7.01: the messages of its serial protocol in
 The identifier of a frame, of 29 bits, is the kind of the packet above the eight bits of the id of
 the receiver.  A message of up to six bytes is one frame; a longer one fills a buffer of the
 receiver, by seven bytes with an offset, from 255 on by six, and a last frame with its length and
-its CRC completes it.  The reply comes in the same way, to the id of the sender.
+its CRC completes it.  The reply has the same form, to the id of the sender.
 
 Source: vedderb/bldc, comm/comm_can.c (`comm_can_send_buffer`, `decode_msg`), datatypes.h; the same
 from firmware 5 to 7.
@@ -142,7 +142,7 @@ class PayloadParser:
         return found
 
 
-# What every codec has; see drives/__init__.py.
+# Functions of every codec; see drives/__init__.py.
 parser = PayloadParser
 
 

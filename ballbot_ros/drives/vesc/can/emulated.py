@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A VESC as a CAN bus sees it, after comm/comm_can.c of vedderb/bldc; the rest as by serial."""
+"""A VESC on a CAN bus, after comm/comm_can.c of vedderb/bldc; otherwise as on a serial line."""
 from ballbot_ros.drives.can_frames import CanFrame, record, RecordParser
 from ballbot_ros.drives.vesc.can import codec
 from ballbot_ros.drives.vesc.uart import codec as serial

@@ -5,8 +5,8 @@ VESC serial protocol: packets with a CRC, firmware 5.03 to 7.01.
 ``02 length payload crc crc 03`` up to 255 bytes of payload, ``03 length length ...`` above; the
 CRC is CRC-16/XMODEM of the payload, numbers are big-endian.  The first byte of a payload names
 the message, in a reply the request too.  Start bytes also occur inside packets: the parser
-tries every place until one fits.  Of settings, ``buffer_append_float32_auto`` makes what IEEE 754
-makes of all numbers that are not tiny; which settings stand where is in settings.py.
+tries every position until one fits.  For settings, ``buffer_append_float32_auto`` equals IEEE 754
+for all numbers that are not tiny; settings.py has the layout of the settings.
 
 Source: vedderb/bldc, comm/packet.c, comm/commands.c, util/buffer.c, datatypes.h.
 """
@@ -34,7 +34,7 @@ FAULTS = (
     'ENCODER_MAGNET_TOO_STRONG', 'PHASE_FILTER', 'ENCODER_FAULT', 'LV_OUTPUT_FAULT',
     'ENCODER_SLIP', 'OVERSPEED', 'UNDERSPEED', 'ABS_OVERSPEED')
 
-# Field of the values -> its bit in the mask, its format and what it is divided by.
+# Field of the values -> its bit in the mask, its format and its divisor.
 FIELDS = {
     'temperature': (0, 'h', 10.0),
     'motor_temperature': (1, 'h', 10.0),
@@ -161,7 +161,7 @@ class FrameParser:
         if left < header:
             return None
         length = int.from_bytes(buffer[place + 1:place + header], 'big')
-        # A payload that fits the short form comes in it.
+        # A payload that fits the short form uses it.
         if not (0 if header == SHORT else SHORT_LIMIT) < length <= LONGEST_PAYLOAD:
             return -1
         end = place + header + length + 3

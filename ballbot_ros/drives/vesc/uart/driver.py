@@ -47,7 +47,7 @@ class Vesc(Driver):
         self._full_torque = settings.full_torque_range(self._limits)
         self._status, self._status_asked_at = 0, -math.inf
 
-    # What waits
+    # Blocking methods
 
     def identify(self, timeout: float = 0.5) -> Identity:
         """Do the handshake; see `Driver`."""
@@ -81,7 +81,7 @@ class Vesc(Driver):
             or settings.unknown_limits(layout)
         self._full_torque = settings.full_torque_range(self._limits)
         self._ask_until(lambda: self.telemetry.bus_voltage is not None, self._requests, deadline,
-                        'what its supply is')
+                        'the request for its supply voltage')
         return settings.judge(self._application, self._limits, self.options,
                                self.telemetry.bus_voltage or math.nan)
 
@@ -109,8 +109,8 @@ class Vesc(Driver):
         """
         Wait until the VESC has cleared its faults, and refuse if it does not.
 
-        There is no message that clears them: the VESC does so its fault stop time (by default half
-        a second) after the cause has gone.
+        No message clears them: the VESC does so its fault stop time (by default half
+        a second) after the cause has disappeared.
         """
         deadline = self.clock() + timeout
         self.stop(timeout)
@@ -123,12 +123,12 @@ class Vesc(Driver):
         if self.telemetry.faults or not answered:
             raise DriveError(
                 f'{self.line.port}: the VESC names {", ".join(self.telemetry.faults)}, which it '
-                'clears by itself half a second after the cause has gone; no message clears them'
+                'clears by itself half a second after its cause; no message clears them'
                 if answered else f'{self.line.port}: the VESC does not report its state',
                 'not_clearable', 'drive')
         return ()
 
-    # What does not wait
+    # Non-blocking methods
 
     def feed(self) -> None:
         """Feed the watchdog; see `Driver`."""

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-A VESC, as its serial protocol sees it, with firmware 5.03, 6.02, 6.05 or 7.01.
+A VESC by its serial protocol, with firmware 5.03, 6.02, 6.05 or 7.01.
 
 Written after comm/commands.c, timeout.c and motor/mc_interface.c of vedderb/bldc, of the tags
 5.03 and 6.00, the branches release_6_02 to release_7_00 and master (7.01).  It has no arming and
@@ -110,7 +110,7 @@ class VescDevice(Device):
         driving = most * _share(erpm, limits['l_erpm_start'] * highest, highest)
         forward = -1.0 if here.velocity < 0.0 else 1.0
         current = forward * min(max(forward * self._current, least), driving)
-        # What the motor takes from the supply or feeds into it.
+        # Power that the motor draws from the supply or feeds into it.
         power = self.settings.torque_constant * here.velocity * current
         supply = here.bus_voltage * (
             limits['l_in_current_max']

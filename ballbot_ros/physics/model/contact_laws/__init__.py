@@ -20,7 +20,7 @@ contain no event; and
     leaves_freely(parameters) -> bool
 
 whether a released ball that still overlaps the ground leaves it as `flight.clear_time` assumes:
-with a force that a multiple of v bounds.  A law that reads a number of its own declares it in
+with a force that a multiple of v bounds.  A law with an additional parameter declares it in
 `Robot` and `Parameters`.
 """
 from importlib import import_module
