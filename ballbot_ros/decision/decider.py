@@ -18,21 +18,21 @@ from ballbot_ros.decision.planning.situation import Knowledge, Planner, Situatio
 from ballbot_ros.decision.values import (
     Decision, Motion, Profile, StepObservation, TerrainObservation)
 
-# Attempts with which an answer learns from what came of earlier ones.
+# Rollouts per decision for learning from earlier outcomes.
 LESSON = 16
 
-# A look at a floor [m].
+# Length of an observation of a floor [m].
 FLOOR = tuple(0.02 * number - 0.2 for number in range(100))
 
 
 class Answer(NamedTuple):
     """
-    What to do now.
+    Result of a decision.
 
     Attributes
     ----------
     stamp : float
-        Of the motion that is answered [s].
+        Of the motion [s].
     decision : Decision
     set_angle : float
         Of the pendulum, for law (11) [rad].
@@ -71,7 +71,7 @@ class Decider:
     def __init__(self, knowledge: Knowledge,
                  planner: Union[str, Callable[[Knowledge], Planner]] = 'cubic',
                  frame: str = 'base_link'):
-        """Start with nothing seen."""
+        """Start without observations."""
         particles = knowledge.particles or Particles.of(
             knowledge.robot, knowledge.tuning.height_bias_sd)
         knowledge = replace(knowledge, particles=particles)
@@ -88,7 +88,7 @@ class Decider:
         self.reset()
 
     def reset(self) -> None:
-        """Forget all, for a jump of time or place."""
+        """Discard the state, after a jump in time or position."""
         self._fusion.reset()
         self._pilot.reset()
         self._memory.reset()
@@ -127,7 +127,7 @@ class Decider:
 
     @property
     def planned(self) -> Optional[Decision]:
-        """Return the last decision as it was before a goal had its say."""
+        """Return the last decision before the limits of a goal."""
         return self._planned
 
     @property
@@ -142,11 +142,11 @@ class Decider:
 
     @property
     def outcome(self) -> Optional[Outcome]:
-        """Return what came of an attempt, if the last call of `decide` ended one."""
+        """Return the outcome of an attempt, if the last call of `decide` ended one."""
         return self._outcome
 
     def observe(self, observation: Observation) -> None:
-        """Take an observation; it is fused when there is odometry that is not older."""
+        """Take an observation; it is fused with the first odometry that is not older."""
         self._fusion.observe(observation)
 
     def move(self, motion: Motion) -> None:
@@ -160,9 +160,9 @@ class Decider:
 
     def decide(self) -> Answer:
         """
-        Return what to do, at the newest odometry; `move` must have been called.
+        Return the decision for the newest odometry; `move` must have been called.
 
-        Nothing is raised for anything that a sensor says.
+        Sensor data never raise an exception.
         """
         if self._motion is None:
             raise RuntimeError('decide was called before move')
@@ -186,15 +186,15 @@ class Decider:
 
 
 def _steepest(knowledge: Knowledge) -> float:
-    """Return the slope that the ball can be held on [rad]."""
+    """Return the steepest slope on which the ball can be held [rad]."""
     return Braking(knowledge.robot, knowledge.tuning, knowledge.control).steepest
 
 
 def warm_up(knowledge: Knowledge, planner: str) -> None:
     """
-    Let all that decisions call be compiled, and run once, before the first one is due.
+    Compile all kernels of the decision, and run them once, before the first one is due.
 
-    A ball is driven at a step in thought, and learns from it.
+    A simulated approach to a step, with an outcome.
     """
     rehearsal = Decider(knowledge, planner)
     for number in range(3):

@@ -10,8 +10,8 @@ from ballbot_ros.decision.planning.curve import HeightCurve
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics.model.robot import Robot
 
-# Why some numbers cannot change in the middle of an approach.
-SEEN = 'what has been seen so far rests on it'
+# Reason why some values cannot change during an approach.
+SEEN = 'earlier observations depend on it'
 # Law and set angle [rad] with which the approach by a height curve touches a step.
 APPROACH = ('position', 0.0)
 
@@ -30,13 +30,13 @@ class DecisionTuning(Checked):
     """
 
     cruise_speed: float = quantity(
-        'm/s', 'speed where nothing is in the way', above=0.0, maximum=10.0, default=0.4)
+        'm/s', 'speed without an obstacle', above=0.0, maximum=10.0, default=0.4)
     highest_speed: float = quantity(
-        'm/s', 'speed that is never asked for more', above=0.0, maximum=10.0, default=1.1)
+        'm/s', 'highest set speed', above=0.0, maximum=10.0, default=1.1)
     acceleration: float = quantity(
-        'm/s2', 'acceleration that can be counted on', above=0.0, maximum=20.0, default=0.46)
+        'm/s2', 'guaranteed acceleration', above=0.0, maximum=20.0, default=0.46)
     deceleration: float = quantity(
-        'm/s2', 'deceleration that can be counted on', above=0.0, maximum=20.0, default=0.4)
+        'm/s2', 'guaranteed deceleration', above=0.0, maximum=20.0, default=0.4)
     reaction_time: float = quantity(
         's', 'time until a set angle is given and the pendulum begins to follow', above=0.0,
         maximum=5.0, default=0.2)
@@ -59,7 +59,7 @@ class DecisionTuning(Checked):
         'rad', 'largest pendulum angle of a swing before or on a step', minimum=0.0, maximum=3.1,
         default=2.6)
     observation_timeout: float = quantity(
-        's', 'age at which an observation is worth nothing', above=0.0, maximum=60.0, default=0.6)
+        's', 'age at which an observation expires', above=0.0, maximum=60.0, default=0.6)
     contradiction_sigma: float = fixed(SEEN, quantity(
         '1', 'deviations at which an observation contradicts', above=0.0,
         maximum=100.0, default=5.0))
@@ -81,7 +81,7 @@ class DecisionTuning(Checked):
         's', 'time from an odometry message until its answer acts', minimum=0.0, maximum=0.5,
         default=0.0)
     height_bias_sd: float = fixed(SEEN, quantity(
-        'm', 'standard deviation of what a sensor of heights is off by all the time',
+        'm', 'standard deviation of the constant error of a height sensor',
         minimum=0.0, maximum=0.1, default=0.0005))
     unreported_bias_sd: float = fixed(SEEN, quantity(
         'm', 'height_bias_sd of a sensor that does not report its standard deviation', minimum=0.0,

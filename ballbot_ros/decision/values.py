@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Values that the decision takes and gives."""
+"""Inputs and results of the decision."""
 from dataclasses import astuple, dataclass
 from enum import Enum
 import math
@@ -7,7 +7,7 @@ from typing import Optional, Tuple
 
 
 class Kind(str, Enum):
-    """What to do."""
+    """Action."""
 
     CLEAR = 'clear'
     CROSS = 'cross'
@@ -40,7 +40,7 @@ class Reason(str, Enum):
     GOAL = 'goal'
 
 
-# Farther [m] or faster [m/s] than this no ball rolls: odometry is broken.
+# Beyond this position [m] or speed [m/s] odometry is invalid.
 FARTHEST, FASTEST = 1e6, 30.0
 
 
@@ -71,26 +71,26 @@ class Motion:
 
     @property
     def sane(self) -> bool:
-        """Return whether all is finite, and no ball could be elsewhere or faster."""
+        """Return whether all values are finite and within plausible limits."""
         return (math.isfinite(self.stamp) and abs(self.position) < FARTHEST
                 and abs(self.speed) < FASTEST and math.isfinite(self.slope)
                 and math.isfinite(self.pendulum_angle) and math.isfinite(self.pendulum_rate))
 
 
 class Strategy(str, Enum):
-    """How a face is taken, or not."""
+    """Strategy at a face."""
 
-    CRUISE = 'cruise'          # at the speed that the ball has
-    ACCELERATE = 'accelerate'  # with as much speed as allowed
+    CRUISE = 'cruise'          # at the present speed
+    ACCELERATE = 'accelerate'  # after acceleration within the allowed speed
     SWING = 'swing'            # with the pendulum swung forward before the touch
-    CARRY = 'carry'            # through two edges without a stop between them
-    BACK_OFF = 'back_off'      # from farther back
+    CARRY = 'carry'            # over two edges without a stop between them
+    BACK_OFF = 'back_off'      # with a longer run-up
     STOP = 'stop'
     GO_ROUND = 'go_round'
 
 
 class After(str, Enum):
-    """What comes when the edge is passed."""
+    """Action behind the edge."""
 
     CRUISE = 'cruise'
     STOP = 'stop'
@@ -100,7 +100,7 @@ class After(str, Enum):
 @dataclass(frozen=True)
 class Plan:
     """
-    A way over the faces ahead, or to a stop before them.
+    A plan over the faces ahead, or to a stop before them.
 
     All positions along the odometry axis.
 
@@ -108,18 +108,18 @@ class Plan:
     ----------
     strategy : Strategy
     start : float
-        Where the approach begins [m]; a ball that is farther on backs off to there first.
+        Start of the approach [m]; a ball beyond it backs off to it first.
     speed : float
-        Set speed of the approach [m/s]; never exceeded on purpose.
+        Set speed of the approach [m/s].
     swing_position : float
-        Where the pendulum swings [m]; infinite for never.
+        Start of the swing [m]; infinite for none.
     swing_angle : float
         Set angle from there until the last edge is passed [rad].
     edge : float
-        The last edge that the plan takes [m]; behind it, `after` holds.
+        The last edge that the plan crosses [m]; `after` applies behind it.
     after : After
     stop_position : float
-        Where the centre is to stand [m]; infinite where it is not to stop.
+        Stop position of the centre [m]; infinite without a stop.
 
     """
 
@@ -136,12 +136,12 @@ class Plan:
 @dataclass(frozen=True)
 class Outlook:
     """
-    What is expected of a plan, from attempts on many robots and grounds.
+    Predicted outcome of a plan, from rollouts on many robots and grounds.
 
     Attributes
     ----------
     probability : float
-        That the ball gets over and stays where it may be.
+        That the ball crosses and stops within the permitted range.
     stuck, falls : float
         Probabilities of the other ends.
     required : float
@@ -149,13 +149,13 @@ class Outlook:
     touch_speed : float
         Expected at the first touch [m/s].
     height_limit : float
-        Highest step that this very plan crosses as surely as required [m].
+        Maximum step height of this plan at the required probability [m].
     braking_room : float
-        To the last point where braking still works [m]; negative: passed.
+        Distance to the last braking point [m]; negative behind it.
     attempts : int
-        That stand behind it.
+        Number of rollouts.
     others : tuple of str
-        Other plans, each with why it lost.
+        Other plans, each with the reason of its rejection.
 
     """
 
@@ -180,7 +180,7 @@ class Decision:
     kind : Kind
     reason : Reason
     set_speed : float
-        Speed to drive at [m/s].  With ``GO_ROUND`` only as far as there is room to stop.
+        Speed to drive at [m/s].  With ``GO_ROUND`` only within the room to stop.
     explanation : str
         One sentence for people.
     required_speed : float
@@ -197,7 +197,7 @@ class Decision:
     step : int
         Number of the step, 0 for none.
     contact_since : float or None
-        When the ball touched the step that it is crossing [s].
+        Time of the touch of the step that is being crossed [s].
     start_distance, swing_distance : float
         Distance from the centre back to the start, and forward to the swing [m].
     plan : Plan or None
@@ -227,14 +227,14 @@ class Decision:
 @dataclass(frozen=True)
 class Face:
     """
-    Where the ground rises or drops too steeply to be rolled along.
+    A rise or drop of the ground that is too steep to roll along.
 
     Attributes
     ----------
     number : int
         Counts the faces met, from 1.
     position : float
-        Of its foot, or of its upper edge where it drops, along the odometry axis [m].
+        Of its foot, or of the upper edge of a drop, along the odometry axis [m].
     height : float
         [m], negative for a drop.
     position_sd, height_sd : float
@@ -335,7 +335,7 @@ class Failure:
 @dataclass(frozen=True)
 class Obstruction:
     """
-    Where the ball did not get on, though nothing was seen that would stop it.
+    A position without progress, for no observed reason.
 
     Attributes
     ----------
@@ -353,12 +353,12 @@ class Obstruction:
 @dataclass(frozen=True)
 class StepObservation:
     """
-    One look at the floor ahead by a sensor that sees the next step only.
+    One observation of the floor ahead by a sensor for the next step only.
 
     Attributes
     ----------
     stamp : float
-        When it was made [s].
+        Time of the measurement [s].
     detected : bool
         Whether there is a step; if not, distance and height are 0.
     distance : float
@@ -386,23 +386,23 @@ class StepObservation:
 @dataclass(frozen=True)
 class TerrainObservation:
     """
-    One look at the ground ahead by a depth camera or a scanning range sensor.
+    One observation of the ground ahead by a depth camera or a scanning range sensor.
 
     In the level, non-rolling frame at the centre of the ball.
 
     Attributes
     ----------
     stamp : float
-        When it was made [s].
+        Time of the measurement [s].
     x, z : tuple of float
         Points of the polyline [m], x rising; a vertical face has two of the same x.  The floor
         below the ball is at z = -radius.
     z_sd : tuple of float
         Standard deviations of z [m], 0 if unknown; none at all if all are unknown.
     x_min, x_max : float
-        Between these the ground was seen [m].
+        Observed range [m].
     frame : str
-        That the message names.
+        Of the message.
 
     """
 

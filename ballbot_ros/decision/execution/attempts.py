@@ -18,7 +18,7 @@ from ballbot_ros.physics.model.robot import Robot
 
 # Faces of one kind: their heights differ by no more, in part and in m.
 ALIKE, ALIKE_WITHIN = 0.3, 0.008
-# A face that came up again is not farther ahead than where the ball touches it, and this [m].
+# A face that reappears is not farther ahead than its touch position plus this [m].
 NEAR = 0.05
 # After this distance [m], a face must have moved by this fraction of it, or it is another face.
 LOOKED, MOVED = 0.05, 0.3
@@ -27,17 +27,17 @@ LOOKED, MOVED = 0.05, 0.3
 @dataclass(frozen=True)
 class Doubt:
     """
-    A face that may be the one that was touched, come up again.
+    A face that may be a reappearance of the touched one.
 
     Attributes
     ----------
     number : int
     place : float
-        Where it was first seen [m].
+        Position of the first detection [m].
     odometry : float
-        Where the ball was then [m].
+        Position of the ball at that time [m].
     settled : bool
-        It is another one.
+        It is a different one.
 
     """
 
@@ -51,16 +51,16 @@ def come_up_again(touched: Face, known: Tuple[int, ...], doubt: Optional[Doubt],
                   position: float, seen: Profile,
                   radius: float) -> Tuple[Optional[Face], Optional[Doubt]]:
     """
-    Look for a face that was touched, still ahead.
+    Search for a touched face that is still ahead.
 
     Parameters
     ----------
     touched : Face
     known : tuple of int
-        Numbers of the faces that were known at the touch; of these, only the one that was
-        touched can be it.
+        Numbers of the faces that were known at the touch; of these, only the touched one
+        can be it.
     doubt : Doubt or None
-        What was returned last.
+        The last result.
     position : float
         Of the centre [m].
     seen : Profile
@@ -70,7 +70,7 @@ def come_up_again(touched: Face, known: Tuple[int, ...], doubt: Optional[Doubt],
     Returns
     -------
     face : Face or None
-        What is, or may be, the touched one.
+        The face that is, or may be, the touched one.
     doubt : Doubt or None
 
     """
@@ -116,7 +116,7 @@ PAST = 0.1
 # Terrain behind the face that is lower than before by more than this is a fall [m].
 FALLEN = 0.03
 # A drop this near behind an edge is measured from the ground before that [m]; the ball rests below
-# this speed [m/s], or has come through after this time [s].
+# this speed [m/s], or has succeeded after this time [s].
 LANDING, RESTING, LANDED_AFTER = 1.0, 0.03, 5.0
 # Odometry restarts after a longer gap between messages [s], or a position jump that exceeds the
 # integrated speed by this [m].
@@ -197,26 +197,26 @@ class AttemptWatch:
         self.reset()
 
     def reset(self) -> None:
-        """Forget the attempt, for a jump of time or place."""
+        """Discard the attempt, after a jump in time or position."""
         self._motions: Deque[Motion] = deque(maxlen=KEPT_SPEEDS)
         self._attempt: Optional[Attempt] = None
-        self._left = True  # gone from the face that the ball was stuck at
+        self._left = True  # distance from the face at which the ball was stuck
         self._ahead: Optional[Face] = None  # next face, before it is touched
         self._run_up = math.nan  # to it
-        self._set_out: Optional[Tuple[int, float]] = None  # at which face, and from where
+        self._set_out: Optional[Tuple[int, float]] = None  # face and position
         self._drop: Optional[Face] = None
-        self._risen: Optional[Face] = None  # got over last
+        self._risen: Optional[Face] = None  # last crossed face
         self._profile: Optional[Profile] = None
 
     @property
     def attempt(self) -> Optional[Attempt]:
-        """Return the attempt that the ball is at."""
+        """Return the present attempt."""
         return self._attempt
 
     def update(self, motion: Motion, profile: Optional[Profile],
                decision: Optional[Decision]) -> Optional[Outcome]:
         """
-        Look at the ball once more.
+        Update the attempt.
 
         Parameters
         ----------
@@ -224,12 +224,12 @@ class AttemptWatch:
             Newer than the last one.
         profile : Profile or None
         decision : Decision or None
-            That is carried out.
+            The executed one.
 
         Returns
         -------
         Outcome or None
-            Of an attempt that has just ended.  Nothing is raised for anything that a sensor says.
+            Of an attempt that has just ended.  Sensor data never raise an exception.
 
         """
         if not all(map(math.isfinite, astuple(motion))):
@@ -250,7 +250,7 @@ class AttemptWatch:
         return self._go_on(self._attempt, motion, seen)
 
     def _jumped(self, motion: Motion) -> bool:
-        """Return whether this motion does not follow from the last one."""
+        """Return whether this motion is inconsistent with the last one."""
         last = self._motions[-1]
         passed = motion.stamp - last.stamp
         moved = motion.position - last.position
@@ -259,7 +259,7 @@ class AttemptWatch:
 
     def _approach(self, motion: Motion, seen: Optional[Profile],
                   decision: Optional[Decision]) -> None:
-        """Follow the next face, and begin an attempt where the ball touches it."""
+        """Track the next face, and begin an attempt when the ball touches it."""
         if seen is not None:
             self._ahead = next((face for face in seen.faces if face.height > LOWEST_FACE
                                 and face.position > motion.position), None)
@@ -272,14 +272,14 @@ class AttemptWatch:
             self._set_out = face.number, motion.position
         before, self._run_up = self._run_up, self._distance_to_touch(face, motion.position)
         self._left = self._left or self._run_up > RETREAT
-        # A face that comes up where the ball already is was not rolled at.
+        # A face that appears at the present position of the ball was not approached.
         if self._left and before > 0.0 >= self._run_up:
             speed, angle = self._before_touch(face)
             if speed >= SLOWEST:
                 self._touch(face, motion, seen, decision, speed, angle)
 
     def _distance_to_touch(self, face: Face, position: float) -> float:
-        """Return how far the ball still rolls before it touches a face [m]."""
+        """Return the distance that the ball rolls before it touches a face [m]."""
         return face.position - position - touch_distance(self._radius, face.height)
 
     def _before_touch(self, face: Face) -> Tuple[float, float]:
@@ -369,7 +369,7 @@ class AttemptWatch:
 
     def _fallen(self, motion: Motion, seen: Optional[Profile],
                 decision: Optional[Decision]) -> Optional[Outcome]:
-        """Return the outcome of a ball that went over a drop without any step before it."""
+        """Return the outcome of a ball that passed a drop without a step before it."""
         if seen is not None:
             ahead = next((face for face in seen.faces if face.position > motion.position), None)
             if ahead is not None:
@@ -386,7 +386,7 @@ class AttemptWatch:
         return self._end(Result.FELL, motion)
 
     def _agrees(self, face: Face, motion: Motion, seen: Optional[Profile]) -> bool:
-        """Return whether the ground, seen since the ball passed a face, has it behind the ball."""
+        """Return whether observations since the ball passed a face show it behind the ball."""
         if seen is None:
             return False
         passed = next((item.stamp for item in self._motions if item.position > face.position),

@@ -58,7 +58,7 @@ class GoalEnd:
 
 
 class Goal(Protocol):
-    """What `Goals` needs of a goal."""
+    """Interface of a goal for `Goals`."""
 
     def carry(self, planned: Decision, motion: Motion) -> Decision:
         """Return what is carried out of a decision."""
@@ -72,21 +72,21 @@ class Goal(Protocol):
 
 
 def committed(decision: Decision) -> bool:
-    """Return whether a decision crosses a step that the ball cannot stop before any more."""
+    """Return whether a decision crosses a step past its last braking point."""
     return decision.kind is Kind.CROSS and (
         decision.reason is Reason.COMMITTED or decision.contact_since is not None)
 
 
 def stopping(planned: Decision, why: str, place: float = math.inf,
              speed: float = 0.0) -> Decision:
-    """Return the stop in place of a decision: at a place [m], or else as soon as possible."""
+    """Return the stop in place of a decision: at a position [m], or else as soon as possible."""
     return replace(planned, kind=Kind.STOP, reason=Reason.GOAL, set_speed=speed, explanation=why,
                    plan=Plan(Strategy.STOP, speed=speed, stop_position=place))
 
 
 class GoalWatch:
     """
-    Watches the ball for a goal: rest, progress, the time that is left, and a stop on the way.
+    Monitors the ball for a goal: rest, progress, remaining time, and a stop on the way.
 
     Parameters
     ----------
@@ -97,14 +97,14 @@ class GoalWatch:
     Attributes
     ----------
     end : GoalEnd or None
-        With which the goal will end as soon as the ball rests.
+        End of the goal, effective as soon as the ball rests.
 
     """
 
     def __init__(self, start: Motion, timeout: float):
-        """Begin to watch."""
+        """Start monitoring."""
         self._timeout, self._deadline = timeout, start.stamp + timeout
-        self._moving = self._going = start.stamp  # last seen so
+        self._moving = self._going = start.stamp  # time of the last such state
         self._anchor = start.position, start.stamp
         self.end: Optional[GoalEnd] = None
 
@@ -170,7 +170,7 @@ class Goals:
     Parameters
     ----------
     waiting : bool
-        Whether the ball rests until there is a goal.
+        Whether the ball rests until a goal arrives.
 
     Attributes
     ----------
@@ -219,7 +219,7 @@ class Goals:
 
 # Minimum speed limit, and speed at which the ball returns after an overshoot [m/s].
 SLOWEST = 0.1
-# Allowed tolerances, and the one that is taken where none is given [m].
+# Allowed tolerances, and the default [m].
 FINEST, COARSEST, USUAL = 0.01, 1.0, 0.05
 # Default timeout: this multiple of the travel time, plus a constant [s].
 TIMES, SPARE = 3.0, 20.0
@@ -228,7 +228,7 @@ ROUNDING = 1e-6  # [m/s]
 
 class DriveGoal:
     """
-    Rest at a place.
+    Drive to a position and rest there.
 
     Parameters
     ----------
@@ -258,8 +258,8 @@ class DriveGoal:
         self._watch = GoalWatch(start, timeout)
         self._backward = target < start.position
         self.canceled = False
-        self._fast = 0  # step that takes more than the limit
-        self._obstacle = ''  # why the ball does not go where the decision would
+        self._fast = 0  # step that requires more than the limit
+        self._obstacle = ''  # why the ball does not follow the decision
 
     def cancel(self) -> None:
         """Stop; the goal ends at rest."""
@@ -286,7 +286,7 @@ class DriveGoal:
         return replace(planned, set_speed=speed)
 
     def _at_step(self, planned: Decision, motion: Motion, why: str, speed: float) -> Decision:
-        """Return what is carried out of a decision to cross a step, now or after a run-up."""
+        """Return the executed part of a decision to cross a step, now or after a run-up."""
         plan = planned.plan or Plan(Strategy.CRUISE, speed=planned.set_speed)
         face = motion.position + planned.distance
         edge = plan.edge if math.isfinite(plan.edge) else face
@@ -300,7 +300,7 @@ class DriveGoal:
                 f'{self.target:.2f} m is on the step at {face:.2f} m or less than {BEHIND:g} m '
                 'behind its edge, where the ball cannot stop')
         elif self._fast == planned.step or needed > self._limit + ROUNDING:
-            self._fast = planned.step  # also while a run-up for it is thought of
+            self._fast = planned.step  # also while a run-up for it is evaluated
             self._obstacle = (f'the step at {face:.2f} m takes {needed:.2f} m/s, and '
                               f'{self._limit:g} m/s is the limit')
         else:
@@ -330,7 +330,7 @@ def drive_goal(start: Motion, target: float, speed_limit: float, tolerance: floa
                timeout: float, tuning: DecisionTuning, radius: float,
                free_from: float) -> DriveGoal:
     """
-    Return a goal from what was asked for; 0 stands for the usual limit, tolerance and timeout.
+    Return a goal from a request; 0 selects the default limit, tolerance and timeout.
 
     Parameters
     ----------
@@ -352,7 +352,7 @@ def drive_goal(start: Motion, target: float, speed_limit: float, tolerance: floa
     Raises
     ------
     RefusedError
-        If something is not finite, or not allowed.
+        If a value is not finite, or not allowed.
 
     """
     if not abs(target) < FARTHEST:
@@ -383,7 +383,7 @@ USUAL_TIMEOUT = 60.0  # [s]
 
 
 class Phase(str, Enum):
-    """What the ball does about a step that it is to cross."""
+    """Phase of the crossing of a step."""
 
     APPROACHING = 'approaching'
     CROSSING = 'crossing'
@@ -392,7 +392,7 @@ class Phase(str, Enum):
 
 class CrossGoal:
     """
-    Rest behind the step ahead.
+    Cross the step ahead and rest behind it.
 
     Parameters
     ----------
@@ -445,7 +445,7 @@ class CrossGoal:
         return None
 
     def _note(self, planned: Decision, motion: Motion, outcome: Optional[Outcome]) -> None:
-        """Take note of the step, and of how the ball comes on with it."""
+        """Update the step, and the phase of its crossing."""
         if planned.step and not math.isnan(planned.height) and self._watch.end is None \
                 and (self._edge is None or self._edge[1] == planned.step):
             self.height = planned.height  # behind the step, the next one is decided about
@@ -465,5 +465,5 @@ class CrossGoal:
 
 
 def cross_goal(start: Motion, timeout: float) -> CrossGoal:
-    """Return a goal from what was asked for; 0 stands for the usual timeout [s]."""
+    """Return a goal from a request; 0 selects the default timeout [s]."""
     return CrossGoal(start, checked_timeout(timeout, USUAL_TIMEOUT))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is remembered on the way: what failed, where it did not get on, what is free behind."""
+"""State between decisions: failed plans, obstructions, and the free distance behind the ball."""
 from collections import deque
 from dataclasses import replace
 import math

@@ -11,25 +11,25 @@ from ballbot_ros.decision.planning.situation import Knowledge
 from ballbot_ros.decision.tuning import DecisionTuning
 from ballbot_ros.decision.values import After, Decision, Kind, Motion, Plan, Strategy
 
-# Speed at which the ball rolls back to where it should stand, or to where a plan begins [m/s].
+# Speed at which the ball rolls back to its stop position, or to the start of a plan [m/s].
 CREEP, BACKING = 0.1, 0.3
-# Slower than this it stands [m/s]; without a place it stands within this distance [m].
+# Below this speed the ball rests [m/s]; without a position it stops within this distance [m].
 MOVING, FARTHEST = 0.05, 1.0
-# From one odometry message to the next; a longer silence is not a reason for a longer step [s].
+# Longest step between odometry messages, also after a longer gap [s].
 SHORTEST, LONGEST = 1e-3, 0.1
 
 
 def order_for(decision: Decision, tuning: DecisionTuning, stand: float,
               speed: float = 0.0) -> Order:
     """
-    Return the order that carries out a decision.
+    Return the order that executes a decision.
 
     Parameters
     ----------
     decision : Decision
     tuning : DecisionTuning
     stand : float
-        Where to stand if the decision stops [m].
+        Stop position if the decision stops [m].
     speed : float
         Of the ball [m/s].
 
@@ -133,7 +133,7 @@ class Pilot:
             ahead = braking_distance(
                 abs(motion.speed), slope if motion.speed > 0.0 else -slope,
                 self._tuning.emergency_lean, self._tuning.reaction_time, self.law[:])
-            # Where it cannot be braked it stands as soon as it can.
+            # A ball that cannot brake in time stops as soon as possible.
             given = motion.position + math.copysign(min(ahead, FARTHEST), motion.speed)
         rests = math.isfinite(given) and abs(motion.speed) <= MOVING
         self._stand = given if rests else min(self._stand, given)

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-From an order and the motion to the set angle of the pendulum: what the ball does every 20 ms.
+From an order and the motion to the set angle of the pendulum, every 20 ms.
 
-The `Pilot` runs this on the robot, a rollout inside its kernel; so a plan is tried as it will be
-driven.  All functions are pure and compiled; see `control.speed_law` for the law below them.
+The `Pilot` runs this on the robot, a rollout inside its kernel; so a plan is simulated as it will
+be executed.  All functions are pure and compiled; see `control.speed_law` for the law below them.
 """
 import math
 from typing import NamedTuple
@@ -16,10 +16,10 @@ from ballbot_ros.jit import compiled
 # The numbers of an `Order`.
 PlainOrder = tuple[float, float, float, float, float, float, float, float, float, float]
 
-# More lean than what holds a slope, so that the ball can be moved there, too [rad].
+# Lean in excess of that which holds a slope, to move the ball on it [rad].
 BEYOND_HOLDING = 0.3
 
-# Faster than this above what stops in time, braking takes all the lean there is [m/s].
+# Above the speed that stops in time by more than this, braking uses the full lean [m/s].
 TOO_FAST = 0.03
 
 
@@ -28,31 +28,31 @@ EASED = 0.3
 
 
 class Order(NamedTuple):
-    """What to do until further notice; positions along the odometry axis."""
+    """Order for the pilot, until the next one; positions along the odometry axis."""
 
     forward: float = 0.0  # fastest forward [m/s]
     backward: float = 0.0  # fastest backward to `stop` [m/s]
-    # Where to stand [m]; infinite for nowhere, -infinite for as soon as possible.
+    # Stop position [m]; infinite for none, -infinite for as soon as possible.
     stop: float = math.inf
-    swing: float = math.inf  # where the pendulum swings, and the speed does not matter [m]
+    swing: float = math.inf  # start of the swing, from which the speed is not controlled [m]
     swing_angle: float = 0.0  # set angle there [rad]
-    edge: float = -math.inf  # where the swing ends [m]
+    edge: float = -math.inf  # end of the swing [m]
     after: float = 0.0  # speed behind the edge [m/s]
     lean: float = 0.7  # largest lean [rad]
-    emergency_lean: float = 1.4  # to brake with and to hold slopes [rad]
-    reaction: float = 0.1  # until a set angle acts [s]
+    emergency_lean: float = 1.4  # for braking and holding on slopes [rad]
+    reaction: float = 0.1  # delay of a set angle [s]
 
 
 @compiled
 def enough_lean(position: float, speed: float, slope: float, order: Order,
                 law: Numbers) -> float:
-    """Return the lean for a slope, or for a stop that comes too late for the usual one [rad]."""
+    """Return the lean for a slope, or for a stop that is too late for the usual one [rad]."""
     holding = holding_angle(slope, law)
     if math.isnan(holding):
         return order.emergency_lean
     gap = order.stop - position
     if math.isfinite(gap):
-        # As seen by a ball that moves forward.
+        # In the direction of motion.
         towards = stopping_speed(gap, slope, order.lean, order.reaction, law) if speed > 0.0 \
             else stopping_speed(-gap, -slope, order.lean, order.reaction, law)
         if abs(speed) > towards + TOO_FAST:
@@ -73,7 +73,7 @@ def pilot_step(state: SpeedState, position: float, speed: float, pendulum_angle:
     position, speed : float
         Of the centre of the ball [m], [m/s].
     pendulum_angle : float
-        Absolute [rad], NaN where it is not measured.
+        Absolute [rad], NaN if not measured.
     order : PlainOrder
         See `Order`.
     period : float
@@ -104,7 +104,7 @@ def pilot_step(state: SpeedState, position: float, speed: float, pendulum_angle:
         later, set_angle = speed_law_step(
             state, speed, pendulum_angle, set_speed, lean, period, law)
     if own.swing <= position < own.edge:
-        # On the step the ball is held up by its face: that is not a slope.
+        # On the step its face supports the ball: this is not a slope.
         set_angle = own.swing_angle
         later = (speed, state[1], later[2], later[3], state[4], set_angle)
     return later, set_angle

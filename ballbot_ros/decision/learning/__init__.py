@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Outcomes of attempts, and what they teach about robot, floor and sensor."""
+"""Outcomes of attempts, and learning of robot, floor and sensor parameters from them."""

@@ -3,12 +3,12 @@
 How likely a crossing is, particle by particle: attempts of the full model say.
 
 An attempt with a particle's robot gives a score, which falls with the height of the step and goes
-through zero where the ball just gets over (see `crossing.attempt`).  How fast it falls, and what
-the speed at the touch does to it, is the same for all particles but for some per cent, and is
-measured with the mean one.  With the deviations of height and speed that makes a probability.
+through zero where the ball just crosses (see `crossing.attempt`).  Its derivatives by height and
+touch speed are the same for all particles within some per cent, and are computed for the mean
+one.  With the standard deviations of height and speed the score gives a probability.
 
-That a ball got over says little where that was likely.  How fast it went past the face says how
-much there was to spare: the score is the square of a speed, so that speed is compared with it.
+A likely success contains little information.  The speed past the face measures the reserve: the
+score is the square of a speed, which is compared with it.
 """
 from dataclasses import dataclass
 import math
@@ -45,7 +45,7 @@ SLIP = 0.4
 
 @dataclass(frozen=True)
 class Learning(Checked):
-    """How much an outcome is trusted."""
+    """Uncertainties of an outcome."""
 
     outliers: float = quantity(
         '1', 'part of the outcomes that nothing here explains: a person pushed the ball, or the '
@@ -60,7 +60,7 @@ class Learning(Checked):
 
 
 class Touching(NamedTuple):
-    """How a step is touched; what a probability is asked for."""
+    """Conditions of a touch, for which a probability is computed."""
 
     height: float  # measured [m]
     height_sd: float  # without the bias [m]
@@ -96,7 +96,7 @@ def write_scores(begin: int, end: int, rows: Array, heights: Array, frictions: A
         Of surface and edge.
     scores : (n, 2) array
         Written: score [m2/s2], and speed by the rotation of the ball at the verdict [m/s]; NaN
-        where an attempt could not go on.
+        where an attempt failed.
     tolerance : float
         See `attempt`.
     crossing : Crossing
@@ -236,9 +236,9 @@ def _normal(values: Array) -> Array:
 def probability(particles: Particles, touching: Touching, learning: Learning = Learning(),
                 number: Optional[int] = None, seed: int = 0) -> float:
     """
-    Return the probability of getting over a step, over all particles or `number` drawn ones.
+    Return the probability of crossing a step, over all particles or `number` drawn ones.
 
-    The same model as learns from what comes of it.
+    The model is the same as for learning from the outcome.
     """
     if number is None:
         chances = Chances(particles, touching, learning)

@@ -45,7 +45,7 @@ class Learner:
 
     def work(self, attempts: Optional[int] = None) -> bool:
         """
-        Make some attempts, or all that are asked for.
+        Run some rollouts, or all pending ones.
 
         Returns
         -------

@@ -132,7 +132,7 @@ def _plan(content: Any) -> Plan:
 
 class OutcomeLog:
     """
-    Appends outcomes to a log in a thread of its own, because a disk may block.
+    Appends outcomes to a log in a separate thread, because a disk may block.
 
     Parameters
     ----------

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""An attempt at a step, and what came of it."""
+"""Outcome of an attempt at a step."""
 from dataclasses import dataclass, field
 from enum import Enum
 import math
@@ -20,7 +20,7 @@ class Result(str, Enum):
 @dataclass(frozen=True)
 class Outcome(Checked):
     """
-    What came of an attempt at a step; every number is checked.
+    Outcome of an attempt at a step; every value is checked.
 
     Attributes
     ----------
@@ -57,8 +57,8 @@ class Outcome(Checked):
         'm', 'rolled towards the face before the touch, since it was decided to cross',
         minimum=0.0, maximum=1000.0, default=0.0)
     probability: Optional[float] = quantity(
-        '1', 'of getting over that was promised', minimum=0.0, maximum=1.0, optional=True)
-    surface: str = text('what the ground is made of, if known', default='')
+        '1', 'predicted success probability', minimum=0.0, maximum=1.0, optional=True)
+    surface: str = text('material of the ground, if known', default='')
     robot: str = text('digest of the numbers of the robot', default='')
     plan: Optional[Plan] = field(default=None)
 
@@ -70,6 +70,6 @@ class Outcome(Checked):
 
     @property
     def failure(self) -> Failure:
-        """Return what is to be remembered of an attempt that failed."""
+        """Return the failure of an attempt, for later plans."""
         return Failure(self.face, self.position, self.height, self.plan or Plan(
             strategy=Strategy.STOP), self.touch_speed)

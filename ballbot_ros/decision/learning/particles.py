@@ -39,7 +39,7 @@ FARTHEST = 3.0
 @dataclass(frozen=True)
 class Prior(Checked):
     """
-    What is assumed of a robot and its sensor before the first attempt.
+    Assumed uncertainties of a robot and its sensor before the first attempt.
 
     Raises
     ------
@@ -134,7 +134,7 @@ class Particles:
             for name in GROUND}}
         for name, ends in drawn.items():
             for end in ends:
-                changed(robot, {name: end})  # refuses what contradicts
+                changed(robot, {name: end})  # refuses inconsistent values
         number = prior.particles
         reach = FARTHEST * max(prior.off_sd, height_bias_sd)
         lows = np.array([low for low, _ in drawn.values()] + [-reach])

@@ -112,7 +112,7 @@ def outcome_of(rate: EventRate, state: Array, ground: Array) -> int:
 @compiled
 def integrate(status: Status, end: float, state: Array, system: System, options: Options,
               output: Output, workspace: Workspace) -> Status:
-    """Same as `advance`, inlined in the calling kernel: unused parts are left out."""
+    """Do the same as `advance`, inlined in the calling kernel without unused parts."""
     parameters, ground, statistics = system.parameters, system.ground, workspace.statistics
     time, filled, controller, rate = status.time, status.filled, status.controller, status.rate
     has_mode, may_fly, again = status.has_mode, status.may_fly, False

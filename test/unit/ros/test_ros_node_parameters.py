@@ -137,7 +137,7 @@ def test_a_decision_takes_other_margins_but_none_that_contradict_or_rest_on_what
     assert changed(node, required_probability=0.8, cruise_speed=0.5) == ''
     assert pilot._tuning.cruise_speed == 0.5 and node._decider._pilot is pilot
     assert 'cruise_speed must be at most highest_speed' in changed(node, cruise_speed=2.0)
-    assert 'what has been seen so far' in changed(node, forget_after=7)
+    assert 'earlier observations' in changed(node, forget_after=7)
     assert 'acceleration must be at most' in changed(node, acceleration=9.0)
     assert pilot._tuning.cruise_speed == 0.5
 
