@@ -18,9 +18,9 @@ from ballbot_ros.ros.topics import message_class
 
 MISSING = ('bags need the Python package rosbags (pip install rosbags), or the ROS package '
            'rosbag2_py with its MCAP storage; neither is installed')
-ENDINGS = ('.mcap', '.db3')
+BAG_SUFFIXES = ('.mcap', '.db3')
 # Errors of a reader for bytes that are not a bag, or a damaged one.
-UNREADABLE = (ArithmeticError, AssertionError, AttributeError, EOFError, LookupError, OSError,
+READER_ERRORS = (ArithmeticError, AssertionError, AttributeError, EOFError, LookupError, OSError,
               RuntimeError, TypeError, ValueError, sqlite3.Error, struct.error)
 
 
@@ -53,8 +53,8 @@ def is_bag(path: Path) -> bool:
     """Return whether a path looks like a bag: its one file, or a folder with one or its index."""
     if path.is_dir():
         return (path / 'metadata.yaml').exists() or any(
-            file.suffix in ENDINGS for file in path.iterdir())
-    return path.suffix in ENDINGS
+            file.suffix in BAG_SUFFIXES for file in path.iterdir())
+    return path.suffix in BAG_SUFFIXES
 
 
 @contextmanager
@@ -96,7 +96,7 @@ def custom_data(path: Path) -> Mapping[str, str]:
         content = yaml.safe_load(file.read_text(encoding='utf-8'))
         texts = content['rosbag2_bagfile_information'].get('custom_data') or {}
         return {str(key): str(text) for key, text in texts.items()}
-    except (*UNREADABLE, yaml.YAMLError) as error:
+    except (*READER_ERRORS, yaml.YAMLError) as error:
         raise unreadable(path, error) from error
 
 
@@ -116,7 +116,7 @@ class _RosbagsBag:
         try:
             for connection, _, data in self._reader.messages(wanted) if wanted else ():
                 yield connection.topic, self._reader.deserialize(data, connection.msgtype)
-        except (AnyReaderError, *UNREADABLE) as error:
+        except (AnyReaderError, *READER_ERRORS) as error:
             raise unreadable(self._path, error) from error
 
 
@@ -129,7 +129,7 @@ def _open_with_rosbags(path: Path) -> Iterator[_RosbagsBag]:
     try:
         reader = AnyReader([path], default_typestore=get_typestore(Stores.ROS2_JAZZY))
         reader.open()
-    except (AnyReaderError, *UNREADABLE) as error:
+    except (AnyReaderError, *READER_ERRORS) as error:
         raise unreadable(path, error) from error
     try:
         yield _RosbagsBag(path, reader, metadata)

@@ -23,7 +23,7 @@ from ballbot_ros.ros.rclpy_compat import take_all
 from ballbot_ros.ros.topics import message_class, Qos, TOPICS
 
 # CDR: four bytes of encapsulation, then the first field.
-OFFSET, LENGTH = 4, 4
+CDR_HEADER_SIZE, CDR_COUNT_SIZE = 4, 4
 _STAMP, _COUNT = struct.Struct('<iI'), struct.Struct('<I')
 STAMPED = ('std_msgs/Header', 'builtin_interfaces/Time')
 SEQUENCES = ('sequence<geometry_msgs/TransformStamped>', 'sequence<visualization_msgs/Marker>')
@@ -192,7 +192,7 @@ class BagRecorder:
             write()
 
 
-def stamp_of(data: bytes, offset: int = OFFSET) -> int:
+def stamp_of(data: bytes, offset: int = CDR_HEADER_SIZE) -> int:
     """Return the stamp that a serialized message begins with [ns]."""
     seconds, nanoseconds = _STAMP.unpack_from(data, offset)
     return int(seconds) * 10**9 + int(nanoseconds)
@@ -200,8 +200,8 @@ def stamp_of(data: bytes, offset: int = OFFSET) -> int:
 
 def stamp_of_first(data: bytes) -> int:
     """Return the stamp of the first message in a serialized sequence [ns]."""
-    count, = _COUNT.unpack_from(data, OFFSET)
-    return stamp_of(data, OFFSET + LENGTH) if count else 0
+    count, = _COUNT.unpack_from(data, CDR_HEADER_SIZE)
+    return stamp_of(data, CDR_HEADER_SIZE + CDR_COUNT_SIZE) if count else 0
 
 
 def no_stamp(data: bytes) -> int:

@@ -10,7 +10,7 @@ from ballbot_ros.drives import DRIVES
 from ballbot_ros.errors import ConfigurationError
 
 # Options with a name or a YAML file.
-OWN = {'scene': 'scene, a name or a YAML file, instead of the two of the demo',
+FILE_OPTIONS = {'scene': 'scene, a name or a YAML file, instead of the two of the demo',
        'robot': 'robot, a name or a YAML file, instead of the one of the scene',
        'curve': 'height curve of the decision, fitted by "ballbot fit-curve"',
        'tuning': 'gains of the controller, a name or a YAML file (default: published)'}
@@ -38,7 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--serial-imu', action='store_true',
                         help='connect the emulated IMU by a separate serial link to the node '
                         'imu')
-    for option, what in OWN.items():
+    for option, what in FILE_OPTIONS.items():
         parser.add_argument(f'--{option}', metavar='NAME', help=what)
     parser.add_argument('--planner', metavar='NAME',
                         help="planner of the decision: rollout, or cubic for the paper's rule "
@@ -120,14 +120,14 @@ def check(arguments: argparse.Namespace) -> None:
         raise ConfigurationError(
             '--house goes without --hardware, which drives straight only', 'inconsistent',
             '--house')
-    for option in (*OWN, 'planner', 'duration'):
+    for option in (*FILE_OPTIONS, 'planner', 'duration'):
         for own in ('hardware', 'house'):
             if getattr(arguments, option) is not None and getattr(arguments, own) and (
                     own, option) != ('house', 'duration'):
                 raise ConfigurationError(
                     f'--{option} goes without --{own}, whose demo has its own scene',
                     'inconsistent', f'--{option}')
-    for option in OWN:
+    for option in FILE_OPTIONS:
         if getattr(arguments, option) is not None:
             find_config(f'{option}s', getattr(arguments, option))
     protocol = arguments.protocol or 'odrive'

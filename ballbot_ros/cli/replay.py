@@ -13,7 +13,7 @@ from ballbot_ros.cli.output import figure_files, print_json, result_folder, save
 from ballbot_ros.errors import ConfigurationError
 
 DRAWN_TIME_MAX = 600.0  # [s]
-BEFORE = 5.0
+TIME_BEFORE_FAULT = 5.0
 # Sources of the torque; the choices of --by.
 COMMANDS, TORQUES, SET_POINTS = 'commands', 'torques', 'set-points'
 BAG_OPTIONS = ('scene', 'robot', 'set', 'namespace', 'by', 'json')
@@ -28,7 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         'for a bag that is not identical, otherwise no file is written)')
     parser.add_argument('--before', type=float, metavar='SECONDS',
                         help='time before the fault to draw, for a black box (default: '
-                        f'{BEFORE:g})')
+                        f'{TIME_BEFORE_FAULT:g})')
     add_bag_options(parser)
     add_format(parser)
     add_overwrite(parser)
@@ -59,7 +59,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def run_black_box(path: Path, arguments: argparse.Namespace) -> int:
     """Print the report and write the requested files; 1 if the file is damaged."""
-    before = BEFORE if arguments.before is None else arguments.before
+    before = TIME_BEFORE_FAULT if arguments.before is None else arguments.before
     if not 0.0 < before <= DRAWN_TIME_MAX:
         raise ConfigurationError(
             f'--before must be above 0 and at most {DRAWN_TIME_MAX:g} s, got {before:g}',

@@ -13,14 +13,14 @@ FOLDER = Path(__file__).resolve().parent.parent / 'nodes'
 NODES = tuple(sorted(module.name for module in iter_modules([str(FOLDER)])
                      if module.ispkg))
 # May share a process: none of them drives a motor.
-TOGETHER = ('controller', 'obstacle_decision', 'simulator')
+COMPOSABLE_NODES = ('controller', 'obstacle_decision', 'simulator')
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('target', metavar='NODE|FILE',
                         help=f'node to run ({", ".join(NODES)}), several of '
-                        f'{", ".join(TOGETHER)} in one process, or YAML file or folder of an '
-                        'experiment')
+                        f'{", ".join(COMPOSABLE_NODES)} in one process, or YAML file or folder of '
+                        'an experiment')
     # Options after the target belong to it.
     parser.add_argument('rest', nargs=argparse.REMAINDER, metavar='...',
                         help='options of the target: --ros-args and its parameters for a node; '
@@ -50,12 +50,12 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _together(names: list[str], rest: list[str]) -> int:
     """Run several nodes in this process."""
-    alone = [name for name in names if name not in TOGETHER]
+    alone = [name for name in names if name not in COMPOSABLE_NODES]
     if alone or len(set(names)) < len(names):
         what = f'{alone[0]} requires a separate process' if alone else 'each can run once'
         raise ConfigurationError(
             f'cannot run {" and ".join(names)} in one process: {what}; several of '
-            f'{", ".join(TOGETHER)} can share one', 'inconsistent', 'NODE')
+            f'{", ".join(COMPOSABLE_NODES)} can share one', 'inconsistent', 'NODE')
     modules = [from_ros(f'ballbot_ros.nodes.{name}.node') for name in names]
     classes = [getattr(module, name.title().replace('_', ''))
                for module, name in zip(modules, names)]

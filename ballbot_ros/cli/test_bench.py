@@ -11,7 +11,7 @@ from ballbot_ros.cli.output import figure_files, result_folder, save_figure
 from ballbot_ros.errors import ConfigurationError
 
 DEFAULT_FOLDER = Path('ballbot_output')
-STEEPEST = 45.0  # ramp [degrees]
+SLOPE_MAX = 45.0  # ramp [degrees]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -78,9 +78,9 @@ def make_bench(arguments: argparse.Namespace) -> Any:
                 f'{option} belongs to the {"free-rolling" if arguments.driven else "driven"} '
                 f'test; leave it out, or {"leave out" if arguments.driven else "add"} --driven',
                 'inconsistent', option)
-    if arguments.slope_deg is not None and not 0.0 < arguments.slope_deg <= STEEPEST:
+    if arguments.slope_deg is not None and not 0.0 < arguments.slope_deg <= SLOPE_MAX:
         raise ConfigurationError(
-            f'--slope-deg must be more than 0 and at most {STEEPEST:g} degrees, '
+            f'--slope-deg must be more than 0 and at most {SLOPE_MAX:g} degrees, '
             f'got {arguments.slope_deg:g}', 'out_of_range', '--slope-deg')
     changes = {name: value for name, value in (
         ('slope', None if arguments.slope_deg is None else math.radians(arguments.slope_deg)),

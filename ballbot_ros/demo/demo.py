@@ -39,11 +39,11 @@ from ballbot_ros.results.faces import faces_of
 
 ROBOT, CURVE, TUNING, DECISION = 'gimball', 'gimball_down', 'published', 'decision_default'
 CONTROL_RATE = 500.0  # [Hz]
-LONGEST = 30.0  # end of the run, in simulated time [s]
+DURATION_MAX = 30.0  # end of the run, in simulated time [s]
 
 TOPICS = ('joint_states', 'joint_commands', 'set_point', 'odom', 'terrain_observation',
           'ball_state', 'step_decision')
-ALSO = also_recorded()
+TOOL_TOPICS = also_recorded()
 
 # Required rate of the topics of the simulator, and in lockstep of their answers [Hz].
 STATES = {'joint_states': 500.0, 'ball_state': 100.0, 'odom': 100.0, 'terrain_observation': 50.0}
@@ -59,7 +59,7 @@ class Act(NamedTuple):
     robot: str = ROBOT
     curve: str = CURVE
     tuning: str = TUNING
-    longest: float = LONGEST
+    longest: float = DURATION_MAX
     planner: str = 'rollout'
 
 
@@ -93,7 +93,7 @@ def own_acts(scene: Optional[str] = None, robot: Optional[str] = None,
     """
     check_value('planner', planner, DecisionSettings.__dataclass_fields__['planner'].metadata,
                 'demo')
-    duration = LONGEST if longest is None else longest
+    duration = DURATION_MAX if longest is None else longest
     if not (robot or curve or tuning):
         # The expected decisions are those of the default planner.
         known = [act._replace(longest=duration, planner=planner,
@@ -180,7 +180,7 @@ def run_demo(out: Path, real_time: bool = False, quiet: bool = False, timeout: f
                       'lockstep_set_point_period': lockstep_period}
         nodes = {'controller': controller, 'obstacle_decision': decision, 'simulator': simulator}
         with recorded_graph(
-                folder, (*TOPICS, *ALSO), timeline, nodes, metadata, domain) as graph:
+                folder, (*TOPICS, *TOOL_TOPICS), timeline, nodes, metadata, domain) as graph:
             start = SynchronizedStart(graph.node, graph.bag, TOPICS)
             wrong = graph.run(start.poll, timeout, act.longest, TOPICS)
         return wrong + check_bag(graph, real_time, quiet)
@@ -358,7 +358,7 @@ def _trajectory(scene: Scene, timeline: Timeline) -> Trajectory:
 
 
 # Wall time after which a paused simulator is reset again, to publish its state [s].
-AGAIN = 0.2
+RESET_PERIOD = 0.2
 
 
 class SynchronizedStart:
@@ -393,4 +393,4 @@ class SynchronizedStart:
             return
         self._done = self._topics <= self._bag.recorded.keys()
         (self._resume if self._done else self._reset).call_async(Trigger.Request())
-        self._next = now + AGAIN
+        self._next = now + RESET_PERIOD

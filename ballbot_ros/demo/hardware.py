@@ -13,7 +13,7 @@ from std_srvs.srv import Trigger
 from ballbot_ros.bags.metadata import bag_metadata, BRIDGE
 from ballbot_ros.bridge.hardware_file import load_hardware
 from ballbot_ros.config.files import shipped_files
-from ballbot_ros.demo.demo import ALSO, CURVE, perform, TOPICS, TWO_STEPS
+from ballbot_ros.demo.demo import CURVE, perform, TOOL_TOPICS, TOPICS, TWO_STEPS
 from ballbot_ros.demo.forked import import_nodes
 from ballbot_ros.demo.prepare import prepare
 from ballbot_ros.demo.processes import own_domain
@@ -25,7 +25,7 @@ from ballbot_ros.ros.endpoints import create_subscription
 TUNING = 'gentle'  # gains that are stable with a sample of delay and an estimated angle
 MORE_TOPICS = ('imu', 'motor_status')
 # Wall time between two calls of a service [s].
-AGAIN = 0.3
+CALL_PERIOD = 0.3
 # Timeout of a service that refuses repeatedly [s].
 REFUSAL_TIMEOUT = 20.0
 
@@ -77,7 +77,7 @@ def run_hardware_demo(out: Path, protocol: str, firmware: str = '', serial_imu: 
             'bridge': bridge, 'obstacle_decision': decision}
         import_nodes(nodes)
         with recorded_graph(
-                folder, (*TOPICS, *ALSO, *MORE_TOPICS), timeline, nodes, metadata) as graph:
+                folder, (*TOPICS, *TOOL_TOPICS, *MORE_TOPICS), timeline, nodes, metadata) as graph:
             return graph.run(GetGoing(graph.node).poll, timeout, longest=timeout)
 
     prepare(('simulator', 'bridge', 'decision'))  # before any wait
@@ -133,7 +133,7 @@ class GetGoing:
         if self._answer is None and now > self._next and all(
                 client.service_is_ready() for client in self._clients):
             self._answer = self._clients[self._done].call_async(Trigger.Request())
-            self._next = now + AGAIN
+            self._next = now + CALL_PERIOD
         return None
 
     def _took(self, success: bool, message: str, now: float) -> Optional[str]:

@@ -13,8 +13,8 @@ from rclpy.task import Future
 
 from ballbot_ros.bags.metadata import bag_metadata, SIMULATOR
 from ballbot_ros.demo.demo import (
-    ALSO, conclude, CONTROL_RATE, in_processes, lockstep_note, print_event, ROBOT, STATES,
-    SynchronizedStart, TUNING)
+    conclude, CONTROL_RATE, in_processes, lockstep_note, print_event, ROBOT, STATES,
+    SynchronizedStart, TOOL_TOPICS, TUNING)
 from ballbot_ros.demo.forked import import_nodes
 from ballbot_ros.demo.prepare import prepare
 from ballbot_ros.demo.processes import own_domain
@@ -33,7 +33,7 @@ from ballbot_ros.physics.model.robot import load_robot
 from ballbot_ros.ros.conversions import to_time
 from ballbot_ros.ros.endpoints import create_subscription
 
-LONGEST = 300.0  # simulated time after which the robot has had its chance [s]
+DURATION_MAX = 300.0  # simulated time after which the robot has had its chance [s]
 COMMANDS = ('joint_commands', 'cmd_vel', 'set_point', 'plan')
 SENSORS = ('map', 'scan')
 
@@ -90,11 +90,11 @@ def run_house_demo(out: Path, real_time: bool = False, quiet: bool = False, time
                       'lockstep_set_point_period': 0.0 if real_time else PERIOD}
         navigator = {'floor': FLOOR, 'robot': ROBOT, 'control_tuning': TUNING}
         with recorded_graph(
-                folder, (*STATES, *SENSORS, *COMMANDS, *ALSO), timeline,
+                folder, (*STATES, *SENSORS, *COMMANDS, *TOOL_TOPICS), timeline,
                 {'controller': controller, 'navigator': navigator, 'simulator': simulator},
                 bag_metadata(SIMULATOR, simulator), domain) as graph:
             return graph.run(TourGuide(graph, timeline, tour, arrived).poll, timeout,
-                             longest or LONGEST, tuple(STATES))
+                             longest or DURATION_MAX, tuple(STATES))
 
     def verdict_on() -> List[str]:
         return [f'the {visit.room} was not reached' for visit in tour[len(arrived):]]

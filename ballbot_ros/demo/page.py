@@ -14,7 +14,7 @@ from ballbot_ros.demo.processes import own_domain
 from ballbot_ros.errors import ConfigurationError
 
 # Until the page is served, and until it has ended [s].
-START_TIMEOUT, GRACE = 60.0, 10.0
+START_TIMEOUT, END_TIMEOUT = 60.0, 10.0
 
 
 @contextmanager
@@ -51,7 +51,7 @@ def page_beside(quiet: bool = False) -> Iterator[None]:
         finally:
             process.send_signal(signal.SIGINT)
             try:
-                process.wait(GRACE)
+                process.wait(END_TIMEOUT)
             except subprocess.TimeoutExpired:
                 process.kill()
 

@@ -15,7 +15,7 @@ from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.nodes.start import start
 from ballbot_ros.ros import discovery
 
-GRACE = 60.0  # wall time for a node to end after SIGINT before it is killed [s]
+END_TIMEOUT = 60.0  # wall time for a node to end after SIGINT before it is killed [s]
 
 
 _claims: Dict[Tuple[int, int], Tuple[int, socket.socket]] = {}  # by process and number
@@ -155,7 +155,7 @@ class NodeProcesses:
         """Send a signal to one node."""
         self._running[name].send_signal(number)
 
-    def wait(self, name: str, timeout: float = GRACE) -> int:
+    def wait(self, name: str, timeout: float = END_TIMEOUT) -> int:
         """Return the exit code of a node that is about to end."""
         return self._running.pop(name).wait(timeout)
 
@@ -167,7 +167,7 @@ class NodeProcesses:
         codes = {}
         for name, process in self._running.items():
             try:
-                codes[name] = process.wait(GRACE)
+                codes[name] = process.wait(END_TIMEOUT)
             except subprocess.TimeoutExpired:
                 process.kill()
                 codes[name] = process.wait()

@@ -14,7 +14,7 @@ from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.studies.progress import ignore, Progress
 
 SPEEDS: Array = np.linspace(0.2, 1.2, 21, dtype=np.float64)  # [m/s]
-IMPACT = 0.6  # the speed at which both laws have the same restitution [m/s]
+IMPACT_SPEED = 0.6  # the speed at which both laws have the same restitution [m/s]
 
 
 def dissipation_for(restitution: float, speed: float) -> float:
@@ -32,7 +32,7 @@ def dissipation_for(restitution: float, speed: float) -> float:
 
 def laws(robot: Robot) -> dict[str, Robot]:
     """Return a robot with each contact law, by name."""
-    dissipation = dissipation_for(robot.restitution, IMPACT)
+    dissipation = dissipation_for(robot.restitution, IMPACT_SPEED)
     return {'spring and damper, eq. (7)': robot,
             'Hunt and Crossley': robot.replace(
                 contact_law='hunt_crossley', contact_dissipation=dissipation),
@@ -47,8 +47,8 @@ def contact_law(progress: Progress = ignore) -> Figure:
             robot = load_robot(name)
             axes = figure.add_axes((0.065 + 0.48 * number, 0.40, 0.43, 0.475))
             below = figure.add_axes((0.065 + 0.48 * number, 0.12, 0.43, 0.22))
-            axes.set_title(f'{robot.name}, restitution {robot.restitution:.2f} at {IMPACT:g} m/s',
-                           loc='left', fontsize=9.5, weight='bold')
+            axes.set_title(f'{robot.name}, restitution {robot.restitution:.2f} at '
+                           f'{IMPACT_SPEED:g} m/s', loc='left', fontsize=9.5, weight='bold')
             reference = None
             for (label, one), colour, line in zip(laws(robot).items(), colours, ('-', '--', ':')):
                 heights = 1e3 * step_heights(Case(one), SPEEDS)

@@ -20,11 +20,11 @@ from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.model.uncertainty import changed, draw, independent, ranges
 from ballbot_ros.studies.progress import ignore, part_of, Progress, tracked
 
-COARSE = 1e-4  # accuracy of heights that only shade a map [m]
-WHAT_IF = 0.1  # part by which numbers without a range are changed
+MAP_ACCURACY = 1e-4  # accuracy of heights that only shade a map [m]
+WHAT_IF_SHARE = 0.1  # part by which numbers without a range are changed
 
 # Numbers that a what-if leaves alone: gravity is known, and the slip threshold is a means.
-KNOWN = ('gravity', 'slip_threshold')
+EXCLUDED_PARAMETERS = ('gravity', 'slip_threshold')
 
 
 class Bar(NamedTuple):
@@ -53,9 +53,9 @@ def sensitivity(case: Case, speed: float, progress: Progress = ignore) -> list[B
              if not name.startswith('steering.')
              and (case.actuation.law == 'voltage' or not name.startswith('motor.'))}
     what_if = [name for name in ROBOT
-               if name not in (*found, *KNOWN) and getattr(robot, name) > 0.0]
+               if name not in (*found, *EXCLUDED_PARAMETERS) and getattr(robot, name) > 0.0]
     spans = [(name, low, high, True) for name, (low, high) in known.items()]
-    spans += [(name, (1.0 - WHAT_IF) * getattr(robot, name), (1.0 + WHAT_IF)
+    spans += [(name, (1.0 - WHAT_IF_SHARE) * getattr(robot, name), (1.0 + WHAT_IF_SHARE)
                * getattr(robot, name), False) for name in what_if]
     bars = []
     for name, low, high, uncertain in tracked(spans, progress):
@@ -86,7 +86,7 @@ def design_map(case: Case, speed: float, lengths: Array, masses: Array,
     """
     def height(mass: float, length: float) -> float:
         robot = replace(case.robot, pendulum_mass=mass, pendulum_length=length)
-        return step_height(case._replace(robot=robot), speed, COARSE)
+        return step_height(case._replace(robot=robot), speed, MAP_ACCURACY)
     return np.array([[height(mass, length) for length in lengths.tolist()]
                      for mass in tracked(masses.tolist(), progress)])
 
@@ -103,9 +103,9 @@ def heights_on_slopes(case: Case, speeds: Array, slopes: Array, progress: Progre
         for slope in tracked(slopes.tolist(), progress)])
 
 
-FULL = 'simulated with the full model'
+METHOD = 'simulated with the full model'
 SPEED = 0.8  # of the studies at one speed [m/s]
-MOST_BARS, LEAST = 10, 6e-5  # bars shown, and the least effect; heights are to 5e-5 [m]
+BARS_MAX, EFFECT_MIN = 10, 6e-5  # bars shown, and the least effect; heights are to 5e-5 [m]
 SAMPLES = 256
 LENGTHS: Array = np.linspace(0.005, 0.175, 18, dtype=np.float64)  # of the pendulum [m]
 MASSES: Array = np.linspace(0.3, 4.2, 14, dtype=np.float64)  # [kg]
@@ -113,7 +113,7 @@ SLOPE_SPEEDS: Array = np.array([0.3, 0.5, 0.7, 0.9, 1.1])  # [m/s]
 SLOPE_COLOURS = (canvas.PURPLE, canvas.BLUE, canvas.GREEN, canvas.ORANGE, canvas.VERMILION)
 # How "over" is judged, as lines, and slopes behind the step [deg].
 RULES = ((Rules(), '-', 'past the edge'), (Rules(over='clear'), '--', 'clear of it'))
-RISES = ((0.0, canvas.BLUE), (2.5, canvas.ORANGE), (5.0, canvas.VERMILION))
+SLOPES_BEHIND = ((0.0, canvas.BLUE), (2.5, canvas.ORANGE), (5.0, canvas.VERMILION))
 LEVELS = {0.05: '--', 0.5: '-', 0.95: ':'}  # of the probability, as lines
 
 
@@ -129,17 +129,17 @@ def tornado(progress: Progress = ignore) -> Figure:
             middle = step_height(case, SPEED)
             axes.set_title(f'{label}: {1e3 * middle:.1f} mm', loc='left', fontsize=9.5,
                            weight='bold')
-            _draw_bars(axes, [bar for bar in bars[:MOST_BARS] if _effect(bar, middle) > LEAST],
+            _draw_bars(axes, [bar for bar in bars[:BARS_MAX] if _effect(bar, middle) > EFFECT_MIN],
                        middle)
         axes.legend(handles=[
             Patch(color=canvas.BLUE, label='at the high end of its range'),
             Patch(color=canvas.ORANGE, label='at the low end'),
-            Patch(color=canvas.BLUE, alpha=0.35, label=f'no range: {WHAT_IF:.0%} more'),
-            Patch(color=canvas.ORANGE, alpha=0.35, label=f'{WHAT_IF:.0%} less')],
+            Patch(color=canvas.BLUE, alpha=0.35, label=f'no range: {WHAT_IF_SHARE:.0%} more'),
+            Patch(color=canvas.ORANGE, alpha=0.35, label=f'{WHAT_IF_SHARE:.0%} less')],
             loc='lower right', bbox_to_anchor=(0.995, 0.0), bbox_transform=figure.transFigure,
             ncols=4, fontsize=7.5, frameon=False)
         draw_heading(figure, f'Sensitivity of the highest step of GimBall at {SPEED:g} m/s',
-                     FULL)
+                     METHOD)
     return figure
 
 
@@ -164,7 +164,7 @@ def _draw_bars(axes: Any, bars: Sequence[Bar], middle: float) -> None:
         f'{bar.name.replace("_", " ").replace(".", ": ")}\n'
         f'{_short(bar.low)} to {_short(bar.high)} {bar.unit}' for bar in bars],
         fontsize=6.5, linespacing=1.15)
-    axes.set_ylim(MOST_BARS - 0.5, -0.6)
+    axes.set_ylim(BARS_MAX - 0.5, -0.6)
     axes.axvline(0.0, color=canvas.INK, lw=0.8)
     axes.set_xlabel('change of the highest step [mm]')
     axes.grid(axis='x', color=canvas.SOIL, lw=0.5)
@@ -193,7 +193,7 @@ def probability(progress: Progress = ignore) -> Figure:
         scale = figure.add_axes((0.925, 0.115, 0.014, 0.76))
         figure.colorbar(shades, cax=scale, label='probability of passing')
         draw_heading(figure, f'Probability of passing: {SAMPLES} robots drawn from the ranges of '
-                             'GimBall', FULL)
+                             'GimBall', METHOD)
     return figure
 
 
@@ -215,7 +215,7 @@ def design(progress: Progress = ignore) -> Figure:
             if number == 0:
                 axes.legend(loc='lower left', fontsize=7.5, framealpha=0.9, edgecolor='none')
         draw_heading(figure, 'Which pendulum? Highest step in mm, the ball being that of GimBall',
-                     FULL)
+                     METHOD)
     return figure
 
 
@@ -262,20 +262,20 @@ def slope(progress: Progress = ignore) -> Figure:
             axes.set_ylabel('highest step [mm]' if number == 0 else '')
             axes.grid(color=canvas.SOIL, lw=0.5)
             axes.set_axisbelow(True)
-        draw_heading(figure, 'Slope behind the step, GimBall', FULL)
+        draw_heading(figure, 'Slope behind the step, GimBall', METHOD)
     return figure
 
 
 def over(progress: Progress = ignore) -> Figure:
     """Show the highest step by both rules of when a ball is over."""
     robot = load_robot('gimball')
-    total, done = 2 * len(RULES) * len(RISES), 0
+    total, done = 2 * len(RULES) * len(SLOPES_BEHIND), 0
     with canvas.drawing(10.0, 4.4) as figure:
         for number, (label, case) in enumerate((('pendulum free', Case(robot)),
                                                 ('held down', holding(robot, 0.0)))):
             axes = figure.add_axes((0.065 + 0.48 * number, 0.12, 0.43, 0.755))
             axes.set_title(label, loc='left', fontsize=9.5, weight='bold')
-            for rise, colour in RISES:
+            for rise, colour in SLOPES_BEHIND:
                 site = Site(slope_behind=math.radians(rise))
                 for rules, line, words in RULES:
                     found = step_heights(case._replace(site=site, rules=rules), SPEEDS)
@@ -290,5 +290,5 @@ def over(progress: Progress = ignore) -> Figure:
             axes.grid(color=canvas.SOIL, lw=0.5)
             axes.set_axisbelow(True)
             axes.legend(fontsize=8, loc='upper left', frameon=False)
-        draw_heading(figure, 'Where a ball is over, GimBall', FULL)
+        draw_heading(figure, 'Where a ball is over, GimBall', METHOD)
     return figure

@@ -26,11 +26,11 @@ from ballbot_ros.studies import comparators
 from ballbot_ros.studies.progress import counted, ignore, Progress, tracked
 
 # The three crossings of Fig. 7: speed [m/s], step [m] and scene, from top to bottom.
-PRINTED = ((0.76, 0.021, 'fig7_top'), (0.78, 0.031, 'fig7_middle'),
+PRINTED_CROSSINGS = ((0.76, 0.021, 'fig7_top'), (0.78, 0.031, 'fig7_middle'),
            (1.09, 0.056, 'fig7_bottom'))
 
 # Section 7: up to these speeds [m/s] and heights [m] the energy "appears to be useful".
-ENERGY_HOLDS = ((0.6, 0.7), (0.02, 0.03))
+ENERGY_RULE_LIMITS = ((0.6, 0.7), (0.02, 0.03))
 
 # Speeds and time step of MuJoCo: its own contact costs a hundred times ours.
 MUJOCO_SPEEDS, MUJOCO_STEP = SPEEDS[::4], 2e-4
@@ -85,10 +85,10 @@ def figure_6(progress: Progress = ignore) -> Figure:
         draw_rolls(axes, rolls)
         _explain_offset(axes, rolls)
         report()
-        speeds, heights, _ = zip(*PRINTED)
+        speeds, heights, _ = zip(*PRINTED_CROSSINGS)
         axes.plot(speeds, 1e3 * np.array(heights), '*', ms=11, color=canvas.INK, zorder=6,
                   mec='white', mew=0.6, label='passed, printed in the paper (Fig. 7)')
-        (slow, fast), (low, high) = ENERGY_HOLDS
+        (slow, fast), (low, high) = ENERGY_RULE_LIMITS
         axes.fill_between([slow, fast], 1e3 * low, 1e3 * high, color=canvas.GREY, alpha=0.18, lw=0,
                           label='end of the energy estimate, printed in the paper')
         place_legend(axes)
@@ -100,7 +100,7 @@ def figure_6(progress: Progress = ignore) -> Figure:
 def figure_7(progress: Progress = ignore) -> Figure:
     """Show the three crossings whose numbers are printed, as film strips."""
     runs = [(load_scene(name).simulate(), f'{1e3 * height:.0f} mm at {speed:g} m/s, passed')
-            for speed, height, name in tracked(PRINTED, progress)]
+            for speed, height, name in tracked(PRINTED_CROSSINGS, progress)]
     return stacked(runs, f'Fig. 7  Three crossings, {RESIMULATED}')
 
 

@@ -44,7 +44,7 @@ CONTACTS = ('forces', 'matched', 'default')
 # MuJoCo mixes the acceleration that its spring and damper ask for with the one that there is
 # without contact; with an impedance this low only the former is left.
 IMPEDANCE = 0.001
-BLOCK = 0.02  # simulated between two looks at whether the ball is over [s]
+CHECK_PERIOD = 0.02  # simulated between two looks at whether the ball is over [s]
 
 _WORLD = """
 <mujoco>
@@ -242,7 +242,7 @@ class MujocoRun:
     def passes(self, time_limit: float = 5.0) -> bool:
         """Return whether the ball gets over the step; see `crossing.rules`."""
         self.reset()
-        steps = max(1, round(BLOCK / self.step))
+        steps = max(1, round(CHECK_PERIOD / self.step))
         while self.data.time < time_limit:
             self.advance(steps)
             x, y = self.data.qpos[:2].tolist()

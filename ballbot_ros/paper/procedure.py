@@ -18,7 +18,7 @@ from ballbot_ros.physics.model.robot import Robot
 
 HEIGHTS = tuple(0.005 * number for number in range(1, 12))  # 5 to 55 mm [m]
 FINE_ROLLS = 12
-TRIES = 3  # at the highest setting, before the bench is at its end
+ATTEMPTS_MAX = 3  # at the highest setting, before the bench is at its end
 
 
 class Threshold(NamedTuple):
@@ -69,7 +69,7 @@ def run_tests(bench: Bench, robot: Robot, heights: Sequence[float] = HEIGHTS, se
             if roll.passed:
                 break
             at_top += setting == bench.highest
-            if at_top == TRIES:
+            if at_top == ATTEMPTS_MAX:
                 return
             setting = min(setting * bench.coarse, bench.highest)
         for _ in range(fine_rolls):

@@ -27,8 +27,8 @@ from ballbot_ros.physics.simulation.scene import load_scene
 from ballbot_ros.studies.progress import ignore, Progress
 
 PERIOD = 0.002  # of the loop [s]
-PULLED, ENDS = 3.0, 4.0  # after the start [s]
-SWING, FREQUENCY = 0.5, 0.7  # of the commands [N m, Hz]
+UNPLUG_TIME, END_TIME = 3.0, 4.0  # after the start [s]
+TORQUE_AMPLITUDE, FREQUENCY = 0.5, 0.7  # of the commands [N m, Hz]
 
 
 class RecordedLine(MemoryLine):
@@ -83,7 +83,7 @@ class RecordedLine(MemoryLine):
             if not self.session.supervisor.e_stop:
                 try:
                     self.session.command(
-                        SWING * math.sin(math.tau * FREQUENCY * self.now), self.now)
+                        TORQUE_AMPLITUDE * math.sin(math.tau * FREQUENCY * self.now), self.now)
                 except MessageError:
                     pass  # in the black box
 
@@ -97,10 +97,10 @@ def pulled_plug(progress: Progress = ignore) -> BlackBoxRecording:
     line.session.release()
     begin = line.now
     for tenth in range(1, 11):
-        line.run(begin + PULLED * tenth / 10.0)
+        line.run(begin + UNPLUG_TIME * tenth / 10.0)
         progress(tenth / 12.0)
     line.plugged = False
-    line.run(begin + ENDS)
+    line.run(begin + END_TIME)
     line.session.close()
     fault = line.box.take_fault()
     if fault is None:

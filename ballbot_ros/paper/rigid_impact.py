@@ -16,7 +16,7 @@ equation along the line.  It lifts off where the line would have to pull.
 
 *Flight.*  A parabola, up to where it meets the line again.
 
-A bounce slower than `QUIET` is left out, because an endless sequence of them is not run
+A bounce slower than `BOUNCE_SPEED_MIN` is left out, because an endless sequence of them is not run
 through in finite time.
 """
 import math
@@ -28,11 +28,11 @@ from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics.model.robot import Robot
 from ballbot_ros.studies.comparators import bisect, check, highest_passed, inertia_ratio
 
-QUIET = 0.005  # [m/s]; a flight that begins with it lasts 1 ms
-LOOK = 5e-4  # time between two looks at a flight: shorter than the shortest one [s]
+BOUNCE_SPEED_MIN = 0.005  # [m/s]; a flight that begins with it lasts 1 ms
+FLIGHT_STEP = 5e-4  # time between two looks at a flight: shorter than the shortest one [s]
 RIDE_STEP = 5e-4  # of the integration along the line [s]
 TIME_LIMIT = 5.0  # after which a ball that is neither over nor back has failed [s]
-BELOW = 1e-12  # rounding that does not count as a touch [m]
+ROUNDING = 1e-12  # rounding that does not count as a touch [m]
 
 FLYING, FLOOR, EDGE = range(3)
 
@@ -98,7 +98,7 @@ class RigidBall:
     def passes(self) -> bool:
         """Run until the ball is over, or back, or time is up."""
         self.touch(EDGE)
-        for _ in range(round(TIME_LIMIT / min(LOOK, RIDE_STEP))):
+        for _ in range(round(TIME_LIMIT / min(FLIGHT_STEP, RIDE_STEP))):
             if self.on == FLYING:
                 self.fly()
             else:
@@ -128,7 +128,7 @@ class RigidBall:
         sine, cosine = math.sin(lean), math.cos(lean)
         inward = max(self.velocity_x * sine - self.velocity_y * cosine, 0.0)
         bounce = self.restitution * inward
-        if bounce < QUIET:
+        if bounce < BOUNCE_SPEED_MIN:
             bounce = 0.0
         along = self.rub(self.along(lean), self.friction() * (inward + bounce))
         self.velocity_x = along * cosine - bounce * sine
@@ -180,7 +180,7 @@ class RigidBall:
             self.touch(EDGE)
 
     def fly(self) -> None:
-        """Fly for `LOOK`, or up to a touch."""
+        """Fly for `FLIGHT_STEP`, or up to a touch."""
         begin = self.x, self.y, self.velocity_y
 
         def place(time: float) -> float:
@@ -190,7 +190,7 @@ class RigidBall:
             self.velocity_y = begin[2] - self.robot.gravity * time
             return min(self.y, math.hypot(self.x, self.y - self.height)) - self.radius
 
-        if place(LOOK) < -BELOW and self.x <= 0.0:
-            place(bisect(lambda time: place(time) >= -BELOW, LOOK, 0.0, 1e-9))
+        if place(FLIGHT_STEP) < -ROUNDING and self.x <= 0.0:
+            place(bisect(lambda time: place(time) >= -ROUNDING, FLIGHT_STEP, 0.0, 1e-9))
             away = math.hypot(self.x, self.y - self.height)
             self.touch(FLOOR if self.y < away else EDGE)

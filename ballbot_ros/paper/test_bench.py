@@ -25,10 +25,10 @@ from ballbot_ros.physics.simulation.model import Model
 from ballbot_ros.physics.simulation.run import run_once
 from ballbot_ros.physics.simulation.solver import Solver
 
-STEP = 2e-4  # of the integration [s]
-OUTPUT = 1e-3  # between samples [s]
-PIECE = 0.25  # simulated between two looks at whether the roll is over [s]
-LIMIT = 12.0  # a ball that is neither over nor back by then lies still [s]
+SOLVER_STEP = 2e-4  # of the integration [s]
+OUTPUT_STEP = 1e-3  # between samples [s]
+CHECK_PERIOD = 0.25  # simulated between two looks at whether the roll is over [s]
+TIME_LIMIT = 12.0  # a ball that is neither over nor back by then lies still [s]
 BEND_ARC = math.radians(0.5)  # of one flat of the bend
 
 
@@ -125,7 +125,7 @@ class Bench(Checked):
                 f'sensor_distance must be at least {touch:.3g} m, where the ball touches a step '
                 f'of {height:g} m, got {self.sensor_distance:g} m',
                 'inconsistent', 'sensor_distance')
-        model = Model(robot, self.terrain(height), solver=Solver(step=STEP))
+        model = Model(robot, self.terrain(height), solver=Solver(step=SOLVER_STEP))
         start, actuation = self.begin(model, setting, chance)
         phase = chance.random()
         rows, passed = run_to_the_end(model, start, actuation, touch, height)
@@ -255,8 +255,8 @@ def run_to_the_end(model: Model, start: State, actuation: Actuation, touch: floa
     x, y, velocity = (State._fields.index(name) for name in ('x', 'y', 'velocity_x'))
     pieces: list[Array] = []
     state = start
-    while state.time < LIMIT:
-        run = run_once(model, state, actuation, PIECE, OUTPUT)
+    while state.time < TIME_LIMIT:
+        run = run_once(model, state, actuation, CHECK_PERIOD, OUTPUT_STEP)
         rows = run.rows
         pieces.append(rows if not pieces else rows[1:])
         over = is_over(rows[:, x], rows[:, y], 0.0, height, model.robot.ball_radius)

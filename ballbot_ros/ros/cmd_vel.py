@@ -18,13 +18,15 @@ TYPES = {'geometry_msgs/msg/TwistStamped': TwistStamped, 'geometry_msgs/msg/Twis
 # Period of the queries for the type that is published [s].
 TYPE_PERIOD = 0.2
 # The largest offset of a joystick at rest [m/s, rad/s].
-NEGLIGIBLE = 0.01
+DEAD_BAND = 0.01
 # A turn needs the lateral axis.
-TURN = ('angular', 'z')
-LATERAL = ' (it turns with a section steering in the robot file, and in the simulator on a floor)'
+YAW_RATE = ('angular', 'z')
+TURN_HINT = (' (it turns with a section steering in the robot file, and in the simulator on a '
+             'floor)')
 # Components that the speed law does not follow, with their units.
-OTHERS = (('linear', 'y', 'm/s'), ('linear', 'z', 'm/s'), ('angular', 'x', 'rad/s'),
-          ('angular', 'y', 'rad/s'), ('angular', 'z', 'rad/s'))
+OTHER_COMPONENTS = (
+    ('linear', 'y', 'm/s'), ('linear', 'z', 'm/s'), ('angular', 'x', 'rad/s'),
+    ('angular', 'y', 'rad/s'), ('angular', 'z', 'rad/s'))
 
 
 class SpeedSubscription:
@@ -99,22 +101,22 @@ def speed_set_point(message: Union[Twist, TwistStamped], steers: bool = False) -
     ------
     MessageError
         With reason ``not_finite``, or ``other_axes`` if a turn, or speed in another direction than
-        forward, is above `NEGLIGIBLE`.
+        forward, is above `DEAD_BAND`.
 
     """
     stamped = isinstance(message, TwistStamped)
     twist = message.twist if stamped else message
-    for kind, axis, unit in OTHERS:
+    for kind, axis, unit in OTHER_COMPONENTS:
         value = getattr(getattr(twist, kind), axis)
         if not math.isfinite(value):
             raise MessageError(f'{kind}.{axis} must be finite, got {value!r}',
                                'not_finite', f'{kind}.{axis}')
-        if abs(value) > NEGLIGIBLE and not (steers and (kind, axis) == TURN):
+        if abs(value) > DEAD_BAND and not (steers and (kind, axis) == YAW_RATE):
             raise MessageError(
                 f'{kind}.{axis} is {value:.3g} {unit}, and the speed law drives '
-                f'straight ahead only{LATERAL if (kind, axis) == TURN else ""}; the '
+                f'straight ahead only{TURN_HINT if (kind, axis) == YAW_RATE else ""}; the '
                 'message is ignored: send linear.x alone, and the rest within '
-                f'{NEGLIGIBLE:g} of 0', 'other_axes', f'{kind}.{axis}')
+                f'{DEAD_BAND:g} of 0', 'other_axes', f'{kind}.{axis}')
     return SetPoint(Mode.SPEED, twist.linear.x,
                     to_seconds(message.header.stamp) if stamped else 0.0,
                     twist.angular.z if steers else 0.0)

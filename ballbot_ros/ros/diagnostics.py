@@ -14,7 +14,7 @@ WARN = DiagnosticStatus.WARN
 ERROR = DiagnosticStatus.ERROR
 
 # Publications between two searches for endpoints with incompatible profiles.
-MATCHED_EVERY = 10
+MATCH_CHECK_INTERVAL = 10
 
 Health = Tuple[bytes, str, Mapping[str, object]]
 
@@ -67,6 +67,6 @@ class Diagnostics:
         array.header.stamp = self._stamp()
         self._publisher.publish(array)
         self._count += 1
-        if self._count % MATCHED_EVERY == 2:
+        if self._count % MATCH_CHECK_INTERVAL == 2:
             for sentence in mismatches(self._node):
                 self._node.get_logger().warning(sentence)

@@ -9,17 +9,18 @@ from typing import Dict, Mapping, MutableMapping
 
 from ballbot_ros.config.files import config_folder
 
-RANGE = 'ROS_AUTOMATIC_DISCOVERY_RANGE'
+RANGE_VARIABLE = 'ROS_AUTOMATIC_DISCOVERY_RANGE'
 # If one of these is set, the user has configured discovery.
-CHOICES = (RANGE, 'ROS_LOCALHOST_ONLY', 'ROS_STATIC_PEERS', 'ROS_DISCOVERY_SERVER')
+DISCOVERY_VARIABLES = (
+    RANGE_VARIABLE, 'ROS_LOCALHOST_ONLY', 'ROS_STATIC_PEERS', 'ROS_DISCOVERY_SERVER')
 # Environment variables of Fast DDS for its settings: up to version 2, and later.
-SETTINGS = ('FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE')
-OPEN = f'{RANGE}=SUBNET'
+FAST_DDS_VARIABLES = ('FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE')
+SUBNET_SETTING = f'{RANGE_VARIABLE}=SUBNET'
 
 
 def chosen(environment: Mapping[str, str]) -> Dict[str, str]:
     """Return the variables by which the user has set the discovery range, empty for none."""
-    return {name: environment[name] for name in CHOICES if environment.get(name)}
+    return {name: environment[name] for name in DISCOVERY_VARIABLES if environment.get(name)}
 
 
 def on_this_machine(environment: Mapping[str, str]) -> bool:
@@ -27,7 +28,7 @@ def on_this_machine(environment: Mapping[str, str]) -> bool:
     if environment.get('ROS_LOCALHOST_ONLY') == '1':
         return True
     choice = chosen(environment)
-    return not choice or choice == {RANGE: 'LOCALHOST'}
+    return not choice or choice == {RANGE_VARIABLE: 'LOCALHOST'}
 
 
 def variables(environment: Mapping[str, str]) -> Dict[str, str]:
@@ -39,10 +40,10 @@ def variables(environment: Mapping[str, str]) -> Dict[str, str]:
     """
     if not on_this_machine(environment):
         return {}
-    added = {} if chosen(environment) else {RANGE: 'LOCALHOST'}
+    added = {} if chosen(environment) else {RANGE_VARIABLE: 'LOCALHOST'}
     path = str(config_folder() / 'fastdds' / 'this_machine.xml')
-    if not any(environment.get(name) for name in SETTINGS):
-        added.update(dict.fromkeys(SETTINGS, path))
+    if not any(environment.get(name) for name in FAST_DDS_VARIABLES):
+        added.update(dict.fromkeys(FAST_DDS_VARIABLES, path))
     return added
 
 
@@ -59,7 +60,7 @@ def apply(environment: MutableMapping[str, str]) -> str:
     choice = chosen(environment)
     environment.update(variables(environment))
     if not choice:
-        return f'found from this machine only; for other machines, too, set {OPEN}'
+        return f'found from this machine only; for other machines, too, set {SUBNET_SETTING}'
     said = ', '.join(f'{name}={value}' for name, value in choice.items())
     return f'found from {"this machine only" if on_this_machine(environment) else "where set"}' \
         f' by {said}'

@@ -78,7 +78,7 @@ class Frames:
 
 FRAMES = Frames()
 
-WHY = 'other nodes may already use it'
+FIXED_REASON = 'other nodes may already use it'
 _DOCS = {
     'odom': 'fixed frame of the odometry',
     'map': 'frame of the floor; a parent of odom_frame, empty to publish none',
@@ -103,10 +103,10 @@ def marked(what: str) -> Any:
 
 def frame(kind: str) -> Any:
     """Declare the parameter for the name of a frame."""
-    return fixed(WHY, text(_DOCS[kind], default=getattr(FRAMES, kind)))
+    return fixed(FIXED_REASON, text(_DOCS[kind], default=getattr(FRAMES, kind)))
 
 
 def frame_prefix() -> Any:
     """Declare the parameter for the prefix of all frames."""
-    return fixed(WHY, text(
+    return fixed(FIXED_REASON, text(
         'prefix of the name of each frame, such as `left/` with several robots', default=''))

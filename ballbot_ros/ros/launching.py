@@ -47,9 +47,9 @@ IMU: Tuple[Argument, ...] = (
     ('imu_axes', 'x y z', 'hardware: its axes that point forward, left and up'))
 
 # Of rviz/ballbot.rviz: what is to follow the namespace.
-SHOWN = ('odom', 'robot_description', 'markers')
+RVIZ_TOPICS = ('odom', 'robot_description', 'markers')
 
-TRUTH = {'true': True, 'false': False}
+BOOLEANS = {'true': True, 'false': False}
 # Largest rate at which robot_state_publisher publishes the links [Hz].
 LINK_RATE = 100.0
 
@@ -84,11 +84,11 @@ class Given:
     def flag(self, name: str) -> bool:
         """Return an argument as true or false; raises `ConfigurationError` if it is neither."""
         text = self[name].lower()
-        if text not in TRUTH:
+        if text not in BOOLEANS:
             raise ConfigurationError(
                 f'launch argument {name} must be true or false, got {self[name]!r}',
                 'wrong_type', name)
-        return TRUTH[text]
+        return BOOLEANS[text]
 
     def node(self, executable: str, parameters: Mapping[str, Any], required: bool = True) -> Node:
         """
@@ -144,7 +144,7 @@ class Given:
             found.append(Node(
                 package='rviz2', executable='rviz2',
                 arguments=['-d', str(view), '-f', f'{self["frame_prefix"]}odom'],
-                remappings=[(f'/{topic}', topic) for topic in SHOWN]))
+                remappings=[(f'/{topic}', topic) for topic in RVIZ_TOPICS]))
         if self.flag('view'):
             words = ['ballbot', 'view', '--live', '--robot', robot]
             if self['namespace']:

@@ -18,7 +18,7 @@ from ballbot_ros.ros.rclpy_compat import (
 
 SUCCESS, FAILURE = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FAILURE
 # Period of the attempts to start [s].
-START_AGAIN = 1.0
+START_RETRY_PERIOD = 1.0
 UNCONFIGURED, INACTIVE = 'unconfigured', 'inactive'
 
 Serve = Callable[[ChangeState.Request, ChangeState.Response], ChangeState.Response]
@@ -86,7 +86,7 @@ class Autostart:
     def __init__(self, node: ManagedNode):
         self._node = node
         self._timer = node.create_timer(
-            START_AGAIN, self._try, clock=Clock(clock_type=ClockType.STEADY_TIME))
+            START_RETRY_PERIOD, self._try, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._try()
 
     def _try(self) -> None:

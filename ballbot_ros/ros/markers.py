@@ -20,13 +20,14 @@ from ballbot_ros.ros.conversions import to_time
 from ballbot_ros.ros.endpoints import create_publisher
 from ballbot_ros.ros.frames import Frames
 
-PERIOD = 0.1  # [s]
+MARKER_PERIOD = 0.1  # [s]
 HALF_WIDTH = 0.5  # of ground and steps, to both sides [m]
-END = 5.0  # how far the ground is drawn beyond its last vertex [m]
-LENGTH = 0.3  # of the arrow of a force like the weight [m]
-GROUND, CONTACT, FORCE = (0.55, 0.5, 0.45, 1.0), (0.9, 0.1, 0.1, 1.0), (0.9, 0.6, 0.1, 1.0)
-LIMIT, WALL = (0.1, 0.4, 0.9, 1.0), (0.8, 0.8, 0.78, 0.5)
-TAKEN, REFUSED = (0.1, 0.65, 0.25, 1.0), (0.85, 0.15, 0.1, 1.0)
+GROUND_EXTENSION = 5.0  # how far the ground is drawn beyond its last vertex [m]
+WEIGHT_ARROW_LENGTH = 0.3  # of the arrow of a force like the weight [m]
+GROUND_COLOUR, WALL_COLOUR = (0.55, 0.5, 0.45, 1.0), (0.8, 0.8, 0.78, 0.5)
+CONTACT_COLOUR, FORCE_COLOUR = (0.9, 0.1, 0.1, 1.0), (0.9, 0.6, 0.1, 1.0)
+LIMIT_COLOUR = (0.1, 0.4, 0.9, 1.0)
+ACCEPTED_COLOUR, REFUSED_COLOUR = (0.1, 0.65, 0.25, 1.0), (0.85, 0.15, 0.1, 1.0)
 Place = Tuple[float, float, float]
 
 
@@ -48,7 +49,7 @@ class MarkerTopic:
 
     def is_due(self, now: float) -> bool:
         """Return whether markers are due and have subscribers, and schedule the next ones."""
-        if self._topic is None or 0.0 <= now - self._last < PERIOD:
+        if self._topic is None or 0.0 <= now - self._last < MARKER_PERIOD:
             return False
         self._last = now
         return self._topic.get_subscription_count() > 0
@@ -62,7 +63,7 @@ class MarkerTopic:
 def world_markers(state: State, model: Model, frame: str) -> List[Marker]:
     """Return the ground, the contact points and the contact forces, in the frame `odom`."""
     stamp = to_time(state.time)
-    ground = _marker(stamp, frame, 'terrain', Marker.TRIANGLE_LIST, GROUND, _ribbon(
+    ground = _marker(stamp, frame, 'terrain', Marker.TRIANGLE_LIST, GROUND_COLOUR, _ribbon(
         model.terrain.vertices), (1.0, 1.0, 1.0))
     return [ground, *_contact_markers(state, model, frame, (state.x, 0.0, 0.0))]
 
@@ -81,8 +82,9 @@ def floor_markers(plant: FloorPlant, frames: Frames) -> List[Marker]:
                 for point in segment]
     where = frames.map or frames.odom
     return [
-        _marker(stamp, where, 'walls', Marker.TRIANGLE_LIST, WALL, walls, (1.0, 1.0, 1.0)),
-        _marker(stamp, where, 'features', Marker.LINE_LIST, LIMIT, outlines, (0.02, 0.0, 0.0)),
+        _marker(stamp, where, 'walls', Marker.TRIANGLE_LIST, WALL_COLOUR, walls, (1.0, 1.0, 1.0)),
+        _marker(stamp, where, 'features', Marker.LINE_LIST, LIMIT_COLOUR, outlines,
+                (0.02, 0.0, 0.0)),
         *_contact_markers(plant.state, plant.model, frames.odom, plant.relative_pose)]
 
 
@@ -90,7 +92,7 @@ def _contact_markers(state: State, model: Model, frame: str,
                      pose: Tuple[float, float, float]) -> List[Marker]:
     """Return contacts and forces of a ball at a pose."""
     stamp = to_time(state.time)
-    part = LENGTH / model.robot.weight if model.robot.weight > 0.0 else 0.0
+    part = WEIGHT_ARROW_LENGTH / model.robot.weight if model.robot.weight > 0.0 else 0.0
 
     def place(x: float, z: float) -> Place:
         """Return a point of the vertical plane of the path."""
@@ -103,9 +105,9 @@ def _contact_markers(state: State, model: Model, frame: str,
         points.append(place(touch.x, touch.y))
         arrows += [points[-1], place(touch.x + part * along, touch.y + part * up)]
     return [
-        _marker(stamp, frame, 'contacts', Marker.SPHERE_LIST, CONTACT, points,
+        _marker(stamp, frame, 'contacts', Marker.SPHERE_LIST, CONTACT_COLOUR, points,
                 (0.03, 0.03, 0.03)),
-        _marker(stamp, frame, 'forces', Marker.LINE_LIST, FORCE, arrows, (0.015, 0.0, 0.0))]
+        _marker(stamp, frame, 'forces', Marker.LINE_LIST, FORCE_COLOUR, arrows, (0.015, 0.0, 0.0))]
 
 
 def decision_markers(decision: Decision, odometry: Odometry, radius: float) -> List[Marker]:
@@ -123,7 +125,7 @@ def decision_markers(decision: Decision, odometry: Odometry, radius: float) -> L
     """
     stamp, frame = odometry.header.stamp, odometry.header.frame_id
     at = odometry.pose.pose.position
-    colour = TAKEN if decision.kind in (Kind.CLEAR, Kind.CROSS) else REFUSED
+    colour = ACCEPTED_COLOUR if decision.kind in (Kind.CLEAR, Kind.CROSS) else REFUSED_COLOUR
     foot, floor = at.x + decision.distance, at.z - radius
     known = math.isfinite(decision.distance) and math.isfinite(decision.height)
     outline, limit = [], []
@@ -138,7 +140,8 @@ def decision_markers(decision: Decision, odometry: Odometry, radius: float) -> L
     text.text = f'{decision.kind.name}\n{decision.explanation}'
     return [
         _marker(stamp, frame, 'step', Marker.LINE_STRIP, colour, outline, (0.02, 0.0, 0.0)),
-        _marker(stamp, frame, 'height_limit', Marker.LINE_STRIP, LIMIT, limit, (0.015, 0.0, 0.0)),
+        _marker(stamp, frame, 'height_limit', Marker.LINE_STRIP, LIMIT_COLOUR, limit,
+                (0.015, 0.0, 0.0)),
         text]
 
 
@@ -150,8 +153,9 @@ def _across(x: float, low: float, high: float) -> List[Place]:
 
 def _ribbon(vertices: 'np.ndarray[Tuple[int, int], np.dtype[np.float64]]') -> List[Place]:
     """Return the triangles of the ground, extended along its last segments."""
-    ends = [vertices[near] + END * (vertices[near] - vertices[next_]) / np.linalg.norm(
-        vertices[near] - vertices[next_]) for near, next_ in ((0, 1), (-1, -2))]
+    ends = [vertices[near] + GROUND_EXTENSION * (vertices[near] - vertices[next_])
+            / np.linalg.norm(vertices[near] - vertices[next_])
+            for near, next_ in ((0, 1), (-1, -2))]
     course = [ends[0], *vertices, ends[1]]
     found: List[Place] = []
     for (x, z), (next_x, next_z) in zip(course[:-1], course[1:]):

@@ -32,7 +32,8 @@ END_TIMEOUT = 20.0
 CLOCK_TIMEOUT, CLOCK_WARNING_PERIOD = 3.0, 10.0
 
 EXIT_REFUSED = 2  # exit code when the node does not accept its configuration
-STRAY = 'not an argument of a node; parameters are given as in --ros-args -p robot:=gimball'
+STRAY_ARGUMENT = ('not an argument of a node; parameters are given as in --ros-args -p '
+                  'robot:=gimball')
 
 
 class Stop:
@@ -154,7 +155,7 @@ def _run_together(make_nodes: Sequence[Callable[[], Node]], args: Optional[List[
     except (RuntimeError, ValueError) as error:  # a malformed argument or parameter file
         what = _one_line(error)
         if what.startswith('['):  # rclpy lists unknown arguments and says no more
-            what = f'{", ".join(ast.literal_eval(what))}: {STRAY}'
+            what = f'{", ".join(ast.literal_eval(what))}: {STRAY_ARGUMENT}'
         print(f'cannot start: {what}', file=sys.stderr)
         return EXIT_REFUSED
     words = sys.argv[1:] if args is None else args
@@ -162,7 +163,7 @@ def _run_together(make_nodes: Sequence[Callable[[], Node]], args: Optional[List[
     # ROS would ignore them, even a parameter; it takes NAME:=VALUE as a remapping.
     stray = [*words[:begin], *remove_ros_args(words[begin:])]
     if stray:
-        print(f'cannot start: {", ".join(stray)}: {STRAY}', file=sys.stderr)
+        print(f'cannot start: {", ".join(stray)}: {STRAY_ARGUMENT}', file=sys.stderr)
         rclpy.try_shutdown()
         return EXIT_REFUSED
     nodes: List[Node] = []

@@ -16,7 +16,7 @@ AXIS = (0.0, -1.0, 0.0)
 # Lean is positive to the left, tilt with the left end of the axle down.
 LEAN_AXIS, TILT_AXIS = (1.0, 0.0, 0.0), (-1.0, 0.0, 0.0)
 # The band on which the ball rolls, in two alternating colours, to show the rotation.
-PATCHES = 16
+BAND_SEGMENTS = 16
 BAND_WIDTH, BAND_THICKNESS = 0.16, 0.02  # parts of the radius
 ROD_RADIUS = 0.03  # part of the radius
 DENSITY = 7850.0  # of the weight as it is drawn, that of steel [kg/m3]
@@ -97,7 +97,7 @@ def _ball(robot: Robot, name: str) -> Xml.Element:
         if kind == 'visual':
             Xml.SubElement(shape, 'material', name='shell')
     for number, angle in enumerate(_patch_angles()):
-        length = 2.0 * radius * math.tan(math.pi / PATCHES)
+        length = 2.0 * radius * math.tan(math.pi / BAND_SEGMENTS)
         patch = _shape(link, 'visual', 'box', _below(radius, angle), (0.0, -angle, 0.0),
                        size=(length, BAND_WIDTH * radius, BAND_THICKNESS * radius))
         # The patch that is lowest at angle 0 is marked, so that angles can be read.
@@ -108,8 +108,8 @@ def _ball(robot: Robot, name: str) -> Xml.Element:
 
 def _patch_angles() -> Iterator[float]:
     """Yield the angles of the patches of the band, counter-clockwise from straight down [rad]."""
-    for number in range(PATCHES):
-        yield 2.0 * math.pi * number / PATCHES
+    for number in range(BAND_SEGMENTS):
+        yield 2.0 * math.pi * number / BAND_SEGMENTS
 
 
 def _below(distance: float, angle: float = 0.0) -> tuple[float, float, float]:

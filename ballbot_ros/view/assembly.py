@@ -186,7 +186,7 @@ def total(joints: Mapping[str, Optional[float]]) -> Optional[float]:
 
 
 # A scan that differs by less has no effect [m]: noise would redraw the page continuously.
-SAME_TERRAIN = 1e-3
+TERRAIN_TOLERANCE = 1e-3
 
 
 class ObservedTerrain:
@@ -254,8 +254,8 @@ class ObservedTerrain:
         assert self._points is not None and self._terrain is not None
         known = self._points
         inside = (known[:, 0] > points[0, 0]) & (known[:, 0] < points[-1, 0])
-        if points[0, 0] < known[0, 0] - SAME_TERRAIN \
-                or points[-1, 0] > known[-1, 0] + 50.0 * SAME_TERRAIN:
+        if points[0, 0] < known[0, 0] - TERRAIN_TOLERANCE \
+                or points[-1, 0] > known[-1, 0] + 50.0 * TERRAIN_TOLERANCE:
             return False
         # Compared in both directions, to detect new steps and removed ones.
         return _lies_on(points, known) and _lies_on(known[inside], points)
@@ -264,8 +264,8 @@ class ObservedTerrain:
 def _lies_on(points: Array, line: Array) -> bool:
     """Return whether all points lie on a polyline; at an upright face, slightly beside counts."""
     apart = np.abs([np.interp(points[:, 0] + aside, line[:, 0], line[:, 1]) - points[:, 1]
-                    for aside in (-SAME_TERRAIN, 0.0, SAME_TERRAIN)]).min(axis=0)
-    return bool((apart < SAME_TERRAIN).all())
+                    for aside in (-TERRAIN_TOLERANCE, 0.0, TERRAIN_TOLERANCE)]).min(axis=0)
+    return bool((apart < TERRAIN_TOLERANCE).all())
 
 
 def _simplified(points: Array) -> Array:
@@ -283,7 +283,7 @@ def _simplified(points: Array) -> Array:
     return np.array(kept)
 
 
-DEFAULT = 'gimball'
+DEFAULT_ROBOT = 'gimball'
 
 
 class DescribedRobot(NamedTuple):
@@ -318,7 +318,7 @@ def described_robot(parameters: Mapping[str, Any], robot: str = '') -> Described
     found = load_robot(robot) if robot else None
     try:
         if parameters.get('floor'):
-            found = found or load_robot(str(parameters.get('robot') or DEFAULT))
+            found = found or load_robot(str(parameters.get('robot') or DEFAULT_ROBOT))
         elif parameters.get('scene'):
             other = str(parameters.get('robot') or '')
             scene = load_scene(str(parameters['scene']), other or None)
@@ -330,8 +330,8 @@ def described_robot(parameters: Mapping[str, Any], robot: str = '') -> Described
     except BallbotError as error:
         notes.append(f'{error}.')
     if found is None:
-        found = load_robot(DEFAULT)
-        notes.append(f'The robot is unknown and drawn as {DEFAULT} (--robot NAME sets it).')
+        found = load_robot(DEFAULT_ROBOT)
+        notes.append(f'The robot is unknown and drawn as {DEFAULT_ROBOT} (--robot NAME sets it).')
     curve = _curve(found, parameters, notes)
     return DescribedRobot(found, terrain, curve, tuple(notes))
 

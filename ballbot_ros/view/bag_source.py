@@ -12,12 +12,12 @@ from ballbot_ros.bags.opener import custom_data, open_bag
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.view.assembly import MessageSource, TOPICS
 from ballbot_ros.view.frame import Frame
-from ballbot_ros.view.source import Control, Health, MOST
+from ballbot_ros.view.source import Control, FRAMES_MAX, Health
 
-RATE = 100.0  # frames per second, at most: bags have up to 500 states per second
-SLOWEST, FASTEST = 0.05, 20.0  # playback
-STATES = ('ball_state', 'joint_states')  # topics that state the robot
-CURVE = ('curve', 'variant')  # parameters of the decision that name its height curve
+FRAME_RATE = 100.0  # frames per second, at most: bags have up to 500 states per second
+PLAYBACK_RATE_MIN, PLAYBACK_RATE_MAX = 0.05, 20.0  # playback
+STATE_TOPICS = ('ball_state', 'joint_states')  # topics that state the robot
+CURVE_PARAMETERS = ('curve', 'variant')  # parameters of the decision that name its height curve
 
 
 class Playback:
@@ -130,7 +130,7 @@ class BagSource(MessageSource):
                 pass  # that of another bag, and optional here
         made = BagMetadata.read(texts)
         super().__init__({
-            **{name: made.decision[name] for name in CURVE if name in made.decision},
+            **{name: made.decision[name] for name in CURVE_PARAMETERS if name in made.decision},
             **made.parameters}, robot)
         self._playback = Playback(lambda: self._history.span)
         self._playback.pause(paused)
@@ -169,7 +169,7 @@ class BagSource(MessageSource):
             'pause': Control(self._playback.paused),
             'step': Control(None, 1e-3, 10.0, 's'),
             'reset': Control(None),
-            'speed': Control(self._playback.speed, SLOWEST, FASTEST),
+            'speed': Control(self._playback.speed, PLAYBACK_RATE_MIN, PLAYBACK_RATE_MAX),
             'seek': Control(self._playback.place, begin, end, 's')})
 
     def _set_pause(self, paused: bool) -> None:
@@ -201,7 +201,7 @@ class BagSource(MessageSource):
     def _read(self) -> None:
         """Create frames of all messages, evenly spaced to fit the history; from time 0."""
         origin: Optional[float] = None
-        newest, spacing = 0.0, 1.0 / RATE
+        newest, spacing = 0.0, 1.0 / FRAME_RATE
         try:
             with open_bag(self._path) as bag:
                 for topic, message in bag.messages(self._topics):
@@ -219,7 +219,7 @@ class BagSource(MessageSource):
                         continue
                     newest = time
                     self._history.add(replace(frame, time=time))
-                    if len(self._history) >= MOST:
+                    if len(self._history) >= FRAMES_MAX:
                         self._history.thin()
                         spacing *= 2.0
         except ConfigurationError as error:
@@ -238,13 +238,13 @@ def robot_topics(path: Path, topics: List[str], namespace: str) -> Tuple[str, ..
 
     """
     prefixes = sorted({topic.rsplit('/', 1)[0] for topic in topics
-                       if topic.rsplit('/', 1)[-1] in STATES})
+                       if topic.rsplit('/', 1)[-1] in STATE_TOPICS})
     asked = '/' + namespace.strip('/') if namespace.strip('/') else ''
     if namespace:
         prefixes = [prefix for prefix in prefixes if prefix == asked]
     if not prefixes:
         raise ConfigurationError(
-            f'{path}: has neither {" nor ".join(STATES)}'
+            f'{path}: has neither {" nor ".join(STATE_TOPICS)}'
             + (f' in the namespace {asked}' if namespace else ''), 'missing', 'namespace')
     if len(prefixes) > 1:
         raise ConfigurationError(

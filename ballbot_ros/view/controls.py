@@ -21,8 +21,8 @@ GROUPS: Mapping[str, Mapping[str, str]] = {
     'Motor': {'law': 'law', 'set_point': 'set-point', 'yaw_rate': 'yaw rate'},
     'World': {'step_height': 'step ahead', 'friction': 'friction'},
     'Simulation': {'speed': 'playback', 'accuracy': 'accuracy'}}
-POSITIONS = 300  # of a slider
-STEP = 0.02  # that `step` advances by [s]
+SLIDER_POSITIONS = 300  # of a slider
+STEP_TIME = 0.02  # that `step` advances by [s]
 PANEL_WIDTH = 260  # [px]
 ACCURACIES: Mapping[str, float] = {
     'as in the scene': 0.0, '1 mm': 1e-3, '0.1 mm': 1e-4, '10 um': 1e-5, '1 um': 1e-6,
@@ -101,7 +101,7 @@ class Controls:
         if 'pause' in controls:
             self._button('pause', 'Pause', 'blue', lambda: not self._is_on('pause'))
         if 'step' in controls:
-            self._button('step', f'Step by {STEP:g} s', 'gray', self._step)
+            self._button('step', f'Step by {STEP_TIME:g} s', 'gray', self._step)
         if 'reset' in controls:
             self._button('reset', 'Reset', 'gray', lambda: True)
         if 'seek' in controls:
@@ -129,7 +129,7 @@ class Controls:
         """Pause, which a step needs, and return its length."""
         if not self._is_on('pause'):
             self._source.apply('pause', True)
-        return STEP
+        return STEP_TIME
 
     def _camera_controls(self, server: viser.ViserServer) -> None:
         """Create the choice of camera presets, with the digits as hotkeys."""
@@ -315,6 +315,7 @@ def _length(metres: float) -> str:
 def _round_step(span: float) -> float:
     """Return a round step of a slider."""
     step = 10.0
-    while step > span / POSITIONS:
+    while step > span / SLIDER_POSITIONS:
         step /= 10.0
-    return next((part * step for part in (5.0, 2.0) if part * step <= span / POSITIONS), step)
+    return next(
+        (part * step for part in (5.0, 2.0) if part * step <= span / SLIDER_POSITIONS), step)

@@ -17,9 +17,9 @@ from ballbot_ros.steering import law
 from ballbot_ros.view.frame import ContactForce, Frame
 from ballbot_ros.view.source import Control, Health, Idle, Source
 
-RATE = 250.0  # of control [Hz]
-EVERY = 5  # control periods per frame
-FASTEST, SHARPEST = 1.2, 0.5  # set-points [m/s], [rad/s]
+CONTROL_RATE = 250.0  # [Hz]
+PERIODS_PER_FRAME = 5  # control periods per frame
+SET_SPEED_MAX, YAW_RATE_MAX = 1.2, 0.5  # set-points [m/s], [rad/s]
 
 
 class FloorSource(Source):
@@ -44,9 +44,9 @@ class FloorSource(Source):
         super().__init__()
         self.floor = load_floor(floor)
         self.start_pose = self.floor.start
-        self._plant = FloorPlant(load_robot(robot), self.floor, self.start_pose, RATE)
+        self._plant = FloorPlant(load_robot(robot), self.floor, self.start_pose, CONTROL_RATE)
         self._controller = checked_controller(
-            self._plant.model.robot, load_tuning('gentle'), RATE, 0, Supervision())
+            self._plant.model.robot, load_tuning('gentle'), CONTROL_RATE, 0, Supervision())
         self._lock, self._ending = Lock(), Event()
         self._paused, self._failure = True, ''
         self._speed = self._yaw_rate = 0.0
@@ -90,8 +90,9 @@ class FloorSource(Source):
         steers = '' if self._plant.steers else 'the robot file has no section steering'
         return MappingProxyType({
             'pause': Control(self._paused, refusal=self._failure), 'reset': Control(None),
-            'set_point': Control(self._speed, -FASTEST, FASTEST, 'm/s'),
-            'yaw_rate': Control(self._yaw_rate, -SHARPEST, SHARPEST, 'rad/s', refusal=steers)})
+            'set_point': Control(self._speed, -SET_SPEED_MAX, SET_SPEED_MAX, 'm/s'),
+            'yaw_rate': Control(
+                self._yaw_rate, -YAW_RATE_MAX, YAW_RATE_MAX, 'rad/s', refusal=steers)})
 
     def start(self) -> None:
         """Start the thread of the simulation."""
@@ -148,7 +149,7 @@ class FloorSource(Source):
         lean = law(self.robot, plant.lateral, state.velocity_x, self._yaw_rate) \
             if plant.steers else 0.0
         plant.advance(torque, lean)
-        if plant.periods % EVERY == 0:
+        if plant.periods % PERIODS_PER_FRAME == 0:
             self._note()
 
     def _note(self) -> None:

@@ -15,14 +15,14 @@ from ballbot_ros.physics.model.robot import Robot
 from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.view.frame import Frame
 from ballbot_ros.view.source import Source
-from ballbot_ros.view.stage import APART, joined, Mesh, PATH, rgb, Stage
+from ballbot_ros.view.stage import joined, Mesh, PATH_POINTS_MAX, PATH_SPACING, rgb, Stage
 
 # Walls are cut at this height, so that the rooms are visible [m].
-WALL = 0.5
+WALL_HEIGHT = 0.5
 # Thickness of an unsupported floor, and of flat markings on it [m].
-SLAB, PAINT = 0.05, 0.003
+SLAB_DEPTH, PAINT_DEPTH = 0.05, 0.003
 # Points of uneven ground along the longer side, at most.
-POINTS = 300
+CELLS_MAX = 300
 COLOURS = {'step': BLUE, 'threshold': BLUE, 'cord': VERMILION, 'carpet': GREEN, 'level': SKY,
            'ramp': SKY, 'friction': ORANGE, 'keep_out': GREY, 'stairs': INK, 'drop': VERMILION}
 GROUND, WALLS = '#EAE6DF', '#B9B2A6'
@@ -82,9 +82,9 @@ class FloorStage(Stage):
             self._path_since = passed.time
             point = place_of(source, passed)
             if point is not None and (not self._points or math.dist(
-                    point, self._points[-1][1]) >= APART * source.robot.ball_radius):
+                    point, self._points[-1][1]) >= PATH_SPACING * source.robot.ball_radius):
                 self._points.append((passed.time, point))
-        del self._points[:-PATH]
+        del self._points[:-PATH_POINTS_MAX]
         ends = np.array([point for time, point in self._points if time <= frame.time],
                         np.float32).reshape(-1, 3)
         pairs = np.stack([ends[:-1], ends[1:]], axis=1) if len(ends) > 1 else np.zeros(
@@ -174,13 +174,13 @@ def floor_parts(floor: Floor) -> Iterator[Part]:
             for feature in floor.features:
                 if feature.kind == 'stairs' or (feature.kind == 'level' and feature.height < 0.0):
                     mask &= ~_cells_in(floor, feature)
-            grounds += [box(x - wide, y - high, x + wide, y + high, value - SLAB, value)
+            grounds += [box(x - wide, y - high, x + wide, y + high, value - SLAB_DEPTH, value)
                         for x, y, wide, high in rectangles(
                             mask, floor.resolution, floor.origin).tolist()]
         yield Part('ground', joined(grounds), GROUND)
     else:
         yield Part('ground', _uneven(floor), GROUND)
-    walls = [box(x - wide, y - high, x + wide, y + high, -SLAB, WALL)
+    walls = [box(x - wide, y - high, x + wide, y + high, -SLAB_DEPTH, WALL_HEIGHT)
              for x, y, wide, high in floor.walls.tolist()]
     if walls:
         yield Part('walls', joined(walls), WALLS)
@@ -226,7 +226,7 @@ def _feature(floor: Floor, feature: Feature) -> Mesh:
                                 0.5 * (begin[1] + end[1]) + 4.0 * right[1]))
             faces.append(prism([begin, end, (end[0] + right[0], end[1] + right[1]),
                                 (begin[0] + right[0], begin[1] + right[1])],
-                               np.full(4, low - SLAB), np.full(4, low + size + PAINT)))
+                               np.full(4, low - SLAB_DEPTH), np.full(4, low + size + PAINT_DEPTH)))
         return joined(faces)
     parts = []
     for outline in polygons(feature):
@@ -241,8 +241,8 @@ def _feature(floor: Floor, feature: Feature) -> Mesh:
             high = np.full(count, base - depth(feature) if feature.kind == 'stairs'
                            else base + feature.height)
         else:
-            high = np.full(count, base + max(feature.height, PAINT))
-        parts.append(prism(list(outline), np.minimum(high, base) - SLAB, high))
+            high = np.full(count, base + max(feature.height, PAINT_DEPTH))
+        parts.append(prism(list(outline), np.minimum(high, base) - SLAB_DEPTH, high))
     return joined(parts)
 
 
@@ -269,7 +269,7 @@ def _cells_in(floor: Floor, feature: Feature) -> NDArray[np.bool_]:
 def _uneven(floor: Floor) -> Mesh:
     """Return the surface of a floor with heights."""
     left, right, bottom, top = floor.extent
-    step = max(right - left, top - bottom) / POINTS
+    step = max(right - left, top - bottom) / CELLS_MAX
     x, y = np.arange(left, right + step, step), np.arange(bottom, top + step, step)
     points = np.array([(one, other, area_height(floor, (float(one), float(other))))
                        for other in y for one in x])

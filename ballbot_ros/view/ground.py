@@ -9,7 +9,7 @@ from ballbot_ros.physics.model.terrain import Array, Terrain
 from ballbot_ros.results.faces import LEAST_HEIGHT, LEAST_SLOPE, SHORT
 
 # Without a step ahead, a new one is placed at this distance from the centre of the ball [m].
-NEW_STEP = 1.0
+NEW_STEP_DISTANCE = 1.0
 
 
 class StepAhead(NamedTuple):
@@ -42,8 +42,8 @@ def with_step(terrain: Terrain, x: float, radius: float, height: float) -> Terra
     """
     Return the ground with another height of the next step ahead of a ball at `x`.
 
-    The ground behind the step is lifted with it.  Without a step ahead one is created, `NEW_STEP`
-    before the ball; a step below `LEAST_HEIGHT` is removed.
+    The ground behind the step is lifted with it.  Without a step ahead one is created,
+    `NEW_STEP_DISTANCE` before the ball; a step below `LEAST_HEIGHT` is removed.
 
     Raises
     ------
@@ -53,7 +53,8 @@ def with_step(terrain: Terrain, x: float, radius: float, height: float) -> Terra
     """
     faces = [face for face in _faces(terrain, radius) if face[-1, 0] > x]
     if not faces:
-        return _new_step(terrain, x + NEW_STEP, height) if abs(height) >= LEAST_HEIGHT else terrain
+        return (_new_step(terrain, x + NEW_STEP_DISTANCE, height)
+                if abs(height) >= LEAST_HEIGHT else terrain)
     face = faces[0]
     if face[0, 0] - x <= 1.01 * radius:
         raise ConfigurationError(

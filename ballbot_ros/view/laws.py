@@ -18,7 +18,7 @@ from ballbot_ros.physics.model.state import State
 UNITS: Mapping[str, str] = {
     'free': '', 'speed': 'm/s', 'position': 'deg', 'velocity': 'm/s', 'voltage': 'V',
     'torque': 'N m'}
-FASTEST = 1.5  # set speed [m/s]
+SET_SPEED_MAX = 1.5  # set speed [m/s]
 
 
 class Bounds(NamedTuple):
@@ -137,7 +137,7 @@ def bounds_of(robot: Robot, law: str) -> Bounds:
     """
     motor = robot.motor
     if law in ('speed', 'velocity'):
-        return Bounds(-FASTEST, FASTEST)
+        return Bounds(-SET_SPEED_MAX, SET_SPEED_MAX)
     if law == 'position':
         return Bounds(-180.0, 180.0)
     if law == 'voltage' and motor is not None:

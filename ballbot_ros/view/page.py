@@ -9,9 +9,9 @@ from ballbot_ros.view.readouts import Readouts
 from ballbot_ros.view.server import PageServer
 from ballbot_ros.view.source import Source
 
-RATE = 30.0  # frames per second
+FRAME_RATE = 30.0  # frames per second
 # Frames of the scene per update of the values, and of the time series.
-VALUES, SERIES = 4, 6
+FRAMES_PER_READOUT, FRAMES_PER_PLOT = 4, 6
 
 
 class Page:
@@ -73,7 +73,7 @@ class Page:
         due, looked = monotonic(), False
         while not self._ended.wait(max(0.0, due - monotonic())):
             # A frame that is late is skipped.
-            due = max(due + 1.0 / RATE, monotonic())
+            due = max(due + 1.0 / FRAME_RATE, monotonic())
             if not self._server.get_clients():
                 looked, due = False, monotonic() + 0.2
                 continue
@@ -90,10 +90,10 @@ class Page:
         with self._server.atomic():
             if frame is not None:
                 self._stage.draw(self._source, frame)
-                if whole or count % VALUES == 0:
+                if whole or count % FRAMES_PER_READOUT == 0:
                     self._readouts.write(self._source, frame)
                     self._stage.draw_path(self._source, frame)
-                if whole or count % SERIES == 3:
+                if whole or count % FRAMES_PER_PLOT == 3:
                     self._readouts.plot(self._source, frame)
-            if whole or count % VALUES == 2:
+            if whole or count % FRAMES_PER_READOUT == 2:
                 self._controls.refresh()

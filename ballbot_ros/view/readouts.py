@@ -14,8 +14,8 @@ from ballbot_ros.view.frame import DecisionSign, EnergyShares, Frame
 from ballbot_ros.view.ground import step_ahead
 from ballbot_ros.view.source import Source
 
-WINDOW = 10.0  # of the time series [s]
-POINTS = 250  # of a series at most
+PLOT_TIME = 10.0  # of the time series [s]
+PLOT_POINTS_MAX = 250  # of a series at most
 PLOT_HEIGHT, CURVE_HEIGHT, PANEL_WIDTH = 130, 200, 290  # [px]
 COLOURS: Mapping[str, str] = {
     'clear': GREEN, 'cross': GREEN, 'stop': VERMILION, 'go_round': ORANGE, 'back_off': ORANGE}
@@ -89,7 +89,7 @@ class Readouts:
         self._put('now', self._now, numbers(frame))
         sentence = verdict(source.curve, prospect)
         words = '' if frame.decision is None else decision_words(frame.decision)
-        self._put('step', self._step, f'{words}<div style="{SMALL}"><b>Step ahead</b><br>'
+        self._put('step', self._step, f'{words}<div style="{SMALL_STYLE}"><b>Step ahead</b><br>'
                   f'{escape(sentence)}</div>')
         columns = curve_columns(source.curve, prospect)
         if not all(map(np.array_equal, columns, self._curve.data, (True,) * len(columns))):
@@ -103,9 +103,9 @@ class Readouts:
         if self._drawn == (source.epoch, frame.time):
             return
         self._drawn = source.epoch, frame.time
-        since = frame.time - WINDOW
+        since = frame.time - PLOT_TIME
         frames = [passed for passed in source.history(since) if passed.time <= frame.time]
-        frames = thinned(frames, WINDOW / POINTS)
+        frames = thinned(frames, PLOT_TIME / PLOT_POINTS_MAX)
         if len(frames) < 2:
             return
         times = np.array([passed.time for passed in frames])
@@ -169,7 +169,7 @@ def _curve_scales(height: float) -> Any:
             'y': uplot.Scale(auto=False, range=(0.0, 160.0 if height > 75.0 else 80.0))}
 
 
-SMALL = 'font:13px/1.45 system-ui,sans-serif;padding:0.5em 0.7em 0'
+SMALL_STYLE = 'font:13px/1.45 system-ui,sans-serif;padding:0.5em 0.7em 0'
 
 
 def numbers(frame: Frame) -> str:
@@ -188,7 +188,7 @@ def numbers(frame: Frame) -> str:
         for name, value, form, unit in rows if value is not None)
     flight = '' if frame.contacts is None or frame.contacts else (
         f'<tr><td colspan="3" style="color:{BLUE}">in flight</td></tr>')
-    return f'<div style="{SMALL}"><table id="ballbot-numbers">{cells}{flight}</table></div>'
+    return f'<div style="{SMALL_STYLE}"><table id="ballbot-numbers">{cells}{flight}</table></div>'
 
 
 def _rounded(value: float, form: str) -> str:
@@ -207,7 +207,7 @@ def decision_words(decision: DecisionSign) -> str:
         facts.append(f'success probability {100.0 * decision.probability:.0f} %')
     name = escape(decision.kind.replace('_', ' ').upper())
     reason = escape(decision.reason.replace('_', ' '))
-    return (f'<div style="{SMALL}"><span id="ballbot-decision" style="background:{colour};'
+    return (f'<div style="{SMALL_STYLE}"><span id="ballbot-decision" style="background:{colour};'
             f'color:white;border-radius:4px;padding:1px 8px;font-weight:600">{name}</span> '
             f'{reason}<br>{escape(decision.explanation)}'
             f'{"<br>" if facts else ""}{", ".join(facts)}</div>')

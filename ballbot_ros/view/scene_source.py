@@ -298,7 +298,7 @@ class SceneSource(Source):
             FileChoice(self._robot_name, self._robot_name)))
 
 
-SLOWEST, FASTEST = 0.05, 4.0  # simulated seconds per second of wall time
+TIME_SCALE_MIN, TIME_SCALE_MAX = 0.05, 4.0  # simulated seconds per second of wall time
 HIGHEST_STEP, HIGHEST_FRICTION, LONGEST_STRIDE = 0.15, 1.2, 5.0  # [m], [1], [s]
 NO_SET_POINT = 'a free pendulum has no set-point; choose another law'
 
@@ -332,7 +332,7 @@ def controls_of(run: SceneRun, paused: bool, speed: float, first: float, scene: 
         'pause': Control(paused),
         'step': Control(lowest=run.period, highest=LONGEST_STRIDE, unit='s'),
         'reset': Control(),
-        'speed': Control(speed, SLOWEST, FASTEST),
+        'speed': Control(speed, TIME_SCALE_MIN, TIME_SCALE_MAX),
         'seek': Control(lowest=first, unit='s'),
         'scene': Control(scene.chosen, choices=_names('scenes', scene)),
         'robot': Control(robot.chosen, choices=_names('robots', robot)),

@@ -21,7 +21,7 @@ from ballbot_ros.errors import ConfigurationError
 LOOPBACK = '127.0.0.1'
 DEFAULT_PORT = 8080
 # Ports tried after one that is in use.
-TRIED = 20
+PORTS_TRIED = 20
 
 # The page is self-contained and must not load from other hosts.
 POLICY = (
@@ -169,7 +169,7 @@ def free_port(host: str, port: Optional[int]) -> int:
 
     """
     first = DEFAULT_PORT if port is None else port
-    last = first + TRIED if port is None else first
+    last = first + PORTS_TRIED if port is None else first
     for tried in range(first, last + 1):
         try:
             family = socket.getaddrinfo(host, tried, type=socket.SOCK_STREAM)[0][0]

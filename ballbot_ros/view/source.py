@@ -107,7 +107,7 @@ class Health:
 
 
 # Stored frames; at 50 per second those of ten minutes.
-MOST = 30_000
+FRAMES_MAX = 30_000
 
 
 class FrameHistory:
@@ -126,7 +126,7 @@ class FrameHistory:
 
     """
 
-    def __init__(self, most: int = MOST):
+    def __init__(self, most: int = FRAMES_MAX):
         self._most = most
         self._lock = Lock()
         self._times: List[float] = []

@@ -16,28 +16,29 @@ from ballbot_ros.view.frame import Frame
 from ballbot_ros.view.source import Source
 
 # The ground is drawn beyond its ends, and beyond the ball, by this distance [m].
-BEYOND, DEPTH = 12.0, 0.15  # DEPTH below the lowest point
+GROUND_EXTENSION, SECTION_DEPTH = 12.0, 0.15  # SECTION_DEPTH below the lowest point
 # Length of a force equal to the weight, and greatest length [ball radii].
-WEIGHT, LONGEST = 0.8, 3.0
+WEIGHT_ARROW_LENGTH, ARROW_LENGTH_MAX = 0.8, 3.0
 # Drawn points of the path, and their least distance [ball radii].
-PATH, APART = 1500, 0.05
+PATH_POINTS_MAX, PATH_SPACING = 1500, 0.05
 # The ground from above, its squares, and the section in front.
-TOP, SQUARE, CUT = '#EAE6DF', '#D9D3C8', '#F1E9DC'
+GROUND_COLOUR, SQUARE_COLOUR, SECTION_COLOUR = '#EAE6DF', '#D9D3C8', '#F1E9DC'
 SQUARE_SIZE = 0.25  # [m]
-SHADOW = 0.7  # [ball radii]
+SHADOW_RADIUS = 0.7  # [ball radii]
 # Camera position and the point that it looks at, relative to the ball on the floor [m].
 CAMERAS: Mapping[str, Tuple['Point', 'Point']] = {
     'side': ((0.35, -3.1, 0.62), (0.35, 0.0, 0.14)),
     'behind': ((-1.6, -1.7, 1.0), (0.5, 0.0, 0.1)),
     'close': ((0.1, -1.35, 0.4), (0.1, 0.0, 0.16)),
     'above': ((-2.2, -7.5, 8.0), (0.0, 0.6, 0.0))}
-FIELD = math.radians(36.0)  # of view, vertical
+FIELD_OF_VIEW = math.radians(36.0)  # of view, vertical
 # A phone held upright has such a width-to-height ratio. The controls cover the lower part there:
 # the ball is placed this part of half the height above the middle.
-PHONE, ABOVE = (0.35, 0.62), 0.6
-WIDE = 0.45  # least distance shown by half of the width [m]
-HEIGHT = 0.2  # of the camera target there, relative to the centre of the ball [m]
-TABLET, BETWEEN_PANELS = 1.0, 1 / 3  # below that ratio, the panels leave such a part of the width
+PHONE_ASPECT, PHONE_BALL_OFFSET = (0.35, 0.62), 0.6
+HALF_WIDTH_MIN = 0.45  # least distance shown by half of the width [m]
+TARGET_HEIGHT = 0.2  # of the camera target there, relative to the centre of the ball [m]
+# Below this width-to-height ratio, the panels leave this part of the width.
+TABLET_ASPECT, VISIBLE_WIDTH_SHARE = 1.0, 1 / 3
 Colour = Tuple[int, int, int]
 Point = Tuple[float, float, float]
 
@@ -45,14 +46,15 @@ Point = Tuple[float, float, float]
 def camera_of(name: str, aspect: float) -> Tuple[Point, Point]:
     """Return position and target of a preset [m] for a window of a width-to-height ratio."""
     position, target = CAMERAS[name]
-    if aspect >= TABLET:
+    if aspect >= TABLET_ASPECT:
         return position, target
     away = np.subtract(position, target)
-    half_height = math.tan(0.5 * FIELD) * float(np.linalg.norm(away))
-    visible = aspect if aspect < PHONE[1] else BETWEEN_PANELS * aspect
-    factor = max(1.0, WIDE / (visible * half_height))
-    lower = ABOVE * factor * half_height if PHONE[0] < aspect < PHONE[1] else 0.0
-    target = (0.0, 0.0, HEIGHT - lower)
+    half_height = math.tan(0.5 * FIELD_OF_VIEW) * float(np.linalg.norm(away))
+    visible = aspect if aspect < PHONE_ASPECT[1] else VISIBLE_WIDTH_SHARE * aspect
+    factor = max(1.0, HALF_WIDTH_MIN / (visible * half_height))
+    on_phone = PHONE_ASPECT[0] < aspect < PHONE_ASPECT[1]
+    lower = PHONE_BALL_OFFSET * factor * half_height if on_phone else 0.0
+    target = (0.0, 0.0, TARGET_HEIGHT - lower)
     x, y, z = np.add(target, factor * away).tolist()
     return (x, y, z), target
 
@@ -220,7 +222,7 @@ class Stage:
         self._scene.configure_default_lights(cast_shadow=False)
         camera = server.initial_camera
         camera.position, camera.look_at = CAMERAS['side']
-        camera.fov = FIELD
+        camera.fov = FIELD_OF_VIEW
         server.on_client_connect(lambda client: look_from(client, 'side'))
         self._world = self._scene.add_frame('/world', show_axes=False)
         self._robot: Optional[Robot] = None
@@ -245,7 +247,7 @@ class Stage:
         """Draw the path of the centre up to a frame; less often, because it takes longer."""
         if source.epoch != self._epoch:
             self._epoch, self._path, self._path_since = source.epoch, [], -math.inf
-        apart = APART * source.robot.ball_radius
+        apart = PATH_SPACING * source.robot.ball_radius
         for passed in source.history(self._path_since):
             self._path_since = passed.time
             if passed.x is None or passed.y is None:
@@ -253,7 +255,7 @@ class Stage:
             if not self._path or math.hypot(
                     passed.x - self._path[-1][1], passed.y - self._path[-1][2]) >= apart:
                 self._path.append((passed.time, passed.x, passed.y))
-        del self._path[:-PATH]
+        del self._path[:-PATH_POINTS_MAX]
         shown = [(x, 0.0, y) for time, x, y in self._path if time <= frame.time]
         if frame.x is not None and frame.y is not None:
             shown.append((frame.x, 0.0, frame.y))
@@ -290,12 +292,12 @@ class Stage:
     def _draw_forces(self, frame: Frame, robot: Robot) -> None:
         """Draw the ground contact forces, each at its point of contact."""
         arrows = []
-        scale = WEIGHT * robot.ball_radius / robot.weight if robot.weight else 0.0
+        scale = WEIGHT_ARROW_LENGTH * robot.ball_radius / robot.weight if robot.weight else 0.0
         for contact in frame.contacts or ():
             size = scale * math.hypot(contact.force_x, contact.force_y)
             if size < 0.02 * robot.ball_radius:
                 continue
-            cut = min(1.0, LONGEST * robot.ball_radius / size) * scale
+            cut = min(1.0, ARROW_LENGTH_MAX * robot.ball_radius / size) * scale
             foot = np.array([contact.x - (frame.x or 0.0), 0.0, contact.y - (frame.y or 0.0)])
             arrows.append([foot, foot + [cut * contact.force_x, 0.0, cut * contact.force_y]])
         node = self._nodes['forces']
@@ -338,7 +340,7 @@ class Stage:
                 bob(0.16 * radius, 0.3 * radius, robot.pendulum_length),
                 bob(0.06 * radius, 0.3 * radius, 0.0)]), VERMILION)
         self._nodes['shadow'] = self._mesh(
-            '/world/shadow', disk(SHADOW * radius), INK, opacity=0.25, flat=True)
+            '/world/shadow', disk(SHADOW_RADIUS * radius), INK, opacity=0.25, flat=True)
         self._nodes['forces'] = self._scene.add_arrows(
             '/world/place/forces', np.zeros((1, 2, 3), np.float32), rgb(ORANGE),
             shaft_radius=0.035 * radius, head_radius=0.09 * radius, head_length=0.2 * radius,
@@ -353,15 +355,17 @@ class Stage:
             self._reach = (-math.inf, math.inf)
             return
         ends = terrain.vertices[[0, -1], 0]
-        left, right = min(ends[0], x) - BEYOND, max(ends[1], x) + BEYOND
-        self._reach = (left + 0.3 * BEYOND, right - 0.3 * BEYOND)
+        left, right = min(ends[0], x) - GROUND_EXTENSION, max(ends[1], x) + GROUND_EXTENSION
+        self._reach = (left + 0.3 * GROUND_EXTENSION, right - 0.3 * GROUND_EXTENSION)
         self._nodes['ground'] = self._scene.add_frame('/world/ground', show_axes=False)
         line, width = ground_line(terrain, left, right), 2.6 * radius
         near = ground_line(terrain, min(ends[0], x) - 1.0, max(ends[1], x) + 1.0)
-        self._mesh('/world/ground/top', ground_top(line, width), TOP, flat=True)
-        self._mesh('/world/ground/squares', tiles(near, width, SQUARE_SIZE), SQUARE, flat=True)
-        self._mesh('/world/ground/front', ground_front(
-            line, width, float(min(line[:, 1].min(), near[:, 1].min() - DEPTH))), CUT, flat=True)
+        self._mesh('/world/ground/top', ground_top(line, width), GROUND_COLOUR, flat=True)
+        self._mesh('/world/ground/squares', tiles(near, width, SQUARE_SIZE), SQUARE_COLOUR,
+                   flat=True)
+        bottom = float(min(line[:, 1].min(), near[:, 1].min() - SECTION_DEPTH))
+        self._mesh('/world/ground/front', ground_front(line, width, bottom), SECTION_COLOUR,
+                   flat=True)
         self._draw_scale(terrain, left, right, width)
         for number, face in enumerate(terrain.faces(
                 LEAST_SLOPE, LEAST_HEIGHT, SHORT * radius, endless=False)):

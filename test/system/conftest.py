@@ -85,7 +85,7 @@ def no_late_compilation(tmp_path):
 @pytest.fixture(autouse=True)
 def this_machine_only(monkeypatch):
     """Keep all communication on this machine, with fast discovery."""
-    for name in discovery.CHOICES:
+    for name in discovery.DISCOVERY_VARIABLES:
         monkeypatch.delenv(name, raising=False)
     for name, value in discovery.variables({}).items():
         monkeypatch.setenv(name, value)

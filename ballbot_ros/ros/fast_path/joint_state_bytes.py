@@ -22,10 +22,10 @@ from ballbot_ros.ros.frames import JOINTS, LATERAL, LEAN, PENDULUM
 from ballbot_ros.steering.model import LateralState
 
 # Of plain CDR, little-endian; within it, numbers are aligned from here on.
-LITTLE_ENDIAN, START = b'\0\1', 4
+LITTLE_ENDIAN, PAYLOAD_OFFSET = b'\0\1', 4
 STAMP = struct.Struct('<iI')
 # Number of cached message layouts.
-FORMS = 16
+FORMS_MAX = 16
 
 
 class Stamp(NamedTuple):
@@ -81,7 +81,7 @@ class Form:
     def __init__(self, data: bytes):
         if data[:2] != LITTLE_ENDIAN:
             raise ValueError('not little-endian CDR')
-        self._data, self._fixed, self._at = data, bytearray(len(data)), START + STAMP.size
+        self._data, self._fixed, self._at = data, bytearray(len(data)), PAYLOAD_OFFSET + STAMP.size
         self._fixed[:2] = b'\xff\xff'
         self.frame = self._text()
         self.names = tuple(self._text() for _ in range(self._count()))
@@ -92,7 +92,7 @@ class Form:
         self.end = self._at
         self._mask = int.from_bytes(self._fixed, 'little')
         self._pattern = int.from_bytes(data, 'little') & self._mask
-        form, at = f'<{START}xiI', START + STAMP.size
+        form, at = f'<{PAYLOAD_OFFSET}xiI', PAYLOAD_OFFSET + STAMP.size
         for begin, count in self.numbers:
             if count:
                 form, at = form + f'{begin - at}x{count}d', begin + 8 * count
@@ -105,7 +105,7 @@ class Form:
 
     def _take(self, size: int, alignment: int) -> bytes:
         """Return the next bytes as a key that is equal in all messages of this form."""
-        begin = self._at + (START - self._at) % alignment
+        begin = self._at + (PAYLOAD_OFFSET - self._at) % alignment
         self._at = begin + size
         if self._at > len(self._data):
             raise ValueError('the message ends before its end')
@@ -120,7 +120,7 @@ class Form:
 
     def _block(self) -> Tuple[int, int]:
         count = self._count()
-        begin = self._at + (START - self._at) % 8 if count else self._at
+        begin = self._at + (PAYLOAD_OFFSET - self._at) % 8 if count else self._at
         self._at = begin + 8 * count
         return begin, count
 
@@ -174,7 +174,7 @@ class JointStateReader:
         message: JointState = deserialize_message(data, JointState)
         form = form_of(data, message)
         if form is not None:
-            if len(self._forms) >= FORMS:
+            if len(self._forms) >= FORMS_MAX:
                 self._forms.clear()
             self._forms[len(data)] = form
         return message
@@ -217,7 +217,7 @@ class _Written:
     def of(self, sec: int, nanosec: int, *numbers: Sequence[float]) -> bytes:
         """Return the bytes of a message of these positions, velocities and efforts."""
         buffer = self._buffer
-        STAMP.pack_into(buffer, START, sec, nanosec)
+        STAMP.pack_into(buffer, PAYLOAD_OFFSET, sec, nanosec)
         for (begin, count), values in zip(self._numbers, numbers):
             struct.pack_into(f'<{count}d', buffer, begin, *values)
         return bytes(buffer)

@@ -42,7 +42,7 @@ def test_runs_of_one_and_of_several_processes_have_domains_of_their_own(monkeypa
 
 
 def test_nodes_stay_on_this_machine_and_settings_of_the_user_go_first(tmp_path, monkeypatch):
-    for name in (*discovery.CHOICES, *discovery.SETTINGS):
+    for name in (*discovery.DISCOVERY_VARIABLES, *discovery.FAST_DDS_VARIABLES):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setenv('FASTDDS_DEFAULT_PROFILES_FILE', '/my/own.xml')
     found = environment(17, tmp_path / 'logs')
@@ -69,7 +69,7 @@ def sleepers(tmp_path, monkeypatch):
         name = command[2].rsplit('.', 1)[1]
         return real([sys.executable, '-c', programs[name]], **options)
     monkeypatch.setattr(processes.subprocess, 'Popen', start)
-    monkeypatch.setattr(processes, 'GRACE', 2.0)
+    monkeypatch.setattr(processes, 'END_TIMEOUT', 2.0)
     with NodeProcesses(tmp_path / 'logs', 17) as nodes:
         yield nodes
 

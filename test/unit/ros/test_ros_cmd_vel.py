@@ -7,7 +7,7 @@ import pytest
 
 from ballbot_ros.control import Mode, SetPoint
 from ballbot_ros.errors import MessageError
-from ballbot_ros.ros.cmd_vel import NEGLIGIBLE, OTHERS, speed_set_point
+from ballbot_ros.ros.cmd_vel import DEAD_BAND, OTHER_COMPONENTS, speed_set_point
 from ballbot_ros.ros.conversions import to_time
 
 
@@ -25,14 +25,14 @@ def test_both_types_give_the_forward_speed_and_the_stamp_that_they_have():
     assert speed_set_point(twist) == SetPoint(Mode.SPEED, -0.4, 0.0)
 
 
-@pytest.mark.parametrize('kind, axis, unit', OTHERS)
+@pytest.mark.parametrize('kind, axis, unit', OTHER_COMPONENTS)
 @pytest.mark.parametrize('wrap', [stamped, lambda twist: twist])
 @pytest.mark.parametrize('sign', [-1.0, 1.0])
 def test_what_is_not_followed_is_refused_as_a_whole_above_what_a_stick_at_rest_sends(
         kind, axis, unit, wrap, sign):
     twist = Twist()
     twist.linear.x = 0.4
-    setattr(getattr(twist, kind), axis, sign * NEGLIGIBLE)
+    setattr(getattr(twist, kind), axis, sign * DEAD_BAND)
     assert speed_set_point(wrap(twist)).value == 0.4
     setattr(getattr(twist, kind), axis, sign * 0.02)
     with pytest.raises(MessageError) as refused:

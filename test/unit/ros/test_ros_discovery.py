@@ -47,7 +47,7 @@ def addresses(pid):
 
 
 def test_a_node_that_was_not_opened_receives_from_this_machine_only(monkeypatch):
-    for name in (*discovery.CHOICES, *discovery.SETTINGS):
+    for name in (*discovery.DISCOVERY_VARIABLES, *discovery.FAST_DDS_VARIABLES):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setenv('ROS_DOMAIN_ID', str(DOMAIN))
     node = subprocess.Popen([sys.executable, '-c', NODE], stdout=subprocess.PIPE,
@@ -61,7 +61,7 @@ def test_a_node_that_was_not_opened_receives_from_this_machine_only(monkeypatch)
     receiving = {address for protocol, address, port in found if port in PORTS}
     assert receiving == {'0100007F'}, found  # 127.0.0.1
     assert not any(protocol.startswith('tcp') for protocol, *_ in found)
-    assert 'from this machine only' in said and discovery.OPEN in said
+    assert 'from this machine only' in said and discovery.SUBNET_SETTING in said
     assert node.returncode == 0
 
 
@@ -81,7 +81,7 @@ def test_a_process_limited_to_this_machine_gets_no_socket_elsewhere_either():
     for choice in ({'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}, {'ROS_LOCALHOST_ONLY': '1'}):
         environment = dict(choice)
         assert 'this machine only' in discovery.apply(environment)
-        for name in discovery.SETTINGS:
+        for name in discovery.FAST_DDS_VARIABLES:
             ElementTree.parse(environment.pop(name))
         assert environment == choice
 

@@ -36,7 +36,7 @@ def test_the_force_on_a_ball_at_rest_points_up_from_where_it_touches(gimball):
     assert (contact.x, contact.y, contact.z) == pytest.approx((2.0, 0.0, 0.0), abs=1e-9)
     foot, head = drawn['forces'].points
     assert foot == contact
-    assert (head.x, head.z) == pytest.approx((2.0, markers.LENGTH))
+    assert (head.x, head.z) == pytest.approx((2.0, markers.WEIGHT_ARROW_LENGTH))
 
 
 def test_a_ball_in_the_air_takes_the_drawn_contacts_away(gimball):
@@ -54,8 +54,8 @@ def test_the_ground_is_drawn_through_all_its_vertices_and_on(gimball):
     assert len(drawn.points) % 3 == 0
     places = {(point.x, point.z) for point in drawn.points}
     assert {tuple(vertex) for vertex in terrain.vertices.tolist()} <= places
-    assert min(places)[0] == pytest.approx(terrain.vertices[0, 0] - markers.END)
-    assert max(places) == pytest.approx((terrain.vertices[-1, 0] + markers.END, 0.05))
+    assert min(places)[0] == pytest.approx(terrain.vertices[0, 0] - markers.GROUND_EXTENSION)
+    assert max(places) == pytest.approx((terrain.vertices[-1, 0] + markers.GROUND_EXTENSION, 0.05))
 
 
 def test_the_step_is_drawn_where_odometry_and_observation_have_it():

@@ -10,7 +10,7 @@ import pytest
 from ballbot_ros.cli.command import main
 from ballbot_ros.physics import load_scene, Model, Terrain
 from ballbot_ros.ros.frames import Frames
-from ballbot_ros.ros.urdf import PATCHES, robot_description
+from ballbot_ros.ros.urdf import BAND_SEGMENTS, robot_description
 
 
 def turned(axis, angle):
@@ -113,7 +113,7 @@ def test_the_patches_of_the_band_lie_flat_on_the_shell(gimball):
              if link.get('name') == 'ball_link']
     patches = [placed(shape) for shape in link.findall('visual')
                if shape.find('geometry/box') is not None]
-    assert len(patches) == PATCHES
+    assert len(patches) == BAND_SEGMENTS
     for patch in patches:
         assert np.linalg.norm(patch[:3, 3]) == pytest.approx(gimball.ball_radius)
         # The thin side of the box points out of the ball.

@@ -94,7 +94,8 @@ def test_the_threshold_that_is_found_is_that_of_the_model():
 def test_tests_end_where_the_ramp_ends():
     rolls = list(run_tests(Ramp(highest_release=0.02), SHELLBALL, (0.005, 0.03, 0.04)))
     assert [roll.step_height for roll in rolls][-1] == 0.03
-    assert [roll.setting for roll in rolls[-procedure.TRIES:]] == [0.02] * procedure.TRIES
+    assert [roll.setting for roll in rolls[-procedure.ATTEMPTS_MAX:]] == [
+        0.02] * procedure.ATTEMPTS_MAX
 
 
 def test_thresholds_leave_out_rolls_without_a_speed():

@@ -6,7 +6,7 @@ from refusals import refused
 
 from ballbot_ros.physics.model.terrain import Terrain
 from ballbot_ros.physics.simulation.scene import load_scene
-from ballbot_ros.view.ground import NEW_STEP, step_ahead, with_step
+from ballbot_ros.view.ground import NEW_STEP_DISTANCE, step_ahead, with_step
 
 RADIUS = 0.226
 
@@ -51,8 +51,8 @@ def test_a_step_may_become_a_drop_or_go_and_come_again(doorstep):
 def test_where_no_step_is_ahead_one_is_made(ground, x):
     changed = with_step(ground, x, RADIUS, 0.03)
     made = step_ahead(changed, x, RADIUS)
-    assert made == pytest.approx((x + NEW_STEP, 0.03))
-    before, behind = x + NEW_STEP - 0.5, x + NEW_STEP + 3.0
+    assert made == pytest.approx((x + NEW_STEP_DISTANCE, 0.03))
+    before, behind = x + NEW_STEP_DISTANCE - 0.5, x + NEW_STEP_DISTANCE + 3.0
     assert changed.height(before) == pytest.approx(ground.height(before))
     assert changed.height(behind) == pytest.approx(ground.height(behind) + 0.03)
 

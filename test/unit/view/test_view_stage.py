@@ -7,7 +7,7 @@ import pytest
 
 pytest.importorskip('viser', reason='viser is not installed')
 
-from ballbot_ros.view.stage import camera_of, CAMERAS, FIELD  # noqa: I100, I202
+from ballbot_ros.view.stage import camera_of, CAMERAS, FIELD_OF_VIEW  # noqa: I100, I202
 
 RADIUS = 0.226
 
@@ -19,7 +19,7 @@ def seen(name, aspect, point):
     right = np.cross(forward, (0.0, 0.0, 1.0))
     right /= np.linalg.norm(right)
     up, ray = np.cross(right, forward), np.array(point) - position
-    scale = math.tan(0.5 * FIELD) * (ray @ forward)
+    scale = math.tan(0.5 * FIELD_OF_VIEW) * (ray @ forward)
     return ray @ right / (aspect * scale), ray @ up / scale
 
 
