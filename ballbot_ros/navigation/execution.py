@@ -20,7 +20,7 @@ from ballbot_ros.errors import RefusedError
 from ballbot_ros.floors.floor import distance_to_segment, Point
 from ballbot_ros.navigation.learned import Learned
 from ballbot_ros.navigation.route import CLEARANCE, Route, RoutePlanner, Segment
-from ballbot_ros.navigation.tracking import Path, Tracker
+from ballbot_ros.navigation.tracking import Path, SETTLING, Tracker
 
 # The ball rests when it is slower than this [m/s] for this time [s].
 RESTING, RESTS_AFTER = 0.03, 0.4
@@ -30,8 +30,9 @@ CLOSE, TOLERANCE = 0.03, 0.15
 ASIDE, TURNED = 0.15, math.radians(40.0)
 # Deviations from the line of a crossing with which it may begin [m], [rad].
 CROSS_ASIDE, CROSS_TURNED = 0.08, math.radians(6.0)
-# Alignments that are tried before a crossing begins with larger deviations.
-ALIGNMENTS = 2
+# Alignments that are tried before a crossing begins with larger deviations, and distance that the
+# ball backs off for one: the errors decay twice, backward and forward [m].
+ALIGNMENTS, ALIGNING = 2, 2.0 * SETTLING
 # A localisation that moves farther than the ball between two percepts has jumped [m], [rad].
 JUMP, JUMP_TURN = 0.25, 0.5
 # A larger gap between percepts says nothing about jumps [s].
@@ -353,12 +354,28 @@ class Navigator:
         along, left = path.project(percept.x, percept.y, 0.0)
         turned = abs(math.remainder(percept.heading - segment.heading, 2.0 * math.pi))
         if (abs(left) > CROSS_ASIDE or turned > CROSS_TURNED) and state.alignments < ALIGNMENTS:
-            return replace(state, status=NavStatus.STOPPING, next=NavStatus.DRIVING,
-                           alignments=state.alignments + 1,
-                           message=f'{left:+.2f} m and {math.degrees(turned):.0f} degrees off the '
-                           f'line of the {segment.feature.label}')
+            return self._align(replace(
+                state, alignments=state.alignments + 1,
+                message=f'{left:+.2f} m and {math.degrees(turned):.0f} degrees off the line of '
+                f'the {segment.feature.label}'), segment, percept)
         return replace(state, status=NavStatus.CROSSING, crossing_start=percept.stamp,
                        alignments=0)
+
+    def _align(self, state: NavigationState, crossing: Segment, percept: Percept
+               ) -> NavigationState:
+        """Back off along the line of a crossing and return to its start; else plan again."""
+        assert state.route is not None
+        room = min(self.planner.room_before(crossing), ALIGNING)
+        if room < 0.5 * ALIGNING:
+            return replace(state, status=NavStatus.STOPPING, next=NavStatus.DRIVING)
+        (x, y), heading = crossing.points[0], crossing.heading
+        behind = x - room * math.cos(heading), y - room * math.sin(heading)
+        there = crossing._replace(points=((x, y), behind), feature=None, crossing=None,
+                                  direction=-1)
+        back = there._replace(points=(behind, (x, y)), direction=1)
+        done, left = state.route.segments[:state.index], state.route.segments[state.index:]
+        route = state.route._replace(segments=(*done, there, back, *left))
+        return self._enter(replace(state, route=route), state.index, percept)
 
     def _driving(self, state: NavigationState, percept: Percept
                  ) -> Tuple[NavigationState, Command]:

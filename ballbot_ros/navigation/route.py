@@ -353,6 +353,11 @@ class RoutePlanner:
                         number, sign, crossing))
         return found
 
+    def room_before(self, crossing: Segment) -> float:
+        """Return how far the centre may back off along the line of a crossing [m]."""
+        return self._free(crossing.points[0], (-math.cos(crossing.heading),
+                                               -math.sin(crossing.heading)), self._blocked)
+
     def _inside(self, row: int, column: int) -> bool:
         """Return whether a cell exists and the centre may be there."""
         rows, columns = self._walls.shape

@@ -23,7 +23,7 @@ from ballbot_ros.steering import law
 CONTROL_RATE = 500  # [Hz]
 TICK = 10  # control periods between two commands
 LOOK = 5  # commands between two looks of the sensors while the ball drives freely
-RAYS, RAY_STEP = 48, 0.04  # of the planar laser, and distance between its samples [m]
+RAYS, RAY_STEP = 96, 0.04  # of the planar laser, all around, and distance between its samples [m]
 LASER_REACH, TERRAIN_REACH = 3.0, 3.0  # [m]
 CORRELATION = 20.0  # time constant of the drift of the localisation [s]
 
@@ -162,7 +162,7 @@ class FloorLoop:
     def _scan(self, percept: Percept) -> Tuple[Point, ...]:
         """Return the points of the planar laser, placed by the localisation [m]."""
         x, y, heading = self.plant.pose
-        angles = np.linspace(-0.5 * math.pi, 0.5 * math.pi, RAYS)
+        angles = np.linspace(-math.pi, math.pi, RAYS, endpoint=False)
         ranges = np.arange(RAY_STEP, LASER_REACH, RAY_STEP)
         floor = self._floor
         columns = ((x + np.cos(heading + angles)[:, None] * ranges - floor.origin[0])

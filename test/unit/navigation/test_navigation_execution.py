@@ -231,3 +231,21 @@ def test_a_ball_that_does_not_get_on_remembers_an_obstacle(navigator):
     assert ball.state.reason == 'stuck'
     (x, _), = ball.state.learned.obstacles
     assert x > ball.x
+
+
+def test_a_ball_off_the_line_of_a_crossing_backs_off_and_returns_onto_it(navigator):
+    ball = Ball(navigator, *KITCHEN, 1.57)
+    ball.begin(STUDY)
+    ball.run(60.0, until=lambda ball: (
+        ball.state.segment and ball.state.segment.feature is None
+        and ball.state.route.segments[ball.state.index + 1].feature is not None
+        and ball.state.path.length - ball.state.along < 0.05))
+    ball.heading += math.radians(12.0)
+    ball.run(10.0, until=lambda ball: ball.state.alignments == 1)
+    there, back, crossing = ball.state.route.segments[ball.state.index:ball.state.index + 3]
+    assert (there.direction, back.direction) == (-1, 1) and crossing.feature is not None
+    assert there.points == back.points[::-1] and back.points[-1] == crossing.points[0]
+    ball.run(30.0, until=lambda ball: ball.state.status is NavStatus.CROSSING)
+    turned = math.remainder(ball.heading - crossing.heading, 2.0 * math.pi)
+    assert abs(turned) < math.radians(6.0) and at_rest(ball)
+    assert math.dist((ball.x, ball.y), crossing.points[0]) < 0.1

@@ -10,7 +10,9 @@ import rclpy
 from rclpy.action import ActionClient
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
+from sensor_msgs.msg import LaserScan
 from std_msgs.msg import Bool
+from std_srvs.srv import Trigger
 
 from ballbot_ros.navigation.execution import NavStatus
 from ballbot_ros.nodes.navigator.goals import ComputePathToPose, NavigateToPose
@@ -39,6 +41,7 @@ class Graph:
         self.odometry = self.client.create_publisher(Odometry, 'odom', 10)
         self.goals = self.client.create_publisher(PoseStamped, 'goal_pose', 1)
         self.e_stops = self.client.create_publisher(Bool, 'e_stop', 1)
+        self.scans = self.client.create_publisher(LaserScan, 'scan', 5)
         self.plans, self.feedback = [], []
         self.speed, self.yaw_rate, self.time = 0.0, 0.0, 1.0
         self.pose = list(START)
@@ -69,6 +72,12 @@ class Graph:
     def wait(self, future, seconds=30.0):
         assert self.spin(seconds, future.done)
         return future.result()
+
+    def scan(self, age, *ranges):
+        """Publish a scan straight ahead."""
+        message = LaserScan(ranges=ranges, range_max=8.0, angle_increment=0.01)
+        message.header.stamp = to_time(self.time - age)
+        self.scans.publish(message)
 
     def send(self, x, y, heading=0.0, frame='map'):
         goal = NavigateToPose.Goal(pose=stamped_pose(frame, to_time(0.0), x, y, heading))
@@ -151,3 +160,41 @@ def test_deactivation_ends_a_goal_and_further_goals_are_refused(graph):
 def test_a_floor_that_is_not_there_leaves_the_node_unconfigured(graph):
     assert graph.node.state_label == 'unconfigured'
     assert not graph.send(2.6, 1.4).accepted
+
+
+@pytest.mark.parametrize('age, seen', [(0.0, True), (2.0, False)], ids=['new', 'stale'])
+def test_an_obstacle_counts_in_a_new_scan_and_not_in_a_stale_one(graph, age, seen):
+    def decided():
+        graph.scan(age, 0.7, math.nan, math.inf, -1.0)
+        return graph.node.state.learned.obstacles or graph.node.state.status.ended
+    graph.send(2.7, 1.4)
+    assert graph.spin(60.0, decided)
+    assert bool(graph.node.state.learned.obstacles) == seen
+
+
+def test_odometry_that_is_not_finite_ends_the_goal_at_rest(graph):
+    handle = graph.send(2.7, 1.4)
+    assert graph.spin(20.0, lambda: abs(graph.speed) > 0.1)
+    graph.pose[0] = math.nan
+    graph.spin(10.0, lambda: graph.speed == 0.0)
+    graph.pose[0] = START[0]
+    result = graph.wait(handle.get_result_async()).result
+    assert result.error_msg.startswith('not_finite') and graph.speed == 0.0
+
+
+def test_a_floor_that_cannot_be_read_again_leaves_the_one_before(tmp_path):
+    path = tmp_path / 'floor.yaml'
+    path.write_text('walls: {size: [4, 4], lines: []}\n')
+    graph = Graph(floor=str(path))
+    try:
+        assert graph.spin(30.0, lambda: graph.node.percept is not None
+                          and graph.navigate.server_is_ready())
+        planner = graph.node.navigator.planner
+        reload = graph.client.create_client(Trigger, 'navigator/reload')
+        assert graph.spin(10.0, reload.service_is_ready)
+        for size, loaded in (('[40000, 40000]', False), ('[.nan, 4]', False), ('[5, 4]', True)):
+            path.write_text(f'walls: {{size: {size}, lines: []}}\n')
+            assert graph.wait(reload.call_async(Trigger.Request())).success == loaded
+            assert (graph.node.navigator.planner is planner) != loaded
+    finally:
+        graph.close()
