@@ -160,7 +160,7 @@ def compiled(function: F) -> F:
     Operations are not reordered, and numbers may be infinite or NaN; see `FUSED` for the
     exceptions.
     """
-    return _compile(function, inline='never')
+    return _compile(function)
 
 
 def unlocked(function: F) -> F:
@@ -170,7 +170,7 @@ def unlocked(function: F) -> F:
     Concurrent threads must each pass their own work arrays.  Kernels call it instead of inlining
     it, which saves compile time.
     """
-    return _compile(function, inline='never', nogil=True, forceinline=False)
+    return _compile(function, nogil=True, forceinline=False)
 
 
 def outlined(function: F) -> F:
@@ -179,16 +179,7 @@ def outlined(function: F) -> F:
 
     For large kernels with several callers.
     """
-    return _compile(function, inline='never', forceinline=False)
-
-
-def inlined(function: F) -> F:
-    """
-    Mark a kernel that is inlined into its callers.
-
-    In the innermost calls, passing the arguments takes longer than the computation.
-    """
-    return _compile(function, inline='always')
+    return _compile(function, forceinline=False)
 
 
 def in_python(kernel: F) -> F:
@@ -308,8 +299,7 @@ def direct(kernel: F) -> F:
     return cast(F, next(iter(dict.values(compiled_for))).entry_point)
 
 
-def _compile(function: F, inline: str,
-             nogil: bool = False, forceinline: bool = True) -> F:
+def _compile(function: F, nogil: bool = False, forceinline: bool = True) -> F:
     """
     Return a kernel that has machine code of its own only where Python calls it.
 
@@ -318,20 +308,23 @@ def _compile(function: F, inline: str,
     """
     if not COMPILED:
         return function
-    kernel = _dispatcher(function, inline, nogil, forceinline)
+    kernel = _dispatcher(function, nogil, forceinline)
     linked = FunctionType(function.__code__, function.__globals__, function.__name__,
                           function.__defaults__, function.__closure__)
     linked.__qualname__, linked.__module__ = f'{function.__qualname__}.linked', function.__module__
     linked.__annotations__ = function.__annotations__
-    inner = _dispatcher(linked, inline, nogil, forceinline, no_cpython_wrapper=True,
+    inner = _dispatcher(linked, nogil, forceinline, no_cpython_wrapper=True,
                         no_cfunc_wrapper=True, pipeline_class=_LinkedCompiler)
     inner._cache._impl.rebuild = _rebuild_linked
-    # What numba asks a kernel for where another one calls it.
-    kernel.get_call_template, kernel.get_overload = inner.get_call_template, inner.get_overload
+    # What numba asks a kernel for where another one calls it.  It would compile a kernel for each
+    # constant argument; LLVM inserts those when it inlines the kernel.
+    kernel.get_call_template = lambda arguments, named: inner.get_call_template(
+        [numba.types.unliteral(item) for item in arguments], named)
+    kernel.get_overload = inner.get_overload
     return cast(F, kernel)
 
 
-def _dispatcher(function: Any, inline: str, nogil: bool, forceinline: bool, **how: Any) -> Any:
+def _dispatcher(function: Any, nogil: bool, forceinline: bool, **how: Any) -> Any:
     """Return numba's dispatcher of a function, with its machine code in our folder."""
     fused = {'contract', 'nsz'} if function.__module__.startswith(FUSED) else False
     before = numba_config.CACHE_DIR
@@ -340,8 +333,8 @@ def _dispatcher(function: Any, inline: str, nogil: bool, forceinline: bool, **ho
         # Without numba's reference counting (_nrt): kernels neither create nor keep arrays,
         # callers hold the references, and the counting took twice as long as the mechanics.
         kernel: Any = numba.njit(
-            cache=True, error_model='numpy', forceinline=forceinline, _nrt=False, inline=inline,
-            nogil=nogil, fastmath=fused, **how)(function)
+            cache=True, error_model='numpy', forceinline=forceinline, _nrt=False, nogil=nogil,
+            fastmath=fused, **how)(function)
     finally:
         numba_config.CACHE_DIR = before
     cache, name = kernel._cache, f'{function.__module__}.{function.__qualname__}'

@@ -23,7 +23,7 @@ from scipy.sparse.csgraph import connected_components
 
 ROOT = Path(__file__).resolve().parent.parent
 NAME = 'ballbot_ros'
-KERNEL_DECORATORS = {'compiled', 'inlined', 'outlined', 'unlocked'}
+KERNEL_DECORATORS = {'compiled', 'outlined', 'unlocked'}
 
 # Each task runs in a process of its own without compilation, so that the profiler sees kernels.
 PATHS = {

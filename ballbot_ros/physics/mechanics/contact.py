@@ -23,7 +23,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot_ros.jit import compiled, inlined
+from ballbot_ros.jit import compiled
 from ballbot_ros.physics.mechanics.contact_law import (
     COLUMNS, CORNER, EDGE, FEATURE, FRICTION, KIND, normal_and_friction, NORMAL_X, NORMAL_Y,
     PENETRATION, POINT_X, POINT_Y, PRESSED, pressed_sign, pressing_and_slipping, SLIDING,
@@ -222,7 +222,7 @@ def share_friction(contacts: Array, count: int) -> None:
                 1.0 - (1.0 - share) * depth / contacts[row + 1, PENETRATION])
 
 
-@inlined
+@compiled
 def find_contacts(x: float, y: float, radius: float, ground: Array, contacts: Array) -> int:
     """
     Write all contacts of a ball into `contacts` and return how many there are.
@@ -251,7 +251,7 @@ def find_contacts(x: float, y: float, radius: float, ground: Array, contacts: Ar
     return count
 
 
-@inlined
+@compiled
 def contact_sum(motion: Array, parameters: Parameters, ground: Array, contacts: Array,
                 signs: IntArray, count: int, form: int, response: Response) -> ContactSum:
     """
@@ -324,7 +324,7 @@ def contact_sum(motion: Array, parameters: Parameters, ground: Array, contacts: 
     return turn, swing, along_x, along_y, contact_loss, friction_loss
 
 
-@inlined
+@compiled
 def loads_of(motion: Array, parameters: Parameters, ground: Array, contacts: Array,
              signs: IntArray, count: int, form: int) -> Loads:
     """
@@ -337,14 +337,14 @@ def loads_of(motion: Array, parameters: Parameters, ground: Array, contacts: Arr
     return force_x, force_y, torque, contact_loss, friction_loss
 
 
-@inlined
+@compiled
 def found_loads(motion: Array, parameters: Parameters, ground: Array, contacts: Array,
                 count: int) -> Loads:
     """Return the `loads_of` contacts that `find_contacts` has found."""
     return loads_of(motion, parameters, ground, contacts, NO_SIGNS, count, OWN)
 
 
-@inlined
+@compiled
 def contact_loads(motion: Array, parameters: Parameters, ground: Array, contacts: Array) -> Loads:
     """Find all contacts of a motion, and return the `loads_of` them."""
     count = find_contacts(motion[X], motion[Y], parameters.radius, ground, contacts)

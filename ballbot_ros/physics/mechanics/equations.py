@@ -27,7 +27,7 @@ line is left out.
 """
 import math
 
-from ballbot_ros.jit import compiled, inlined
+from ballbot_ros.jit import compiled
 from ballbot_ros.physics.mechanics.contact import (
     Accelerations, Compliance, contact_loads, Loads, Response)
 from ballbot_ros.physics.mechanics.laws import (
@@ -194,7 +194,7 @@ def write_motion(motion: Array, found: Accelerations, parameters: Parameters,
     rates[BALL_RATE], rates[PENDULUM_RATE], rates[VELOCITY_X], rates[VELOCITY_Y] = found
 
 
-@inlined
+@compiled
 def write_rates(state: Array, parameters: Parameters, loads: Loads, motor: float,
                 rates: Array) -> None:
     """

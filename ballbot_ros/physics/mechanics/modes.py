@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ballbot_ros.jit import compiled, inlined
+from ballbot_ros.jit import compiled
 from ballbot_ros.physics.mechanics.contact import (
     Accelerations, contact_sum, contact_table, feature_guard, features_within, FROZEN, IntArray,
     line_distance, loads_of, pressed_and_slid, QUICK, share_friction, touches, write_contact)
@@ -98,7 +98,7 @@ def mode_derivative(time: float, state: Array, system: System, mode: ContactMode
     write_rates(state, system.parameters, loads, motor, rates)
 
 
-@inlined
+@compiled
 def mode_accelerations(time: float, motion: Array, start: Turned, system: System,
                        mode: ContactMode) -> Accelerations:
     """Return the four accelerations in a frozen mode without a CORNER; see `write_mode_motion`."""

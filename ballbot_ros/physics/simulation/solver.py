@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import math
 from typing import Callable, NamedTuple, Optional
 
+import numpy as np
+
 from ballbot_ros.config.fields import Checked, count, quantity, text
 from ballbot_ros.errors import ConfigurationError, SimulationError
 from ballbot_ros.jit import compiled, direct
@@ -251,7 +253,9 @@ class Ledger:
             Number of that state; the first that is beyond `LEDGER_BOUND`.
 
         """
-        worst, where, self._play = worst_gap(states, self._first, self._play, *self._fixed)
+        # Copied, for a contiguous state has the type that the solvers have compiled.
+        worst, where, self._play = worst_gap(
+            np.ascontiguousarray(states), self._first, self._play, *self._fixed)
         return float(worst), int(where)
 
 

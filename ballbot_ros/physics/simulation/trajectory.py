@@ -257,7 +257,9 @@ class Trajectory:
         found = {name: self.rows[:, index] for index, name in enumerate(State._fields)}
         found['pendulum_torque'] = self.rows[:, -1]
         derived = np.empty((len(self.rows), len(_DERIVED)))
-        evaluate_rows(self.rows[:, 1:1 + SIZE], self.model.parameters, self.model.profile,
+        # Contiguous and writable, as the type that the solvers have compiled.
+        states = np.ascontiguousarray(self.rows[:, 1:1 + SIZE])
+        evaluate_rows(states, self.model.parameters, self.model.profile,
                       contact_table(len(self.model.profile)), derived)
         found.update(zip(_DERIVED, _read_only(derived).T))
         return {name: found[name] for name in UNITS}

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 PACKAGE = Path(__file__).resolve().parents[3] / 'ballbot_ros'
-MARKS = {'compiled', 'inlined', 'outlined', 'unlocked'}
+MARKS = {'compiled', 'outlined', 'unlocked'}
 MOST_PARAMETERS = 8
 
 
