@@ -21,7 +21,7 @@ from typing import Any, Callable, Iterator, NamedTuple, NoReturn, Optional, Sequ
 import warnings
 
 from ballbot_ros import __version__
-from ballbot_ros.cli.output import compilation_shown
+from ballbot_ros.cli.output import compilation_shown, empty_folders_removed
 from ballbot_ros.errors import BallbotError, ConfigurationError, PlausibilityWarning
 
 
@@ -237,7 +237,8 @@ def _run(words: list[str]) -> int:
         parser.print_help()
         return MISUSED
     quiet = getattr(arguments, 'quiet', False)
-    with _warnings(quiet), nullcontext() if quiet else compilation_shown():
+    with _warnings(quiet), empty_folders_removed(), \
+            nullcontext() if quiet else compilation_shown():
         code: int = load_verb(arguments.verb).run(arguments)
     return code
 

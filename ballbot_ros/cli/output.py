@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
 """Output of the verbs: JSON, tables, figures, folders, files, and progress on standard error."""
-import atexit
 from contextlib import contextmanager, suppress
 import json
 import os
@@ -38,14 +37,16 @@ def save_figure(figure: Any, folder: Path, name: str, kind: str = 'both') -> lis
     return names
 
 
+_claimed: list[Path] = []
+
+
 def result_folder(given: Optional[Path], default: Path, names: Sequence[str],
                   overwrite: bool) -> Path:
     """
     Return the folder that a verb writes to: without results in it, unless these are replaced.
 
-    The default folder is created, so that no other process chooses it, and removed at the end of
-    the process if it is empty.  A given one is not created; one that is missing above it is
-    reported.
+    The default folder is created, so that no other process chooses it; see
+    `empty_folders_removed`.  A given one is not created; one that is missing above it is reported.
 
     Parameters
     ----------
@@ -75,7 +76,7 @@ def result_folder(given: Optional[Path], default: Path, names: Sequence[str],
             folder.mkdir(parents=True)
         except FileExistsError:  # an empty one belongs to another run that has just started
             return any(folder.iterdir()) and not there(folder)
-        atexit.register(_remove_empty, folder)
+        _claimed.append(folder)
         return True
 
     check_writable(folder / names[0])
@@ -94,10 +95,15 @@ def result_folder(given: Optional[Path], default: Path, names: Sequence[str],
     return folder
 
 
-def _remove_empty(folder: Path) -> None:
-    """Remove a folder without content, and those above it that have no other."""
-    with suppress(OSError):
-        os.removedirs(folder)
+@contextmanager
+def empty_folders_removed() -> Iterator[None]:
+    """Remove the default folders to which nothing is written, and empty ones above them."""
+    try:
+        yield
+    finally:
+        while _claimed:
+            with suppress(OSError):
+                os.removedirs(_claimed.pop())
 
 
 def report_new_folders(path: Path) -> None:

@@ -302,6 +302,9 @@ def wording(found: Any) -> list[str]:
             f'departs at t = {first.time:.3f} s, after {first.states} identical states: '
             f'{first.channel.replace("_", " ")} {first.recorded!r} in the recording, '
             f'{first.again!r} now; {found.identical} of {found.states} states are identical')
+        if not first.states:
+            lines.append('the replay begins at the start of the scene: record a simulator that is '
+                         'paused (start_paused), or reset it while it is recorded')
     if found.ended:
         lines.append(f'ended early: {found.ended}')
     return lines

@@ -1,16 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Results are never replaced unless the user asks for it."""
-import os
 from pathlib import Path
-import subprocess
-import sys
 import types
 
 import pytest
 from refusals import refused
 
 from ballbot_ros.cli import main
-from ballbot_ros.cli.output import check_new_file, result_folder
+from ballbot_ros.cli.output import check_new_file, empty_folders_removed, result_folder
 
 FLAT = ['simulate', 'flat', '--duration', '0.02', '--no-figures', '--quiet']
 
@@ -65,18 +62,16 @@ def test_three_demos_leave_three_folders(tmp_path, monkeypatch, replace_demo):
 
 
 def test_runs_at_the_same_time_get_folders_of_their_own(tmp_path):
-    folders = [result_folder(None, tmp_path / 'a', ('x',), False) for _ in range(3)]
+    with empty_folders_removed():
+        folders = [result_folder(None, tmp_path / 'a', ('x',), False) for _ in range(3)]
     assert [folder.name for folder in folders] == ['a', 'a_2', 'a_3']
 
 
-def test_nothing_is_left_of_work_that_is_given_up(tmp_path):
+def test_nothing_is_left_of_work_that_is_given_up(tmp_path, monkeypatch):
     assert result_folder(tmp_path / 'b' / 'c', tmp_path, ('x',), False) == tmp_path / 'b' / 'c'
-    program = ('from pathlib import Path\n'
-               'from ballbot_ros.cli.output import result_folder\n'
-               'print(result_folder(None, Path("a/b"), ["x"], False).is_dir())\n')
-    done = subprocess.run([sys.executable, '-c', program], cwd=tmp_path, capture_output=True,
-                          env={**os.environ, 'PYTHONPATH': os.pathsep.join(sys.path)}, text=True)
-    assert done.stdout == 'True\n'
+    monkeypatch.chdir(tmp_path)
+    with empty_folders_removed():
+        assert result_folder(None, Path('a', 'b'), ('x',), False).is_dir()
     assert list(tmp_path.iterdir()) == []
 
 

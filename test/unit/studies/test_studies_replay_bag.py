@@ -84,6 +84,15 @@ def test_where_commands_came_late_the_model_is_cleared_by_what_the_motor_gave(tm
     assert f'identical: {PERIODS + 1} states' in said
 
 
+def test_a_bag_that_lacks_the_start_of_the_run_is_explained(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    plant = plant_of()
+    for number in range(100):
+        plant.advance(wanted(number))
+    code, said, _ = replayed(capsys, record(tmp_path / 'bag', plant=plant))
+    assert code == 1 and 'start_paused' in said
+
+
 @pytest.mark.slow
 def test_another_robot_is_reported_by_its_digest_and_by_where_it_departs(tmp_path, capsys):
     plant = plant_of(pendulum_mass=2.0)
