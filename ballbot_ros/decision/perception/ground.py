@@ -252,7 +252,7 @@ def ground_of(found: ElevationMap, position: float,
     nodes, gaps = _bridged(found, known, shared)
     known_edges = _edges_in(nodes, edges)
     pieces = pieces_of(nodes, shared, known_edges)
-    datum, slope, _, slope_variance = _below(nodes, position)
+    datum, slope, slope_variance = _below(nodes, pieces, position)
     points, sds, faces = _assemble(nodes, pieces, known_edges, datum)
     slope_sd = math.sqrt(slope_variance + found.tilt_sd**2 + SLOPE_SD**2)
     return GroundSeen(points, sds, faces, gaps, float(nodes.x[0]), float(nodes.x[-1]),
@@ -289,13 +289,20 @@ def _bridged(found: ElevationMap, known: Whole,
                  np.insert(known, jumps + 1, known[jumps])), gaps
 
 
-def _below(nodes: Nodes, position: float) -> Tuple[float, float, float, float]:
-    """Return height and slope of the ground below the ball, and their variances."""
-    begin, end = np.searchsorted(nodes.x, [position - BELOW, position + BELOW])
-    if end - begin < 3:
-        nearest = int(np.argmin(np.abs(nodes.x - position)))
-        return float(nodes.z[nearest]), math.nan, math.nan, math.nan
-    return line(nodes.x, nodes.z, nodes.variance, int(begin), int(end), position)
+def _below(nodes: Nodes, pieces: List[Piece], position: float) -> Tuple[float, float, float]:
+    """Return height and slope of the ground below the ball, faces apart, and its variance."""
+    x, width = nodes.x, round(2.0 * BELOW / CELL)
+    gaps = [max(x[piece.begin] - position, position - x[piece.end], 0.0)
+            if piece.sign == 0 else math.inf for piece in pieces]
+    nearest = int(np.argmin(gaps))
+    if gaps[nearest] < BELOW:
+        first, behind = _inside(pieces, nearest)
+        begin = max(first, min(int(np.searchsorted(x, position - BELOW)), behind - width))
+        end = min(begin + width, behind)
+        if end - begin >= 6:
+            z, slope, _, variance = line(x, nodes.z, nodes.variance, begin, end, position)
+            return z, slope, variance
+    return float(nodes.z[int(np.argmin(np.abs(x - position)))]), math.nan, math.nan
 
 
 def _assemble(nodes: Nodes, pieces: List[Piece], edges: Sequence[Piece], datum: float

@@ -402,13 +402,13 @@ class Cubic:
         pushing = self._push(previous, step, profile, motion)
         if pushing is not None:
             return pushing
-        slope = profile.slope if math.isfinite(profile.slope) else motion.slope
-        steep = self._lines.steep(situation, slope, previous)
+        slope = situation.slope
+        steep = self._lines.steep(situation, previous)
         if steep is not None and (
                 step is None or not self._lines.face_is_nearer(step, steep, motion.position)):
             return steep
         if step is None:
-            return self._lines.cruise(situation, slope)
+            return self._lines.cruise(situation)
         if step.height < 0.0:
             distance = step.position - motion.position
             return self._lines.stand(
@@ -417,7 +417,7 @@ class Cubic:
                          distance=distance, step=step.number, outlook=Outlook(
                              required=self._tuning.required_probability,
                              braking_room=self._lines.braking_room(step, motion, slope))),
-                step.position, situation, slope)
+                step.position, situation)
         return self._settled(self._weigh(step, profile, situation, slope, previous), step,
                              profile, situation, previous)
 
@@ -529,7 +529,7 @@ class Cubic:
             return self._lines.stand(
                 replace(answer, kind=Kind.GO_ROUND, reason=reason,
                         explanation=f'{where}{why}; find another way'),
-                step.position, situation, slope)
+                step.position, situation)
         backing = before.plan if before is not None and before.kind is Kind.BACK_OFF else None
         on_the_way = backing is not None and (
             motion.position > backing.start + ARRIVED or motion.speed < -ROLLING)
@@ -606,7 +606,7 @@ class Cubic:
             return self._lines.stand(
                 replace(answer, kind=Kind.GO_ROUND, reason=Reason.FAILED_BEFORE,
                         explanation=f'{where}tried already; {short}; find another way'),
-                step.position, situation, slope)
+                step.position, situation)
         return replace(stop(Reason.NO_ROOM, f'{where}{short}; a longer run-up would do'),
                        **numbers(answer))
 

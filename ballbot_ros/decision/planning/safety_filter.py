@@ -20,9 +20,6 @@ YOUNG = 0.9
 
 ROUNDING = 1e-9  # [m/s], [m]
 
-# Maximum correction of a start that lies too far back after an update of the face [m].
-MOVED = 0.04
-
 # Backed off far enough [m].
 ARRIVED = 0.03
 
@@ -146,7 +143,7 @@ def checked(decision: Decision, situation: Situation, knowledge: Knowledge) -> D
             f'{plan.speed:g} m/s and {plan.swing_angle:g} rad, {most:g} m/s and '
             f'{tuning.largest_swing:g} rad are allowed')
     if decision.kind is Kind.BACK_OFF and not plan.start >= situation.free_from - ROUNDING:
-        if plan.start >= situation.free_from - MOVED:
+        if plan.start < situation.free_from < situation.motion.position:
             return replace(decision, plan=replace(plan, start=situation.free_from))
         return stop(Reason.NO_ROOM, 'Stopping: a plan backs off over ground that is not known '
                     'to be free')
@@ -182,10 +179,7 @@ def with_safety_filter(planner: Planner, knowledge: Knowledge) -> Planner:
         trouble = unusable(situation, previous, knowledge.tuning)
         if trouble is not None and not _committed(previous, situation):
             return trouble
-        profile = situation.profile
-        slope = profile.slope if profile is not None and math.isfinite(profile.slope) \
-            else situation.motion.slope
-        planned = lines.filtered(planner(situation, previous), situation, slope)
+        planned = lines.filtered(planner(situation, previous), situation)
         return checked(held_back(planned, situation, knowledge.tuning), situation, knowledge)
     return answer
 

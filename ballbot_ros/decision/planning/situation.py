@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Inputs of a planner: constant ones, and those of each decision."""
 from dataclasses import dataclass, field
+import math
 from typing import Optional, Protocol, Tuple
 
 from ballbot_ros.control import ControlTuning, load_tuning
@@ -66,6 +67,12 @@ class Situation:
     free_from: float = float('inf')
     obstruction: Optional[Obstruction] = None
     particles: Optional[Particles] = None
+
+    @property
+    def slope(self) -> float:
+        """Return the slope below the ball as seen, or as its motion shows it [rad]."""
+        seen = math.nan if self.profile is None else self.profile.slope
+        return seen if math.isfinite(seen) else self.motion.slope
 
 
 class Planner(Protocol):

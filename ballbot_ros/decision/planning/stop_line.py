@@ -22,9 +22,6 @@ from ballbot_ros.decision.values import (
 # Between the centre at the line and a touch, an edge, or the end of the observed terrain [m].
 LINE_MARGIN = 0.03
 
-# The part of a slope in the map that the motion of the ball must show, too.
-SLOPE_AGREEMENT = 0.4
-
 # Speed in parts of the distance to the end of the observed terrain [1/s]: a set speed is followed
 # within half a second.
 SIGHT_RATE = 1.0
@@ -93,21 +90,22 @@ class StopLines:
     def _most(self) -> str:
         return f'{math.degrees(self.braking.steepest):.1f} degrees'
 
-    def slope_to(self, profile: Optional[Profile], begin: float, end: float,
-                 slope: float) -> float:
+    def slope_to(self, situation: Situation, end: float) -> float:
         """
-        Return the mean slope between two positions [rad].
+        Return the mean slope from the ball to a position [rad].
 
         A ball that brakes all the way loses as much energy on it as on the slopes in between.
         """
+        begin, profile = situation.motion.position, situation.profile
         if profile is None or not profile.points or end - begin < SLOPE_LENGTH_MIN:
-            return slope
-        return math.atan(GroundProfile(profile.points, slope).rise(begin, end) / (end - begin))
+            return situation.slope
+        floor = GroundProfile(profile.points, situation.slope)
+        return math.atan(floor.rise(begin, end) / (end - begin))
 
-    def speed_before(self, line: float, situation: Situation, slope: float) -> float:
+    def speed_before(self, line: float, situation: Situation) -> float:
         """Return the speed from which the ball is stopped before a position [m/s]."""
         position = situation.motion.position
-        mean = self.slope_to(situation.profile, position, line, slope)
+        mean = self.slope_to(situation, line)
         return self.braking.speed_within(line - position, mean, emergency=True)
 
     def face_is_nearer(self, face: Face, steep: Decision, position: float) -> bool:
@@ -120,40 +118,31 @@ class StopLines:
         return (step.position - motion.position - touch_distance(self._radius, step.height)
                 - self.braking.distance(motion.speed, slope, emergency=True))
 
-    def cruise(self, situation: Situation, slope: float) -> Decision:
+    def cruise(self, situation: Situation) -> Decision:
         """Return CLEAR at the speed of which the ball can be stopped before the line."""
         line = self.nearest(situation, ())
         speed = self._tuning.cruise_speed
         if line is not None:
             room = line.position - situation.motion.position
             speed = min(speed, max(0.0, room) * SIGHT_RATE,
-                        self.speed_before(line.position, situation, slope))
+                        self.speed_before(line.position, situation))
         return Decision(Kind.CLEAR, Reason.NOTHING_AHEAD, speed,
                         f'Nothing ahead: cruising at {speed:.2f} m/s',
                         plan=Plan(Strategy.CRUISE, situation.motion.position, speed))
 
-    def steep(self, situation: Situation, slope: float, previous: Optional[Decision],
-              disturbed: bool = False) -> Optional[Decision]:
-        """
-        Return the STOP that a slope below or ahead requires, if it is too steep to hold.
-
-        The slope below is not judged where a face is so near that it is `disturbed`.
-        """
+    def steep(self, situation: Situation, previous: Optional[Decision]) -> Optional[Decision]:
+        """Return the STOP that a slope below or ahead requires, if it is too steep to hold."""
         profile, motion, steepest = situation.profile, situation.motion, self.braking.steepest
         if profile is None:
             return None
         if previous is not None and previous.kind is Kind.STOP \
                 and previous.reason is Reason.STEEP:
             steepest *= SLOPE_HYSTERESIS
-        # Uphill only where the map shows it: the motion of the ball may show a step.  At an edge
-        # the map shows the slope badly: its deviation counts, and the motion must agree.
-        seen = math.isfinite(profile.slope)
-        below = slope
-        if seen and not slope * motion.slope > SLOPE_AGREEMENT * slope * slope:
-            below = 0.0
+        below, seen = situation.slope, math.isfinite(profile.slope)
         doubt = profile.slope_sd if seen and math.isfinite(profile.slope_sd) else 0.0
+        # Uphill only where the map shows it: the motion of the ball may show a step.
         uphill = steepest + doubt if seen else math.inf
-        if not disturbed and not -steepest - doubt <= below <= uphill:
+        if not -steepest - doubt <= below <= uphill:
             return Decision(
                 Kind.STOP, Reason.STEEP, 0.0, f'Stopping: a slope of {math.degrees(below):+.1f} '
                 f'degrees is too steep, {self._most} can be held', plan=Plan(Strategy.STOP),
@@ -164,21 +153,20 @@ class StopLines:
         distance = line.obstacle - motion.position
         return self.stand(
             Decision(Kind.STOP, Reason.STEEP, 0.0, f'Stopping: in {distance:.2f} m comes '
-                     f'{line.explanation}', distance=distance), line.obstacle, situation, slope)
+                     f'{line.explanation}', distance=distance), line.obstacle, situation)
 
-    def stand(self, decision: Decision, before: float, situation: Situation,
-              slope: float) -> Decision:
+    def stand(self, decision: Decision, before: float, situation: Situation) -> Decision:
         """Return a decision that stands with the stop gap before a position [m], or here."""
         position = situation.motion.position
         place = before - self._radius - self._tuning.stop_gap
         if not (place >= position or place >= situation.free_from):
             return replace(decision, set_speed=0.0, plan=Plan(Strategy.STOP))
-        speed = min(self._tuning.cruise_speed, self.speed_before(place, situation, slope))
+        speed = min(self._tuning.cruise_speed, self.speed_before(place, situation))
         return replace(decision, set_speed=speed, plan=Plan(
             Strategy.GO_ROUND if decision.kind is Kind.GO_ROUND else Strategy.STOP,
             speed=speed, stop_position=place))
 
-    def filtered(self, decision: Decision, situation: Situation, slope: float) -> Decision:
+    def filtered(self, decision: Decision, situation: Situation) -> Decision:
         """
         Return a decision that leaves the ball able to stop before the line after this period.
 
@@ -190,7 +178,7 @@ class StopLines:
         line = self.nearest(situation, profile.faces)
         if line is None:
             return decision
-        most = self.speed_before(line.position, situation, slope)
+        most = self.speed_before(line.position, situation)
         if situation.motion.speed <= most and decision.set_speed <= most:
             return decision
         if decision.kind is not Kind.CLEAR:
@@ -202,4 +190,4 @@ class StopLines:
             replace(decision, kind=Kind.STOP, reason=line.reason,
                     explanation=f'Stopping before {line.explanation}',
                     distance=line.obstacle - situation.motion.position),
-            line.obstacle, situation, slope)
+            line.obstacle, situation)

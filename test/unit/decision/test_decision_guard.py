@@ -80,11 +80,11 @@ def test_backing_off_stays_on_ground_known_to_be_free():
     back = Decision(Kind.BACK_OFF, Reason.RUN_UP, 0.2, '', plan=Plan(Strategy.BACK_OFF, -0.5))
     known = replace(situation(), free_from=-0.5)
     assert checked(back, known, KNOWN) is back
-    for other in (situation(), replace(known, free_from=-0.45)):
-        assert checked(back, other, KNOWN).reason is Reason.NO_ROOM
-    # By as little as the estimate of a face has moved, the start is moved, not refused.
-    moved = checked(back, replace(known, free_from=-0.49), KNOWN)
-    assert moved.kind is Kind.BACK_OFF and moved.plan.start == -0.49
+    for nowhere in (situation(), replace(known, free_from=0.05)):
+        assert checked(back, nowhere, KNOWN).reason is Reason.NO_ROOM
+    # The estimate of a face moves, and the start with it: it ends where the ground does.
+    moved = checked(back, replace(known, free_from=-0.45), KNOWN)
+    assert moved.kind is Kind.BACK_OFF and moved.plan.start == -0.45
     nowhere = replace(back, plan=Plan(Strategy.BACK_OFF, math.nan))
     assert checked(nowhere, known, KNOWN).reason is Reason.NO_ROOM
 

@@ -116,6 +116,15 @@ def test_no_plan_ends_between_two_edges_where_the_ball_cannot_stand():
     assert [end.faces for end in found.ends] == [2]
 
 
+def test_to_see_more_of_the_floor_does_not_shrink_the_room_behind_an_edge():
+    rooms = []
+    for end in (0.1, 0.3, 0.8, 1.2):
+        profile = seen(step(0.02), points=[(-3.0, 0.0), (0.0, 0.0), (0.0, 0.02), (end, 0.02)],
+                       seen_to=end)
+        rooms.append(look_ahead(profile, profile.faces, -1.0, 0.0, 0.0, RADIUS, 1.0).room_to)
+    assert rooms == sorted(rooms) and rooms[0] < rooms[-1]
+
+
 def test_before_a_small_step_down_that_comes_too_late_for_a_stop_it_decides_at_once():
     floor = [(-3.0, 0.0), (0.0, 0.0), (0.0, -0.01), (3.0, -0.01)]
     answer = decide(step(-0.01), room=0.1 - RADIUS, speed=0.6, answers=1, points=floor,

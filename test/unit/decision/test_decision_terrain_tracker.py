@@ -138,6 +138,14 @@ def test_ramps_and_slopes_are_no_faces_but_changes_of_the_polyline():
     assert slope.slope_sd < 0.006
 
 
+@pytest.mark.parametrize('place', [-0.08, -0.02, 0.02, 0.08])
+@pytest.mark.parametrize('height', [0.03, -0.02])
+def test_a_face_near_the_ball_is_no_slope_below_it(height, place):
+    at = 1.2 + place
+    profile = tracker().update(exact(ground((0.0, height)), at=at), at)
+    assert abs(profile.slope) < 0.01
+
+
 def test_a_bevel_has_a_run_and_a_vertical_face_none():
     bevel, rise = (approach(SCENES[name][0])[-1].face for name in ('bevel', 'rise'))
     assert bevel.run == pytest.approx(0.04, abs=0.01) and rise.run == 0.0

@@ -154,7 +154,7 @@ def look_ahead(profile: Profile, faces: Sequence[Face], position: float, slope: 
         later = SIGMAS * max(face.position_sd, 0.0) if face.height < 0.0 else 0.0
         ends.append(End(index + 1, len(rows) - 1, here, here + HELD + later))
     known = seen and profile.seen_to > here + radius
-    seen_to = profile.seen_to if known else here + unseen_room
+    seen_to = max(profile.seen_to if seen else here, here + unseen_room)
     for x, rise in floor.bends(here, seen_to):
         rows.append((x, level + rise, len(faces) - 1, 1.0, 1.0))
     level += floor.rise(here, seen_to)

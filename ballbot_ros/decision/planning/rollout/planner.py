@@ -30,7 +30,7 @@ from ballbot_ros.decision.planning.situation import Knowledge, Planner, Situatio
 from ballbot_ros.decision.planning.stop_line import StopLines
 from ballbot_ros.decision.tuning import DecisionTuning
 from ballbot_ros.decision.values import (
-    After, Decision, Face, Failure, Kind, Motion, Outlook, Plan, Profile, Reason, Strategy)
+    After, Decision, Face, Failure, Kind, Motion, Outlook, Plan, Reason, Strategy)
 
 # Maximum speed gain of a swing [m/s].
 KICK = 0.15
@@ -102,7 +102,7 @@ def deliberate(task: Task, tuning: DecisionTuning, room_behind: float,
     position, speed = task.start[:2]
     if kept is not None:
         trial = Trial(kept)
-        yield from confirm(trial, task, CHECKED)
+        yield from confirm(trial, task, CHECKED, BEYOND)
         if good(trial.many, task.required - LOYALTY, BEYOND):
             return Choice(trial, Reason.RUN_UP if kept.back > 0.0 else Reason.LIKELY,
                           tally=trial.many)
@@ -272,7 +272,12 @@ class PlanSelector:
             ahead, self.worlds, self._tuning.required_probability, self._tuning.highest_speed)
         now = Basis(face, len(ahead.faces), abs(motion.speed) < STANDING, len(failures),
                     situation.free_from, ahead.room_to)
-        kept = self.choice.candidate if self.choice is not None else None
+        kept = None
+        if self.choice is not None and self.choice.trial is not None:
+            # Two edges that were too close to stand between remain so while they are measured.
+            trial = self.choice.trial
+            kept = trial.candidate = replace(trial.candidate, faces=max(
+                trial.candidate.faces, trial.candidate.end(ahead).faces))
         if kept is not None and braking_room < 0.0:
             self._deliberation = None
         if self._deliberation is None:
@@ -483,8 +488,6 @@ FAR = 3.5
 CONTACT, LONGEST_CONTACT = 0.005, 3.0
 # Clearance of a stop before a touch [m].
 GAP = 0.03
-# A face within this distance of the ball counts as a slope [m].
-NEAR = 0.35
 # Margin for announcing a stop, and distance kept from unobserved terrain [m].
 AT_EASE = 0.2
 # Reasons that further rollouts do not change.
@@ -513,7 +516,6 @@ class RolloutPlanner:
         self._tuning, self._robot = knowledge.tuning, knowledge.robot
         self._lines, self._selector = StopLines(knowledge), PlanSelector(knowledge)
         self._passed: List[Face] = []
-        self._slope, self._disturbed = 0.0, False
 
     def __call__(self, situation: Situation, previous: Optional[Decision]) -> Decision:
         """Decide on the ground ahead; see `situation.Planner`."""
@@ -525,14 +527,14 @@ class RolloutPlanner:
         if pushing is not None:
             return pushing
         faces = faces_ahead(profile, motion.position)
-        slope = self._slope_below(profile, faces, motion)
-        steep = self._lines.steep(situation, slope, previous, self._disturbed)
+        slope = situation.slope
+        steep = self._lines.steep(situation, previous)
         if steep is not None and not (
                 faces and self._lines.face_is_nearer(faces[0], steep, motion.position)):
             return steep
         if not faces or faces[0].position - motion.position > FAR:
             self._selector.forget()
-            return self._alone(situation, slope, previous)
+            return self._alone(situation, previous)
         deviation = profile.slope_sd if math.isfinite(profile.slope_sd) else SLOPE_SD
         line = self._lines.before_slope(profile, faces[0].position)
         behind = math.inf if line is None else line.position
@@ -547,16 +549,15 @@ class RolloutPlanner:
                                HIGHEST_DESCENT, behind)
         return self._face(ahead, situation, previous)
 
-    def _alone(self, situation: Situation, slope: float,
-               previous: Optional[Decision]) -> Decision:
+    def _alone(self, situation: Situation, previous: Optional[Decision]) -> Decision:
         """Decide where no face is ahead: on, but not beyond the stop line."""
         motion, lines = situation.motion, self._lines
-        clear = lines.cruise(situation, slope)
+        clear = lines.cruise(situation)
         line = lines.nearest(situation, ())
         if line is None:
             return clear
-        way = lines.braking.distance(motion.speed, lines.slope_to(
-            situation.profile, motion.position, line.position, slope), emergency=True)
+        way = lines.braking.distance(
+            motion.speed, lines.slope_to(situation, line.position), emergency=True)
         room = line.obstacle - motion.position - self._robot.ball_radius
         # The label changes at the last position for the stop, and back with a margin.
         stopping = previous is not None and previous.kind is Kind.STOP
@@ -565,16 +566,7 @@ class RolloutPlanner:
         return lines.stand(
             replace(clear, kind=Kind.STOP, reason=line.reason, distance=room,
                     explanation=f'Stopping before {line.explanation} at {room:.2f} m'),
-            line.obstacle, situation, slope)
-
-    def _slope_below(self, profile: Profile, faces: Sequence[Face], motion: Motion) -> float:
-        """Return the slope below the ball, as it was before faces came so near to hide it."""
-        near = [face for face in (*faces, *self._passed)
-                if -NEAR < face.position - motion.position < NEAR]
-        self._disturbed = bool(near)
-        if not near:
-            self._slope = profile.slope if math.isfinite(profile.slope) else motion.slope
-        return self._slope
+            line.obstacle, situation)
 
     def _face(self, ahead: Ahead, situation: Situation,
               previous: Optional[Decision]) -> Decision:
@@ -585,8 +577,7 @@ class RolloutPlanner:
             selector.forget()
             choice = Choice(None, Reason.DROP if face.height < 0.0 else Reason.WALL)
             return self._lines.stand(
-                refuse(choice, ahead, motion, room, self._tuning), face.position, situation,
-                ahead.slope)
+                refuse(choice, ahead, motion, room, self._tuning), face.position, situation)
         started = selector.choice is not None and selector.choice.trial is not None \
             and selector.choice.reason is not Reason.COMMITTED
         # A plan in execution is aborted only if the ball certainly stops before the face.
@@ -612,7 +603,7 @@ class RolloutPlanner:
             no = refuse(choice, ahead, motion, room, self._tuning)
             if refused and previous is not None and choice.reason not in DEFINITE:
                 no = replace(no, kind=previous.kind)
-            return self._lines.stand(no, face.position, situation, ahead.slope)
+            return self._lines.stand(no, face.position, situation)
         end = choice.trial.candidate.end(ahead)
         later = [item.position - self._robot.ball_radius for item in ahead.faces
                  if item.position > end.position + 1e-3]

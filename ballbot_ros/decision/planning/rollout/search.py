@@ -297,13 +297,15 @@ def _finalists(trials: Sequence[Trial], highest_speed: float) -> List[Trial]:
     return chosen[:FINALISTS]
 
 
-def confirm(trial: Trial, task: Task, number: int) -> Generator[None, None, None]:
-    """Try a plan in worlds that it has not met, until it is hopeless or has met enough."""
+def confirm(trial: Trial, task: Task, number: int,
+            harm: float = 0.0) -> Generator[None, None, None]:
+    """Try a plan in new worlds, until it cannot be `good` any more or has met enough."""
     while trial.many.attempts < number:
         trial.many = trial.many + task.tally(trial, task.worlds.take(BUNDLE))
         yield
         if trial.many.attempts >= LOOK and (
-                trial.many.probability < task.required - HOPELESS or trial.many.harm > 0.0):
+                trial.many.probability < task.required - HOPELESS
+                or trial.many.harm > harm * number):
             break
 
 
