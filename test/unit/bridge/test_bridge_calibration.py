@@ -120,6 +120,7 @@ def test_an_angle_that_was_not_a_right_one_may_be_given_and_a_wrong_file_is_noti
     assert any('the file was wrong' in text for text in script.said)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('part, answer', [
     ('Turn it', '5'), ('Turn it', '-90'), ('Turn it', '430'), ('Turn it', 'level'),
     ('Is that so', 'yse'), ('Is that so', ''), ('Let the', 'wait'), ('again, still', 'no'),

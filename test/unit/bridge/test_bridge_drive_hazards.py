@@ -56,6 +56,7 @@ def test_a_limit_of_the_drive_that_is_raised_under_power_engages_the_e_stop():
     assert 'torque limit is' in robot.run(0.3, torque=0.5).e_stop
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('protocol', ['vesc', 'vesc_can'])
 @pytest.mark.parametrize('setting', ['l_current_max', 'timeout'])
 def test_settings_of_a_vesc_that_change_under_power_engage_the_e_stop(protocol, setting):
@@ -71,6 +72,7 @@ def test_settings_of_a_vesc_that_change_under_power_engage_the_e_stop(protocol, 
     assert f'{setting} is' in report.e_stop and robot.motor == 0.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('protocol', ['odrive 0.5', 'odrive 0.6', 'odrive_can 0.6'])
 @pytest.mark.parametrize('setting, value', [
     ('axis0.config.watchdog_timeout', 3.0), ('axis0.config.enable_watchdog', 0)])

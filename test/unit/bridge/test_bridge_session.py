@@ -280,6 +280,7 @@ def test_after_unplugging_it_is_back_within_a_second_and_armed_only_by_policy(re
     assert bool(robot.session.supervisor.e_stop) is not rearm
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('protocol', PROTOCOLS)
 def test_a_line_that_is_lost_again_and_again_is_no_drive_that_trips_and_rests(protocol):
     robot = VirtualRobot(protocol, rearm=True).ready()

@@ -23,7 +23,8 @@ TURN = SetPoint(Mode.SPEED, 0.5, yaw_rate=0.25)
 STEERING = {'gear_ratio': 50.0}
 
 
-@pytest.fixture(params=['roboclaw', 'vesc_can', 'odrive_can 0.6', 'odrive 0.5'])
+@pytest.fixture(params=['roboclaw', 'odrive 0.5', *(
+    pytest.param(name, marks=pytest.mark.slow) for name in ('vesc_can', 'odrive_can 0.6'))])
 def robot(request):
     """Return a robot that steers, its e-stop released; an ODrive has a port for each motor."""
     return VirtualRobot(request.param, onboard='gentle', steering=True).ready()

@@ -53,6 +53,7 @@ def test_accelerations_are_those_of_the_lagrangian():
         assert MODEL.accelerations(*state) == pytest.approx(truth(*state), rel=1e-9, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_the_full_model_rolls_as_the_rolling_model():
     # Hard ground leaves almost no penetration.
     scene = read_scene({

@@ -74,6 +74,7 @@ class Course:
             state, seen, math.nan, place - way, top_speed, lean, EVERY / RATE, self.law)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('tuning', TUNINGS)
 @pytest.mark.parametrize('lean', [0.7, 1.4])
 @pytest.mark.parametrize('slope', [-3.0, 0.0, 3.0])
@@ -102,6 +103,7 @@ def test_a_ball_stands_on_a_slope_without_creeping(slope, tuning):
     assert abs(rows[-1, 1] - begin) < (0.01 if abs(slope) <= 1.0 else 0.1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('tuning', TUNINGS)
 @pytest.mark.parametrize('slope', [-3.0, 0.0, 3.0])
 @pytest.mark.parametrize('before, gap', [(0.0, 0.4), (0.4, 0.6), (0.8, 1.5)])

@@ -63,6 +63,7 @@ def decider(planner):
     return Decider(KNOWN, planner)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('planner', PLANNERS)
 @given(stream=strategies.lists(strategies.tuples(looks, motions), min_size=1, max_size=12))
 @settings(max_examples=25, deadline=None)

@@ -16,6 +16,7 @@ from ballbot_ros.physics import (
 sys.path.insert(0, str(Path(__file__).resolve().parents[3] / 'bench'))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('accuracy', [1e-3, 1e-6])
 def test_random_scenes_keep_the_accuracy_that_was_asked_for(accuracy):
     from random_scenes import DURATION, random_scene

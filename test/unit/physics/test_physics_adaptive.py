@@ -118,6 +118,7 @@ options = some.builds(
     slip_lever=some.sampled_from(['contact', 'radius']))
 
 
+@pytest.mark.slow
 @given(states, options, some.booleans())
 def test_the_formulas_of_a_mode_are_the_law_itself_inside_the_mode(state, choice, held):
     model = Model(load_robot('gimball'), ROUGH, choice)

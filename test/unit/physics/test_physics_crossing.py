@@ -35,6 +35,7 @@ CASES = {
 ITS_RULES = Rules(lead=LEAD)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('case', TABLE)
 def test_thresholds_are_those_of_the_independent_program(case):
     robot, actuation, angle = CASES[case]
@@ -43,6 +44,7 @@ def test_thresholds_are_those_of_the_independent_program(case):
     np.testing.assert_allclose(found, TABLE[case], atol=0.3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('case', TABLE)
 def test_with_the_lever_of_that_program_the_agreement_is_within_both_brackets(case):
     # It has the printed R in eq. (8), and a clamp; each bracket is 0.05 mm wide.

@@ -26,6 +26,7 @@ def table(name):
     return [[cell.strip() for cell in line.strip('|').split('|')] for line in lines[2:]]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('row', table('effects'), ids=lambda row: ' '.join(row[:2]))
 def test_effect_of_the_contact_options_on_the_height(row):
     name, speed, *values = row[0], *map(float, row[1:])

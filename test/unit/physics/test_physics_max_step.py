@@ -91,6 +91,7 @@ def crossing_of(speed, actuation=Actuation(), rules=Rules()):
         PARAMETERS, Site().profile(GIMBALL), actuation.actuator(GIMBALL)), 10**8)
 
 
+@pytest.mark.slow
 def test_a_ball_without_motor_is_given_up_early_but_never_wrongly():
     # A motor that gives no torque moves nothing else, but nothing can be concluded from energy.
     for speed in (0.4, 0.9):

@@ -56,6 +56,7 @@ def violated_within(system, workspace, step=1.0):
     return False
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('lever, dissipation', [
     ('contact', 0.0), ('radius', 0.0), ('contact', 5.0)])
 def test_where_it_says_that_a_mode_holds_no_guard_is_violated_at_any_time(lever, dissipation):
@@ -101,6 +102,7 @@ def test_bounds_of_a_course_enclose_it_and_are_those_of_its_ends_where_it_is_a_l
     assert (least((1.0, -2.0, 0.0, 0.0, 0.0)), most((1.0, -2.0, 0.0, 0.0, 0.0))) == (-1.0, 1.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('actuation', [
     Actuation('position', set_angle=0.5), Actuation('velocity', set_rate=3.0, velocity_ki=20.0),
     Actuation('voltage', voltage=5.0), Actuation('torque', torque=0.5)], ids=lambda law: law.law)
