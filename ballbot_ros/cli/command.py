@@ -245,7 +245,7 @@ def _run(words: list[str]) -> int:
 
 @contextmanager
 def _warnings(quiet: bool) -> Iterator[None]:
-    """Print plausibility warnings as lines; if quiet, log and print errors only."""
+    """Print plausibility warnings as lines; if quiet, log errors only."""
     log = logging.getLogger('ballbot_ros')
     level = log.level
     if quiet:
@@ -254,7 +254,7 @@ def _warnings(quiet: bool) -> Iterator[None]:
     def show(message: Any, category: type[Warning], *rest: Any, **options: Any) -> None:
         if not issubclass(category, PlausibilityWarning):
             python_show(message, category, *rest, **options)
-        elif not quiet:
+        else:
             print(f'Warning: {message}', file=sys.stderr, flush=True)
 
     try:

@@ -45,7 +45,7 @@ def run(arguments: argparse.Namespace) -> int:
     from ballbot_ros.results.files import write_text
     from ballbot_ros.studies.curve_fit import fit_curve, heights_for, Request
     speeds = read_range(arguments.speed, '--speed')
-    options.warn_speeds(arguments, '--speed', speeds)
+    options.warn_speeds('--speed', speeds)
     request = Request(speeds[0], speeds[-1], len(speeds), arguments.accuracy,
                       read_samples(arguments, robot), arguments.seed)
     refuse_foreign(arguments.out)

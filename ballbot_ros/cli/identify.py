@@ -2,11 +2,10 @@
 """The verb ``identify``: estimate parameters of a robot from a recorded run."""
 import argparse
 from pathlib import Path
-import sys
 from typing import Any, Iterator
 
 from ballbot_ros.cli.command import DONE, FAILED, INTERRUPTED, print_error
-from ballbot_ros.cli.options import add_overwrite, add_quiet
+from ballbot_ros.cli.options import add_overwrite, add_quiet, warn
 from ballbot_ros.cli.output import figure_files, print_json, result_folder, save_figure
 
 
@@ -68,8 +67,7 @@ def run(arguments: argparse.Namespace) -> int:
     elif not arguments.quiet:
         print_table(found)
         print(f'\nWritten to {folder}: {", ".join(files)}')
-    for warning in () if arguments.quiet else warnings_of(found):
-        print(f'Warning: {warning}', file=sys.stderr)
+    warn(warnings_of(found))
     poor = [name for name, item in found.channels.items() if item.verdict == 'poor']
     if poor:
         print_error(f'the model does not fit {", ".join(poor)}: no parameter is estimated; is '

@@ -32,7 +32,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Search and print."""
     speeds = read_numbers(arguments.speed, '--speed')
     robot = options.read_robot(arguments)
-    options.warn_speeds(arguments, '--speed', speeds)
+    options.warn_speeds('--speed', speeds)
     from ballbot_ros.crossing import actuation_for, max_step_heights
     found = max_step_heights(
         robot, speeds, actuation_for(robot, options.read_law(arguments)), scan=arguments.scan,

@@ -25,7 +25,7 @@ def add_robot(parser: argparse.ArgumentParser) -> None:
 
 
 def add_quiet(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument('--quiet', action='store_true', help='print errors only')
+    parser.add_argument('--quiet', action='store_true', help='print errors and warnings only')
 
 
 def add_port(parser: argparse.ArgumentParser) -> None:
@@ -98,16 +98,16 @@ def read_robot(arguments: argparse.Namespace) -> Any:
     return load_robot(arguments.robot)
 
 
-def warn(arguments: argparse.Namespace, sentences: Iterable[str]) -> None:
-    """Print plausibility warnings on standard error, unless quiet."""
-    for sentence in () if getattr(arguments, 'quiet', False) else sentences:
+def warn(sentences: Iterable[str]) -> None:
+    """Print warnings on standard error, also with ``--quiet``."""
+    for sentence in sentences:
         print(f'Warning: {sentence}', file=sys.stderr, flush=True)
 
 
-def warn_speeds(arguments: argparse.Namespace, option: str, speeds: Iterable[float]) -> None:
+def warn_speeds(option: str, speeds: Iterable[float]) -> None:
     """Warn if the fastest of several speeds [m/s] is implausible."""
     from ballbot_ros.physics.model.robot import speed_warnings
-    warn(arguments, speed_warnings(max(speeds, key=abs), option))
+    warn(speed_warnings(max(speeds, key=abs), option))
 
 
 def read_law(arguments: argparse.Namespace) -> Any:
@@ -127,7 +127,7 @@ def read_law(arguments: argparse.Namespace) -> Any:
                 f'--angle-deg must be at least -180 and at most 180 degrees, got {angle:g}',
                 'out_of_range', '--angle-deg')
         from ballbot_ros.physics.model.robot import angle_warnings
-        warn(arguments, angle_warnings(angle))
+        warn(angle_warnings(angle))
         return held_at(math.radians(angle))
     if law == 'voltage':
         return Actuation(law, voltage=arguments.voltage or 0.0)

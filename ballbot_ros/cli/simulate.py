@@ -4,12 +4,11 @@ import argparse
 from importlib.util import find_spec
 from pathlib import Path
 import shutil
-import sys
 from time import perf_counter
 from typing import Any, Optional
 
 from ballbot_ros.cli.command import DONE, FAILED, INTERRUPTED, print_error
-from ballbot_ros.cli.options import add_format, add_overwrite, add_quiet
+from ballbot_ros.cli.options import add_format, add_overwrite, add_quiet, warn
 from ballbot_ros.cli.output import check_new_file, print_json, result_folder, save_figure
 from ballbot_ros.errors import ConfigurationError
 
@@ -79,7 +78,7 @@ def run(arguments: argparse.Namespace) -> int:
     folder = result_folder(arguments.out, DEFAULT_FOLDER / scene.name, ALL_FILES,
                            arguments.overwrite)
     animation = animation_asked(arguments, scene, folder)
-    check_size(scene, folder, arguments.quiet or arguments.json)
+    check_size(scene, folder)
     failure: Optional[SimulationError] = None
     begin, compiled = perf_counter(), compile_time()
     try:
@@ -109,6 +108,8 @@ def run(arguments: argparse.Namespace) -> int:
         from ballbot_ros.results import report
         print(f'{report(summary)}\n\nWritten to {folder}: '
               f'{", ".join(named(path, folder) for path in files)}')
+    else:
+        warn(summary.warnings)
     if failure is not None:
         print_error(f'{failure}; the preceding part was written to {folder}')
         return FAILED
@@ -123,7 +124,7 @@ def run(arguments: argparse.Namespace) -> int:
     return DONE
 
 
-def check_size(scene: Any, folder: Path, silent: bool) -> None:
+def check_size(scene: Any, folder: Path) -> None:
     """
     Warn on standard error if the files of a run will be large.
 
@@ -146,8 +147,8 @@ def check_size(scene: Any, folder: Path, silent: bool) -> None:
     if size > shutil.disk_usage(place).free:
         raise ConfigurationError(
             f'{words}; {place} has not enough space', 'out_of_range', '--output-step')
-    if size > WARNED_SIZE and not silent:
-        print(f'Warning: {words}', file=sys.stderr, flush=True)
+    if size > WARNED_SIZE:
+        warn([words])
 
 
 def animation_asked(arguments: argparse.Namespace, scene: Any, folder: Path) -> Optional[Path]:

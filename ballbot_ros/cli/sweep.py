@@ -100,6 +100,6 @@ def question(arguments: argparse.Namespace, robot: Any, values: Mapping[str, Val
     """Warn about an implausible fastest speed or highest step."""
     from ballbot_ros.physics.model.robot import height_warnings
     if 'speed' in values:
-        options.warn_speeds(arguments, 'speed', values['speed'])
+        options.warn_speeds('speed', values['speed'])
     if 'height' in values:
-        options.warn(arguments, height_warnings(robot, max(values['height']), 'to be tried'))
+        options.warn(height_warnings(robot, max(values['height']), 'to be tried'))

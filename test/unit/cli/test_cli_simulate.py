@@ -67,6 +67,13 @@ def test_quiet_prints_nothing(tmp_path, capsys):
     assert capsys.readouterr() == ('', '')
 
 
+def test_quiet_prints_warnings_on_standard_error(tmp_path, capsys):
+    assert main(['simulate', 'flat', '--duration', '0.02', '--out', str(tmp_path), '--no-figures',
+                 '--quiet']) == 0
+    printed = capsys.readouterr()
+    assert printed.out == '' and printed.err.count('Warning: ') == 1
+
+
 def test_options_replace_what_the_scene_says(tmp_path, capsys):
     assert main(['simulate', 'fig7_top', '--out', str(tmp_path), '--no-figures', '--json',
                  '--duration', '0.5', '--step', '5e-4', '--method', 'semi_implicit']) == 0

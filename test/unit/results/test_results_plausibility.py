@@ -115,13 +115,12 @@ def test_an_angle_beyond_the_top_is_refused_and_one_above_level_is_questioned(ca
 def test_a_run_of_gigabytes_says_so_first_and_offers_a_coarser_step(tmp_path, capsys, monkeypatch):
     scene = load_scene('flat')
     long = replace(scene, run=replace(scene.run, duration=86400.0, output_step=0.01))
-    simulate.check_size(long, tmp_path / 'new', False)
+    simulate.check_size(long, tmp_path / 'new')
     err = capsys.readouterr().err
     assert 'this run writes about 8.6 GB' in err and '--output-step 1 makes it 0.086 GB' in err
-    simulate.check_size(long, tmp_path / 'new', True)
-    simulate.check_size(scene, tmp_path / 'new', False)
+    simulate.check_size(scene, tmp_path / 'new')
     assert capsys.readouterr().err == '' and not list(tmp_path.iterdir())
     monkeypatch.setattr(simulate.shutil, 'disk_usage',
                         lambda _: argparse.Namespace(free=10**9))
     with refused('out_of_range', '--output-step'):
-        simulate.check_size(long, tmp_path / 'new', False)
+        simulate.check_size(long, tmp_path / 'new')
