@@ -9,7 +9,7 @@ Errors and warnings of this package.
     ├── SimulationError       a run cannot continue; names time, quantity and remedy
     ├── UnstableLoopError     a control law would diverge at the rate it is given
     ├── MessageError          a command, set-point or observation is refused
-    ├── LinkError             the serial line cannot be opened, or is gone
+    ├── LinkError             the serial line cannot be opened, or is lost
     ├── DriveError            the motor controller does not respond, or wrongly
     ├── EstimateLostError     the readings of the sensors contradict each other
     └── RefusedError          a request that would not be safe now

@@ -103,8 +103,8 @@ def _kernel_sources(known: Path) -> List[str]:
     """
     Return a digest of each file with kernels, and of each that these import.
 
-    What was found in a file is kept in the file `known` until size or time of the former change:
-    to parse all takes a second.
+    The result for a file is cached in the file `known` until its size or time changes:
+    parsing all files takes a second.
     """
     here = Path(__file__).resolve().parent
     try:

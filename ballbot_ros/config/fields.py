@@ -425,7 +425,7 @@ def read_given(cls: Type[Checked], content: Mapping[str, Any],
     """
     Return the checked values of fields of `cls`, and the `Provenance` of those that have one.
 
-    An entry is a value, or a mapping that says more::
+    An entry is a value, or a mapping with its provenance::
 
         ball_mass: {value: 3.8, unit: kg, source: derived, range: [3.3, 4.15], note: ...}
 

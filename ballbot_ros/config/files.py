@@ -16,7 +16,7 @@ PACKAGE = 'ballbot_ros'
 
 def shipped_folder(name: str) -> Path:
     """
-    Return a folder that comes with this package, ``'config'`` or ``'msg'``.
+    Return a folder of this package, ``'config'`` or ``'msg'``.
 
     A source checkout (and a symlink install, which points back to it) has it beside the
     package; an installed package has it in ``share/`` of its prefix.

@@ -280,7 +280,7 @@ def attempt(height: float, tolerance: float, crossing: Crossing) -> tuple[int, f
     score : float
         Above 0 for OVER, below for others [m2/s2]; see the module.
     outcome : int
-        FINISHED, or why the run could not go on; see `solvers.values`.
+        FINISHED, or the reason of a failure; see `solvers.values`.
 
     """
     statistics = crossing.workspace.statistics
@@ -301,7 +301,7 @@ COARSE, FINE = 1e-1, 1e-2
 REFINEMENT = 0.03  # of the tolerances, where both do not agree
 FINEST = 1e-13  # tolerance that still means something [m]
 
-# Where the scores point, and a little more: too high a step is wanted, and as near as can be.
+# Extrapolated from the scores, slightly higher: the closest step that fails is searched.
 BEYOND = 1.02
 HIGHEST = 4.0  # step that is tried, over the radius
 TOO_FAST = -1  # outcome of a search that finds no step too high, beside those of a run
@@ -327,7 +327,7 @@ def narrow(low: float, high: float, above: float, below: float, width: float,
     Returns
     -------
     low, high, outcome
-        FINISHED, or how the run ended that could not go on.
+        FINISHED, or the reason of a failed run.
 
     """
     side, reach = 0, 0.9 * width

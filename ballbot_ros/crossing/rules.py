@@ -5,7 +5,7 @@ The crossing of a step: its terrain, its initial state, and its success criterio
 *Collision speed* is the speed of the centre when the ball first touches the step.  At that time
 it rolls without slip, and its pendulum rotates only if the actuation requires it.
 
-*Over*: the contact lies below the ball and, by the rule `edge`, the centre has passed the edge.
+*Over*: the contact is below the ball and, by the rule `edge`, the centre has passed the edge.
 Later motion does not count, so on an upward slope the ball may roll back.  By the rule `clear`
 the centre moves farther, by default a quarter of the radius, before it returns to its start.
 The curves of the paper use `edge`, decisions use `clear`.
@@ -135,7 +135,7 @@ class Rules(Checked):
         return self.clearance if self.over == 'clear' else 0.0
 
 
-# What the numbers of a crossing may be; also for those that are no field of anything.
+# Ranges of the parameters of a crossing, including those that are not fields of a class.
 SPEED = quantity('m/s', 'collision speed', above=0.0).metadata
 HEIGHT = quantity('m', 'height of the step', above=0.0).metadata
 
@@ -149,7 +149,7 @@ def touch_distance(radius: float, height: float, penetration: float = 0.0) -> fl
     radius, height : float
         Of the ball and of the step [m]; the floor before it is level.
     penetration : float
-        How deep the ball sits in the floor [m]; it meets the edge that much earlier.
+        Penetration of the ball into the floor [m]; it touches the edge earlier by this.
 
     """
     below = min(max(height + penetration, 0.0), radius)
@@ -177,7 +177,7 @@ def too_fast(robot: Robot, speed: float, passed: float) -> ConfigurationError:
     """Return the error of a speed [m/s] at which no step is too high, up to one passed [m]."""
     return ConfigurationError(
         f'no step up to {passed:g} m stops {robot.name!r} at {speed:g} m/s: this speed is '
-        'outside what the search is made for', 'out_of_range', 'speed')
+        'outside the range of the search', 'out_of_range', 'speed')
 
 
 def held_at(angle: float, actuation: Actuation = Actuation()) -> Actuation:

@@ -81,7 +81,7 @@ class Ball:
 
     def _begin(self) -> None:
         """Take the state to have lasted for a period already."""
-        # Both in one assignment: another thread may ask for a reading at any time.
+        # Both in one assignment: another thread may request a reading at any time.
         self._pair = (self.state._replace(time=self.state.time - self.plant.period), self.state)
         self.lateral = LateralState()
 
@@ -111,7 +111,7 @@ class Ball:
         Raises
         ------
         SimulationError
-            If the model cannot go on.
+            If the model fails.
 
         """
         before = self.state

@@ -25,7 +25,7 @@ class BusOfTwo(Device):
         self.settings = settings
 
     def __getattr__(self, name: str) -> Any:
-        """Return what only the first device of its class has."""
+        """Return the content that only the first device of its class has."""
         return getattr(self.__dict__['first'], name)
 
     @property
@@ -84,7 +84,7 @@ class BusOfTwo(Device):
     _receive = receive
 
     def _boot(self) -> None:
-        """Do nothing: each device has booted by itself."""
+        """Do nothing: each device boots separately."""
 
 
 def new_device(protocol: str, settings: DriveSettings, steering: bool = False) -> Device:

@@ -29,7 +29,7 @@ PERIOD = 1e-3
 MOST_PERIODS = 200
 # The oldest entries of the log go first.
 LONGEST_LOG = 1_000_000
-# Shortest sleep: what comes within this time is handled together [s].
+# Shortest sleep: data within this time are handled together [s].
 SHORTEST_WAIT = 5e-5
 
 
@@ -45,7 +45,7 @@ class Emulator:
     A motor controller behind a pseudo-terminal; one on a CAN bus behind an slcan adapter there.
 
     Start it, open `path` as a serial port, stop it; or use it as a context manager.  The model
-    runs in a thread of its own, so everything here may be called from another.
+    runs in a separate thread, so all methods may be called from another one.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ class Emulator:
         In the shell; a perfect one if not given.
     steering : bool
         Whether a second motor, with the same gear, leans the pendulum: that on M2 of a RoboClaw,
-        or one with a drive of its own at the next address of the CAN bus.
+        or one with a separate drive at the next address of the CAN bus.
 
     Attributes
     ----------
@@ -223,7 +223,7 @@ class Emulator:
         self.terminal.write(self.from_drive.take(now))
 
     def _read(self, elapsed: float) -> bytes:
-        """Return received data, at most what a slow reader takes in a time [s]."""
+        """Return received data, at most the amount of a slow reader in a time [s]."""
         if self.read_rate == math.inf:
             return self.terminal.read()
         self._credit = min(self._credit + self.read_rate * elapsed, 4096.0)

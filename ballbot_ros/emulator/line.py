@@ -45,7 +45,7 @@ class LineFaults(Checked):
 
 class Direction:
     """
-    One direction of a line: what is put in comes out one byte after the other.
+    One direction of a line, which delivers one byte after the other.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ class Direction:
         return self._flying[0][0] if self._flying else float('inf')
 
     def clear(self) -> None:
-        """Lose what is under way."""
+        """Drop the data in transit."""
         self._flying.clear()
         self._free_at = 0.0
 

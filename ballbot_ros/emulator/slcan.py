@@ -15,7 +15,7 @@ _FRAME = re.compile(rb'([tr])([0-7][0-9A-Fa-f]{2})([0-8])((?:[0-9A-Fa-f]{2})*)'
 
 class SlcanAdapter(PseudoTerminal):
     """
-    See `PseudoTerminal`; what is read and written are records of frames.
+    See `PseudoTerminal`; data are records of frames.
 
     It acknowledges each command with a carriage return, refuses an unknown one with a bell, and
     neither sends nor receives frames while its channel is closed.

@@ -2,7 +2,7 @@
 """
 The angle of the pendulum, and the distance, from an encoder, the torque and an IMU; no ROS.
 
-A robot that stands still, with its encoder at 0 and gravity in its accelerometer:
+A robot at rest, with its encoder at 0 and gravity in its accelerometer:
 
     >>> from ballbot_ros.physics import load_robot
     >>> fusion = Fusion(load_robot('gimball'))

@@ -142,7 +142,7 @@ def check_animation(path: PathLike, duration: float, playback: float = 1.0) -> N
     Raises
     ------
     ConfigurationError
-        Naming what to do.
+        With the remedy.
 
     """
     kind = Path(path).suffix.lower()
@@ -267,7 +267,7 @@ def _view(run: Trajectory) -> _View:
 
 
 def _furnish(figure: Figure, axes: Any, run: Trajectory, title: str, playback: float) -> Any:
-    """Draw what does not change, and return the text for what does."""
+    """Draw the static part, and return the text for the rest."""
     width, height = figure.get_size_inches()
     robot = run.model.robot
     far = ROW * robot.ball_radius
@@ -298,7 +298,7 @@ def _look_at(axes: Any, run: Trajectory, view: _View, index: int) -> None:
 
 
 def _draw_force(axes: Any, run: Trajectory, force: ForceArrow) -> None:
-    """Draw an arrow that ends at the contact and shows what the ground does to the ball."""
+    """Draw an arrow to the contact for the ground contact force."""
     robot = run.model.robot
     size = math.hypot(force.force_x, force.force_y)
     weight = robot.total_mass * robot.gravity
@@ -322,7 +322,7 @@ def _words(run: Trajectory, index: int) -> str:
 
 
 def _write_gif(pictures: Iterator[Picture], some: Picture, stream: Any) -> None:
-    """Write pictures in the colours of some of them, so that what stands still is not stored."""
+    """Write pictures with a common palette, so that static parts are not stored."""
     from PIL import Image
     palette = _palette(some)
     known = np.full(1 << 24, -1, dtype=np.int16)  # number in the palette, by colour
@@ -353,7 +353,7 @@ def _palette(some: Picture) -> NDArray[np.int32]:
 
 
 def _write_mp4(pictures: Iterator[Picture], path: str) -> None:
-    """Hand pictures to ffmpeg; a session of its own keeps Ctrl-C from it."""
+    """Pass pictures to ffmpeg; a separate session shields it from Ctrl-C."""
     first = next(pictures)
     height, width, _ = first.shape
     command = [ffmpeg() or 'ffmpeg', '-loglevel', 'error', '-y', '-f', 'rawvideo',

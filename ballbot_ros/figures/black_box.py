@@ -126,7 +126,7 @@ def _panels(recording: BlackBoxRecording) -> List[Tuple[Panel, List[Any]]]:
 
 
 def _draw(axes: Any, panel: Panel, times: Sequence[Any], begin: float) -> None:
-    """Draw one panel from a time on; what a drive does not report is left out."""
+    """Draw one panel from a time on; values that the drive does not report are left out."""
     axes.axhline(0.0, color=canvas.GREY, lw=0.5, zorder=1)
     for line, time in zip(panel.lines, times):
         shown = time >= begin

@@ -10,7 +10,7 @@ from ballbot_ros.figures import canvas
 from ballbot_ros.physics.model.robot import Robot
 from ballbot_ros.physics.model.terrain import Array, Terrain
 
-# Colours, by what they stand for; legends are made from these.
+# Colours by meaning; legends are made from these.
 TURNING, PENDULUM, PATH, FORCE = canvas.GREY, canvas.VERMILION, canvas.GREEN, canvas.PURPLE
 MEANING = {TURNING: 'turns with the ball', PENDULUM: 'pendulum', PATH: 'path of the centre',
            FORCE: 'force of the ground'}

@@ -18,7 +18,7 @@ from ballbot_ros.results.faces import FaceMeeting, faces_of, meet_faces, rising_
 _WIDTH, _HIGHEST_ROW = 9.6, 3.6  # of the drawing, and of a row in it [in]
 _LEFT, _RIGHT, _TOP, _BOTTOM = 0.8, 0.2, 0.72, 0.48  # [in]
 _ROW_GAP, _COLUMN_GAP, _NARROWEST = 0.55, 0.65, 6.4  # [in]
-_RESULT_LINES = 1.6  # room below a face for what became of it, beside the ground
+_RESULT_LINES = 1.6  # room below a face for its result, beside the ground
 _LETTER, _LINE = 0.072, 0.15  # size of a letter of a label [in]
 _MARGIN, _DEPTH = 1.25, 0.42  # beside the outermost centres, of the ground [ball radii]
 
@@ -37,8 +37,8 @@ def strip(trajectory: Trajectory, title: str = '', marks: Sequence[Mark] = ()) -
     Return outlines of the ball along its path, with pendulum, rotation and time.
 
     A row is a part of the run in which the ball goes in one direction.  A run too long for four
-    rows shows those about its hardest impact.  Below each rising face stands its height, the
-    speed at which it was touched, and whether the ball got over.  The title is the name of the
+    rows shows those about its hardest impact.  Below each rising face are its height, the
+    touch speed, and whether the ball crossed it.  The title is the name of the
     scene, say.
     """
     run = sane(trajectory)
@@ -114,7 +114,7 @@ def stacked(runs: Sequence[tuple[Trajectory, str]], title: str) -> Figure:
 
 
 def _view(run: Trajectory, row: Row) -> tuple[float, float, float, float]:
-    """Return left, right, bottom and top of what a row shows [m]."""
+    """Return left, right, bottom and top of a row [m]."""
     radius = run.model.robot.ball_radius
     x, y = run['x'][row.samples], run['y'][row.samples]
     left, right = float(x.min()) - _MARGIN * radius, float(x.max()) + _MARGIN * radius
@@ -209,7 +209,7 @@ def _label_times(axes: Any, run: Trajectory, row: Row, scale: float) -> None:
 
 
 def _heading(figure: Figure, run: Trajectory, chosen: Layout, title: str) -> None:
-    """Write what the strip shows above it."""
+    """Write the title of the strip above it."""
     width, height = figure.get_size_inches()
     robot = run.model.robot
     heading = ', '.join(part for part in (title, robot.name) if part)

@@ -28,7 +28,7 @@ MOST_CELLS = 16_000_000
 HIGHEST = 20.0
 # Meaning of the cells of an occupancy map.
 FREE, UNKNOWN, OCCUPIED = 0, 1, 2
-# What a feature is: lines that the ball crosses, or areas.
+# Kinds of features: lines that the ball crosses, or areas.
 LINES = ('step', 'threshold', 'cord', 'drop')
 AREAS = ('carpet', 'level', 'ramp', 'friction', 'keep_out', 'stairs')
 
@@ -210,7 +210,7 @@ class Floor:
                 self.origin[1] + (row + 0.5) * self.resolution)
 
     def contains(self, point: Sequence[float]) -> bool:
-        """Return whether a point lies on the map."""
+        """Return whether a point is on the map."""
         row, column = self.cell_of(point)
         return 0 <= row < self.cells.shape[0] and 0 <= column < self.cells.shape[1]
 

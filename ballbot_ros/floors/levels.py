@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Levels of the rooms of a floor: what its steps and drops add up to from cell to cell."""
+"""Levels of the rooms of a floor: the sum of its steps and drops from cell to cell."""
 from collections import deque
 import math
 from typing import Dict, List, Tuple

@@ -62,7 +62,7 @@ class Cut:
 
 
 class _Part(NamedTuple):
-    """What a feature adds to the ground between two places on the line."""
+    """Height added by a feature between two positions on the line."""
 
     begin: float
     end: float
@@ -225,7 +225,7 @@ def _areas(feature: Feature, place: Point, along: Point
 
 
 def _added(feature: Feature, place: Point, along: Point, at: float) -> float:
-    """Return the height that an area has at a place on the line that lies in it [m]."""
+    """Return the height of an area at a position on the line within it [m]."""
     if feature.kind == 'stairs':
         return -depth(feature)
     if feature.kind != 'ramp':
@@ -278,7 +278,7 @@ def _intervals(polygon: Sequence[Point], place: Point, along: Point
 
 
 def _crests(edges: Sequence[Edge], factor: Callable[[float], float]) -> List[_Part]:
-    """Return what raises each edge to its crest; one that falls ahead rises backwards."""
+    """Return the rise of each edge to its crest; one that falls ahead rises backwards."""
     found = []
     for number, edge in enumerate(edges):
         share = factor(edge.angle)
@@ -363,7 +363,7 @@ def _joined(xs: Array, left: Array, right: Array, friction: Array) -> Tuple[Arra
         elif len(points) > 1 and begin[1] == points[-2][1] == right[number] \
                 and points[-2][0] < begin[0] \
                 and np.array_equal(slips[-1], friction[number], equal_nan=True):
-            points.pop()  # level ground goes on
+            points.pop()  # level ground continues
             slips.pop()
         points.append((float(xs[number + 1]), float(right[number])))
         slips.append(float(friction[number]))

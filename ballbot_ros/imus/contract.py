@@ -2,9 +2,9 @@
 """
 The contract between an inertial sensor's protocol and the rest of the package.
 
-A sensor that sends readings unasked, at a fixed rate, over a serial port: `ImuSource` opens the
-port, configures the sensor, and reads from it; `InertialSensor` holds what the vendor's protocol
-needs for that.  All quantities are SI, in the sensor's own axes.
+A sensor that sends unrequested readings, at a fixed rate, over a serial port: `ImuSource` opens
+the port, configures the sensor, and reads from it; `InertialSensor` has the vendor's protocol
+for this.  All quantities are SI, in the sensor's own axes.
 """
 from abc import ABC, abstractmethod
 from collections import Counter
@@ -23,7 +23,7 @@ class InertialReading(NamedTuple):
 
 class ReadingParser(Protocol):
     """
-    Finds readings in what a sensor sends.
+    Finds readings in the data of a sensor.
 
     Attributes
     ----------
@@ -86,7 +86,7 @@ class EmulatedSensor(ABC):
     Attributes
     ----------
     turn_rate, force : (float, float, float)
-        What it measures, in its own axes [rad/s], [m/s2].
+        Measured values, in the axes of the sensor [rad/s], [m/s2].
 
     """
 

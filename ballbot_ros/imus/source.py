@@ -73,7 +73,7 @@ class StampedReading(NamedTuple):
 
 class Axes:
     """
-    Turns what a sensor measures into the axes of the shell: forward, left, up.
+    Rotates measurements of a sensor into the axes of the shell: forward, left, up.
 
     Parameters
     ----------
@@ -115,8 +115,8 @@ class ArrivalClock:
     Estimates when each reading was sent.
 
     The sensor sends at even intervals of its own clock; readings arrive delayed by the line, the
-    USB adapter and the scheduler, never early.  So the send times are a straight line that no
-    arrival lies below: an earlier arrival moves the line down immediately, a later one moves it up
+    USB adapter and the scheduler, never early.  So the send times are a straight line below all
+    arrivals: an earlier arrival moves the line down immediately, a later one moves it up
     slowly.
 
     Parameters

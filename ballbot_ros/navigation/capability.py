@@ -3,7 +3,7 @@
 Which steps a robot crosses from rest: run-up and room to speed, swing, probability and time.
 
 The entries come from the rollouts of the obstacle decision, in the worlds that its robot file,
-tuning and learned particles imply; so a route asks for no crossing that the decision would refuse.
+tuning and learned particles imply; so a route contains no crossing that the decision would refuse.
 They are computed when they are needed, for heights rounded away from 0, and kept in
 ``$XDG_CACHE_HOME/ballbot_ros/capability``, a file for each robot, tuning and version of the code.
 """
@@ -27,7 +27,7 @@ from ballbot_ros.decision.planning.rollout.worlds import Worlds
 # Run-ups from rest to the touch, and rooms for the centre behind the last edge, to try [m].
 RUN_UPS = (0.2, 0.35, 0.5, 0.75, 1.0, 1.4, 1.8, 2.4)
 ROOMS = (0.4, 0.65, 1.0, 1.5, 2.5)
-# A longer run-up must raise the probability by this to be a choice of its own.
+# A longer run-up must raise the probability by this to be a separate choice.
 BETTER = 0.005
 # Heights, standard deviations of heights, and widths are rounded up to multiples of this [m].
 HEIGHT, HEIGHT_SD, WIDTH = 0.0025, 0.001, 0.01
@@ -89,12 +89,12 @@ class Capability:
                 self._known[key] = None if value is None else CrossingPlan(*value)
 
     def keep(self) -> None:
-        """Write what was computed; without a writable cache, the next run computes it again."""
+        """Write the results; without a writable cache, the next run computes them again."""
         if len(self._known) == self._kept:
             return
         with suppress(OSError):
             self._file.parent.mkdir(parents=True, exist_ok=True)
-            self._read()  # what other processes have added
+            self._read()  # results of other processes
             temporary = self._file.with_suffix(f'.{os.getpid()}')
             temporary.write_text(json.dumps(self._known), encoding='utf-8')
             temporary.replace(self._file)

@@ -19,8 +19,8 @@ class CrossingDriver:
     """
     Lets a `Decider` drive over the step ahead, as often as a route needs it.
 
-    The decider keeps what it has learned about the robot from one crossing to the next, and
-    forgets the terrain: the odometry axis is the line of the crossing.
+    The decider keeps the learned parameters of the robot from one crossing to the next, and
+    discards the terrain: the odometry axis is the line of the crossing.
 
     Parameters
     ----------

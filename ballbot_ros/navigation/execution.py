@@ -35,7 +35,7 @@ CROSS_ASIDE, CROSS_TURNED = 0.08, math.radians(6.0)
 ALIGNMENTS, ALIGNING = 2, 2.0 * SETTLING
 # A localisation that moves farther than the ball between two percepts has jumped [m], [rad].
 JUMP, JUMP_TURN = 0.25, 0.5
-# A larger gap between percepts says nothing about jumps [s].
+# Jumps are not detectable over a larger gap between percepts [s].
 LONGEST_GAP = 1.0
 # Distance over which the path is checked for obstacles [m], and measurements that must agree.
 LOOK_AHEAD, AGREEING = 1.5, 3
@@ -52,7 +52,7 @@ CROSSING_TIMEOUT = 90.0
 
 
 class NavStatus(str, Enum):
-    """What the navigator does, or how it ended."""
+    """Status of the navigator."""
 
     IDLE = 'idle'
     DRIVING = 'driving'
@@ -70,7 +70,7 @@ class NavStatus(str, Enum):
 
 class CrossingReport(NamedTuple):
     """
-    What came of a crossing.
+    Outcome of a crossing.
 
     Attributes
     ----------
@@ -121,7 +121,7 @@ class Percept(NamedTuple):
 
 
 class CommandKind(str, Enum):
-    """What a command demands."""
+    """Kind of a command."""
 
     REST = 'rest'
     DRIVE = 'drive'
@@ -130,7 +130,7 @@ class CommandKind(str, Enum):
 
 class Command(NamedTuple):
     """
-    What to do until the next percept.
+    Command until the next percept.
 
     Attributes
     ----------
@@ -273,7 +273,7 @@ class Navigator:
 
     def advance(self, state: NavigationState, percept: Percept
                 ) -> Tuple[NavigationState, Command]:
-        """Return the next state and the command; nothing is raised for what a sensor says."""
+        """Return the next state and the command; sensor data never raise an exception."""
         if state.status.ended:
             return replace(state, last=percept), REST
         try:
@@ -434,7 +434,7 @@ class Navigator:
             elif self._on(point, ahead) and not self._explained(point):
                 found.append(point)
         faced = len(found) > seen or learned is not state.learned
-        # The sensors measure at their own rates: a percept without a measurement says nothing.
+        # The sensors measure at their own rates: a percept may have no measurement.
         agreeing = tuple(count if measured is None else count + 1 if agrees else 0
                          for count, measured, agrees in zip(
                              state.agreeing, (percept.points, percept.faces), (seen > 0, faced)))
@@ -444,7 +444,7 @@ class Navigator:
             learned = learned.with_obstacles(tuple(found))
         return self._stop(
             replace(state, learned=learned, agreeing=(0, 0)), 'obstacle' if found else 'higher',
-            'an obstacle lies on the path' if found else 'a step is higher than on the map')
+            'an obstacle is on the path' if found else 'a step is higher than on the map')
 
     def _on(self, point: Point, ahead: NDArray[np.float64]) -> bool:
         """Return whether the ball would touch a point on its path."""
@@ -452,7 +452,7 @@ class Navigator:
                      < self._radius + 0.5 * CLEARANCE).any())
 
     def _explained(self, point: Point) -> bool:
-        """Return whether a wall of the map lies near a point."""
+        """Return whether a wall of the map is near a point."""
         floor = self.planner.floor
         reach = math.ceil(EXPLAINED / floor.resolution)
         row, column = floor.cell_of(point)
@@ -479,7 +479,7 @@ class Navigator:
             if report.crossed or report.touched:
                 learned = learned.with_outcome(number, self._sign(segment), report.crossed)
             if report.crossed:
-                # Where the ball comes to rest behind the step is known only now.
+                # Only now the stop position behind the step is known.
                 return replace(state, status=NavStatus.STOPPING, next=NavStatus.DRIVING,
                                learned=learned, replans=max(state.replans - 1, 0),
                                message=report.message), REST

@@ -82,7 +82,7 @@ def _arc(start: int, end: int, turn: int, radius: float) -> Primitive:
     lengths = np.hypot(*one), np.hypot(*two)
     angle = turn * math.acos(min(1.0, one @ two / (lengths[0] * lengths[1])))
     tangent = radius * math.tan(0.5 * abs(angle))
-    # The corner lies a whole number of vectors from both ends, each at least the tangent away.
+    # The corner is a whole number of vectors from both ends, each at least the tangent away.
     first, second = (math.ceil(tangent / length - 0.01) for length in lengths)
     legs = first * lengths[0], second * lengths[1]
     tangent = min(legs)
@@ -161,7 +161,7 @@ class Problem(NamedTuple):
     aligned_cost : float
         Starts that cost more are too far from the pose of the ball for a crossing [s].
     goal_cell, goal_heading : int
-        A heading of -1 stands for any.
+        A heading of -1 means any.
     slowness : (rows, columns) array
         Factor on times in a cell; infinite where the centre must not be.
     heuristic : (cells,) array

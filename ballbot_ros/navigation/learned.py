@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a robot learns about a floor: heights, obstacles, outcomes; kept beside the map."""
+"""Learned data of a floor: heights, obstacles, outcomes; stored beside the map."""
 from dataclasses import asdict, dataclass, replace
 import json
 from pathlib import Path
@@ -18,7 +18,7 @@ VERSION = 1
 @dataclass(frozen=True)
 class Learned:
     """
-    What has been learned; immutable.
+    Learned data; immutable.
 
     Attributes
     ----------

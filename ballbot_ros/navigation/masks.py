@@ -3,7 +3,7 @@
 Costmap filter masks for Nav2's planners: keep-out zones and speed limits of a floor.
 
 A planner that has no run-up in its model must treat each step, cord and carpet as a wall; the
-speed mask limits the speed near stairs to what the ball can be stopped from.
+speed mask limits the speed near stairs to one from which the ball can stop.
 """
 from pathlib import Path
 from typing import List

@@ -35,7 +35,7 @@ CLEARANCE = 0.05
 COMFORT, CLOSE = 0.15, 1.3
 # Distance between samples along a run-up, and longest run-up and room that are looked for [m].
 SAMPLE, LONGEST = 0.05, 3.0
-# Largest angle between a crossing and the normal of the step: half of what separates headings.
+# Largest angle between a crossing and the normal of the step: half the spacing of headings.
 OBLIQUE = math.radians(13.5)
 # Speeds on arcs and backward [m/s]; largest cell of the lattice [m].
 ARC_SPEED, BACKWARD_SPEED, LARGEST_CELL = 0.25, 0.2, 0.12
@@ -63,7 +63,7 @@ class Segment(NamedTuple):
     points : tuple of (float, float)
         Polyline of the centre [m]; of a crossing, its start and its end.
     feature : Feature or None
-        What it crosses; None for free floor.
+        The crossed feature; None for free floor.
     crossing : CrossingPlan or None
     time : float
         [s]
@@ -137,7 +137,7 @@ class RoutePlanner:
     knowledge : Knowledge
         Robot, curve and tuning of the obstacle decision.
     learned : Learned, optional
-        What the robot has learned about the floor.
+        Learned data of the floor.
     capability : Capability, optional
         To share between planners.
 
@@ -182,7 +182,7 @@ class RoutePlanner:
         self.learn(learned)
 
     def learn(self, learned: Learned) -> None:
-        """Take over what has been learned about the floor; only what changed is computed."""
+        """Apply learned data of the floor; only changes are computed."""
         before, self._learned = self._learned, learned
         obstacles = np.array(learned.obstacles).reshape(-1, 2)
         self._blocked = np.logical_or.reduce([self._fixed, *self._near])
@@ -211,7 +211,7 @@ class RoutePlanner:
         self._x = left + (np.arange(columns)[None, :] + 0.5) * size
         self._y = bottom + (np.arange(rows)[:, None] + 0.5) * size
         clear: NDArray[np.float64] = ndimage.distance_transform_edt(np.pad(floor.cells == FREE, 1))
-        # The edge of an occupied cell lies half a cell before its centre.
+        # The edge of an occupied cell is half a cell before its centre.
         clear = (clear[1:-1, 1:-1] - 0.5) * floor.resolution
         at = (np.clip(((self._y - bottom) / floor.resolution).astype(int), 0, clear.shape[0] - 1),
               np.clip(((self._x - left) / floor.resolution).astype(int), 0, clear.shape[1] - 1))
@@ -367,7 +367,7 @@ class RoutePlanner:
     @staticmethod
     def _faces(feature: Feature, middle: Point, way: Point, sign: int, angle: float
                ) -> Tuple[Tuple[float, float], ...]:
-        """Return the faces that a ball meets that crosses a feature in a direction."""
+        """Return the faces of a feature for a ball that crosses it in a direction."""
         if feature.kind in ('threshold', 'cord'):
             return ((0.0, feature.height / height_factor(angle)),
                     (feature.width / math.cos(angle), -feature.height))
@@ -437,7 +437,7 @@ class RoutePlanner:
         RefusedError
             If start or goal is refused, see `check_place`, or, with the reason ``'no_route'``, if
             no route has the required probability; the message names the crossings on the shortest
-            way, and what they lack.
+            path, and the reason against each.
 
         """
         self.check_place(goal, 'goal')
@@ -490,7 +490,7 @@ class RoutePlanner:
             'no_route', 'goal')
 
     def _starts(self, start: Sequence[float]) -> Tuple[NDArray[np.int64], NDArray[np.float64]]:
-        """Return the states in which a route may begin, and what the way to them costs [s]."""
+        """Return the possible start states of a route, and the cost of reaching them [s]."""
         self._check_walls(start, 'start', self.ball_radius - INACCURATE)
         for feature in self.floor.features:
             on = self.ball_radius if feature.kind in ('drop', 'stairs') else 0.0 \
@@ -531,7 +531,7 @@ class RoutePlanner:
         return np.array(states, np.int64), np.array(costs)
 
     def _leads(self, one: Point, two: Point) -> bool:
-        """Return whether neither a wall nor an edge lies between two places."""
+        """Return whether neither a wall nor an edge is between two positions."""
         for share in np.arange(0.0, 1.0, self._size / max(math.dist(one, two), self._size)):
             at = one[0] + share * (two[0] - one[0]), one[1] + share * (two[1] - one[1])
             if self._clear.flat[self._node(at)] < self.ball_radius - INACCURATE:
@@ -596,7 +596,7 @@ class RoutePlanner:
         return Segment((here, there), None, None, time, direction, heading), *segments
 
     def _shortest(self, first: int, last: int) -> Tuple[float, List[Tuple[int, int]]]:
-        """Return the shortest way as if each step could be crossed, and what it crosses."""
+        """Return the shortest path if each step could be crossed, and the crossed features."""
         far, before = csgraph.dijkstra(
             self._open, directed=False, indices=first, return_predecessors=True)
         if not math.isfinite(far[last]):

@@ -88,7 +88,7 @@ class Path(NamedTuple):
         share = np.clip(((x - one[:, 0]) * step[:, 0] + (y - one[:, 1]) * step[:, 1])
                         / lengths**2, 0.0, 1.0)
         if last == end:
-            # Past the end the last direction goes on.
+            # Past the end the last direction continues.
             share[-1] = max(share[-1], float(
                 ((x, y) - one[-1]) @ step[-1] / lengths[-1]**2))
         foot = one + share[:, None] * step

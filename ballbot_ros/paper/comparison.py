@@ -14,7 +14,7 @@ from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.studies import comparators
 from ballbot_ros.studies.progress import ignore
 
-DEVIATION_LEVELS = (1e-3, 3e-3, 1e-2)  # deviations of the height that are asked for [m]
+DEVIATION_LEVELS = (1e-3, 3e-3, 1e-2)  # requested deviations of the height [m]
 
 
 class Comparator(NamedTuple):

@@ -23,7 +23,7 @@ from ballbot_ros.studies.progress import ignore, part_of, Progress, tracked
 MAP_ACCURACY = 1e-4  # accuracy of heights that only shade a map [m]
 WHAT_IF_SHARE = 0.1  # part by which numbers without a range are changed
 
-# Numbers that a what-if leaves alone: gravity is known, and the slip threshold is a means.
+# Parameters that are not varied: gravity is known, the slip threshold is a regularisation.
 EXCLUDED_PARAMETERS = ('gravity', 'slip_threshold')
 
 
@@ -36,7 +36,7 @@ class Bar(NamedTuple):
     high: float
     height_low: float  # highest step there [m]
     height_high: float
-    uncertain: bool  # has a range in the robot's file; False for a what-if
+    uncertain: bool  # has a range in the robot's file; False for a variation by 10 %
 
 
 def sensitivity(case: Case, speed: float, progress: Progress = ignore) -> list[Bar]:
@@ -154,7 +154,7 @@ def _effect(bar: Bar, middle: float) -> float:
 
 
 def _draw_bars(axes: Any, bars: Sequence[Bar], middle: float) -> None:
-    """Draw what each number does to the height, largest on top."""
+    """Draw the effect of each parameter on the height, largest on top."""
     for row, bar in enumerate(bars):
         for height, colour in ((bar.height_low, canvas.ORANGE), (bar.height_high, canvas.BLUE)):
             axes.barh(row, 1e3 * (height - middle), color=colour, height=0.68,

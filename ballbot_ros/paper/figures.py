@@ -37,7 +37,7 @@ MUJOCO_SPEEDS, MUJOCO_STEP = SPEEDS[::4], 2e-4
 
 
 def figure_5(progress: Progress = ignore) -> Figure:
-    """Show free rolling: curves of both balls, and what the virtual bench measures."""
+    """Show free rolling: curves of both balls, and measurements of the virtual bench."""
     shell, gimball = load_robot('shellball'), load_robot('gimball')
     report = counted(progress, 4)
     with canvas.drawing(10.0, 4.6) as figure:
@@ -160,7 +160,7 @@ def _draw_true_thresholds(axes: Any, rolls: Sequence[Roll]) -> None:
               color=canvas.INK, zorder=5, label='highest not passed, at the touch')
 
 
-# Name -> what draws it; it reports a progress from 0 to 1.
+# Name -> function that draws it; it reports a progress from 0 to 1.
 FIGURES: Mapping[str, Callable[..., Figure]] = {
     'fig5': figure_5, 'fig6': figure_6, 'fig7': figure_7, 'fig8': figure_8,
     'tornado': design.tornado, 'probability': design.probability, 'design': design.design,

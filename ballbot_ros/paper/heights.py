@@ -61,7 +61,7 @@ def draw_rolls(axes: Any, rolls: Sequence[Roll]) -> None:
 
 
 def place_legend(axes: Any) -> None:
-    """Add a legend without a frame that hides what is below it."""
+    """Add a legend without a frame that covers the curves."""
     axes.legend(loc='upper left', fontsize=7.5, framealpha=0.9, edgecolor='none',
                 handlelength=2.2)
 

@@ -123,11 +123,11 @@ def write_model(robot: Robot, height: float, step: float, integrator: str,
 
 def _match(model: Any, robot: Robot) -> None:
     """
-    Set MuJoCo's contact to what comes nearest to eqs. (7)-(9).
+    Set MuJoCo's contact to the best approximation of eqs. (7)-(9).
 
-    MuJoCo asks for accelerations.  It makes forces of them with the mean inverse inertia of the
-    body over all three directions, of which one is locked here; for a low impedance nothing else
-    comes in.
+    MuJoCo specifies accelerations and converts them to forces with the mean inverse inertia of the
+    body over all three directions, of which one is locked here; for a low impedance there is no
+    other effect.
     """
     if robot.law_number != 0.0:
         raise ConfigurationError(
@@ -211,7 +211,7 @@ class MujocoRun:
             mujoco.set_mjcb_passive(None)
 
     def _add_forces(self, model: Any, data: Any) -> None:
-        """Add what our laws say to MuJoCo's passive forces, at each stage of a step."""
+        """Add the forces of our laws to MuJoCo's passive forces, at each stage of a step."""
         state, place, rates = self.vector, data.qpos, data.qvel
         state[X], state[Y], state[BALL_ANGLE] = place[:3]
         state[VELOCITY_X], state[VELOCITY_Y], state[BALL_RATE] = rates[:3]

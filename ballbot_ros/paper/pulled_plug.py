@@ -52,12 +52,12 @@ class RecordedLine(MemoryLine):
                            self.clock)
 
     def to_drive(self, data: bytes) -> bytes:
-        """Note what goes to the drive."""
+        """Record data to the drive."""
         self.box.record('>', data)
         return data
 
     def read(self) -> bytes:
-        """Note what has come from it."""
+        """Record data from the drive."""
         data = super().read()
         if data:
             self.box.record('<', data)

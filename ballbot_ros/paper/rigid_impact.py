@@ -114,7 +114,7 @@ class RigidBall:
         return math.atan2(-self.x, self.y - self.height) if self.on == EDGE else 0.0
 
     def friction(self) -> float:
-        """Return the coefficient of what the ball is on."""
+        """Return the coefficient of friction below the ball."""
         return self.robot.edge_friction if self.on == EDGE else self.robot.surface_friction
 
     def along(self, lean: float) -> float:
@@ -122,7 +122,7 @@ class RigidBall:
         return self.velocity_x * math.cos(lean) + self.velocity_y * math.sin(lean)
 
     def touch(self, what: int) -> None:
-        """Change the velocities by an impact; go on along the line, or bouncing off."""
+        """Change the velocities by an impact; continue along the line, or bounce."""
         self.on = what
         lean = self.lean()
         sine, cosine = math.sin(lean), math.cos(lean)

@@ -28,7 +28,7 @@ from ballbot_ros.physics.simulation.solver import Solver
 SOLVER_STEP = 2e-4  # of the integration [s]
 OUTPUT_STEP = 1e-3  # between samples [s]
 CHECK_PERIOD = 0.25  # simulated between two looks at whether the roll is over [s]
-TIME_LIMIT = 12.0  # a ball that is neither over nor back by then lies still [s]
+TIME_LIMIT = 12.0  # a ball that is neither over nor back by then counts as at rest [s]
 BEND_ARC = math.radians(0.5)  # of one flat of the bend
 
 
@@ -116,7 +116,7 @@ class Bench(Checked):
         Raises
         ------
         ConfigurationError
-            If the second sensor lies where the ball has touched the step already.
+            If the second sensor is behind the touch position.
 
         """
         touch = touch_distance(robot.ball_radius, height, robot.static_penetration)
@@ -135,7 +135,7 @@ class Bench(Checked):
                          for before in (gate, self.sensor_distance))
         measured = math.nan
         if first is not None and second is not None:
-            # A reading sees the ball at the first tick after it has come.
+            # A sensor detects the ball at the first tick after its arrival.
             ticks = (math.ceil(second * self.sensor_rate - phase)
                      - math.ceil(first * self.sensor_rate - phase))
             measured = self.sensor_gap * self.sensor_rate / max(ticks, 1)
@@ -194,7 +194,7 @@ class Ramp(Bench):
         release = max(setting + chance.normal(0.0, self.release_sd), 1e-3)
         push = max(chance.normal(0.0, self.push_sd), 0.0)
         angle = self.pendulum_angle(model.robot, chance)
-        # Backwards, for the ground comes down towards the step.
+        # Backwards, because the ground slopes down towards the step.
         ground = model.terrain.vertices[-4::-1]
         x = np.interp(release, ground[:, 1], ground[:, 0])
         if release > ground[-1, 1]:
@@ -247,7 +247,7 @@ class RunUp(Bench):
 def run_to_the_end(model: Model, start: State, actuation: Actuation, touch: float,
                    height: float) -> tuple[Array, bool]:
     """
-    Simulate until the ball is over the step, or rolls back from it, or lies still.
+    Simulate until the ball is over the step, rolls back from it, or rests.
 
     Over is as in `crossing.rules`: the first attempt counts.  Returns the samples, see
     `Trajectory`, and whether it passed.

@@ -10,7 +10,7 @@ The simulator node is this package with topics around it.
     >>> round(plant.time, 6), state.pendulum_rate > 0.0 > state.ball_rate
     (0.002, True)
 
-A `TerrainSensor` sees the ground ahead, with noise that depends on the seed and the look only:
+A `TerrainSensor` observes the ground ahead, with noise that depends on seed and reading only:
 
     >>> from ballbot_ros.physics import Terrain
     >>> sensor = TerrainSensor(Terrain.step(0.02, at=0.5), reach=1.0, height_sd=0.001)

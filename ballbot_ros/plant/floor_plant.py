@@ -62,7 +62,7 @@ class FloorPlant(Plant):
     Raises
     ------
     ConfigurationError
-        If the pose is not finite or lies off the map, see also `Plant`.
+        If the pose is not finite or not on the map, see also `Plant`.
 
     """
 
@@ -127,7 +127,7 @@ class FloorPlant(Plant):
         Raises
         ------
         SimulationError
-            If the run cannot go on; state and time stay at the last good ones.
+            If the run fails; state and time remain at the last valid ones.
         ConfigurationError
             If a robot without steering should lean.
 

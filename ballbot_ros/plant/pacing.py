@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Keep simulated time beside wall time, and count what a slow machine gives up."""
+"""Synchronise simulated time with wall time, and count skipped time on a slow machine."""
 import math
 
 from ballbot_ros.errors import ConfigurationError
@@ -70,7 +70,7 @@ class Pace:
         wanted = math.floor((now - self._origin) / self._wall_period) - self._done
         if wanted <= 0:
             return 0
-        # What goes beyond the cap is lost for good: count it as done.
+        # Time beyond the cap is skipped: count it as done.
         self._done += wanted
         self.dropped += max(0, wanted - self._most)
         return min(wanted, self._most)

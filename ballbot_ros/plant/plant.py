@@ -130,7 +130,7 @@ class Plant:
         Parameters
         ----------
         torque : float
-            At the pendulum [N m]; cut to what the motor can give, and to the torque limit.
+            At the pendulum [N m]; limited to the range of the motor, and to the torque limit.
         lean_set_point : float, optional
             Of a robot that `steers`; 0 in a scene, which is a vertical plane [rad].
 
@@ -139,7 +139,7 @@ class Plant:
         ConfigurationError
             If a robot that does not steer should lean.
         SimulationError
-            If the run cannot go on; state and time stay at the last good ones.
+            If the run fails; state and time remain at the last valid ones.
 
         """
         if lean_set_point and not self.steers:

@@ -40,7 +40,7 @@ class SensorFaults(Checked):
 
 class Latency(Generic[T]):
     """
-    Holds back what was made until it has become so old.
+    Delays measurements by a latency.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ class Latency(Generic[T]):
         self.clear()
 
     def clear(self) -> None:
-        """Forget what is held back."""
+        """Discard delayed measurements."""
         self._held: Deque[Tuple[float, T]] = deque()
 
     def put(self, made: float, item: T) -> None:
@@ -62,9 +62,9 @@ class Latency(Generic[T]):
         self._held.append((made, item))
 
     def due(self, now: float) -> List[T]:
-        """Return what has become old enough, in its order, and hold it no longer."""
+        """Return and remove the measurements that are due, in order."""
         ripe = []
-        # Times are sums of periods: what is due up to rounding is due.
+        # Times are sums of periods: rounding must not delay a measurement.
         while self._held and self._held[0][0] + self.seconds <= now + 1e-9:
             ripe.append(self._held.popleft()[1])
         return ripe

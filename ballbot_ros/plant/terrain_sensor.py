@@ -11,7 +11,7 @@ from ballbot_ros.physics.model.terrain import Array, Terrain
 from ballbot_ros.plant.sensor_faults import SensorFaults
 from ballbot_ros.plant.step_sensor import check_sensor, faces, HEIGHT_RESOLUTION
 
-# Terrain ahead closer to the sensor than this occludes nothing [m]: it lies below the ball.
+# Terrain ahead closer to the sensor than this does not occlude [m]: it is below the ball.
 BELOW = 0.02
 
 ENDLESS = 1e4  # [m]: length of the infinite end segments of a terrain
@@ -108,7 +108,7 @@ class TerrainSensor:
         ahead = np.interp(course, self._course, self._x) - x
         up = np.interp(course, self._course, self._y) - y
         noise = random.standard_normal(len(course))
-        # An edge occludes points behind it even if no point lies on the edge.
+        # An edge occludes points behind it even without a point on the edge.
         seen = _elevation(ahead, up) >= self._horizon(x, y, course) - 1e-12
         if faults.holes:
             seen = seen & (random.random(len(course)) >= faults.holes)

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-What remains of a run: files of numbers, figures and a summary.
+Results of a run: files of values, figures and a summary.
 
     >>> from ballbot_ros.results import summarise
     >>> from ballbot_ros.physics import load_scene

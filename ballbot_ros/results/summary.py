@@ -29,7 +29,7 @@ class Summary:
 
     name: str  # of the scene
     robot: str
-    complete: bool  # the run lasted as long as the scene asks for
+    complete: bool  # the run has the duration of the scene
     duration: float  # simulated [s]
     samples: int  # kept
     steps: int  # taken by the solver

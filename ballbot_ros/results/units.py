@@ -33,7 +33,7 @@ def in_si(name: str, values: Array, unit: str) -> Array:
     Parameters
     ----------
     name : str
-        Of the column; one that is not in `SI` is returned as it is.
+        Of the column; one that is not in `SI` is returned unchanged.
     values : array
     unit : str
         As the file has it.

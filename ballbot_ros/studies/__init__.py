@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Offline: what simulated and recorded runs teach.  No node imports this.
+Offline studies of simulated and recorded runs.  No node imports this.
 
 A study is one module here and a verb of the command line.  To add one, copy `comparison.py`, which
 computes and returns values, and `cli/compare_models.py`, which reads options and prints; the line

@@ -42,7 +42,7 @@ class Scenario(NamedTuple):
 
 class Response(NamedTuple):
     """
-    What came of a scenario, counted from the last command.
+    Response of a scenario, counted from the last command.
 
     Every array has a value for each period of the loop.
     """
@@ -52,7 +52,7 @@ class Response(NamedTuple):
     distance: Array  # along the ground [m]
     speed: Array  # of the centre, along the ground [m/s]
     pendulum_angle: Array  # absolute [rad]
-    work: Array  # given by the motor since the commands were too old, less what it took [J]
+    work: Array  # net energy supplied by the motor since the command timeout [J]
     error: float  # estimated, of the positions [m]
 
     def after(self, seconds: float) -> Tuple[float, float]:

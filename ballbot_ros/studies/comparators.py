@@ -23,8 +23,8 @@ def quasi_static(robot: Robot) -> float:
     Return the maximum step height without speed [m].
 
     Eq. (1), of Halme et al. [4]: the level pendulum brings the common centre of mass, M2 e / M
-    ahead of the centre of the ball, to the vertical through the edge.  Holds for a ball that
-    stands at the step, with friction enough; a ball that rolls gets over much more.
+    ahead of the centre of the ball, to the vertical through the edge.  Valid for a ball at rest
+    at the step, with sufficient friction; a rolling ball crosses much higher steps.
     """
     offset = robot.pendulum_mass * robot.pendulum_length / robot.total_mass
     return robot.ball_radius - math.sqrt(robot.ball_radius**2 - offset**2)
@@ -62,7 +62,7 @@ def energy_with_held_pendulum(robot: Robot, speed: float, pendulum_angle: float)
     The motor holds the pendulum at an absolute angle with the torque M2 g e sin(phi), while the
     ball turns by beta about the edge: M g h = E + M2 g e sin(phi) beta.  Derived here.  An upper
     bound for the driven ball.  Without speed it is about four times the step of eq. (1): the
-    balance of torques asks for a push all the way up, the energy only for enough of it.
+    balance of torques requires a push during the whole ascent, the energy only its sum.
     """
     check(robot, speed)
     available = rolling_energy(robot, speed)

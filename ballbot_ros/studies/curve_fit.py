@@ -82,7 +82,7 @@ def fit_curve(name: str, robot: Robot, actuation: Actuation, wording: str,
     actuation : Actuation
         Its set rate follows the speed, and so does its voltage if that is 0.
     wording : str
-        What the pendulum does, for people.
+        Actuation of the pendulum as text.
     progress : callable, optional
         Called with the number of heights done, see `heights_for`.
     robot, request
@@ -182,7 +182,7 @@ def conservative_cubic(speeds: Array, heights: Array) -> Array:
     """
     Return the coefficients of the highest rising cubic that no height exceeds from below.
 
-    Speeds [m/s] are evenly spaced and close, heights [m] the lower ends of what was simulated.
+    Speeds [m/s] are evenly spaced and close, heights [m] the lower bounds of the simulated ones.
 
     Raises
     ------

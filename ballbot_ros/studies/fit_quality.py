@@ -21,7 +21,7 @@ CONFIDENCE = 0.95
 # Residual RMS over the standard deviation of the channel, from which a fit explains nothing.
 POOR_RESIDUAL = 0.2
 NOISE_FACTOR = 5.0   # times the noise of the channel that residuals are above, to be no noise
-WHITENESS_LEVEL = 1e-4  # that independent noise looks as correlated as what is called correlated
+WHITENESS_LEVEL = 1e-4  # false alarm probability of the correlation test
 LAGS = 20
 INTEGRATION_FACTOR = 3.0  # multiple of the maximum integration error, no warning below it
 BIAS_FACTOR = 2.0    # times the estimated shift by integration that an interval includes
@@ -36,13 +36,13 @@ class ChannelFit(NamedTuple):
     """
 
     residual_rms: float
-    motion: float  # standard deviation of what was measured
+    motion: float  # standard deviation of the measurements
     correlation: float
     verdict: str
 
 
 class ParameterEstimate(NamedTuple):
-    """One number; SI, but for angles of the start in degrees."""
+    """One parameter; SI, except angles of the start in degrees."""
 
     name: str
     unit: str

@@ -4,7 +4,7 @@ The ball in three dimensions, with a pendulum of two axes, in MuJoCo.
 
 MuJoCo derives and solves the equations of motion of the free ball and of both axes.  The contact
 is that of the planar model, eqs. (7)-(9), with the slip as a vector in the tangential plane and no
-moment about the normal: a floor, and a step whose edge lies along y at x = 0.
+moment about the normal: a floor, and a step with its edge along y at x = 0.
 
 `compare` runs the lateral model beside it, under the same commands.  MuJoCo is optional;
 `installed` returns whether it is there.
@@ -174,7 +174,7 @@ class FreeBall:
 
     def _touch(self, across: float, above: float, friction: float, velocity: Any, spin: Any,
                force: Any, moment: Any) -> None:
-        """Add force and moment of a contact point that lies at a place below the centre."""
+        """Add force and moment of a contact point at a position relative to the centre."""
         robot = self.robot
         distance = math.hypot(across, above)
         if distance >= robot.ball_radius:

@@ -212,7 +212,7 @@ class _Search:
         """
         Return the largest integration error of the fit, and of the solver of the scene.
 
-        The latter is what a recording of the simulator has in it.
+        The latter is part of a recording of the simulator.
         """
         here = self.simulated(shift)
         finer = self.simulated(shift, replace(SOLVER, tolerance=0.01 * SOLVER.tolerance),

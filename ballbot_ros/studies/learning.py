@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-How robots that are not as assumed are learned: promises before and after some attempts.
+Learning of robots that differ from the assumptions: predictions before and after some attempts.
 
 Virtual robots are drawn from the ranges of a robot file; some have less friction, or a sensor
-that is off.  Each meets steps within 10 mm below the highest that the robot of the file crosses,
-tries those that it promises itself to cross, and learns.  Then what it promises of other such
-steps is compared with what happens there, and so is what it would have promised at first.
+with a bias.  Each approaches steps up to 10 mm below the maximum step height of the nominal
+robot, attempts those with a sufficient predicted probability, and learns.  Then the predictions
+for other such steps, with and without learning, are compared with the observed success rates.
 """
 from dataclasses import dataclass, replace
 from typing import Callable, List, Sequence, Tuple
@@ -35,13 +35,13 @@ ANGLES = (0.7, 1.5, 2.2)  # that the pendulum is held at [rad]
 HEIGHT_SD = 0.001  # of the measured height, without the bias [m]
 ODOMETRY_SD = 0.02  # of the speed past the face [m/s]
 ROBOT_SEED_OFFSET = 10_000  # seed offset that keeps the robots distinct from the particles
-TESTS, REPEATS = 24, 5  # steps, and attempts at each, that promises are compared with
+TESTS, REPEATS = 24, 5  # steps, and attempts at each, for the comparison with predictions
 
 
 @dataclass(frozen=True)
 class Promises:
     """
-    Promises and what came of them.
+    Predicted and observed success rates.
 
     Attributes
     ----------
@@ -50,7 +50,7 @@ class Promises:
     kept : (n,) array
         Part of the attempts that got over, for each step.
     before, after : (n,) array
-        Probability that was promised.
+        Predicted probability.
 
     """
 
@@ -152,7 +152,7 @@ def study(robot: Robot, robots: int, attempts: int, seed: int = 0, required: flo
 
 
 def report_lines(found: Sequence[Promises], attempts: int, required: float = 0.9) -> List[str]:
-    """Return lines of a table: of all steps, and of those that are promised to be crossed."""
+    """Return lines of a table: of all steps, and of those with a sufficient prediction."""
     each = f'{"promised":>9} {"kept":>6}'
     lines = [f'{"":27} {"all steps":^32}   promised {required:g} or more',
              f'{"":27} {"at first":^16} {f"after {attempts}":^16}   {"at first":^22} '

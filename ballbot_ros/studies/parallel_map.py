@@ -3,7 +3,7 @@
 A parallel map that keeps every finished block on disk, so that an interrupted run resumes.
 
 Sweeps and evaluations share it.  The blocks run in processes of this machine or on a Dask
-cluster; this process writes the result of each block to a file of its own, whole or not at all.
+cluster; this process writes the result of each block to a separate file atomically.
 """
 from concurrent.futures import Executor, FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from contextlib import contextmanager
@@ -163,7 +163,7 @@ def worker_pool(workers: Optional[int] = None,
 
 
 def _end_with_parent(parent: int) -> None:
-    """Ignore Ctrl-C, which the parent handles, and exit when the parent has gone."""
+    """Ignore Ctrl-C, which the parent handles, and exit when the parent has ended."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
     def watch() -> None:

@@ -23,7 +23,7 @@ def counted(progress: Progress, parts: int) -> Callable[[], None]:
 
 
 def tracked(items: Sequence[T], progress: Progress) -> Iterator[T]:
-    """Yield equal parts of the work; each is done when the next is asked for."""
+    """Yield equal parts of the work; each is done when the next is requested."""
     for number, item in enumerate(items, 1):
         yield item
         progress(number / len(items))

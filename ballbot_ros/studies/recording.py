@@ -136,7 +136,7 @@ def replay(scene: Scene, recording: Recording, use_torque: bool, solver: Solver 
     ConfigurationError
         If there is no torque.
     SimulationError
-        If the run cannot go on.
+        If the run fails.
 
     """
     model = Model(scene.model.robot, scene.model.terrain, scene.model.options, solver)
@@ -168,7 +168,7 @@ def _driven(model: Model, scene: Scene, recording: Recording, solver: Solver) ->
         if moment <= status.time:
             continue
         status = integrator.advance(
-            # The torque jumps: the step goes on, the rates do not.
+            # The torque jumps: the step size is kept, the rates are not.
             Actuator(TORQUE, torque), vector, status._replace(has_mode=False), moment)
         if status.outcome != FINISHED:
             raise failure(status.outcome, status.time, vector, solver)

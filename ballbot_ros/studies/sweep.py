@@ -65,14 +65,14 @@ def run_block(plan: SweepPlan, first: int, behind: int) -> Dict[str, List[Any]]:
 
 
 def _tried(crossings: Crossings, heights: Array) -> List[Optional[Result]]:
-    """Return whether each ball gets over its step, and by how much; None where it cannot go on."""
+    """Return whether each ball crosses its step, and the score; None where the run fails."""
     results = crossings.tried(heights, TOLERANCE)
     return [(passes > 0.0, score, None) if outcome == FINISHED else None
             for passes, score, outcome in results.tolist()]
 
 
 def _found(crossings: Crossings, accuracy: float) -> List[Optional[Result]]:
-    """Return highest steps and their errors [m]; None where a ball cannot go on."""
+    """Return maximum step heights and their errors [m]; None where the run fails."""
     results = crossings.found(accuracy)
     return [(low, error, None) if outcome == FINISHED else None
             for low, _, error, _, outcome in results.tolist()]
@@ -169,7 +169,7 @@ def refuse_foreign(arrow: Any, out: Path) -> None:
 
 
 def _schema(arrow: Any, plan: SweepPlan) -> Any:
-    """Return the columns with their units, and what the file was made from."""
+    """Return the columns with their units, and the origin of the file."""
     kinds = {'case': arrow.int64(), 'passes': arrow.bool_(), 'failure': arrow.string()}
     described = {'plan': plan.describe(), 'digest': plan.digest, 'units': columns(plan),
                  'cases': plan.size}

@@ -62,7 +62,7 @@ class SweepPlan(Checked):
     Raises
     ------
     ConfigurationError
-        Naming what is unknown, missing or out of range.
+        Naming the unknown, missing or invalid value.
 
     """
 
@@ -166,7 +166,7 @@ class SweepPlan(Checked):
                 warnings.simplefilter('ignore')
                 points = engine.random(behind - first)
         else:
-            # A stream of its own for each block would change with the size of the blocks.
+            # A separate stream for each block would change with the size of the blocks.
             bits = np.random.PCG64(self.seed)
             bits.advance(first * len(low))
             points = np.random.Generator(bits).random((behind - first, len(low)))

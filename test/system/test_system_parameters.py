@@ -67,7 +67,7 @@ REFUSED = {
     'a curve of other numbers': {
         'obstacle_decision': ({'robot': 'heavier.yaml'}, (
             'curve gimball_down was made for a gimball of other numbers',
-            'make it again with ballbot fit-curve'))},
+            'fit it again with ballbot fit-curve'))},
 }
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A map of heights along the odometry axis, to which each look is aligned and added."""
+"""A map of heights along the odometry axis, to which each scan is aligned and added."""
 import math
 from typing import NamedTuple, Optional, Tuple
 
@@ -11,15 +11,15 @@ from ballbot_ros.decision.tuning import DecisionTuning
 from ballbot_ros.physics.model.terrain import Array
 
 CELL = 0.01          # [m] between the nodes of the map
-BEHIND, AHEAD = 1.0, 5.0  # [m] kept, and looked at
+BEHIND, AHEAD = 1.0, 5.0  # extent of the map and of scans [m]
 
-# A point whose place on the axis is known to this [m]: stamps of odometry and look differ.
+# Position uncertainty of a point on the axis [m]: stamps of odometry and scan differ.
 PLACE_SD = 0.01
 
-# Points farther apart than this, that fall as a line of sight does, hide what is between [m].
+# Points farther apart than this, that fall along a line of sight, occlude the ground between [m].
 SHADOW = 0.03
-# A line over an edge, from one point to the next seen, is so steep at least, over the line of
-# sight: points do not lie on the edge, nor where the line of sight meets the ground.
+# Least slope of a line over an edge, from one point to the next, relative to the line of
+# sight: points are neither at the edge, nor at the intersection of line of sight and ground.
 STEEPNESS = 0.35
 
 # Polylines with more points than this are samples; a spacing larger than this multiple of the
@@ -77,7 +77,7 @@ def around(values: Array) -> Array:
 
 def resample(x: Array, z: Array, z_sd: Array, position: float) -> Optional[Look]:
     """
-    Return a look on the nodes, None if it reaches none.
+    Return a scan on the nodes, None if it covers none.
 
     Parameters
     ----------
@@ -96,8 +96,8 @@ def resample(x: Array, z: Array, z_sd: Array, position: float) -> Optional[Look]
     places = np.arange(first, last + 1) * CELL - position
     heights = np.interp(places, x, z)
     run, rise = np.diff(x), np.diff(z)
-    # Seen from the centre, what is behind an edge is hidden up to a line through the edge.
-    # The ground itself may fall: rises and the height of the centre count relative to the slope
+    # As seen from the centre, ground behind an edge is occluded up to a line through the edge.
+    # The ground may slope down: rises and the height of the centre count relative to the slope
     # around them, so that the criterion is that of a level floor.
     grade = around(rise / np.maximum(run, 1e-9))
     excess, below = rise - run * grade, np.minimum(z[:-1] - grade * x[:-1], 0.0)
@@ -114,7 +114,7 @@ def resample(x: Array, z: Array, z_sd: Array, position: float) -> Optional[Look]
     steep = np.zeros(len(heights))
     steep[1:-1] = 0.5 * PLACE_SD / CELL * np.abs(heights[2:] - heights[:-2])
     steep[np.isnan(steep)] = 0.0
-    # Between two points that are far apart a face may stand anywhere.
+    # Between two distant points a face may be anywhere.
     interval = np.clip(np.searchsorted(x, places, side='right') - 1, 0, len(run) - 1)
     wide = run[interval] > LOST * CELL
     np.maximum(steep, np.where(wide, 0.5 * np.abs(excess[interval]), 0.0), out=steep)
@@ -180,12 +180,12 @@ class ElevationMap:
     """
 
     def __init__(self, tuning: DecisionTuning):
-        """Start with nothing known."""
+        """Start with an empty map."""
         self._sigmas, self._forget_after = tuning.contradiction_sigma, tuning.forget_after
         self.clear()
 
     def clear(self) -> None:
-        """Forget all."""
+        """Clear the map."""
         self.first = 0
         self.height = np.zeros(NODES)
         self.variance = np.full(NODES, np.inf)
@@ -200,7 +200,7 @@ class ElevationMap:
 
     def add(self, look: Look, position: float) -> Tuple[str, Array]:
         """
-        Add a look, unless it contradicts the map.
+        Add a scan, unless it contradicts the map.
 
         Parameters
         ----------
@@ -213,7 +213,7 @@ class ElevationMap:
         contradiction : str
             Empty if there is none.
         residual : (n,) array
-            By how much the look is above the map [m]; NaN where it has nothing in common.
+            Height of the scan above the map [m]; NaN outside the overlap.
 
         """
         self._follow(position)
@@ -244,10 +244,10 @@ class ElevationMap:
 
     def slip(self, look: Look) -> int:
         """
-        Return by how many nodes a look that contradicts is farther on than the map, or 0.
+        Return the offset in nodes of a contradicting scan relative to the map, or 0.
 
-        A ball that climbs, or spins at the foot of a step, has odometry that slips: what it
-        sees is where it was, and the odometry has moved on or stayed behind.
+        The odometry of a ball that climbs, or spins at the foot of a step, slips: the observed
+        terrain has not moved, but the odometry is ahead or behind.
         """
         fits = []
         for nodes in range(-SLIP, SLIP + 1):
@@ -279,7 +279,7 @@ class ElevationMap:
         return max(shown, estimate) if self.looks >= ENOUGH else UNTOLD_SD
 
     def _begin(self, inside: slice, look: Look, variance: Array, places: Array) -> None:
-        """Start the map with a look; the floor below the ball is at 0."""
+        """Start the map with a scan; the floor below the ball is at 0."""
         self.variance[:] = np.inf
         self._strikes[:] = 0.0
         below = look.z[(np.abs(places) < 0.1) & np.isfinite(look.z)]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Bring observations and odometry together that come at different times, late, or never."""
+"""Match observations and odometry that arrive at different times, late, or not at all."""
 from bisect import bisect_left
 from collections import deque
 from dataclasses import dataclass, replace
@@ -20,16 +20,16 @@ Observation = Union[StepObservation, TerrainObservation]
 # A sensor whose last message is older than that of the other by this much is ignored [s].
 SILENT = 1.0
 
-# Faces of two sensors no farther apart than this, beside what both are uncertain of, are one [m].
+# Faces of two sensors within this distance, in addition to their uncertainties, are one [m].
 SAME_PLACE = 0.05
 
-# Faces that only the step sensor sees are numbered from here, where the terrain is seen too.
+# First number of faces of the step sensor alone, if there is also a terrain sensor.
 STEP_NUMBERS = 1_000_000
 
 
 class ProfileTracker:
     """
-    Keeps the ground ahead, seen by a step sensor, a terrain sensor or both.
+    Estimates the ground ahead from a step sensor, a terrain sensor or both.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ class ProfileTracker:
         self.reset()
 
     def stand_on(self, steepest: float) -> None:
-        """Take the slope that the ball can be held on [rad]."""
+        """Set the steepest slope on which the ball can be held [rad]."""
         self._terrain.steepest = steepest
 
     def reset(self) -> None:
@@ -86,7 +86,7 @@ class ProfileTracker:
         return self._merged(ground, steps, max(newest.stamp, other.stamp), position)
 
     def _merged(self, ground: Profile, steps: Profile, stamp: float, position: float) -> Profile:
-        """Return what both sensors show: the ground of one, its faces as both see them."""
+        """Return the profile of both sensors: the ground of one, with the fused faces of both."""
         rejected = ground if ground.rejection is not None else steps
         step, faces = steps.face, list(ground.faces)
         if step is not None and step.position > position:
@@ -97,14 +97,14 @@ class ProfileTracker:
                     faces[index] = self._one(face, step)
                     break
             else:
-                # Only one of them sees it: it is there until both say that it is not.
+                # Only one sensor detects it: it is kept until both miss it.
                 faces.append(replace(step, number=STEP_NUMBERS + step.number))
                 faces.sort(key=lambda face: face.position)
         return replace(ground, stamp=stamp, faces=tuple(faces), rejection=rejected.rejection,
                        explanation=rejected.explanation)
 
     def _one(self, face: Face, step: Face) -> Face:
-        """Return a face that both sensors see; the higher one where they contradict."""
+        """Return a face that both sensors detect; the higher one if they contradict."""
         apart = step.height - face.height
         together = math.hypot(face.height_sd, step.height_sd)
         if abs(apart) > self._sigmas * together:
@@ -112,7 +112,7 @@ class ProfileTracker:
             return replace(face, height=height,
                            height_sd=max(face.height_sd, step.height_sd, 0.5 * abs(apart)))
         part = face.height_sd**2 / together**2
-        # What is constantly wrong with either is not averaged away.
+        # Averaging does not reduce constant errors.
         sd = max(face.height_sd * step.height_sd / together,
                  min(face.height_sd, step.height_sd) / math.sqrt(2.0))
         return replace(face, height=face.height + part * apart, height_sd=sd)
@@ -133,7 +133,7 @@ WAY_SD, PLACE_RATE, HEIGHT_RATE = 0.03, 0.01, 0.002
 FROZEN_DISTANCE = 0.02
 
 # A face enters the profile from this height on, and leaves it below the second [m]: lower ones
-# are an uneven floor, which any speed takes.
+# are an uneven floor, crossed at any speed.
 EDGE_ENTRY, EDGE_EXIT = 0.0045, 0.003
 
 # A polyline this straight may repeat without a frozen sensor [m].
@@ -144,7 +144,7 @@ REJECTED_MAX = 3
 
 
 def unchanged_distance(observation: Observation) -> float:
-    """Return how far a ball rolls at most until its sensor must show something else [m]."""
+    """Return the longest distance without a change of the sensor data [m]."""
     if isinstance(observation, StepObservation):
         return FROZEN_DISTANCE if observation.detected else math.inf
     x, z = np.array(observation.x), np.array(observation.z)
@@ -153,14 +153,14 @@ def unchanged_distance(observation: Observation) -> float:
     straight = z[0] + (z[-1] - z[0]) * (x - x[0]) / (x[-1] - x[0])
     if np.abs(z - straight).max() <= STRAIGHT:
         return math.inf
-    # A face between two points is seen elsewhere when one of them has come to it.
+    # The detected position of a face between two points changes when one of them reaches it.
     face = int(np.argmax(np.abs(np.diff(z))))
     return FROZEN_DISTANCE + float(np.median(np.diff(x)[max(face - 3, 0):face + 4]))
 
 
 @dataclass
 class _Unchanged:
-    """Data that repeat: where the ball was when they were new, and the profile with them."""
+    """Repeated data: position of the ball at their first occurrence, and the profile then."""
 
     data: Observation
     position: float
@@ -170,9 +170,9 @@ class _Unchanged:
 
 class GroundFusion:
     """
-    Fuses each observation at the position that the ball had when it was made.
+    Fuses each observation at the ball position at its stamp.
 
-    What it gives depends on stamps alone, not on when a message happened to arrive.
+    The result depends on stamps alone, not on arrival times.
 
     Parameters
     ----------
@@ -211,7 +211,7 @@ class GroundFusion:
         self._pending.append(observation)
 
     def move(self, motion: Motion) -> None:
-        """Take odometry, not older than the last; what is not finite places nothing."""
+        """Take odometry, not older than the last; values that are not finite are ignored."""
         if not (math.isfinite(motion.stamp) and math.isfinite(motion.position)):
             return
         self._stamps.append(motion.stamp)
@@ -221,7 +221,7 @@ class GroundFusion:
             self._positions.popleft()
 
     def fuse(self) -> Optional[float]:
-        """Fuse observations for which there is odometry; return the stamp of the last one [s]."""
+        """Fuse observations with matching odometry; return the stamp of the last one [s]."""
         fused, waiting = None, []
         for observation in self._pending if self._stamps else ():
             age = self._stamps[-1] - observation.stamp
@@ -243,19 +243,19 @@ class GroundFusion:
         if age > HISTORY:
             return self._refused(Profile(
                 observation.stamp, rejection=Reason.STALE,
-                explanation=f'it came {age:.2f} s late, odometry is kept for {HISTORY:g} s'))
+                explanation=f'it arrived {age:.2f} s late, odometry is kept for {HISTORY:g} s'))
         kind = type(observation)
         if observation.stamp < self._newest.get(kind, -math.inf) and self.profile is not None:
-            return self.profile  # overtaken by a newer one: lost
+            return self.profile  # older than one already processed: dropped
         self._newest[kind] = max(self._newest.get(kind, -math.inf), observation.stamp)
         position = self._position_at(observation.stamp)
         if self._is_frozen(observation, position):
-            # What repeated data have shown since they were made is not there.
+            # Repeated data since their first occurrence are not valid.
             self.profile = self._unchanged[kind].profile or self.profile
             return self._refused(Profile(
                 observation.stamp, rejection=Reason.BAD_OBSERVATION,
                 explanation='the sensor is frozen: the ball rolls and its data do not change'))
-        # An age that is not a number is for the tracker to refuse.
+        # The tracker refuses an age that is not a number.
         found = self._tracker.update(observation, position)
         if found.rejection is not None:
             return self._refused(found)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Make a polyline and faces of a map of heights."""
+"""Convert a map of heights to a polyline and faces."""
 import math
 from typing import List, NamedTuple, Sequence, Tuple
 
@@ -9,7 +9,7 @@ from ballbot_ros.decision.perception.elevation import around, CELL, ElevationMap
 from ballbot_ros.decision.perception.kernels import line, middle, simplify
 from ballbot_ros.physics.model.terrain import Array
 
-# Steeper than this is a face, not a ramp: no ball of this kind rolls up 11 degrees.
+# A steeper segment is a face, not a ramp: no ball of this kind rolls up 11 degrees.
 STEEP = 0.2
 
 # A piece up to this length [m] that exceeds the slopes on both sides by this grade is a blurred
@@ -88,7 +88,7 @@ def pieces_of(nodes: Nodes, shared: float, edges: Sequence[Piece] = ()) -> List[
 
 
 def _signs(run: Array, rise: Array) -> List[int]:
-    """Return 1 and -1 for what rises and drops like a face, 0 for what is gentle."""
+    """Return 1 and -1 for rises and drops as steep as a face, 0 for gentle ground."""
     grade = rise / run
     steep = (np.abs(grade) > STEEP) & (np.abs(rise) > LEAST_FACE / 2)
     signs: List[int] = np.where(steep, np.sign(rise), 0.0).astype(int).tolist()
@@ -109,7 +109,7 @@ def _signs(run: Array, rise: Array) -> List[int]:
 
 
 def _without_blur(pieces: List[Piece]) -> List[Piece]:
-    """Give short gentle pieces between a face and the ground beside it to the face."""
+    """Merge short gentle pieces between a face and the ground beside it with the face."""
     found: List[Piece] = []
     for index, piece in enumerate(pieces):
         before = found[-1] if found else None
@@ -146,7 +146,7 @@ def _is_one(nodes: Nodes, one: Piece, two: Piece) -> bool:
         for piece in (short, long))
     if not abs(z - other_z) < LEAST_TOLERANCE + 3.0 * math.sqrt(z_variance + other_variance):
         return False
-    # A short piece has no slope worth comparing.
+    # The slope of a short piece is not significant.
     apart = BEND + 3.0 * math.sqrt(slope_variance + variance)
     return short.end - short.begin < 12 or abs(slope - other) < apart
 
@@ -200,7 +200,7 @@ class Found(NamedTuple):
 
 class GroundSeen(NamedTuple):
     """
-    What a map shows around the ball.
+    The ground of a map around the ball.
 
     Attributes
     ----------
@@ -231,7 +231,7 @@ class GroundSeen(NamedTuple):
 def ground_of(found: ElevationMap, position: float,
               edges: Sequence[Found] = ()) -> GroundSeen:
     """
-    Return what a map shows around a position; empty where it shows nothing.
+    Return the ground of a map around a position; may be empty.
 
     Parameters
     ----------
@@ -239,7 +239,7 @@ def ground_of(found: ElevationMap, position: float,
     position : float
         Of the ball [m].
     edges : sequence of Found
-        Known faces: they are measured where they are, and no other test than that of
+        Known faces: they are measured at their positions, and only the test of
         `FACE_EXIT` applies to them.
 
     """
@@ -313,7 +313,7 @@ def _assemble(nodes: Nodes, pieces: List[Piece], edges: Sequence[Piece], datum: 
     faces: List[Found] = []
 
     def put(x: float, z: float, variance: float) -> None:
-        # Where faces follow each other closely, their blurs overlap.
+        # The blurs of adjacent faces overlap.
         points.append((max(x, points[-1][0]) if points else x, z - datum))
         sds.append(math.sqrt(variance))
 
@@ -338,7 +338,7 @@ def _assemble(nodes: Nodes, pieces: List[Piece], edges: Sequence[Piece], datum: 
 
 
 def _is_seen_whole(pieces: List[Piece], number: int) -> bool:
-    """Return whether there is ground seen behind a face."""
+    """Return whether there is observed ground behind a face."""
     return pieces[-1].end - pieces[number].end >= 2
 
 
@@ -362,7 +362,7 @@ def _end(nodes: Nodes, pieces: List[Piece], number: int, node: int) -> Tuple[flo
 
 
 def _joint(nodes: Nodes, pieces: List[Piece], number: int) -> Tuple[float, float]:
-    """Return height and variance where a gentle piece meets the next one."""
+    """Return height and variance at the end of a gentle piece."""
     one = _end(nodes, pieces, number, pieces[number].end)
     two = _end(nodes, pieces, number + 1, pieces[number].end)
     return 0.5 * (one[0] + two[0]), max(one[1], two[1])
@@ -393,7 +393,7 @@ def _aside(nodes: Nodes, pieces: List[Piece], number: int, at: float, ahead: boo
             begin = end - round(ASIDE / CELL)
     z, slope, variance, _ = line(nodes.x, nodes.z, nodes.variance, begin, end, at)
     if end - begin < 4:
-        # A cord or a groove: its mean would be less than what was seen.
+        # A cord or a groove: its mean would underestimate the observed height.
         extreme = np.max if (face.sign > 0) == ahead else np.min
         z = float(extreme(nodes.z[begin:end]))
     return _Side(z, variance, slope, (int(nodes.number[begin]), int(nodes.number[end - 1]) + 1))
@@ -409,14 +409,14 @@ def _face(nodes: Nodes, pieces: List[Piece], number: int
     high = _aside(nodes, pieces, number, end, ahead=True)
     part = (nodes.z[piece.begin:piece.end + 1] - low.z) / ((high.z - low.z) or 1.0)
     tenth, middle, most = np.interp([0.1, 0.5, 0.9], np.maximum.accumulate(part), x).tolist()
-    # The step between two nodes, seen from changing places, is not narrower than this.
+    # The step between two nodes, observed from different positions, is not narrower than this.
     run = (most - tenth) / 0.8 - CELL
     run = 0.0 if run < 1.5 * CELL else run + CELL
     position = min(max(middle - 0.5 * run, begin), end)
     run = min(run, end - position)
     low = _aside(nodes, pieces, number, position, ahead=False)
     high = _aside(nodes, pieces, number, position + run, ahead=True)
-    # On a slope, what is not known of the place is not known of the height.
+    # On a slope, the position uncertainty adds to the height uncertainty.
     blur = CELL * max(abs(low.slope), abs(high.slope))
     variance = low.variance + high.variance + blur**2
     if not _is_seen_whole(pieces, number):

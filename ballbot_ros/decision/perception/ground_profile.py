@@ -6,13 +6,13 @@ from typing import List, Sequence, Tuple
 
 from ballbot_ros.decision.values import Profile
 
-# A bend of the ground between faces by less than this is none [m].
+# Least deviation of a bend of the ground between faces [m].
 UNEVEN = 0.004
-# The ground is read so far from a face: its own points are no floor [m].
+# Distance from a face at which the ground is read [m]: its own points are not floor.
 ASIDE = 1e-4
 # Bends that are kept between two faces.
 BENDS = 4
-# A shorter end of the polyline has no slope of its own [m].
+# Least length of the end of the polyline for a slope [m].
 END_LENGTH = 0.1
 
 
@@ -30,13 +30,13 @@ class GroundProfile:
     """
 
     def __init__(self, points: Sequence[Tuple[float, float]], slope: float):
-        """Keep them."""
+        """Store them."""
         self._points, self._slope = points, math.tan(slope)
         self._places = [x for x, _ in points]
         self._end_slope = self._slope_at_end()
 
     def _slope_at_end(self) -> float:
-        """Return the slope with which the ground goes on beyond the last point."""
+        """Return the slope of the ground beyond the last point."""
         if len(self._points) < 2:
             return self._slope
         (left, low), (right, high) = self._points[-2:]
@@ -44,7 +44,7 @@ class GroundProfile:
         return (high - low) / length if length > END_LENGTH else self._slope
 
     def bends(self, begin: float, end: float) -> List[Tuple[float, float]]:
-        """Return where the ground bends between two places, and how much higher it is [m]."""
+        """Return the positions of bends between two positions, and their height changes [m]."""
         inner = self._inner(begin, end)
         if len(inner) < 3:
             return []
@@ -93,7 +93,7 @@ def simplified(points: Sequence[Tuple[float, float]], error: float) -> List[Tupl
 # Slopes are those over such a length, or down to the shortest where a face ends the stretch [m].
 SLOPE_LENGTH, SLOPE_LENGTH_MIN = 0.2, 0.08
 
-# Steeper than this is not a slope but a face [rad].
+# A steeper segment is a face, not a slope [rad].
 FACE_SLOPE = 0.35
 
 # A stretch that is too steep remains so until its slope is less by this part.
@@ -102,7 +102,7 @@ SLOPE_HYSTERESIS = 0.9
 
 def steep_stretches(profile: Profile, steepest: float) -> List[Tuple[float, float]]:
     """
-    Return where the ground is steeper than can be held, and its slopes [m], [rad].
+    Return the positions of stretches that are too steep to hold, and their slopes [m], [rad].
 
     Parameters
     ----------

@@ -22,12 +22,12 @@ def simplify(x: Array, z: Array, tolerance: Array, keep: Array, stack: Array) ->
     keep : (n,) array
         Set to 1 where a point is kept, to 0 elsewhere.
     stack : (n, 2) array
-        To work in.
+        Work array.
 
     Returns
     -------
     int
-        How many are kept.
+        Number of kept points.
 
     """
     last = len(x) - 1
@@ -67,7 +67,7 @@ def line(x: Array, z: Array, variance: Array, begin: int, end: int,
     begin, end : int
         The points, `end` not included; fewer than 6 of them have no slope.
     at : float
-        Where the height is wanted [m].
+        Position of the requested height [m].
 
     """
     weights = mean_x = mean_z = 0.0

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Fuse observations of the next step with odometry into one step, or say why not."""
+"""Fuse observations of the next step with odometry into one step, or reject them."""
 from collections import deque
 from dataclasses import replace
 import math
@@ -80,14 +80,14 @@ class Scatter:
         self._steps: Deque[float] = deque(maxlen=KEPT)
 
     def add(self, value: float) -> None:
-        """Take a look [m]."""
+        """Add an observation [m]."""
         if not math.isnan(self._last):
             self._steps.append(abs(value - self._last))
         self._last = value
 
     @property
     def sd(self) -> float:
-        """Return the standard deviation of a look [m]; NaN for too few."""
+        """Return the standard deviation of an observation [m]; NaN for too few."""
         if len(self._steps) < LEAST_KEPT:
             return math.nan
         # Of Gaussian values, half of the differences are within 0.6745 sqrt(2) deviations.
@@ -181,8 +181,8 @@ class StepTracker:
             return self._reject(observation, Reason.BAD_OBSERVATION, fault)
         if not observation.detected and observation.height != 0.0:
             return self._reject(
-                observation, Reason.CONTRADICTORY, 'nothing is detected, and yet it is '
-                f'{1e3 * observation.height:.0f} mm high')
+                observation, Reason.CONTRADICTORY, 'no step is detected, but its height is '
+                f'{1e3 * observation.height:.0f} mm')
         if observation.detected:
             # Rejected observations count for the scatter, too.
             self._heights.add(observation.height)
@@ -208,12 +208,12 @@ class StepTracker:
                        bias_sd=self._bias_of(observation))
 
     def _bias_of(self, observation: StepObservation) -> float:
-        """Return the standard deviation that no number of looks brings down [m]."""
+        """Return the standard deviation that averaging does not reduce [m]."""
         return self._bias if observation.height_sd > 0.0 else self._unreported_bias
 
     @property
     def _faces(self) -> Tuple[Face, ...]:
-        """Return the step, if there is one, with all that is uncertain about it."""
+        """Return the step, if any, with all uncertainties."""
         return self._estimates if self._confirmed else ()
 
     @property
@@ -227,7 +227,7 @@ class StepTracker:
 
     @property
     def _shown(self) -> float:
-        """Return the deviation of the mean height that the scatter of looks shows, or 0 [m]."""
+        """Return the deviation of the mean height from the scatter of observations, or 0 [m]."""
         found = [scatter / math.sqrt(max(1, self._trend.count))
                  for scatter in (self._trend.scatter, self._heights.sd)]
         return max((sd for sd in found if sd > 0.0), default=0.0)
@@ -283,7 +283,7 @@ class StepTracker:
         moved = abs(position + observation.distance - step.position)
         grown = abs(observation.height - step.height)
         deviation = math.hypot(step.height_sd, self._deviations(observation)[1])
-        # Odometry that slipped by less than a ball has not brought another step.
+        # After odometry slip by less than a radius it is the same step.
         same = moved < self._radius and grown <= self._sigmas * deviation
         self._begin(observation, position, self._number + (0 if same else 1))
         self._confirmed = True
@@ -307,7 +307,7 @@ class StepTracker:
         self._trend.add(observation.distance, observation.height)
 
     def _miss(self, position: float) -> None:
-        """Forget the step when it is passed, or was looked for in vain often enough."""
+        """Drop the step when it is passed, or after enough misses."""
         if self._step is None:
             return
         self._misses += 1
@@ -317,7 +317,7 @@ class StepTracker:
 
 
 def _fault(observation: StepObservation, position: float) -> str:
-    """Return what is impossible about an observation, or nothing."""
+    """Return the reason why an observation is invalid, or an empty string."""
     if not (observation.finite and math.isfinite(position)):
         return 'a number of it is not finite'
     for name in ('distance', 'distance_sd', 'height_sd'):
@@ -325,7 +325,7 @@ def _fault(observation: StepObservation, position: float) -> str:
             return f'{name} is negative ({getattr(observation, name):g} m)'
     for name in ('distance', 'height', 'distance_sd', 'height_sd'):
         if abs(getattr(observation, name)) > LARGEST:
-            return f'{name} is beyond all measure ({getattr(observation, name):g} m)'
+            return f'{name} is out of range ({getattr(observation, name):g} m)'
     return ''
 
 
@@ -333,7 +333,7 @@ def _combined_sd(reported: float, scatter: float, default: float, floor: float) 
     """Return the standard deviation of an observation, from the reported one and the scatter."""
     scatter = min(scatter, NOISE) if math.isfinite(scatter) else math.nan
     if reported > 0.0:
-        # Written so that a scatter that is not known counts for nothing.
+        # Written so that an unknown scatter has no effect.
         return max(scatter if scatter > TRUSTED_RATIO * reported else reported, floor)
     return max(scatter, floor) if math.isfinite(scatter) else default
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Fuse polylines of the ground with odometry into a profile, or say why not."""
+"""Fuse polylines of the ground with odometry into a profile, or reject them."""
 from collections import deque
 from dataclasses import dataclass, field, replace
 import math
@@ -18,23 +18,23 @@ from ballbot_ros.decision.values import Face, Profile, Reason, TerrainObservatio
 from ballbot_ros.physics.model.robot import Robot
 from ballbot_ros.physics.model.terrain import Array
 
-# More points than any camera has in a row are an accident; so is ground this far off [m].
+# More points than a row of any camera are invalid; so is ground beyond this distance [m].
 MOST_POINTS, LARGEST = 5000, 1e6
 
-# A sensor that sees so far behind, and less far ahead, does not look ahead [m].
+# A sensor with this range behind, and a smaller one ahead, is mounted backwards [m].
 FAR_BEHIND = 0.6
 
-# Floor this far off the bottom of the ball is an error of mounting, and subtracted; more is
-# not the floor that the ball stands on [m].
+# An offset of the floor from the bottom of the ball is subtracted as a mounting error up to this;
+# beyond, it is not the floor below the ball [m].
 LARGEST_OFFSET = 0.03
 
-# A ball over an edge, or in the air, may be this far above the ground that it saw before [m].
+# Largest height of a ball over an edge, or in the air, above previously observed ground [m].
 LARGEST_LIFT = 0.3
 
 
 def fault(observation: TerrainObservation, frame: str) -> str:
     """
-    Return what is impossible about an observation, or nothing.
+    Return the reason why an observation is invalid, or an empty string.
 
     Parameters
     ----------
@@ -64,12 +64,12 @@ def arrays(observation: TerrainObservation) -> Tuple[Array, Array, Array]:
 
 
 def _of_numbers(x: Array, z: Array, z_sd: Array, others: Array) -> str:
-    """Return what is impossible about arrays of one length, or nothing."""
+    """Return the reason why arrays of one length are invalid, or an empty string."""
     largest = [float(np.abs(numbers).max()) for numbers in (x, z, z_sd, others)]
     if not np.isfinite(largest).all():
         return 'a number of it is not finite'
     if max(largest[:3]) > LARGEST or np.abs(others[1:]).max() > LARGEST:
-        return f'ground {max(largest[:3]):g} m away is beyond all measure'
+        return f'ground {max(largest[:3]):g} m away is out of range'
     if z_sd.min() < 0.0:
         return f'a standard deviation is negative ({z_sd.min():g} m)'
     steps = np.diff(x)
@@ -90,7 +90,7 @@ def _of_numbers(x: Array, z: Array, z_sd: Array, others: Array) -> str:
 
 def misplaced(x: Array, z: Array, radius: float, known: bool) -> str:
     """
-    Return why the ground is not where the ball touches it, or nothing.
+    Return the reason why the ground is not below the ball, or an empty string.
 
     Parameters
     ----------
@@ -99,28 +99,28 @@ def misplaced(x: Array, z: Array, radius: float, known: bool) -> str:
     radius : float
         [m]
     known : bool
-        Whether it looks as it did before: then the ball may be in the air.
+        Whether the ground agrees with earlier observations: then the ball may be in the air.
 
     """
     nearest = int(np.argmin(np.abs(x)))
     if abs(x[nearest]) > radius:
-        return ''  # nothing is seen where it could touch
+        return ''  # no ground observed within reach
     below = float(z[nearest])
     if below > 0.0:
-        return (f'the ground lies {1e3 * below:.0f} mm above the centre of the ball: is the '
+        return (f'the ground is {1e3 * below:.0f} mm above the centre of the ball: is the '
                 'sensor upside down, or z not upwards?')
     clearance = float(np.hypot(x, z).min()) - radius
     highest = LARGEST_LIFT if known else LARGEST_OFFSET
     if x[0] > 0.0:
-        highest += float(x[0])  # the place of the touch is not seen
+        highest += float(x[0])  # the touch position is not observed
     if not -LARGEST_OFFSET <= clearance <= highest:
         return (f'the ground is {1e3 * clearance:.0f} mm from the ball that rests on it, '
                 f'{-1e3 * LARGEST_OFFSET:.0f} to {1e3 * highest:.0f} mm are possible: is the '
-                'sensor mounted as its frame says?')
+                'mounting of the sensor consistent with its frame?')
     return ''
 
 
-# Faces of two looks no farther apart are the same [m].
+# Faces of two scans within this distance are the same [m].
 SAME_PLACE = 0.06
 
 # Odometry slips by no more than this [m] beside a part of the distance rolled [1].
@@ -130,14 +130,14 @@ SLIP_MAX, SLIP_SHARE = 0.3, 0.1
 # observations show it at the same place.
 OUTLIER_HEIGHT, OUTLIER_MEMORY = 0.03, 10
 
-# Log-odds that a face exists: what an observation that shows it adds, one that does not show it
-# takes, and the largest.  A face enters the profile at one value and leaves it at 0.
+# Log-odds that a face exists: increment of a detection, decrement of a miss,
+# and largest value.  A face enters the profile at one value and leaves it at 0.
 SHOWN, MISSED, EXISTENCE_MAX, ENTRY = 1.0, 0.25, 6.0, 2.0
 
 # No blur is longer [m].
 BLURRED = 0.05
 
-# The ground on this many nodes before and behind a face is what a look says of its height.
+# Number of nodes before and behind a face for its height in one scan.
 BESIDE = 6
 
 
@@ -158,14 +158,14 @@ class Existence:
         self.confirmed = certain
 
     def add(self, shown: bool) -> None:
-        """Count an observation that shows it, or does not."""
+        """Count a detection or a miss."""
         self.log_odds = min(self.log_odds + (SHOWN if shown else -MISSED), EXISTENCE_MAX)
         self.confirmed |= self.log_odds >= ENTRY
 
 
 @dataclass
 class _Known:
-    """A face, and how it has looked from where."""
+    """A face with its observations."""
 
     face: Face
     found: Found
@@ -190,7 +190,7 @@ class _Steep:
 
 class TerrainTracker:
     """
-    Keeps the ground around the ball.
+    Tracks the ground around the ball.
 
     Parameters
     ----------
@@ -202,9 +202,9 @@ class TerrainTracker:
     Attributes
     ----------
     steepest : float
-        Slope that the ball can be held on [rad].
+        Steepest slope on which the ball can be held [rad].
     offset : float
-        By which the floor below the ball was seen too high in the newest look [m].
+        Height error of the floor below the ball in the newest scan [m].
 
     """
 
@@ -287,7 +287,7 @@ class TerrainTracker:
         return self._fused(observation.stamp, look, residual, position)
 
     def _without_outliers(self, x: Array, z: Array, position: float) -> Flags:
-        """Return which points to keep: all but lone ones that earlier observations lack."""
+        """Return the points to keep: all except isolated ones that earlier observations lack."""
         if len(x) < 7:
             return np.ones(len(x), dtype=bool)
         windows = np.lib.stride_tricks.sliding_window_view(np.pad(z, 2, mode='edge'), 5)
@@ -305,7 +305,7 @@ class TerrainTracker:
         return kept
 
     def _move(self, nodes: int) -> None:
-        """Move all that is known, for the odometry has slipped."""
+        """Shift the map, after a slip of the odometry."""
         self._map.first += nodes
         for known in self._faces:
             known.found = known.found._replace(position=known.found.position + nodes * CELL)
@@ -324,7 +324,7 @@ class TerrainTracker:
         return self._fused(observation.stamp, look, residual, position)
 
     def _fused(self, stamp: float, look: Look, residual: Array, position: float) -> Profile:
-        """Return the profile after a look that was taken in."""
+        """Return the profile after an accepted scan."""
         self._strikes = 0
         ground = ground_of(self._map, position,
                            [known.found for known in self._faces if known.confirmed])
@@ -380,7 +380,7 @@ class TerrainTracker:
         return replace(self._answer, stamp=stamp, rejection=reason, explanation=why)
 
     def _name(self, ground: GroundSeen, look: Look, residual: Array, position: float) -> None:
-        """Give numbers to the faces that were found; those that are known keep theirs."""
+        """Assign numbers to the detected faces; known ones keep theirs."""
         known, self._faces = list(self._faces), []
         forward, self._position = math.copysign(1.0, position - self._position), position
         for found in ground.faces:
@@ -401,14 +401,14 @@ class TerrainTracker:
             self._faces.append(nearest)
         for item in known:
             item.exists.add(False)
-            # What the ball has rolled over is not missed.
+            # A miss of a face behind the ball does not count.
             if item.exists.log_odds > 0.0 \
                     and ground.seen_from <= item.found.position <= ground.seen_to:
                 self._faces.append(item)
         self._faces.sort(key=lambda item: item.face.position)
 
     def _note(self, known: _Known, look: Look, residual: Array, position: float) -> None:
-        """Note what this look alone says of the height of a face."""
+        """Store the height of a face in this scan alone."""
         distance = known.found.position - position
         if distance <= 0.0:
             return
@@ -424,11 +424,11 @@ class TerrainTracker:
         known.trend.add(distance, known.found.height + lift[1] - lift[0])
 
     def _described(self, known: _Known, position: float) -> Face:
-        """Return a face with all that is uncertain about it."""
+        """Return a face with all its uncertainties."""
         found, trend = known.found, known.trend
         scatter = trend.scatter / math.sqrt(trend.count) if trend.count else math.nan
         height_sd = max(found.height_sd, self._bias, scatter if scatter > 0.0 else 0.0)
-        # A face that seems to have a run may be a vertical one, blurred by points that are lost.
+        # A face with an apparent run may be vertical, blurred by missing points.
         position_sd = math.hypot(PLACE_SD, 0.3 * min(found.run, BLURRED))
         return Face(known.face.number, found.position, found.height, position_sd,
                     math.hypot(height_sd, trend.growth), found.run)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What can be counted on when a ball speeds up or brakes, on any slope."""
+"""Guaranteed acceleration and deceleration of a ball, on any slope."""
 import math
 
 from ballbot_ros.control import ControlTuning
@@ -11,10 +11,10 @@ from ballbot_ros.physics.model.robot import Robot
 
 class Braking:
     """
-    Accelerations and distances to be counted on; slopes are positive uphill [rad].
+    Guaranteed accelerations and distances; slopes are positive uphill [rad].
 
-    The tuning says what can be counted on at `largest_lean` on a level floor; the same part of
-    the weight of the pendulum is counted on at other angles and on slopes.
+    The tuning has the values at `largest_lean` on a level floor; the same fraction of
+    the gravity torque of the pendulum is assumed at other angles and on slopes.
 
     Attributes
     ----------
@@ -24,7 +24,7 @@ class Braking:
     """
 
     def __init__(self, robot: Robot, tuning: DecisionTuning, control: ControlTuning):
-        """Work the constants out once."""
+        """Compute the constants once."""
         law = SpeedLaw.of(robot, control.position_kd / control.position_kp)
         whole = acceleration(tuning.largest_lean, 0.0, law[:])
 
@@ -40,16 +40,16 @@ class Braking:
         self.steepest = steepest_slope(tuning.emergency_lean, self._slower)
 
     def acceleration(self, slope: float) -> float:
-        """Return the acceleration to be counted on [m/s2]; none or less on a steep slope."""
+        """Return the guaranteed acceleration [m/s2]; 0 or negative on a steep slope."""
         return acceleration(self._lean, slope, self._faster)
 
     def deceleration(self, slope: float, emergency: bool = False) -> float:
-        """Return the deceleration to be counted on [m/s2]; none or less on a steep descent."""
+        """Return the guaranteed deceleration [m/s2]; 0 or negative on a steep descent."""
         return -acceleration(-self._lean_of(emergency), slope, self._slower)
 
     def distance(self, speed: float, slope: float, emergency: bool = False) -> float:
         """
-        Return how far the ball rolls on before it stands [m].
+        Return the stopping distance [m].
 
         Parameters
         ----------
@@ -58,35 +58,35 @@ class Braking:
         slope : float
             Of the ground that it brakes on [rad].
         emergency : bool
-            Whether it leans as far as in an emergency.
+            Whether the emergency lean is used.
 
         Returns
         -------
         float
-            Infinite where it does not stop.
+            Infinite if it does not stop.
 
         """
         return braking_distance(speed, slope, self._lean_of(emergency), self._delay, self._slower)
 
     def expected_distance(self, speed: float, slope: float) -> float:
-        """Return how far the ball of the robot file rolls on in an emergency; see `distance`."""
+        """Return the emergency stopping distance of the nominal robot; see `distance`."""
         return braking_distance(speed, slope, self._furthest, self._delay, self._expected)
 
     def speed_within(self, room: float, slope: float, emergency: bool = False) -> float:
-        """Return the speed from which the ball stands within some room [m/s]; see `distance`."""
+        """Return the speed from which the ball stops within some room [m/s]; see `distance`."""
         return stopping_speed(room, slope, self._lean_of(emergency), self._delay, self._slower)
 
     def touch_speed(self, speed: float, set_speed: float, room: float, slope: float) -> float:
         """
         Return the speed after some room, driven by `speed_law_step` [m/s].
 
-        As long as the error asks for more than can be counted on, the acceleration is that;
+        While the error requires more than the guaranteed acceleration, that one applies;
         then the error decays as exp(-speed_gain t).
 
         Parameters
         ----------
         speed, set_speed : float
-            Now, and asked for [m/s]; backwards is at rest.
+            Present and set speed [m/s]; backwards counts as rest.
         room : float
             [m]
         slope : float

@@ -2,10 +2,10 @@
 """
 The planner ``cubic``: section 8 of the paper, with margins.
 
-The ball touches a step when its centre is sqrt(2 R h - h^2) before the face; what lies
-before that is the run-up.  The curve says which speed at touch the step asks for, with the
-pendulum hanging down; so the ball lets it hang before the touch.  What counts is the speed that
-will be driven, and the band of the curve says how likely it is enough.
+The ball touches a step when its centre is sqrt(2 R h - h^2) before the face; the distance up to
+that position is the run-up.  The curve gives the touch speed that the step requires with a
+hanging pendulum; so the pendulum is lowered before the touch.  The band of the curve gives the
+success probability at the speed that will be driven.
 """
 from dataclasses import dataclass, replace
 import math
@@ -20,8 +20,8 @@ from ballbot_ros.decision.tuning import DecisionTuning
 from ballbot_ros.decision.values import (
     Decision, Face, Failure, Kind, Motion, Outlook, Plan, Profile, Reason, Strategy)
 
-# Aim above the required speed by this [m/s], or by more where that is not reached in time: what
-# is left of the error when the ball touches must not eat the margin.
+# Aim above the required speed by this [m/s], or by more if it is not reached in time: the
+# remaining error at the touch must not use up the margin.
 HEADROOM = (0.05, 0.1)
 
 # A previous set speed is kept up to this much above the required one [m/s].
@@ -31,39 +31,39 @@ KEPT = 0.15
 NODES = ((0.0, 0.53333333), (1.3556262, 0.22207592), (-1.3556262, 0.22207592),
          (2.8569700, 0.01125741), (-2.8569700, 0.01125741))
 
-# No way back for a run-up is looked for beyond this [m].
+# Longest searched run-up [m].
 LONGEST_RUN_UP = 6.0
 
 
-# Down by less than this is an uneven floor, more is a drop [m].
+# Least depth of a drop, less is an uneven floor [m].
 SMALLEST_DROP = 0.005
 
-# The centre stays this far before what it must not reach [m].
+# Clearance of the centre before a stop line [m].
 KEPT_OFF = 0.03
 
-# A drop this close behind a face is the far edge of a sill: a stop takes more [m].
+# A drop this close behind a face is the far edge of a sill: a stop needs more room [m].
 SILL_LENGTH = 0.65
 
-# Less than this of the ground behind an edge is none that is seen [m].
+# Least observed ground behind an edge [m].
 GLIMPSE = 0.1
 
 
 @dataclass(frozen=True)
 class Beyond:
     """
-    What lies behind a face.
+    The ground behind a face.
 
     Attributes
     ----------
     edge : float
-        The last edge of faces that are taken in one go [m]: those that lead back to the floor
+        The last edge of faces that are crossed together [m]: those that lead back to the floor
         before the first one.
     room : float
         For the centre, behind that edge [m].
     known : bool
-        Whether something is known to end the room; otherwise no more is seen.
+        Whether a known obstacle ends the room; otherwise the observed terrain ends.
     trouble : str
-        What ends the room.
+        Name of the obstacle that ends the room.
 
     """
 
@@ -76,7 +76,7 @@ class Beyond:
 def beyond(profile: Profile, face: Face, radius: float, passable: float,
            tuning: DecisionTuning) -> Beyond:
     """
-    Return what lies behind a face.
+    Return the ground behind a face.
 
     Parameters
     ----------
@@ -86,14 +86,14 @@ def beyond(profile: Profile, face: Face, radius: float, passable: float,
     radius : float
         Of the ball [m].
     passable : float
-        Height of steps that are crossed with what is left of the speed [m].
+        Height of steps that are crossed with the remaining speed [m].
     tuning : DecisionTuning
-        Its `unseen_room` is taken for granted.
+        Its `unseen_room` is assumed.
 
     """
     edge, level = face.position + max(0.0, face.run), face.height
     known = profile.seen_to if profile.points else -math.inf
-    # Where some of it is seen, something ends the sight there.
+    # If a part is observed, an obstacle ends the observed part.
     taken = edge + tuning.unseen_room if known < edge + GLIMPSE else known
     end, trouble = taken, ''
     for other in profile.faces:
@@ -121,7 +121,7 @@ def beyond(profile: Profile, face: Face, radius: float, passable: float,
 @dataclass(frozen=True)
 class Reach:
     """
-    What a step asks for and what can be had; all speeds are those at touch.
+    Required and reachable speeds of a step; all are touch speeds.
 
     Attributes
     ----------
@@ -130,22 +130,22 @@ class Reach:
     run_up : float
         Distance until touch [m].
     top : float
-        What is allowed and still on the curve [m/s].
+        Highest speed that is allowed and within the curve [m/s].
     required : float or None
         With its margin; None above the end of the curve [m/s].
     set_speed : float
         To drive at [m/s].
     driven : float
-        What comes of that, from here [m/s].
+        Resulting touch speed, from here [m/s].
     reachable : float
         At the highest set speed, from here [m/s].
     slowest : float
         Braking from here [m/s].
     spare : float
-        What could be added to the height until `driven` is not enough, negative where it
-        is not; NaN where `driven` lies below the curve [m].
+        Height reserve at `driven`, negative if it is insufficient;
+        NaN if `driven` is below the curve [m].
     probability : float
-        Of getting over at `driven`.
+        Of a success at `driven`.
 
     """
 
@@ -188,9 +188,9 @@ class Reckoning:
         margins : float
             Part of the margins of the tuning that must be kept [1].
         faster_than : float
-            A speed at touch that is known not to be enough [m/s].
+            A touch speed that has failed [m/s].
         kept : float
-            Set speed so far, which is kept where it still fits [m/s].
+            Present set speed, which is kept if it is still valid [m/s].
 
         """
         tuning, braking = self._tuning, self.braking
@@ -198,7 +198,7 @@ class Reckoning:
         conservative = self._conservative(face, margins)
         run_up = max(0.0, distance - touch_distance(self._radius, face.height))
         required = self._required(face, margins, faster_than)
-        # Fewer margins are for going on; it aims at all of them.
+        # Reduced margins apply to the continuation only; the aim includes all of them.
         aim = required if margins >= 1.0 else self._required(face, 1.0, faster_than) or self.top
         least, slow = aim or 0.0, tuning.cruise_speed
         reachable = self._driven(speed, self.top, run_up, slope)
@@ -220,7 +220,7 @@ class Reckoning:
             else math.nan, self.probability(driven, face.height, deviation))
 
     def run_up_for(self, required: float, slope: float) -> float:
-        """Return the run-up from rest that reaches a speed at touch with some to spare [m]."""
+        """Return the run-up from rest that reaches a touch speed with a reserve [m]."""
         near, far = 0.0, LONGEST_RUN_UP
         if self._driven(0.0, self.top, far, slope) < required:
             return math.inf
@@ -272,10 +272,10 @@ class Reckoning:
     def speed_behind(self, face: Face, driven: float, sigmas: float,
                      not_enough: float = 0.0) -> float:
         """
-        Return what is left of a speed at touch when the centre passes the edge [m/s].
+        Return the speed when the centre passes the edge, from a touch speed [m/s].
 
-        Getting over a step takes, in squares of speeds, that which is needed to get over it
-        just so; runs of the full model keep a little less.
+        A crossing consumes the square of the minimum crossing speed; runs of the full model
+        keep slightly less.
 
         Parameters
         ----------
@@ -327,7 +327,7 @@ class Reckoning:
         return far
 
     def _driven(self, speed: float, set_speed: float, run_up: float, slope: float) -> float:
-        """Return what a set speed comes to at touch [m/s]."""
+        """Return the touch speed for a set speed [m/s]."""
         return self.braking.touch_speed(speed, set_speed, run_up, slope)
 
     def _part(self, speed: float, height: float) -> float:
@@ -340,7 +340,7 @@ class Reckoning:
             min(max(speed, band.speeds[0]), band.speeds[-1]), height)
 
 
-# A ball that leans against a step for this long is not going to make it [s].
+# Timeout of a contact with a step [s].
 LONGEST_CONTACT = 1.5
 
 # In contact the ball bounces; this far off the step it still is in contact [m].  A step that is
@@ -359,8 +359,8 @@ STARTED, GIVEN_UP = 0.5, 1.25
 STARTED_LANDING = 0.8  # fraction of the stopping distance behind the edge
 ROLLING = 0.05  # [m/s]
 
-# After a failure the ball must be this much faster than it was, and than it was to be; after so
-# many it gives up.
+# After a failure, the ball must be faster than its actual and planned speed by this; after this
+# number of failures the step is refused.
 FASTER, FASTER_PLAN, MOST_FAILURES = 1.1, 1.05, 3
 
 # Not about the step itself.
@@ -369,7 +369,7 @@ DOUBTFUL = (Reason.STALE, Reason.CONTRADICTORY, Reason.BAD_OBSERVATION)
 # Changes that cause a rejected step to be re-evaluated: height, and clearance behind it [m].
 HEIGHT_NEWS, ROOM_NEWS = 0.003, 0.1
 
-# Too late to stop, a step is taken where this is as likely as not.
+# Past the last braking point, a step is crossed at this success probability.
 HOPE = 0.5
 
 # Where backing off ends [m], and steps that are taken with any speed behind another one [m].
@@ -382,7 +382,7 @@ def planner(knowledge: Knowledge) -> Planner:
 
 
 class Cubic:
-    """See `situation.Planner`; keeps what a refusal was made for."""
+    """See `situation.Planner`; stores the conditions of the last refusal."""
 
     def __init__(self, knowledge: Knowledge):
         """Work the constants out once."""
@@ -445,8 +445,8 @@ class Cubic:
         """
         Return the decision of a crossing ball in contact: on, unless it lasts too long.
 
-        Observations do not matter here.  The face is below the ball, the odometry slips, and
-        there is nothing better to do than to push.
+        Observations are not used here: the face is below the ball, and the odometry slips.
+        The best action is to continue.
         """
         if previous is None or previous.kind is not Kind.CROSS or previous.plan is None:
             return None
@@ -574,7 +574,7 @@ class Cubic:
 
     def _landing(self, step: Face, found: Reach, land: Beyond, slope: float, started: bool,
                  failed: List[Failure]) -> Optional[Tuple[Reason, str]]:
-        """Return why what lies behind a step forbids to cross it, if so."""
+        """Return the reason why the ground behind a step prevents a crossing, if so."""
         driven = max(found.driven, found.required or 0.0)
         sigmas = self._tuning.sigma_margin if land.known else 0.0
         fastest = self._reckoning.speed_behind(
@@ -612,13 +612,13 @@ class Cubic:
 
 
 def numbers(answer: Decision) -> Dict[str, Any]:
-    """Return what a decision says of the step."""
+    """Return the description of the step for a decision."""
     return {name: getattr(answer, name) for name in (
         'required_speed', 'reachable_speed', 'height', 'height_margin', 'distance', 'step',
         'outlook')}
 
 
 def faster(failed: List[Failure]) -> float:
-    """Return the speed at touch below which a plan is one that failed already [m/s]."""
+    """Return the touch speed below which a plan has already failed [m/s]."""
     return max((max(FASTER * one.touch_speed, FASTER_PLAN * one.plan.speed) for one in failed),
                default=0.0)

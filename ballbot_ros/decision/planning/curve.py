@@ -18,7 +18,7 @@ from ballbot_ros.errors import ConfigurationError
 @dataclass(frozen=True)
 class Band(Checked):
     """
-    Highest steps of many robots that may all be the one at hand.
+    Maximum step heights of robots drawn from the ranges of the parameters.
 
     Attributes
     ----------
@@ -141,20 +141,20 @@ class CurveProvenance(Checked):
     voltage: float = quantity(
         'V', 'voltage on the motor; 0 for that which rolls the ball at each speed', default=0.0)
     over: str = text(
-        'where the ball was over; files that do not say it are older, and went by the edge',
+        'success criterion of the ball; older files without it use the edge',
         default='edge', choices=('edge', 'clear'))
     clearance: float = quantity(
-        '1', 'how far beyond the edge the centre got, over the radius; 0 by the edge',
+        '1', 'distance of the centre beyond the edge, over the radius; 0 for the edge',
         default=0.0, minimum=0.0)
 
 
 @dataclass(frozen=True)
 class HeightCurve(Checked):
     """
-    Highest crossable step as a cubic of the speed at touch, and where that holds.
+    Maximum step height as a cubic of the touch speed, with its range of validity.
 
-    The cubic is never evaluated outside its range: beyond it the fit turns over, and a
-    faster ball would be said to climb less.
+    The cubic is never evaluated outside its range: beyond it the fit may decrease with the
+    speed.
 
     Attributes
     ----------
@@ -167,7 +167,7 @@ class HeightCurve(Checked):
     made : CurveProvenance or None
         Provenance, None for numbers from elsewhere.
     band : Band or None
-        What the uncertain numbers of the robot make of it.
+        Effect of the uncertain parameters of the robot.
 
     Raises
     ------
@@ -179,8 +179,8 @@ class HeightCurve(Checked):
 
     name: str = text('name of the curve')
     robot: str = text('name of the robot it was made for')
-    actuation: str = text('what the pendulum did')
-    source: str = text('where the numbers come from')
+    actuation: str = text('actuation of the pendulum')
+    source: str = text('origin of the values')
     lowest_speed: float = quantity('m/s', 'slowest speed of the range', minimum=0.0)
     highest_speed: float = quantity('m/s', 'fastest speed of the range', above=0.0)
     residual: float = quantity('m', 'largest error of the fit', minimum=0.0)
@@ -245,7 +245,7 @@ class HeightCurve(Checked):
         Parameters
         ----------
         height : float
-            Below what the lowest speed crosses already, the lowest speed is the answer.
+            Below the step height of the lowest speed, the lowest speed is returned.
 
         Returns
         -------
@@ -316,7 +316,7 @@ def load_curve(name_or_path: str, variant: str = 'fit') -> HeightCurve:
         return curve
     if not curve.conservative:
         raise ConfigurationError(
-            f'curve {curve.name} has no conservative coefficients; make it again with '
+            f'curve {curve.name} has no conservative coefficients; fit it again with '
             'ballbot fit-curve', 'missing', 'conservative')
     return replace(curve, coefficients=curve.conservative, residual=0.0)
 

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-How a decision is made: a module for each planner, and the only table of them.
+The table of the planners; each is a module.
 
 For a further one copy `cubic.py`, change its class, and add a line to `PLANNERS`:
 the parameter `planner` of the node ``obstacle_decision`` then takes its name.

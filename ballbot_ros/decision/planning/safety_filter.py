@@ -57,7 +57,7 @@ def energy_bound(robot: Robot, speed: float, swing: float) -> float:
     given = pendulum * (1.0 - math.cos(swing)) + 0.5 * speed * speed * (
         robot.total_mass + robot.ball_inertia / radius**2)
     low, high = 0.0, radius
-    # What is left over falls with the height, or rises first and falls then: none at the
+    # The surplus decreases with the height, or increases first and then decreases: none at the
     # radius is none there; otherwise the radius is the bound.
     if given + pendulum * 0.5 * math.pi >= robot.weight * radius:
         return radius
@@ -99,7 +99,7 @@ def meaningless(situation: Situation) -> str:
     """Return which input is not finite, or an empty string."""
     # Comparisons with NaN are false and could pass the checks below.
     if not situation.motion.sane:
-        return 'odometry is not finite, or beyond all measure'
+        return 'odometry is not finite, or out of range'
     faces = situation.profile.faces if situation.profile is not None else ()
     if not all(math.isfinite(number) for face in faces for number in astuple(face)):
         return 'the step is not finite'
@@ -125,21 +125,21 @@ def _rejected(profile: Profile, motion: Motion, previous: Optional[Decision],
 
 def checked(decision: Decision, situation: Situation, knowledge: Knowledge) -> Decision:
     """
-    Return a decision, or the STOP that takes its place.
+    Return a decision, or the STOP that replaces it.
 
-    A crossing stands only if it aims at a face that is known and not passed, is asked for no
-    speed above `highest_speed` and no swing beyond `largest_swing`, and the step is within
-    `energy_bound`.  No other decision asks for more than `cruise_speed`, and backing off ends
+    A crossing is accepted only if its face is known and not passed, its speed is at most
+    `highest_speed`, its swing at most `largest_swing`, and the step is within
+    `energy_bound`.  The speed of other decisions is at most `cruise_speed`, and backing off ends
     within ground that is known to be free.
     """
     tuning, plan = knowledge.tuning, decision.plan or Plan(Strategy.STOP)
     crossing = decision.kind is Kind.CROSS
     most = tuning.highest_speed if crossing else tuning.cruise_speed
-    # Written so that what is not a number is refused.
+    # Written so that NaN is refused.
     if not (all(0.0 <= speed <= most + ROUNDING for speed in (decision.set_speed, plan.speed))
             and abs(plan.swing_angle) <= tuning.largest_swing):
         return stop(
-            Reason.BAD_OBSERVATION, f'Stopping: a plan asked for {decision.set_speed:g} and '
+            Reason.BAD_OBSERVATION, f'Stopping: a plan requested {decision.set_speed:g} and '
             f'{plan.speed:g} m/s and {plan.swing_angle:g} rad, {most:g} m/s and '
             f'{tuning.largest_swing:g} rad are allowed')
     if decision.kind is Kind.BACK_OFF and not plan.start >= situation.free_from - ROUNDING:
@@ -153,7 +153,7 @@ def checked(decision: Decision, situation: Situation, knowledge: Knowledge) -> D
     face = next((item for item in faces if item.number == decision.step), None)
     if face is None and situation.motion.position < plan.edge and (
             decision.contact_since is not None or decision.reason is Reason.COMMITTED):
-        return decision  # nothing stops it any more, or its face lies below the ball
+        return decision  # past the last braking point, or its face is below the ball
     if face is None:
         return stop(Reason.BAD_OBSERVATION, 'Stopping: a plan crosses a step that is not known')
     bound = energy_bound(knowledge.robot, max(tuning.highest_speed, situation.motion.speed),
@@ -168,10 +168,10 @@ def checked(decision: Decision, situation: Situation, knowledge: Knowledge) -> D
 
 def with_safety_filter(planner: Planner, knowledge: Knowledge) -> Planner:
     """
-    Return a planner whose answers are `checked`, and which is not asked without sound input.
+    Return a planner with `checked` decisions, which is called with valid input only.
 
-    A ball on its way over a step whose brakes would not stop it any more is not asked to stop
-    because an observation is old or rejected: it has nothing better to do than to go on.
+    A ball past the last braking point of a crossing continues even if an observation is old or
+    rejected: braking would be worse.
     """
     lines = StopLines(knowledge)
 
@@ -186,9 +186,9 @@ def with_safety_filter(planner: Planner, knowledge: Knowledge) -> Planner:
 
 def held_back(decision: Decision, situation: Situation, tuning: DecisionTuning) -> Decision:
     """
-    Return a decision, or what takes its place where the ball did not get on before.
+    Return a decision, or its replacement at a position where the ball was stuck.
 
-    It keeps `stop_gap` before that place, backing off over ground that is free, and looks for
+    The ball keeps `stop_gap` before that position, backs off over free ground, and requests
     another way.
     """
     blocked, position = situation.obstruction, situation.motion.position
@@ -214,7 +214,7 @@ def held_back(decision: Decision, situation: Situation, tuning: DecisionTuning) 
 
 
 def _committed(previous: Optional[Decision], situation: Situation) -> bool:
-    """Return whether the ball crosses a step that it cannot stop before any more."""
+    """Return whether the ball is past the last braking point of a crossing."""
     if previous is None or previous.kind is not Kind.CROSS \
             or previous.reason is not Reason.COMMITTED or situation.profile is None \
             or meaningless(situation):

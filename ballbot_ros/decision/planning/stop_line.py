@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The stop line: the farthest position that the ball's centre may reach without a plan to go on.
+The stop line: the farthest position that the ball's centre may reach without a crossing plan.
 
 It is the nearest of the positions before faces, before stretches that are too steep to stand on,
 and before the end of the observed terrain.  The terrain map is persistent, so the line needs no
-memory of its own.  The ball may be as fast as it can be stopped before the line on the slopes in
+separate memory.  The ball may be as fast as it can be stopped before the line on the slopes in
 between; CLEAR, STOP and GO_ROUND are labels of this one motion.
 """
 from dataclasses import replace
@@ -28,7 +28,7 @@ SIGHT_RATE = 1.0
 
 
 class StopLine(NamedTuple):
-    """A position that the centre must not pass, and why; `obstacle` is where that begins [m]."""
+    """A position that the centre must not pass, with the start of the `obstacle` [m]."""
 
     position: float
     obstacle: float
@@ -156,7 +156,7 @@ class StopLines:
                      f'{line.explanation}', distance=distance), line.obstacle, situation)
 
     def stand(self, decision: Decision, before: float, situation: Situation) -> Decision:
-        """Return a decision that stands with the stop gap before a position [m], or here."""
+        """Return a decision that stops with the stop gap before a position [m], or here."""
         position = situation.motion.position
         place = before - self._radius - self._tuning.stop_gap
         if not (place >= position or place >= situation.free_from):
@@ -170,7 +170,7 @@ class StopLines:
         """
         Return a decision that leaves the ball able to stop before the line after this period.
 
-        A crossing is left alone: rollouts have stopped the ball behind its last edge.
+        A crossing is not changed: its rollouts include the stop behind the last edge.
         """
         profile = situation.profile
         if decision.kind in (Kind.CROSS, Kind.BACK_OFF) or profile is None:
@@ -182,7 +182,7 @@ class StopLines:
         if situation.motion.speed <= most and decision.set_speed <= most:
             return decision
         if decision.kind is not Kind.CLEAR:
-            if situation.motion.speed > most:  # as soon as possible, not at a place
+            if situation.motion.speed > most:  # as soon as possible, not at a position
                 return replace(decision, set_speed=0.0, plan=Plan(
                     Strategy.GO_ROUND if decision.kind is Kind.GO_ROUND else Strategy.STOP))
             return replace(decision, set_speed=min(decision.set_speed, most))

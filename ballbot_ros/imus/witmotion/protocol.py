@@ -9,7 +9,7 @@ The sensor sends unasked, at a rate that is configured.  Each packet has eleven 
 KIND 51 is the specific force, in 16 g / 32768, and 52 the turn rate, in 2000 deg/s / 32768; SUM is
 that of the ten bytes before it, modulo 256.  A packet of force is followed by the one of the turn
 rate of the same moment.  A register is written with ``FF AA ADDRESS LOW HIGH``, after the key
-``FF AA 69 88 B5``; what is not saved is lost without power.
+``FF AA 69 88 B5``; unsaved settings are lost without power.
 
 From the maker's data sheets of the WT901 (v20-0702) and the "WIT standard communication protocol";
 the numbers of rates and bandwidths from the maker's REG.h.

@@ -66,7 +66,7 @@ def gap_to(piece: Array, x: float, y: float) -> Tuple[float, bool]:
 
 @compiled
 def watch_touches(watched: Array, before: float, state: Array, radius: float, period: int) -> None:
-    """Record which pieces of faces the ball has reached from below, and at what speed."""
+    """Record the pieces of faces that the ball has reached from below, and the speeds."""
     for row in range(len(watched)):
         piece = watched[row]
         gap, below = gap_to(piece, state[X], state[Y])
@@ -98,7 +98,7 @@ def advance_periods(call: Call) -> Tuple[int, int, float]:
     Returns
     -------
     outcome : int
-        FINISHED, or why it could not go on; see `solvers.values`.
+        FINISHED, or the reason of a failure; see `solvers.values`.
     done : int
         Periods.
     torque : float
@@ -186,7 +186,7 @@ class ClosedLoop:
         Raises
         ------
         SimulationError
-            If the run cannot go on.
+            If the run fails.
 
         """
         outcome, done, self.torque = advance_periods((

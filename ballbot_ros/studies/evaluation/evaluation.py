@@ -80,7 +80,7 @@ class Evaluation:
         return hashlib.sha256(repr((_sources(), known, same)).encode()).hexdigest()[:16]
 
     def nominal(self) -> NominalModel:
-        """Return what the decision assumes."""
+        """Return the assumptions of the decision."""
         return _nominal(self.required_probability)
 
     def approach(self, group: str, number: int) -> Approach:

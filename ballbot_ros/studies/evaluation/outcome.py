@@ -204,7 +204,7 @@ class OutcomeMonitor:
         return ahead[0] - state.x if ahead else math.inf
 
     def _falls(self, state: State) -> bool:
-        """Return whether the ball has gone down a drop that it was not crossing."""
+        """Return whether the ball has fallen down a drop that it was not crossing."""
         slope = self._approach.ground.slope
         for left, low, width, height in self._faces:
             if height < 0.0:
@@ -265,7 +265,7 @@ class OutcomeMonitor:
         attempts.append(attempt)
 
     def _speed_at(self, x: float, touch_speed: float) -> float:
-        """Return the speed when the ball last came to x, or that of the touch [m/s]."""
+        """Return the speed when the ball last reached x, or that of the touch [m/s]."""
         return next((speed for place, speed in reversed(self._path) if place <= x),
                     touch_speed) if math.isfinite(x) else touch_speed
 

@@ -32,7 +32,7 @@ Listener = Callable[[float, State, Decision, float, Decider], None]
 
 class NominalModel:
     """
-    What the decision assumes: the nominal robot, curve and tunings, loaded and checked.
+    Assumptions of the decision: the nominal robot, curve and tunings, loaded and checked.
 
     Parameters
     ----------
@@ -67,10 +67,10 @@ class NominalModel:
 
 class DecisionChanges:
     """
-    Counts changes of kind or strategy that follow no news.
+    Counts changes of kind or strategy without new information.
 
-    News are those of the `OutcomeMonitor`, the first observation, a new face, and the two
-    positions at which a plan itself changes what it does: where its run-up starts, and its last
+    New information is an event of the `OutcomeMonitor`, the first observation, a new face, and
+    the two positions at which a plan changes its action: the start of its run-up, and its last
     edge.
     """
 
@@ -102,7 +102,7 @@ class DecisionChanges:
             else None)
 
     def _arrives(self, position: float) -> bool:
-        """Return whether the ball comes to the start or last edge of its plan, once for each."""
+        """Return whether the ball reaches the start or last edge of its plan, once for each."""
         if self._target is None or self._target[0] * (position - self._target[1]) < 0.0:
             return False
         again = self._reached is not None and self._reached[0] == self._target[0] \
@@ -112,7 +112,7 @@ class DecisionChanges:
 
 
 def heading(approach: Approach, planner: str) -> Dict[str, Any]:
-    """Return what a row contains about an approach before it is run."""
+    """Return the values of a row that are known before the approach is run."""
     ground, sensor = approach.ground, approach.sensor
     return {'number': approach.number, 'seed': approach.seed, 'planner': planner,
             'kind': ground.kind, 'description': ground.description, 'slope': ground.slope,

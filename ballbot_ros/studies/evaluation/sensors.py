@@ -165,8 +165,8 @@ class Camera:
     """
     Rays at equal angles from an eye above the ball's centre, as of a depth camera.
 
-    Points become sparse with distance; edges hide what lies behind them, and the camera does not
-    see the ground below and behind its steepest ray.  Noise acts along the ray and grows with the
+    Points become sparse with distance; edges occlude the ground behind them, and the camera does
+    not observe the ground behind its steepest ray.  Noise acts along the ray and grows with the
     square of the distance.
     """
 
@@ -250,7 +250,7 @@ class SimulatedSensor:
         heapq.heappush(self._queue, (arrival, number, replace(self._last, stamp=stamp)))
 
     def _observe(self, number: int, stamp: float, x: float, y: float) -> Optional[Observation]:
-        """Return what the sensor detects, None for a lost sample."""
+        """Return the observation of the sensor, None for a lost sample."""
         model = self._model
         random = np.random.default_rng([self._seed, number, 2])
         if model.kind == 'step':

@@ -41,7 +41,7 @@ class Shape:
     sensors : str
         Sensors that can detect it: ``any``, or ``terrain`` for those that see points.
     slope : (float, float) or None
-        Range of the slope of the whole terrain [rad], where the kind needs one of its own.
+        Range of the slope of the whole terrain [rad], if the kind has its own.
 
     """
 
@@ -157,7 +157,7 @@ def _step_wall(random: Random, room: float) -> Shape:
 def _bevel(random: Random, room: float) -> Shape:
     height, angle = _mm(random, 10.0, 60.0), float(random.uniform(20.0, 70.0))
     run = height / math.tan(math.radians(angle))
-    # A sensor that sees steps only takes what is steeper than 45 degrees for one.
+    # A step sensor detects faces steeper than 45 degrees.
     return Shape(f'bevel of {1e3 * height:.1f} mm at {angle:.0f} degrees', [(run, height)], run,
                  'any' if angle > 50.0 else 'terrain')
 

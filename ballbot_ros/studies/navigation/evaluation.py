@@ -2,7 +2,7 @@
 """
 Drives to goals in random houses, on many cores; an interrupted run resumes.
 
-Beside the planner stand two that a planner without run-up implies: one treats each step as a wall,
+The planner is compared with two planners without run-ups: one treats each step as a wall,
 one as free floor.
 """
 from concurrent.futures import Executor
@@ -59,7 +59,7 @@ class _Free(Capability):
 
 @lru_cache(maxsize=1)
 def knowledge() -> Knowledge:
-    """Return what planner and decision assume: the nominal robot."""
+    """Return the assumptions of planner and decision: the nominal robot."""
     return Knowledge(load_robot('gimball'), load_curve('gimball_down'),
                      load_decision_tuning('decision_default'))
 

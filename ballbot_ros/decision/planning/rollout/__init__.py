@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Plans tried out with the physics: the approach rolled, the contact with the full model."""
+"""Simulated plans: a rolling model for the approach, the full model for the contact."""

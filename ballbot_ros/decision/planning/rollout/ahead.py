@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What lies ahead, from a profile: the shape that rollouts move about, and where plans end."""
+"""The terrain ahead, from a profile: the shape for the rollouts, and the ends of plans."""
 from dataclasses import dataclass, replace
 import math
 from typing import List, Sequence, Tuple
@@ -12,10 +12,10 @@ from ballbot_ros.decision.planning.stop_line import LINE_MARGIN
 from ballbot_ros.decision.values import Face, Profile
 from ballbot_ros.physics.model.terrain import Array
 
-# Down by less than this behind a face is the same floor.  Down by less than the second is planned
-# like other steps where the floor below is seen; by more it is a drop [m].
+# A descent behind a face below the first value is the same floor.  Below the second, it is planned
+# like other steps if the floor below is observed; above, it is a drop [m].
 SMALLEST_DROP, HIGHEST_DESCENT = 0.005, 0.05
-# Faces that are farther apart than this are taken one by one [m].
+# Faces that are farther apart than this are planned one by one [m].
 TOGETHER = 1.0
 # A swing is held until the centre is past the edge by this [m].
 HELD = 0.01
@@ -33,13 +33,13 @@ class End:
     Attributes
     ----------
     faces : int
-        How many it takes.
+        Number of crossed faces.
     vertex : int
         The last of its face in the shape.
     position : float
         Of that vertex [m].
     passed : float
-        Where the centre has passed it for sure [m].
+        Position at which the centre has certainly passed it [m].
     following : int
         The foot of the next face; the last vertex of all for none.
 
@@ -70,9 +70,9 @@ class Ahead:
     slope, slope_sd : float
         Below the ball, positive uphill [rad].
     touch : float
-        Where the centre is when the ball touches the first face [m].
+        Position of the centre at the touch of the first face [m].
     room_to : float
-        The centre may stand before this: as far as ground is known, or taken for granted [m].
+        Stop limit of the centre: the end of the known or assumed ground [m].
     known : bool
         Whether it is known.
 
@@ -113,11 +113,11 @@ def look_ahead(profile: Profile, faces: Sequence[Face], position: float, slope: 
     radius : float
         Of the ball [m].
     unseen_room : float
-        GroundProfile assumed behind an edge [m].
+        Ground assumed behind an edge [m].
     climbed : float
         Height that the ball has just climbed, and may descend again [m].
     line : float
-        Stop line of what is not a face [m].
+        Stop line of other obstacles than faces [m].
     kept : bool
         Whether there is a plan: then a step down stays one up to `HIGHEST_DESCENT`.
 
@@ -140,7 +140,7 @@ def look_ahead(profile: Profile, faces: Sequence[Face], position: float, slope: 
         level += face.height
         here = foot + max(face.run, 0.0)
         rows.append((here, level, index, 1.0, 1.0))
-        # Down again is fine as far as it went up before.
+        # A descent is permitted up to the height climbed before.
         doubt = 0.0 if kept else SIGMAS * face.height_sd
         descent = HIGHEST_DESCENT - doubt if seen else 0.0
         falls = falls or -face.height > max(descent, climbed + SMALLEST_DROP)
@@ -148,9 +148,9 @@ def look_ahead(profile: Profile, faces: Sequence[Face], position: float, slope: 
         if falls or index > 0 and foot - last > TOGETHER:
             continue
         if ends and foot - last < radius:
-            ends.pop()  # no ball stands between edges that are nearer than that
+            ends.pop()  # a ball cannot stop between closer edges
         last = here
-        # Until a ball rolls down, its step may come later than seen; up, it is lifted.
+        # A step down may be later than observed; a step up lifts the ball.
         later = SIGMAS * max(face.position_sd, 0.0) if face.height < 0.0 else 0.0
         ends.append(End(index + 1, len(rows) - 1, here, here + HELD + later))
     known = seen and profile.seen_to > here + radius
@@ -175,7 +175,7 @@ def look_ahead(profile: Profile, faces: Sequence[Face], position: float, slope: 
 
 def touch_distance_on(slope: float, radius: float, height: float) -> float:
     """
-    Return how far before a face the centre is when the ball touches it [m].
+    Return the distance from the centre to a face at the touch [m].
 
     The x of a centre that is a radius away from the slope and from the edge; see
     `rules.touch_distance` for a level floor.

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The planner ``rollout``: plans tried out with the physics in the worlds that may be the real one.
+The planner ``rollout``: plans simulated with the physics in sampled worlds.
 
 `PlanSelector` keeps the selected plan between decisions, and replans when the obstacle estimate
 changes.  The first observation of a face starts a search with hundreds of rollouts, spread over
@@ -10,8 +10,8 @@ re-evaluate it periodically with a few rollouts.  A new search starts only after
 stays until that search ends, and beyond the last braking point no search replaces it.  All budgets
 count rollouts, not time, so that a run is reproducible bit by bit.
 
-`RolloutPlanner` decides what the ball does meanwhile, on the step, where nothing is ahead, and
-before what it does not cross.
+`RolloutPlanner` decides the motion during a search, on the step, without obstacles ahead, and
+before obstacles that are not crossed.
 """
 from dataclasses import dataclass, replace
 import math
@@ -81,22 +81,22 @@ def deliberate(task: Task, tuning: DecisionTuning, room_behind: float,
                kept: Optional[Candidate], failures: Sequence[Failure],
                too_late: bool = False) -> Deliberation:
     """
-    Choose; a generator that yields after each bundle of attempts.
+    Select a plan; a generator that yields after each batch of rollouts.
 
     Parameters
     ----------
     task : Task
-        Whose ahead has an end.
+        With at least one end ahead.
     tuning : DecisionTuning
     room_behind : float
         Free ground behind the ball [m].
     kept : Candidate or None
-        The plan so far: it stays if it still does.
+        The present plan, kept while it is sufficient.
     failures : sequence of Failure
         At this face.
     too_late : bool
-        Whether the ball cannot be stopped before the face any more: then the best plan is
-        better than to brake.
+        Whether the ball is past its last braking point: then the best plan is
+        better than braking.
 
     """
     position, speed = task.start[:2]
@@ -136,7 +136,7 @@ def deliberate(task: Task, tuning: DecisionTuning, room_behind: float,
 
 
 def _best(trials: Sequence[Trial]) -> Optional[Trial]:
-    """Return the trial with the least harm, then the best chance; None where none was tried."""
+    """Return the trial with the least harm, then the highest probability; None without trials."""
     def merit(trial: Trial) -> Tuple[float, float]:
         tally = trial.many if trial.many.attempts else trial.few
         return -tally.harm / tally.attempts, tally.probability
@@ -144,12 +144,12 @@ def _best(trials: Sequence[Trial]) -> Optional[Trial]:
 
 
 def _promising(found: Sequence[Candidate], failures: Sequence[Failure]) -> List[Candidate]:
-    """Return the candidates that promise more than each plan that failed."""
+    """Return the candidates that exceed each failed plan in touch speed or swing."""
     return [item for item in found if all(_more(item, failure) for failure in failures)]
 
 
 def _more(item: Candidate, failure: Failure) -> bool:
-    """Return whether a candidate does more than a plan that failed."""
+    """Return whether a candidate exceeds a failed plan."""
     swung = failure.plan.swing_angle if math.isfinite(failure.plan.swing_position) else 0.0
     faster = item.speed > failure.plan.speed + FASTER
     return (faster and item.angle >= swung - 0.01) or item.angle > swung + FURTHER or (
@@ -159,7 +159,7 @@ def _more(item: Candidate, failure: Failure) -> bool:
 
 def _reason(task: Task, trials: Sequence[Trial], tuning: DecisionTuning,
             failures: Sequence[Failure]) -> Generator[None, None, Reason]:
-    """Return why no plan will do."""
+    """Return the reason why no plan is sufficient."""
     if not trials:
         return Reason.FAILED_BEFORE if failures else Reason.NOT_LIKELY
     tallies = [trial.many if trial.many.attempts else trial.few for trial in trials
@@ -262,7 +262,7 @@ class PlanSelector:
             self.forget()
         elif self.choice is not None and self.choice.reason is Reason.COMMITTED \
                 and braking_room > 0.0:
-            self.forget()  # the least harm, while it could not be stopped
+            self.forget()  # plan with the least harm, past the last braking point
         failures = failures_at(face, situation)
         if situation.particles is not None:
             self.worlds.set_particles(situation.particles)
@@ -386,12 +386,12 @@ WHY = {
     Reason.TOO_FAST: 'the ball cannot be stopped before it any more',
     Reason.STUCK: 'the ball does not get on',
 }
-# Where waiting or looking again does not help.
+# Reasons that waiting or further observations do not change.
 HOPELESS = (Reason.TOO_HIGH, Reason.WALL, Reason.LANDING, Reason.FAILED_BEFORE)
 
 
 def outlook(choice: Choice, required: float, braking_room: float) -> Outlook:
-    """Return what is expected of a choice."""
+    """Return the predicted outcome of a choice."""
     tally = choice.tally
     number = max(tally.attempts, 1.0)
     known = tally.attempts > 0.0
@@ -410,7 +410,7 @@ def plan_of(candidate: Candidate, ahead: Ahead, next_at: float) -> Plan:
     candidate : Candidate
     ahead : Ahead
     next_at : float
-        Where the centre meets what comes behind the plan's last edge [m].
+        Position of the centre at the next obstacle behind the plan's last edge [m].
 
     """
     end = candidate.end(ahead)
@@ -426,7 +426,7 @@ def go(choice: Choice, candidate: Candidate, ahead: Ahead, motion: Motion, next_
     plan = plan_of(candidate, ahead, next_at)
     face = ahead.faces[0]
     back = candidate.back > 0.0
-    # Where it backs off to, it will be asked again: until then nothing is crossed at any speed.
+    # The decision is repeated after backing off: until then no step is crossed at any speed.
     speed = min(candidate.speed, tuning.cruise_speed) if back else candidate.speed
     plan = replace(plan, speed=speed)
     seen = outlook(choice, tuning.required_probability, braking_room)
@@ -449,7 +449,7 @@ def go(choice: Choice, candidate: Candidate, ahead: Ahead, motion: Motion, next_
 
 def refuse(choice: Choice, ahead: Ahead, motion: Motion, braking_room: float,
            tuning: DecisionTuning) -> Decision:
-    """Return the decision not to cross the first face; it does not say yet where to stand."""
+    """Return the decision not to cross the first face, without a stop position."""
     face = ahead.faces[0]
     seen = outlook(choice, tuning.required_probability, braking_room)
     hopeless = choice.reason in HOPELESS
@@ -472,7 +472,7 @@ def refuse(choice: Choice, ahead: Ahead, motion: Motion, braking_room: float,
 
 
 def weighing(ahead: Ahead, motion: Motion, tuning: DecisionTuning) -> Decision:
-    """Return the decision of a ball that rolls on while plans are weighed."""
+    """Return the decision of a ball that rolls on during a search."""
     face = ahead.faces[0]
     distance = face.position - motion.position
     return Decision(
@@ -543,14 +543,14 @@ class RolloutPlanner:
                            self._selector.has_plan_for(faces[0]))
         if not ahead.ends and -HIGHEST_DESCENT < faces[0].height \
                 and self._braking_room(ahead, motion) < TOO_LATE:
-            # To go down a small drop on purpose is better than to slide down it.
+            # A planned descent of a small drop is better than an unplanned one.
             ahead = look_ahead(profile, faces, motion.position, slope, deviation,
                                self._robot.ball_radius, self._tuning.unseen_room,
                                HIGHEST_DESCENT, behind)
         return self._face(ahead, situation, previous)
 
     def _alone(self, situation: Situation, previous: Optional[Decision]) -> Decision:
-        """Decide where no face is ahead: on, but not beyond the stop line."""
+        """Decide without a face ahead: continue up to the stop line."""
         motion, lines = situation.motion, self._lines
         clear = lines.cruise(situation)
         line = lines.nearest(situation, ())
@@ -587,7 +587,7 @@ class RolloutPlanner:
         choice = selector.choice or Choice(None, Reason.NOT_LIKELY)
         if choice.trial is None and face.height < 0.0 and room < TOO_LATE \
                 and motion.speed > STANDING:
-            # It goes down in any case, and needs no search for how.
+            # The descent is certain and needs no search.
             choice = Choice(Trial(Candidate(Strategy.CRUISE, self._tuning.cruise_speed)),
                             Reason.COMMITTED)
         if choice.trial is None:
@@ -611,7 +611,7 @@ class RolloutPlanner:
                   room, self._tuning)
 
     def _climbed(self, motion: Motion) -> float:
-        """Return what the ball has climbed just before, of faces that it left behind [m]."""
+        """Return the height of faces that the ball has just climbed [m]."""
         face = self._selector.basis.face if self._selector.basis is not None else None
         if face is not None and face.position < motion.position and face not in self._passed:
             self._passed.append(face)
@@ -632,7 +632,7 @@ class RolloutPlanner:
         if previous.contact_since is None and motion.position < touch - CONTACT:
             if own or previous.reason is not Reason.COMMITTED:
                 return None
-            # The map has lost the face of a crossing that nothing stops any more.
+            # The map has lost the face of a crossing past its last braking point.
             return replace(previous, distance=face.position - motion.position)
         since = motion.stamp if previous.contact_since is None else previous.contact_since
         if not 0.0 <= motion.stamp - since <= LONGEST_CONTACT \
@@ -649,7 +649,7 @@ class RolloutPlanner:
             explanation=f'On the step, {distance:.2f} m to its face: pushing on')
 
     def _brake(self, motion: Motion, previous: Optional[Decision]) -> Optional[Decision]:
-        """Return the stop behind the last edge of a plan, as rollouts have tried it."""
+        """Return the stop behind the last edge of a plan, as in its rollouts."""
         plan = previous.plan if previous is not None else None
         if previous is None or plan is None or not (
                 0.0 <= motion.position - plan.edge < self._robot.ball_radius) \
@@ -660,6 +660,6 @@ class RolloutPlanner:
                        plan=Plan(Strategy.STOP, edge=plan.edge))
 
     def _braking_room(self, ahead: Ahead, motion: Motion) -> float:
-        """Return how far it is to the last point where braking still works [m]."""
+        """Return the distance to the last braking point [m]."""
         way = self._lines.braking.expected_distance(motion.speed, ahead.slope)
         return ahead.touch - GAP - motion.position - way

@@ -2,8 +2,8 @@
 """
 One rollout: from now to the verdict, in one sampled world.
 
-A *plan row* says what is done, a *draw row* what is so in one of the worlds, a *result row* what
-became of it: rows of numbers, so that many rollouts are one array.
+A *plan row* contains a plan, a *draw row* the parameters of one world, a *result row* the
+outcome: rows of numbers, so that many rollouts are one array.
 
 The rolling model holds until the pendulum swings or the touch is near; then the full model
 continues until the ball is over, back or stuck.  The ball is over once it is clear of the edge
@@ -11,7 +11,7 @@ continues until the ball is over, back or stuck.  The ball is over once it is cl
 ball rolls behind the edge, gives the position at which it can rest.
 
 The rolling model has the equations of `control.rolling_model`, with law (11) in the motor.  The
-derivative gain makes for a pole of some hundred per second, so the rate of the pendulum is stepped
+derivative gain causes a pole of some hundred per second, so the rate of the pendulum is stepped
 implicitly, and steps may be ten times longer.
 """
 import math
@@ -36,17 +36,17 @@ from ballbot_ros.physics.model.terrain import (
     Array, EDGE_FRICTION, SURFACE_FRICTION, TANGENT_X, TANGENT_Y, TURN, VERTEX_X, VERTEX_Y)
 from ballbot_ros.physics.solvers.semi_implicit import apply_rates
 
-# What became of a rollout.
+# Outcome of a rollout.
 OVER, STUCK, FALLS = range(3)
 
 # Columns of a plan: positions are those of the ball's centre along the odometry axis.
 SPEED = 0         # set speed [m/s]
-SWING_AT = 1      # where the pendulum swings [m]; infinite for no swing
+SWING_AT = 1      # start of the swing [m]; infinite for none
 SWING_ANGLE = 2   # to this absolute angle [rad], until the ball is past the last edge
-START = 3         # where the plan begins, from rest, if that is behind the ball [m]
-EDGE = 4          # where the swing ends, and the ball is stopped [m]
+START = 3         # start of the plan, from rest, if that is behind the ball [m]
+EDGE = 4          # end of the swing, and start of the stop [m]
 EDGE_AT = 5       # number of the vertex of the ground behind which the ball is over
-NEXT_AT = 6       # and of the foot of the next face, which it must not meet; the last for none
+NEXT_AT = 6       # and of the foot of the next face, which it must not touch; the last for none
 PLAN = 7
 
 # An obstacle nearer than this behind the last edge requires braking immediately [m].
@@ -56,8 +56,8 @@ TIGHT = 1.5
 ROBOT = len(Parameters._fields)
 FLOOR_FRICTION = ROBOT  # coefficients of friction
 CORNER_FRICTION = ROBOT + 1
-SLOPE = ROBOT + 2      # added to the slope of all that lies ahead [rad]
-DELAY = ROBOT + 3      # from what is measured to what the motor does [s]
+SLOPE = ROBOT + 2      # added to the slope of the ground ahead [rad]
+DELAY = ROBOT + 3      # delay from measurement to motor torque [s]
 HEIGHT = ROBOT + 4     # deviations of the heights of the first faces [m], ...
 FACES = 4              # ... number of faces
 PLACE = HEIGHT + FACES  # and deviations of their positions [m]
@@ -67,18 +67,18 @@ DRAW = PLACE + FACES
 VERDICT = 0
 TOUCH_SPEED = 1   # when the ball first touches a face [m/s]; NaN where it does not
 TOUCH_ANGLE = 2   # of the pendulum then [rad]
-REST = 3          # farthest that the centre gets if it is stopped behind the last edge [m]
+REST = 3          # farthest position of the centre if stopped behind the last edge [m]
 TIME = 4          # from now until the verdict [s]
 PASSED_SPEED = 5  # when the centre has passed the last edge [m/s]; NaN where it does not
 RESULT = 6
 
 
 class Drive(NamedTuple):
-    """How set angles are made and what the motor does with them; plain tuples inside."""
+    """Parameters of pilot, control law and motor; plain tuples inside."""
 
     kp: float  # of law (11) [N m/rad]
     kd: float  # [N m s/rad]
-    compensated: float  # 1 where the weight of the pendulum is, 0 otherwise
+    compensated: float  # 1 with gravity compensation, 0 without
     limit: float  # of the torque [N m]
     motor_line: tuple[float, float, float, float]  # see `Robot.motor_line`
     law: Numbers  # of the speed law
@@ -89,7 +89,7 @@ class Drive(NamedTuple):
 
 
 class Scratch(NamedTuple):
-    """Arrays that a rollout works in; one set for each thread."""
+    """Work arrays of a rollout; one set for each thread."""
 
     state: Array  # (13,)
     rates: Array  # (13,)
@@ -164,7 +164,7 @@ PERIOD = 0.002
 
 @compiled
 def torque_of(state: Array, set_angle: float, robot: Parameters, drive: Drive) -> float:
-    """Return the torque of law (11) as the motor gives it [N m]."""
+    """Return the torque of law (11) within the limits of the motor [N m]."""
     asked = position_torque(
         state[PENDULUM_ANGLE], state[PENDULUM_RATE], set_angle, drive.kp, drive.kd,
         drive.compensated * robot.pendulum_moment * robot.gravity)
@@ -185,7 +185,7 @@ def push(state: Array, torque: float, step: float, robot: Parameters, ground: Ar
 
 SHAPE_X, SHAPE_Z, FACE, HEIGHT_SHARE, PLACE_SHARE = range(5)
 
-# Two vertices that a draw would put upon each other stay this far apart [m].
+# Least distance of two vertices of a draw [m].
 APART = 1e-6
 
 
@@ -203,7 +203,7 @@ def fill_ground(shape: Array, draw: Array, raised: float, here: float, ground: A
     raised : float
         Added to the height of the first face [m].
     here : float
-        Where the ball is [m]: a slope that is steeper than seen begins there.
+        Position of the ball [m]: the start of the slope deviation.
     ground : (n, 7) array
         Overwritten, as `Terrain.profile` gives it.
 
@@ -253,7 +253,7 @@ def write_tangents(ground: Array) -> None:
 DECIDED = 10  # control periods between two set angles: 50 Hz
 ROLLED = 0.01  # step of the rolling model [s]
 ROLLS = 2  # of them between two set angles
-GENTLE = 0.03  # sine of a turn of the ground that a rolling ball does not feel
+GENTLE = 0.03  # sine of a bend of the ground without effect on a rolling ball
 EARLY = 0.02  # the full model begins this much before the touch [m]
 PROGRESS = 0.001  # minimum progress [m]
 RETREAT = 0.004  # a ball this far before where it touched has rolled back [m]
@@ -269,14 +269,14 @@ GAP = 0.04  # clearance between the standing ball and the next obstacle [m]
 
 @compiled
 def slope_at(ground: Array, x: float) -> float:
-    """Return the slope of the ground below a place [rad]."""
+    """Return the slope of the ground below a position [rad]."""
     segment = first_segment(ground, x)
     return math.atan2(ground[segment, TANGENT_Y], ground[segment, TANGENT_X])
 
 
 @compiled
 def touch_at(ground: Array, foot: int, vertex: int, radius: float) -> float:
-    """Return where the centre is when a ball on the floor before a foot touches a vertex [m]."""
+    """Return the position of the centre at which a ball before a foot touches a vertex [m]."""
     steep = ground[foot - 1, TANGENT_Y] / ground[foot - 1, TANGENT_X] if foot > 0 else 0.0
     away = ground[vertex, VERTEX_X] - ground[foot, VERTEX_X]
     rise = ground[vertex, VERTEX_Y] - ground[foot, VERTEX_Y] - steep * away
@@ -289,7 +289,7 @@ def touch_at(ground: Array, foot: int, vertex: int, radius: float) -> float:
 
 @compiled
 def next_rough(ground: Array, behind: int) -> int:
-    """Return the first vertex after `behind` that a rolling ball feels; the last for none."""
+    """Return the first vertex after `behind` that affects a rolling ball; the last for none."""
     last = len(ground) - 1
     for i in range(behind + 1, last):
         if abs(ground[i, TURN]) > GENTLE:
@@ -299,7 +299,7 @@ def next_rough(ground: Array, behind: int) -> int:
 
 @compiled
 def reached_at(ground: Array, rough: int, radius: float) -> float:
-    """Return where the centre may get to before it meets a vertex or what it leads to [m]."""
+    """Return the position that the centre can reach before a vertex or the face behind it [m]."""
     if rough >= len(ground) - 1:
         return math.inf
     first: float = ground[rough, VERTEX_X]
@@ -313,9 +313,9 @@ def reached_at(ground: Array, rough: int, radius: float) -> float:
 @compiled
 def order_of(plan: Array, late: float, after: float, drive: Drive) -> PlainOrder:
     """
-    Return the order that the pilot gets for a plan that is carried out a way [m] late.
+    Return the order of the pilot for a plan that is executed with a position delay [m].
 
-    Behind the last edge the ball goes on at `after` [m/s].
+    Behind the last edge the ball continues at `after` [m/s].
     """
     return (plan[SPEED], 0.0, math.inf, plan[SWING_AT] + late, plan[SWING_ANGLE], plan[EDGE],
             after, drive.lean, drive.emergency_lean, drive.reaction)
@@ -325,9 +325,9 @@ def order_of(plan: Array, late: float, after: float, drive: Drive) -> PlainOrder
 def roll_until(until: float, rising: float, now: Rolling, order: PlainOrder, robot: Parameters,
                drive: Drive, ground: Array) -> tuple[Rolling, SpeedState, float]:
     """
-    Roll the ball until it comes to a place or stands; return it, its speed law, and the time [s].
+    Roll the ball to a position or to rest; return it, its speed law, and the time [s].
 
-    A ball that begins at rest, or rolling back, gets the time `rising` [s] to do otherwise.
+    A ball that starts at rest, or rolling back, has the time `rising` [s] to move forward.
     """
     time, set_angle, count = 0.0, 0.0, 0
     memory = speed_law_start(now.speed, now.angle, slope_at(ground, now.position), drive.law)
@@ -353,7 +353,7 @@ def height_above(state: Array, robot: Parameters, ground: Array) -> float:
 
 @compiled
 def stands_at(state: Array, robot: Parameters, drive: Drive, ground: Array) -> float:
-    """Return where a ball stands that is stopped with all the lean there is [m]."""
+    """Return the stop position of a ball with full lean [m]."""
     now = Rolling(state[X], state[VELOCITY_X], state[PENDULUM_ANGLE], state[PENDULUM_RATE])
     order = (0.0, 0.0, -math.inf, math.inf, 0.0, -math.inf, 0.0, drive.emergency_lean,
              drive.emergency_lean, drive.reaction)
@@ -390,7 +390,7 @@ def climb(memory: SpeedState, plan: Array, draw: Array, robot: Parameters, drive
     room = reached_at(ground, int(plan[NEXT_AT]), robot.radius)
     after = 0.0 if room - ground[edge, VERTEX_X] < TIGHT else min(plan[SPEED], drive.cruise)
     foot = ground[next_rough(ground, first_segment(ground, state[X])), VERTEX_X] - PROGRESS
-    # What is done answers what was measured a little before.
+    # The command is delayed relative to its measurement.
     order = order_of(plan, draw[DELAY] * state[VELOCITY_X], after, drive)
     touch_x, until, time, set_angle = math.inf, LONGEST, 0.0, 0.0
     farthest, idle_from = -math.inf, 0.0
@@ -405,7 +405,7 @@ def climb(memory: SpeedState, plan: Array, draw: Array, robot: Parameters, drive
             touch_x, until = state[X], time + LONGEST_CONTACT
             result[TOUCH_SPEED], result[TOUCH_ANGLE] = state[VELOCITY_X], state[PENDULUM_ANGLE]
         if state[X] - LATE * state[VELOCITY_X] > over_x and state[Y] > over_y:
-            # A ball that still comes down from the edge gets faster on the way.
+            # A ball that descends from the edge becomes faster.
             if math.isnan(result[REST]) and height_above(state, robot, ground) < SETTLED:
                 if touch_x == math.inf:  # down a drop
                     result[TOUCH_SPEED], result[TOUCH_ANGLE] = (
@@ -466,7 +466,7 @@ def run(start: Rolling, plan: Array, draw: Array, raised: float, drive: Drive, s
     return verdict
 
 
-# What Python hands over: all tuples are plain, see `solvers.values`.
+# Arguments from Python: all tuples are plain, see `solvers.values`.
 Start = tuple[float, float, float, float]
 PlainDrive = tuple[float, float, float, float, tuple[float, float, float, float], Numbers, float,
                    float, float, float]

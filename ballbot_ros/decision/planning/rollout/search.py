@@ -1,19 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Which plan: few attempts with many candidates, many with few (successive halving).
+Plan search by successive halving: few rollouts for many candidates, many for few.
 
-All candidates are tried in the middle of all worlds with steps somewhat higher than seen, those
-that pass with higher ones, and the others with the step as it is.  The best of each level then
-meet the same few worlds, and the chosen one as many as an answer needs, which no choice has seen:
-so the probability that is promised is not that of the luckiest.
+All candidates are simulated in the mean world with steps slightly higher than estimated, those
+that pass with higher ones, and the others with the estimated step.  The best of each level are
+then compared in the same few worlds, and the selected one is confirmed in worlds that were not
+used for the selection, so that the predicted probability has no selection bias.
 
-A search is a generator: it yields after each bundle of attempts, so that an answer may take as
-many of them as its time allows, counted in attempts and not by a clock.
+A search is a generator: it yields after each batch of rollouts, so that a decision has a budget
+that is counted in rollouts, not by a clock.
 
 A candidate is an approach under the speed law up to a speed, and a swing of the pendulum to an
 angle at a distance before the touch, held until the edge is passed: those three numbers come
 within 2 mm of the highest steps that any plan was found to cross, and the same regions are best
-for all robots drawn.  A swing from far off is all the lean there is.
+for all robots drawn.  A swing that starts far ahead is a run-up with full lean.
 """
 from dataclasses import dataclass, field, replace
 import math
@@ -33,9 +33,9 @@ from ballbot_ros.physics.model.terrain import Array
 SPEEDS = (0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.1)  # [m/s]
 SWINGS = (0.1, 0.2, 0.3, 0.42, 0.6, 0.9)  # before the touch [m]
 ANGLES = (1.5, 2.2)  # [rad]
-# Faster than it rolls by less than this is not an acceleration [m/s].
+# Least speed gain of an acceleration [m/s].
 SAME = 0.05
-# Acceleration with all the lean there is, about [m/s2].
+# Approximate acceleration with full lean [m/s2].
 BRISK = 0.75
 
 
@@ -69,7 +69,7 @@ class Candidate:
 
     @property
     def briskness(self) -> float:
-        """Return about the speed that it touches with, to try gentle ones first [m/s]."""
+        """Return the approximate touch speed, to sort candidates by it [m/s]."""
         return math.sqrt(self.speed**2 + 2.0 * BRISK * max(self.swing, 0.0))
 
     def row(self, ahead: Ahead) -> Array:
@@ -85,7 +85,7 @@ class Candidate:
         return row
 
     def end(self, ahead: Ahead) -> End:
-        """Return where it ends: the face that it was made for, or the last one that is left."""
+        """Return its end: the face that it was planned for, or the last remaining one."""
         for end in ahead.ends:
             if end.faces >= self.faces:
                 return end
@@ -112,7 +112,7 @@ def candidates(ahead: Ahead, position: float, speed: float, tuning: DecisionTuni
     cruise = min(max(tuning.cruise_speed, speed), tuning.highest_speed)
     speeds = [cruise] + [item for item in SPEEDS
                          if cruise + SAME < item <= tuning.highest_speed]
-    # Of those that cannot be reached one is enough.
+    # One unreachable speed is sufficient.
     beyond = [item for item in speeds if item > reachable]
     speeds = [item for item in speeds if item <= reachable] + beyond[:1]
     found = []
@@ -128,7 +128,7 @@ def candidates(ahead: Ahead, position: float, speed: float, tuning: DecisionTuni
 
 def swings(plain: Candidate, run_up: float, tuning: DecisionTuning) -> List[Candidate]:
     """Return a candidate with the swings that fit into its run-up [m]."""
-    # A swing from farther back than the ball is one that begins now.
+    # A swing that would start behind the ball starts now.
     near = [item for item in SWINGS if item < run_up]
     fitting = near if len(near) == len(SWINGS) else [*near, max(run_up, 0.02)]
     return [replace(plain, swing=swing, angle=angle) for swing in fitting for angle in ANGLES
@@ -193,7 +193,7 @@ class Task:
     """
     Start, terrain, worlds and requirements of a search.
 
-    `start` and `ahead` are updated while a search goes on over several decisions.
+    `start` and `ahead` are updated while a search continues over several decisions.
     """
 
     start: Start
@@ -229,7 +229,7 @@ def search(plans: Sequence[Candidate], task: Task, trials: List[Trial]) -> Steps
     spread = math.hypot(worlds.spread(), ROBOTS * abs(ahead.faces[0].height))
     yield from _sort(trials, task, spread)
     finalists = _finalists(trials, task.highest_speed)
-    # The gentlest one is not compared where it is as good as the best could make necessary.
+    # The gentlest one is not compared if it is already sufficient.
     if finalists and finalists[0].level == HIGHEST:
         yield from confirm(finalists[0], task, MANY)
         if good(finalists[0].many, 0.5 * (task.required + 1.0)):
@@ -282,7 +282,7 @@ def _sort(trials: List[Trial], task: Task, spread: float) -> Generator[None, Non
                     trial.falls = trial.falls or result[VERDICT] == FALLS
         yield
         if sum(trial.level == HIGHEST for trial in trials) >= ENOUGH:
-            # What comes is less gentle.
+            # The remaining ones are less gentle.
             break
 
 
@@ -310,13 +310,13 @@ def confirm(trial: Trial, task: Task, number: int,
 
 
 def good(tally: Tally, required: float, harm: float = 0.0) -> bool:
-    """Return whether a plan may be carried out, with a fraction of rollouts that do harm."""
+    """Return whether a plan is permitted, with a fraction of harmful rollouts."""
     return tally.probability >= required and tally.harm <= harm * tally.attempts
 
 
 def height_limit(trial: Trial, task: Task, number: int = 24,
                  steps: int = 6) -> Generator[None, None, float]:
-    """Return the highest first face that a plan crosses as surely as required [m]."""
+    """Return the highest first face that a plan crosses with the required probability [m]."""
     height = task.ahead.faces[0].height
     worlds = task.worlds.first(number)
     low, high = -0.5 * abs(height), 0.04
@@ -346,7 +346,7 @@ def why_not(trials: Sequence[Trial], chosen: Optional[Trial]) -> Tuple[str, ...]
 
 
 def _sentence(trial: Trial) -> str:
-    """Return how the best trial of a strategy did."""
+    """Return the result of the best trial of a strategy as text."""
     tally = trial.many if trial.many.attempts else trial.few
     touch = '' if math.isnan(trial.speed) else f', touching at {trial.speed:.2f} m/s'
     if tally.attempts:
@@ -355,5 +355,5 @@ def _sentence(trial: Trial) -> str:
     if trial.falls:
         return f'cannot be stopped behind the edge{touch}'
     if trial.level == 0:
-        return f'does not get over{touch}' if touch else 'not gentler than what was chosen'
+        return f'does not get over{touch}' if touch else 'not gentler than the selected plan'
     return f'gets over, but not as gently{touch}'

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The worlds that may be the real one, and plans tried out in them."""
+"""Sampled worlds, and rollouts of plans in them."""
 from dataclasses import astuple, dataclass
 import math
 from typing import Dict, Optional, Sequence, Tuple
@@ -30,7 +30,7 @@ class Tally:
     falls: float = 0.0
     touch_speed: float = 0.0  # sum over those that touch [m/s]
     touched: float = 0.0
-    beyond: float = 0.0  # those that could only be stopped where the ground is not known
+    beyond: float = 0.0  # those that stop only beyond the known ground
 
     @classmethod
     def of(cls, results: Array, room_to: float = math.inf) -> 'Tally':
@@ -54,7 +54,7 @@ class Tally:
 
     @property
     def attempts(self) -> float:
-        """Return how many there were."""
+        """Return the number of rollouts."""
         return self.over + self.stuck + self.falls
 
     @property
@@ -64,7 +64,7 @@ class Tally:
 
     @property
     def harm(self) -> float:
-        """Return how many do not rest before the line behind the edge."""
+        """Return the number of rollouts that do not rest before the line behind the edge."""
         return max(self.falls, self.beyond)
 
     @property
