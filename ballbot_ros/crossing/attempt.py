@@ -21,6 +21,7 @@ import numpy as np
 
 from ballbot_ros.jit import compiled, unlocked
 from ballbot_ros.physics.mechanics.contact import IntArray, spring_energy
+from ballbot_ros.physics.mechanics.contact_law import slip_lever
 from ballbot_ros.physics.mechanics.equations import kinetic_energy, potential_energy
 from ballbot_ros.physics.model.parameters import FREE, Parameters, System
 from ballbot_ros.physics.model.state import (
@@ -111,8 +112,7 @@ def place(state: Array, course: Course, parameters: Parameters, ground: Array) -
     state[PENDULUM_ANGLE] = course.pendulum_angle
     state[VELOCITY_X] = course.speed * cosine
     state[VELOCITY_Y] = course.speed * sine
-    lever = parameters.radius if parameters.radius_lever > 0.0 else distance
-    state[BALL_RATE] = -course.speed / lever
+    state[BALL_RATE] = -course.speed / slip_lever(distance, parameters)
     return along * cosine - distance * sine
 
 

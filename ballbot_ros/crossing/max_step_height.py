@@ -365,9 +365,8 @@ def cruising(robot: Robot, actuation: Actuation = Actuation()) -> Callable[[floa
         raise ConfigurationError(
             f"law 'voltage' needs a motor and robot {robot.name!r} describes none; add a motor "
             'section to its file', 'missing', 'motor')
-    per_volt = motor.gear_ratio * motor.gear_efficiency * motor.torque_constant / motor.resistance
-    per_rate = ((robot.rolling_friction + robot.joint_friction) / per_volt
-                + motor.gear_ratio * motor.speed_constant)
+    per_rate = ((robot.rolling_friction + robot.joint_friction) / motor.stall_torque_per_volt
+                + motor.back_voltage)
     return lambda speed: changed(
         actuation, {'law': 'voltage', 'voltage': per_rate * speed / robot.ball_radius})
 

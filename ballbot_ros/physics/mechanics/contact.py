@@ -27,7 +27,7 @@ from ballbot_ros.jit import compiled
 from ballbot_ros.physics.mechanics.contact_law import (
     COLUMNS, CORNER, EDGE, FEATURE, FRICTION, KIND, normal_and_friction, NORMAL_X, NORMAL_Y,
     PENETRATION, POINT_X, POINT_Y, PRESSED, pressed_sign, pressing_and_slipping, SLIDING,
-    sliding_sign, slip_lever, stored_energy, SURFACE)
+    sliding_sign, slip_lever, SURFACE)
 from ballbot_ros.physics.model.parameters import Parameters
 from ballbot_ros.physics.model.state import BALL_RATE, VELOCITY_X, VELOCITY_Y, X, Y
 from ballbot_ros.physics.model.terrain import (
@@ -353,8 +353,9 @@ def contact_loads(motion: Array, parameters: Parameters, ground: Array, contacts
 
 @compiled
 def spring_energy(state: Array, parameters: Parameters, ground: Array, contacts: Array) -> float:
-    """Return the energy stored in the contact springs [J]."""
+    """Return the energy stored in the contact springs [J]; that of a CORNER is negative."""
     energy = 0.0
     for row in range(find_contacts(state[X], state[Y], parameters.radius, ground, contacts)):
-        energy += stored_energy(parameters, contacts, row)
+        stored = 0.5 * parameters.stiffness * contacts[row, PENETRATION]**2
+        energy += -stored if contacts[row, KIND] == CORNER else stored
     return energy

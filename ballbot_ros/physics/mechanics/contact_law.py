@@ -178,10 +178,3 @@ def contact_force(state: Array, parameters: Parameters, contacts: Array,
     if contacts[row, KIND] == CORNER:
         return -normal, 0.0, slip
     return normal, friction, slip
-
-
-@compiled
-def stored_energy(parameters: Parameters, contacts: Array, row: int) -> float:
-    """Return the energy in the spring of one contact [J]; that of a CORNER is negative."""
-    stored: float = 0.5 * parameters.stiffness * contacts[row, PENETRATION]**2
-    return -stored if contacts[row, KIND] == CORNER else stored

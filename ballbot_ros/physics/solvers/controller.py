@@ -171,21 +171,6 @@ def stiffness_seen(now: StepController, stiffness: float, number: int) -> StepCo
 
 
 @compiled
-def largest_growth(stiffness: float, number: int, again: bool) -> float:
-    """
-    Return the factor by which a step may grow at most.
-
-    An explicit step grows no further than to the longest stable one; and no step does after a
-    longer one was rejected (`again`).
-    """
-    if again:
-        return 1.0
-    if DAMPS[number] or stiffness <= STEADY / FASTEST_GROWTH:
-        return FASTEST_GROWTH
-    return max(1.0, STEADY / stiffness)
-
-
-@compiled
 def fifth_root(number: float) -> float:
     """
     Return the fifth root of a positive number, by 0.7 % too much at most.
@@ -266,7 +251,12 @@ def accepted(now: StepController, used: float, error: float, number: int, stiffn
         Whether a longer step was rejected before.
 
     """
-    grow = min(growth(error, options.tolerance), largest_growth(stiffness, number, again))
+    grow = growth(error, options.tolerance)
+    if again:
+        grow = min(grow, 1.0)
+    elif not (DAMPS[number] or stiffness <= STEADY / FASTEST_GROWTH):
+        # An explicit step grows no further than to the longest stable one.
+        grow = min(grow, max(1.0, STEADY / stiffness))
     step = next_step(now, used, grow)
     if options.method != AUTOMATIC:
         return with_step(now, step)

@@ -56,15 +56,6 @@ def write_rates(time: float, motion: int, out: int, start: Turned, system: Syste
 
 
 @compiled
-def write_first(time: float, state: Array, system: System, workspace: Workspace) -> None:
-    """Write F0, the rates at the begin of a step."""
-    for i in range(MOTION):
-        workspace.y_new[i] = state[i]
-    write_rates(time, linear.END, linear.F0, turned_by(state[PENDULUM_ANGLE]), system, workspace)
-    workspace.statistics[EVALUATIONS] += 1
-
-
-@compiled
 def step(time: float, state: Array, size: float, ready: int, system: System,
          workspace: Workspace) -> tuple[float, int]:
     """
@@ -73,12 +64,13 @@ def step(time: float, state: Array, size: float, ready: int, system: System,
     The stiffness is the step times the rate of the fastest decay, seen from the last two stages,
     which are at the same time; over `STABLE`.
     """
-    if ready == NOTHING:
-        write_first(time, state, system, workspace)
     work, last = workspace.work, linear.F0 + WIDTH * (STAGES - 1)
     start = turned_by(state[PENDULUM_ANGLE])
     for i in range(MOTION):
         work[linear.START + i] = state[i]
+    if ready == NOTHING:
+        write_rates(time, linear.START, linear.F0, start, system, workspace)
+        workspace.statistics[EVALUATIONS] += 1
     for stage in range(1, STAGES):
         if stage == STAGES - 1:
             sum_rows(work, linear.PROBE, linear.END, 0.0, ALONE, 0, linear.ZERO, 1)

@@ -15,26 +15,11 @@ from ballbot_ros.physics.model.state import X, Y
 from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.solvers.dense import write_row
 from ballbot_ros.physics.solvers.values import (
-    EVALUATIONS, FINISHED, named, NOT_FINITE, Options, Output, Packed, packed, PAUSED, PENETRATED,
-    Status, STEPS, Workspace)
+    EVALUATIONS, FINISHED, named, NOT_FINITE, Packed, packed, PAUSED, PENETRATED, Status, STEPS,
+    Workspace)
 
 # ``step(time, state, size, system, workspace)`` advances a state in place.
 Step = Callable[[float, Array, float, System, Workspace], None]
-
-
-@compiled
-def stretches(status: Status, end: float, options: Options,
-              output: Output) -> tuple[float, int, int]:
-    """
-    Return the start time of a run, its number of intervals, and the steps of each.
-
-    A row of the output ends each interval; without output there is one interval.
-    """
-    if len(output.rows) == 0:
-        return status.time, 1, int(math.floor((end - status.time) / options.step + 0.5))
-    every = int(math.floor(output.interval / options.step + 0.5))
-    steps = int(math.floor((end - output.begin) / options.step + 0.5))
-    return output.begin, steps // every, every
 
 
 @compiled
@@ -70,8 +55,12 @@ def loop_of(step: Step, evaluations: int) -> Callable[[Packed], Packed]:
 def _advance(call: Packed) -> Packed:
     """Advance a state in place by the `step` of a method."""
     status, end, state, system, options, output, workspace = named(call)
-    start, count, steps = stretches(status, end, options, output)
     filled, size = status.filled, options.step
+    # A row of the output ends each interval; without output there is one interval.
+    start, count, steps = status.time, 1, int(math.floor((end - status.time) / size + 0.5))
+    if len(output.rows) > 0:
+        start, steps = output.begin, int(math.floor(output.interval / size + 0.5))
+        count = int(math.floor((end - start) / size + 0.5)) // steps
     for stretch in range(filled, count):
         # Times are counted from the start, so that they carry no accumulated rounding.
         begin = start + stretch * steps * size

@@ -42,7 +42,7 @@ WIDTH = 16  # of a row
 
 
 def _sum_rows(work: Array, out: int, start: int, scale: float, factors: Array, first: int,
-             rows: int, count: int) -> None:
+              rows: int, count: int) -> None:
     """
     Write ``start + sum(scale * factors[first + k] * row k)`` over `count` rows into `out`.
 
