@@ -14,6 +14,7 @@ from typing import (
 from matplotlib.figure import Figure
 import numpy as np
 from rclpy.node import Node
+from rclpy.task import Future
 from std_srvs.srv import Trigger
 
 from ballbot_ros.bags.metadata import bag_metadata, SIMULATOR
@@ -36,6 +37,7 @@ from ballbot_ros.nodes.obstacle_decision.settings import DecisionSettings
 from ballbot_ros.physics import load_scene, Robot, Scene, Trajectory
 from ballbot_ros.physics.model.robot import load_robot
 from ballbot_ros.results.faces import faces_of
+from ballbot_ros.srv import Step
 
 ROBOT, CURVE, TUNING, DECISION = 'gimball', 'gimball_down', 'published', 'decision_default'
 CONTROL_RATE = 500.0  # [Hz]
@@ -181,8 +183,9 @@ def run_demo(out: Path, real_time: bool = False, quiet: bool = False, timeout: f
         nodes = {'controller': controller, 'obstacle_decision': decision, 'simulator': simulator}
         with recorded_graph(
                 folder, (*TOPICS, *TOOL_TOPICS), timeline, nodes, metadata, domain) as graph:
-            start = SynchronizedStart(graph.node, graph.bag, TOPICS)
-            wrong = graph.run(start.poll, timeout, act.longest, TOPICS)
+            simulation = RecordedSimulation(
+                graph.node, graph.bag, TOPICS, free_running=real_time or watched)
+            wrong = graph.run(simulation.poll, timeout, act.longest, TOPICS)
         return wrong + check_bag(graph, real_time, quiet)
 
     return max(in_processes([
@@ -359,38 +362,76 @@ def _trajectory(scene: Scene, timeline: Timeline) -> Trajectory:
 
 # Wall time after which a paused simulator is reset again, to publish its state [s].
 RESET_PERIOD = 0.2
+# A response that has not arrived for this time is lost [s].
+LONGEST_ANSWER = 5.0
+# Simulated time of one advance in lockstep [s].
+ADVANCE = 1.0
+# Answers to the last states of an advance may still be missing for this time [s].
+ANSWER_TIME = 1.0 / STATES['terrain_observation']
 
 
-class SynchronizedStart:
+class RecordedSimulation:
     """
-    Resumes a paused simulator as soon as a recorder has received every topic.
+    Runs a paused simulator no faster than a recorder can follow.
 
-    Each reset makes the simulator publish its first state, to which the other nodes respond.
-    Counting publishers is not enough: a publisher may not have discovered the recorder yet.
+    First, the recorder must have received every topic: each reset makes the simulator publish its
+    first state, to which the other nodes respond.  Counting publishers is not enough: a publisher
+    may not have discovered the recorder yet.
+
+    In lockstep the simulator advances by one second at a time, as soon as all messages of the
+    second before are recorded.  On a busy machine a recorder would otherwise lag by more messages
+    than the publishers keep.
 
     Parameters
     ----------
     node : Node
     bag : BagRecorder
     topics : iterable of str
-        Topics that must have been recorded.
+        Topics to be recorded.
+    free_running : bool
+        Run without interruption, in real time for instance; else the simulator must be in
+        lockstep.
 
     """
 
-    def __init__(self, node: Node, bag: BagRecorder, topics: Iterable[str]):
+    def __init__(self, node: Node, bag: BagRecorder, topics: Iterable[str],
+                 free_running: bool):
         self._reset = node.create_client(Trigger, 'simulator/reset')
         self._resume = node.create_client(Trigger, 'simulator/resume')
-        self._bag = bag
-        self._topics = set(topics)
-        self._next = 0.0
-        self._done = False
+        self._step = node.create_client(Step, 'simulator/step')
+        self._bag, self._topics, self._free_running = bag, tuple(topics), free_running
+        self._next_reset = 0.0
+        self._advances = 0
+        self._answer = Future()
+        self._answer.set_result(None)
 
-    def poll(self) -> None:
-        """Advance the start; to be called often."""
+    def poll(self) -> Optional[str]:
+        """Call the next service if it is due; return why the simulation has ended, if so."""
+        if not self._advances:
+            self._start()
+        elif not self._free_running:
+            if self._answer.done() and not self._answer.result().success:
+                return f'the simulator has stopped: {self._answer.result().message}'
+            # A response may be lost while services are discovered: the recorded stamps count.
+            reached = round(1e9 * (self._advances * ADVANCE - ANSWER_TIME))
+            if self._bag.reached(dict.fromkeys(self._topics, reached)):
+                self._run()
+        return None
+
+    def _start(self) -> None:
         now = time.monotonic()
-        if self._done or now < self._next or not (
-                self._reset.service_is_ready() and self._resume.service_is_ready()):
+        if now < self._next_reset or not all(
+                client.service_is_ready() for client in (self._reset, self._resume, self._step)):
             return
-        self._done = self._topics <= self._bag.recorded.keys()
-        (self._resume if self._done else self._reset).call_async(Trigger.Request())
-        self._next = now + RESET_PERIOD
+        if not self._answer.done() and now < self._next_reset + LONGEST_ANSWER:
+            return  # the simulator must not be reset after it has started
+        self._next_reset = now + RESET_PERIOD
+        if set(self._topics) <= self._bag.recorded.keys():
+            self._run()
+        else:
+            self._answer = self._reset.call_async(Trigger.Request())
+
+    def _run(self) -> None:
+        self._advances += 1
+        self._answer = self._resume.call_async(Trigger.Request()) if self._free_running else \
+            self._step.call_async(Step.Request(periods=round(ADVANCE * CONTROL_RATE)))

@@ -13,8 +13,8 @@ from rclpy.task import Future
 
 from ballbot_ros.bags.metadata import bag_metadata, SIMULATOR
 from ballbot_ros.demo.demo import (
-    conclude, CONTROL_RATE, in_processes, lockstep_note, print_event, ROBOT, STATES,
-    SynchronizedStart, TOOL_TOPICS, TUNING)
+    conclude, CONTROL_RATE, in_processes, lockstep_note, print_event, RecordedSimulation, ROBOT,
+    STATES, TOOL_TOPICS, TUNING)
 from ballbot_ros.demo.forked import import_nodes
 from ballbot_ros.demo.prepare import prepare
 from ballbot_ros.demo.processes import own_domain
@@ -183,7 +183,7 @@ class TourGuide:
     def __init__(self, graph: RecordedGraph, timeline: HouseTimeline, tour: Sequence[Visit],
                  arrived: List[Visit]):
         self._timeline, self._tour, self._arrived = timeline, tour, arrived
-        self._start = SynchronizedStart(graph.node, graph.bag, tuple(STATES))
+        self._simulation = RecordedSimulation(graph.node, graph.bag, STATES, free_running=True)
         self._client = ActionClient(graph.node, NavigateToPose, 'navigate_to_pose')
         self._ready = False
         self._sent: Optional[Future] = None
@@ -198,7 +198,7 @@ class TourGuide:
 
     def poll(self) -> Optional[str]:
         """Do what can be done now, and return why the tour cannot continue, if so."""
-        self._start.poll()
+        self._simulation.poll()
         if not self._ready or len(self._arrived) == len(self._tour):
             return None
         visit = self._tour[len(self._arrived)]
