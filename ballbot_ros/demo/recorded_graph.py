@@ -61,13 +61,13 @@ class MessagesInOrder:
 
     def take(self) -> Optional[Tuple[str, bytes]]:
         """Return topic and message, None while an earlier message may still arrive."""
+        newest = dict(self._newest)  # before the heads: another thread may add messages in between
         heads = {topic: waiting[0][0] for topic, waiting in self._waiting.items() if waiting}
         if not heads:
             return None
         topic = min(heads, key=lambda one: heads[one])
         stamp = heads[topic]
-        if any(newest < stamp and self._newest[topic] < stamp + LONGEST_DELAY
-               for newest in self._newest.values()):
+        if min(newest.values()) < stamp and newest[topic] < stamp + LONGEST_DELAY:
             return None
         return topic, self._waiting[topic].popleft()[1]
 
