@@ -366,8 +366,6 @@ RESET_PERIOD = 0.2
 LONGEST_ANSWER = 5.0
 # Simulated time of one advance in lockstep [s].
 ADVANCE = 1.0
-# Answers to the last states of an advance may still be missing for this time [s].
-ANSWER_TIME = 1.0 / STATES['terrain_observation']
 
 
 class RecordedSimulation:
@@ -413,8 +411,8 @@ class RecordedSimulation:
             if self._answer.done() and not self._answer.result().success:
                 return f'the simulator has stopped: {self._answer.result().message}'
             # A response may be lost while services are discovered: the recorded stamps count.
-            reached = round(1e9 * (self._advances * ADVANCE - ANSWER_TIME))
-            if self._bag.reached(dict.fromkeys(self._topics, reached)):
+            end = round(1e9 * self._advances * ADVANCE)
+            if self._bag.reached(dict.fromkeys(self._topics, end)):
                 self._run()
         return None
 
