@@ -71,7 +71,7 @@ class Bench(Checked):
         if self.sensor_distance + self.sensor_gap > self.level:
             raise ConfigurationError(
                 f'sensor_distance must be at most {self.level - self.sensor_gap:.3g} m, where the '
-                f'first sensor is at the begin of the level floor, got {self.sensor_distance:g} m',
+                f'first sensor is at the start of the level floor, got {self.sensor_distance:g} m',
                 'inconsistent', 'sensor_distance')
 
     @property
