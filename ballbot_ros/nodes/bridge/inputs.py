@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Subscriptions and services of the motor bridge: commands, set-points, IMU, e-stop."""
 from dataclasses import replace
+import math
 from time import sleep
 from typing import Callable
 
@@ -14,14 +15,15 @@ from ballbot_ros.estimation import ImuReading
 from ballbot_ros.imus.source import StampedReading
 from ballbot_ros.nodes.bridge.motor import Clocks, imu_reading, MotorOutputs
 from ballbot_ros.ros.conversions import command_torque, to_seconds
-from ballbot_ros.ros.endpoints import create_subscription, create_trigger, subscribe_e_stop
+from ballbot_ros.ros.endpoints import (
+    create_subscription, create_trigger, RECEIVED_TIMEOUT, subscribe_e_stop)
 from ballbot_ros.ros.fast_path.joint_state_bytes import AnyJointState, subscribe_joint_states
 from ballbot_ros.ros.set_points import REFUSED_PAUSE, SetPoints
 from ballbot_ros.ros.single_publisher import SinglePublisher
 
 # A release is refused for this time after the e-stop engaged [s], less than a person takes to
 # react: it was requested before.  The bridge receives its own message of an engaged e-stop
-# meanwhile, which would engage the e-stop again after the release.
+# meanwhile, which would engage the e-stop again after the release; on a busy machine later.
 RELEASE_DELAY = 0.1
 
 
@@ -50,6 +52,7 @@ class MotorInputs:
         self._session, self._clocks, self._logger = session, clocks, node.get_logger()
         self._publisher = SinglePublisher(node, 'joint_commands')
         self.imu_refused = 0
+        self._received_at = -math.inf  # when a message of an engaged e-stop arrived last [s]
         subscribe_joint_states(node, 'joint_commands', self.command)
         law = session.law
         set_points = SetPoints(node, self._give, session.set_points_refused,
@@ -113,6 +116,8 @@ class MotorInputs:
 
     def _on_e_stop(self, engaged: bool) -> None:
         """Engage on a stop request; only the service releases."""
+        if engaged:
+            self._received_at = self._session.clock()
         if engaged and not self._session.supervisor.e_stop:
             self._session.engage('requested on the topic e_stop')
 
@@ -121,7 +126,9 @@ class MotorInputs:
         return 'the e-stop is engaged'
 
     def _release(self) -> str:
-        early = self._session.clock() - self._outputs.engaged_at < RELEASE_DELAY
+        engaged_at = self._outputs.engaged_at
+        early = self._session.clock() - engaged_at < (
+            RELEASE_DELAY if self._received_at >= engaged_at else RECEIVED_TIMEOUT)
         self._session.release(
             f'it engaged less than {RELEASE_DELAY:g} s ago, so this request may have been sent '
             'before; release again' if early else '')
