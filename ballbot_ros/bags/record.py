@@ -28,7 +28,7 @@ RCLPY_PARAMETERS = ('use_sim_time', 'start_type_description_service')
 
 class GraphRecording:
     """
-    Subscribes to topics as they appear, and counts what it writes.
+    Subscribes to topics as they appear, and counts written messages.
 
     Parameters
     ----------

@@ -275,7 +275,7 @@ class Session:
             self.observer.event('e-stop released')
 
     def _inhibit(self) -> Tuple[str, str]:
-        """Return what inhibits the release of the e-stop, and its field; empty for nothing."""
+        """Return the reason against a release of the e-stop, and its field; empty for none."""
         now = self.clock()
         for axis in self.axes:
             driver = axis.line.driver

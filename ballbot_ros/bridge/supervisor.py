@@ -103,7 +103,7 @@ class Supervisor:
         """
         Release the e-stop; `RefusedError` if inhibited, or after a recent nonzero command.
 
-        `field` names what inhibits the release.
+        `field` names the inhibiting condition.
         """
         if inhibit:
             raise RefusedError(f'the e-stop remains engaged: {inhibit}', 'standing', field)

@@ -189,7 +189,7 @@ def read_numbers(words: Sequence[str], option: str) -> list[float]:
     Raises
     ------
     ConfigurationError
-        Naming the word and what is allowed.
+        Naming the word and the allowed values.
 
     """
     numbers: list[float] = []

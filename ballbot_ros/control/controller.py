@@ -225,7 +225,7 @@ class PendulumController:
 
     @property
     def overcome(self) -> bool:
-        """Return whether the resistance exceeds what the largest lean of the speed law holds."""
+        """Return whether the resistance exceeds that held by the largest lean of the speed law."""
         return self._learnt is not None and not abs(self.slope) <= self.steepest_slope
 
     def _speed(self, readings: JointReadings) -> float:

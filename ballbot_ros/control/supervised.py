@@ -19,7 +19,7 @@ SKEW = 1.0
 RATE_SLACK = 0.98
 # Number of joint states before the rate is checked: one lost at the start must not stop the robot.
 JUDGED = 11
-# Resistance above what the speed law can hold is logged after this time [s]: pushes are shorter.
+# Excessive resistance of the speed law is logged after this time [s]: pushes are shorter.
 PUSH = 1.0
 # After an e-stop, set-points other than rest are accepted after a gap of this time [s].
 QUIET = 0.5
@@ -67,7 +67,7 @@ class SupervisedController:
     too_slow : bool
         The rate of joint states is too low: the torque is 0.
     overcome : bool
-        The resistance exceeds what the largest lean holds: the ball rolls away.
+        The resistance exceeds that held by the largest lean: the ball rolls away.
     let_down : bool
         The set-point has expired; the pendulum is lowered.
     e_stop : bool
@@ -220,7 +220,7 @@ class SupervisedController:
         return 0.0 if slow else torque
 
     def _check_hold(self, stamp: float) -> None:
-        """Log when the resistance exceeds what the pendulum holds."""
+        """Log when the resistance exceeds that held by the pendulum."""
         if not self._controller.overcome or stamp < self._held_at:
             self._held_at, self.overcome = stamp, False
         elif stamp - self._held_at > PUSH and not self.overcome:

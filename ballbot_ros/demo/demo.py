@@ -302,9 +302,9 @@ def conclude(out: Path, title: str, quiet: bool, timeline: Timeline,
         Print only the verdict.
     timeline : Timeline
     play : callable
-        Runs the nodes with folder and timeline, and returns what went wrong on the way.
+        Runs the nodes with folder and timeline, and returns its errors.
     verdict_on : callable
-        Returns what the robot did not do as it should have.
+        Returns the deviations of the robot from the expected actions.
     draw : callable
         Returns the picture of a run with states.
     picture : str

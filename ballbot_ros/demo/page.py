@@ -57,7 +57,7 @@ def page_beside(quiet: bool = False) -> Iterator[None]:
 
 
 def _first_line(process: 'subprocess.Popen[str]') -> str:
-    """Return what the page prints once it is served."""
+    """Return the line that the page prints once it is served."""
     assert process.stdout is not None
     ready, _, _ = select.select([process.stdout], [], [], START_TIMEOUT)
     line = process.stdout.readline().strip() if ready else ''

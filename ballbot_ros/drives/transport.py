@@ -49,7 +49,7 @@ class Transfer(Protocol):
         """Write all, and return whether there was room for it."""
 
     def read(self) -> bytes:
-        """Return what has arrived."""
+        """Return the received data."""
 
     def wait(self, seconds: float, least: int) -> bool:
         """Wait for a number of bytes, where supported, and return whether there are any."""
@@ -147,7 +147,7 @@ class Indirect:
         return True
 
     def read(self) -> bytes:
-        """Return what has arrived."""
+        """Return the received data."""
         data: bytes = self._port.read(LARGEST_READ)
         return data
 

@@ -2,7 +2,7 @@
 """
 Execution of a route: path following, crossings, replanning, and an end at rest.
 
-A `Navigator` has no state of its own but what it has computed about floor and robot: `advance`
+The only state of a `Navigator` is computed from floor and robot: `advance`
 takes a `NavigationState` and a `Percept`, and returns the next state and a `Command`.  Crossings
 are carried out by the obstacle decision: while the command is CROSS, the caller lets it drive, and
 reports how it ended in the percept (see `crossing.CrossingDriver`).

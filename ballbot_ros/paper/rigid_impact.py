@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Rigid impacts with restitution and friction, and what lies between them.
+Rigid impacts with restitution and friction, and the motion between them.
 
 The collision model of the Tumbleweed rovers: that of Kane and Levinson [35] as Hartl [34] and
 others use it, in the equations of textbooks.  A rigid ball without moving parts (a pendulum

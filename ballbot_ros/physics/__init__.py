@@ -28,7 +28,7 @@ It maps a `State` to a later one:
     >>> bool(run['x'][-1] > 0.5)
     True
 
-and says what a state has and touches:
+and returns energies and contacts of a state:
 
     >>> energies = model.energies(start)
     >>> isinstance(energies, Energies), energies.kinetic > energies.contact > 0.0

@@ -46,7 +46,7 @@ IMU: Tuple[Argument, ...] = (
      'hardware: serial device of a WitMotion sensor; empty where another node publishes imu'),
     ('imu_axes', 'x y z', 'hardware: its axes that point forward, left and up'))
 
-# Of rviz/ballbot.rviz: what is to follow the namespace.
+# Of rviz/ballbot.rviz: names that follow the namespace.
 RVIZ_TOPICS = ('odom', 'robot_description', 'markers')
 
 BOOLEANS = {'true': True, 'false': False}
@@ -192,7 +192,7 @@ def describe(arguments: Iterable[Argument], start: Callable[[Given], List[Any]]
 
 
 def together(start: Callable[[Given], List[Any]]) -> OpaqueFunction:
-    """Return an action that starts what `start` returns for the arguments, in the namespace."""
+    """Return an action that starts the actions of `start` for the arguments, in the namespace."""
     def open_up(context: LaunchContext) -> List[Any]:
         given = Given(context)
         return [GroupAction([PushRosNamespace(given['namespace']), *start(given)])]

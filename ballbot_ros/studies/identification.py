@@ -10,7 +10,7 @@ Intervals come from the Jacobian at the solution.  Its singular values, for rela
 the parameters, measure how well each combination of parameters is determined: a combination that
 may change by more than `VAGUE` (or its starting value, for a parameter that may be 0) without a
 change of the residuals is not determined, and neither are its parameters.  `fit_quality` describes
-what else an interval covers, and when there is none.
+further contributions to an interval, and cases without one.
 """
 from dataclasses import replace
 import math

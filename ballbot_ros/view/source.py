@@ -202,7 +202,7 @@ class Source(ABC):
     @property
     @abstractmethod
     def title(self) -> str:
-        """Return the name of what is shown, for instance ``Scene doorstep``."""
+        """Return the displayed name, for instance ``Scene doorstep``."""
 
     @property
     @abstractmethod
@@ -287,7 +287,7 @@ def checked(controls: Mapping[str, Control], name: str, value: Any) -> Value:
     Raises
     ------
     ConfigurationError
-        Naming control, value and what is allowed.
+        Naming control, value and allowed values.
 
     """
     if name not in controls:

@@ -61,7 +61,7 @@ class Goal(Protocol):
     """Interface of a goal for `Goals`."""
 
     def carry(self, planned: Decision, motion: Motion) -> Decision:
-        """Return what is carried out of a decision."""
+        """Return the executed part of a decision."""
 
     def update(self, planned: Decision, motion: Motion,
                outcome: Optional[Outcome]) -> Optional[GoalEnd]:
@@ -201,7 +201,7 @@ class Goals:
         self.goal = None
 
     def carry(self, planned: Decision, motion: Motion) -> Decision:
-        """Return what is carried out of a decision."""
+        """Return the executed part of a decision."""
         if self.goal is not None:
             return self.goal.carry(planned, motion)
         if self.waiting and not committed(planned):
@@ -267,7 +267,7 @@ class DriveGoal:
         self._watch.cancel()
 
     def carry(self, planned: Decision, motion: Motion) -> Decision:
-        """Return what is carried out of a decision."""
+        """Return the executed part of a decision."""
         self._obstacle = ''
         stop = self._watch.carry(planned)
         if stop is not None:
@@ -421,7 +421,7 @@ class CrossGoal:
         self._watch.cancel()
 
     def carry(self, planned: Decision, motion: Motion) -> Decision:
-        """Return what is carried out of a decision."""
+        """Return the executed part of a decision."""
         stop = self._watch.carry(planned)
         if stop is None and self._sees_none(planned):
             return stopping(planned, 'Standing: no step is in sight')

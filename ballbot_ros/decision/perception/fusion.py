@@ -71,7 +71,7 @@ class ProfileTracker:
         Returns
         -------
         Profile
-            With the reason of a rejection, if it is one; never raises for what a sensor says.
+            With the reason of a rejection, if any; sensor data never raise an exception.
 
         """
         if isinstance(observation, TerrainObservation):

@@ -240,7 +240,7 @@ class TerrainTracker:
         Returns
         -------
         Profile
-            With the reason of a rejection, if it is one; never raises for what a sensor says.
+            With the reason of a rejection, if any; sensor data never raise an exception.
 
         """
         if self._answer is None or observation.stamp != self._answer.stamp:

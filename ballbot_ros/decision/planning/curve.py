@@ -342,7 +342,7 @@ def curve_text(curve: HeightCurve, what: str, writer: str) -> str:
     what : str
         Such as ``GimBall crosses with a free pendulum``.
     writer : str
-        What wrote it.
+        Name of the writing program.
 
     """
     text = HEADER.format(what=what) + (BAND if curve.band else '') + (
