@@ -69,6 +69,9 @@ TWO_STEPS = Act('The ball rests in front of a step, with a higher one behind it.
                 'doorstep', (Expected.CROSSED, Expected.REFUSED))
 ACTS = (TWO_STEPS, Act(
     'The floor slopes down, and ends in a drop.', 'drop_on_slope', (Expected.REFUSED,)))
+# The first act of the cubic, whose rule needs a longer run-up than that of `TWO_STEPS`.
+LONG_RUN_UP = Act('The ball rests in front of a step, with the run-up that the cubic requires.',
+                  'voltage_start', (Expected.CROSSED,), longest=5.0, planner='cubic')
 
 
 def own_acts(scene: Optional[str] = None, robot: Optional[str] = None,
@@ -97,10 +100,11 @@ def own_acts(scene: Optional[str] = None, robot: Optional[str] = None,
                 'demo')
     duration = DURATION_MAX if longest is None else longest
     if not (robot or curve or tuning):
-        # The expected decisions are those of the default planner.
-        known = [act._replace(longest=duration, planner=planner,
-                              expected=act.expected if planner == 'rollout' else None)
-                 for act in ACTS if scene in (None, act.scene)]
+        known = [act._replace(longest=act.longest if longest is None else longest,
+                              planner=planner,
+                              expected=act.expected if act.planner == planner else None)
+                 for act in (LONG_RUN_UP if planner == 'cubic' else TWO_STEPS, *ACTS[1:])
+                 if scene in (None, act.scene)]
         if known:
             return known
     scene = scene or ACTS[0].scene

@@ -541,7 +541,7 @@ class Cubic:
             answer, plan=plan, start_distance=motion.position - plan.start,
             swing_distance=plan.swing_position - motion.position,
             explanation=f'{where}needs {answer.required_speed:.2f} m/s, {found.driven:.2f} m/s '
-            f'will be driven, {1e3 * found.spare - 0.5:.0f} mm to spare, probability '
+            f'will be driven, {max(1e3 * found.spare - 0.5, 0.0):.0f} mm to spare, probability '
             f'{found.probability:.2f}')
 
     def _plan(self, step: Face, found: Reach, land: Beyond, started: Optional[Decision],

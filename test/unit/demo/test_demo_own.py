@@ -9,7 +9,7 @@ from ballbot_ros.config.files import config_folder
 from ballbot_ros.demo import demo, hardware
 from ballbot_ros.demo.demo import ACTS, own_acts, passages_of
 from ballbot_ros.demo.hardware import GetGoing
-from ballbot_ros.demo.timeline import account, Passage, Timeline
+from ballbot_ros.demo.timeline import account, Expected, Passage, Timeline
 from ballbot_ros.errors import ConfigurationError, UnstableLoopError
 from ballbot_ros.msg import BallState, Contact, MotorStatus
 from ballbot_ros.physics import load_scene
@@ -18,8 +18,8 @@ from ballbot_ros.ros.conversions import to_time
 
 def test_with_nothing_of_ones_own_the_acts_are_those_of_the_readme():
     assert list(own_acts()) == list(ACTS)
-    assert {(act.planner, act.expected) for act in own_acts(planner='cubic')} \
-        == {('cubic', None)}
+    assert [(act.planner, act.scene, act.expected) for act in own_acts(planner='cubic')] == [
+        ('cubic', 'voltage_start', (Expected.CROSSED,)), ('cubic', 'drop_on_slope', None)]
     with refused('not_a_choice', 'planner'):
         own_acts(planner='cubik')
     act, = own_acts('doorstep', longest=12.0)
