@@ -158,6 +158,7 @@ def test_a_terminal_gets_a_bar(tmp_path):
         os.close(master)
 
 
+@pytest.mark.slow
 def test_animate_writes_a_gif_beside_the_other_files_or_at_a_given_path(tmp_path, capsys):
     words = ['simulate', 'fig7_top', '--duration', '0.2', '--no-figures', '--out',
              str(tmp_path / 'out')]

@@ -73,6 +73,7 @@ class Ride:
         raise AssertionError(f'no end; {self.decider.decision}')
 
 
+@pytest.mark.slow
 def test_the_ball_drives_to_a_place_rests_there_and_stays():
     ride = Ride()
     ride.drive(2.0)

@@ -134,6 +134,7 @@ def test_a_ball_without_a_pendulum_learns_too():
     assert probability(after, touching) < probability(particles, touching)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('case', ['friction 30 % lower', 'heights reported 4 mm too low'])
 def test_twenty_attempts_make_promises_true(case):
     found, = study(GIMBALL, 3, 20, cases=[case], particles=128)

@@ -32,6 +32,7 @@ def test_a_frozen_sensor_ends_in_a_stop(planner, kind, strides):
     assert row['outcome'] == 'stopped'
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('planner', ['rollout', 'cubic'])
 @pytest.mark.parametrize('angle, length', [(9.0, 0.4), (12.0, 0.3), (8.0, 1.0)])
 def test_a_descent_too_steep_that_ends_in_a_drop_is_not_entered(planner, angle, length):
@@ -40,6 +41,7 @@ def test_a_descent_too_steep_that_ends_in_a_drop_is_not_entered(planner, angle, 
     assert row['outcome'] == 'stopped'
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('slope, sill', [(-3.0, 0.012), (-3.0, 0.02), (-1.5, 0.015)])
 def test_behind_a_sill_on_a_descent_the_ball_stops_before_the_drop(slope, sill):
     row = drive([(0.0, sill), (0.25, 0.0), (0.0, -sill), (1.0, 0.0), (0.0, -0.15)], slope=slope,

@@ -188,6 +188,7 @@ def exhaustive(planner, start, goal):
     return best
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('seed', range(4))
 def test_no_way_over_the_lattice_is_faster_than_the_route(seed, tmp_path, monkeypatch):
     monkeypatch.setattr('ballbot_ros.navigation.route.LEVELS', 4)

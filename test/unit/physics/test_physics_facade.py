@@ -16,6 +16,7 @@ def shown(examples):
             if isinstance(node, ast.Name)}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('facade', FACADES)
 def test_the_examples_run(facade):
     found = doctest.testmod(facade)

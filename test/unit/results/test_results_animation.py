@@ -50,6 +50,7 @@ def gif(run, tmp_path_factory):
     return frames_of(path)
 
 
+@pytest.mark.slow
 def test_a_gif_takes_as_long_as_the_run_and_then_stands_for_a_second(gif):
     pictures, periods = gif
     assert sum(periods[:-1]) == pytest.approx(500.0, abs=20.0)
@@ -72,6 +73,7 @@ def test_colours_are_those_of_the_figures_in_all_frames(gif):
             assert (picture == colour).all(axis=-1).any()
 
 
+@pytest.mark.slow
 def test_playback_stretches_time(run, tmp_path):
     animate(run, tmp_path / 'slow.gif', playback=0.5)
     pictures, periods = frames_of(tmp_path / 'slow.gif')
@@ -84,6 +86,7 @@ def test_frames_are_the_nearest_samples_of_an_uneven_run():
     assert frame_samples(time[:1], 1.0).tolist() == [0]
 
 
+@pytest.mark.slow
 def test_a_run_of_one_sample_is_one_picture(run, tmp_path):
     animate(replace(run, rows=run.rows[:1]), tmp_path / 'one.gif')
     assert len(frames_of(tmp_path / 'one.gif')[0]) == 1

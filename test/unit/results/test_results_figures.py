@@ -26,6 +26,7 @@ def pixels(figure):
     return np.asarray(figure.canvas.buffer_rgba())[..., :3]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('draw', [strip, time_series])
 @pytest.mark.parametrize('scene', SCENES)
 def test_each_scene_gives_a_figure_without_warnings(scene, draw):

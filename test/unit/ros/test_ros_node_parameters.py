@@ -167,6 +167,7 @@ def test_an_emulated_robot_measures_worse_from_now_on(start):
     assert node._imu._gyro_sd == 0.5 and node._timer.timer_period_ns == 10_000_000
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('cls', [Simulator, Controller, ObstacleDecision])
 def test_a_node_that_is_destroyed_leaves_the_graph_at_once(start, make_node, cls):
     onlooker = make_node(Node, 'onlooker')

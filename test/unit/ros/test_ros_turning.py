@@ -71,6 +71,7 @@ def drive(make_node, context, tmp_path):
     executor.shutdown()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('control', ['direct', 'onboard'])
 def test_a_yaw_rate_on_cmd_vel_is_followed(drive, control):
     settings = {'lockstep': True} if control == 'direct' else {'tuning': 'gentle'}

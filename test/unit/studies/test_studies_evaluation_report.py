@@ -102,6 +102,7 @@ def test_the_margins_of_attempts_are_correlated():
     assert math.isnan(margin_correlation(rows[:2])[1])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('rule', BASELINES)
 def test_each_baseline_decides_on_a_step(rule, tmp_path):
     with ThreadPoolExecutor(1) as pool:

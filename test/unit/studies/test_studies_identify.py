@@ -33,6 +33,7 @@ def recorded(scene, seed, noise=ENCODER):
                           ('joint_angle', run['pendulum_angle'] - run['ball_angle']))})
 
 
+@pytest.mark.slow
 def test_known_numbers_lie_within_their_intervals_as_often_as_promised():
     inside = []
     for seed in range(10):
@@ -92,6 +93,7 @@ def test_a_recorded_torque_is_replayed():
         replay(free, Recording(recording.channels), True)
 
 
+@pytest.mark.slow
 def test_the_command_reads_a_csv_and_leaves_table_and_figure(tmp_path, capsys):
     write_csv(TRUTH.simulate(), tmp_path / 'run.csv')
     scene = tmp_path / 'mine.yaml'

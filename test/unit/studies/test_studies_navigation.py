@@ -27,6 +27,7 @@ def loop_at(flat, pose, **more):
                      **more)
 
 
+@pytest.mark.slow
 def test_the_ball_crosses_the_bedroom_step_with_a_run_up_from_the_living_room(flat):
     loop, south = loop_at(flat, HALL), []
     loop.begin(BEDROOM)
@@ -36,6 +37,7 @@ def test_the_ball_crosses_the_bedroom_step_with_a_run_up_from_the_living_room(fl
     assert abs(loop.plant.state.velocity_x) < 0.05
 
 
+@pytest.mark.slow
 def test_sensor_noise_and_drift_cause_no_obstacles(flat):
     loop = loop_at(flat, (1.7, 1.4, 1.5), errors=Errors(0.02, 0.01, 0.002, 0.01), seed=3)
     loop.begin(STUDY)
@@ -44,6 +46,7 @@ def test_sensor_noise_and_drift_cause_no_obstacles(flat):
     assert not loop.state.learned.obstacles
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('kind', [CommandKind.DRIVE, CommandKind.CROSS])
 def test_a_jump_of_1_m_ends_in_a_clear_reason_or_arrival_and_at_rest(flat, kind):
     loop = loop_at(flat, (1.76, 2.0, 1.57))

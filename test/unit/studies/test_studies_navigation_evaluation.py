@@ -64,6 +64,7 @@ def test_an_interrupted_evaluation_resumes(tmp_path, monkeypatch):
             assert len(drives) == new and len(rows) == count
 
 
+@pytest.mark.slow
 def test_a_drive_has_a_row_of_json_values():
     found = drive(draw_house(knowledge().robot, 5, 0), 'run_up')
     assert found['outcome'] == 'succeeded' and found['hit'] < 0.1 and not found['fell']

@@ -25,6 +25,7 @@ with_mujoco = pytest.mark.skipif(
     not free_ball.installed(), reason=f'MuJoCo is not installed ({free_ball.HOW_TO_INSTALL})')
 
 
+@pytest.mark.slow
 @with_mujoco
 @pytest.mark.parametrize('speed', [0.1, 0.4, 1.2])
 @pytest.mark.parametrize('lean, heading', [(0.1, 0.5), (0.2, 1.0), (0.3, 2.5), (0.4, 5.0)])
@@ -36,6 +37,7 @@ def test_a_step_of_the_lean_turns_the_ball_as_in_mujoco(speed, lean, heading):
     assert np.ptp(found.mujoco['heading']) > 10.0 * DEGREE
 
 
+@pytest.mark.slow
 @with_mujoco
 @pytest.mark.parametrize('speed', [0.1, 0.4, 1.2])
 @pytest.mark.parametrize('share', [-0.5, 1.0])
@@ -65,6 +67,7 @@ def test_at_right_angles_the_maximum_height_is_that_of_the_planar_model(speed):
     assert found == pytest.approx(max_step_height(GIMBALL, speed).height, abs=1.2e-4)
 
 
+@pytest.mark.slow
 @with_mujoco
 @pytest.mark.parametrize('degrees', [15, 45])
 def test_the_table_is_what_comes_out(degrees):
