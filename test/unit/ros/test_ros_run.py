@@ -27,7 +27,7 @@ class Failing(Node):
         self.create_timer(0.01, self.look)
 
     def look(self):
-        self.failure = DriveError('planted', 'failed', 'drive')
+        self.failure = DriveError('what went wrong', 'planted', 'drive')
 
     def make_safe(self):
         print('made safe', flush=True)
@@ -96,7 +96,7 @@ class Busy(Node):
     def go_on(self, message):
         self.count += 1
         if self.count == 1000 and sys.argv[2] == 'failure':
-            self.failure = DriveError('planted', 'failed', 'drive')
+            self.failure = DriveError('what went wrong', 'planted', 'drive')
         elif self.count == 1000:
             os.kill(os.getpid(), signal.SIGTERM)
         self.topic.publish(message)
@@ -193,11 +193,11 @@ class Other(One):
     def __init__(self):
         Node.__init__(self, 'other')
         if sys.argv[1] == 'refused':
-            raise DriveError('planted', 'failed', 'drive')
+            raise DriveError('what went wrong', 'planted', 'drive')
         self.create_timer(0.01, self.look)
 
     def look(self):
-        self.failure = DriveError('planted', 'failed', 'drive')
+        self.failure = DriveError('what went wrong', 'planted', 'drive')
 
     def make_safe(self):
         print('other made safe', flush=True)
