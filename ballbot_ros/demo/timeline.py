@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What happened, from the topics: a timeline for people and a verdict for programs."""
+"""Events of a run from its topics: a printed timeline, and a verdict for the exit code."""
 from dataclasses import dataclass, field
 from enum import Enum
 import math
@@ -9,16 +9,16 @@ from ballbot_ros.msg import BallState, Contact, StepDecision
 from ballbot_ros.physics.model.robot import Robot
 from ballbot_ros.ros.conversions import to_seconds
 
-# At rest means slower than this [m/s], for this long [s].
+# The ball is at rest when it has been slower than this [m/s] for this time [s].
 REST_SPEED, REST_TIME = 0.02, 1.0
-# A contact with an edge this close to a face belongs to it [m].
+# Maximum distance between a face and a contact with its edge [m].
 NEAR = 0.01
 
-# A ball that has come so far from where it started has been driven [m].
+# Minimum distance from the start of a ball that has been driven [m].
 DRIVEN = 0.2
-# One that has not been, and stands for this time after a refusal, stays there [s].
+# A ball that has not been driven ends the run after standing for this time since a refusal [s].
 STANDING_TIME = 5.0
-# Heights are seen with an error below this [m].
+# Maximum error of an observed height [m].
 SAME_HEIGHT = 0.01
 
 NAMES = {
@@ -29,7 +29,7 @@ REFUSED = {StepDecision.DECISION_GO_ROUND, StepDecision.DECISION_STOP}
 
 
 class Expected(str, Enum):
-    """What the robot should do about a face."""
+    """Expected action of the robot at a face."""
 
     CROSSED = 'crossed'
     REFUSED = 'refused'
@@ -38,14 +38,14 @@ class Expected(str, Enum):
 @dataclass
 class Passage:
     """
-    What became of one face.
+    A face and its events.
 
     Attributes
     ----------
     x, height, top : float
-        Where it is, how high (negative for a drop), and the level of the ground behind it [m].
+        Position, height (negative for a drop), and level of the ground behind it [m].
     expected : Expected or None
-        None where either will do.
+        None if either is accepted.
 
     """
 
@@ -60,7 +60,7 @@ class Passage:
 
     @property
     def name(self) -> str:
-        """Return what people call it."""
+        """Return the name of the face for the timeline."""
         return (f'{1e3 * abs(self.height):.0f} mm '
                 f'{"step" if self.height > 0.0 else "drop"}')
 
@@ -104,7 +104,7 @@ class Timeline:
 
     @property
     def now(self) -> float:
-        """Return the time of the newest state [s], minus infinity before the first."""
+        """Return the time of the latest state [s], minus infinity before the first."""
         return self.time_of(self.states[-1]) if self.states else -math.inf
 
     def time_of(self, message: Any) -> float:
@@ -150,7 +150,7 @@ class Timeline:
                 for touch in message.contacts):
             passage.touched, passage.touch_speed = self.now, before.velocity_x
             good = '' if math.isnan(self._limit) else (
-                f': the plan is good for {1e3 * self._limit:.0f} mm')
+                f'; the plan crosses up to {1e3 * self._limit:.0f} mm')
             self._report(self.now, 'touches', f'the {passage.name} at '
                          f'{before.velocity_x:.2f} m/s{good}')
         radius = self._robot.ball_radius
@@ -161,7 +161,7 @@ class Timeline:
                          f'pendulum at {math.degrees(message.pendulum_angle):.0f} degrees')
 
     def _watch_rest(self, message: BallState) -> None:
-        """Report when the ball has come to rest behind all that it should cross."""
+        """Report when the ball has come to rest behind all faces to be crossed."""
         due = sum(passage.expected is Expected.CROSSED for passage in self.passages)
         driven = abs(message.x - self.states[0].x) > DRIVEN
         refused = self._last is not None and self._last[0] in REFUSED
@@ -185,7 +185,7 @@ class Timeline:
         return self.passages[self.next_step].x - message.x - self._robot.ball_radius
 
     def verdict(self) -> List[str]:
-        """Return what did not happen as it should have; empty for a success."""
+        """Return the deviations from the expected result; empty for a success."""
         wrong = []
         for passage in self.passages:
             accepted = StepDecision.DECISION_CROSS in passage.decided

@@ -66,7 +66,7 @@ def test_a_run_as_it_should_be_is_reported_and_has_nothing_wrong(timeline):
     play(timeline)
     assert marks(timeline) == ['sees', 'CROSS', 'touches', 'crossed', 'sees', 'GO ROUND', 'rests']
     sentences = {mark: sentence for _, mark, sentence in timeline.events}
-    assert sentences['touches'] == 'the 31 mm step at 0.90 m/s: the plan is good for 45 mm'
+    assert sentences['touches'] == 'the 31 mm step at 0.90 m/s; the plan crosses up to 45 mm'
     assert sentences['rests'] == '0.30 m before the 80 mm step'
     assert [time for time, *_ in timeline.events] == [0.0, 0.0, 1.5, 2.0, 2.0, 2.0, 5.0]
     assert timeline.rested == 5.0 and timeline.verdict() == []
