@@ -236,17 +236,15 @@ class GroundFusion:
 
     def _fused(self, observation: Observation, age: float) -> Profile:
         """Return the profile after an observation of some age [s]."""
+        kind, reason, why = type(observation), None, ''
         if age < -AHEAD:
-            return self._refused(Profile(
-                observation.stamp, rejection=Reason.BAD_OBSERVATION,
-                explanation=f'it is {-age:.2f} s ahead of the odometry'))
-        if age > HISTORY:
-            return self._refused(Profile(
-                observation.stamp, rejection=Reason.STALE,
-                explanation=f'it arrived {age:.2f} s late, odometry is kept for {HISTORY:g} s'))
-        kind = type(observation)
-        if observation.stamp < self._newest.get(kind, -math.inf) and self.profile is not None:
-            return self.profile  # older than one already processed: dropped
+            reason, why = Reason.BAD_OBSERVATION, f'it is {-age:.2f} s ahead of the odometry'
+        elif age > HISTORY:
+            reason, why = Reason.STALE, (
+                f'it arrived {age:.2f} s late, odometry is kept for {HISTORY:g} s')
+        if reason is not None or observation.stamp < self._newest.get(kind, -math.inf):
+            # Rejected without effect: `observation_timeout` limits the age of the profile.
+            return self.profile or Profile(observation.stamp, rejection=reason, explanation=why)
         self._newest[kind] = max(self._newest.get(kind, -math.inf), observation.stamp)
         position = self._position_at(observation.stamp)
         if self._is_frozen(observation, position):

@@ -2,6 +2,8 @@
 """The node ``obstacle_decision``: decisions about the step ahead, and set-points."""
 from collections import Counter
 from functools import partial
+import math
+import time
 from typing import Any, Callable, Dict, List, Optional, Tuple
 
 from builtin_interfaces.msg import Time
@@ -9,7 +11,8 @@ from nav_msgs.msg import Odometry
 from rclpy.node import Node
 
 from ballbot_ros.control import load_tuning
-from ballbot_ros.decision import check_decision, Decider, Kind, Knowledge, load_curve, Observation
+from ballbot_ros.decision import (
+    check_decision, Decider, Decision, Kind, Knowledge, load_curve, Observation)
 from ballbot_ros.nodes.obstacle_decision.goals import GoalServers
 from ballbot_ros.nodes.obstacle_decision.outcomes import Experience
 from ballbot_ros.nodes.obstacle_decision.outputs import DecisionOutputs
@@ -24,6 +27,9 @@ from ballbot_ros.ros.run import run
 
 # With slower observations, set-points are also published for the odometry in between [s].
 LONGEST_SILENCE = 0.025
+
+# Least time between two logged changes of the decision [s].
+LOG_PERIOD = 1.0
 
 
 def load_knowledge(settings: DecisionSettings) -> Knowledge:
@@ -56,6 +62,7 @@ class ObstacleDecision(Node):
         self._observed: Any = None  # the newest observation that waits for odometry
         self._seen: Dict[type, Tuple[int, int]] = {}
         self._counts: Counter = Counter()
+        self._logged: Tuple[Any, float] = None, -math.inf  # label of the decision, and when
         self._outputs = DecisionOutputs(self, settings, knowledge.robot.ball_radius)
         for topic, read in (('step_observation', observation),
                             ('terrain_observation', terrain_observation)):
@@ -116,13 +123,18 @@ class ObstacleDecision(Node):
         """Publish a decision stamped like its observation, and the set-point for now."""
         if self._standstill.standing:
             return self._outputs.rest(self._odometry.header.stamp)
-        before = self._decider.decision
         decision = (answer := self._decider.decide()).decision
         self._experience.keep(self._decider.outcome)
         self._counts[decision.kind.value] += 1
         self._outputs.decide(stamp, answer, self._odometry)
         self._goals.step()
-        if before is None or (before.kind, before.reason) != (decision.kind, decision.reason):
+        self._log_change(decision)
+
+    def _log_change(self, decision: Decision) -> None:
+        """Log a decision that differs from the last logged one, at most once per period."""
+        label, now = (decision.kind, decision.reason), time.monotonic()
+        if label != self._logged[0] and now - self._logged[1] >= LOG_PERIOD:
+            self._logged = label, now
             self.get_logger().info(f'{decision.kind.name}: {decision.explanation}')
 
     def make_safe(self) -> None:

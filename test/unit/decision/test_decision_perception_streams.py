@@ -157,6 +157,20 @@ def test_an_observation_of_another_clock_is_refused_and_holds_up_no_other(stamp,
     assert fusion.profile.rejection is None and fusion.profile.face.height == 0.03
 
 
+@pytest.mark.parametrize('off', [5.0, -5.0])
+def test_observations_of_another_clock_beside_good_ones_change_nothing(off):
+    fusion = GroundFusion(GIMBALL, TUNING)
+    good = StepObservation(0.0, True, 1.0, 0.03, 0.01, 0.001)
+    fusion.move(Motion(0.0, 0.0, 0.0))
+    fusion.observe(good)
+    fusion.fuse()
+    profile = fusion.profile
+    for number in range(10):
+        fusion.observe(replace(good, stamp=off + 0.01 * number, height=0.1))
+        fusion.fuse()
+    assert fusion.profile == profile and profile.rejection is None
+
+
 def test_an_observation_waits_for_its_odometry():
     fusion = GroundFusion(GIMBALL, TUNING)
     fusion.observe(StepObservation(0.1, True, 1.0, 0.03, 0.01, 0.001))
