@@ -272,13 +272,8 @@ class Profile:
         Of the ground below the ball, positive uphill [rad]; NaN if not observed.
     points_sd : tuple of float
         Standard deviations of the heights of the points [m].
-    gaps : tuple of (float, float)
-        Position intervals between `seen_from` and `seen_to` that edges occlude; the polyline
-        drops at their start to the next observed point [m].
     steep : tuple of (float, float)
         Stretches that are too steep to stand on: where they begin [m], and slope [rad].
-    bias_sd : float
-        Part of the height deviations common to all faces, not reduced by averaging [m].
     rejection : Reason or None
         ``BAD_OBSERVATION`` or ``CONTRADICTORY``: do not act on it.
     explanation : str
@@ -296,9 +291,7 @@ class Profile:
     rejection: Optional[Reason] = None
     explanation: str = ''
     points_sd: Tuple[float, ...] = ()
-    gaps: Tuple[Tuple[float, float], ...] = ()
     steep: Tuple[Tuple[float, float], ...] = ()
-    bias_sd: float = 0.0
 
     @property
     def face(self) -> Optional[Face]:

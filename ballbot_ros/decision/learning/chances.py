@@ -15,7 +15,6 @@ import math
 from typing import NamedTuple, Optional, Tuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballbot_ros.config.fields import Checked, quantity
 from ballbot_ros.crossing.attempt import attempt, Course, Crossing, LEAST
@@ -128,24 +127,21 @@ class Chances:
     particles : Particles
     touching : Touching
     learning : Learning
-    chosen : (m,) int array, optional
-        Indices of particles; all by default.
 
     """
 
     def __init__(self, particles: Particles, touching: Touching,
-                 learning: Learning = Learning(), chosen: Optional[NDArray[np.int64]] = None):
+                 learning: Learning = Learning()):
         """Set up; the attempts come with `work`."""
-        index = np.arange(len(particles)) if chosen is None else np.asarray(chosen)
         self._learning, self._touching = learning, touching
         mean = particles.weights @ particles.rows
         friction = np.column_stack([particles.column(name)
                                     for name in (SURFACE_FRICTION, EDGE_FRICTION)])
         # Four more than there are: the mean robot, on a step higher and lower, faster and slower.
-        self._rows = np.vstack([particles.rows[index], np.tile(mean, (4, 1))])
-        self._frictions = np.vstack([friction[index],
+        self._rows = np.vstack([particles.rows, np.tile(mean, (4, 1))])
+        self._frictions = np.vstack([friction,
                                      np.tile(particles.weights @ friction, (4, 1))])
-        heights = touching.height - particles.column(HEIGHT_BIAS)[index]
+        heights = touching.height - particles.column(HEIGHT_BIAS)
         middle = touching.height - particles.mean(HEIGHT_BIAS)
         self._heights = np.maximum(np.concatenate([
             heights, middle + np.array([HIGHER, -HIGHER, 0.0, 0.0])]), 1e-4)
@@ -173,11 +169,11 @@ class Chances:
         return self._done == number
 
     def probabilities(self) -> Array:
-        """Return (m,) the probability of getting over, of each particle; after all `work`."""
+        """Return (N,) the probability of getting over, of each particle; after all `work`."""
         return _normal(self._scores[:-4, 0] / self._deviation)
 
     def likelihood(self, outcome: Outcome) -> Array:
-        """Return (m,) the likelihood of an outcome under each particle; after all `work`."""
+        """Return (N,) the likelihood of an outcome under each particle; after all `work`."""
         odd, over = self._learning.outliers, self.probabilities()
         if not outcome.got_over:
             return (1.0 - odd) * (1.0 - over) + 0.5 * odd
@@ -233,17 +229,9 @@ def _normal(values: Array) -> Array:
                      for value in values.tolist()])
 
 
-def probability(particles: Particles, touching: Touching, learning: Learning = Learning(),
-                number: Optional[int] = None, seed: int = 0) -> float:
-    """
-    Return the probability of crossing a step, over all particles or `number` drawn ones.
-
-    The model is the same as for learning from the outcome.
-    """
-    if number is None:
-        chances = Chances(particles, touching, learning)
-        chances.work()
-        return float(particles.weights @ chances.probabilities())
-    chances = Chances(particles, touching, learning, particles.draw(number, seed))
+def probability(particles: Particles, touching: Touching,
+                learning: Learning = Learning()) -> float:
+    """Return the probability of crossing a step, as for learning from the outcome."""
+    chances = Chances(particles, touching, learning)
     chances.work()
-    return float(np.mean(chances.probabilities()))
+    return float(particles.weights @ chances.probabilities())

@@ -160,10 +160,6 @@ class Particles:
             return column
         return np.full(len(self), getattr(self.robot, name))
 
-    def parameters(self, index: int) -> Tuple[float, ...]:
-        """Return a robot as the kernels read it: its `Parameters` as a plain tuple."""
-        return tuple(self.rows[index].tolist())
-
     def one(self, index: int) -> Robot:
         """Return a particle as a robot."""
         values = dict(zip(self.names, self.values[index].tolist()))

@@ -170,9 +170,6 @@ SLOPE_SD = 0.003
 # Standard deviation of a face height whose upper end is not observed [m].
 UNSEEN_SD = 0.05
 
-# Minimum length of a reported gap [m].
-LEAST_GAP = 0.03
-
 
 class Found(NamedTuple):
     """
@@ -209,8 +206,6 @@ class GroundSeen(NamedTuple):
     sds : list of float
         Standard deviations of the heights [m].
     faces : list of Found
-    gaps : list of (float, float)
-        Between these positions nothing was seen [m].
     seen_from, seen_to : float
         [m]
     slope, slope_sd : float
@@ -221,7 +216,6 @@ class GroundSeen(NamedTuple):
     points: List[Tuple[float, float]]
     sds: List[float]
     faces: List[Found]
-    gaps: List[Tuple[float, float]]
     seen_from: float
     seen_to: float
     slope: float
@@ -246,16 +240,16 @@ def ground_of(found: ElevationMap, position: float,
     known = np.flatnonzero(np.isfinite(found.variance))
     if len(known) < 3:
         nan = math.nan
-        return GroundSeen([], [], [], [], nan, nan, nan, nan)
+        return GroundSeen([], [], [], nan, nan, nan, nan)
     # Neighbouring nodes share the points that they lie between.
     shared = min(max(1.5 * found.spacing / CELL, 1.0), 20.0)
-    nodes, gaps = _bridged(found, known, shared)
+    nodes = _bridged(found, known, shared)
     known_edges = _edges_in(nodes, edges)
     pieces = pieces_of(nodes, shared, known_edges)
     datum, slope, slope_variance = _below(nodes, pieces, position)
     points, sds, faces = _assemble(nodes, pieces, known_edges, datum)
     slope_sd = math.sqrt(slope_variance + found.tilt_sd**2 + SLOPE_SD**2)
-    return GroundSeen(points, sds, faces, gaps, float(nodes.x[0]), float(nodes.x[-1]),
+    return GroundSeen(points, sds, faces, float(nodes.x[0]), float(nodes.x[-1]),
                       math.atan(slope), slope_sd)
 
 
@@ -270,23 +264,20 @@ def _edges_in(nodes: Nodes, edges: Sequence[Found]) -> List[Piece]:
     return found
 
 
-def _bridged(found: ElevationMap, known: Whole,
-             shared: float) -> Tuple[Nodes, List[Tuple[float, float]]]:
-    """Return the known nodes, with edges where unseen ground begins, and the gaps."""
+def _bridged(found: ElevationMap, known: Whole, shared: float) -> Nodes:
+    """Return the known nodes, with edges where unseen ground begins."""
     x: Array = (known + found.first).astype(float) * CELL
     z, variance = found.height[known], shared * found.variance[known]
     breaks = np.flatnonzero(np.diff(known) > 1)
     if not len(breaks):
-        return Nodes(x, z, variance, known), []
-    gaps = [(float(x[index]), float(x[index + 1])) for index in breaks
-            if x[index + 1] - x[index] > LEAST_GAP + 1e-9]
+        return Nodes(x, z, variance, known)
     # Occluded terrain: a drop is at its edge, a rise at its nearest possible position.
     run, rise = np.diff(x), np.diff(z)
     jumps = breaks[np.abs(rise - run * around(rise / run))[breaks] > LEAST_FACE]
     return Nodes(np.insert(x, jumps + 1, x[jumps] + 1e-4),
                  np.insert(z, jumps + 1, z[jumps + 1]),
                  np.insert(variance, jumps + 1, variance[jumps + 1]),
-                 np.insert(known, jumps + 1, known[jumps])), gaps
+                 np.insert(known, jumps + 1, known[jumps]))
 
 
 def _below(nodes: Nodes, pieces: List[Piece], position: float) -> Tuple[float, float, float]:

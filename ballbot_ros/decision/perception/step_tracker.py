@@ -204,8 +204,7 @@ class StepTracker:
             if observation.distance > 0.0:
                 seen_to = position + observation.distance
         self._first = False
-        return Profile(observation.stamp, self._faces, seen_to=seen_to,
-                       bias_sd=self._bias_of(observation))
+        return Profile(observation.stamp, self._faces, seen_to=seen_to)
 
     def _bias_of(self, observation: StepObservation) -> float:
         """Return the standard deviation that averaging does not reduce [m]."""

@@ -345,8 +345,7 @@ class TerrainTracker:
             stamp, tuple(known.face for known in self._faces if known.confirmed
                          and known.face.position + known.face.run > position),
             tuple(ground.points), ground.seen_from, ground.seen_to, ground.slope,
-            ground.slope_sd, points_sd=tuple(ground.sds), gaps=tuple(ground.gaps),
-            bias_sd=self._bias)
+            ground.slope_sd, points_sd=tuple(ground.sds))
 
     def _with_steep(self, profile: Profile) -> Profile:
         """Return a profile with the stretches that are too steep, which persist as faces do."""

@@ -28,7 +28,7 @@ def test_each_row_is_what_the_kernels_read_of_that_robot():
                       pulled(PARTICLES, 'pendulum_mass', 1.4, 0.02)):
         for index in (0, 7, len(particles) - 1):
             robot = particles.one(index)
-            assert particles.parameters(index) == pytest.approx(
+            assert particles.rows[index] == pytest.approx(
                 Parameters.of(robot, ContactOptions())[:], rel=1e-14)
             assert robot.total_mass == pytest.approx(particles.robot.total_mass, rel=1e-14)
             assert robot.edge_friction == particles.column('edge_friction')[index]

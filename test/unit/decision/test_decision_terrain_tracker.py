@@ -151,11 +151,10 @@ def test_a_bevel_has_a_run_and_a_vertical_face_none():
     assert bevel.run == pytest.approx(0.04, abs=0.01) and rise.run == 0.0
 
 
-def test_what_an_edge_hides_is_a_gap():
+def test_ground_that_an_edge_hides_is_as_low_as_the_next_seen():
     profile = approach(SCENES['drop'][0])[-1]
-    (begin, end), = profile.gaps
-    assert begin == pytest.approx(1.2, abs=0.015)
-    assert end == pytest.approx(1.2 + 0.1 / RADIUS * 0.4, abs=0.03)
+    hidden = np.linspace(1.22, 1.2 + 0.1 / RADIUS * 0.4, 5)
+    assert np.interp(hidden, *zip(*profile.points)) == pytest.approx(-0.1, abs=0.01)
     assert profile.seen_to == pytest.approx(3.8, abs=0.03)
 
 
@@ -262,16 +261,6 @@ def test_a_wall_that_ends_the_view_is_seen_wherever_it_stands(place):
     face = approach(terrain, 5, 0.05)[-1].face
     assert face.height > 0.3 and face.height + 4.0 * face.height_sd > 0.5
     assert face.position == pytest.approx(place, abs=0.015)
-
-
-def test_a_hole_between_samples_is_not_seen_and_one_between_vertices_is_ground():
-    x = np.arange(-0.3, 2.0, 0.015)
-    x = x[(x < 1.0) | (x > 1.1)]
-    sampled = tracker().update(TerrainObservation(
-        0.0, tuple(x.tolist()), (-RADIUS,) * len(x), (), x[0], x[-1]), 0.0)
-    (begin, end), = sampled.gaps
-    assert begin == pytest.approx(1.0, abs=0.02) and end == pytest.approx(1.1, abs=0.02)
-    assert not tracker().update(exact(Terrain.flat()), 0.0).gaps
 
 
 def test_two_walls_around_the_ball_are_no_sensor_that_looks_backwards():

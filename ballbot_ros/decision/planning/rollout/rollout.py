@@ -68,9 +68,8 @@ VERDICT = 0
 TOUCH_SPEED = 1   # when the ball first touches a face [m/s]; NaN where it does not
 TOUCH_ANGLE = 2   # of the pendulum then [rad]
 REST = 3          # farthest position of the centre if stopped behind the last edge [m]
-TIME = 4          # from now until the verdict [s]
-PASSED_SPEED = 5  # when the centre has passed the last edge [m/s]; NaN where it does not
-RESULT = 6
+PASSED_SPEED = 4  # when the centre has passed the last edge [m/s]; NaN where it does not
+RESULT = 5
 
 
 class Drive(NamedTuple):
@@ -323,9 +322,9 @@ def order_of(plan: Array, late: float, after: float, drive: Drive) -> PlainOrder
 
 @outlined
 def roll_until(until: float, rising: float, now: Rolling, order: PlainOrder, robot: Parameters,
-               drive: Drive, ground: Array) -> tuple[Rolling, SpeedState, float]:
+               drive: Drive, ground: Array) -> tuple[Rolling, SpeedState]:
     """
-    Roll the ball to a position or to rest; return it, its speed law, and the time [s].
+    Roll the ball to a position or to rest; return it, and its speed law.
 
     A ball that starts at rest, or rolling back, has the time `rising` [s] to move forward.
     """
@@ -338,7 +337,7 @@ def roll_until(until: float, rising: float, now: Rolling, order: PlainOrder, rob
         now = roll(now, set_angle, slope_at(ground, now.position), ROLLED, robot, drive)
         time += ROLLED
         count += 1
-    return now, memory, time
+    return now, memory
 
 
 @compiled
@@ -357,7 +356,7 @@ def stands_at(state: Array, robot: Parameters, drive: Drive, ground: Array) -> f
     now = Rolling(state[X], state[VELOCITY_X], state[PENDULUM_ANGLE], state[PENDULUM_RATE])
     order = (0.0, 0.0, -math.inf, math.inf, 0.0, -math.inf, 0.0, drive.emergency_lean,
              drive.emergency_lean, drive.reaction)
-    now, _, _ = roll_until(math.inf, 0.0, now, order, robot, drive, ground)
+    now, _ = roll_until(math.inf, 0.0, now, order, robot, drive, ground)
     return now.position
 
 
@@ -413,7 +412,6 @@ def climb(memory: SpeedState, plan: Array, draw: Array, robot: Parameters, drive
                 result[PASSED_SPEED] = state[VELOCITY_X]
                 result[REST] = stands_at(state, robot, drive, ground)
             if result[REST] > room - GAP or result[REST] > -math.inf and state[X] > clear_x:
-                result[TIME] += time
                 return FALLS if result[REST] > room - GAP else OVER
         if state[X] > farthest + PROGRESS:
             farthest, idle_from = state[X], time
@@ -421,7 +419,6 @@ def climb(memory: SpeedState, plan: Array, draw: Array, robot: Parameters, drive
         back = state[VELOCITY_X] < 0.0 and state[X] < touch_x - RETREAT
         if (back and touch_x < math.inf) or idle or time > until or not state[Y] > -1e3:
             break
-    result[TIME] += time
     return STUCK
 
 
@@ -453,10 +450,9 @@ def run(start: Rolling, plan: Array, draw: Array, raised: float, drive: Drive, s
         now = Rolling(plan[START], 0.0, 0.0, 0.0)
     result[TOUCH_SPEED] = result[TOUCH_ANGLE] = math.nan
     result[REST] = result[PASSED_SPEED] = math.nan
-    result[TIME] = 0.0
     rough = next_rough(ground, first_segment(ground, now.position))
     until = min(reached_at(ground, rough, robot.radius), plan[SWING_AT]) - EARLY
-    now, memory, result[TIME] = roll_until(
+    now, memory = roll_until(
         until, RISING, now, order_of(plan, 0.0, 0.0, drive), robot, drive, ground)
     verdict = STUCK
     if now.position >= until:
