@@ -49,16 +49,87 @@ class Cut:
         Surface friction of each segment, NaN for that of the robot.
     edges : tuple of Edge
         All faces but walls, by their distance.
+    walls : (float, float)
+        Distance of the walls behind and ahead, infinite for none [m].
 
     """
 
     vertices: Array
     friction: Array
     edges: Tuple[Edge, ...]
+    walls: Tuple[float, float]
 
     def terrain(self, offset: float = 0.0) -> Terrain:
         """Return the terrain with an x that is `offset` at the place of the cut [m]."""
         return Terrain(self.vertices + (offset, 0.0), self.friction)
+
+    def with_room(self, centre: Point, radius: float, depth: float, remaining: float) -> 'Cut':
+        """
+        Return the cut with pits where the ground would penetrate a ball; walls remain.
+
+        Parameters
+        ----------
+        centre : (float, float)
+            Of the ball: distance ahead and height [m].
+        radius : float
+            Of the ball [m].
+        depth : float
+            Largest penetration that needs no pit [m].
+        remaining : float
+            Penetration by the edges of a pit [m].
+
+        """
+        reach = radius - remaining
+        (begin, low), (end, high) = (
+            points.T for points in (self.vertices[:-1], self.vertices[1:]))
+        ground = end > begin
+        begin, low, end, high = begin[ground], low[ground], end[ground], high[ground]
+        slope = (high - low) / (end - begin)
+        begin[0], end[-1] = -math.inf, math.inf
+        inner = self.vertices[:-1][ground]  # a point of each segment
+        # The lines of the segments meet the circle of the ball at their foot -+ half a chord.
+        above = centre[1] - inner[:, 1] - slope * (centre[0] - inner[:, 0])
+        foot = centre[0] + slope * above / (1.0 + slope**2)
+        half = np.sqrt(np.maximum(reach**2 * (1.0 + slope**2) - above**2, 0.0)) \
+            / (1.0 + slope**2)
+        breaks = [ends[(begin < ends) & (ends < end)] for ends in (foot - half, foot + half)]
+        rim = centre[0] - reach, centre[0] + reach
+        outer = (min(self.vertices[0, 0], rim[0]) - 1.0, max(self.vertices[-1, 0], rim[1]) + 1.0)
+        xs = np.unique(np.concatenate([self.vertices[1:-1, 0], *breaks, rim, outer]))
+        middle = 0.5 * (xs[:-1] + xs[1:])
+        number = np.searchsorted(begin, middle, 'right') - 1
+        left, right = (inner[number, 1] + slope[number] * (at - inner[number, 0])
+                        for at in (xs[:-1], xs[1:]))
+        near = np.abs(middle - centre[0]) < reach
+        lower = np.full(len(middle), math.inf)
+        lower[near] = centre[1] - np.sqrt(reach**2 - (middle[near] - centre[0])**2)
+        under_ball = np.flatnonzero((0.5 * (left + right) > lower + SAME)
+                                 & (self.walls[0] < middle) & (middle < self.walls[1]))
+        if not len(under_ball):
+            return self
+        same = np.flatnonzero(np.abs(left[1:] - right[:-1]) < SAME)
+        left[same + 1] = right[same]  # no faces by rounding
+        for pit in np.split(under_ball, np.flatnonzero(np.diff(under_ball) > 1) + 1):
+            nearest = np.clip(foot[number[pit]], xs[pit], xs[pit + 1])
+            heights = inner[number[pit], 1] + slope[number[pit]] * (
+                nearest - inner[number[pit], 0])
+            away = np.where(heights < centre[1],
+                            np.hypot(nearest - centre[0], heights - centre[1]), 0.0)
+            if radius - away.min() > depth:
+                first, last = xs[pit[0]], xs[pit[-1] + 1]
+                if remaining and first <= centre[0] <= last:
+                    # Its bottom carries the ball alone.
+                    found = self.with_room(centre, radius, depth, 0.0)
+                    raised = found.vertices.copy()
+                    raised[raised[:, 1] == centre[1] - radius, 1] += remaining
+                    return Cut(raised, found.friction, self.edges, self.walls)
+                # Beside the ball, this moves a face out of it, at the height of its foot.
+                bottom, beside = (right[pit[0] - 1], first) if first > centre[0] else (
+                    left[pit[-1] + 1], last) if last < centre[0] else (math.inf, centre[0])
+                left[pit] = right[pit] = min(bottom, centre[1] - math.sqrt(
+                    max(0.0, reach**2 - (beside - centre[0])**2)))
+        friction = self.friction[ground][number]
+        return Cut(*_joined(xs, left, right, friction), self.edges, self.walls)
 
 
 class _Part(NamedTuple):
@@ -149,7 +220,7 @@ def cut(floor: Floor, place: Point, heading: float, level: float = 0.0, radius: 
         left[0] = right[0] = left[1] + WALL_HEIGHT
     if math.isfinite(ahead):
         left[-1] = right[-1] = right[-2] + WALL_HEIGHT
-    return Cut(*_joined(xs, left, right, friction), tuple(edges))
+    return Cut(*_joined(xs, left, right, friction), tuple(edges), (behind, ahead))
 
 
 def crossed(floor: Floor, begin: Point, end: Point, kinds: Sequence[str] = LINES

@@ -7,14 +7,14 @@ heading leaves the cut.
 """
 from dataclasses import replace
 import math
-from typing import Optional, Tuple
+from typing import List, Optional, Tuple
 
 import numpy as np
 
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.floors.floor import Floor
 from ballbot_ros.floors.levels import level
-from ballbot_ros.floors.profile import Cut, cut, passed
+from ballbot_ros.floors.profile import Cut, cut, passed, SAME
 from ballbot_ros.physics.mechanics.contact_law import EDGE
 from ballbot_ros.physics.model.actuation import Actuation
 from ballbot_ros.physics.model.robot import Robot
@@ -30,6 +30,8 @@ from ballbot_ros.steering import height_factor, LateralState, step
 # where the ground is level that far beyond its radius [rad], [m].
 ON_LINE, NEAR_LINE, MARGIN = 1e-6, 0.01, 0.1
 Line = Tuple[float, float, float, float]  # x, y, heading, and the path length there
+# Part of the squares of the penetrations that rounding adds in a new cut, and least [m2].
+ROUNDING = 1e-5, 1e-12
 # Largest angle to an edge at which its push to the side is known, see `steering.oblique` [rad].
 STEEPEST = math.radians(45.0)
 
@@ -79,8 +81,8 @@ class FloorPlant(Plant):
         self._seen: Optional[Terrain] = None
         self._seen_at: Line = (0.0, 0.0, 0.0, 0.0)
         self.start_pose = self._place(pose)
-        scene = Scene(floor.name, Model(robot, self._cut.terrain(), solver=solver), Initial(),
-                      Actuation(), Run(duration=1.0))
+        scene = Scene(floor.name, Model(robot, self._exact().terrain(), solver=solver),
+                      Initial(), Actuation(), Run(duration=1.0))
         super().__init__(scene, control_rate, torque_limit)
 
     @property
@@ -141,15 +143,17 @@ class FloorPlant(Plant):
     def reset(self, time: bool = False) -> State:
         """Return to the start pose, and to time 0 where `time` is true."""
         self._place(self.start_pose)
-        self._use(self._cut)
         return super().reset(time)
 
     def put(self, state: State, pose: Optional[Tuple[float, float, float]] = None) -> State:
         """Set the planar state, and the pose where one is given; the ball does not lean then."""
+        super().put(state)
         if pose is not None:
-            self._place(pose, state.x)
-            self._use(self._cut)
-        return super().put(state)
+            self._place(pose)
+        self._seen, self._cut, self._cut_at = None, self._exact(), self._course()
+        self.model = replace(self.model, terrain=self._cut.terrain(state.x))
+        self._cut_again()
+        return self.state
 
     def profile(self) -> Terrain:
         """
@@ -158,10 +162,15 @@ class FloorPlant(Plant):
         At walls, it is that along the path of the centre.
         """
         if self._seen is None or not self._on(self._seen_at, ON_LINE):
-            self._seen_at = (*self._at, self._lateral.heading, self.state.x)
-            self._seen = cut(self.floor, self._at, self._lateral.heading, self._level).terrain(
-                self.state.x)
+            self._seen_at = self._course()
+            self._seen = self._exact().terrain(self.state.x)
         return self._seen
+
+    def _exact(self) -> Cut:
+        return cut(self.floor, self._at, self._lateral.heading, self._level)
+
+    def _course(self) -> Line:
+        return (*self._at, self._lateral.heading, self.state.x)
 
     def _on(self, line: Line, tolerance: float) -> bool:
         """Return whether place and heading lie on a line."""
@@ -170,19 +179,12 @@ class FloorPlant(Plant):
         across = away[1] * math.cos(heading) - away[0] * math.sin(heading)
         return max(abs(turned), abs(across)) < tolerance
 
-    def _place(self, pose: Tuple[float, float, float], x: float = 0.0
-               ) -> Tuple[float, float, float]:
-        """Put the ball at a pose without lean, at a path length; cut the ground."""
+    def _place(self, pose: Tuple[float, float, float]) -> Tuple[float, float, float]:
+        """Put the ball at a pose without lean."""
         self._at = (float(pose[0]), float(pose[1]))
         self._lateral = LateralState(heading=float(pose[2]))
-        self._level, self._seen = level(self.floor, self._at), None
-        self._cut_at = (*self._at, self._lateral.heading, x)
-        self._cut = self._new_cut()
+        self._level = level(self.floor, self._at)
         return (*self._at, self._lateral.heading)
-
-    def _new_cut(self) -> Cut:
-        return cut(self.floor, self._at, self._lateral.heading, self._level, self._radius,
-                   _climbed)
 
     def _follow(self) -> None:
         """Cut the ground again if the ball has left the line of the cut."""
@@ -190,13 +192,41 @@ class FloorPlant(Plant):
         near = np.min(np.abs(self._cut.vertices[:, 0] - there)) < self._radius + MARGIN
         if self._on(self._cut_at, ON_LINE if near else NEAR_LINE):
             return
-        self._cut_at = (*self._at, self._lateral.heading, self.state.x)
-        self._cut = self._new_cut()
-        self._use(self._cut)
+        self._cut_again()
 
-    def _use(self, new: Cut) -> None:
-        """Have the ground of a cut from now on."""
-        self.model = replace(self.model, terrain=new.terrain(self._cut_at[3]))
+    def _cut_again(self) -> None:
+        """
+        Cut the ground, which adds no energy to the springs of its contacts.
+
+        Walls push back a ball that moves sideways into them.
+        """
+        state, before = self.state, self._penetrations()
+        present = sum(before)
+        self._cut_at = self._course()
+        new = cut(self.floor, self._at, self._lateral.heading, self._level, self._radius, _climbed)
+        deepest = math.sqrt(max(before, default=0.0))
+
+        def added(depth: float, left: float) -> float:
+            self._cut = new.with_room((0.0, state.y), self._radius, depth, left)
+            self.model = replace(self.model, terrain=self._cut.terrain(state.x))
+            return sum(self._penetrations()) - present
+
+        # The edges of the pits keep the present force as far as that adds no energy.
+        rounding = ROUNDING[0] * present + ROUNDING[1]
+        most = added(deepest, deepest)
+        if most > rounding:
+            least = added(deepest, 0.0)
+            if least > rounding:
+                added(0.0, 0.0)
+            elif added(deepest, deepest * math.sqrt(
+                    max(0.0, -least) / (most - least))) > rounding:
+                added(deepest, 0.0)
+
+    def _penetrations(self) -> List[float]:
+        """Return the squares of the penetrations of the ground, without walls [m2]."""
+        behind, ahead = self._cut.walls
+        return [touch.penetration**2 for touch in self.model.touches(self.state)
+                if behind + SAME < touch.x - self._cut_at[3] < ahead - SAME]
 
     def _move(self, before: State, after: State, lean_set_point: float) -> None:
         """Move pose and lateral state on by a period in which the planar state changed."""

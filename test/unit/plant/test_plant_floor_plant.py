@@ -3,6 +3,7 @@
 from dataclasses import replace
 import math
 
+from hypothesis import example, given, settings, strategies as st
 import numpy as np
 import pytest
 
@@ -173,3 +174,20 @@ def test_what_lies_ahead_is_seen_along_the_heading():
     x, _, heading = plant.pose
     ahead = (11.0 - x) / math.cos(heading)
     assert plant.profile().vertices[1, 0] == pytest.approx(plant.state.x + ahead)
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.sampled_from(['cord', 'threshold', 'step']), st.floats(-0.3, 0.3),
+       st.floats(-0.2, 0.2), st.floats(-1.0, 1.0), st.floats(-0.3, 0.3))
+@example('cord', 0.01, math.radians(10.0), 0.0, 0.0)
+@example('cord', 0.01, math.radians(2.0), 0.0, 0.0)
+@example('cord', 0.005, math.radians(0.5), 0.0, 0.0)
+def test_a_ball_nearly_parallel_to_an_edge_gains_no_energy(kind, aside, turned, speed, lean):
+    feature = {'kind': kind, 'line': [[8.0, 4.0], [8.0, 12.0]], 'height': 0.02,
+               **({} if kind == 'step' else {'width': 0.03})}
+    plant = FloorPlant(ROBOT, floor_of(feature), (8.0 + aside, 8.0, 0.5 * math.pi + turned))
+    plant.put(plant.state._replace(velocity_x=speed, ball_rate=-speed / ROBOT.ball_radius))
+    first = plant.model.energies(plant.state).total
+    for _ in range(150):
+        plant.advance(0.0, lean)
+        assert plant.model.energies(plant.state).total < first + 0.01
