@@ -11,7 +11,7 @@ from typing import List, Optional, Tuple
 
 import numpy as np
 
-from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.errors import ConfigurationError, SimulationError
 from ballbot_ros.floors.floor import Floor
 from ballbot_ros.floors.levels import level
 from ballbot_ros.floors.profile import Cut, cut, passed, SAME
@@ -135,9 +135,13 @@ class FloorPlant(Plant):
 
         """
         self._follow()
-        before = self.state
+        before, applied = self.state, self.torque
         after = super().advance(torque, lean_set_point)
-        self._move(before, after, lean_set_point)
+        try:
+            self._move(before, after, lean_set_point)
+        except SimulationError:
+            self.state, self.torque, self.periods = before, applied, self.periods - 1
+            raise
         return after
 
     def reset(self, time: bool = False) -> State:
@@ -242,6 +246,11 @@ class FloorPlant(Plant):
             lateral = lateral._replace(tilt_rate=tilt_rate)
         if self.steers and (lean_set_point or lateral._replace(heading=0.0) != LateralState()):
             lateral = step(robot, lateral, speed, lean_set_point, self.period, acceleration)
+            if not abs(lateral.tilt) < 0.5 * math.pi:
+                raise SimulationError(
+                    after.time, f'the axle tilts by {math.degrees(lateral.tilt):.0f} degrees, and '
+                    'the lateral model holds below 90',
+                    'drive slower along edges, or cross them at right angles')
         heading = 0.5 * (self._lateral.heading + lateral.heading)
         sideways = 0.5 * (tilt_rate + lateral.tilt_rate) * robot.ball_radius * self.period
         forward = after.x - before.x

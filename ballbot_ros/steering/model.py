@@ -179,8 +179,11 @@ def servo_torque(robot: Robot, state: LateralState, speed: float, target: float)
 
 def lateral_acceleration(robot: Robot, state: LateralState, speed: float, torque: float) -> float:
     """Return the acceleration of the lean under a torque, which is linear in it [rad/s2]."""
-    without = accelerations(robot, state, speed, 0.0).torque
-    return (torque - without) / (accelerations(robot, state, speed, 1.0).torque - without)
+    # The inertia depends on the swing only; beside large rates, rounding would hide it.
+    still = LateralState(lean=state.lean - state.tilt)
+    inertia = accelerations(robot, still, 0.0, 1.0).torque - accelerations(
+        robot, still, 0.0, 0.0).torque
+    return (torque - accelerations(robot, state, speed, 0.0).torque) / inertia
 
 
 def lateral_speed(robot: Robot, state: LateralState) -> float:

@@ -7,7 +7,7 @@ from hypothesis import example, given, settings, strategies as st
 import numpy as np
 import pytest
 
-from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.errors import ConfigurationError, SimulationError
 from ballbot_ros.floors import Feature, Floor
 from ballbot_ros.floors.floor import OCCUPIED
 from ballbot_ros.physics import load_robot, load_scene, Terrain
@@ -191,3 +191,14 @@ def test_a_ball_nearly_parallel_to_an_edge_gains_no_energy(kind, aside, turned, 
     for _ in range(150):
         plant.advance(0.0, lean)
         assert plant.model.energies(plant.state).total < first + 0.01
+
+
+def test_an_axle_that_tilts_too_far_ends_the_run_at_the_last_valid_state(monkeypatch):
+    plant = FloorPlant(ROBOT, floor_of(), (8.0, 8.0, 0.0))
+    monkeypatch.setattr('ballbot_ros.plant.floor_plant.step',
+                        lambda robot, lateral, *rest: lateral._replace(tilt=math.pi))
+    state, lateral, time = plant.state, plant.lateral, plant.time
+    with pytest.raises(SimulationError) as found:
+        plant.advance(0.5, 0.1)
+    assert found.value.remedy and found.value.time == plant.time + plant.period
+    assert (plant.state, plant.lateral, plant.time, plant.torque) == (state, lateral, time, 0.0)

@@ -8,7 +8,7 @@ from refusals import refused
 
 from ballbot_ros.physics import load_robot
 from ballbot_ros.steering import LateralState, law, steady_turn, step
-from ballbot_ros.steering.model import accelerations
+from ballbot_ros.steering.model import accelerations, lateral_acceleration
 
 GIMBALL = load_robot('gimball')
 LOSSLESS = GIMBALL.replace(rolling_friction=0.0)
@@ -111,3 +111,8 @@ def test_a_robot_without_steering_says_that_it_drives_straight(function):
         function(load_robot('shellball'), *arguments)
     with refused('missing', 'steering'):
         function(GIMBALL.replace(steering=None), *arguments)
+
+
+def test_the_lean_answers_a_torque_at_any_yaw_rate():
+    turning = LateralState(yaw_rate=1e17)
+    assert math.isfinite(lateral_acceleration(GIMBALL, turning, 0.5, 0.1))
