@@ -41,9 +41,8 @@ def run(arguments: argparse.Namespace) -> int:
             f'--out must end in .yaml, got {str(arguments.out)!r}', 'not_a_choice', 'out')
     robot = options.read_robot(arguments)
     from ballbot_ros.cli.output import watched
-    from ballbot_ros.decision.planning.curve import curve_text
     from ballbot_ros.results.files import write_text
-    from ballbot_ros.studies.curve_fit import fit_curve, heights_for, Request
+    from ballbot_ros.studies.curve_fit import curve_text, fit_curve, heights_for, Request
     speeds = read_range(arguments.speed, '--speed')
     options.warn_speeds('--speed', speeds)
     request = Request(speeds[0], speeds[-1], len(speeds), arguments.accuracy,

@@ -22,7 +22,7 @@ loop around it:
 """
 from ballbot_ros.decision.decider import Answer, Decider
 from ballbot_ros.decision.execution.goals import (
-    cross_goal, CrossGoal, drive_goal, DriveGoal, Ending, GoalEnd, Goals, Phase)
+    CrossGoal, DriveGoal, Ending, GoalEnd, Goals, Phase)
 from ballbot_ros.decision.execution.pilot import Pilot
 from ballbot_ros.decision.perception import (
     Observation, ProfileTracker, StepTracker, TerrainTracker)
@@ -35,8 +35,8 @@ from ballbot_ros.decision.values import (
     Strategy, TerrainObservation)
 
 __all__ = [
-    'After', 'Answer', 'check_decision', 'cross_goal', 'CrossGoal', 'Decider', 'Decision',
-    'DecisionTuning', 'drive_goal', 'DriveGoal', 'Ending', 'Face', 'Failure', 'GoalEnd', 'Goals',
+    'After', 'Answer', 'check_decision', 'CrossGoal', 'Decider', 'Decision',
+    'DecisionTuning', 'DriveGoal', 'Ending', 'Face', 'Failure', 'GoalEnd', 'Goals',
     'HeightCurve', 'Kind', 'Knowledge', 'load_curve', 'load_decision_tuning', 'Motion',
     'Observation', 'Outlook', 'Phase', 'Pilot', 'Plan', 'Planner',
     'PLANNERS', 'Profile', 'ProfileTracker', 'Reason', 'Situation',

@@ -63,6 +63,12 @@ class Decider:
     ----------
     goals : Goals
         Limits how far decisions are executed; no limit without a goal.
+    motion : Motion or None
+        The newest odometry.
+    planned, decision : Decision or None
+        The last decision, before and after the limits of a goal.
+    outcome : Outcome or None
+        Set if the last call of `decide` ended an attempt.
     end : GoalEnd or None
         Set if the last call of `decide` ended a goal.
 
@@ -93,10 +99,10 @@ class Decider:
         self._pilot.reset()
         self._memory.reset()
         self._watch.reset()
-        self._motion: Optional[Motion] = None
-        self._outcome: Optional[Outcome] = None
-        self._planned: Optional[Decision] = None
-        self._decision: Optional[Decision] = None
+        self.motion: Optional[Motion] = None
+        self.outcome: Optional[Outcome] = None
+        self.planned: Optional[Decision] = None
+        self.decision: Optional[Decision] = None
         self.end: Optional[GoalEnd] = None
 
     def prepare(self, knowledge: Knowledge) -> Callable[[], None]:
@@ -121,29 +127,9 @@ class Decider:
         return self._fusion.profile
 
     @property
-    def decision(self) -> Optional[Decision]:
-        """Return the last decision."""
-        return self._decision
-
-    @property
-    def planned(self) -> Optional[Decision]:
-        """Return the last decision before the limits of a goal."""
-        return self._planned
-
-    @property
-    def motion(self) -> Optional[Motion]:
-        """Return the newest odometry."""
-        return self._motion
-
-    @property
     def free_from(self) -> float:
         """Return the farthest position behind to which the ball may roll back [m]."""
         return self._memory.free_from
-
-    @property
-    def outcome(self) -> Optional[Outcome]:
-        """Return the outcome of an attempt, if the last call of `decide` ended one."""
-        return self._outcome
 
     def observe(self, observation: Observation) -> None:
         """Take an observation; it is fused with the first odometry that is not older."""
@@ -151,7 +137,7 @@ class Decider:
 
     def move(self, motion: Motion) -> None:
         """Take odometry, not older than the last."""
-        self._motion = motion
+        self.motion = motion
         self._fusion.move(motion)
 
     def fuse(self) -> Optional[float]:
@@ -164,24 +150,24 @@ class Decider:
 
         Sensor data never raise an exception.
         """
-        if self._motion is None:
+        if self.motion is None:
             raise RuntimeError('decide was called before move')
         self.fuse()
-        motion, memory = self._pilot.feel(self._motion), self._memory
+        motion, memory = self._pilot.feel(self.motion), self._memory
         profile = self._fusion.at(motion)
         memory.move(motion, profile, self._watch.attempt is not None)
         motion = replace(motion, slope=memory.slope)
-        self._planned = planned = self._plan(
+        self.planned = planned = self._plan(
             Situation(motion, profile, memory.failures(profile), memory.free_from,
-                      memory.obstruction, self._learner.particles), self._planned)
-        self._decision = decision = self.goals.carry(planned, motion)
-        self._outcome = self._watch.update(motion, profile, decision)
-        if self._outcome is not None:
-            memory.take(self._outcome)
-            self._learner.take(self._outcome)
+                      memory.obstruction, self._learner.particles), self.planned)
+        self.decision = decision = self.goals.carry(planned, motion)
+        self.outcome = self._watch.update(motion, profile, decision)
+        if self.outcome is not None:
+            memory.take(self.outcome)
+            self._learner.take(self.outcome)
         self._learner.work(LESSON)
         memory.watch(motion, decision)
-        self.end = self.goals.update(planned, motion, self._outcome)
+        self.end = self.goals.update(planned, motion, self.outcome)
         return Answer(motion.stamp, decision, self._pilot.angle(decision, motion))
 
 

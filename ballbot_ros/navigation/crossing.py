@@ -4,7 +4,7 @@ import math
 from typing import Callable, Iterable, NamedTuple, Optional, Union
 
 from ballbot_ros.decision import (
-    cross_goal, CrossGoal, Decider, Ending, Kind, Knowledge, Motion, Observation, Planner)
+    CrossGoal, Decider, Ending, Kind, Knowledge, Motion, Observation, Planner)
 from ballbot_ros.navigation.execution import CrossingReport
 
 
@@ -51,7 +51,7 @@ class CrossingDriver:
         decider = self.decider
         if self._goal is None:
             decider.reset()
-            self._goal, self._touched = cross_goal(motion, 0.0), False
+            self._goal, self._touched = CrossGoal(motion, 0.0), False
             decider.goals.begin(self._goal)
         decider.move(motion)
         for observation in observations:

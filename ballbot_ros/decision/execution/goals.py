@@ -228,7 +228,7 @@ ROUNDING = 1e-6  # [m/s]
 
 class DriveGoal:
     """
-    Drive to a position and rest there.
+    Drive to a position and rest there; 0 selects the default limit, tolerance and timeout.
 
     Parameters
     ----------
@@ -236,26 +236,54 @@ class DriveGoal:
     target : float
         On the odometry axis [m].
     speed_limit : float
-        [m/s]; infinite for none.
+        [m/s]
     tolerance : float
         [m]
     timeout : float
         [s]
+    tuning : DecisionTuning
     radius : float
         Of the ball [m].
+    free_from : float
+        Farthest position behind the ball that is known to be free [m].
 
     Attributes
     ----------
     canceled : bool
 
+    Raises
+    ------
+    RefusedError
+        If a value is not finite, or not allowed.
+
     """
 
     def __init__(self, start: Motion, target: float, speed_limit: float, tolerance: float,
-                 timeout: float, radius: float):
-        """Set out."""
-        self.target, self._limit, self._tolerance = target, speed_limit, tolerance
+                 timeout: float, tuning: DecisionTuning, radius: float, free_from: float):
+        """Check the request, and set out."""
+        if not abs(target) < FARTHEST:
+            raise RefusedError(f'target must be finite and within {FARTHEST:g} m, got {target:g}',
+                               'out_of_range', 'target')
+        if speed_limit and not SLOWEST <= speed_limit <= tuning.highest_speed:
+            raise RefusedError(f'speed_limit must be 0 or {SLOWEST:g} to {tuning.highest_speed:g} '
+                               f'm/s, the highest_speed of the tuning, got {speed_limit:g}',
+                               'out_of_range', 'speed_limit')
+        if tolerance and not FINEST <= tolerance <= COARSEST:
+            raise RefusedError(
+                f'tolerance must be 0 or {FINEST:g} to {COARSEST:g} m, got {tolerance:g}',
+                'out_of_range', 'tolerance')
+        tolerance = tolerance or USUAL
+        if target < start.position and target < free_from - tolerance:
+            raise RefusedError(
+                f'target {target:.2f} m is behind the ball, where the ground is known to be free '
+                f'from {free_from:.2f} m on only; room_behind of the tuning says how much is free '
+                'at the start', 'out_of_range', 'target')
+        way = abs(target - start.position)
+        speed = SLOWEST if target < start.position else min(
+            speed_limit or math.inf, tuning.cruise_speed)
+        self.target, self._limit, self._tolerance = target, speed_limit or math.inf, tolerance
         self._radius = radius
-        self._watch = GoalWatch(start, timeout)
+        self._watch = GoalWatch(start, checked_timeout(timeout, TIMES * way / speed + SPARE))
         self._backward = target < start.position
         self.canceled = False
         self._fast = 0  # step that requires more than the limit
@@ -326,59 +354,6 @@ class DriveGoal:
         return None
 
 
-def drive_goal(start: Motion, target: float, speed_limit: float, tolerance: float,
-               timeout: float, tuning: DecisionTuning, radius: float,
-               free_from: float) -> DriveGoal:
-    """
-    Return a goal from a request; 0 selects the default limit, tolerance and timeout.
-
-    Parameters
-    ----------
-    start : Motion
-    target : float
-        On the odometry axis [m].
-    speed_limit : float
-        [m/s]
-    tolerance : float
-        [m]
-    timeout : float
-        [s]
-    tuning : DecisionTuning
-    radius : float
-        Of the ball [m].
-    free_from : float
-        Farthest position behind the ball that is known to be free [m].
-
-    Raises
-    ------
-    RefusedError
-        If a value is not finite, or not allowed.
-
-    """
-    if not abs(target) < FARTHEST:
-        raise RefusedError(f'target must be finite and within {FARTHEST:g} m, got {target:g}',
-                           'out_of_range', 'target')
-    if speed_limit and not SLOWEST <= speed_limit <= tuning.highest_speed:
-        raise RefusedError(f'speed_limit must be 0 or {SLOWEST:g} to {tuning.highest_speed:g} '
-                           f'm/s, the highest_speed of the tuning, got {speed_limit:g}',
-                           'out_of_range', 'speed_limit')
-    if tolerance and not FINEST <= tolerance <= COARSEST:
-        raise RefusedError(
-            f'tolerance must be 0 or {FINEST:g} to {COARSEST:g} m, got {tolerance:g}',
-            'out_of_range', 'tolerance')
-    tolerance = tolerance or USUAL
-    if target < start.position and target < free_from - tolerance:
-        raise RefusedError(
-            f'target {target:.2f} m is behind the ball, where the ground is known to be free '
-            f'from {free_from:.2f} m on only; room_behind of the tuning says how much is free '
-            'at the start', 'out_of_range', 'target')
-    way = abs(target - start.position)
-    speed = SLOWEST if target < start.position else min(
-        speed_limit or math.inf, tuning.cruise_speed)
-    return DriveGoal(start, target, speed_limit or math.inf, tolerance,
-                     checked_timeout(timeout, TIMES * way / speed + SPARE), radius)
-
-
 USUAL_TIMEOUT = 60.0  # [s]
 
 
@@ -398,7 +373,7 @@ class CrossGoal:
     ----------
     start : Motion
     timeout : float
-        [s]
+        [s]; 0 selects the default.
 
     Attributes
     ----------
@@ -411,7 +386,7 @@ class CrossGoal:
 
     def __init__(self, start: Motion, timeout: float):
         """Set out."""
-        self._watch = GoalWatch(start, timeout)
+        self._watch = GoalWatch(start, checked_timeout(timeout, USUAL_TIMEOUT))
         self._edge: Optional[Tuple[float, int]] = None  # of the step, and its number
         self.phase, self.height, self.canceled = Phase.APPROACHING, math.nan, False
 
@@ -462,8 +437,3 @@ class CrossGoal:
                 Ending.CROSSED, f'over the step of {1e3 * self.height:.0f} mm')
         self.phase = Phase.CROSSING if planned.contact_since is not None else (
             Phase.STOPPING if self._watch.end is not None else Phase.APPROACHING)
-
-
-def cross_goal(start: Motion, timeout: float) -> CrossGoal:
-    """Return a goal from a request; 0 selects the default timeout [s]."""
-    return CrossGoal(start, checked_timeout(timeout, USUAL_TIMEOUT))

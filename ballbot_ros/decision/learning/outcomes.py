@@ -58,7 +58,6 @@ class Outcome(Checked):
         minimum=0.0, maximum=1000.0, default=0.0)
     probability: Optional[float] = quantity(
         '1', 'predicted success probability', minimum=0.0, maximum=1.0, optional=True)
-    surface: str = text('material of the ground, if known', default='')
     robot: str = text('digest of the numbers of the robot', default='')
     plan: Optional[Plan] = field(default=None)
 

@@ -14,7 +14,7 @@ from typing import Any, Dict, List, Optional, Tuple
 from ballbot_ros.crossing.rules import touch_distance
 from ballbot_ros.decision.planning.braking import Braking
 from ballbot_ros.decision.planning.safety_filter import stop
-from ballbot_ros.decision.planning.situation import Knowledge, Planner, Situation
+from ballbot_ros.decision.planning.situation import Knowledge, Situation
 from ballbot_ros.decision.planning.stop_line import StopLines
 from ballbot_ros.decision.tuning import DecisionTuning
 from ballbot_ros.decision.values import (
@@ -376,12 +376,7 @@ HOPE = 0.5
 ARRIVED, PASSABLE = 0.03, 0.002
 
 
-def planner(knowledge: Knowledge) -> Planner:
-    """Return the planner for a robot, its curve and a tuning."""
-    return Cubic(knowledge)
-
-
-class Cubic:
+class CubicPlanner:
     """See `situation.Planner`; stores the conditions of the last refusal."""
 
     def __init__(self, knowledge: Knowledge):

@@ -7,9 +7,9 @@ the parameter `planner` of the node ``obstacle_decision`` then takes its name.
 """
 from typing import Callable, Mapping
 
-from ballbot_ros.decision.planning import cubic
-from ballbot_ros.decision.planning.rollout import planner
+from ballbot_ros.decision.planning.cubic import CubicPlanner
+from ballbot_ros.decision.planning.rollout.planner import RolloutPlanner
 from ballbot_ros.decision.planning.situation import Knowledge, Planner
 
 PLANNERS: Mapping[str, Callable[[Knowledge], Planner]] = {
-    'cubic': cubic.planner, 'rollout': planner.planner}
+    'cubic': CubicPlanner, 'rollout': RolloutPlanner}

@@ -202,9 +202,8 @@ def held_back(decision: Decision, situation: Situation, tuning: DecisionTuning) 
         plan=Plan(Strategy.GO_ROUND), explanation=f'The ball {what} at {blocked.position:.2f} m; '
         'find another way')
     if position <= place:
-        return replace(answer, set_speed=tuning.cruise_speed, plan=replace(
-            answer.plan or Plan(Strategy.GO_ROUND), speed=tuning.cruise_speed,
-            stop_position=place))
+        return replace(answer, set_speed=tuning.cruise_speed, plan=Plan(
+            Strategy.GO_ROUND, speed=tuning.cruise_speed, stop_position=place))
     start = max(place, situation.free_from)
     if not position - start > ARRIVED:
         return replace(answer, plan=Plan(Strategy.GO_ROUND, stop_position=min(start, position)))

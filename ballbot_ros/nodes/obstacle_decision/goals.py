@@ -10,7 +10,7 @@ from rclpy.node import Node
 
 from ballbot_ros.action import CrossStep, DriveTo
 from ballbot_ros.decision import (
-    cross_goal, CrossGoal, Decider, drive_goal, DriveGoal, Ending, GoalEnd, Knowledge)
+    CrossGoal, Decider, DriveGoal, Ending, GoalEnd, Knowledge)
 from ballbot_ros.errors import RefusedError
 from ballbot_ros.nodes.obstacle_decision.standstill import Standstill
 from ballbot_ros.ros.action_server import DeferredActionServer
@@ -69,12 +69,12 @@ class GoalServers:
         decider = self._check()
         start = decider.motion
         target = request.target + (start.position if request.relative else 0.0)
-        self._goal = drive_goal(
+        self._goal = DriveGoal(
             start, target, request.speed_limit, request.tolerance, request.timeout,
             self._knowledge.tuning, self._knowledge.robot.ball_radius, decider.free_from)
 
     def _check_cross(self, request: CrossStep.Goal) -> None:
-        self._goal = cross_goal(self._check().motion, request.timeout)
+        self._goal = CrossGoal(self._check().motion, request.timeout)
 
     def _begin(self, server: DeferredActionServer, handle: ServerGoalHandle) -> None:
         self._decider().goals.begin(self._goal)

@@ -7,7 +7,7 @@ import yaml
 
 from ballbot_ros.config.files import config_folder
 from ballbot_ros.decision import HeightCurve, load_curve
-from ballbot_ros.decision.planning.curve import curve_text
+from ballbot_ros.studies.curve_fit import curve_text
 
 SHIPPED = sorted(file.stem for file in (config_folder() / 'curves').glob('*.yaml'))
 PLAIN = HeightCurve('mine', 'gimball', 'free', 'a test', 0.2, 1.2, 0.0,

@@ -8,7 +8,7 @@ from refusals import refused
 
 from ballbot_ros.control import load_tuning
 from ballbot_ros.decision import (
-    cross_goal, Decider, Decision, drive_goal, Ending, Kind, Knowledge, load_curve,
+    CrossGoal, Decider, Decision, DriveGoal, Ending, Kind, Knowledge, load_curve,
     load_decision_tuning, Motion, Phase, Reason, StepObservation)
 from ballbot_ros.physics.model.robot import load_robot
 from ballbot_ros.physics.model.terrain import Terrain
@@ -59,7 +59,7 @@ class Ride:
 
     def drive(self, target, limit=0.0, timeout=0.0):
         """Set the goal to be at a place."""
-        self.decider.goals.begin(drive_goal(
+        self.decider.goals.begin(DriveGoal(
             self.motion, target, limit, 0.0, timeout, TUNING, GIMBALL.ball_radius,
             self.decider.free_from))
 
@@ -163,7 +163,7 @@ def test_without_observations_a_goal_is_blocked():
 
 def test_the_step_ahead_is_crossed_and_the_ball_rests_behind_it():
     ride = Ride(height=0.02, face=2.0)
-    ride.decider.goals.begin(cross_goal(ride.motion, 0.0))
+    ride.decider.goals.begin(CrossGoal(ride.motion, 0.0))
     end = ride.until_the_end()
     assert end.ending is Ending.CROSSED and '20 mm' in end.message
     assert ride.motion.position > 2.0
@@ -172,7 +172,7 @@ def test_the_step_ahead_is_crossed_and_the_ball_rests_behind_it():
 
 
 def test_a_goal_reports_its_own_step_and_not_the_one_behind_it():
-    goal = cross_goal(START, 0.0)
+    goal = CrossGoal(START, 0.0)
     first = Decision(Kind.CROSS, Reason.LIKELY, 0.6, 'cross', height=0.012, distance=1.0, step=1)
     second = replace(first, kind=Kind.GO_ROUND, distance=1.4, height=0.08, step=2)
     goal.update(first, Motion(0.1, 0.0, 0.5), None)
@@ -185,7 +185,7 @@ def test_a_goal_reports_its_own_step_and_not_the_one_behind_it():
 
 def test_a_step_too_high_is_refused_before_it():
     ride = Ride(height=0.12, face=2.0)
-    ride.decider.goals.begin(cross_goal(ride.motion, 0.0))
+    ride.decider.goals.begin(CrossGoal(ride.motion, 0.0))
     end = ride.until_the_end()
     assert end.ending is Ending.REFUSED and end.message == ride.decider.planned.explanation
 
@@ -195,7 +195,7 @@ def test_without_a_step_the_ball_does_not_set_out():
     for _ in range(3):
         ride.tick()
     ride = Ride()
-    ride.decider.goals.begin(cross_goal(ride.motion, 0.0))
+    ride.decider.goals.begin(CrossGoal(ride.motion, 0.0))
     assert ride.until_the_end().ending is Ending.NO_STEP
     assert abs(ride.motion.position) < 0.05
 
@@ -224,10 +224,10 @@ def test_one_goal_at_a_time_and_rest_after_it_until_resumed():
 def test_impossible_goals_are_refused(changes, field):
     asked = {'target': 1.0, 'speed_limit': 0.0, 'tolerance': 0.0, 'timeout': 0.0, **changes}
     with refused('out_of_range', field):
-        drive_goal(START, tuning=TUNING, radius=0.226, free_from=0.0, **asked)
+        DriveGoal(START, tuning=TUNING, radius=0.226, free_from=0.0, **asked)
 
 
 @pytest.mark.parametrize('timeout', [NAN, -1.0, INF])
 def test_a_timeout_that_is_none_is_refused(timeout):
     with refused('out_of_range', 'timeout'):
-        cross_goal(START, timeout)
+        CrossGoal(START, timeout)

@@ -156,7 +156,7 @@ def test_where_it_did_not_get_on_it_backs_off_and_looks_for_another_way():
 
 
 def answer(failures, position=0.0, free_from=-3.0, speed=0.0):
-    planner = with_safety_filter(cubic.planner(KNOWN), KNOWN)
+    planner = with_safety_filter(cubic.CubicPlanner(KNOWN), KNOWN)
     return planner(Situation(Motion(0.0, position, speed), Profile(0.0, (STEP,)), failures,
                              free_from), None)
 
@@ -182,7 +182,7 @@ def test_after_a_failure_the_same_plan_is_never_made_again():
 
 
 def test_backing_off_ends_where_the_run_up_is_long_enough():
-    planner = with_safety_filter(cubic.planner(KNOWN), KNOWN)
+    planner = with_safety_filter(cubic.CubicPlanner(KNOWN), KNOWN)
     position, previous = 0.6, None
     for index in range(200):
         given = Situation(Motion(0.02 * index, position, 0.0), Profile(0.02 * index, (STEP,)),

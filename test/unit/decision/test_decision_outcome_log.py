@@ -20,7 +20,7 @@ PLAN = Plan(Strategy.SWING, 0.2, 0.9, 1.1, 1.5, 1.4, After.STOP, 2.0)
 OUTCOME = Outcome(
     stamp=10.0, result='over', face=1, position=1.4, height=0.031, height_sd=0.001,
     touch_speed=0.85, touch_angle=0.3, held_angle=0.7, passed_speed=0.4, slope=0.01, distance=1.1,
-    probability=0.93, surface='carpet', robot=DIGEST, plan=PLAN)
+    probability=0.93, robot=DIGEST, plan=PLAN)
 OUTCOMES = tuple(replace(OUTCOME, stamp=10.0 * number, plan=plan) for number, plan in (
     (1, PLAN), (2, None), (3, Plan(Strategy.CRUISE, speed=0.5))))
 

@@ -26,7 +26,7 @@ from ballbot_ros.decision.planning.rollout.search import (
     Task, Trial, why_not)
 from ballbot_ros.decision.planning.rollout.worlds import Tally, Worlds
 from ballbot_ros.decision.planning.safety_filter import stop
-from ballbot_ros.decision.planning.situation import Knowledge, Planner, Situation
+from ballbot_ros.decision.planning.situation import Knowledge, Situation
 from ballbot_ros.decision.planning.stop_line import StopLines
 from ballbot_ros.decision.tuning import DecisionTuning
 from ballbot_ros.decision.values import (
@@ -494,11 +494,6 @@ AT_EASE = 0.2
 DEFINITE = (Reason.TOO_HIGH, Reason.FAILED_BEFORE, Reason.STUCK)
 # Of the slope, where it is not seen [rad].
 SLOPE_SD = 0.01
-
-
-def planner(knowledge: Knowledge) -> Planner:
-    """Return the planner for a robot and a tuning."""
-    return RolloutPlanner(knowledge)
 
 
 class RolloutPlanner:
