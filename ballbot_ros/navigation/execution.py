@@ -26,7 +26,8 @@ from ballbot_ros.navigation.tracking import Path, SETTLING, Tracker
 RESTING, RESTS_AFTER = 0.03, 0.4
 # A segment is finished this close to its end [m]; the goal is reached within this distance [m].
 CLOSE, TOLERANCE = 0.03, 0.15
-# Deviations from a path with which it is planned again [m], [rad].
+# Deviations from a path with which it is planned again [m], [rad]; that at its start, up to ASIDE,
+# counts extra.
 ASIDE, TURNED = 0.15, math.radians(40.0)
 # Deviations from the line of a crossing with which it may begin [m], [rad].
 CROSS_ASIDE, CROSS_TURNED = 0.08, math.radians(6.0)
@@ -183,6 +184,7 @@ class NavigationState:
     index: int = 0
     along: float = 0.0
     path: Optional[Path] = None
+    aside: float = 0.0  # deviation from the path at its start [m]
     learned: Learned = Learned()
     replans: int = 0
     recoveries: int = 0
@@ -347,11 +349,12 @@ class Navigator:
                            message=f'{away:.2f} m from the goal')
         segment = state.route.segments[index]
         path = Path.of(segment.points, segment.direction)
+        _, left = path.project(percept.x, percept.y, 0.0)
         state = replace(state, status=NavStatus.DRIVING, index=index, along=0.0, path=path,
-                        next=None, anchor=(0.0, percept.stamp), agreeing=(0, 0))
+                        next=None, anchor=(0.0, percept.stamp), agreeing=(0, 0),
+                        aside=min(abs(left), ASIDE))
         if segment.feature is None:
             return state
-        along, left = path.project(percept.x, percept.y, 0.0)
         turned = abs(math.remainder(percept.heading - segment.heading, 2.0 * math.pi))
         if (abs(left) > CROSS_ASIDE or turned > CROSS_TURNED) and state.alignments < ALIGNMENTS:
             return self._align(replace(
@@ -391,7 +394,7 @@ class Navigator:
             if resting:
                 return self._enter(state, state.index + 1, percept), REST
             return state, REST
-        if abs(left) > ASIDE or abs(turned) > TURNED:
+        if abs(left) > ASIDE + state.aside or abs(turned) > TURNED:
             return self._stop(state, 'off_path', (
                 f'the ball is {left:+.2f} m and {math.degrees(turned):+.0f} degrees off its '
                 'path')), REST

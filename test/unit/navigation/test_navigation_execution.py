@@ -249,3 +249,16 @@ def test_a_ball_off_the_line_of_a_crossing_backs_off_and_returns_onto_it(navigat
     turned = math.remainder(ball.heading - crossing.heading, 2.0 * math.pi)
     assert abs(turned) < math.radians(6.0) and at_rest(ball)
     assert math.dist((ball.x, ball.y), crossing.points[0]) < 0.1
+
+
+def test_a_deviation_from_before_a_segment_is_no_cause_to_plan_again(navigator):
+    ball = Ball(navigator, *KITCHEN, math.pi / 2.0)
+    ball.begin((1.7, 2.2))
+    ball.x += 0.2
+    ball.state = navigator._enter(ball.state, 0, ball.percept())
+    ball.step()
+    assert ball.state.status is NavStatus.DRIVING
+    ball.offset = (0.2, 0.0)
+    ball.state = replace(ball.state, last=None)
+    ball.step()
+    assert ball.state.reason == 'off_path'
