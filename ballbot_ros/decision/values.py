@@ -40,8 +40,8 @@ class Reason(str, Enum):
     GOAL = 'goal'
 
 
-# Beyond this position [m] or speed [m/s] odometry is invalid.
-FARTHEST, FASTEST = 1e6, 30.0
+# Positions [m], speeds [m/s] and heights of faces [m] beyond these are invalid.
+FARTHEST, FASTEST, HIGHEST = 1e6, 30.0, 10.0
 
 
 @dataclass(frozen=True)
@@ -292,6 +292,14 @@ class Profile:
     explanation: str = ''
     points_sd: Tuple[float, ...] = ()
     steep: Tuple[Tuple[float, float], ...] = ()
+
+    @property
+    def sane(self) -> bool:
+        """Return whether all values of the faces are finite and plausible."""
+        return all(
+            abs(face.position) < FARTHEST and abs(face.height) < HIGHEST
+            and 0.0 <= face.position_sd < FARTHEST and 0.0 <= face.height_sd < HIGHEST
+            and abs(face.run) < FARTHEST for face in self.faces)
 
     @property
     def face(self) -> Optional[Face]:

@@ -7,7 +7,7 @@ therefore succeeds only when a later observation confirms it: the face is behind
 face of the same height replaces it.  Without an observation there is no outcome.
 """
 from collections import deque
-from dataclasses import astuple, dataclass, replace
+from dataclasses import dataclass, replace
 import math
 from typing import Deque, Optional, Tuple
 
@@ -94,12 +94,6 @@ def come_up_again(touched: Face, known: Tuple[int, ...], doubt: Optional[Doubt],
 def alike(one: Face, other: Face) -> bool:
     """Return whether the heights of two faces agree within their uncertainty."""
     return abs(one.height - other.height) <= max(ALIKE * abs(other.height), ALIKE_WITHIN)
-
-
-def sane(profile: Profile) -> bool:
-    """Return whether all values of the faces are finite and plausible."""
-    return all(all(map(math.isfinite, astuple(face))) and abs(face.height) < 10.0
-               and face.position_sd >= 0.0 and face.height_sd >= 0.0 for face in profile.faces)
 
 
 # A lower face is an uneven floor [m]; a slower touch than this is not an attempt [m/s].
@@ -232,12 +226,12 @@ class AttemptWatch:
             Of an attempt that has just ended.  Sensor data never raise an exception.
 
         """
-        if not all(map(math.isfinite, astuple(motion))):
+        if not motion.sane:
             return None
         if self._motions and self._jumped(motion):
             self.reset()
         self._motions.append(motion)
-        if profile is not None and profile.rejection is None and sane(profile):
+        if profile is not None and profile.rejection is None and profile.sane:
             self._profile = profile
         seen = self._profile
         if seen is not None and not abs(motion.stamp - seen.stamp) <= VALID_FOR:

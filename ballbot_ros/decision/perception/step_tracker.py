@@ -7,7 +7,7 @@ from statistics import median
 from typing import Deque, Optional, Tuple
 
 from ballbot_ros.decision.tuning import DecisionTuning
-from ballbot_ros.decision.values import Face, Profile, Reason, StepObservation
+from ballbot_ros.decision.values import Face, FARTHEST, Profile, Reason, StepObservation
 from ballbot_ros.physics.model.robot import Robot
 
 # Minimum number of observations for estimating the scatter; default noise before.
@@ -114,8 +114,6 @@ PASSED_SLACK = 0.02      # [m]
 # After a step is passed, a face at least this far beyond it is the next one.  A nearer face is the
 # same one, displaced by odometry slip; treads are longer.
 NEXT_FACE = 0.1          # [m]
-
-LARGEST = 1e6            # [m] exceeds any floor
 
 
 class StepTracker:
@@ -323,7 +321,7 @@ def _fault(observation: StepObservation, position: float) -> str:
         if getattr(observation, name) < 0.0:
             return f'{name} is negative ({getattr(observation, name):g} m)'
     for name in ('distance', 'height', 'distance_sd', 'height_sd'):
-        if abs(getattr(observation, name)) > LARGEST:
+        if abs(getattr(observation, name)) > FARTHEST:
             return f'{name} is out of range ({getattr(observation, name):g} m)'
     return ''
 

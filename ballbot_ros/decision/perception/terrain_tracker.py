@@ -14,12 +14,12 @@ from ballbot_ros.decision.perception.ground_profile import (
     SLOPE_HYSTERESIS, SLOPE_LENGTH, steep_stretches)
 from ballbot_ros.decision.perception.step_tracker import Trend
 from ballbot_ros.decision.tuning import DecisionTuning
-from ballbot_ros.decision.values import Face, Profile, Reason, TerrainObservation
+from ballbot_ros.decision.values import Face, FARTHEST, Profile, Reason, TerrainObservation
 from ballbot_ros.physics.model.robot import Robot
 from ballbot_ros.physics.model.terrain import Array
 
-# More points than a row of any camera are invalid; so is ground beyond this distance [m].
-MOST_POINTS, LARGEST = 5000, 1e6
+# More points than a row of any camera are invalid.
+MOST_POINTS = 5000
 
 # A sensor with this range behind, and a smaller one ahead, is mounted backwards [m].
 FAR_BEHIND = 0.6
@@ -68,7 +68,7 @@ def _of_numbers(x: Array, z: Array, z_sd: Array, others: Array) -> str:
     largest = [float(np.abs(numbers).max()) for numbers in (x, z, z_sd, others)]
     if not np.isfinite(largest).all():
         return 'a number of it is not finite'
-    if max(largest[:3]) > LARGEST or np.abs(others[1:]).max() > LARGEST:
+    if max(largest[:3]) > FARTHEST or np.abs(others[1:]).max() > FARTHEST:
         return f'ground {max(largest[:3]):g} m away is out of range'
     if z_sd.min() < 0.0:
         return f'a standard deviation is negative ({z_sd.min():g} m)'
@@ -250,7 +250,7 @@ class TerrainTracker:
     def _judge(self, observation: TerrainObservation, position: float) -> Profile:
         """Return the profile after a new observation."""
         wrong = fault(observation, self._frame)
-        if not wrong and not abs(position) < 1e6:
+        if not wrong and not abs(position) < FARTHEST:
             wrong = f'the odometry is at {position:g} m'
         if wrong:
             return self._reject(observation.stamp, Reason.BAD_OBSERVATION, wrong)

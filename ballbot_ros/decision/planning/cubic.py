@@ -12,10 +12,9 @@ import math
 from typing import Any, Dict, List, Optional, Tuple
 
 from ballbot_ros.crossing.rules import touch_distance
-from ballbot_ros.decision.planning.braking import Braking
 from ballbot_ros.decision.planning.safety_filter import stop
 from ballbot_ros.decision.planning.situation import Knowledge, Situation
-from ballbot_ros.decision.planning.stop_line import StopLines
+from ballbot_ros.decision.planning.stop_line import LINE_MARGIN, StopLines
 from ballbot_ros.decision.tuning import DecisionTuning
 from ballbot_ros.decision.values import (
     Decision, Face, Failure, Kind, Motion, Outlook, Plan, Profile, Reason, Strategy)
@@ -37,9 +36,6 @@ LONGEST_RUN_UP = 6.0
 
 # Least depth of a drop, less is an uneven floor [m].
 SMALLEST_DROP = 0.005
-
-# Clearance of the centre before a stop line [m].
-KEPT_OFF = 0.03
 
 # A drop this close behind a face is the far edge of a sill: a stop needs more room [m].
 SILL_LENGTH = 0.65
@@ -99,7 +95,7 @@ def beyond(profile: Profile, face: Face, radius: float, passable: float,
     for other in profile.faces:
         if other.position <= face.position or other.number == face.number:
             continue
-        at = other.position - KEPT_OFF - tuning.sigma_margin * other.position_sd
+        at = other.position - LINE_MARGIN - tuning.sigma_margin * other.position_sd
         if other.height > passable:
             at -= touch_distance(radius, other.height)
             what = 'a wall' if other.height >= radius else f'{1e3 * other.height:.0f} mm more'
@@ -129,8 +125,6 @@ class Reach:
         Height with its margins [m].
     run_up : float
         Distance until touch [m].
-    top : float
-        Highest speed that is allowed and within the curve [m/s].
     required : float or None
         With its margin; None above the end of the curve [m/s].
     set_speed : float
@@ -151,7 +145,6 @@ class Reach:
 
     conservative: float
     run_up: float
-    top: float
     required: Optional[float]
     set_speed: float
     driven: float
@@ -159,185 +152,6 @@ class Reach:
     slowest: float
     spare: float
     probability: float
-
-
-class Reckoning:
-    """Computes required and reachable speeds from robot, curve and tuning."""
-
-    def __init__(self, knowledge: Knowledge, braking: Braking):
-        """Work the constants out once."""
-        self._radius = knowledge.robot.ball_radius
-        self._curve, self._tuning = knowledge.curve, knowledge.tuning
-        self.braking = braking
-        self.top = min(knowledge.tuning.highest_speed, knowledge.curve.highest_speed)
-
-    def reach(self, face: Face, distance: float, speed: float, slope: float, *,
-              margins: float = 1.0, faster_than: float = 0.0, kept: float = 0.0) -> Reach:
-        """
-        Return the required and the reachable speed at a step.
-
-        Parameters
-        ----------
-        face : Face
-        distance : float
-            Ball's centre to the face [m].
-        speed : float
-            Now [m/s].
-        slope : float
-            Of the ground before the step, positive uphill [rad].
-        margins : float
-            Part of the margins of the tuning that must be kept [1].
-        faster_than : float
-            A touch speed that has failed [m/s].
-        kept : float
-            Present set speed, which is kept if it is still valid [m/s].
-
-        """
-        tuning, braking = self._tuning, self.braking
-        deviation = math.hypot(face.height_sd, tuning.height_bias_sd)
-        conservative = self._conservative(face, margins)
-        run_up = max(0.0, distance - touch_distance(self._radius, face.height))
-        required = self._required(face, margins, faster_than)
-        # Reduced margins apply to the continuation only; the aim includes all of them.
-        aim = required if margins >= 1.0 else self._required(face, 1.0, faster_than) or self.top
-        least, slow = aim or 0.0, tuning.cruise_speed
-        reachable = self._driven(speed, self.top, run_up, slope)
-        chosen = [min(self.top, max(least + more, slow)) for more in HEADROOM] + [self.top]
-        if required is not None and required <= kept <= max(least, slow) + KEPT \
-                and self._driven(speed, kept, run_up, slope) >= required:
-            chosen = [kept]
-        set_speed, driven = chosen[-1], reachable
-        for set_speed in chosen:
-            driven = self._driven(speed, set_speed, run_up, slope)
-            if driven >= least:
-                break
-        clean = min(driven / (1.0 + margins * tuning.speed_margin), self._curve.highest_speed)
-        slowest = math.sqrt(max(0.0, max(0.0, speed) * speed - 2.0 * run_up * max(
-            0.0, braking.deceleration(slope))))
-        return Reach(
-            conservative, run_up, self.top, required, set_speed, driven, reachable, slowest,
-            self._curve.height(clean) - conservative if clean >= self._curve.lowest_speed
-            else math.nan, self.probability(driven, face.height, deviation))
-
-    def run_up_for(self, required: float, slope: float) -> float:
-        """Return the run-up from rest that reaches a touch speed with a reserve [m]."""
-        near, far = 0.0, LONGEST_RUN_UP
-        if self._driven(0.0, self.top, far, slope) < required:
-            return math.inf
-        for _ in range(20):
-            middle = 0.5 * (near + far)
-            if self._driven(0.0, self.top, middle, slope) < required:
-                near = middle
-            else:
-                far = middle
-        return 1.1 * far + 0.05
-
-    def probability(self, speed: float, height: float, deviation: float) -> float:
-        """
-        Return the success probability.
-
-        The mean over the estimated height, and over a touch speed whose standard deviation is
-        half the speed margin.
-
-        Parameters
-        ----------
-        speed : float
-            Expected at touch [m/s].
-        height, deviation : float
-            Of the step [m].
-
-        """
-        curve = self._curve
-        low, high = curve.lowest_speed, curve.highest_speed
-        inside = min(max(speed, low), high)
-        # Below the speeds of the curve, the height is proportional to the squared speed.
-        height = height if speed >= low else height * (low / max(speed, 1e-3))**2
-        steepness = (curve.height(min(inside + 0.01, high))
-                     - curve.height(max(inside - 0.01, low))) / (
-                         min(inside + 0.01, high) - max(inside - 0.01, low))
-        sd = math.hypot(deviation, 0.5 * self._tuning.speed_margin * inside * steepness)
-        return sum(weight * self._part(inside, height + sd * node) for node, weight in NODES)
-
-    def height_limit(self, speed: float) -> float:
-        """Return the step that is crossed at a speed with the required probability [m]."""
-        curve, band = self._curve, self._curve.band
-        if not curve.lowest_speed <= speed:
-            return math.nan
-        speed = min(speed, curve.highest_speed)
-        if band is None:
-            return curve.height(speed) - curve.residual
-        return band.quantile(min(max(speed, band.speeds[0]), band.speeds[-1]),
-                             1.0 - self._tuning.required_probability)
-
-    def speed_behind(self, face: Face, driven: float, sigmas: float,
-                     not_enough: float = 0.0) -> float:
-        """
-        Return the speed when the centre passes the edge, from a touch speed [m/s].
-
-        A crossing consumes the square of the minimum crossing speed; runs of the full model
-        keep slightly less.
-
-        Parameters
-        ----------
-        face : Face
-        driven : float
-            At touch [m/s].
-        sigmas : float
-            Standard deviations by which the step is lower, and the ball faster, than expected.
-        not_enough : float
-            A speed at touch that did not get over it [m/s].
-
-        """
-        tuning = self._tuning
-        lower = max(0.0, face.height - sigmas * math.hypot(
-            face.height_sd, tuning.height_bias_sd))
-        fastest = driven * (1.0 + 0.25 * sigmas * tuning.speed_margin)
-        needed = self._curve.required_speed(lower) or self._curve.highest_speed
-        if lower < self._curve.height(self._curve.lowest_speed):
-            needed = 0.0
-        needed = max(needed, not_enough)
-        return math.sqrt(max(0.0, fastest * fastest - needed * needed))
-
-    def _conservative(self, face: Face, margins: float) -> float:
-        """Return a height with a part of its margins [m]."""
-        tuning = self._tuning
-        deviation = math.hypot(face.height_sd, tuning.height_bias_sd)
-        return face.height + margins * (tuning.sigma_margin * deviation + tuning.height_margin)
-
-    def _required(self, face: Face, margins: float, faster_than: float) -> Optional[float]:
-        """Return the speed that keeps the margins and is likely enough [m/s]."""
-        tuning = self._tuning
-        required = self._curve.required_speed(self._conservative(face, margins))
-        if required is None:
-            return None
-        required = max(required * (1.0 + margins * tuning.speed_margin), faster_than)
-        likely = 1.0 - (1.0 - tuning.required_probability) / margins
-        deviation = math.hypot(face.height_sd, tuning.height_bias_sd)
-        if self.probability(required, face.height, deviation) >= likely:
-            return required
-        near, far = required, self.top
-        if near >= far or self.probability(far, face.height, deviation) < likely:
-            return None
-        for _ in range(8):
-            middle = 0.5 * (near + far)
-            if self.probability(middle, face.height, deviation) < likely:
-                near = middle
-            else:
-                far = middle
-        return far
-
-    def _driven(self, speed: float, set_speed: float, run_up: float, slope: float) -> float:
-        """Return the touch speed for a set speed [m/s]."""
-        return self.braking.touch_speed(speed, set_speed, run_up, slope)
-
-    def _part(self, speed: float, height: float) -> float:
-        """Return the part of the robots that get over a step at a speed within the curve."""
-        band = self._curve.band
-        if band is None:
-            above = self._curve.height(speed) - height
-            return 0.5 * (1.0 + math.erf(above / max(self._curve.residual, 1e-6)))
-        return band.probability_of_passing(
-            min(max(speed, band.speeds[0]), band.speeds[-1]), height)
 
 
 # Timeout of a contact with a step [s].
@@ -384,7 +198,7 @@ class CubicPlanner:
         self._radius = knowledge.robot.ball_radius
         self._curve, self._tuning = knowledge.curve, knowledge.tuning
         self._lines = StopLines(knowledge)
-        self._reckoning = Reckoning(knowledge, self._lines.braking)
+        self._top = min(knowledge.tuning.highest_speed, knowledge.curve.highest_speed)
         # Number, height and room behind of the step that was refused last, and failures at it.
         self._refused: Optional[Tuple[int, float, float, int]] = None
 
@@ -419,8 +233,7 @@ class CubicPlanner:
     def _settled(self, answer: Decision, step: Face, profile: Profile, situation: Situation,
                  previous: Optional[Decision]) -> Decision:
         """Return an answer, or the refusal so far where there is no news."""
-        deviation = math.hypot(step.height_sd, self._tuning.height_bias_sd)
-        news = (step.number, step.height + self._tuning.sigma_margin * deviation,
+        news = (step.number, step.height + self._tuning.sigma_margin * self._deviation(step),
                 beyond(profile, step, self._radius, PASSABLE, self._tuning).room,
                 len(situation.failures))
         refusal = answer.kind in (Kind.STOP, Kind.GO_ROUND)
@@ -495,12 +308,12 @@ class CubicPlanner:
         before = previous if previous is not None and previous.step == step.number else None
         started = before if before is not None and before.kind is Kind.CROSS else None
         failed = [one for one in situation.failures if one.face == step.number]
-        found = self._reckoning.reach(
+        found = self.reach(
             step, distance, motion.speed, slope, margins=margins, faster_than=faster(failed),
             kept=started.set_speed if started is not None else 0.0)
         outlook = Outlook(
             found.probability, 1.0 - found.probability, 0.0, self._tuning.required_probability,
-            found.driven, self._reckoning.height_limit(found.driven), room)
+            found.driven, self._height_limit(found.driven), room)
         late = started is not None and room < 0.0
         answer = Decision(
             Kind.CROSS, Reason.COMMITTED if room < 0.0 else Reason.WITHIN_CURVE,
@@ -556,23 +369,23 @@ class CubicPlanner:
             return Reason.WALL, 'a wall'
         if len(failed) >= MOST_FAILURES:
             return Reason.FAILED_BEFORE, f'tried {len(failed)} times'
-        if found.required is not None and found.required <= found.top:
+        if found.required is not None and found.required <= self._top:
             return None
-        if failed and found.conservative <= self._curve.height(found.top):
+        if failed and found.conservative <= self._curve.height(self._top):
             return Reason.FAILED_BEFORE, 'tried already, and no faster way is allowed'
-        if found.required is None and found.conservative <= self._curve.height(found.top):
-            return Reason.NOT_LIKELY, (f'at {found.top:.2f} m/s not as likely as '
+        if found.required is None and found.conservative <= self._curve.height(self._top):
+            return Reason.NOT_LIKELY, (f'at {self._top:.2f} m/s not as likely as '
                                        f'{self._tuning.required_probability:g}')
         wish = 'more than the curve covers' if found.required is None \
             else f'{found.required:.2f} m/s'
-        return Reason.TOO_HIGH, f'needs {wish}, {found.top:.2f} m/s is the most'
+        return Reason.TOO_HIGH, f'needs {wish}, {self._top:.2f} m/s is the most'
 
     def _landing(self, step: Face, found: Reach, land: Beyond, slope: float, started: bool,
                  failed: List[Failure]) -> Optional[Tuple[Reason, str]]:
         """Return the reason why the ground behind a step prevents a crossing, if so."""
         driven = max(found.driven, found.required or 0.0)
         sigmas = self._tuning.sigma_margin if land.known else 0.0
-        fastest = self._reckoning.speed_behind(
+        fastest = self._speed_behind(
             step, driven, sigmas, max((one.touch_speed for one in failed), default=0.0))
         downhill = min(0.0, slope)
         needed = self._lines.braking.distance(fastest, downhill, emergency=True) if land.known \
@@ -587,7 +400,7 @@ class CubicPlanner:
         """Return BACK_OFF to where the run-up is long enough, or that there is no room."""
         position, needed = situation.motion.position, answer.required_speed
         touch = step.position - touch_distance(self._radius, step.height)
-        start = touch - self._reckoning.run_up_for(needed, slope)
+        start = touch - self._run_up_for(needed, slope)
         if backing is not None and backing.start >= situation.free_from:
             start = min(start, backing.start) if start >= situation.free_from else backing.start
         reached = answer.outlook.touch_speed if answer.outlook is not None else math.nan
@@ -604,6 +417,177 @@ class CubicPlanner:
                 step.position, situation)
         return replace(stop(Reason.NO_ROOM, f'{where}{short}; a longer run-up would do'),
                        **numbers(answer))
+
+    def reach(self, face: Face, distance: float, speed: float, slope: float, *,
+              margins: float = 1.0, faster_than: float = 0.0, kept: float = 0.0) -> Reach:
+        """
+        Return the required and the reachable speed at a step.
+
+        Parameters
+        ----------
+        face : Face
+        distance : float
+            Ball's centre to the face [m].
+        speed : float
+            Now [m/s].
+        slope : float
+            Of the ground before the step, positive uphill [rad].
+        margins : float
+            Part of the margins of the tuning that must be kept [1].
+        faster_than : float
+            A touch speed that has failed [m/s].
+        kept : float
+            Present set speed, which is kept if it is still valid [m/s].
+
+        """
+        tuning, braking = self._tuning, self._lines.braking
+        deviation = self._deviation(face)
+        conservative = self._conservative(face, margins)
+        run_up = max(0.0, distance - touch_distance(self._radius, face.height))
+        required = self._required(face, margins, faster_than)
+        # Reduced margins apply to the continuation only; the aim includes all of them.
+        aim = required if margins >= 1.0 else self._required(face, 1.0, faster_than) or self._top
+        least, slow = aim or 0.0, tuning.cruise_speed
+        reachable = self._driven(speed, self._top, run_up, slope)
+        chosen = [min(self._top, max(least + more, slow)) for more in HEADROOM] + [self._top]
+        if required is not None and required <= kept <= max(least, slow) + KEPT \
+                and self._driven(speed, kept, run_up, slope) >= required:
+            chosen = [kept]
+        set_speed, driven = chosen[-1], reachable
+        for set_speed in chosen:
+            driven = self._driven(speed, set_speed, run_up, slope)
+            if driven >= least:
+                break
+        clean = min(driven / (1.0 + margins * tuning.speed_margin), self._curve.highest_speed)
+        slowest = math.sqrt(max(0.0, max(0.0, speed) * speed - 2.0 * run_up * max(
+            0.0, braking.deceleration(slope))))
+        return Reach(
+            conservative, run_up, required, set_speed, driven, reachable, slowest,
+            self._curve.height(clean) - conservative if clean >= self._curve.lowest_speed
+            else math.nan, self.probability(driven, face.height, deviation))
+
+    def _run_up_for(self, required: float, slope: float) -> float:
+        """Return the run-up from rest that reaches a touch speed with a reserve [m]."""
+        near, far = 0.0, LONGEST_RUN_UP
+        if self._driven(0.0, self._top, far, slope) < required:
+            return math.inf
+        for _ in range(20):
+            middle = 0.5 * (near + far)
+            if self._driven(0.0, self._top, middle, slope) < required:
+                near = middle
+            else:
+                far = middle
+        return 1.1 * far + 0.05
+
+    def probability(self, speed: float, height: float, deviation: float) -> float:
+        """
+        Return the success probability.
+
+        The mean over the estimated height, and over a touch speed whose standard deviation is
+        half the speed margin.
+
+        Parameters
+        ----------
+        speed : float
+            Expected at touch [m/s].
+        height, deviation : float
+            Of the step [m].
+
+        """
+        curve = self._curve
+        low, high = curve.lowest_speed, curve.highest_speed
+        inside = min(max(speed, low), high)
+        # Below the speeds of the curve, the height is proportional to the squared speed.
+        height = height if speed >= low else height * (low / max(speed, 1e-3))**2
+        steepness = (curve.height(min(inside + 0.01, high))
+                     - curve.height(max(inside - 0.01, low))) / (
+                         min(inside + 0.01, high) - max(inside - 0.01, low))
+        sd = math.hypot(deviation, 0.5 * self._tuning.speed_margin * inside * steepness)
+        return sum(weight * self._part(inside, height + sd * node) for node, weight in NODES)
+
+    def _height_limit(self, speed: float) -> float:
+        """Return the step that is crossed at a speed with the required probability [m]."""
+        curve, band = self._curve, self._curve.band
+        if not curve.lowest_speed <= speed:
+            return math.nan
+        speed = min(speed, curve.highest_speed)
+        if band is None:
+            return curve.height(speed) - curve.residual
+        return band.quantile(min(max(speed, band.speeds[0]), band.speeds[-1]),
+                             1.0 - self._tuning.required_probability)
+
+    def _speed_behind(self, face: Face, driven: float, sigmas: float,
+                     not_enough: float = 0.0) -> float:
+        """
+        Return the speed when the centre passes the edge, from a touch speed [m/s].
+
+        A crossing consumes the square of the minimum crossing speed; runs of the full model
+        keep slightly less.
+
+        Parameters
+        ----------
+        face : Face
+        driven : float
+            At touch [m/s].
+        sigmas : float
+            Standard deviations by which the step is lower, and the ball faster, than expected.
+        not_enough : float
+            A speed at touch that did not get over it [m/s].
+
+        """
+        tuning = self._tuning
+        lower = max(0.0, face.height - sigmas * self._deviation(face))
+        fastest = driven * (1.0 + 0.25 * sigmas * tuning.speed_margin)
+        needed = self._curve.required_speed(lower) or self._curve.highest_speed
+        if lower < self._curve.height(self._curve.lowest_speed):
+            needed = 0.0
+        needed = max(needed, not_enough)
+        return math.sqrt(max(0.0, fastest * fastest - needed * needed))
+
+    def _conservative(self, face: Face, margins: float) -> float:
+        """Return a height with a part of its margins [m]."""
+        tuning = self._tuning
+        return face.height + margins * (
+            tuning.sigma_margin * self._deviation(face) + tuning.height_margin)
+
+    def _deviation(self, face: Face) -> float:
+        """Return the standard deviation of a height [m]."""
+        return math.hypot(face.height_sd, self._tuning.height_bias_sd)
+
+    def _required(self, face: Face, margins: float, faster_than: float) -> Optional[float]:
+        """Return the speed that keeps the margins and is likely enough [m/s]."""
+        tuning = self._tuning
+        required = self._curve.required_speed(self._conservative(face, margins))
+        if required is None:
+            return None
+        required = max(required * (1.0 + margins * tuning.speed_margin), faster_than)
+        likely = 1.0 - (1.0 - tuning.required_probability) / margins
+        deviation = self._deviation(face)
+        if self.probability(required, face.height, deviation) >= likely:
+            return required
+        near, far = required, self._top
+        if near >= far or self.probability(far, face.height, deviation) < likely:
+            return None
+        for _ in range(8):
+            middle = 0.5 * (near + far)
+            if self.probability(middle, face.height, deviation) < likely:
+                near = middle
+            else:
+                far = middle
+        return far
+
+    def _driven(self, speed: float, set_speed: float, run_up: float, slope: float) -> float:
+        """Return the touch speed for a set speed [m/s]."""
+        return self._lines.braking.touch_speed(speed, set_speed, run_up, slope)
+
+    def _part(self, speed: float, height: float) -> float:
+        """Return the part of the robots that get over a step at a speed within the curve."""
+        band = self._curve.band
+        if band is None:
+            above = self._curve.height(speed) - height
+            return 0.5 * (1.0 + math.erf(above / max(self._curve.residual, 1e-6)))
+        return band.probability_of_passing(
+            min(max(speed, band.speeds[0]), band.speeds[-1]), height)
 
 
 def numbers(answer: Decision) -> Dict[str, Any]:

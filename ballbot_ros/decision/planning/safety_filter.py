@@ -5,7 +5,7 @@ Safety filter around a planner: validates its inputs and its decisions.
 Pure functions.  `unusable` checks the inputs before planning; `checked` checks the decision.
 `with_safety_filter` wraps a planner in both.
 """
-from dataclasses import astuple, replace
+from dataclasses import replace
 import math
 from typing import Optional
 
@@ -100,9 +100,8 @@ def meaningless(situation: Situation) -> str:
     # Comparisons with NaN are false and could pass the checks below.
     if not situation.motion.sane:
         return 'odometry is not finite, or out of range'
-    faces = situation.profile.faces if situation.profile is not None else ()
-    if not all(math.isfinite(number) for face in faces for number in astuple(face)):
-        return 'the step is not finite'
+    if situation.profile is not None and not situation.profile.sane:
+        return 'the step is not finite, or out of range'
     return ''
 
 

@@ -13,7 +13,6 @@ from ballbot_ros.decision import (
     Reason, Situation, Strategy)
 from ballbot_ros.decision.planning import cubic
 from ballbot_ros.decision.planning.braking import Braking
-from ballbot_ros.decision.planning.cubic import Reckoning
 from ballbot_ros.decision.planning.safety_filter import with_safety_filter
 from ballbot_ros.physics.model.robot import load_robot
 
@@ -102,7 +101,7 @@ def test_the_numbers_of_the_answer_are_those_of_the_step_and_its_margins():
 
 def test_the_probability_is_that_of_the_band_at_the_speed_driven():
     sure = Knowledge(GIMBALL, CURVE, replace(TUNING, speed_margin=0.0, height_bias_sd=0.0))
-    reckoning = Reckoning(sure, Braking(GIMBALL, TUNING, KNOWN.control))
+    reckoning = cubic.CubicPlanner(sure)
     for speed, height in ((0.7, 0.0256), (0.9, 0.036), (1.05, 0.0443)):
         assert reckoning.probability(speed, height, 0.0) == pytest.approx(
             CURVE.band.probability_of_passing(speed, height))
@@ -120,7 +119,7 @@ def test_more_confidence_asks_for_more_speed():
     def required(probability):
         known = replace(KNOWN, tuning=replace(
             TUNING, required_probability=probability, sigma_margin=0.0, height_margin=0.001))
-        return Reckoning(known, Braking(GIMBALL, TUNING, KNOWN.control)).reach(
+        return cubic.CubicPlanner(known).reach(
             Face(1, 3.0, 0.03, 0.01, 0.001), 3.0, 0.4, 0.0).required
 
     speeds = [required(probability) for probability in (0.5, 0.9, 0.99, 0.999)]
@@ -132,8 +131,9 @@ def test_what_could_be_added_is_unknown_below_the_curve_and_negative_where_it_is
     assert on(0.08, 2.0).height_margin < -0.035
 
 
-def test_a_deviation_below_zero_is_one_above():
-    assert on(sd=-0.01).required_speed == on(sd=0.01).required_speed
+def test_a_deviation_below_zero_is_refused():
+    assert on(sd=-0.01).reason is Reason.BAD_OBSERVATION
+    assert on(sd=0.01).reason is not Reason.BAD_OBSERVATION
 
 
 def test_backwards_is_as_slow_as_at_rest():
