@@ -122,7 +122,9 @@ class Cut:
                     found = self.with_room(centre, radius, depth, 0.0)
                     raised = found.vertices.copy()
                     raised[raised[:, 1] == centre[1] - radius, 1] += remaining
-                    return Cut(raised, found.friction, self.edges, self.walls)
+                    level = np.flatnonzero(~np.diff(raised, axis=0).any(axis=1))
+                    return Cut(np.delete(raised, level, axis=0), np.delete(found.friction, level),
+                               self.edges, self.walls)
                 # Beside the ball, this moves a face out of it, at the height of its foot.
                 bottom, beside = (right[pit[0] - 1], first) if first > centre[0] else (
                     left[pit[-1] + 1], last) if last < centre[0] else (math.inf, centre[0])

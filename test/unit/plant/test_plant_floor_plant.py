@@ -181,6 +181,7 @@ def test_what_lies_ahead_is_seen_along_the_heading():
        st.floats(-0.2, 0.2), st.floats(-1.0, 1.0), st.floats(-0.3, 0.3))
 @example('cord', 0.01, math.radians(10.0), 0.0, 0.0)
 @example('cord', 0.01, math.radians(2.0), 0.0, 0.0)
+@example('step', -0.015, 0.2, 0.0, 0.0)
 @example('cord', 0.005, math.radians(0.5), 0.0, 0.0)
 def test_a_ball_nearly_parallel_to_an_edge_gains_no_energy(kind, aside, turned, speed, lean):
     feature = {'kind': kind, 'line': [[8.0, 4.0], [8.0, 12.0]], 'height': 0.02,
