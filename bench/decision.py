@@ -9,7 +9,7 @@ import numpy as np
 from ballbot_ros.decision import Face, Knowledge, load_curve, load_decision_tuning, Motion, Profile
 from ballbot_ros.decision.learning.particles import Particles
 from ballbot_ros.decision.planning.rollout.ahead import look_ahead
-from ballbot_ros.decision.planning.rollout.planner import planner
+from ballbot_ros.decision.planning.rollout.planner import RolloutPlanner
 from ballbot_ros.decision.planning.rollout.search import Candidate
 from ballbot_ros.decision.planning.rollout.worlds import Worlds
 from ballbot_ros.decision.planning.situation import Situation
@@ -43,7 +43,7 @@ def attempts(height, speed, swing, count=400):
 
 def approach(height, seed):
     """Return the times of all decisions on an approach until the touch or a stop [ms]."""
-    random, decide = np.random.default_rng(seed), planner(KNOWLEDGE)
+    random, decide = np.random.default_rng(seed), RolloutPlanner(KNOWLEDGE)
     position, speed, decision, spent = -SEEN, 0.3, None, []
     noise = float(random.normal(0.0, 0.002))
     for number in range(300):

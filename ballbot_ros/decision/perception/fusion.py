@@ -60,7 +60,7 @@ class ProfileTracker:
 
     def update(self, observation: Observation, position: float) -> Profile:
         """
-        Take in one observation; the same stamp again gives the same answer again.
+        Take in one observation.
 
         Parameters
         ----------
@@ -242,7 +242,7 @@ class GroundFusion:
         elif age > HISTORY:
             reason, why = Reason.STALE, (
                 f'it arrived {age:.2f} s late, odometry is kept for {HISTORY:g} s')
-        if reason is not None or observation.stamp < self._newest.get(kind, -math.inf):
+        if reason is not None or observation.stamp <= self._newest.get(kind, -math.inf):
             # Rejected without effect: `observation_timeout` limits the age of the profile.
             return self.profile or Profile(observation.stamp, rejection=reason, explanation=why)
         self._newest[kind] = max(self._newest.get(kind, -math.inf), observation.stamp)

@@ -148,13 +148,12 @@ class StepTracker:
         self._step: Optional[Face] = None
         self._confirmed, self._first = False, True
         self._trend, self._heights, self._places = Trend(), Scatter(), Scatter()
-        self._answer: Optional[Profile] = None
         self._strikes = 0
         self._misses = 0
 
     def update(self, observation: StepObservation, position: float) -> Profile:
         """
-        Take in one observation; the same stamp again gives the same answer again.
+        Take in one observation.
 
         Parameters
         ----------
@@ -168,12 +167,6 @@ class StepTracker:
             With the reason of a rejection, if any; sensor data never raise an exception.
 
         """
-        if self._answer is None or observation.stamp != self._answer.stamp:
-            self._answer = self._judge(observation, position)
-        return self._answer
-
-    def _judge(self, observation: StepObservation, position: float) -> Profile:
-        """Return the profile after a new observation."""
         fault = _fault(observation, position)
         if fault:
             return self._reject(observation, Reason.BAD_OBSERVATION, fault)

@@ -229,7 +229,7 @@ class TerrainTracker:
 
     def update(self, observation: TerrainObservation, position: float) -> Profile:
         """
-        Take in one observation; the same stamp again gives the same answer again.
+        Take in one observation.
 
         Parameters
         ----------
@@ -243,8 +243,7 @@ class TerrainTracker:
             With the reason of a rejection, if any; sensor data never raise an exception.
 
         """
-        if self._answer is None or observation.stamp != self._answer.stamp:
-            self._answer = self._judge(observation, position)
+        self._answer = self._judge(observation, position)
         return self._answer
 
     def _judge(self, observation: TerrainObservation, position: float) -> Profile:

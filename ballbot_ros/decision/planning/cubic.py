@@ -307,7 +307,7 @@ class CubicPlanner:
         margins = self._margins(step, motion, previous, room)
         before = previous if previous is not None and previous.step == step.number else None
         started = before if before is not None and before.kind is Kind.CROSS else None
-        failed = [one for one in situation.failures if one.face == step.number]
+        failed = situation.failures_at(step)
         found = self.reach(
             step, distance, motion.speed, slope, margins=margins, faster_than=faster(failed),
             kept=started.set_speed if started is not None else 0.0)

@@ -2,13 +2,13 @@
 """Inputs of a planner: constant ones, and those of each decision."""
 from dataclasses import dataclass, field
 import math
-from typing import Optional, Protocol, Tuple
+from typing import List, Optional, Protocol, Tuple
 
 from ballbot_ros.control import ControlTuning, load_tuning
 from ballbot_ros.decision.learning.particles import Particles
 from ballbot_ros.decision.planning.curve import HeightCurve
 from ballbot_ros.decision.tuning import DecisionTuning
-from ballbot_ros.decision.values import Decision, Failure, Motion, Obstruction, Profile
+from ballbot_ros.decision.values import Decision, Face, Failure, Motion, Obstruction, Profile
 from ballbot_ros.physics.model.robot import Robot
 
 
@@ -67,6 +67,10 @@ class Situation:
     free_from: float = float('inf')
     obstruction: Optional[Obstruction] = None
     particles: Optional[Particles] = None
+
+    def failures_at(self, face: Face) -> List[Failure]:
+        """Return the failed plans at a face."""
+        return [failure for failure in self.failures if failure.face == face.number]
 
     @property
     def slope(self) -> float:

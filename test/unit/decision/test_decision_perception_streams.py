@@ -171,6 +171,15 @@ def test_observations_of_another_clock_beside_good_ones_change_nothing(off):
     assert fusion.profile == profile and profile.rejection is None
 
 
+def test_the_same_stamp_gives_the_same_profile():
+    fusion = GroundFusion(GIMBALL, TUNING)
+    fusion.move(Motion(0.0, 0.0, 0.0))
+    for height in (0.03, 0.1):
+        fusion.observe(StepObservation(0.0, True, 1.0, height, 0.01, 0.001))
+        fusion.fuse()
+    assert fusion.profile.rejection is None and fusion.profile.face.height == 0.03
+
+
 def test_an_observation_waits_for_its_odometry():
     fusion = GroundFusion(GIMBALL, TUNING)
     fusion.observe(StepObservation(0.1, True, 1.0, 0.03, 0.01, 0.001))

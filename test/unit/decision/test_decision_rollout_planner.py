@@ -9,7 +9,7 @@ import pytest
 from ballbot_ros.decision import (
     Face, Kind, Knowledge, load_curve, load_decision_tuning, Motion, Profile, Reason)
 from ballbot_ros.decision.planning.rollout.ahead import look_ahead
-from ballbot_ros.decision.planning.rollout.planner import planner
+from ballbot_ros.decision.planning.rollout.planner import RolloutPlanner
 from ballbot_ros.decision.planning.situation import Situation
 from ballbot_ros.decision.values import After, Failure, Plan, Strategy
 from ballbot_ros.physics.model.robot import load_robot
@@ -19,7 +19,7 @@ TUNING = replace(load_decision_tuning('decision_default'), unseen_room=1.5)
 KNOWLEDGE = Knowledge(GIMBALL, load_curve('gimball_down'), TUNING)
 # The front of a ball at a position is this much farther on.
 RADIUS = GIMBALL.ball_radius
-KEPT = planner(KNOWLEDGE)  # to draw its worlds takes a while
+KEPT = RolloutPlanner(KNOWLEDGE)  # to draw its worlds takes a while
 anything = strategies.floats(-1e3, 1e3)
 
 
@@ -34,7 +34,7 @@ def step(height, sd=0.0005, position=0.0, number=1):
 def decide(*faces, room=1.2, speed=0.0, answers=60, knowledge=KNOWLEDGE, failures=(),
            free_from=math.inf, **more):
     """Return the decision of a ball whose front is so far before 0, after some observations."""
-    plan, decision = planner(knowledge), None
+    plan, decision = RolloutPlanner(knowledge), None
     for number in range(answers):
         situation = Situation(
             Motion(0.02 * number, -room - RADIUS, speed), replace(seen(*faces, **more)),
@@ -86,7 +86,7 @@ def test_without_room_it_says_that_a_longer_run_up_would_do_and_takes_it_where_i
 
 
 def test_when_it_has_backed_off_it_crosses():
-    plan, here, decision = planner(KNOWLEDGE), -0.3 - RADIUS, None
+    plan, here, decision = RolloutPlanner(KNOWLEDGE), -0.3 - RADIUS, None
     for number in range(40):
         motion = Motion(0.02 * number, here, 0.0)
         decision = plan(Situation(motion, seen(step(0.045)), (), -2.5), decision)
@@ -158,7 +158,7 @@ def test_the_same_situations_give_the_same_decisions_to_the_bit():
 
 
 def test_without_news_it_keeps_its_mind():
-    plan, decision, kinds = planner(KNOWLEDGE), None, []
+    plan, decision, kinds = RolloutPlanner(KNOWLEDGE), None, []
     for number in range(150):
         height = 0.036 + 0.0004 * math.sin(7.0 * number)
         motion = Motion(0.02 * number, -1.4, 0.0)

@@ -49,12 +49,6 @@ def test_deviation_of_zero_is_not_accepted():
     assert step.position_sd > 0.0 and step.height_sd > 0.0
 
 
-def test_same_stamp_gives_the_same_answer():
-    tracking = tracker()
-    first = tracking.update(seen(1.0), 0.0)
-    assert tracking.update(seen(1.0, distance=0.5), 0.0) is first
-
-
 def test_next_step_is_another_step():
     tracking = tracker()
     assert tracking.update(seen(0.0, 0.5), 0.0).face.number == 1

@@ -238,12 +238,6 @@ def test_a_floor_that_is_seen_a_little_too_low_is_the_floor():
         assert profile.points[0][1] == pytest.approx(0.0, abs=1e-9)
 
 
-def test_the_same_stamp_gives_the_same_answer():
-    tracking = tracker()
-    first = tracking.update(exact(Terrain.flat()), 0.0)
-    assert tracking.update(exact(Terrain.step(0.1, at=1.0)), 0.0) is first
-
-
 def test_ground_that_changed_is_a_contradiction_and_accepted_if_it_lasts():
     tracking = tracker()
     for index in range(5):

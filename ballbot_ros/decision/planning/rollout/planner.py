@@ -263,7 +263,7 @@ class PlanSelector:
         elif self.choice is not None and self.choice.reason is Reason.COMMITTED \
                 and braking_room > 0.0:
             self.forget()  # plan with the least harm, past the last braking point
-        failures = failures_at(face, situation)
+        failures = situation.failures_at(face)
         if situation.particles is not None:
             self.worlds.set_particles(situation.particles)
         self.worlds.see(ahead)
@@ -354,12 +354,6 @@ class PlanSelector:
         if braking_room > 0.0 and not good(
                 choice.tally, task.required - lost, BEYOND):
             self.basis = None
-
-
-def failures_at(face: Face, situation: Situation) -> Sequence[Failure]:
-    """Return the failures at a face."""
-    return [failure for failure in situation.failures
-            if failure.face == face.number or abs(failure.position - face.position) < 0.15]
 
 
 def _is_same(one: Face, other: Face) -> bool:
