@@ -66,6 +66,9 @@ class Measurements(Protocol[Estimated]):
     def ask(self, now: float) -> None:
         """Record a request for a measurement."""
 
+    def commanded(self, torque: float, now: float) -> None:
+        """Record a torque of the axis before it is sent [N m]."""
+
     def restart(self, now: float) -> None:
         """Restart the reply timeout."""
 
@@ -267,6 +270,7 @@ class DriveControl(Generic[Estimated]):
     def _forget(self) -> None:
         """Drop the commands; the torque starts from zero again."""
         self.supervisor.quiet()
+        self.sensing.commanded(0.0, self._clock())
         if self.law is not None:
             self.law.forget()
 
@@ -303,6 +307,7 @@ class DriveControl(Generic[Estimated]):
         together = all(axis.power.state is MotorState.ARMED for axis in self.others)
         torque = self.supervisor.decide(now, self.sensing.motion(now) if together else None)
         self._pacer = self._pacer.sent_torque(now)
+        self.sensing.commanded(torque, now)
         if ask:
             self.sensing.ask(now)
         driver.send_torque(joint.motor_torque(torque), ask)

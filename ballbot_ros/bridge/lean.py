@@ -7,7 +7,7 @@ computes them; it starts from rest with each set-point after an idle time, so th
 not accumulate.
 """
 import math
-from typing import Callable, NamedTuple, Optional, Tuple
+from typing import Callable, List, NamedTuple, Optional, Tuple
 
 from ballbot_ros.bridge.hardware_file import Hardware
 from ballbot_ros.bridge.sensing import AxisSensing, LONGEST_PAUSE
@@ -80,6 +80,9 @@ class LeanSensing(AxisSensing):
         self._zero = hardware.joint.encoder_zero
         self._given_zero = self._zero
         self._difference = 0.0  # of the lean rate from that by the torque, smoothed [rad/s]
+        self._latency = 0.0  # longest one of late, between a stamp and its reply [s]
+        # Time and torque of each command that may act after the last measurement [s], [N m].
+        self._torques: List[Tuple[float, float]] = [(-math.inf, 0.0)]
         self.state = LateralState()
         self.estimate: Optional[LeanEstimate] = None
 
@@ -97,13 +100,22 @@ class LeanSensing(AxisSensing):
         """Restart the observer from rest."""
         self.state = self.state._replace(tilt=0.0, tilt_rate=0.0, yaw_rate=0.0)
 
+    def commanded(self, torque: float, now: float) -> None:
+        """Record a torque before it is sent [N m]."""
+        self._torques.append((now, torque))
+
     def take(self, telemetry: Telemetry, torque: float) -> Optional[LeanEstimate]:
         """Return an estimate from a new measurement, None if there is none in the telemetry."""
         before, measured = self.stamp, self.new_measurement(telemetry)
         if measured is None:
             return None
         angle, rate = measured
-        pause = self.stamp - before
+        pause, latency = self.stamp - before, self._answered - self.stamp
+        # The drive executes commands and requests in the order of their transmission.
+        torques = [torque for _, torque in self._torques]
+        self._torques = [
+            sent for sent, later in zip(self._torques, self._torques[1:])
+            if later[0] > self.stamp] + self._torques[-1:]
         if self._zero is None:
             self._zero = angle
         lean, speed = angle - self._zero, self._speed() or 0.0
@@ -112,7 +124,7 @@ class LeanSensing(AxisSensing):
         else:
             if rate is None:
                 rate = (lean - self.state.lean) / pause
-            self._check_torque(rate - self.state.lean_rate, speed, torque, pause)
+            self._check_torque(rate - self.state.lean_rate, speed, torques, pause, latency)
             before_it = self.estimate.readings.speed if self.estimate is not None else speed
             self.state = follow(
                 self._robot, self.state, 0.5 * (before_it + speed), rate, pause,
@@ -120,14 +132,25 @@ class LeanSensing(AxisSensing):
         self.estimate = LeanEstimate(self.stamp, LeanReadings(self.state, speed))
         return self.estimate
 
-    def _check_torque(self, change: float, speed: float, torque: float, pause: float) -> None:
-        """Raise `EstimateLostError` if a large torque does not accelerate the lean."""
-        self._difference *= max(0.0, 1.0 - pause / SMOOTHING)
-        if abs(torque) < LEAST_PART * self._limits.largest_torque:
+    def _check_torque(self, change: float, speed: float, torques: List[float], pause: float,
+                      latency: float) -> None:
+        """
+        Raise `EstimateLostError` if a large torque does not accelerate the lean.
+
+        Each torque that was commanded since the last measurement may have acted for the whole
+        pause, and each measurement may be later than its stamp by the latency of the reply.
+        """
+        keep = max(0.0, 1.0 - pause / SMOOTHING)
+        self._difference *= keep
+        self._latency = max(latency, keep * self._latency)
+        least, largest = min(torques), max(torques)
+        if max(least, -largest) < LEAST_PART * self._limits.largest_torque:
             return
-        self._difference += change - pause * lateral_acceleration(
-            self._robot, self.state, speed, torque)
-        if abs(self._difference) > self._limits.largest_lean_rate:
+        low, high = (lateral_acceleration(self._robot, self.state, speed, torque)
+                     for torque in (least, largest))
+        self._difference += change - min(max(change, pause * low), pause * high)
+        late = self._latency * max(abs(low), abs(high))
+        if abs(self._difference) > self._limits.largest_lean_rate + late:
             self._difference = 0.0
             raise EstimateLostError(
                 'the lean does not follow the torque of the lateral axis: its encoder is frozen '

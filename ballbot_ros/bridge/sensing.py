@@ -98,6 +98,9 @@ class AxisSensing:
             self._waiting_since = now
         self.expecting = True
 
+    def commanded(self, torque: float, now: float) -> None:
+        """Record a torque of the axis before it is sent [N m]."""
+
     def restart(self, now: float) -> None:
         """Restart the reply timeout after a blocking operation."""
         self._waiting_since = now

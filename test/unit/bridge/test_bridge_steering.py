@@ -2,6 +2,7 @@
 """A robot with a second motor: it turns, and each fault of one axis ends the torque of both."""
 from dataclasses import replace
 import math
+import random
 
 import pytest
 from refusals import refused
@@ -107,6 +108,30 @@ def test_each_fault_of_one_axis_ends_the_torque_of_both(turning, fault):
     assert STEP * (last - first) < 0.7
     states = {axis.power.state for axis in robot.session.axes}
     assert states <= {MotorState.DISARMED, MotorState.DISCONNECTED}
+
+
+@pytest.mark.parametrize('seed', [3, 8, 9])
+def test_late_commands_and_replies_are_no_fault_of_the_lean(seed):
+    rng, sent = random.Random(seed), []
+    robot = VirtualRobot('roboclaw', onboard='gentle', steering=True).ready()
+    write, live, held_until = robot.write, robot.live, 0.0
+
+    def live_late():
+        """Let the drive receive nothing until later."""
+        if robot.now >= held_until:
+            for data in sent:
+                write(data)
+            sent.clear()
+            live()
+    robot.write, robot.live = sent.append, live_late
+    end = robot.now + 3.0
+    while robot.now < end:
+        robot.pass_time(rng.uniform(0.0, 0.028))  # the loop is delayed
+        if robot.now > held_until + 0.02:
+            held_until = robot.now + rng.uniform(0.0, 0.028)
+        robot.loop(STEP * rng.randrange(1, 5), TURN)
+    assert not robot.session.supervisor.e_stop
+    assert robot.lateral.heading > 0.3
 
 
 @pytest.mark.parametrize('exit_by', ['deactivate', 'close'])
