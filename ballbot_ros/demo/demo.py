@@ -9,7 +9,8 @@ import sys
 from tempfile import TemporaryFile
 import time
 from typing import (
-    Any, BinaryIO, Callable, Iterable, Iterator, List, NamedTuple, Optional, Sequence, Tuple)
+    Any, BinaryIO, Callable, Iterable, Iterator, List, Mapping, NamedTuple, Optional, Sequence,
+    Tuple)
 
 from matplotlib.figure import Figure
 import numpy as np
@@ -190,7 +191,8 @@ def run_demo(out: Path, real_time: bool = False, quiet: bool = False, timeout: f
             simulation = RecordedSimulation(
                 graph.node, graph.bag, TOPICS, free_running=real_time or watched)
             wrong = graph.run(simulation.poll, timeout, act.longest, TOPICS)
-        return wrong + check_bag(graph, real_time, quiet)
+        return wrong + check_bag(
+            graph, STATES if real_time else {**STATES, **ANSWERS}, quiet)
 
     return max(in_processes([
         partial(perform, out / Path(act.scene).stem, act, quiet, partial(play, act, domain))
@@ -239,15 +241,18 @@ def in_processes(works: Sequence[Callable[[], int]], together: bool) -> List[int
     return codes
 
 
-def check_bag(graph: RecordedGraph, real_time: bool, quiet: bool) -> List[str]:
-    """Return the errors of the bag of a completed run; print a line if there are none."""
+def check_bag(graph: RecordedGraph, rates: Mapping[str, float], quiet: bool) -> List[str]:
+    """
+    Return the errors of the bag of a completed run; print a line if there are none.
+
+    It must have all messages of the topics with required rates [Hz].
+    """
     states = graph.timeline.states
     if not states:
         return []
     # The answers to the last state may be missing.
     last = states[-1].header.stamp
-    end = last.sec * 10**9 + last.nanosec - round(1e9 / STATES['terrain_observation'])
-    rates = STATES if real_time else {**STATES, **ANSWERS}
+    end = last.sec * 10**9 + last.nanosec - round(1e9 / min(rates.values()))
     wrong, count = verdict(graph.bag.folder, graph.bag.recorded, rates, end)
     if not wrong and not quiet:
         print(f'\nbag: complete, {count:,} messages', flush=True)

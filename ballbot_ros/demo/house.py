@@ -13,8 +13,8 @@ from rclpy.task import Future
 
 from ballbot_ros.bags.metadata import bag_metadata, SIMULATOR
 from ballbot_ros.demo.demo import (
-    conclude, CONTROL_RATE, in_processes, lockstep_note, print_event, RecordedSimulation, ROBOT,
-    STATES, TOOL_TOPICS, TUNING)
+    ANSWERS, check_bag, conclude, CONTROL_RATE, in_processes, lockstep_note, print_event,
+    RecordedSimulation, ROBOT, STATES, TOOL_TOPICS, TUNING)
 from ballbot_ros.demo.forked import import_nodes
 from ballbot_ros.demo.prepare import prepare
 from ballbot_ros.demo.processes import own_domain
@@ -34,8 +34,10 @@ from ballbot_ros.ros.conversions import to_time
 from ballbot_ros.ros.endpoints import create_subscription
 
 DURATION_MAX = 300.0  # simulated time after which the robot has had its chance [s]
-COMMANDS = ('joint_commands', 'cmd_vel', 'set_point', 'plan')
-SENSORS = ('map', 'scan')
+# Required rates [Hz]: the navigator publishes commands only while it has a goal.
+RATES = {**STATES, 'scan': 10.0}
+LOCKSTEP_RATES = {**RATES, 'joint_commands': ANSWERS['joint_commands']}
+OTHER_TOPICS = ('cmd_vel', 'set_point', 'plan', 'map')
 
 
 class Visit(NamedTuple):
@@ -82,6 +84,7 @@ def run_house_demo(out: Path, real_time: bool = False, quiet: bool = False, time
     arrived: List[Visit] = []
 
     def play(folder: Path, timeline: HouseTimeline) -> List[str]:
+        rates = RATES if real_time else LOCKSTEP_RATES
         simulator = {
             'floor': FLOOR, 'start': ','.join(map(str, START)), 'robot': ROBOT,
             'control_rate': CONTROL_RATE, 'lockstep': not real_time,
@@ -90,11 +93,13 @@ def run_house_demo(out: Path, real_time: bool = False, quiet: bool = False, time
                       'lockstep_set_point_period': 0.0 if real_time else PERIOD}
         navigator = {'floor': FLOOR, 'robot': ROBOT, 'control_tuning': TUNING}
         with recorded_graph(
-                folder, (*STATES, *SENSORS, *COMMANDS, *TOOL_TOPICS), timeline,
+                folder, (*LOCKSTEP_RATES, *OTHER_TOPICS, *TOOL_TOPICS), timeline,
                 {'controller': controller, 'navigator': navigator, 'simulator': simulator},
                 bag_metadata(SIMULATOR, simulator), domain) as graph:
-            return graph.run(TourGuide(graph, timeline, tour, arrived).poll, timeout,
-                             longest or DURATION_MAX, tuple(STATES))
+            guide = TourGuide(graph, timeline, tour, arrived, RecordedSimulation(
+                graph.node, graph.bag, rates, free_running=real_time or watched))
+            wrong = graph.run(guide.poll, timeout, longest or DURATION_MAX, tuple(STATES))
+        return wrong + check_bag(graph, rates, quiet)
 
     def verdict_on() -> List[str]:
         return [f'the {visit.room} was not reached' for visit in tour[len(arrived):]]
@@ -177,13 +182,14 @@ class TourGuide:
     tour : sequence of Visit
     arrived : list of Visit
         Those that were reached are appended.
+    simulation : RecordedSimulation
 
     """
 
     def __init__(self, graph: RecordedGraph, timeline: HouseTimeline, tour: Sequence[Visit],
-                 arrived: List[Visit]):
+                 arrived: List[Visit], simulation: RecordedSimulation):
         self._timeline, self._tour, self._arrived = timeline, tour, arrived
-        self._simulation = RecordedSimulation(graph.node, graph.bag, STATES, free_running=True)
+        self._simulation = simulation
         self._client = ActionClient(graph.node, NavigateToPose, 'navigate_to_pose')
         self._ready = False
         self._sent: Optional[Future] = None
