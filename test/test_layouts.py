@@ -77,7 +77,7 @@ def test_rviz_names_frames_that_there_are():
 
 def test_the_topics_of_rviz_follow_the_namespace():
     source = (ROOT / 'ballbot_ros' / 'ros' / 'launching.py').read_text()
-    remapped = set(re.findall(r"'(\w+)'", re.search(r'SHOWN = \((.*)\)', source).group(1)))
+    remapped = set(re.findall(r"'(\w+)'", re.search(r'RVIZ_TOPICS = \((.*)\)', source).group(1)))
     _, shown = displays()
     named = {(shown[name].get('Topic') or shown[name]['Description Topic'])['Value'].lstrip('/')
              for name in DISPLAYS}
