@@ -43,8 +43,8 @@ class StoodBall:
         return abs(state.ball_angle - self.shell) < 1e-9 and (
             self.pendulum is None or abs(state.pendulum_angle - self.pendulum) < 1e-9)
 
-    def advance(self, shaft_torque):
-        """Advance by a period."""
+    def advance(self, shaft_torque, _steering_torque):
+        """Advance by a period; the stand blocks the second motor."""
         motor, before, period = self.motor, self.state, self._period
         # A hand does not catch up with what a busy machine has missed: to the bridge, whose
         # questions were answered late, that would look like a jump of the encoder.

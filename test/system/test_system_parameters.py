@@ -51,7 +51,7 @@ REFUSED = {
         'simulator': ({'odom_rate': 300.0}, ('odom_rate must divide control_rate (500 Hz)',
                                              '250 Hz and 500 Hz do')),
         'controller': ({'robot': 'shellball'}, ('shellball has no pendulum',)),
-        'obstacle_decision': ({'tuning': './none.yaml'}, ("'./none.yaml' does not exist",))},
+        'obstacle_decision': ({'tuning': './none.yaml'}, ("none.yaml' does not exist",))},
     'malformed files': {
         'simulator': ({'scene': 'scene.yaml'}, ('scene.yaml: terrain: piece 1 (step)',
                                                 "'hight'", "did you mean 'height'?")),
@@ -67,7 +67,7 @@ REFUSED = {
     'a curve of other numbers': {
         'obstacle_decision': ({'robot': 'heavier.yaml'}, (
             'curve gimball_down was made for a gimball of other numbers',
-            'fit it again with ballbot fit-curve'))},
+            'ballbot fit-curve'))},
 }
 
 

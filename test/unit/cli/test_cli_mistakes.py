@@ -88,7 +88,7 @@ def test_a_missing_folder_is_reported_before_it_is_created(tmp_path, capsys):
     assert main([*words, str(tmp_path / 'resluts' / 'flat')]) == 0
     assert f'{tmp_path}/resluts does not exist and will be created' in capsys.readouterr().err
     assert main([*words, str(tmp_path / 'resluts' / 'again')]) == 0
-    assert capsys.readouterr().err == ''
+    assert 'resluts' not in capsys.readouterr().err
 
 
 def test_the_real_time_factor_excludes_compilation(tmp_path, monkeypatch):
