@@ -19,7 +19,7 @@ from ballbot_ros.ros.conversions import to_seconds, to_time
 from ballbot_ros.srv import Step
 
 # Nothing waits this long on a quiet machine; on a busy one nothing fails for lack of time [s].
-TIMEOUT = 60.0
+TIMEOUT = 180.0
 
 # Reliable, and so deep that nothing is lost while the test is held up.
 EVERYTHING = QoSProfile(depth=5000)

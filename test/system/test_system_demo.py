@@ -17,7 +17,7 @@ from test_layouts import named_topics
 
 from ballbot_ros.demo.processes import environment
 
-TIMEOUT = 120.0
+TIMEOUT = 300.0
 NODES = {'simulator', 'controller', 'obstacle_decision'}
 
 
@@ -70,7 +70,7 @@ def wait(condition, what):
 
 @pytest.mark.slow
 def test_a_step_is_crossed_one_refused_a_drop_not_fallen_off_and_all_recorded(demo, tmp_path):
-    process = demo('--timeout', '110', together=True)
+    process = demo('--timeout', '250', together=True)
     printed = process.communicate(timeout=TIMEOUT)[0]
     assert process.returncode == 0, printed
     order = ['sees  a step of 31 mm', 'CROSS', 'swing', 'over with', 'touches  the 31 mm step',
@@ -131,7 +131,7 @@ def test_through_an_emulated_drive_a_step_is_crossed_and_one_refused(demo):
 
 @pytest.mark.slow
 def test_the_ball_drives_through_a_house_over_thresholds_and_steps(demo, tmp_path):
-    printed = (process := demo('--house', '--timeout', '110')).communicate(timeout=5 * TIMEOUT)[0]
+    printed = (process := demo('--house', '--timeout', '250')).communicate(timeout=5 * TIMEOUT)[0]
     assert process.returncode == 0, printed
     place = 0
     for words in ('goal  the bedroom', 'crosses  the kitchen threshold',
