@@ -6,9 +6,9 @@ The planner ``rollout``: plans simulated with the physics in sampled worlds.
 changes.  The first observation of a face starts a search with hundreds of rollouts, spread over
 several decisions so that each one takes a bounded time.  Later decisions keep the plan and
 re-evaluate it periodically with a few rollouts.  A new search starts only after a relevant change
-(estimated height, much smaller uncertainty), or when the success probability has dropped; the plan
-stays until that search ends, and beyond the last braking point no search replaces it.  All budgets
-count rollouts, not time, so that a run is reproducible bit by bit.
+of the estimated height, or when the success probability has dropped; the plan stays until that
+search ends, and beyond the last braking point no search replaces it.  All budgets count rollouts,
+not time, so that a run is reproducible bit by bit.
 
 `RolloutPlanner` decides the motion during a search, on the step, without obstacles ahead, and
 before obstacles that are not crossed.
@@ -188,8 +188,8 @@ def from_here(candidate: Candidate) -> Candidate:
 
 # Rollouts of a search in each decision.
 ROLLOUTS_PER_DECISION = 20
-# Relevant change: of the height [m], or reduction of its deviation to this fraction.
-HEIGHT_NEWS, SHRUNK = 0.002, 0.6
+# Relevant change of the height [m].
+HEIGHT_NEWS = 0.002
 # Maximum distance for associating a face that has changed its number [m].
 SAME_PLACE = 0.06
 # Relevant increase of the clearance behind an edge [m].
@@ -332,10 +332,6 @@ class PlanSelector:
                 return True
             if not now.standing and self._changes >= CHANGES - 1:
                 return False
-            known = now.face.height_sd < SHRUNK * then.face.height_sd
-            # Less uncertainty gives no more room behind an edge.
-            if known and choice.reason not in (Reason.TOO_HIGH, Reason.LANDING):
-                return True
         return abs(now.face.height - then.face.height) > max(HEIGHT_NEWS, then.face.height_sd)
 
     def _look_again(self, task: Task, braking_room: float) -> None:
