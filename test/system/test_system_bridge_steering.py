@@ -60,7 +60,10 @@ def test_a_yaw_rate_on_cmd_vel_leans_the_pendulum_and_turns_the_ball(
         found = graph.publish_until(result, 'the ball turns', 'cmd_vel', turn)
         if found == 'turned':
             break
-        assert run.held_up(), found
+        graph.statuses.clear()
+        values = graph.wait(lambda: graph.values('bridge'), 'the bridge reports its health')
+        # Measurements of a drive and a loop that were held up contradict each other.
+        assert run.held_up() or int(values['late_periods']) > 0, found
         if time.monotonic() > deadline:
             pytest.skip(f'the load of this machine is too high: {found}')
     graph.kill('bridge')
