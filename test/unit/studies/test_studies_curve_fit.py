@@ -10,11 +10,10 @@ import yaml
 from ballbot_ros.cli import main
 from ballbot_ros.crossing import held_at, max_step_height, rolling, Rules
 from ballbot_ros.decision import load_curve
-from ballbot_ros.decision.planning.curve import curve_text
 from ballbot_ros.physics import Actuation, load_robot
 from ballbot_ros.physics.model.uncertainty import draw, uncertain
 from ballbot_ros.studies.curve_fit import (
-    conservative_cubic, fit_curve, LEAST_SLOPE, monotone_cubic, Request)
+    conservative_cubic, curve_text, fit_curve, LEAST_SLOPE, monotone_cubic, Request)
 
 GIMBALL, SHELLBALL = load_robot('gimball'), load_robot('shellball')
 CLEAR = Rules(over='clear')
