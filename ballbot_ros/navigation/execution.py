@@ -29,8 +29,10 @@ CLOSE, TOLERANCE = 0.03, 0.15
 # Deviations from a path with which it is planned again [m], [rad]; that at its start, up to ASIDE,
 # counts extra.
 ASIDE, TURNED = 0.15, math.radians(40.0)
-# Alignments that are tried before a crossing begins in any case, and distance that the ball backs
-# off for one: the errors decay twice, backward and forward [m].
+# Deviations from the line of a crossing with which it may begin [m], [rad].
+CROSS_ASIDE, CROSS_TURNED = 0.08, math.radians(6.0)
+# Alignments that are tried before a crossing begins with larger deviations, and distance that the
+# ball backs off for one: the errors decay twice, backward and forward [m].
 ALIGNMENTS, ALIGNING = 2, 2.0 * SETTLING
 # A localisation that moves farther than the ball between two percepts has jumped [m], [rad].
 JUMP, JUMP_TURN = 0.25, 0.5
@@ -353,13 +355,11 @@ class Navigator:
                         aside=min(abs(left), ASIDE))
         if segment.feature is None:
             return state
-        if state.alignments < ALIGNMENTS and not self.planner.aligned(
-                (percept.x, percept.y, percept.heading),
-                self.planner.floor.features.index(segment.feature), path.length):
-            turned = math.remainder(percept.heading - segment.heading, 2.0 * math.pi)
+        turned = abs(math.remainder(percept.heading - segment.heading, 2.0 * math.pi))
+        if (abs(left) > CROSS_ASIDE or turned > CROSS_TURNED) and state.alignments < ALIGNMENTS:
             return self._align(replace(
                 state, alignments=state.alignments + 1,
-                message=f'{left:+.2f} m and {math.degrees(turned):+.0f} degrees off the line of '
+                message=f'{left:+.2f} m and {math.degrees(turned):.0f} degrees off the line of '
                 f'the {segment.feature.label}'), segment, percept)
         return replace(state, status=NavStatus.CROSSING, crossing_start=percept.stamp,
                        alignments=0)

@@ -43,6 +43,8 @@ ARC_SPEED, BACKWARD_SPEED, LARGEST_CELL = 0.25, 0.2, 0.12
 REVERSAL, ALIGNMENT = 2.0, 2.0
 # Time that a deviation of the start from its state costs [s/m], [s/rad].
 OFFSET_COST, TURN_COST = 10.0, 4.0
+# Largest cost of a start from which the ball may cross a step without driving first [s].
+ALIGNED_COST = 1.2
 # How far the ball backs out of a place where no state is [m], and how much nearer to a wall than
 # its radius the localisation may place it [m].
 ESCAPE, INACCURATE = 1.0, 0.08
@@ -288,11 +290,15 @@ class RoutePlanner:
         """Return the crossings of a feature, in both directions."""
         if feature.kind in ('drop', 'friction', *CLOSED):
             return []
+        others = np.logical_or.reduce([self._walls] + [
+            near for other, near in enumerate(self._near) if other != number])
         found = []
         for begin, end in feature.segments:
             if math.dist(begin, end) < 1e-6:
                 continue
-            elsewhere = self._walls | self._elsewhere(number, begin, end)
+            # The other edges of the feature end run-up and room as other features do.
+            elsewhere = others | self._near[number] & (distance_to_segment(
+                self._x, self._y, begin, end) >= self._keep[number] + self._size)
             normal = math.atan2(end[0] - begin[0], begin[1] - end[1])
             for heading in range(COUNT):
                 for sign, way in ((1, normal), (-1, normal + math.pi)):
@@ -301,48 +307,6 @@ class RoutePlanner:
                         found += self._along(number, feature, (begin, end), heading, sign, angle,
                                              elsewhere)
         return found
-
-    def _elsewhere(self, number: int, begin: Point, end: Point) -> NDArray[np.bool_]:
-        """Return the cells near all edges of features but one, which a crossing must not enter."""
-        return np.logical_or.reduce([
-            near for other, near in enumerate(self._near) if other != number] + [
-            self._near[number] & (distance_to_segment(self._x, self._y, begin, end)
-                                  >= self._keep[number] + self._size)])
-
-    def aligned(self, pose: Sequence[float], number: int, distance: float) -> bool:
-        """
-        Return whether the ball crosses a feature when it drives straight ahead from a pose.
-
-        Parameters
-        ----------
-        pose : (float, float, float)
-            Position [m] and heading [rad].
-        number : int
-            Of the feature.
-        distance : float
-            Length of the crossing [m].
-
-        Returns
-        -------
-        bool
-            Whether the line crosses an edge of the feature nearly at right angles, and is free;
-            a ball that is nearer to a wall than the clearance must not get nearer.
-
-        """
-        x, y, heading = pose
-        along = np.arange(0.0, distance + SAMPLE, SAMPLE)
-        xs, ys = x + along * math.cos(heading), y + along * math.sin(heading)
-        clear = ndimage.map_coordinates(self._clear, (
-            (ys - self._y[0, 0]) / self._size, (xs - self._x[0, 0]) / self._size), order=1)
-        if (clear < min(self.ball_radius + CLEARANCE, clear[0])).any():
-            return False
-        nodes = [self._node(place) for place in zip(xs, ys)]
-        for begin, end in self.floor.features[number].segments:
-            normal = math.atan2(end[0] - begin[0], begin[1] - end[1])
-            if _side((x, y), (xs[-1], ys[-1]), begin, end) \
-                    and abs(math.remainder(heading - normal, math.pi)) <= OBLIQUE:
-                return not self._elsewhere(number, begin, end).flat[nodes].any()
-        return False
 
     def _along(self, number: int, feature: Feature, line: Tuple[Point, Point], heading: int,
                sign: int, angle: float, others: NDArray[np.bool_]) -> List[_Arc]:
@@ -482,12 +446,7 @@ class RoutePlanner:
         heading = -1 if len(goal) < 3 else min(range(COUNT), key=lambda item: abs(
             math.remainder(HEADINGS[item] - goal[2], 2.0 * math.pi)))
         far = csgraph.dijkstra(self._backward, directed=True, indices=last)
-        aligned = np.isin(self._arc_arrays[0], states)
-        for item in np.flatnonzero(aligned if len(start) > 2 else []):
-            arc = self._offered[item]
-            aligned[item] = self.aligned(start, arc.number, math.dist(
-                self._point(arc.start // COUNT), self._point(arc.end // COUNT)))
-        time, path = self._find(states, costs, last, heading, far, aligned)
+        time, path = self._find(states, costs, last, heading, far)
         shortest, passed = self._shortest(self._node(start), last)
         if not math.isfinite(time):
             self._refuse(shortest, passed, math.isfinite(far[states // COUNT].min()))
@@ -507,21 +466,15 @@ class RoutePlanner:
 
     def warm_up(self) -> None:
         """Compile the search, or load it."""
-        self._find(np.zeros(1, np.int64), np.zeros(1), 0, -1, np.zeros(self._blocked.size),
-                   np.zeros(len(self._offered), bool))
+        self._find(np.zeros(1, np.int64), np.zeros(1), 0, -1, np.zeros(self._blocked.size))
 
     def _find(self, states: NDArray[np.int64], costs: NDArray[np.float64], last: int, heading: int,
-              far: NDArray[np.float64], aligned: NDArray[np.bool_]
-              ) -> Tuple[float, List[Tuple[int, int]]]:
-        """
-        Search from states with their costs to a cell.
-
-        `far` are distances to it [m]; crossings that are not `aligned` do not begin at the start.
-        """
+              far: NDArray[np.float64]) -> Tuple[float, List[Tuple[int, int]]]:
+        """Search from states with their costs to a cell; `far` are distances to it [m]."""
         return self._tree.find(Problem(
-            states, costs, last, heading, self._slowness,
+            states, costs, ALIGNED_COST, last, heading, self._slowness,
             far / (OCTILE * self._tuning.cruise_speed), self._moves.ends, self._moves.cells,
-            self._moves.times, REVERSAL, *self._arc_arrays, aligned, LEVELS))
+            self._moves.times, REVERSAL, *self._arc_arrays, LEVELS))
 
     def _refuse(self, shortest: float, passed: List[Tuple[int, int]], point_gets_there: bool
                 ) -> None:
