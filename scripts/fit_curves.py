@@ -17,9 +17,8 @@ import numpy as np
 import yaml
 
 from ballbot_ros.crossing import held_at
-from ballbot_ros.decision.planning.curve import curve_text
 from ballbot_ros.physics import Actuation, load_robot
-from ballbot_ros.studies.curve_fit import fit_curve, heights_for, Request
+from ballbot_ros.studies.curve_fit import curve_text, fit_curve, heights_for, Request
 
 FOLDER = Path(__file__).resolve().parent.parent / 'config' / 'curves'
 SPEEDS = np.linspace(0.2, 1.2, 21)
