@@ -222,8 +222,11 @@ def test_a_planner_is_a_file_and_a_line(house):
     house.change('decision/planning/timid.py', (
         r'        step = next', '        if profile.faces:\n'
         "            return stop(Reason.TOO_HIGH, 'No step is accepted')\n        step = next"))
-    house.change('decision/planning/planners.py', (r'import cubic', 'import cubic, timid'),
-                 (r"\{\n    'cubic'", "{'timid': timid.planner, 'cubic'"))
+    house.change('decision/planning/planners.py', (
+        r'from ballbot_ros.decision.planning.cubic import CubicPlanner\n',
+        'from ballbot_ros.decision.planning.cubic import CubicPlanner\n'
+        'from ballbot_ros.decision.planning import timid\n'),
+                 (r"\{\n    'cubic'", "{'timid': timid.CubicPlanner, 'cubic'"))
     loop = house.folder / 'examples' / 'closed_loop.py'
     loop.write_text(loop.read_text().replace("planner='rollout'", "planner='timid'").replace(
         '12 * RATE', 'RATE // 10'), encoding='utf-8')
