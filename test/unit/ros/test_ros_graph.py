@@ -146,7 +146,7 @@ def test_a_recording_has_all_that_came_and_says_how_many(look, robot, tmp_path):
     counts = record.record(look, tmp_path / 'bag', ['odom', 'later'], 1.0, said.append)
     assert counts['/odom'] > 3 and set(counts) == {'/odom'}
     assert 'recording /odom [nav_msgs/msg/Odometry]' in said
-    assert any(words.startswith('not there yet: /later') for words in said)
+    assert any('/later' in words for words in said)
     with open(next((tmp_path / 'bag').glob('*.mcap')), 'rb') as file:
         assert len(list(make_reader(file).iter_messages())) == counts['/odom']
     with refused('exists', '-o'):
