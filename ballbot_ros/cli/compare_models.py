@@ -56,17 +56,17 @@ def run(arguments: argparse.Namespace) -> int:
 def table(found: Any, title: str) -> Iterator[str]:
     """Yield the lines of the table; it is Markdown, too."""
     from ballbot_ros.paper.cases import ACCURACY
-    from ballbot_ros.paper.comparison import LEVELS, spans
+    from ballbot_ros.paper.comparison import DEVIATION_LEVELS, spans
     yield (f'{title}: {len(found.speeds)} speeds from {found.speeds[0]:g} to '
            f'{found.speeds[-1]:g} m/s, full model to {1e3 * ACCURACY:g} mm')
     yield ''
-    rows = [('model', 'source', *(f'within {1e3 * level:g} mm at m/s' for level in LEVELS),
+    rows = [('model', 'source', *(f'within {1e3 * level:g} mm at m/s' for level in DEVIATION_LEVELS),
              'largest deviation', 'cost of a height')]
     for curve in (found.full, *found.others):
         away = curve.heights - found.full.heights
         worst = away[abs(away).argmax()]
         rows.append((curve.name, curve.source, *(
-            write_spans(spans(found.speeds, abs(away) <= level)) for level in LEVELS),
+            write_spans(spans(found.speeds, abs(away) <= level)) for level in DEVIATION_LEVELS),
             f'{1e3 * worst:+.1f} mm', f'{1e6 * curve.cost:.3g} us' if curve.cost < 1e-3
             else f'{1e3 * curve.cost:.2g} ms'))
     widths = [max(map(len, column)) for column in zip(*rows)]
