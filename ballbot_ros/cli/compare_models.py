@@ -60,8 +60,8 @@ def table(found: Any, title: str) -> Iterator[str]:
     yield (f'{title}: {len(found.speeds)} speeds from {found.speeds[0]:g} to '
            f'{found.speeds[-1]:g} m/s, full model to {1e3 * ACCURACY:g} mm')
     yield ''
-    rows = [('model', 'source', *(f'within {1e3 * level:g} mm at m/s' for level in DEVIATION_LEVELS),
-             'largest deviation', 'cost of a height')]
+    levels = (f'within {1e3 * level:g} mm at m/s' for level in DEVIATION_LEVELS)
+    rows = [('model', 'source', *levels, 'largest deviation', 'cost of a height')]
     for curve in (found.full, *found.others):
         away = curve.heights - found.full.heights
         worst = away[abs(away).argmax()]
