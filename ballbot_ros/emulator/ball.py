@@ -123,6 +123,9 @@ class Ball:
             self.lateral = pull(
                 robot, self.lateral, 0.5 * sum(speeds), self.pendulum_torque(lateral_torque),
                 period, (speeds[1] - speeds[0]) / period)
+            if abs(self.lateral.tilt) >= 0.5 * math.pi:
+                # The model is not valid beyond: a ball whose lean is not driven has rolled over.
+                self.lateral = LateralState(heading=self.lateral.heading)
         return after
 
     def reset(self) -> None:

@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """A graph with a bridge that is made to pull, and the emulated motor that it pulls with."""
 import math
+import time
 
+from graph import TIMEOUT
 import pytest
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
@@ -37,9 +39,11 @@ class Driving:
     def release(self):
         """Release the e-stop until the motor has power."""
         self.graph.wait(lambda: self.states, 'joint states flow')
+        deadline = time.monotonic() + TIMEOUT
         for _ in range(5):
             while not (answer := self.graph.call('bridge/release_e_stop', Trigger)).success:
                 assert 'remains engaged' in answer.message
+                assert time.monotonic() < deadline, answer.message
             self.status.clear()
             if self.graph.wait(lambda: self.has_power() or self.not_armed(),
                                'the motor has power') is True:

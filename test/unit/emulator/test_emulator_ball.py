@@ -89,3 +89,14 @@ def test_a_sensor_of_ones_own_is_asked(settings):
 def test_a_robot_without_a_motor_is_refused(shellball):
     with refused('missing', 'robot'):
         settings_for(shellball)
+
+
+def test_a_lean_that_is_no_longer_driven_never_stops_the_ball(settings):
+    """Beyond a tilt of 90 degrees the lateral model is not valid."""
+    ball = Ball(scene(speed=0.4), settings)
+    newton_metre = 1.0 / ball.pendulum_torque(1.0)
+    for period in range(16000):
+        torque = newton_metre * math.sin(3e-3 * period) if period < 1000 else 0.0
+        ball.advance(0.0, torque)
+        assert abs(ball.lateral.tilt) < 0.5 * math.pi
+    assert all(map(math.isfinite, ball.lateral))
