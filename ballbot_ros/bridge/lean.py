@@ -50,8 +50,8 @@ class GroundTrack(NamedTuple):
         heading = 0.5 * (self.lateral.heading + lateral.heading)
         forward, left = path - self.path, radius * (lateral.tilt - self.lateral.tilt)
         return GroundTrack(self.x + forward * math.cos(heading) - left * math.sin(heading),
-                      self.y + forward * math.sin(heading) + left * math.cos(heading),
-                      path, lateral)
+                           self.y + forward * math.sin(heading) + left * math.cos(heading),
+                           path, lateral)
 
     @property
     def pose(self) -> Tuple[float, float, float]:

@@ -33,7 +33,7 @@ from ballbot_ros.physics.model.robot import load_robot
 from ballbot_ros.ros.conversions import to_time
 from ballbot_ros.ros.endpoints import create_subscription
 
-DURATION_MAX = 300.0  # simulated time after which the robot has had its chance [s]
+DURATION_MAX = 300.0  # end of the run, in simulated time [s]
 # Required rates [Hz]: the navigator publishes commands only while it has a goal.
 RATES = {**STATES, 'scan': 10.0}
 LOCKSTEP_RATES = {**RATES, 'joint_commands': ANSWERS['joint_commands']}
@@ -204,9 +204,9 @@ class TourGuide:
 
     def poll(self) -> Optional[str]:
         """Do what can be done now, and return why the tour cannot continue, if so."""
-        self._simulation.poll()
-        if not self._ready or len(self._arrived) == len(self._tour):
-            return None
+        stopped = self._simulation.poll()
+        if stopped or not self._ready or len(self._arrived) == len(self._tour):
+            return stopped
         visit = self._tour[len(self._arrived)]
         if self._sent is None:
             if self._client.server_is_ready():
