@@ -50,7 +50,7 @@ class SinglePublisher:
             several = ' and '.join(names if len(names) > 1 else self._names)
             raise MessageError(
                 f'{several} publish {self._topic}, and none of them is '
-                'followed: end all but one, or let twist_mux select one',
+                'followed: end all but one, or select one with a multiplexer such as twist_mux',
                 'several_publishers', self._topic)
         return names[0] if names and '_UNKNOWN_' not in names[0] else ''
 

@@ -4,7 +4,7 @@ from collections import Counter
 from functools import partial
 import math
 import time
-from typing import Any, Callable, Dict, List, Optional, Tuple
+from typing import Any, Dict, List, Optional, Tuple
 
 from builtin_interfaces.msg import Time
 from nav_msgs.msg import Odometry
@@ -12,7 +12,8 @@ from rclpy.node import Node
 
 from ballbot_ros.control import load_tuning
 from ballbot_ros.decision import (
-    check_decision, Decider, Decision, Kind, Knowledge, load_curve, Observation)
+    check_decision, Decider, Decision, Kind, Knowledge, load_curve, Reason)
+from ballbot_ros.errors import MessageError
 from ballbot_ros.nodes.obstacle_decision.goals import GoalServers
 from ballbot_ros.nodes.obstacle_decision.outcomes import Experience
 from ballbot_ros.nodes.obstacle_decision.outputs import DecisionOutputs
@@ -21,15 +22,18 @@ from ballbot_ros.nodes.obstacle_decision.standstill import Standstill
 from ballbot_ros.physics.model.robot import load_robot
 from ballbot_ros.ros import diagnostics
 from ballbot_ros.ros.conversions import exact, motion, observation, terrain_observation, to_seconds
-from ballbot_ros.ros.endpoints import create_subscription
+from ballbot_ros.ros.endpoints import create_subscription, publisher_names
 from ballbot_ros.ros.parameters import Commit, declare
 from ballbot_ros.ros.run import run
+from ballbot_ros.ros.single_publisher import SinglePublisher
 
 # With slower observations, set-points are also published for the odometry in between [s].
 LONGEST_SILENCE = 0.025
 
 # Least time between two logged changes of the decision [s].
 LOG_PERIOD = 1.0
+
+OBSERVATIONS = {'step_observation': observation, 'terrain_observation': terrain_observation}
 
 
 def load_knowledge(settings: DecisionSettings) -> Knowledge:
@@ -64,9 +68,9 @@ class ObstacleDecision(Node):
         self._counts: Counter = Counter()
         self._logged: Tuple[Any, float] = None, -math.inf  # label of the decision, and when
         self._outputs = DecisionOutputs(self, settings, knowledge.robot.ball_radius)
-        for topic, read in (('step_observation', observation),
-                            ('terrain_observation', terrain_observation)):
-            create_subscription(self, topic, partial(self._on_observation, read))
+        self._sources = {topic: SinglePublisher(self, topic) for topic in (*OBSERVATIONS, 'odom')}
+        for topic in OBSERVATIONS:
+            create_subscription(self, topic, partial(self._on_observation, topic))
         create_subscription(self, 'odom', self._on_odometry)
         self._standstill = Standstill(self, self._stand)
         self._goals = GoalServers(self, lambda: self._decider, knowledge, self._standstill,
@@ -78,18 +82,31 @@ class ObstacleDecision(Node):
         """Check other parameters; return a function that applies them."""
         return self._decider.prepare(load_knowledge(wanted))
 
-    def _on_observation(self, convert: Callable[[Any], Observation], message: Any) -> None:
+    def _refusal(self, topic: str) -> str:
+        """Return why messages of a topic are not used, or an empty string."""
+        try:
+            self._sources[topic].name()
+        except MessageError as error:
+            self.get_logger().warning(f'{topic} refused: {error}', throttle_duration_sec=1.0)
+            return str(error)
+        return ''
+
+    def _on_observation(self, topic: str, message: Any) -> None:
+        if self._refusal(topic):
+            return
         if self._seen.get(type(message)) == exact(message):
             # The observation is repeated: a second decision could differ.
             if self._observed is None:
                 self._outputs.repeat()
             return
         self._seen[type(message)] = exact(message)
-        self._decider.observe(convert(message))
+        self._decider.observe(OBSERVATIONS[topic](message))
         self._observed = message
         self._decide_pending()
 
     def _on_odometry(self, message: Odometry) -> None:
+        if self._refusal('odom'):
+            return
         if self._odometry is not None and exact(message) < exact(self._odometry):
             self.get_logger().warning('time went back: all observations so far are dropped')
             self._forget('time went back')
@@ -150,13 +167,19 @@ class ObstacleDecision(Node):
             f'decided_{kind}': number for kind, number in self._counts.items()}}
         if self._standstill.standing:
             return diagnostics.WARN, self._standstill.reason, values
+        several = ' '.join(filter(None, map(self._refusal, self._sources)))
+        if several:
+            return diagnostics.WARN, several, values
         decision, profile = self._decider.decision, self._decider.profile
         if decision is None:
             return diagnostics.WARN, 'waiting for step_observation and odom', values
         values['set_speed'] = f'{decision.set_speed:.3f}'
         rejected = profile is not None and profile.rejection is not None
         level = diagnostics.WARN if rejected or decision.kind is Kind.STOP else diagnostics.OK
-        return level, decision.explanation, values
+        if decision.reason is not Reason.STALE:
+            return level, decision.explanation, values
+        names = ', '.join(filter(None, (publisher_names(self, topic) for topic in OBSERVATIONS)))
+        return level, f'{decision.explanation}; published by {names or "no node"}', values
 
 
 def main(args: Optional[List[str]] = None) -> int:

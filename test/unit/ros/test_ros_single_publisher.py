@@ -3,9 +3,12 @@
 from types import SimpleNamespace
 
 import pytest
+from rclpy.node import Node
 from refusals import refused
 
 from ballbot_ros.errors import MessageError
+from ballbot_ros.msg import StepObservation
+from ballbot_ros.nodes.obstacle_decision.node import ObstacleDecision
 from ballbot_ros.ros import single_publisher
 from ballbot_ros.ros.single_publisher import RESTART_TIME, SinglePublisher
 
@@ -71,3 +74,21 @@ def test_a_node_that_was_killed_and_started_again_is_followed(graph):
     graph.now += 0.2 * RESTART_TIME
     with refused('several_publishers', 'joint_commands'):
         found.name()
+
+
+def test_a_decision_uses_no_observations_of_two_nodes_and_names_both(make_node):
+    decision, answers = make_node(ObstacleDecision, planner='cubic'), []
+    decision._decider.observe = answers.append
+    decision._on_observation('step_observation', StepObservation())
+    assert len(answers) == 1
+    sensors = [make_node(Node, name) for name in ('sensor_1', 'sensor_2')]
+    for sensor in sensors:
+        sensor.create_publisher(StepObservation, 'step_observation', 1)
+    while decision.count_publishers('step_observation') < 2:
+        pass
+    message = StepObservation()
+    message.header.stamp.sec = 1
+    decision._on_observation('step_observation', message)
+    assert len(answers) == 1
+    assert '/sensor_1 and /sensor_2' in decision._health()[1]
+    decision.make_safe()
