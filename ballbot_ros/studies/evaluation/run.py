@@ -23,7 +23,7 @@ ODOMETRY_PERIODS = 5      # between two odometry messages
 TIME_LIMIT = 16.0         # of an approach, without the time for a long obstacle [s]
 SLOWEST = 0.2             # speed that the time limit allows over a long obstacle [m/s]
 NEWS_TIME = 0.3           # a decision may change for this time after news [s]
-ARRIVED = 0.05            # a ball is at the start of its run-up from this far on [m]
+ARRIVED, AT_REST = 0.05, 0.05  # a ball is at the start of its run-up [m], [m/s]
 LOG_PERIOD = 0.5          # longest time between two lines of the log [s]
 
 # Called with time, state, decision, set angle and decider.
@@ -70,8 +70,8 @@ class DecisionChanges:
     Counts changes of kind or strategy without new information.
 
     New information is an event of the `OutcomeMonitor`, the first observation, a new face, and
-    the two positions at which a plan changes its action: the start of its run-up, and its last
-    edge.
+    the two positions at which a plan changes its action: the start of its run-up, as soon as the
+    ball rests there, and its last edge.
     """
 
     def __init__(self) -> None:
@@ -89,7 +89,7 @@ class DecisionChanges:
             (face.number for face in profile.faces), default=0)
         if known > self._known:
             self._known, monitor.news = known, now
-        if motion is not None and self._arrives(motion.position):
+        if motion is not None and self._arrives(motion):
             monitor.news = now
         selected = (decision.kind, decision.plan.strategy if decision.plan else None)
         if (self._last is not None and selected != self._last
@@ -101,9 +101,10 @@ class DecisionChanges:
             (-1.0, plan.start + ARRIVED) if plan is not None and decision.kind is Kind.BACK_OFF
             else None)
 
-    def _arrives(self, position: float) -> bool:
+    def _arrives(self, motion: Motion) -> bool:
         """Return whether the ball reaches the start or last edge of its plan, once for each."""
-        if self._target is None or self._target[0] * (position - self._target[1]) < 0.0:
+        if self._target is None or self._target[0] * (motion.position - self._target[1]) < 0.0 \
+                or self._target[0] < 0.0 and motion.speed < -AT_REST:
             return False
         again = self._reached is not None and self._reached[0] == self._target[0] \
             and abs(self._reached[1] - self._target[1]) < SAME_FACE

@@ -30,7 +30,7 @@ from ballbot_ros.decision.planning.situation import Knowledge, Situation
 from ballbot_ros.decision.planning.stop_line import StopLines
 from ballbot_ros.decision.tuning import DecisionTuning
 from ballbot_ros.decision.values import (
-    After, Decision, Face, Failure, Kind, Motion, Outlook, Plan, Reason, Strategy)
+    After, Decision, Face, Failure, Kind, Motion, Outlook, Plan, Profile, Reason, Strategy)
 
 # Maximum speed gain of a swing [m/s].
 KICK = 0.15
@@ -508,9 +508,17 @@ class RolloutPlanner:
         if profile is None:
             return stop(Reason.STALE, 'Stopping: nothing has been observed yet')
         climbed = self._climbed(motion)
-        pushing = self._push(situation, previous) or self._brake(motion, previous)
+        pushing = self._push(situation, previous)
         if pushing is not None:
             return pushing
+        # The search for the next faces continues during the stop behind an edge.
+        decision = self._decide(profile, climbed, situation, previous)
+        return self._brake(motion, previous) or decision
+
+    def _decide(self, profile: Profile, climbed: float, situation: Situation,
+                previous: Optional[Decision]) -> Decision:
+        """Decide on the ground ahead of a ball that is clear of the last edge."""
+        motion = situation.motion
         faces = faces_ahead(profile, motion.position)
         slope = situation.slope
         steep = self._lines.steep(situation, previous)
@@ -634,10 +642,10 @@ class RolloutPlanner:
             explanation=f'On the step, {distance:.2f} m to its face: pushing on')
 
     def _brake(self, motion: Motion, previous: Optional[Decision]) -> Optional[Decision]:
-        """Return the stop behind the last edge of a plan, as in its rollouts."""
+        """Return the stop behind the last edge of a plan, until the ball is clear of the edge."""
         plan = previous.plan if previous is not None else None
         if previous is None or plan is None or not (
-                0.0 <= motion.position - plan.edge < self._robot.ball_radius) \
+                0.0 <= motion.position - plan.edge < 0.5 * self._robot.ball_radius) \
                 or motion.speed < STANDING or previous.kind is Kind.CROSS \
                 and plan.after is not After.STOP:
             return None
