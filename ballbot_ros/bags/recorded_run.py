@@ -162,9 +162,9 @@ def same(one: Mapping[str, float], other: Mapping[str, float]) -> bool:
 
 
 def _set_point(message: Any, stamp: float) -> SetPoint:
-    """Return the request of a set-point: an angle, a rate, or no torque."""
+    """Return the request of a set-point: an angle or a rate with a yaw rate, or no torque."""
     values = joint_values(message)
     for mode, name in ((Mode.HOLD, 'joint_angle'), (Mode.DRIVE, 'joint_rate')):
         if math.isfinite(values.get(name, math.nan)):
-            return SetPoint(mode, values[name], stamp)
+            return SetPoint(mode, values[name], stamp, values.get('yaw_rate', 0.0))
     return SetPoint(Mode.IDLE, 0.0, stamp)

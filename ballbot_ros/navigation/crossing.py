@@ -1,18 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One crossing of a route, carried out by the obstacle decision."""
+"""Set-points of the commands of a navigator; the obstacle decision drives the crossings."""
 import math
-from typing import Callable, Iterable, NamedTuple, Optional, Union
+from typing import Callable, Iterable, Optional, Union
 
+from ballbot_ros.control import Mode, SetPoint
 from ballbot_ros.decision import (
     CrossGoal, Decider, Ending, Kind, Knowledge, Motion, Observation, Planner)
-from ballbot_ros.navigation.execution import CrossingReport
-
-
-class CrossingStep(NamedTuple):
-    """Set angle of the pendulum for law (11) [rad], and the report at the end of the crossing."""
-
-    set_angle: float
-    report: Optional[CrossingReport]
+from ballbot_ros.navigation.execution import Command, CommandKind, CrossingReport
 
 
 class CrossingDriver:
@@ -35,19 +29,37 @@ class CrossingDriver:
         self.decider = Decider(knowledge, planner)
         self._goal: Optional[CrossGoal] = None
         self._touched = False
-
-    @property
-    def active(self) -> bool:
-        """Return whether a crossing is under way."""
-        return self._goal is not None
+        self._report: Optional[CrossingReport] = None
 
     def end(self) -> None:
         """Drop the crossing; the caller stops the ball."""
-        self._goal = None
-        self.decider.goals.end()
+        if self._goal is not None:
+            self._goal = None
+            self.decider.goals.end()
 
-    def drive(self, motion: Motion, observations: Iterable[Observation]) -> CrossingStep:
-        """Begin or continue; `motion` is along the line of the crossing."""
+    def take_report(self) -> Optional[CrossingReport]:
+        """Return how the crossing ended, once."""
+        report, self._report = self._report, None
+        return report
+
+    def set_point(self, command: Command, motion: Motion, observations: Iterable[Observation]
+                  ) -> SetPoint:
+        """
+        Return the set-point of a command.
+
+        Parameters
+        ----------
+        command : Command
+            CROSS begins or continues a crossing, anything else ends it.
+        motion : Motion
+            Along the line of the crossing.
+        observations : iterable of Observation
+            Of the terrain, for a crossing.
+
+        """
+        if command.kind is not CommandKind.CROSS:
+            self.end()
+            return SetPoint(Mode.SPEED, command.speed, motion.stamp, command.yaw_rate)
         decider = self.decider
         if self._goal is None:
             decider.reset()
@@ -59,11 +71,11 @@ class CrossingDriver:
         answer = decider.decide()
         if decider.outcome is not None or answer.decision.contact_since is not None:
             self._touched = True
-        if decider.end is None:
-            return CrossingStep(answer.set_angle, None)
-        end, goal, planned = decider.end, self._goal, decider.planned
-        self._goal = None
-        too_high = planned is not None and planned.kind is Kind.GO_ROUND
-        return CrossingStep(answer.set_angle, CrossingReport(
-            end.ending is Ending.CROSSED, end.message,
-            goal.height if too_high and goal is not None else math.nan, self._touched))
+        if decider.end is not None:
+            end, planned = decider.end, decider.planned
+            too_high = planned is not None and planned.kind is Kind.GO_ROUND
+            self._report = CrossingReport(
+                end.ending is Ending.CROSSED, end.message,
+                self._goal.height if too_high else math.nan, self._touched)
+            self._goal = None
+        return SetPoint(Mode.HOLD, answer.set_angle, motion.stamp, command.yaw_rate)

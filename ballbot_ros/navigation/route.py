@@ -531,11 +531,18 @@ class RoutePlanner:
         return np.array(states, np.int64), np.array(costs)
 
     def _leads(self, one: Point, two: Point) -> bool:
-        """Return whether neither a wall nor an edge is between two positions."""
-        for share in np.arange(0.0, 1.0, self._size / max(math.dist(one, two), self._size)):
-            at = one[0] + share * (two[0] - one[0]), one[1] + share * (two[1] - one[1])
-            if self._clear.flat[self._node(at)] < self.ball_radius - INACCURATE:
-                return False
+        """Return whether no wall or edge is between two positions, and no drop comes nearer."""
+        shares = np.arange(0.0, 1.0, self._size / max(math.dist(one, two), self._size))
+        xs, ys = (start + shares * (end - start) for start, end in zip(one, two))
+        if any(self._clear.flat[self._node(at)] < self.ball_radius - INACCURATE
+               for at in zip(xs, ys)):
+            return False
+        for keep, feature in zip(self._keep, self.floor.features):
+            if feature.kind in ('drop', 'stairs'):
+                away = np.min([distance_to_segment(xs, ys, *segment)
+                               for segment in feature.segments], axis=0)
+                if away.min() < min(keep, away[0]):
+                    return False
         return not any(_side(one, two, *segment) for feature in self.floor.features
                        if feature.kind != 'friction' for segment in feature.segments)
 

@@ -22,7 +22,7 @@ from ballbot_ros.physics.model.robot import Robot
 from ballbot_ros.physics.model.state import State
 from ballbot_ros.physics.simulation.model import Model
 from ballbot_ros.plant import FloorPlant, Plant, Sensor, Sight, TerrainSight
-from ballbot_ros.ros.frames import FRAMES, Frames, LATERAL, LEAN, PENDULUM, SHELL
+from ballbot_ros.ros.frames import FRAMES, Frames, LATERAL, LEAN, PENDULUM, SHELL, YAW
 from ballbot_ros.steering import LateralState
 
 # Variances of exact values (all zeros would mean unknown) and of unknown values; squares of
@@ -148,18 +148,20 @@ def readings(message: JointState) -> JointReadings:
         _joint_value(message, PENDULUM, message.velocity, 'velocity'))
 
 
-def set_point(message: JointState) -> SetPoint:
+def set_point(message: JointState, steers: bool = False) -> SetPoint:
     """
     Return the set-point of a joint state.
 
     A position of the joint ``pendulum`` is an absolute pendulum angle for law (11), a
     velocity a joint rate for law (12); a message with neither means no torque.  Beside a
-    number, NaN counts as not given; alone it is refused.
+    number, NaN counts as not given; alone it is refused.  A velocity of the joint ``yaw`` is a
+    yaw rate beside it.
 
     Raises
     ------
     MessageError
-        If both are given, the joint is missing or a number is not finite.
+        If both are given, the joint is missing or a number is not finite; with the reason
+        ``other_axes`` for a yaw rate of a robot that does not steer.
 
     """
     stamp = to_seconds(message.header.stamp)
@@ -177,14 +179,24 @@ def set_point(message: JointState) -> SetPoint:
         raise MessageError(
             'the set-point is NaN; for no torque leave position and velocity empty',
             'not_finite', 'position')
+    yaw_rate = 0.0
+    if YAW in message.name:
+        yaw_rate = _joint_value(message, YAW, message.velocity, 'velocity')
+        if yaw_rate and not steers:
+            raise MessageError(
+                f'the velocity of {YAW!r} is {yaw_rate:.3g} rad/s, and this robot drives straight '
+                f'ahead only; leave {YAW!r} out', 'other_axes', 'velocity')
     for mode, value in meant.items():
-        return SetPoint(mode, value, stamp)
+        return SetPoint(mode, value, stamp, yaw_rate)
     return SetPoint(Mode.IDLE, 0.0, stamp)
 
 
-def set_point_message(stamp: Time, angle: float) -> JointState:
-    """Return a set-point for the position controller: an absolute pendulum angle [rad]."""
+def set_point_message(stamp: Time, angle: float, yaw_rate: float = 0.0) -> JointState:
+    """Return a set-point: an absolute pendulum angle [rad], and a yaw rate [rad/s]."""
     message = JointState(name=[PENDULUM], position=[angle])
+    if yaw_rate:
+        message = JointState(name=[PENDULUM, YAW], position=[angle, math.nan],
+                             velocity=[math.nan, yaw_rate])
     message.header.stamp = stamp
     return message
 

@@ -9,8 +9,7 @@ from sensor_msgs.msg import JointState
 
 from ballbot_ros.control import Authority, SetPoint
 from ballbot_ros.errors import MessageError
-from ballbot_ros.ros.cmd_vel import speed_set_point
-from ballbot_ros.ros.cmd_vel import SpeedSubscription
+from ballbot_ros.ros.cmd_vel import speed_set_point, SpeedSubscription
 from ballbot_ros.ros.conversions import set_point
 from ballbot_ros.ros.endpoints import create_subscription
 from ballbot_ros.ros.single_publisher import SinglePublisher
@@ -41,7 +40,7 @@ class SetPoints:
     overhear : callable
         Takes a `SetPoint` of a node without authority, which also requests motion.
     steers : bool
-        Whether yaw rates on cmd_vel are followed.
+        Whether yaw rates are followed.
 
     """
 
@@ -56,7 +55,7 @@ class SetPoints:
         SpeedSubscription(node, self._on_cmd_vel)
 
     def _on_set_point(self, message: JointState) -> None:
-        self._take('set_point', set_point, message)
+        self._take('set_point', lambda one: set_point(one, self._steers), message)
 
     def _on_cmd_vel(self, message: Any) -> None:
         self._take('cmd_vel', lambda one: speed_set_point(one, self._steers), message)

@@ -78,7 +78,8 @@ TOPICS: Mapping[str, Topic] = MappingProxyType({
                             'stamped like the state that they answer'),
     'set_point': Topic('sensor_msgs/msg/JointState', STATE, LATEST,
                        'obstacle_decision, navigator',
-                       'controller, simulator, bridge', 'absolute pendulum angle or joint rate'),
+                       'controller, simulator, bridge', 'absolute pendulum angle or joint '
+                       'rate, and yaw rate of a ball that turns'),
     'cmd_vel': Topic('geometry_msgs/msg/TwistStamped', LATEST, LATEST, 'navigator',
                      'controller, simulator, bridge', 'speed and, on a floor, yaw rate of the '
                      'ball; geometry_msgs/msg/Twist is accepted, too'),

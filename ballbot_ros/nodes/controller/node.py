@@ -46,7 +46,7 @@ class Controller(Node):
         subscribe_joint_states(self, 'joint_states', self._taker(
             'joint_states', self._on_state))
         create_subscription(self, 'set_point', self._taker(
-            'set_point', lambda one: self._give(set_point(one))))
+            'set_point', lambda one: self._give(set_point(one, self._lateral is not None))))
         SpeedSubscription(self, self._taker(
             'cmd_vel', lambda one: self._give(speed_set_point(
                 one, self._lateral is not None))))

@@ -19,7 +19,7 @@ from ballbot_ros.floors import load_floor
 from ballbot_ros.navigation import Route, RoutePlanner
 from ballbot_ros.navigation.crossing import CrossingDriver
 from ballbot_ros.navigation.execution import (
-    Command, CommandKind, CrossingReport, NavigationState, Navigator, NavStatus, Percept, REST)
+    NavigationState, Navigator, NavStatus, Percept)
 from ballbot_ros.navigation.learned import Learned
 from ballbot_ros.navigation.sensing import faces_in
 from ballbot_ros.nodes.navigator.goals import NavigationServers
@@ -57,8 +57,6 @@ class NavigatorNode(ManagedNode):
         self.state = NavigationState()
         self.percept: Optional[Percept] = None
         self._active = False
-        self._command: Command = REST
-        self._report: Optional[CrossingReport] = None
         self._observations: List[TerrainObservation] = []
         self._faces: Optional[Tuple[Tuple[float, float], ...]] = None
         self._traveled = 0.0
@@ -172,9 +170,8 @@ class NavigatorNode(ManagedNode):
         if pose is None:
             return
         self.percept = Percept(now, *pose, message.twist.twist.linear.x,
-                               self.localization.points(pose, now - LATEST_SCAN), self._faces,
-                               self._report)
-        self._report = self._faces = None
+                               self.localization.points(pose, now - LATEST_SCAN), self._faces)
+        self._faces = None
         if self.active:
             self._drive(self.percept, message)
 
@@ -183,22 +180,16 @@ class NavigatorNode(ManagedNode):
         assert self.navigator is not None
         if self.state.status.ended:
             return
-        self.state, self._command = self.navigator.advance(self.state, percept)
+        self.state, command = self.navigator.advance(
+            self.state, percept._replace(crossing=self._crossing.take_report()))
         if self.state.route is not self._published:
             self._published = self.state.route
             self._outputs.plan(self._published, message.header.stamp)
             if self.state.message:
                 self.get_logger().info(self.state.message)
-        if self._command.kind is CommandKind.CROSS:
-            step = self._crossing.drive(
-                Motion(percept.stamp, self._traveled, percept.speed), self._observations)
-            self._report = step.report
-            self._observations.clear()
-            self._outputs.cross(message.header.stamp, step.set_angle, self._command.yaw_rate)
-        else:
-            if self._crossing.active:
-                self._crossing.end()
-            self._outputs.drive(message.header.stamp, self._command)
+        self._outputs.command(message.header.stamp, self._crossing.set_point(
+            command, Motion(percept.stamp, self._traveled, percept.speed), self._observations))
+        self._observations.clear()
         self._keep()
         self.servers.step()
 

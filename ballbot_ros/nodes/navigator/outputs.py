@@ -10,8 +10,8 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from visualization_msgs.msg import Marker, MarkerArray
 
+from ballbot_ros.control import Mode, SetPoint
 from ballbot_ros.navigation import Route
-from ballbot_ros.navigation.execution import Command, REST
 from ballbot_ros.ros.conversions import set_point_message
 from ballbot_ros.ros.endpoints import create_publisher, wait_until_received
 
@@ -63,24 +63,21 @@ class NavigationOutputs:
         publisher.publish(message)
         return True
 
-    def drive(self, stamp: Time, command: Command) -> None:
-        """Publish speed and yaw rate."""
-        message = TwistStamped()
-        message.header.stamp = stamp
-        message.twist.linear.x, message.twist.angular.z = command.speed, command.yaw_rate
-        self._command(self._speeds, message)
-
-    def cross(self, stamp: Time, set_angle: float, yaw_rate: float) -> None:
-        """Publish the set angle of a crossing."""
-        self._command(self._set_points, set_point_message(stamp, set_angle))
-
-    def _command(self, publisher: Publisher, message: Any) -> None:
-        self._last = publisher, message
+    def command(self, stamp: Time, given: SetPoint) -> None:
+        """Publish a speed, or the angle of a crossing, with a yaw rate."""
+        if given.mode is Mode.SPEED:
+            message = TwistStamped()
+            message.header.stamp = stamp
+            message.twist.linear.x, message.twist.angular.z = given.value, given.yaw_rate
+            self._last = self._speeds, message
+        else:
+            self._last = self._set_points, set_point_message(stamp, given.value, given.yaw_rate)
+        publisher, message = self._last
         publisher.publish(message)
 
     def rest(self, stamp: Time) -> None:
         """Publish a speed of 0 and wait until it is received."""
-        self.drive(stamp, REST)
+        self.command(stamp, SetPoint(Mode.SPEED))
         wait_until_received(self._speeds)
 
     def plan(self, route: Optional[Route], stamp: Time) -> None:

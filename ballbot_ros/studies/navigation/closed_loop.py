@@ -2,17 +2,17 @@
 """A simulated robot on a floor that a `Navigator` drives, with its sensors and localisation."""
 from dataclasses import dataclass
 import math
-from typing import Callable, List, Optional, Tuple
+from typing import Callable, Optional, Tuple
 
 import numpy as np
 
-from ballbot_ros.control import JointReadings, Mode, PendulumController, SetPoint
+from ballbot_ros.control import JointReadings, PendulumController
 from ballbot_ros.decision import Knowledge, Motion, TerrainObservation
 from ballbot_ros.floors import Floor
 from ballbot_ros.floors.floor import OCCUPIED, Point
 from ballbot_ros.navigation.crossing import CrossingDriver
 from ballbot_ros.navigation.execution import (
-    Command, CommandKind, CrossingReport, NavigationState, Navigator, Percept)
+    Command, CommandKind, NavigationState, Navigator, Percept)
 from ballbot_ros.navigation.sensing import faces_in
 from ballbot_ros.physics.model.robot import Robot
 from ballbot_ros.physics.simulation.solver import Solver
@@ -91,7 +91,6 @@ class FloorLoop:
             * self._random.standard_normal(3)
         self.state, self.command = NavigationState(), Command(CommandKind.REST)
         self.ticks = 0
-        self._report: Optional[CrossingReport] = None
         self.offset = (0.0, 0.0, 0.0)  # of the localisation, set from outside
 
     @property
@@ -99,9 +98,8 @@ class FloorLoop:
         """Return localisation and odometry."""
         x, y, heading = (true + drift + offset for true, drift, offset in zip(
             self.plant.pose, self._drift, self.offset))
-        report, self._report = self._report, None
         return Percept(self.plant.time, float(x), float(y), float(heading),
-                       self.plant.state.velocity_x, crossing=report)
+                       self.plant.state.velocity_x, crossing=self._crossing.take_report())
 
     def begin(self, goal: Tuple[float, ...]) -> None:
         """Set a goal; raises `RefusedError` as `Navigator.begin` does."""
@@ -119,27 +117,16 @@ class FloorLoop:
             percept = percept._replace(points=self._scan(percept),
                                        faces=faces_in(observations[0]))
         self.state, self.command = self._navigator.advance(self.state, percept)
-        self._carry(observations)
+        state = self.plant.state
+        self._controller.give(self._crossing.set_point(
+            self.command, Motion(self.plant.time, state.x, state.velocity_x), observations))
         self._advance()
         self.ticks += 1
 
-    def _carry(self, observations: List[TerrainObservation]) -> None:
-        """Give the controller its set-point."""
-        state, command = self.plant.state, self.command
-        if command.kind is CommandKind.CROSS:
-            done = self._crossing.drive(
-                Motion(self.plant.time, state.x, state.velocity_x), observations)
-            self._report = done.report
-            set_point = SetPoint(Mode.HOLD, done.set_angle, self.plant.time)
-        else:
-            if self._crossing.active:
-                self._crossing.end()
-            set_point = SetPoint(Mode.SPEED, command.speed, self.plant.time)
-        self._controller.give(set_point)
-
     def _advance(self) -> None:
         plant, decay = self.plant, math.exp(-TICK / CONTROL_RATE / CORRELATION)
-        lean = law(self._nominal, plant.lateral, plant.state.velocity_x, self.command.yaw_rate)
+        lean = law(self._nominal, plant.lateral, plant.state.velocity_x,
+                   self._controller.set_point.yaw_rate)
         for _ in range(TICK):
             state = plant.state
             plant.advance(self._controller.torque(JointReadings(

@@ -126,6 +126,7 @@ def test_joints_of_a_straight_step_do_not_change_the_route(joints, tmp_path):
 @settings(max_examples=25, deadline=None)
 @given(strategies.tuples(*[strategies.floats(0.3, 8.7), strategies.floats(0.3, 6.7)] * 2))
 @example((8.0, 4.25, 1.0, 1.0))
+@example((8.0, 2.5, 1.0, 1.0))
 def test_no_route_comes_near_stairs_or_through_walls(flat, ends):
     try:
         route = flat.route(ends[:2], ends[2:])

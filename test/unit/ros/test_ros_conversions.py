@@ -137,12 +137,19 @@ def test_a_set_point_that_says_nothing_finite_does_not_take_the_torque_away(mess
     assert caught.value.reason == 'not_finite'
 
 
-@given(some.floats(-3.0, 3.0), some.floats(0.0, 1e6))
-def test_a_set_point_comes_back_as_it_was_sent(angle, stamp):
+@given(some.floats(-3.0, 3.0), some.floats(0.0, 1e6), some.floats(-1.0, 1.0))
+def test_a_set_point_comes_back_as_it_was_sent(angle, stamp, yaw_rate):
     found = conversions.set_point(
-        conversions.set_point_message(conversions.to_time(stamp), angle))
-    assert (found.mode, found.value) == (Mode.HOLD, angle)
+        conversions.set_point_message(conversions.to_time(stamp), angle, yaw_rate), steers=True)
+    assert (found.mode, found.value, found.yaw_rate) == (Mode.HOLD, angle, yaw_rate)
     assert found.stamp == pytest.approx(stamp, abs=1e-9, rel=1e-15)
+
+
+def test_a_robot_that_drives_straight_refuses_a_set_point_with_a_yaw_rate():
+    message = conversions.set_point_message(conversions.to_time(1.0), 0.3, 0.2)
+    with pytest.raises(MessageError) as caught:
+        conversions.set_point(message)
+    assert (caught.value.reason, caught.value.field) == ('other_axes', 'velocity')
 
 
 @given(some.floats(allow_nan=True, allow_infinity=True))
