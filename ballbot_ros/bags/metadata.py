@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Description of the run in the ``metadata.yaml`` of a bag: texts by key."""
-from dataclasses import dataclass, field
+"""Description of the run in the ``metadata.yaml`` of a bag, as JSON."""
+from dataclasses import asdict, dataclass, field, fields
 import json
 from typing import Any, Dict, Mapping, Optional
 
@@ -9,7 +9,7 @@ from ballbot_ros.physics.simulation.scene import Scene
 from ballbot_ros.results.digests import scene_digests
 
 SIMULATOR, BRIDGE = 'simulator', 'bridge'
-PREFIX = 'ballbot_ros.'
+KEY = 'ballbot_ros'  # of the text, a JSON object
 
 
 @dataclass(frozen=True)
@@ -38,31 +38,15 @@ class BagMetadata:
     digests: Mapping[str, str] = field(default_factory=dict)
     decision: Mapping[str, Any] = field(default_factory=dict)
 
-    def texts(self) -> Dict[str, str]:
-        """Return the texts for `read`."""
-        return {f'{PREFIX}source': self.source, f'{PREFIX}version': self.version,
-                f'{PREFIX}parameters': json.dumps(dict(self.parameters), sort_keys=True),
-                f'{PREFIX}decision': json.dumps(dict(self.decision), sort_keys=True),
-                **{f'{PREFIX}{name}_digest': text for name, text in self.digests.items()}}
-
     @classmethod
     def read(cls, texts: Mapping[str, str]) -> 'BagMetadata':
-        """Return the values of texts; missing or unreadable ones are left out."""
-        return cls(
-            texts.get(f'{PREFIX}source', ''), texts.get(f'{PREFIX}version', ''),
-            _mapping(texts, 'parameters'),
-            {name: texts[f'{PREFIX}{name}_digest'] for name in ('robot', 'scene')
-             if f'{PREFIX}{name}_digest' in texts},
-            _mapping(texts, 'decision'))
-
-
-def _mapping(texts: Mapping[str, str], name: str) -> Dict[str, Any]:
-    """Return a mapping that is stored as JSON; empty if it is not a mapping."""
-    try:
-        found = json.loads(texts.get(f'{PREFIX}{name}', '{}'))
-    except ValueError:
-        return {}
-    return found if isinstance(found, dict) else {}
+        """Return the values of the texts of a bag; defaults where they are missing or damaged."""
+        try:
+            content = json.loads(texts.get(KEY, '{}'))
+            return cls(**{item.name: type(getattr(cls(), item.name))(content[item.name])
+                          for item in fields(cls) if item.name in content})
+        except (TypeError, ValueError):
+            return cls()
 
 
 def bag_metadata(source: str, parameters: Mapping[str, Any],
@@ -83,5 +67,6 @@ def bag_metadata(source: str, parameters: Mapping[str, Any],
         Parameters of the node obstacle_decision.
 
     """
-    return BagMetadata(source, __version__, parameters,
-                       {} if scene is None else scene_digests(scene), decision or {}).texts()
+    return {KEY: json.dumps(asdict(BagMetadata(
+        source, __version__, parameters, {} if scene is None else scene_digests(scene),
+        decision or {})))}

@@ -9,7 +9,7 @@ from rosbags.rosbag2 import Reader
 import yaml
 
 from ballbot_ros.bags import writer
-from ballbot_ros.bags.metadata import bag_metadata, BagMetadata, SIMULATOR
+from ballbot_ros.bags.metadata import bag_metadata, BagMetadata, KEY, SIMULATOR
 from ballbot_ros.bags.writer import bag_writer
 from ballbot_ros.physics import load_scene
 from ballbot_ros.ros.topics import LATCHED
@@ -83,7 +83,8 @@ def test_a_bag_says_which_scene_and_robot_it_was_made_with(tmp_path):
 
 def test_what_a_bag_does_not_say_is_left_out():
     assert BagMetadata.read({}) == BagMetadata()
-    assert BagMetadata.read({'ballbot_ros.parameters': '{broken'}).parameters == {}
+    for damaged in ('{broken', '[]', '1', '{"parameters": 1}'):
+        assert BagMetadata.read({KEY: damaged}) == BagMetadata()
 
 
 def test_where_rosbags_is_missing_the_bags_of_a_ros_installation_are_used(
