@@ -5,7 +5,7 @@ Replay of a recorded run, and its deviation from the recording.
 The run of a simulator is repeated state by state.  A real robot is compared with the model under
 the recorded torque.
 """
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 import math
 from pathlib import Path
 from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Protocol, Tuple
@@ -110,7 +110,19 @@ class Departure:
     again: float
 
 
-@dataclass(frozen=True, eq=False)
+def plant_values(plant: Plant) -> Values:
+    """Return the values of a plant that a bag may hold."""
+    state = plant.state
+    values = {name: float(getattr(state, name)) for name in (
+        'x', 'y', 'ball_angle', 'pendulum_angle', 'velocity_x', 'velocity_y', 'ball_rate',
+        'pendulum_rate', 'joint_angle', 'joint_rate', 'motor_work')}
+    position_x, position_y, heading = plant.relative_pose
+    lateral = plant.lateral._replace(heading=heading)._asdict()
+    return {**values, **lateral, 'position_x': position_x, 'position_y': position_y,
+            'pendulum_torque': float(plant.torque)}
+
+
+@dataclass(eq=False)
 class Rerun:
     """
     A repeated run.
@@ -124,6 +136,7 @@ class Rerun:
     identical : int
         Of these, bit for bit.
     departure : Departure or None
+        The first one.
     applied : int
         Periods for which the source had a torque.
     filled : int
@@ -138,39 +151,17 @@ class Rerun:
     """
 
     what: str
-    states: int
-    identical: int
-    departure: Optional[Departure]
-    applied: int
-    filled: int
-    resets: int
-    ended: str
-    recorded: Dict[str, Dict[float, float]]
-    again: Dict[str, Dict[float, float]]
+    states: int = 0
+    identical: int = 0
+    departure: Optional[Departure] = None
+    applied: int = 0
+    filled: int = 0
+    resets: int = 0
+    ended: str = ''
+    recorded: Dict[str, Dict[float, float]] = field(default_factory=dict)
+    again: Dict[str, Dict[float, float]] = field(default_factory=dict)
 
-
-def plant_values(plant: Plant) -> Values:
-    """Return the values of a plant that a bag may hold."""
-    state = plant.state
-    values = {name: float(getattr(state, name)) for name in (
-        'x', 'y', 'ball_angle', 'pendulum_angle', 'velocity_x', 'velocity_y', 'ball_rate',
-        'pendulum_rate', 'joint_angle', 'joint_rate', 'motor_work')}
-    position_x, position_y, heading = plant.relative_pose
-    lateral = plant.lateral._replace(heading=heading)._asdict()
-    return {**values, **lateral, 'position_x': position_x, 'position_y': position_y,
-            'pendulum_torque': float(plant.torque)}
-
-
-class _Comparer:
-    """Counts states, and stores the first departure."""
-
-    def __init__(self) -> None:
-        self.states = self.identical = 0
-        self.departure: Optional[Departure] = None
-        self.recorded: Dict[str, Dict[float, float]] = {}
-        self.again: Dict[str, Dict[float, float]] = {}
-
-    def look(self, time: float, all_recorded: List[Values], plant: Plant) -> None:
+    def compare(self, time: float, all_recorded: List[Values], plant: Plant) -> None:
         """Compare a state with its record, from one topic or two."""
         again, good = plant_values(plant), True
         for recorded in all_recorded:
@@ -217,34 +208,33 @@ def rerun(plant: Plant, run: RecordedRun, torques: Torques) -> Rerun:
             'inconsistent', 'control_rate')
     plant.periods = first
     plant.reset()
-    filler, compare = MotorTorques(run), _Comparer()
-    applied = filled = resets = 0
-    ended = ''
+    filler, found = MotorTorques(run), Rerun(torques.what)
     for place, stamp in enumerate(grid):
         joints, balls = run.joints.get(stamp, []), run.balls.get(stamp, [])
         for turn in range(max(len(joints), len(balls))):
             if turn:
-                resets += 1
+                found.resets += 1
                 plant.reset()
-            compare.look(plant.time, [*joints[turn:turn + 1], *balls[turn:turn + 1]], plant)
+            found.compare(plant.time, [*joints[turn:turn + 1], *balls[turn:turn + 1]], plant)
         if stamp == grid[-1]:
             break
         torque = torques.torque(stamp, grid[place + 1], plant)
         if torque is None:
-            torque, filled = filler.torque(stamp, grid[place + 1], plant), filled + 1
+            torque = filler.torque(stamp, grid[place + 1], plant)
+            found.filled += 1
             if torque is None:
-                ended = (f'the bag has neither the command that answers t = {plant.time:.3f} s '
-                         'nor the joint state after it')
+                found.ended = (
+                    f'the bag has neither the command that answers t = {plant.time:.3f} s '
+                    'nor the joint state after it')
                 break
         else:
-            applied += 1
+            found.applied += 1
         try:
             plant.advance(torque, torques.lean(stamp, plant) if plant.steers else 0.0)
         except SimulationError as error:
-            ended = str(error)
+            found.ended = str(error)
             break
-    return Rerun(torques.what, compare.states, compare.identical, compare.departure, applied,
-                 filled, resets, ended, compare.recorded, compare.again)
+    return found
 
 
 # Times, measured and model.
