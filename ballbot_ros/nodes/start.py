@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Entry points of the nodes: during their imports, about a second, Ctrl-C ends them quietly."""
+from functools import partial
 from importlib import import_module
 
 
@@ -13,29 +14,7 @@ def start(name: str) -> int:
     return code
 
 
-def bridge() -> int:
-    return start('bridge')
-
-
-def controller() -> int:
-    return start('controller')
-
-
-def emulated_robot() -> int:
-    return start('emulated_robot')
-
-
-def imu() -> int:
-    return start('imu')
-
-
-def navigator() -> int:
-    return start('navigator')
-
-
-def obstacle_decision() -> int:
-    return start('obstacle_decision')
-
-
-def simulator() -> int:
-    return start('simulator')
+bridge, controller, emulated_robot, imu, navigator, obstacle_decision, simulator = (
+    partial(start, name) for name in (
+        'bridge', 'controller', 'emulated_robot', 'imu', 'navigator', 'obstacle_decision',
+        'simulator'))
