@@ -13,6 +13,8 @@ OK = DiagnosticStatus.OK
 WARN = DiagnosticStatus.WARN
 ERROR = DiagnosticStatus.ERROR
 
+# Of wall time: health is also published while simulated time is stopped [s].
+PERIOD = 1.0
 # Publications between two searches for endpoints with incompatible profiles.
 MATCH_CHECK_INTERVAL = 10
 
@@ -39,15 +41,13 @@ class Diagnostics:
     hardware : str
         Hardware id, such as the name of a robot; with the namespace of the node it identifies
         the robot.
-    period : float
-        [s] of wall time: health is also published while simulated time is stopped.
     stamp : callable, optional
         Returns the time of the node, where that is not its clock.
 
     """
 
     def __init__(self, node: Node, name: str, report: Callable[[], Health], hardware: str,
-                 period: float = 1.0, stamp: Optional[Callable[[], Time]] = None):
+                 stamp: Optional[Callable[[], Time]] = None):
         self._node = node
         self._name = f'{node.get_fully_qualified_name().lstrip("/")}: {name}'
         self._hardware = '/'.join(filter(None, (node.get_namespace().strip('/'), hardware)))
@@ -55,7 +55,7 @@ class Diagnostics:
         self._stamp = stamp or (lambda: node.get_clock().now().to_msg())
         self._count = 0
         self._publisher = create_publisher(node, '/diagnostics')
-        node.create_timer(period, self.publish, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        node.create_timer(PERIOD, self.publish, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def publish(self) -> None:
         """Publish now."""
