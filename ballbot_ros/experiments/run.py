@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Run an experiment: a folder with bags, inputs, versions, results and digests, to repeat."""
 import csv
-from dataclasses import fields, is_dataclass
 import hashlib
 import io
 import json
@@ -19,6 +18,7 @@ from ballbot_ros.experiments.file import Experiment, FILE, freeze, load_experime
 from ballbot_ros.physics import Scene, Trajectory
 from ballbot_ros.results.digests import digest, LENGTH
 from ballbot_ros.results.faces import meet_faces
+from ballbot_ros.ros.topics import plain
 
 RESULT, TABLE, VERSIONS = 'numbers.json', 'results.csv', 'versions.json'
 
@@ -140,7 +140,7 @@ def _run_seed(folder: Path, plan: Experiment, seed: int, timeout: float) -> dict
     from ballbot_ros.experiments.lockstep import run_lockstep
     from ballbot_ros.physics import load_scene
     from ballbot_ros.results.files import write_text
-    from ballbot_ros.results.summary import plain
+    from ballbot_ros.results.summary import plain as as_json_types
     draft, failed = folder / f'.seed_{seed}.part', folder / f'seed_{seed}_failed'
     for old in (draft, failed):
         shutil.rmtree(old, ignore_errors=True)
@@ -151,7 +151,7 @@ def _run_seed(folder: Path, plan: Experiment, seed: int, timeout: float) -> dict
                      bag_metadata(SIMULATOR, nodes['simulator'], scene,
                                   nodes.get('obstacle_decision')), timeout)
         found = read_digests(draft / 'bag', round(plan.duration * 1e9))
-        result: dict[str, Any] = plain({
+        result: dict[str, Any] = as_json_types({
             'seed': seed, 'numbers': numbers_of(draft / 'bag', scene),
             'digests': found.digests,
             'messages': {name: len(topic) for name, topic in sorted(found.topics.items())}})
@@ -270,22 +270,9 @@ def read_digests(path: Path, until: int) -> TopicDigests:
             if header is None:
                 continue
             stamp = int(header.stamp.sec) * 10**9 + int(header.stamp.nanosec)
-            content = _plain(message)
             if stamp <= until:
-                topics.setdefault(topic, {}).setdefault(stamp, digest(content))
+                topics.setdefault(topic, {}).setdefault(stamp, digest(plain(message)))
     return TopicDigests(topics)
-
-
-def _plain(value: Any) -> Any:
-    """Return a message as mappings, lists and numbers."""
-    if is_dataclass(value):
-        return {item.name: _plain(getattr(value, item.name)) for item in fields(value)
-                if not item.name.startswith('__')}
-    if hasattr(value, 'get_fields_and_field_types'):  # of rclpy
-        return {name: _plain(getattr(value, name)) for name in value.get_fields_and_field_types()}
-    if isinstance(value, (str, bytes, int, float, bool)):
-        return value if not isinstance(value, bytes) else value.hex()
-    return [_plain(item) for item in (value.tolist() if hasattr(value, 'tolist') else value)]
 
 
 def first_difference(one: TopicDigests, other: TopicDigests) -> Optional[Tuple[int, str]]:

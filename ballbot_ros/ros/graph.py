@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
 """Access of commands to the running graph: topics, rates, messages and Trigger services."""
-import array
 from collections import deque
 import csv
 import io
@@ -21,7 +20,7 @@ from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.ros import discovery
 from ballbot_ros.ros.endpoints import create_subscription
 from ballbot_ros.ros.rclpy_compat import new_executor
-from ballbot_ros.ros.topics import message_class
+from ballbot_ros.ros.topics import message_class, plain
 
 # Discovery is complete when the graph has not changed for the first time, at the latest after the
 # second one [s].  It takes less than half a second on an idle machine.
@@ -41,19 +40,35 @@ class Observer:
         Of the command; the node is named after it and the process.
     context : Context, optional
         An existing context; by default a new one, configured by `ros.discovery`.
+    namespace : str, optional
+        Of the node.
+    domain : int, optional
+        ROS domain, that of the environment by default.
+
+    Raises
+    ------
+    ConfigurationError
+        If the namespace is not valid.
 
     """
 
-    def __init__(self, name: str, context: Optional[Context] = None):
+    def __init__(self, name: str, context: Optional[Context] = None, namespace: str = '',
+                 domain: Optional[int] = None):
         self._own = context is None
         if context is None:
             discovery.apply(os.environ)
             context = Context()
-            rclpy.init(context=context, args=[], signal_handler_options=SignalHandlerOptions.NO)
+            rclpy.init(context=context, args=[], domain_id=domain,
+                       signal_handler_options=SignalHandlerOptions.NO)
         self._context = context
-        self.node = Node(f'ballbot_{name}_{os.getpid()}', context=context,
-                         use_global_arguments=False, enable_rosout=False,
-                         start_parameter_services=False)
+        try:
+            self.node = Node(f'ballbot_{name}_{os.getpid()}', namespace=namespace,
+                             context=context, use_global_arguments=False, enable_rosout=False,
+                             start_parameter_services=False)
+        except Exception as error:  # rclpy has one for each part of a name
+            rclpy.try_shutdown(context=context)
+            raise ConfigurationError(
+                f'--namespace {namespace}: {error}', 'wrong_type', '--namespace') from error
         self._executor = new_executor(context)
         self._executor.add_node(self.node)
 
@@ -61,6 +76,10 @@ class Observer:
         return self
 
     def __exit__(self, *_: Any) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Leave the graph."""
         self._executor.remove_node(self.node)
         self.node.destroy_node()
         self._executor.shutdown()
@@ -144,6 +163,17 @@ class Observer:
             durability=DurabilityPolicy.TRANSIENT_LOCAL if offered and latched
             else DurabilityPolicy.VOLATILE)
 
+    def subscribe(self, topic: str, take: Callable[[Any], None], seconds: float,
+                  waiting: Callable[[], None], raw: bool = False) -> None:
+        """Subscribe to a topic, in the type and with the profile of its publishers."""
+        kind = message_class(self.type_of(topic, seconds, waiting))
+        name = self.resolve(topic)
+        # Discovery of the publisher may follow that of the topic.
+        self.wait(lambda: self.node.count_publishers(name), 0.2)
+        # rclpy inspects the signature of a callback, and a builtin has none.
+        create_subscription(self.node, name, lambda message: take(message), kind,
+                            self.profile(name), raw=raw)
+
 
 class GraphTopic(NamedTuple):
     """A topic, its types, and the numbers of publishers and subscribers."""
@@ -193,14 +223,8 @@ def echo(observer: Observer, topic: str, show: Callable[[Any], None], once: bool
 
     """
     start = time.monotonic()
-    kind = message_class(observer.type_of(topic, timeout, waiting))
-    name = observer.resolve(topic)
-    # Discovery of the publisher may follow that of the topic.
-    observer.wait(lambda: observer.node.count_publishers(name), 0.2)
     came: Deque[Any] = deque()
-    # rclpy inspects the signature of a callback, and a builtin has none.
-    create_subscription(observer.node, name, lambda message: came.append(message), kind,
-                        observer.profile(name))
+    observer.subscribe(topic, came.append, timeout, waiting)
     if not observer.wait(lambda: came, 1.0):
         waiting()
     shown = 0
@@ -217,12 +241,8 @@ def echo(observer: Observer, topic: str, show: Callable[[Any], None], once: bool
 def rates(observer: Observer, topic: str, timeout: float,
           waiting: Callable[[], None]) -> Iterator[Optional[str]]:
     """Yield the rate of a topic as text each second, None without messages."""
-    kind = message_class(observer.type_of(topic, timeout, waiting))
-    name = observer.resolve(topic)
-    observer.wait(lambda: observer.node.count_publishers(name), 0.2)
     times: Deque[float] = deque(maxlen=RATE_WINDOW)
-    create_subscription(observer.node, name, lambda _: times.append(time.monotonic()), kind,
-                        observer.profile(name), raw=True)
+    observer.subscribe(topic, lambda _: times.append(time.monotonic()), timeout, waiting, raw=True)
     end = time.monotonic() + timeout
     while (now := time.monotonic()) < end:
         observer.wait(lambda until=now + 1.0: time.monotonic() >= until, min(1.0, end - now))
@@ -238,19 +258,6 @@ def rate_in_words(times: List[float]) -> Optional[str]:
     spread = (sum((gap - mean) ** 2 for gap in gaps) / len(gaps)) ** 0.5
     return (f'average rate: {1.0 / mean:.3f}\n\tmin: {min(gaps):.3f}s max: {max(gaps):.3f}s '
             f'std dev: {spread:.5f}s window: {len(gaps) + 1}')
-
-
-def plain(value: Any) -> Any:
-    """Return a message, or a value in one, as dicts, lists and numbers."""
-    if hasattr(value, 'get_fields_and_field_types'):
-        return {name: plain(getattr(value, name)) for name in value.get_fields_and_field_types()}
-    if isinstance(value, (bytes, bytearray)):
-        return list(value) if len(value) != 1 else value[0]
-    if hasattr(value, 'tolist'):  # an array, of numpy or of Python
-        return value.tolist()
-    if isinstance(value, (list, tuple, array.array)):
-        return [plain(one) for one in value]
-    return value
 
 
 def as_yaml(message: Any) -> str:

@@ -1,27 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """An observer of running nodes, which publishes and calls services only on request."""
 from concurrent.futures import Future, TimeoutError as TooLong
-import os
 from queue import Empty, Queue
 from threading import Event, Thread
 from time import monotonic
 from typing import Any, Callable, Dict, FrozenSet, Mapping, NamedTuple, Optional, Tuple, Union
 
 from rcl_interfaces.srv import GetParameters
-import rclpy
-from rclpy.context import Context
-from rclpy.node import Node
 from rclpy.parameter import parameter_value_to_python
 from rclpy.serialization import deserialize_message
-from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
-from ballbot_ros.errors import ConfigurationError, RefusedError
-from ballbot_ros.ros import cmd_vel, discovery, qos
+from ballbot_ros.errors import RefusedError
+from ballbot_ros.ros import cmd_vel, qos
 from ballbot_ros.ros.conversions import PENDULUM
 from ballbot_ros.ros.endpoints import create_publisher, create_subscription
-from ballbot_ros.ros.rclpy_compat import new_executor
+from ballbot_ros.ros.graph import Observer
 from ballbot_ros.ros.topics import message_class, TOPICS
 from ballbot_ros.srv import Step
 
@@ -78,17 +73,8 @@ class Spectator:
     def __init__(self, namespace: str, receive: Callable[[str, Any], None],
                  learn: Callable[[str, Dict[str, Any]], None], domain: Optional[int] = None):
         self._receive, self._learn = receive, learn
-        discovery.apply(os.environ)
-        self._context = Context()
-        rclpy.init(context=self._context, domain_id=domain,
-                   signal_handler_options=SignalHandlerOptions.NO)
-        try:
-            self._node = Node('ballbot_view', namespace=namespace, context=self._context,
-                              enable_rosout=False, start_parameter_services=False)
-        except Exception as error:  # rclpy has one for each part of a name
-            rclpy.try_shutdown(context=self._context)
-            raise ConfigurationError(
-                f'--namespace {namespace}: {error}', 'wrong_type', '--namespace') from error
+        self._observer = Observer('view', namespace=namespace, domain=domain)
+        self._node = self._observer.node
         self._jobs: 'Queue[Callable[[], None]]' = Queue()
         self._ending = Event()
         self._asked: Dict[str, float] = {}
@@ -111,8 +97,7 @@ class Spectator:
         self._ending.set()
         if self._thread.is_alive():
             self._thread.join()
-        self._node.destroy_node()
-        rclpy.try_shutdown(context=self._context)
+        self._observer.close()
 
     def trigger(self, service: str) -> str:
         """
@@ -141,8 +126,7 @@ class Spectator:
 
     def hold_angle(self, angle: float) -> None:
         """Publish an absolute pendulum angle [rad] periodically."""
-        message = JointState(name=[PENDULUM], position=[angle])
-        self._held = message
+        self._held = JointState(name=[PENDULUM], position=[angle])
 
     def let_go(self) -> None:
         """Stop publishing set-points."""
@@ -164,11 +148,9 @@ class Spectator:
     # Methods of the thread.
 
     def _live(self) -> None:
-        executor = new_executor(self._context)
-        executor.add_node(self._node)
         look = renew = 0.0
         while not self._ending.is_set():
-            executor.spin_once(timeout_sec=SPIN_TIMEOUT)
+            self._observer.spin(SPIN_TIMEOUT)
             now = monotonic()
             try:
                 while True:
@@ -181,8 +163,6 @@ class Spectator:
             if now >= renew:
                 renew = now + SET_POINT_PERIOD
                 self._publish(now)
-        executor.remove_node(self._node)
-        executor.shutdown()
 
     def _taking(self, topic: str, period: float) -> Callable[[bytes], None]:
         """Return a callback that decodes at most one message per period."""

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The topics of the nodes with type and quality of service; importable without ROS."""
+import array
 from importlib import import_module
 from types import MappingProxyType
 from typing import Any, Mapping, NamedTuple
@@ -133,3 +134,16 @@ def message_class(kind: str) -> Any:
         raise ConfigurationError(
             f'the message type {kind} is not installed here: install the package {package}, or '
             'source the workspace that has it', 'missing', kind) from error
+
+
+def plain(value: Any) -> Any:
+    """Return a message, or a value in one, as dicts, lists and numbers."""
+    if hasattr(value, 'get_fields_and_field_types'):
+        return {name: plain(getattr(value, name)) for name in value.get_fields_and_field_types()}
+    if isinstance(value, (bytes, bytearray)):
+        return list(value) if len(value) != 1 else value[0]
+    if hasattr(value, 'tolist'):  # an array, of numpy or of Python
+        return value.tolist()
+    if isinstance(value, (list, tuple, array.array)):
+        return [plain(one) for one in value]
+    return value

@@ -31,7 +31,7 @@ from ballbot_ros.ros import graph, qos
 from ballbot_ros.ros.conversions import to_time
 from ballbot_ros.ros.graph import as_csv, as_yaml, Observer, rate_in_words
 from ballbot_ros.ros.robot_driver import RobotDriver
-from ballbot_ros.ros.topics import message_class
+from ballbot_ros.ros.topics import message_class, plain
 
 
 @pytest.fixture
@@ -125,8 +125,8 @@ def test_nested_messages_and_arrays_are_printed():
     message = BallState(contacts=[Contact(kind=2, x=0.5)], pendulum_rate=math.nan)
     content = yaml.safe_load(as_yaml(message)[:-3])
     assert content['contacts'][0]['x'] == 0.5 and math.isnan(content['pendulum_rate'])
-    assert graph.plain(np.array([1.0, 2.0])) == [1.0, 2.0]
-    assert graph.plain(b'\x02') == 2 and graph.plain((1, b'ab')) == [1, [97, 98]]
+    assert plain(np.array([1.0, 2.0])) == [1.0, 2.0]
+    assert plain(b'\x02') == 2 and plain((1, b'ab')) == [1, [97, 98]]
     joints = JointState(name=['shell', 'a,b'], position=[1.0, 2.0])
     assert as_csv(joints) == '0,0,,shell,"a,b",1.0,2.0'
 
