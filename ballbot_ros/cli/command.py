@@ -245,21 +245,23 @@ def _run(words: list[str]) -> int:
 
 @contextmanager
 def _warnings(quiet: bool) -> Iterator[None]:
-    """Print plausibility warnings as lines; if quiet, log errors only."""
+    """Print each plausibility warning as a line, once; if quiet, log errors only."""
     log = logging.getLogger('ballbot_ros')
     level = log.level
     if quiet:
         log.setLevel(logging.ERROR)
+    shown: set[str] = set()
 
     def show(message: Any, category: type[Warning], *rest: Any, **options: Any) -> None:
         if not issubclass(category, PlausibilityWarning):
             python_show(message, category, *rest, **options)
-        else:
+        elif str(message) not in shown:
+            shown.add(str(message))
             print(f'Warning: {message}', file=sys.stderr, flush=True)
 
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter('once', PlausibilityWarning)
+            warnings.simplefilter('always', PlausibilityWarning)
             python_show = warnings.showwarning
             warnings.showwarning = show
             yield

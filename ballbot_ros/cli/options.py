@@ -9,10 +9,10 @@ are three, ``0.2:1.2:21`` are 21 of them, evenly spaced, the first and the last 
 import argparse
 import math
 import re
-import sys
 from typing import Any, Iterable, Sequence, Union
+import warnings
 
-from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.errors import ConfigurationError, PlausibilityWarning
 
 LAWS = ('free', 'held', 'velocity', 'voltage')
 SLOPE_MAX_DEG = 80.0  # slope [degrees]
@@ -99,9 +99,9 @@ def read_robot(arguments: argparse.Namespace) -> Any:
 
 
 def warn(sentences: Iterable[str]) -> None:
-    """Print warnings on standard error, also with ``--quiet``."""
+    """Print warnings on standard error, also with ``--quiet``; see `command.main`."""
     for sentence in sentences:
-        print(f'Warning: {sentence}', file=sys.stderr, flush=True)
+        warnings.warn(sentence, PlausibilityWarning, stacklevel=2)
 
 
 def warn_speeds(option: str, speeds: Iterable[float]) -> None:

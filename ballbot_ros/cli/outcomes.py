@@ -79,7 +79,7 @@ def print_table(outcomes: Sequence[Any]) -> None:
     for row in rows:
         print('  '.join(f'{cell:<{width}}' for cell, width in zip(row, widths)).rstrip())
     over = sum(item.got_over for item in outcomes)
-    print(f'{len(outcomes)} outcomes, {over} of them crossed')
+    print(f'{len(outcomes)} outcome{"s" * (len(outcomes) != 1)}, of which {over} crossed')
 
 
 def export(outcomes: Sequence[Any], out: Any, overwrite: bool = False) -> int:
@@ -145,7 +145,7 @@ def print_learned(outcomes: Sequence[Any], robot: Any) -> int:
             f'({robot.digest}); name its file with --robot', 'inconsistent', '--robot')
     before = Particles.of(robot, DecisionTuning().height_bias_sd)
     after = learned(before, outcomes)
-    print(f'{"":18} {"assumed":>19} {f"after {after.outcomes} outcomes":>19}')
+    print(f'{"":18} {"assumed":>19} {f"outcomes: {after.outcomes}":>19}')
     for name in before.names:
         cells = [f'{item.mean(name):.4f} +- {item.deviation(name):.4f}'
                  for item in (before, after)]

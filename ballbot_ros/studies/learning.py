@@ -39,7 +39,7 @@ TESTS, REPEATS = 24, 5  # steps, and attempts at each, for the comparison with p
 
 
 @dataclass(frozen=True)
-class Promises:
+class SuccessRates:
     """
     Predicted and observed success rates.
 
@@ -47,7 +47,7 @@ class Promises:
     ----------
     case : str
         One of `CASES`.
-    kept : (n,) array
+    observed : (n,) array
         Part of the attempts that got over, for each step.
     before, after : (n,) array
         Predicted probability.
@@ -55,7 +55,7 @@ class Promises:
     """
 
     case: str
-    kept: Array
+    observed: Array
     before: Array
     after: Array
 
@@ -101,7 +101,7 @@ def outcome_of_attempt(touching: Touching, over: bool, passed: float) -> Outcome
 
 def study(robot: Robot, robots: int, attempts: int, seed: int = 0, required: float = 0.9,
           cases: Sequence[str] = tuple(CASES), particles: int = 256,
-          progress: Callable[[float], None] = lambda done: None) -> List[Promises]:
+          progress: Callable[[float], None] = lambda done: None) -> List[SuccessRates]:
     """
     Simulate learning with virtual robots.
 
@@ -124,7 +124,7 @@ def study(robot: Robot, robots: int, attempts: int, seed: int = 0, required: flo
 
     """
     learning = Learning()
-    found: List[Promises] = []
+    found: List[SuccessRates] = []
     for case in cases:
         factor, bias = CASES[case]
         rows: List[Tuple[float, float, float]] = []
@@ -143,28 +143,28 @@ def study(robot: Robot, robots: int, attempts: int, seed: int = 0, required: flo
                     learner.work()
                     tried += 1
             for step in (demanding(robot, random) for _ in range(TESTS)):
-                kept = np.mean([truth.attempt(step)[0] for _ in range(REPEATS)])
-                rows.append((float(kept), probability(prior, step, learning),
+                observed = np.mean([truth.attempt(step)[0] for _ in range(REPEATS)])
+                rows.append((float(observed), probability(prior, step, learning),
                              probability(learner.particles, step, learning)))
             progress(len(found) * robots + number + 1)
-        found.append(Promises(case, *np.array(rows).T))
+        found.append(SuccessRates(case, *np.array(rows).T))
     return found
 
 
-def report_lines(found: Sequence[Promises], attempts: int, required: float = 0.9) -> List[str]:
+def report_lines(found: Sequence[SuccessRates], attempts: int, required: float = 0.9) -> List[str]:
     """Return lines of a table: of all steps, and of those with a sufficient prediction."""
-    each = f'{"promised":>9} {"kept":>6}'
-    lines = [f'{"":27} {"all steps":^32}   promised {required:g} or more',
-             f'{"":27} {"at first":^16} {f"after {attempts}":^16}   {"at first":^22} '
-             f'{f"after {attempts}":^22}',
-             f'{"robot and sensor":27} {each} {each}  {each} {"steps":>5} {each} {"steps":>5}']
+    each = f'{"predicted":>9} {"observed":>8}'
+    lines = [f'{"":30} {"all steps":^36}   predicted {required:g} or more',
+             f'{"":30} {"at first":^18} {f"after {attempts}":^18}   {"at first":^24} '
+             f'{f"after {attempts}":^24}',
+             f'{"robot and sensor":30} {each} {each}  {each} {"steps":>5} {each} {"steps":>5}']
     for item in found:
-        cells = [f'{promised.mean():9.3f} {item.kept.mean():6.3f}'
-                 for promised in (item.before, item.after)]
-        for promised in (item.before, item.after):
-            some = promised >= required
+        cells = [f'{predicted.mean():9.3f} {item.observed.mean():8.3f}'
+                 for predicted in (item.before, item.after)]
+        for predicted in (item.before, item.after):
+            some = predicted >= required
             cells.append(
-                (f'{promised[some].mean():9.3f} {item.kept[some].mean():6.3f}' if some.any()
-                 else f'{"-":>9} {"-":>6}') + f' {np.count_nonzero(some):5d}')
-        lines.append(f'{item.case:27} {cells[0]} {cells[1]}  {cells[2]} {cells[3]}')
+                (f'{predicted[some].mean():9.3f} {item.observed[some].mean():8.3f}' if some.any()
+                 else f'{"-":>9} {"-":>8}') + f' {np.count_nonzero(some):5d}')
+        lines.append(f'{item.case:30} {cells[0]} {cells[1]}  {cells[2]} {cells[3]}')
     return lines

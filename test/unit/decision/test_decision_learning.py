@@ -140,7 +140,7 @@ def test_twenty_attempts_make_promises_true(case):
     found, = study(GIMBALL, 3, 20, cases=[case], particles=128)
     tried = found.after >= 0.9
     assert np.count_nonzero(tried) > 10
-    assert abs(found.after[tried].mean() - found.kept[tried].mean()) < 0.04
-    before, after = (np.sqrt(np.mean((promised - found.kept)**2))
-                     for promised in (found.before, found.after))
+    assert abs(found.after[tried].mean() - found.observed[tried].mean()) < 0.04
+    before, after = (np.sqrt(np.mean((predicted - found.observed)**2))
+                     for predicted in (found.before, found.after))
     assert after < 0.75 * before

@@ -154,7 +154,7 @@ def test_a_log_that_is_refused_can_be_reset(tmp_path):
 
 def test_outcomes_are_listed_and_exported(path, tmp_path, capsys):
     assert main(['outcomes', 'list', str(path)]) == 0
-    assert '3 outcomes, 3 of them crossed' in capsys.readouterr().out
+    assert '3 outcomes, of which 3 crossed' in capsys.readouterr().out
     out = tmp_path / 'out.csv'
     assert main(['outcomes', 'export', str(path), '--out', str(out)]) == 0
     assert out.read_text().splitlines()[1].startswith('10.0,over,1,1.4,')
