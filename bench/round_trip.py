@@ -50,7 +50,7 @@ def answering(name, input_topic, output_topic, make, raw):
 def commander(raw):
     """Return a substitute for the controller."""
     return answering('commander', 'joint_states', 'joint_commands',
-                     lambda: command_message(Time(sec=1), 0.5, '/controller#123abc'), raw)
+                     lambda: command_message(Time(sec=1), 0.5), raw)
 
 
 def times_real_time(apart, raw):
