@@ -139,7 +139,11 @@ def record(observer: Observer, folder: Path, topics: List[str], duration: float,
     end = time.monotonic() + duration
     with BagRecorder(folder, metadata) as bag:
         recording = GraphRecording(observer, bag, topics, say)
-        observer.wait(lambda: recording.poll() or not recording.missing, 1.0)
+
+        def complete() -> bool:
+            recording.poll()
+            return not recording.missing
+        observer.wait(complete, 1.0)
         if recording.missing:
             say(f'not published yet: {", ".join(recording.missing)}; recorded as soon as a node '
                 'publishes')

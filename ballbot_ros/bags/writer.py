@@ -18,7 +18,6 @@ from ballbot_ros.config.files import PACKAGE, shipped_folder
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.ros import qos
 from ballbot_ros.ros.endpoints import create_subscription
-from ballbot_ros.ros.odometry import TFMessage
 from ballbot_ros.ros.rclpy_compat import take_all
 from ballbot_ros.ros.topics import message_class, Qos, TOPICS
 
@@ -339,7 +338,7 @@ class Rosbag2Writer:
 def also_recorded() -> Tuple[str, ...]:
     """Return the topics that viewers of a bag expect, if their types are installed."""
     found = ('/clock', '/diagnostics', 'robot_description', 'markers')
-    return found if TFMessage is None else (*found, '/tf', '/tf_static')
+    return found if find_spec('tf2_msgs') is None else (*found, '/tf', '/tf_static')
 
 
 def gaps(recorded: Mapping[str, Sequence[int]], rates: Mapping[str, float], end: int

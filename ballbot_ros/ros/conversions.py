@@ -119,8 +119,8 @@ def lateral_readings(message: JointState, robot: Robot) -> Optional[LateralState
         raise MessageError(
             f'position and velocity of {", ".join(LATERAL)} must be finite, got '
             f'{numbers}', 'not_finite', 'position')
-    *axes, heading, yaw_rate = numbers
-    return LateralState(*axes, yaw_rate, heading)
+    lean, lean_rate, tilt, tilt_rate, heading, yaw_rate = numbers
+    return LateralState(lean, lean_rate, tilt, tilt_rate, yaw_rate, heading)
 
 
 def command_message(stamp: Time, torque: float) -> JointState:

@@ -14,6 +14,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 from ballbot_ros.decision import Decision, Kind
 from ballbot_ros.floors.profile import WALL_HEIGHT
 from ballbot_ros.physics.model.state import State
+from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.simulation.model import Model
 from ballbot_ros.plant import FloorPlant
 from ballbot_ros.ros.conversions import to_time
@@ -151,7 +152,7 @@ def _across(x: float, low: float, high: float) -> List[Place]:
     return [(x, left, low), (x, left, high), (x, right, high), (x, right, low), (x, left, low)]
 
 
-def _ribbon(vertices: 'np.ndarray[Tuple[int, int], np.dtype[np.float64]]') -> List[Place]:
+def _ribbon(vertices: Array) -> List[Place]:
     """Return the triangles of the ground, extended along its last segments."""
     ends = [vertices[near] + GROUND_EXTENSION * (vertices[near] - vertices[next_])
             / np.linalg.norm(vertices[near] - vertices[next_])

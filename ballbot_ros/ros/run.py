@@ -89,7 +89,7 @@ def spin(executor: Executor, stop: Stop, longest: float) -> None:
         [s]; longer while there is work.
 
     """
-    executor.spin_until_future_complete(stop, timeout_sec=longest)  # type: ignore[arg-type]
+    executor.spin_until_future_complete(stop, timeout_sec=longest)
 
 
 class _Stopped(BaseException):

@@ -14,8 +14,8 @@ from std_srvs.srv import Trigger
 
 from ballbot_ros.errors import RefusedError
 from ballbot_ros.ros import cmd_vel, qos
-from ballbot_ros.ros.conversions import PENDULUM
 from ballbot_ros.ros.endpoints import create_publisher, create_subscription
+from ballbot_ros.ros.frames import PENDULUM
 from ballbot_ros.ros.graph import Observer
 from ballbot_ros.ros.topics import message_class, TOPICS
 from ballbot_ros.srv import Step
