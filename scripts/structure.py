@@ -88,8 +88,12 @@ def modules(root=ROOT):
 
 
 def imports(module, text, is_package=False):
-    """Yield (line, dotted name) of each import at any depth: module, or module and name in it."""
-    for node in ast.walk(ast.parse(text)):
+    """
+    Yield (line, dotted name) of each import at any depth: module, or module and name in it.
+
+    The text may be parsed already.
+    """
+    for node in ast.walk(text if isinstance(text, ast.AST) else ast.parse(text)):
         if isinstance(node, ast.Import):
             yield from ((node.lineno, alias.name) for alias in node.names)
         elif isinstance(node, ast.ImportFrom):

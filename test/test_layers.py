@@ -1,12 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Imports point one way only: from the nodes down to the physics, never up."""
+"""Imports point one way only, from the nodes down to the physics, and find their names."""
 import ast
 from collections import defaultdict
+from functools import cache
 from pathlib import Path
 import re
 import sys
+from textwrap import dedent
 
 import pytest
+from test_lint import project_files
 
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT / 'scripts'))
@@ -74,6 +77,11 @@ ROS_LAYERS = {'ros', 'nodes', 'demo', 'bags', 'experiments'}
 OWNERS = {'serial': 'ballbot_ros.drives.transport', 'can': 'ballbot_ros.drives.can_transport'}
 
 
+def tree_of(path):
+    """Return the syntax tree of a file."""
+    return ast.parse(path.read_text(encoding='utf-8'))
+
+
 def layer_of(module):
     """Return the layer of a dotted module name, None for the package itself."""
     parts = module.split('.')
@@ -137,21 +145,19 @@ def upstairs(module, name):
 
 def test_every_late_import_is_still_there():
     for module, name in LATE:
-        text = modules()[module].read_text(encoding='utf-8')
-        assert name in {found for _, found in imports(module, text)}
+        assert name in {found for _, found in imports(module, tree_of(modules()[module]))}
 
 
 def test_no_import_points_the_wrong_way():
     found = [problem for module, path in modules().items()
-             for problem in violations(module, path.read_text(encoding='utf-8'),
-                                       path.name == '__init__.py')]
+             for problem in violations(module, tree_of(path), path.name == '__init__.py')]
     assert not found, '\n'.join(found)
 
 
 def test_only_the_live_source_of_the_page_needs_ros():
     found = [f'{module}:{line}' for module, path in modules().items()
              if layer_of(module) == 'view' and module != 'ballbot_ros.view.live'
-             for line, name in imports(module, path.read_text(encoding='utf-8'), False)
+             for line, name in imports(module, tree_of(path))
              if layer_of(name) == 'ros']
     assert not found, found
 
@@ -168,7 +174,7 @@ def test_no_modules_import_each_other_in_a_cycle():
 def test_a_class_name_means_one_thing():
     owners = defaultdict(list)
     for module, path in modules().items():
-        for node in ast.walk(ast.parse(path.read_text(encoding='utf-8'))):
+        for node in ast.walk(tree_of(path)):
             if isinstance(node, ast.ClassDef):
                 owners[node.name].append(module)
     shared = {name: where for name, where in owners.items() if len(where) > 1}
@@ -232,3 +238,86 @@ def test_the_document_names_each_layer_once():
     cells = re.findall(r'^\| ((?:`\w+`(?:, )?)+) \|', text, re.M)
     assert sorted(name for cell in cells for name in re.findall(r'`(\w+)`', cell)) \
         == sorted(LAYERS)
+
+
+GENERATED = ('msg', 'srv', 'action')
+# Files whose strings plant imports that must fail.
+PLANTED = ('test_layers.py', 'test_lint.py', 'test_extending.py')
+
+
+def defined_in(tree):
+    """Return the names that the statements of a module bind, those inside functions left out."""
+    names, pending = set(), list(tree.body)
+    while pending:
+        node = pending.pop()
+        if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef)):
+            names.add(node.name)
+        elif isinstance(node, (ast.Import, ast.ImportFrom)):
+            names |= {(alias.asname or alias.name).split('.')[0] for alias in node.names}
+        elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+            names.add(node.id)
+        else:
+            pending += ast.iter_child_nodes(node)
+    return names
+
+
+@cache
+def names_of_package():
+    """Return the dotted names of all modules, of what they define, and of generated messages."""
+    found = {f'ballbot_ros.{kind}' for kind in GENERATED}
+    found |= {f'ballbot_ros.{kind}.{path.stem}' for kind in GENERATED
+              for path in (ROOT / kind).glob(f'*.{kind}')}
+    for module, path in modules().items():
+        names = defined_in(tree_of(path))
+        found |= {module, *(f'{module}.{name}' for name in names)}
+    return found
+
+
+def missing(module, text, names, is_package=False):
+    """List (line, name) of each import of the package in a text that finds nothing."""
+    return [(line, name) for line, name in imports(module, text, is_package)
+            if name.split('.')[0] == 'ballbot_ros' and name.removesuffix('.*') not in names]
+
+
+def programs(tree):
+    """Yield (line, program) of each string that imports from the package."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Constant) and isinstance(node.value, str) \
+                and 'import' in node.value and 'ballbot_ros' in node.value:
+            try:
+                yield node.lineno - 1, ast.parse(dedent(node.value))
+            except SyntaxError:
+                pass  # prose
+
+
+def test_each_import_of_the_package_finds_its_name():
+    names = names_of_package()
+    module_of = {path: module for module, path in modules().items()}
+    found = []
+    for path in project_files('.py'):
+        tree = tree_of(path)
+        parts = [(0, tree)] + (list(programs(tree)) if path.name not in PLANTED else [])
+        found += [f'{path.relative_to(ROOT)}:{above + line}: {name}' for above, part in parts
+                  for line, name in missing(module_of.get(path, ''), part, names,
+                                            path.name == '__init__.py')]
+    assert not found, '\n'.join(found)
+
+
+@pytest.mark.parametrize('text, name', [
+    ('import ballbot_ros.surprise', 'ballbot_ros.surprise'),
+    ('def late():\n    from ballbot_ros.errors import Surprise', 'ballbot_ros.errors.Surprise'),
+    ('from ballbot_ros import surprise', 'ballbot_ros.surprise'),
+    ('from .robot import surprise', 'ballbot_ros.physics.model.robot.surprise'),
+    ('from ballbot_ros.msg import Surprise', 'ballbot_ros.msg.Surprise'),
+    ("import_module('ballbot_ros.surprise')", 'ballbot_ros.surprise')])
+def test_an_import_without_its_name_is_found(text, name):
+    assert missing('ballbot_ros.physics.model.planted', text, names_of_package()) \
+        == [(text.count('\n') + 1, name)]
+
+
+@pytest.mark.parametrize('text', [
+    'import ballbot_ros.physics', 'from ballbot_ros import Model, physics, __version__',
+    'from ballbot_ros.errors import *', 'from ballbot_ros.msg import BallState',
+    'from .robot import Robot', 'from math import surprise'])
+def test_an_import_of_a_name_that_exists_is_accepted(text):
+    assert not missing('ballbot_ros.physics.model.planted', text, names_of_package())
