@@ -157,9 +157,9 @@ class Decider:
         profile = self._fusion.at(motion)
         memory.move(motion, profile, self._watch.attempt is not None)
         motion = replace(motion, slope=memory.slope)
-        self.planned = planned = self._plan(
-            Situation(motion, profile, memory.failures(profile), memory.free_from,
-                      memory.obstruction, self._learner.particles), self.planned)
+        situation = Situation(motion, profile, memory.failures(profile), memory.free_from,
+                              memory.obstruction, self._learner.particles)
+        self.planned = planned = self._plan(situation, self.planned)
         self.decision = decision = self.goals.carry(planned, motion)
         self.outcome = self._watch.update(motion, profile, decision)
         if self.outcome is not None:
@@ -168,7 +168,8 @@ class Decider:
         self._learner.work(LESSON)
         memory.watch(motion, decision)
         self.end = self.goals.update(planned, motion, self.outcome)
-        return Answer(motion.stamp, decision, self._pilot.angle(decision, motion))
+        return Answer(motion.stamp, decision, self._pilot.angle(
+            decision, replace(motion, slope=situation.slope)))
 
 
 def _steepest(knowledge: Knowledge) -> float:

@@ -96,14 +96,16 @@ class Pilot:
         ----------
         decision : Decision
         motion : Motion
-            Lowers the pendulum if not finite.
+            Lowers the pendulum if not finite.  Its slope is that of the ground ahead, where the
+            observer of the law starts.
 
         """
         if not motion.sane:
             self.reset()
             return 0.0
         if self._state is None:
-            self._state = speed_law_start(motion.speed, 0.0, 0.0, self.law[:])
+            self._state = speed_law_start(
+                motion.speed, motion.pendulum_angle, motion.slope, self.law[:])
             period = SHORTEST
         elif motion.stamp <= self._stamp:
             return self._angle

@@ -43,7 +43,8 @@ def random_stop(nominal: NominalModel, seed: int, number: int) -> RandomStop:
     """
     Return stop `number` of a seed: robot, friction, slope and speed are drawn.
 
-    The ball drives at its speed first, under the pilot of the decision, which then stops it.
+    The pilot of the decision, with the true slope and pendulum angle as its initial state, drives
+    the ball at its speed first, then stops it.
     """
     random = np.random.default_rng([seed, number])
     robot = draw_robot(nominal.robot, random)
@@ -64,7 +65,8 @@ def random_stop(nominal: NominalModel, seed: int, number: int) -> RandomStop:
             farthest = max(farthest, state.x)
             if decision is stopping and state.velocity_x < LEAST_SPEED:
                 break
-            motion = Motion(loop.time, state.x, state.velocity_x)
+            motion = Motion(loop.time, state.x, state.velocity_x, state.pendulum_angle,
+                            slope=slope)
             loop.advance(pilot.angle(decision, motion), PERIODS)
     braking = Braking(nominal.robot, nominal.tuning, nominal.gains)
     return RandomStop(speed, slope, braking.distance(speed, slope, emergency=True),
