@@ -24,8 +24,7 @@ from ballbot_ros.decision.decider import Answer, Decider
 from ballbot_ros.decision.execution.goals import (
     CrossGoal, DriveGoal, Ending, GoalEnd, Goals, Phase)
 from ballbot_ros.decision.execution.pilot import Pilot
-from ballbot_ros.decision.perception import (
-    Observation, ProfileTracker, StepTracker, TerrainTracker)
+from ballbot_ros.decision.perception import Observation, ProfileTracker
 from ballbot_ros.decision.planning.curve import HeightCurve, load_curve
 from ballbot_ros.decision.planning.planners import PLANNERS
 from ballbot_ros.decision.planning.situation import Knowledge, Planner, Situation
@@ -40,4 +39,4 @@ __all__ = [
     'HeightCurve', 'Kind', 'Knowledge', 'load_curve', 'load_decision_tuning', 'Motion',
     'Observation', 'Outlook', 'Phase', 'Pilot', 'Plan', 'Planner',
     'PLANNERS', 'Profile', 'ProfileTracker', 'Reason', 'Situation',
-    'StepObservation', 'StepTracker', 'Strategy', 'TerrainObservation', 'TerrainTracker']
+    'StepObservation', 'Strategy', 'TerrainObservation']

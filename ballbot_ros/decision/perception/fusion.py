@@ -4,12 +4,13 @@ from bisect import bisect_left
 from collections import deque
 from dataclasses import dataclass, replace
 import math
-from typing import Deque, Dict, Optional, Set, Union
+from typing import Deque, Dict, Optional, Tuple, Union
 
 import numpy as np
 
-from ballbot_ros.decision.perception.step_tracker import StepTracker
-from ballbot_ros.decision.perception.terrain_tracker import TerrainTracker
+from ballbot_ros.decision.perception.edge_map import EdgeMap
+from ballbot_ros.decision.perception.step_sensor import StepSensor
+from ballbot_ros.decision.perception.terrain_sensor import TerrainSensor
 from ballbot_ros.decision.tuning import DecisionTuning
 from ballbot_ros.decision.values import (
     Face, Motion, Profile, Reason, StepObservation, TerrainObservation)
@@ -19,12 +20,6 @@ Observation = Union[StepObservation, TerrainObservation]
 
 # A sensor whose last message is older than that of the other by this much is ignored [s].
 SILENT = 1.0
-
-# Faces of two sensors within this distance, in addition to their uncertainties, are one [m].
-SAME_PLACE = 0.05
-
-# First number of faces of the step sensor alone, if there is also a terrain sensor.
-STEP_NUMBERS = 1_000_000
 
 
 class ProfileTracker:
@@ -42,9 +37,9 @@ class ProfileTracker:
 
     def __init__(self, robot: Robot, tuning: DecisionTuning, frame: str = 'base_link'):
         """Start with nothing seen."""
-        self._steps = StepTracker(robot, tuning)
-        self._terrain = TerrainTracker(robot, tuning, frame)
-        self._sigmas = tuning.contradiction_sigma
+        self._edges = EdgeMap(tuning.contradiction_sigma)
+        self._steps = StepSensor(robot.ball_radius, tuning, self._edges)
+        self._terrain = TerrainSensor(robot.ball_radius, tuning, self._edges, frame)
         self.reset()
 
     def stand_on(self, steepest: float) -> None:
@@ -52,11 +47,12 @@ class ProfileTracker:
         self._terrain.steepest = steepest
 
     def reset(self) -> None:
-        """Forget all, for a jump of time or place; the numbers of faces go on counting."""
+        """Forget all, for a jump of time or place; the numbers of edges go on counting."""
+        self._edges.edges = []
         self._steps.reset()
         self._terrain.reset()
-        self._step_profile: Optional[Profile] = None
-        self._terrain_profile: Optional[Profile] = None
+        self._faces: Tuple[Face, ...] = ()
+        self._newest: Dict[type, Tuple[float, Optional[Reason], str]] = {}
 
     def update(self, observation: Observation, position: float) -> Profile:
         """
@@ -74,48 +70,23 @@ class ProfileTracker:
             With the reason of a rejection, if any; sensor data never raise an exception.
 
         """
-        if isinstance(observation, TerrainObservation):
-            newest = self._terrain_profile = self._terrain.update(observation, position)
-            other = self._step_profile
-        else:
-            newest = self._step_profile = self._steps.update(observation, position)
-            other = self._terrain_profile
-        if other is None or not abs(newest.stamp - other.stamp) <= SILENT:
-            return newest
-        ground, steps = (newest, other) if newest is self._terrain_profile else (other, newest)
-        return self._merged(ground, steps, max(newest.stamp, other.stamp), position)
-
-    def _merged(self, ground: Profile, steps: Profile, stamp: float, position: float) -> Profile:
-        """Return the profile of both sensors: the ground of one, with the fused faces of both."""
-        rejected = ground if ground.rejection is not None else steps
-        step, faces = steps.face, list(ground.faces)
-        if step is not None and step.position > position:
-            for index, face in enumerate(faces):
-                apart = self._sigmas * math.hypot(face.position_sd, step.position_sd)
-                if face.height * step.height > 0.0 \
-                        and abs(face.position - step.position) < SAME_PLACE + apart:
-                    faces[index] = self._one(face, step)
-                    break
-            else:
-                # Only one sensor detects it: it is kept until both miss it.
-                faces.append(replace(step, number=STEP_NUMBERS + step.number))
-                faces.sort(key=lambda face: face.position)
-        return replace(ground, stamp=stamp, faces=tuple(faces), rejection=rejected.rejection,
-                       explanation=rejected.explanation)
-
-    def _one(self, face: Face, step: Face) -> Face:
-        """Return a face that both sensors detect; the higher one if they contradict."""
-        apart = step.height - face.height
-        together = math.hypot(face.height_sd, step.height_sd)
-        if abs(apart) > self._sigmas * together:
-            height = max(face.height, step.height, key=abs)
-            return replace(face, height=height,
-                           height_sd=max(face.height_sd, step.height_sd, 0.5 * abs(apart)))
-        part = face.height_sd**2 / together**2
-        # Averaging does not reduce constant errors.
-        sd = max(face.height_sd * step.height_sd / together,
-                 min(face.height_sd, step.height_sd) / math.sqrt(2.0))
-        return replace(face, height=face.height + part * apart, height_sd=sd)
+        kind, stamp = type(observation), observation.stamp
+        reason, why = self._terrain.update(observation, position) if isinstance(
+            observation, TerrainObservation) else self._steps.update(observation, position)
+        self._newest[kind] = stamp, reason, why
+        # A sensor that has fallen silent is ignored.
+        newest = {one: last for one, last in self._newest.items()
+                  if one is kind or abs(last[0] - stamp) <= SILENT}
+        ground = self._terrain.profile if TerrainObservation in newest else None
+        if ground is None:
+            ground = Profile(stamp, seen_to=-math.inf if kind is TerrainObservation
+                             else self._steps.seen_to)
+        if reason is None:
+            self._faces = tuple(face for face in self._edges.faces
+                                if not ground.points or face.position + face.run > position)
+            reason, why = next((last[1:] for last in newest.values() if last[1]), (None, ''))
+        return replace(ground, stamp=max(last[0] for last in newest.values()), faces=self._faces,
+                       rejection=reason, explanation=why)
 
 
 # Odometry history: duration [s] and number of messages.  Older observations are rejected.
@@ -131,10 +102,6 @@ WAY_SD, PLACE_RATE, HEIGHT_RATE = 0.03, 0.01, 0.002
 
 # A sensor is frozen if its data repeat while the ball rolls this far [m].
 FROZEN_DISTANCE = 0.02
-
-# A face enters the profile from this height on, and leaves it below the second [m]: lower ones
-# are an uneven floor, crossed at any speed.
-EDGE_ENTRY, EDGE_EXIT = 0.0045, 0.003
 
 # A polyline this straight may repeat without a frozen sensor [m].
 STRAIGHT = 1e-9
@@ -203,7 +170,6 @@ class GroundFusion:
         self._unchanged: Dict[type, _Unchanged] = {}
         self._newest: Dict[type, float] = {}
         self._rejected = 0
-        self._edges: Set[int] = set()
         self.profile: Optional[Profile] = None
 
     def observe(self, observation: Observation) -> None:
@@ -299,9 +265,7 @@ class GroundFusion:
             replace(face, position_sd=math.hypot(face.position_sd, more),
                     height_sd=math.hypot(face.height_sd, higher))
             for face in profile.faces
-            if (not profile.points or face.position + face.run > motion.position)
-            and abs(face.height) > (EDGE_EXIT if face.number in self._edges else EDGE_ENTRY))
-        self._edges.update(face.number for face in faces)
+            if not profile.points or face.position + face.run > motion.position)
         return replace(profile, faces=faces)
 
     def _position_at(self, stamp: float) -> float:

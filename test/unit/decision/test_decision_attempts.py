@@ -10,8 +10,8 @@ import pytest
 
 from ballbot_ros.control import JointReadings, load_tuning, PendulumController, SetPoint
 from ballbot_ros.decision import (
-    Decision, Face, Kind, load_decision_tuning, Motion, Profile, Reason, StepObservation,
-    StepTracker)
+    Decision, Face, Kind, load_decision_tuning, Motion, Profile, ProfileTracker, Reason,
+    StepObservation)
 from ballbot_ros.decision.execution.attempts import AttemptWatch
 from ballbot_ros.decision.values import Outlook, Strategy
 from ballbot_ros.physics.model.parameters import Actuator, TORQUE
@@ -42,7 +42,7 @@ def drive(ground, speed, lean, robot=GIMBALL, unseen=UNSEEN, seconds=4.5):
     faces = [(face[0, 0], face[-1, 1] - face[0, 1]) for face in terrain.faces(1.0, 0.002)]
     model = Model(robot, terrain, solver=Solver(step=5e-4))
     controller = PendulumController(robot, load_tuning('published'))
-    tracker, watch = StepTracker(GIMBALL, TUNING), AttemptWatch(GIMBALL)
+    tracker, watch = ProfileTracker(GIMBALL, TUNING), AttemptWatch(GIMBALL)
     random = np.random.default_rng(1)
     state, torque, outcomes, profile = model.at_rest(0.0), 0.0, [], None
     for index in range(int(seconds * 1000)):

@@ -6,6 +6,7 @@ import pytest
 from ballbot_ros.decision import (
     DecisionTuning, Face, Motion, Profile, Reason, StepObservation, TerrainObservation)
 from ballbot_ros.decision.perception import GroundFusion
+from ballbot_ros.decision.perception.edge_map import EdgeMap, Estimate
 from ballbot_ros.decision.perception.ground_profile import GroundProfile, steep_stretches
 from ballbot_ros.physics.model.robot import load_robot
 
@@ -154,14 +155,15 @@ def test_a_face_that_some_observations_miss_keeps_its_number():
     assert sum(one != other for one, other in zip(found, found[1:])) <= 1 and found[-1]
 
 
-def test_a_face_enters_at_one_height_and_leaves_at_a_lower_one():
-    fusion = GroundFusion(GIMBALL, TUNING)
+def test_an_edge_enters_at_one_height_and_leaves_at_a_lower_one():
+    edges = EdgeMap(5.0)
+    edge = edges.start(certain=True)
 
-    def faces(stamp, height):
-        fusion.profile = Profile(stamp, (Face(1, 1.0, height, 0.01, 0.0005),))
-        return fusion.at(Motion(stamp, 0.0, 0.0)).faces
-    assert [bool(faces(0.1 * number, height)) for number, height in enumerate(
-        (0.004, -0.004, -0.005, -0.004, 0.0035, 0.002))] == [False, False, True, True, True, False]
+    def entered(height):
+        edge.ground = Estimate(Face(0, 1.0, height, 0.01, 0.0005))
+        return bool(edges.faces)
+    assert list(map(entered, (0.004, -0.004, -0.005, -0.004, 0.0035, 0.002))) == [
+        False, False, True, True, True, False]
 
 
 @pytest.mark.parametrize('camera', [False, True])

@@ -1,21 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """Fuse polylines of the ground with odometry into a profile, or reject them."""
 from collections import deque
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 import math
 from typing import Deque, List, Optional, Tuple
 
 import numpy as np
 
+from ballbot_ros.decision.perception.edge_map import (
+    Edge, EdgeMap, Estimate, Existence, Rejection)
 from ballbot_ros.decision.perception.elevation import (
     CELL, ElevationMap, Flags, Look, PLACE_SD, resample)
-from ballbot_ros.decision.perception.ground import Found, ground_of, GroundSeen
+from ballbot_ros.decision.perception.ground import ground_of, GroundSeen
 from ballbot_ros.decision.perception.ground_profile import (
     SLOPE_HYSTERESIS, SLOPE_LENGTH, steep_stretches)
-from ballbot_ros.decision.perception.step_tracker import Trend
 from ballbot_ros.decision.tuning import DecisionTuning
 from ballbot_ros.decision.values import Face, FARTHEST, Profile, Reason, TerrainObservation
-from ballbot_ros.physics.model.robot import Robot
 from ballbot_ros.physics.model.terrain import Array
 
 # More points than a row of any camera are invalid.
@@ -120,9 +120,6 @@ def misplaced(x: Array, z: Array, radius: float, known: bool) -> str:
     return ''
 
 
-# Faces of two scans within this distance are the same [m].
-SAME_PLACE = 0.06
-
 # Odometry slips by no more than this [m] beside a part of the distance rolled [1].
 SLIP_MAX, SLIP_SHARE = 0.3, 0.1
 
@@ -130,53 +127,11 @@ SLIP_MAX, SLIP_SHARE = 0.3, 0.1
 # observations show it at the same place.
 OUTLIER_HEIGHT, OUTLIER_MEMORY = 0.03, 10
 
-# Log-odds that a face exists: increment of a detection, decrement of a miss,
-# and largest value.  A face enters the profile at one value and leaves it at 0.
-SHOWN, MISSED, EXISTENCE_MAX, ENTRY = 1.0, 0.25, 6.0, 2.0
-
 # No blur is longer [m].
 BLURRED = 0.05
 
 # Number of nodes before and behind a face for its height in one scan.
 BESIDE = 6
-
-
-class Existence:
-    """
-    The log-odds that something exists; it is `confirmed` once they have reached `ENTRY`.
-
-    Parameters
-    ----------
-    certain : bool
-        Whether the first observation confirms it.
-
-    """
-
-    def __init__(self, certain: bool):
-        """Count the first observation."""
-        self.log_odds = ENTRY if certain else SHOWN
-        self.confirmed = certain
-
-    def add(self, shown: bool) -> None:
-        """Count a detection or a miss."""
-        self.log_odds = min(self.log_odds + (SHOWN if shown else -MISSED), EXISTENCE_MAX)
-        self.confirmed |= self.log_odds >= ENTRY
-
-
-@dataclass
-class _Known:
-    """A face with its observations."""
-
-    face: Face
-    found: Found
-    exists: Existence
-    trend: Trend = field(default_factory=Trend)
-    drift: float = 0.0  # of its position in the direction in which the ball rolls [m]
-
-    @property
-    def confirmed(self) -> bool:
-        """Return whether the face is in the profile."""
-        return self.exists.confirmed
 
 
 @dataclass
@@ -188,19 +143,23 @@ class _Steep:
     exists: Existence
 
 
-class TerrainTracker:
+class TerrainSensor:
     """
-    Tracks the ground around the ball.
+    Takes the polylines of a terrain sensor into an elevation map and an edge map.
 
     Parameters
     ----------
-    robot : Robot
+    radius : float
+        Of the ball [m].
     tuning : DecisionTuning
+    edges : EdgeMap
     frame : str
         In which observations must be.
 
     Attributes
     ----------
+    profile : Profile or None
+        The ground, without edges; None before the first observation.
     steepest : float
         Steepest slope on which the ball can be held [rad].
     offset : float
@@ -208,26 +167,23 @@ class TerrainTracker:
 
     """
 
-    def __init__(self, robot: Robot, tuning: DecisionTuning, frame: str = 'base_link'):
-        """Start with nothing seen."""
-        self._radius, self._frame, self._tuning = robot.ball_radius, frame, tuning
+    def __init__(self, radius: float, tuning: DecisionTuning, edges: EdgeMap, frame: str):
+        self._radius, self._tuning, self._edges, self._frame = radius, tuning, edges, frame
         self._map = ElevationMap(tuning)
-        self._number = 0
         self.steepest = math.inf
         self.reset()
 
     def reset(self) -> None:
-        """Forget all, for a jump of time or place; the numbers of faces go on counting."""
+        """Forget all, for a jump of time or place."""
         self._map.clear()
-        self._faces: List[_Known] = []
         self._steep: List[_Steep] = []
-        self._answer: Optional[Profile] = None
+        self.profile: Optional[Profile] = None
         self._strikes = 0
         self._slipped = self._rolled_to = self._position = 0.0
         self._outliers: Deque[Array] = deque(maxlen=OUTLIER_MEMORY)
         self.offset = 0.0
 
-    def update(self, observation: TerrainObservation, position: float) -> Profile:
+    def update(self, observation: TerrainObservation, position: float) -> Rejection:
         """
         Take in one observation.
 
@@ -239,20 +195,16 @@ class TerrainTracker:
 
         Returns
         -------
-        Profile
-            With the reason of a rejection, if any; sensor data never raise an exception.
+        reason : Reason or None
+            Of a rejection; sensor data never raise an exception.
+        explanation : str
 
         """
-        self._answer = self._judge(observation, position)
-        return self._answer
-
-    def _judge(self, observation: TerrainObservation, position: float) -> Profile:
-        """Return the profile after a new observation."""
         wrong = fault(observation, self._frame)
         if not wrong and not abs(position) < FARTHEST:
             wrong = f'the odometry is at {position:g} m'
         if wrong:
-            return self._reject(observation.stamp, Reason.BAD_OBSERVATION, wrong)
+            return Reason.BAD_OBSERVATION, wrong
         x, z, z_sd = arrays(observation)
         inside = (x >= observation.x_min - 1e-9) & (x <= observation.x_max + 1e-9)
         x, z, z_sd = x[inside], z[inside], z_sd[inside]
@@ -260,14 +212,13 @@ class TerrainTracker:
         x, z, z_sd = x[kept], z[kept], z_sd[kept]
         look = resample(x, z, z_sd, position) if len(x) > 1 else None
         if look is None:
-            return self._reject(observation.stamp, Reason.BAD_OBSERVATION,
-                                'it shows nothing of the ground around the ball')
+            return Reason.BAD_OBSERVATION, 'it shows nothing of the ground around the ball'
         near = np.isfinite(look.z) & (np.abs(look.places - position) <= 2.0 * self._radius)
         if near.any():
             x, z = look.places[near] - position, look.z[near]
             wrong = misplaced(x, z, self._radius, self._map.looks > 0)
             if wrong:
-                return self._reject(observation.stamp, Reason.BAD_OBSERVATION, wrong)
+                return Reason.BAD_OBSERVATION, wrong
             self.offset = self._radius - float(np.hypot(x, z).min())
         contradiction, residual = self._map.add(look, position)
         if contradiction:
@@ -275,8 +226,7 @@ class TerrainTracker:
             rolled, self._rolled_to = abs(position - self._rolled_to), position
             self._slipped = max(0.0, self._slipped - SLIP_SHARE * rolled) + CELL * abs(slipped)
             if self._slipped > SLIP_MAX:
-                return self._reject(
-                    observation.stamp, Reason.CONTRADICTORY,
+                return Reason.CONTRADICTORY, (
                     f'the terrain moves along with the ball, by {self._slipped:.2f} m')
             if slipped:
                 self._move(slipped)
@@ -306,45 +256,42 @@ class TerrainTracker:
     def _move(self, nodes: int) -> None:
         """Shift the map, after a slip of the odometry."""
         self._map.first += nodes
-        for known in self._faces:
-            known.found = known.found._replace(position=known.found.position + nodes * CELL)
+        self._edges.move(nodes * CELL)
         for stretch in self._steep:
             stretch.begin += nodes * CELL
 
     def _contradicted(self, observation: TerrainObservation, look: Look, position: float,
-                      why: str) -> Profile:
+                      why: str) -> Rejection:
         """Reject a contradicting observation, or accept it after repetitions."""
         self._strikes += 1
         if self._strikes < self._tuning.forget_after:
-            return self._reject(observation.stamp, Reason.CONTRADICTORY, why)
+            return Reason.CONTRADICTORY, why
         self._map.clear()
-        self._faces, self._steep = [], []
+        self._edges.clear('ground')
+        self._steep = []
         _, residual = self._map.add(look, position)
         return self._fused(observation.stamp, look, residual, position)
 
-    def _fused(self, stamp: float, look: Look, residual: Array, position: float) -> Profile:
-        """Return the profile after an accepted scan."""
+    def _fused(self, stamp: float, look: Look, residual: Array, position: float
+               ) -> Rejection:
+        """Update ground and edges after an accepted scan."""
         self._strikes = 0
         ground = ground_of(self._map, position,
-                           [known.found for known in self._faces if known.confirmed])
+                           [edge.found for edge in self._edges.edges
+                            if edge.found is not None and edge.exists.confirmed])
         if not ground.points:
-            self._faces, self._steep = [], []
-            return Profile(stamp, seen_from=position, seen_to=position)
-        self._name(ground, look, residual, position)
-        drift = max((known.drift for known in self._faces), default=0.0)
+            self._edges.clear('ground')
+            self._steep = []
+            self.profile = Profile(stamp, seen_from=position, seen_to=position)
+            return None, ''
+        self._detect(ground, look, residual, position)
+        drift = max((edge.drift for edge in self._edges.edges), default=0.0)
         if drift > SLIP_MAX:
-            return self._reject(
-                stamp, Reason.CONTRADICTORY, f'a face has moved along with the ball, by '
-                f'{drift:.2f} m')
-        return self._with_steep(self._profile(stamp, ground, position))
-
-    def _profile(self, stamp: float, ground: GroundSeen, position: float) -> Profile:
-        """Return the profile of an estimated terrain."""
-        return Profile(
-            stamp, tuple(known.face for known in self._faces if known.confirmed
-                         and known.face.position + known.face.run > position),
-            tuple(ground.points), ground.seen_from, ground.seen_to, ground.slope,
-            ground.slope_sd, points_sd=tuple(ground.sds))
+            return Reason.CONTRADICTORY, f'an edge has moved along with the ball, by {drift:.2f} m'
+        self.profile = self._with_steep(Profile(
+            stamp, self._edges.faces, tuple(ground.points), ground.seen_from, ground.seen_to,
+            ground.slope, ground.slope_sd, points_sd=tuple(ground.sds)))
+        return None, ''
 
     def _with_steep(self, profile: Profile) -> Profile:
         """Return a profile with the stretches that are too steep, which persist as faces do."""
@@ -371,62 +318,48 @@ class TerrainTracker:
         return (self._tuning.height_bias_sd if self._map.reports_sd
                 else max(self._tuning.height_bias_sd, self._tuning.unreported_bias_sd))
 
-    def _reject(self, stamp: float, reason: Reason, why: str) -> Profile:
-        """Return the present profile with a rejection."""
-        if self._answer is None:
-            return Profile(stamp, seen_to=-math.inf, rejection=reason, explanation=why)
-        return replace(self._answer, stamp=stamp, rejection=reason, explanation=why)
-
-    def _name(self, ground: GroundSeen, look: Look, residual: Array, position: float) -> None:
-        """Assign numbers to the detected faces; known ones keep theirs."""
-        known, self._faces = list(self._faces), []
+    def _detect(self, ground: GroundSeen, look: Look, residual: Array, position: float) -> None:
+        """Update the edges with those that the map shows."""
         forward, self._position = math.copysign(1.0, position - self._position), position
+        missed = [edge for edge in self._edges.edges if edge.ground is not None]
+        others = [edge for edge in self._edges.edges if edge.ground is None]
         for found in ground.faces:
-            same = [item for item in known if item.found.height * found.height > 0.0
-                    and abs(item.found.position - found.position) < SAME_PLACE]
-            if same:
-                nearest = min(same, key=lambda item: abs(item.found.position - found.position))
-                known.remove(nearest)
-                nearest.drift += forward * (found.position - nearest.found.position)
-                nearest.found = found
-                nearest.exists.add(True)
+            # A face with an apparent run may be vertical, blurred by missing points.
+            face = Face(0, found.position, found.height,
+                        math.hypot(PLACE_SD, 0.3 * min(found.run, BLURRED)),
+                        max(found.height_sd, self._bias),
+                        found.run)
+            edge = self._edges.nearest(face, missed) or self._edges.nearest(face, others)
+            if edge is None:
+                edge = self._edges.start(self._map.looks == 1)
             else:
-                self._number += 1
-                nearest = _Known(Face(self._number, 0.0, 0.0, 0.0, 0.0), found,
-                                 Existence(self._map.looks == 1))
-            self._note(nearest, look, residual, position)
-            nearest.face = self._described(nearest, position)
-            self._faces.append(nearest)
-        for item in known:
-            item.exists.add(False)
-            # A miss of a face behind the ball does not count.
-            if item.exists.log_odds > 0.0 \
-                    and ground.seen_from <= item.found.position <= ground.seen_to:
-                self._faces.append(item)
-        self._faces.sort(key=lambda item: item.face.position)
+                edge.exists.add(True)
+                missed = [other for other in missed if other is not edge]
+                others = [other for other in others if other is not edge]
+                if edge.found is not None:
+                    edge.drift += forward * (found.position - edge.found.position)
+            edge.found, edge.ground = found, edge.ground or Estimate(face)
+            edge.ground.mean = face
+            self._note(edge, look, residual, position)
+        for edge in missed:
+            edge.exists.add(False)
+            # A miss of an edge behind the ball does not count.
+            if not ground.seen_from <= edge.found.position <= ground.seen_to:
+                edge.ground = edge.found = None
+        self._edges.drop()
 
-    def _note(self, known: _Known, look: Look, residual: Array, position: float) -> None:
-        """Store the height of a face in this scan alone."""
-        distance = known.found.position - position
+    def _note(self, edge: Edge, look: Look, residual: Array, position: float) -> None:
+        """Store the height of an edge in this scan alone."""
+        distance = edge.found.position - position
         if distance <= 0.0:
             return
         lift = []
-        for begin, end in (known.found.before[1] - BESIDE, known.found.before[1]), (
-                known.found.after[0], known.found.after[0] + BESIDE):
+        for begin, end in (edge.found.before[1] - BESIDE, edge.found.before[1]), (
+                edge.found.after[0], edge.found.after[0] + BESIDE):
             shift = self._map.first - look.first
             beside = residual[max(0, begin + shift):max(0, end + shift)]
             beside = beside[np.isfinite(beside)]
             if len(beside) < 2:
                 return
             lift.append(float(beside.mean()))
-        known.trend.add(distance, known.found.height + lift[1] - lift[0])
-
-    def _described(self, known: _Known, position: float) -> Face:
-        """Return a face with all its uncertainties."""
-        found, trend = known.found, known.trend
-        scatter = trend.scatter / math.sqrt(trend.count) if trend.count else math.nan
-        height_sd = max(found.height_sd, self._bias, scatter if scatter > 0.0 else 0.0)
-        # A face with an apparent run may be vertical, blurred by missing points.
-        position_sd = math.hypot(PLACE_SD, 0.3 * min(found.run, BLURRED))
-        return Face(known.face.number, found.position, found.height, position_sd,
-                    math.hypot(height_sd, trend.growth), found.run)
+        edge.ground.trend.add(distance, edge.found.height + lift[1] - lift[0])

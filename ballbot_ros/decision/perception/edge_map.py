@@ -1,0 +1,246 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The edges of the ground, each with the evidence of all sensors."""
+from dataclasses import dataclass, field, replace
+import math
+from typing import Iterable, List, Optional, Tuple
+
+from ballbot_ros.decision.perception.ground import Found
+from ballbot_ros.decision.values import Face, Reason
+
+# Reason of the rejection of an observation, if any, and its explanation.
+Rejection = Tuple[Optional[Reason], str]
+
+# Minimum number of observations for estimating the scatter.
+ENOUGH = 5
+
+# Minimum range of distances for a trend [m].
+LEAST_BASE = 0.1
+
+# Significance threshold of a trend, in standard deviations.
+SIGNIFICANT = 4.0
+
+# Log-odds that an edge exists: increment of a detection, decrement of a miss, and largest value.
+# An edge is confirmed at one value, and removed at 0.
+DETECTION, MISS, EXISTENCE_MAX, CONFIRMED = 1.0, 0.25, 6.0, 2.0
+
+# A confirmed edge enters the profile from this height on, and leaves it below the second [m]:
+# lower ones are an uneven floor, crossed at any speed.
+HEIGHT_ENTRY, HEIGHT_EXIT = 0.0045, 0.003
+
+
+class Trend:
+    """Recursive linear regression of heights on distances."""
+
+    def __init__(self) -> None:
+        """Start without a look."""
+        self.count = 0
+        self._distance = self._height = 0.0
+        self._dd = self._dh = self._hh = 0.0
+
+    def add(self, distance: float, height: float) -> None:
+        """Add an observation: distance [m] and height [m]."""
+        self.count += 1
+        far, high = distance - self._distance, height - self._height
+        self._distance += far / self.count
+        self._height += high / self.count
+        # Welford: the second factor is the deviation from the new mean.
+        self._dd += far * (distance - self._distance)
+        self._dh += far * (height - self._height)
+        self._hh += high * (height - self._height)
+
+    @property
+    def scatter(self) -> float:
+        """Return the standard deviation about the trend [m]; NaN for too few observations."""
+        if self.count < ENOUGH:
+            return math.nan
+        explained = self._dh**2 / self._dd if self._dd > 0.0 else 0.0
+        return math.sqrt(max(0.0, self._hh - explained) / (self.count - 2))
+
+    @property
+    def mean_sd(self) -> float:
+        """Return the standard deviation of the mean height from the scatter [m], 0 if unknown."""
+        scatter = self.scatter
+        return scatter / math.sqrt(self.count) if scatter > 0.0 else 0.0
+
+    @property
+    def growth(self) -> float:
+        """
+        Return the extrapolated height at distance 0 minus the mean observed height [m].
+
+        0 without a significant trend; negative if the height decreases on approach.
+        """
+        scatter = self.scatter
+        if not (scatter >= 0.0 and self._dd > self.count * LEAST_BASE**2 / 12.0):
+            return 0.0
+        slope = self._dh / self._dd
+        if abs(slope) * math.sqrt(self._dd) <= SIGNIFICANT * scatter:
+            return 0.0
+        return -slope * self._distance
+
+
+class Existence:
+    """
+    The log-odds that something exists; it is `confirmed` once they have reached `CONFIRMED`.
+
+    Parameters
+    ----------
+    certain : bool
+        Whether the first observation confirms it.
+
+    """
+
+    def __init__(self, certain: bool):
+        """Count the first observation."""
+        self.log_odds = CONFIRMED if certain else DETECTION
+        self.confirmed = certain
+
+    def add(self, detected: bool) -> None:
+        """Count a detection or a miss."""
+        self.log_odds = min(self.log_odds + (DETECTION if detected else -MISS), EXISTENCE_MAX)
+        self.confirmed |= self.log_odds >= CONFIRMED
+
+
+@dataclass
+class Estimate:
+    """
+    An edge as one sensor detects it.
+
+    Attributes
+    ----------
+    mean : Face
+        Without the uncertainties that `trend` shows.
+    trend : Trend
+        Of the height over the distance from which it was observed.
+
+    """
+
+    mean: Face
+    trend: Trend = field(default_factory=Trend)
+
+    @property
+    def face(self) -> Face:
+        """Return the edge with all uncertainties."""
+        return replace(self.mean, height_sd=math.hypot(
+            max(self.mean.height_sd, self.trend.mean_sd), self.trend.growth))
+
+
+@dataclass(eq=False)
+class Edge:
+    """
+    An edge with the evidence for it.
+
+    Attributes
+    ----------
+    number : int
+    exists : Existence
+    step, ground : Estimate or None
+        By a step sensor and by a terrain sensor.
+    found : Found or None
+        Measurement in the elevation map of the terrain sensor.
+    contradictions : int
+        Consecutive observations of the step sensor that contradict `step`.
+    drift : float
+        Of its position in the direction in which the ball rolls [m].
+    entered : bool
+        Whether it is in the profile.
+
+    """
+
+    number: int
+    exists: Existence
+    step: Optional[Estimate] = None
+    ground: Optional[Estimate] = None
+    found: Optional[Found] = None
+    contradictions: int = 0
+    drift: float = 0.0
+    entered: bool = False
+
+
+class EdgeMap:
+    """
+    The edges around the ball; each keeps its number for as long as it is known.
+
+    Parameters
+    ----------
+    sigmas : float
+        Number of standard deviations at which two positions or heights contradict.
+
+    """
+
+    def __init__(self, sigmas: float):
+        self._sigmas, self._number = sigmas, 0
+        self.edges: List[Edge] = []
+
+    def start(self, certain: bool) -> Edge:
+        """Add an edge, without measurements; one that is `certain` enters the profile at once."""
+        edge = Edge(self.next_number(), Existence(certain))
+        self.edges.append(edge)
+        return edge
+
+    def next_number(self) -> int:
+        """Return the number of another edge."""
+        self._number += 1
+        return self._number
+
+    def nearest(self, face: Face, candidates: Iterable[Edge],
+                reach: float = 0.0) -> Optional[Edge]:
+        """Return the edge that a detection shows: of the same sign and within its gate."""
+        def gap(edge: Edge) -> float:
+            known = self.face(edge)
+            gate = max(reach, self._sigmas * math.hypot(known.position_sd, face.position_sd))
+            apart = abs(known.position - face.position)
+            return apart if known.height * face.height > 0.0 and apart < gate else math.inf
+        found = min(candidates, key=gap, default=None)
+        return found if found is not None and math.isfinite(gap(found)) else None
+
+    def clear(self, sensor: str) -> None:
+        """Remove what one sensor, `step` or `ground`, has detected."""
+        for edge in self.edges:
+            setattr(edge, sensor, None)
+            if sensor == 'ground':
+                edge.found = None
+        self.drop()
+
+    def drop(self) -> None:
+        """Remove edges that no sensor detects any more, and sort the others."""
+        self.edges = sorted(
+            (edge for edge in self.edges
+             if edge.exists.log_odds > 0.0 and (edge.step or edge.ground)),
+            key=lambda edge: self.face(edge).position)
+
+    def move(self, distance: float) -> None:
+        """Shift all edges, after a slip of the odometry [m]."""
+        for edge in self.edges:
+            for known in filter(None, (edge.step, edge.ground)):
+                known.mean = replace(known.mean, position=known.mean.position + distance)
+            if edge.found is not None:
+                edge.found = edge.found._replace(position=edge.found.position + distance)
+
+    def face(self, edge: Edge) -> Face:
+        """Return an edge as both sensors detect it; the higher one if they contradict."""
+        one, *others = (replace(known.face, number=edge.number)
+                        for known in filter(None, (edge.ground, edge.step)))
+        if not others:
+            return one
+        other = others[0]
+        apart, together = other.height - one.height, math.hypot(one.height_sd, other.height_sd)
+        if abs(apart) > self._sigmas * together:
+            return replace(one, height=max(one.height, other.height, key=abs),
+                           height_sd=max(one.height_sd, other.height_sd, 0.5 * abs(apart)))
+        part = one.height_sd**2 / together**2
+        # Averaging does not reduce constant errors.
+        sd = max(one.height_sd * other.height_sd / together,
+                 min(one.height_sd, other.height_sd) / math.sqrt(2.0))
+        return replace(one, height=one.height + part * apart, height_sd=sd)
+
+    @property
+    def faces(self) -> Tuple[Face, ...]:
+        """Return the edges of the profile, from near to far."""
+        found = []
+        for edge in self.edges:
+            face = self.face(edge)
+            edge.entered = edge.exists.confirmed and abs(face.height) > (
+                HEIGHT_EXIT if edge.entered else HEIGHT_ENTRY)
+            if edge.entered:
+                found.append(face)
+        return tuple(found)

@@ -1,0 +1,256 @@
+# SPDX-License-Identifier: Apache-2.0
+"""An observation of the next step is one detection of an edge."""
+from collections import deque
+from dataclasses import replace
+import math
+from statistics import median
+from typing import Deque, Optional
+
+import numpy as np
+
+from ballbot_ros.decision.perception.edge_map import Edge, EdgeMap, Estimate, Rejection
+from ballbot_ros.decision.tuning import DecisionTuning
+from ballbot_ros.decision.values import Face, FARTHEST, Reason, StepObservation
+
+# Window of the scatter estimate, and its minimum number of observations.
+KEPT, LEAST_KEPT = 25, 10
+
+
+class Scatter:
+    """
+    Scatter of repeated observations, from the median of their successive differences.
+
+    The median ignores a single jump.
+    """
+
+    def __init__(self) -> None:
+        """Start without a look."""
+        self._last = math.nan
+        self._steps: Deque[float] = deque(maxlen=KEPT)
+
+    def add(self, value: float) -> None:
+        """Add an observation [m]."""
+        if not math.isnan(self._last):
+            self._steps.append(abs(value - self._last))
+        self._last = value
+
+    @property
+    def sd(self) -> float:
+        """Return the standard deviation of an observation [m]; NaN for too few."""
+        if len(self._steps) < LEAST_KEPT:
+            return math.nan
+        # Of Gaussian values, half of the differences are within 0.6745 sqrt(2) deviations.
+        return median(self._steps) / 0.9539
+
+
+# Minimum standard deviations: odometry and observation are never exactly simultaneous, and
+# odometry drifts during the approach.
+DISTANCE_FLOOR = 0.010   # [m]
+HEIGHT_FLOOR = 0.0001    # [m]
+
+# Default standard deviations where the sensor reports none, before an estimate exists [m].
+DEFAULT_DISTANCE, DEFAULT_HEIGHT = 0.020, 0.005
+
+# Maximum scatter of observations; above it they contradict each other [m].
+NOISE = 0.010
+
+# Maximum ratio of observed scatter to reported deviation; above it the scatter counts.
+TRUSTED_RATIO = 1.5
+
+# A step may appear this far ahead of the centre when the ball has passed it.
+PASSED_SLACK = 0.02      # [m]
+
+# After an edge is passed, one at least this far beyond it is the next one.  A nearer one is the
+# same, displaced by odometry slip; treads are longer.
+NEXT_EDGE = 0.1          # [m]
+
+
+class StepSensor:
+    """
+    Takes the observations of a step sensor into an edge map.
+
+    Observations of one edge are averaged with weights 1 / variance at a fixed position on the
+    odometry axis.  A standard deviation of 0 means unknown; the scatter of the observations
+    replaces it.  The deviation of the average has a constant error as lower bound.  A trend of
+    the height with distance adds its expected remaining change to the uncertainty.
+
+    A detection within a radius of an edge that contradicts it by more than
+    `contradiction_sigma` deviations is reported, not averaged in; after `forget_after` consecutive
+    contradictions the newest replaces the average.  A detection elsewhere is another edge.  An
+    edge is missed by observations that show the ground beyond it, except within 1.5 radii, where
+    a sensor may look over it.
+
+    Parameters
+    ----------
+    radius : float
+        Of the ball [m].
+    tuning : DecisionTuning
+    edges : EdgeMap
+
+    Attributes
+    ----------
+    seen_to : float
+        End of the floor that the newest observation shows without a step [m].
+
+    """
+
+    def __init__(self, radius: float, tuning: DecisionTuning, edges: EdgeMap):
+        self._radius, self._tuning, self._edges = radius, tuning, edges
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the noise of the sensor."""
+        self._first, self.seen_to = True, math.inf
+        self._heights, self._places = Scatter(), Scatter()
+
+    def update(self, observation: StepObservation, position: float) -> Rejection:
+        """
+        Take in one observation.
+
+        Parameters
+        ----------
+        observation : StepObservation
+        position : float
+            Odometry of the ball's centre when it was made [m].
+
+        Returns
+        -------
+        reason : Reason or None
+            Of a rejection.
+        explanation : str
+
+        """
+        fault = _fault(observation, position)
+        if fault:
+            return Reason.BAD_OBSERVATION, fault
+        if not observation.detected and observation.height != 0.0:
+            return Reason.CONTRADICTORY, ('no step is detected, but its height is '
+                                          f'{1e3 * observation.height:.0f} mm')
+        if not observation.detected:
+            limited = observation.distance > 0.0
+            self.seen_to = position + observation.distance if limited else math.inf
+            self._miss(math.inf, position)
+            self._first = False
+            return None, ''
+        # Rejected observations count for the scatter, too.
+        self._heights.add(observation.height)
+        self._places.add(position + observation.distance)
+        shown = self._shown_by(observation, position)
+        edge = self._match(shown, position)
+        contradiction = '' if edge is None else self._contradiction(edge, shown, position)
+        if edge is not None and contradiction:
+            edge.contradictions += 1
+            if edge.exists.confirmed and edge.contradictions < self._tuning.forget_after:
+                return Reason.CONTRADICTORY, contradiction
+            known = edge.step.face
+            if abs(shown.height - known.height) > self._tuning.contradiction_sigma * math.hypot(
+                    known.height_sd, shown.height_sd):
+                edge.number = self._edges.next_number()
+            edge.step = None
+        if edge is None:
+            edge = self._edges.start(self._first)
+        else:
+            edge.exists.add(not contradiction)
+        self._average(edge, shown, observation)
+        self.seen_to, self._first = math.inf, False
+        self._miss(shown.position, position, edge)
+        return None, ''
+
+    def _shown_by(self, observation: StepObservation, position: float) -> Face:
+        """Return an observation as an edge with the standard deviations of it alone."""
+        return Face(0, position + observation.distance, observation.height,
+                    _combined_sd(observation.distance_sd, self._places.sd, DEFAULT_DISTANCE,
+                                 DISTANCE_FLOOR),
+                    _combined_sd(observation.height_sd, self._heights.sd, DEFAULT_HEIGHT,
+                                 HEIGHT_FLOOR))
+
+    def _match(self, shown: Face, position: float) -> Optional[Edge]:
+        """Return the edge that an observation shows, None for another one."""
+        own = [edge for edge in self._edges.edges if edge.step is not None]
+        passed = [edge for edge in own if _is_passed(edge, position)
+                  # Odometry slip displaces an edge; treads are longer.
+                  and shown.position <= edge.step.mean.position + NEXT_EDGE]
+        return (self._edges.nearest(
+            shown, [edge for edge in own if not _is_passed(edge, position)], self._radius)
+            or self._edges.nearest(shown, passed, math.inf) or self._edges.nearest(
+                shown, [edge for edge in self._edges.edges if edge.step is None]))
+
+    def _contradiction(self, edge: Edge, shown: Face, position: float) -> str:
+        """Return how a detection contradicts an edge, or an empty string."""
+        if edge.step is None or _is_passed(edge, position):
+            return ''
+        known, sigmas = edge.step.face, self._tuning.contradiction_sigma
+        moved, grown = shown.position - known.position, shown.height - known.height
+        if abs(moved) > sigmas * math.hypot(known.position_sd, shown.position_sd):
+            return f'the step jumped by {1e3 * moved:.0f} mm, more than {sigmas:g} deviations'
+        if abs(grown) > sigmas * math.hypot(known.height_sd, shown.height_sd):
+            return (f'the step changed from {1e3 * known.height:.0f} to {1e3 * shown.height:.0f} '
+                    f'mm, more than {sigmas:g} deviations')
+        return ''
+
+    def _average(self, edge: Edge, shown: Face, observation: StepObservation) -> None:
+        """Average a detection into an edge."""
+        edge.contradictions = 0
+        # Averaging does not reduce constant errors.
+        bias = self._tuning.height_bias_sd if observation.height_sd > 0.0 else max(
+            self._tuning.height_bias_sd, self._tuning.unreported_bias_sd)
+        if edge.step is None:
+            edge.step = Estimate(replace(shown, height_sd=max(shown.height_sd, bias)))
+        else:
+            known, trend = edge.step.mean, edge.step.trend
+            place, place_sd = _average(
+                known.position, known.position_sd, shown.position, shown.position_sd)
+            # Earlier weights used the reported deviations; the scatter may be larger.
+            scatter = np.nanmax((known.height_sd, trend.mean_sd,
+                                 self._heights.sd / math.sqrt(trend.count)))
+            height, height_sd = _average(
+                known.height, float(scatter), shown.height, shown.height_sd)
+            edge.step.mean = Face(0, place, height, max(place_sd, DISTANCE_FLOOR),
+                                  max(height_sd, bias))
+        edge.step.trend.add(observation.distance, observation.height)
+
+    def _miss(self, seen_to: float, position: float, shown: Optional[Edge] = None) -> None:
+        """Count a miss of the edges before a position, and forget those that are passed."""
+        for edge in self._edges.edges:
+            if edge is shown or edge.step is None:
+                continue
+            if _is_passed(edge, position):
+                edge.step = None
+            elif not edge.exists.confirmed or \
+                    position + 1.5 * self._radius < edge.step.mean.position < seen_to:
+                edge.exists.add(False)
+        self._edges.drop()
+
+
+def _is_passed(edge: Edge, position: float) -> bool:
+    """Return whether the centre is beyond an edge that the step sensor has detected."""
+    return edge.step is not None and position > edge.step.mean.position - PASSED_SLACK
+
+
+def _fault(observation: StepObservation, position: float) -> str:
+    """Return the reason why an observation is invalid, or an empty string."""
+    if not (observation.finite and math.isfinite(position)):
+        return 'a number of it is not finite'
+    for name in ('distance', 'distance_sd', 'height_sd'):
+        if getattr(observation, name) < 0.0:
+            return f'{name} is negative ({getattr(observation, name):g} m)'
+    for name in ('distance', 'height', 'distance_sd', 'height_sd'):
+        if abs(getattr(observation, name)) > FARTHEST:
+            return f'{name} is out of range ({getattr(observation, name):g} m)'
+    return ''
+
+
+def _combined_sd(reported: float, scatter: float, default: float, floor: float) -> float:
+    """Return the standard deviation of an observation, from the reported one and the scatter."""
+    scatter = min(scatter, NOISE) if math.isfinite(scatter) else math.nan
+    if reported > 0.0:
+        # Written so that an unknown scatter has no effect.
+        return max(scatter if scatter > TRUSTED_RATIO * reported else reported, floor)
+    return max(scatter, floor) if math.isfinite(scatter) else default
+
+
+def _average(first: float, first_sd: float, second: float,
+             second_sd: float) -> tuple[float, float]:
+    """Return mean and deviation of two values weighted by 1 / variance."""
+    one, two = first_sd**-2, second_sd**-2
+    return (one * first + two * second) / (one + two), (one + two)**-0.5
