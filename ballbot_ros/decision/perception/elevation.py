@@ -198,7 +198,7 @@ class ElevationMap:
         self._residuals = self._rough = 0.0
         self._position = 0.0
 
-    def add(self, look: Look, position: float) -> Tuple[str, Array]:
+    def add(self, look: Look, position: float) -> str:
         """
         Add a scan, unless it contradicts the map.
 
@@ -210,10 +210,8 @@ class ElevationMap:
 
         Returns
         -------
-        contradiction : str
-            Empty if there is none.
-        residual : (n,) array
-            Height of the scan above the map [m]; NaN outside the overlap.
+        str
+            A contradiction, empty if there is none.
 
         """
         self._follow(position)
@@ -228,7 +226,7 @@ class ElevationMap:
         places = look.places - position
         if np.count_nonzero(common) < LEAST_OVERLAP:
             self._begin(inside, look, new_variance, places)
-            return '', np.full(len(look.z), np.nan)
+            return ''
         together = variance + new_variance
         shift, tilt = _alignment(places, old - look.z, together, common)
         residual = look.z + shift + tilt * places - old
@@ -237,10 +235,10 @@ class ElevationMap:
             worst = int(np.argmax(np.where(common, residual**2 / together, -1.0)))
             return (f'the ground changed by {1e3 * residual[worst]:.0f} mm at '
                     f'{places[worst]:.2f} m, and by more than {self._sigmas:g} deviations at '
-                    f'{np.count_nonzero(outside)} of {np.count_nonzero(common)} places'), residual
+                    f'{np.count_nonzero(outside)} of {np.count_nonzero(common)} places')
         self._learn(residual, variance, look, common, tilt)
         self._fuse(inside, look.z + shift + tilt * places, new_variance, residual, seen, outside)
-        return '', np.where(common, residual, np.nan)
+        return ''
 
     def slip(self, look: Look) -> int:
         """

@@ -47,12 +47,11 @@ class Piece(NamedTuple):
 
 
 class Nodes(NamedTuple):
-    """Known nodes of a map: place, height, variance, and number in the map."""
+    """Known nodes of a map: place, height and variance."""
 
     x: Array
     z: Array
     variance: Array
-    number: Whole
 
 
 def pieces_of(nodes: Nodes, shared: float, edges: Sequence[Piece] = ()) -> List[Piece]:
@@ -179,8 +178,6 @@ class Found(NamedTuple):
     ----------
     position, run, height, height_sd : float
         As of `Face` [m].
-    before, after : (int, int)
-        Half-open node ranges from which its height is computed.
     excess : float
         Height without that of the ground beside it over the same run [m].
 
@@ -190,8 +187,6 @@ class Found(NamedTuple):
     run: float
     height: float
     height_sd: float
-    before: Tuple[int, int]
-    after: Tuple[int, int]
     excess: float
 
 
@@ -270,14 +265,13 @@ def _bridged(found: ElevationMap, known: Whole, shared: float) -> Nodes:
     z, variance = found.height[known], shared * found.variance[known]
     breaks = np.flatnonzero(np.diff(known) > 1)
     if not len(breaks):
-        return Nodes(x, z, variance, known)
+        return Nodes(x, z, variance)
     # Occluded terrain: a drop is at its edge, a rise at its nearest possible position.
     run, rise = np.diff(x), np.diff(z)
     jumps = breaks[np.abs(rise - run * around(rise / run))[breaks] > LEAST_FACE]
     return Nodes(np.insert(x, jumps + 1, x[jumps] + 1e-4),
                  np.insert(z, jumps + 1, z[jumps + 1]),
-                 np.insert(variance, jumps + 1, variance[jumps + 1]),
-                 np.insert(known, jumps + 1, known[jumps]))
+                 np.insert(variance, jumps + 1, variance[jumps + 1]))
 
 
 def _below(nodes: Nodes, pieces: List[Piece], position: float) -> Tuple[float, float, float]:
@@ -360,12 +354,11 @@ def _joint(nodes: Nodes, pieces: List[Piece], number: int) -> Tuple[float, float
 
 
 class _Side(NamedTuple):
-    """Ground beside a face: height, variance and slope at a place, and its nodes of the map."""
+    """Ground beside a face: height, variance and slope at a place."""
 
     z: float
     variance: float
     slope: float
-    nodes: Tuple[int, int]
 
 
 def _aside(nodes: Nodes, pieces: List[Piece], number: int, at: float, ahead: bool) -> _Side:
@@ -374,8 +367,7 @@ def _aside(nodes: Nodes, pieces: List[Piece], number: int, at: float, ahead: boo
     face = pieces[number]
     if not 0 <= other < len(pieces) or pieces[other].sign:
         node = face.end if ahead else face.begin
-        first = int(nodes.number[node])
-        return _Side(float(nodes.z[node]), float(nodes.variance[node]), 0.0, (first, first + 1))
+        return _Side(float(nodes.z[node]), float(nodes.variance[node]), 0.0)
     begin, end = _inside(pieces, other)
     if end - begin > ASIDE / CELL:
         if ahead:
@@ -387,7 +379,7 @@ def _aside(nodes: Nodes, pieces: List[Piece], number: int, at: float, ahead: boo
         # A cord or a groove: its mean would underestimate the observed height.
         extreme = np.max if (face.sign > 0) == ahead else np.min
         z = float(extreme(nodes.z[begin:end]))
-    return _Side(z, variance, slope, (int(nodes.number[begin]), int(nodes.number[end - 1]) + 1))
+    return _Side(z, variance, slope)
 
 
 def _face(nodes: Nodes, pieces: List[Piece], number: int
@@ -413,6 +405,5 @@ def _face(nodes: Nodes, pieces: List[Piece], number: int
     if not _is_seen_whole(pieces, number):
         variance += UNSEEN_SD**2
     excess = high.z - low.z - 0.5 * run * (low.slope + high.slope)
-    return (Found(position, run, high.z - low.z, math.sqrt(variance), low.nodes, high.nodes,
-                  excess),
+    return (Found(position, run, high.z - low.z, math.sqrt(variance), excess),
             (low.z, low.variance), (high.z, high.variance))

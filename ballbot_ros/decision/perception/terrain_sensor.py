@@ -8,7 +8,7 @@ from typing import Deque, List, Optional, Tuple
 import numpy as np
 
 from ballbot_ros.decision.perception.edge_map import (
-    Edge, EdgeMap, Estimate, Existence, Rejection)
+    EdgeMap, Estimate, Existence, Rejection)
 from ballbot_ros.decision.perception.elevation import (
     CELL, ElevationMap, Flags, Look, PLACE_SD, resample)
 from ballbot_ros.decision.perception.ground import ground_of, GroundSeen
@@ -130,9 +130,6 @@ OUTLIER_HEIGHT, OUTLIER_MEMORY = 0.03, 10
 # No blur is longer [m].
 BLURRED = 0.05
 
-# Number of nodes before and behind a face for its height in one scan.
-BESIDE = 6
-
 
 @dataclass
 class _Steep:
@@ -162,8 +159,6 @@ class TerrainSensor:
         The ground, without edges; None before the first observation.
     steepest : float
         Steepest slope on which the ball can be held [rad].
-    offset : float
-        Height error of the floor below the ball in the newest scan [m].
 
     """
 
@@ -181,7 +176,6 @@ class TerrainSensor:
         self._strikes = 0
         self._slipped = self._rolled_to = self._position = 0.0
         self._outliers: Deque[Array] = deque(maxlen=OUTLIER_MEMORY)
-        self.offset = 0.0
 
     def update(self, observation: TerrainObservation, position: float) -> Rejection:
         """
@@ -215,12 +209,11 @@ class TerrainSensor:
             return Reason.BAD_OBSERVATION, 'it shows nothing of the ground around the ball'
         near = np.isfinite(look.z) & (np.abs(look.places - position) <= 2.0 * self._radius)
         if near.any():
-            x, z = look.places[near] - position, look.z[near]
-            wrong = misplaced(x, z, self._radius, self._map.looks > 0)
+            wrong = misplaced(look.places[near] - position, look.z[near], self._radius,
+                              self._map.looks > 0)
             if wrong:
                 return Reason.BAD_OBSERVATION, wrong
-            self.offset = self._radius - float(np.hypot(x, z).min())
-        contradiction, residual = self._map.add(look, position)
+        contradiction = self._map.add(look, position)
         if contradiction:
             slipped = self._map.slip(look)
             rolled, self._rolled_to = abs(position - self._rolled_to), position
@@ -230,10 +223,10 @@ class TerrainSensor:
                     f'the terrain moves along with the ball, by {self._slipped:.2f} m')
             if slipped:
                 self._move(slipped)
-                contradiction, residual = self._map.add(look, position)
+                contradiction = self._map.add(look, position)
         if contradiction:
             return self._contradicted(observation, look, position, contradiction)
-        return self._fused(observation.stamp, look, residual, position)
+        return self._fused(observation.stamp, position)
 
     def _without_outliers(self, x: Array, z: Array, position: float) -> Flags:
         """Return the points to keep: all except isolated ones that earlier observations lack."""
@@ -269,11 +262,10 @@ class TerrainSensor:
         self._map.clear()
         self._edges.clear('ground')
         self._steep = []
-        _, residual = self._map.add(look, position)
-        return self._fused(observation.stamp, look, residual, position)
+        self._map.add(look, position)
+        return self._fused(observation.stamp, position)
 
-    def _fused(self, stamp: float, look: Look, residual: Array, position: float
-               ) -> Rejection:
+    def _fused(self, stamp: float, position: float) -> Rejection:
         """Update ground and edges after an accepted scan."""
         self._strikes = 0
         ground = ground_of(self._map, position,
@@ -284,7 +276,7 @@ class TerrainSensor:
             self._steep = []
             self.profile = Profile(stamp, seen_from=position, seen_to=position)
             return None, ''
-        self._detect(ground, look, residual, position)
+        self._detect(ground, position)
         drift = max((edge.drift for edge in self._edges.edges), default=0.0)
         if drift > SLIP_MAX:
             return Reason.CONTRADICTORY, f'an edge has moved along with the ball, by {drift:.2f} m'
@@ -318,7 +310,7 @@ class TerrainSensor:
         return (self._tuning.height_bias_sd if self._map.reports_sd
                 else max(self._tuning.height_bias_sd, self._tuning.unreported_bias_sd))
 
-    def _detect(self, ground: GroundSeen, look: Look, residual: Array, position: float) -> None:
+    def _detect(self, ground: GroundSeen, position: float) -> None:
         """Update the edges with those that the map shows."""
         forward, self._position = math.copysign(1.0, position - self._position), position
         missed = [edge for edge in self._edges.edges if edge.ground is not None]
@@ -340,26 +332,11 @@ class TerrainSensor:
                     edge.drift += forward * (found.position - edge.found.position)
             edge.found, edge.ground = found, edge.ground or Estimate(face)
             edge.ground.mean = face
-            self._note(edge, look, residual, position)
+            if found.position > position:
+                edge.ground.trend.add(found.position - position, found.height)
         for edge in missed:
             edge.exists.add(False)
             # A miss of an edge behind the ball does not count.
             if not ground.seen_from <= edge.found.position <= ground.seen_to:
                 edge.ground = edge.found = None
         self._edges.drop()
-
-    def _note(self, edge: Edge, look: Look, residual: Array, position: float) -> None:
-        """Store the height of an edge in this scan alone."""
-        distance = edge.found.position - position
-        if distance <= 0.0:
-            return
-        lift = []
-        for begin, end in (edge.found.before[1] - BESIDE, edge.found.before[1]), (
-                edge.found.after[0], edge.found.after[0] + BESIDE):
-            shift = self._map.first - look.first
-            beside = residual[max(0, begin + shift):max(0, end + shift)]
-            beside = beside[np.isfinite(beside)]
-            if len(beside) < 2:
-                return
-            lift.append(float(beside.mean()))
-        edge.ground.trend.add(distance, edge.found.height + lift[1] - lift[0])
