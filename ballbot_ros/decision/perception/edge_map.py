@@ -4,7 +4,6 @@ from dataclasses import dataclass, field, replace
 import math
 from typing import Iterable, List, Optional, Tuple
 
-from ballbot_ros.decision.perception.ground import Found
 from ballbot_ros.decision.values import Face, Reason
 
 # Reason of the rejection of an observation, if any, and its explanation.
@@ -135,8 +134,6 @@ class Edge:
     exists : Existence
     step, ground : Estimate or None
         By a step sensor and by a terrain sensor.
-    found : Found or None
-        Measurement in the elevation map of the terrain sensor.
     contradictions : int
         Consecutive observations of the step sensor that contradict `step`.
     drift : float
@@ -150,7 +147,6 @@ class Edge:
     exists: Existence
     step: Optional[Estimate] = None
     ground: Optional[Estimate] = None
-    found: Optional[Found] = None
     contradictions: int = 0
     drift: float = 0.0
     entered: bool = False
@@ -197,8 +193,6 @@ class EdgeMap:
         """Remove what one sensor, `step` or `ground`, has detected."""
         for edge in self.edges:
             setattr(edge, sensor, None)
-            if sensor == 'ground':
-                edge.found = None
         self.drop()
 
     def drop(self) -> None:
@@ -213,8 +207,6 @@ class EdgeMap:
         for edge in self.edges:
             for known in filter(None, (edge.step, edge.ground)):
                 known.mean = replace(known.mean, position=known.mean.position + distance)
-            if edge.found is not None:
-                edge.found = edge.found._replace(position=edge.found.position + distance)
 
     def face(self, edge: Edge) -> Face:
         """Return an edge as both sensors detect it; the higher one if they contradict."""

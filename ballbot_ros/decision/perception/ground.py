@@ -5,8 +5,9 @@ from typing import List, NamedTuple, Sequence, Tuple
 
 import numpy as np
 
-from ballbot_ros.decision.perception.elevation import around, CELL, ElevationMap, Whole
+from ballbot_ros.decision.perception.elevation import around, CELL, ElevationMap, PLACE_SD, Whole
 from ballbot_ros.decision.perception.kernels import line, middle, simplify
+from ballbot_ros.decision.values import Face
 from ballbot_ros.physics.model.terrain import Array
 
 # A steeper segment is a face, not a ramp: no ball of this kind rolls up 11 degrees.
@@ -170,24 +171,8 @@ SLOPE_SD = 0.003
 UNSEEN_SD = 0.05
 
 
-class Found(NamedTuple):
-    """
-    A face detected in the map.
-
-    Attributes
-    ----------
-    position, run, height, height_sd : float
-        As of `Face` [m].
-    excess : float
-        Height without that of the ground beside it over the same run [m].
-
-    """
-
-    position: float
-    run: float
-    height: float
-    height_sd: float
-    excess: float
+# No blur is longer [m].
+LONGEST_BLUR = 0.05
 
 
 class GroundSeen(NamedTuple):
@@ -200,7 +185,8 @@ class GroundSeen(NamedTuple):
         Polyline, position and height above the floor below the ball [m].
     sds : list of float
         Standard deviations of the heights [m].
-    faces : list of Found
+    faces : list of Face
+        Without numbers.
     seen_from, seen_to : float
         [m]
     slope, slope_sd : float
@@ -210,7 +196,7 @@ class GroundSeen(NamedTuple):
 
     points: List[Tuple[float, float]]
     sds: List[float]
-    faces: List[Found]
+    faces: List[Face]
     seen_from: float
     seen_to: float
     slope: float
@@ -218,7 +204,7 @@ class GroundSeen(NamedTuple):
 
 
 def ground_of(found: ElevationMap, position: float,
-              edges: Sequence[Found] = ()) -> GroundSeen:
+              edges: Sequence[Face] = ()) -> GroundSeen:
     """
     Return the ground of a map around a position; may be empty.
 
@@ -227,7 +213,7 @@ def ground_of(found: ElevationMap, position: float,
     found : ElevationMap
     position : float
         Of the ball [m].
-    edges : sequence of Found
+    edges : sequence of Face
         Known faces: they are measured at their positions, and only the test of
         `FACE_EXIT` applies to them.
 
@@ -248,7 +234,7 @@ def ground_of(found: ElevationMap, position: float,
                       math.atan(slope), slope_sd)
 
 
-def _edges_in(nodes: Nodes, edges: Sequence[Found]) -> List[Piece]:
+def _edges_in(nodes: Nodes, edges: Sequence[Face]) -> List[Piece]:
     """Return the nodes between which known faces lie."""
     found = []
     for edge in edges:
@@ -291,11 +277,11 @@ def _below(nodes: Nodes, pieces: List[Piece], position: float) -> Tuple[float, f
 
 
 def _assemble(nodes: Nodes, pieces: List[Piece], edges: Sequence[Piece], datum: float
-              ) -> Tuple[List[Tuple[float, float]], List[float], List[Found]]:
+              ) -> Tuple[List[Tuple[float, float]], List[float], List[Face]]:
     """Return polyline, its deviations and the faces."""
     points: List[Tuple[float, float]] = []
     sds: List[float] = []
-    faces: List[Found] = []
+    faces: List[Face] = []
 
     def put(x: float, z: float, variance: float) -> None:
         # The blurs of adjacent faces overlap.
@@ -304,12 +290,12 @@ def _assemble(nodes: Nodes, pieces: List[Piece], edges: Sequence[Piece], datum: 
 
     for number, piece in enumerate(pieces):
         if piece.sign:
-            face, low, high = _face(nodes, pieces, number)
+            face, excess, low, high = _face(nodes, pieces, number)
             put(face.position, *low)
             put(face.position + face.run, *high)
             known = any(edge.sign == piece.sign and piece.begin <= edge.begin
                         and edge.end <= piece.end for edge in edges)
-            if piece.sign * face.excess > FACE_EXIT if known else abs(face.height) > max(
+            if piece.sign * excess > FACE_EXIT if known else abs(face.height) > max(
                     LEAST_FACE, CERTAIN * math.sqrt(low[1] + high[1])):
                 faces.append(face)
             continue
@@ -383,8 +369,12 @@ def _aside(nodes: Nodes, pieces: List[Piece], number: int, at: float, ahead: boo
 
 
 def _face(nodes: Nodes, pieces: List[Piece], number: int
-          ) -> Tuple[Found, Tuple[float, float], Tuple[float, float]]:
-    """Return a face, and height and variance of the ground before and behind it."""
+          ) -> Tuple[Face, float, Tuple[float, float], Tuple[float, float]]:
+    """
+    Return a face, and height and variance of the ground before and behind it.
+
+    The second value is its height without that of the ground beside it over the same run [m].
+    """
     piece = pieces[number]
     x = nodes.x[piece.begin:piece.end + 1]
     begin, end = float(x[0]), float(x[-1])
@@ -405,5 +395,7 @@ def _face(nodes: Nodes, pieces: List[Piece], number: int
     if not _is_seen_whole(pieces, number):
         variance += UNSEEN_SD**2
     excess = high.z - low.z - 0.5 * run * (low.slope + high.slope)
-    return (Found(position, run, high.z - low.z, math.sqrt(variance), excess),
+    # A face with an apparent run may be vertical, blurred by missing points.
+    position_sd = math.hypot(PLACE_SD, 0.3 * min(run, LONGEST_BLUR))
+    return (Face(0, position, high.z - low.z, position_sd, math.sqrt(variance), run), excess,
             (low.z, low.variance), (high.z, high.variance))

@@ -10,12 +10,12 @@ import numpy as np
 from ballbot_ros.decision.perception.edge_map import (
     EdgeMap, Estimate, Existence, Rejection)
 from ballbot_ros.decision.perception.elevation import (
-    CELL, ElevationMap, Flags, Look, PLACE_SD, resample)
+    CELL, ElevationMap, Flags, resample)
 from ballbot_ros.decision.perception.ground import ground_of, GroundSeen
 from ballbot_ros.decision.perception.ground_profile import (
     SLOPE_HYSTERESIS, SLOPE_LENGTH, steep_stretches)
 from ballbot_ros.decision.tuning import DecisionTuning
-from ballbot_ros.decision.values import Face, FARTHEST, Profile, Reason, TerrainObservation
+from ballbot_ros.decision.values import FARTHEST, Profile, Reason, TerrainObservation
 from ballbot_ros.physics.model.terrain import Array
 
 # More points than a row of any camera are invalid.
@@ -127,9 +127,6 @@ SLIP_MAX, SLIP_SHARE = 0.3, 0.1
 # observations show it at the same place.
 OUTLIER_HEIGHT, OUTLIER_MEMORY = 0.03, 10
 
-# No blur is longer [m].
-BLURRED = 0.05
-
 
 @dataclass
 class _Steep:
@@ -222,11 +219,35 @@ class TerrainSensor:
                 return Reason.CONTRADICTORY, (
                     f'the terrain moves along with the ball, by {self._slipped:.2f} m')
             if slipped:
-                self._move(slipped)
+                self._map.first += slipped
+                self._edges.move(slipped * CELL)
+                for stretch in self._steep:
+                    stretch.begin += slipped * CELL
                 contradiction = self._map.add(look, position)
         if contradiction:
-            return self._contradicted(observation, look, position, contradiction)
-        return self._fused(observation.stamp, position)
+            self._strikes += 1
+            if self._strikes < self._tuning.forget_after:
+                return Reason.CONTRADICTORY, contradiction
+            self._map.clear()
+            self._map.add(look, position)
+            self._edges.clear('ground')
+            self._steep = []
+        self._strikes = 0
+        ground = ground_of(self._map, position,
+                           [edge.ground.mean for edge in self._edges.edges
+                            if edge.ground is not None and edge.exists.confirmed])
+        if not ground.points:
+            self._edges.clear('ground')
+            self._steep = []
+            self.profile = Profile(observation.stamp, seen_from=position, seen_to=position)
+            return None, ''
+        drift = self._detect(ground, position)
+        if drift > SLIP_MAX:
+            return Reason.CONTRADICTORY, f'an edge has moved along with the ball, by {drift:.2f} m'
+        self.profile = self._with_steep(Profile(
+            observation.stamp, self._edges.faces, tuple(ground.points), ground.seen_from,
+            ground.seen_to, ground.slope, ground.slope_sd, points_sd=tuple(ground.sds)))
+        return None, ''
 
     def _without_outliers(self, x: Array, z: Array, position: float) -> Flags:
         """Return the points to keep: all except isolated ones that earlier observations lack."""
@@ -245,45 +266,6 @@ class TerrainSensor:
         kept: Flags = ~lone
         kept[lone] = 2 * near.sum(axis=1) >= OUTLIER_MEMORY
         return kept
-
-    def _move(self, nodes: int) -> None:
-        """Shift the map, after a slip of the odometry."""
-        self._map.first += nodes
-        self._edges.move(nodes * CELL)
-        for stretch in self._steep:
-            stretch.begin += nodes * CELL
-
-    def _contradicted(self, observation: TerrainObservation, look: Look, position: float,
-                      why: str) -> Rejection:
-        """Reject a contradicting observation, or accept it after repetitions."""
-        self._strikes += 1
-        if self._strikes < self._tuning.forget_after:
-            return Reason.CONTRADICTORY, why
-        self._map.clear()
-        self._edges.clear('ground')
-        self._steep = []
-        self._map.add(look, position)
-        return self._fused(observation.stamp, position)
-
-    def _fused(self, stamp: float, position: float) -> Rejection:
-        """Update ground and edges after an accepted scan."""
-        self._strikes = 0
-        ground = ground_of(self._map, position,
-                           [edge.found for edge in self._edges.edges
-                            if edge.found is not None and edge.exists.confirmed])
-        if not ground.points:
-            self._edges.clear('ground')
-            self._steep = []
-            self.profile = Profile(stamp, seen_from=position, seen_to=position)
-            return None, ''
-        self._detect(ground, position)
-        drift = max((edge.drift for edge in self._edges.edges), default=0.0)
-        if drift > SLIP_MAX:
-            return Reason.CONTRADICTORY, f'an edge has moved along with the ball, by {drift:.2f} m'
-        self.profile = self._with_steep(Profile(
-            stamp, self._edges.faces, tuple(ground.points), ground.seen_from, ground.seen_to,
-            ground.slope, ground.slope_sd, points_sd=tuple(ground.sds)))
-        return None, ''
 
     def _with_steep(self, profile: Profile) -> Profile:
         """Return a profile with the stretches that are too steep, which persist as faces do."""
@@ -304,39 +286,33 @@ class TerrainSensor:
         return replace(profile, steep=tuple(
             (known.begin, known.slope) for known in self._steep if known.exists.confirmed))
 
-    @property
-    def _bias(self) -> float:
-        """Return the standard deviation that no number of looks brings down [m]."""
-        return (self._tuning.height_bias_sd if self._map.reports_sd
-                else max(self._tuning.height_bias_sd, self._tuning.unreported_bias_sd))
-
-    def _detect(self, ground: GroundSeen, position: float) -> None:
-        """Update the edges with those that the map shows."""
+    def _detect(self, ground: GroundSeen, position: float) -> float:
+        """Update the edges with those of the map; return how far one has moved with the ball."""
         forward, self._position = math.copysign(1.0, position - self._position), position
+        bias = (self._tuning.height_bias_sd if self._map.reports_sd
+                else max(self._tuning.height_bias_sd, self._tuning.unreported_bias_sd))
         missed = [edge for edge in self._edges.edges if edge.ground is not None]
         others = [edge for edge in self._edges.edges if edge.ground is None]
-        for found in ground.faces:
-            # A face with an apparent run may be vertical, blurred by missing points.
-            face = Face(0, found.position, found.height,
-                        math.hypot(PLACE_SD, 0.3 * min(found.run, BLURRED)),
-                        max(found.height_sd, self._bias),
-                        found.run)
+        for face in ground.faces:
+            # Averaging does not reduce constant errors.
+            face = replace(face, height_sd=max(face.height_sd, bias))
             edge = self._edges.nearest(face, missed) or self._edges.nearest(face, others)
             if edge is None:
                 edge = self._edges.start(self._map.looks == 1)
             else:
                 edge.exists.add(True)
-                missed = [other for other in missed if other is not edge]
-                others = [other for other in others if other is not edge]
-                if edge.found is not None:
-                    edge.drift += forward * (found.position - edge.found.position)
-            edge.found, edge.ground = found, edge.ground or Estimate(face)
-            edge.ground.mean = face
-            if found.position > position:
-                edge.ground.trend.add(found.position - position, found.height)
+                (missed if edge in missed else others).remove(edge)
+            if edge.ground is None:
+                edge.ground = Estimate(face)
+            else:
+                edge.drift += forward * (face.position - edge.ground.mean.position)
+                edge.ground.mean = face
+            if face.position > position:
+                edge.ground.trend.add(face.position - position, face.height)
         for edge in missed:
             edge.exists.add(False)
             # A miss of an edge behind the ball does not count.
-            if not ground.seen_from <= edge.found.position <= ground.seen_to:
-                edge.ground = edge.found = None
+            if not ground.seen_from <= edge.ground.mean.position <= ground.seen_to:
+                edge.ground = None
         self._edges.drop()
+        return max((edge.drift for edge in self._edges.edges), default=0.0)
