@@ -123,70 +123,53 @@ class StepSensor:
         fault = _fault(observation, position)
         if fault:
             return Reason.BAD_OBSERVATION, fault
-        if not observation.detected and observation.height != 0.0:
-            return Reason.CONTRADICTORY, ('no step is detected, but its height is '
-                                          f'{1e3 * observation.height:.0f} mm')
         if not observation.detected:
+            if observation.height != 0.0:
+                return Reason.CONTRADICTORY, ('no step is detected, but its height is '
+                                              f'{1e3 * observation.height:.0f} mm')
             limited = observation.distance > 0.0
             self.seen_to = position + observation.distance if limited else math.inf
-            self._miss(math.inf, position)
-            self._first = False
-            return None, ''
+            return self._accept(math.inf, position, None)
         # Rejected observations count for the scatter, too.
         self._heights.add(observation.height)
         self._places.add(position + observation.distance)
-        shown = self._shown_by(observation, position)
-        edge = self._match(shown, position)
-        contradiction = '' if edge is None else self._contradiction(edge, shown, position)
-        if edge is not None and contradiction:
-            edge.contradictions += 1
-            if edge.exists.confirmed and edge.contradictions < self._tuning.forget_after:
-                return Reason.CONTRADICTORY, contradiction
-            known = edge.step.face
-            if abs(shown.height - known.height) > self._tuning.contradiction_sigma * math.hypot(
-                    known.height_sd, shown.height_sd):
-                edge.number = self._edges.next_number()
-            edge.step = None
-        if edge is None:
-            edge = self._edges.start(self._first)
+        shown = Face(0, position + observation.distance, observation.height,
+                     _combined_sd(observation.distance_sd, self._places.sd, DEFAULT_DISTANCE,
+                                  DISTANCE_FLOOR),
+                     _combined_sd(observation.height_sd, self._heights.sd, DEFAULT_HEIGHT,
+                                  HEIGHT_FLOOR))
+        edges, sigmas = self._edges, self._tuning.contradiction_sigma
+        edge = edges.nearest(shown, [one for one in edges.edges if one.step is not None
+                                     and not _is_passed(one, position)], self._radius)
+        if edge is not None:
+            known, gap = edge.step.face, ''
+            moved, grown = shown.position - known.position, shown.height - known.height
+            other = abs(grown) > sigmas * math.hypot(known.height_sd, shown.height_sd)
+            if abs(moved) > sigmas * math.hypot(known.position_sd, shown.position_sd):
+                gap = f'the step jumped by {1e3 * moved:.0f} mm'
+            elif other:
+                gap = (f'the step changed from {1e3 * known.height:.0f} to '
+                       f'{1e3 * shown.height:.0f} mm')
+            if gap:
+                edge.contradictions += 1
+                if edge.exists.confirmed and edge.contradictions < self._tuning.forget_after:
+                    return Reason.CONTRADICTORY, f'{gap}, more than {sigmas:g} deviations'
+                edge.step = None
+                edge.number = edges.next_number() if other else edge.number
+            edge.exists.add(not gap)
         else:
-            edge.exists.add(not contradiction)
+            # Odometry slip displaces an edge that is passed; treads are longer.
+            edge = edges.nearest(shown, [
+                one for one in edges.edges if _is_passed(one, position)
+                and shown.position <= one.step.mean.position + NEXT_EDGE], math.inf) \
+                or edges.nearest(shown, [one for one in edges.edges if one.step is None])
+            if edge is None:
+                edge = edges.start(self._first)
+            else:
+                edge.exists.add(True)
         self._average(edge, shown, observation)
-        self.seen_to, self._first = math.inf, False
-        self._miss(shown.position, position, edge)
-        return None, ''
-
-    def _shown_by(self, observation: StepObservation, position: float) -> Face:
-        """Return an observation as an edge with the standard deviations of it alone."""
-        return Face(0, position + observation.distance, observation.height,
-                    _combined_sd(observation.distance_sd, self._places.sd, DEFAULT_DISTANCE,
-                                 DISTANCE_FLOOR),
-                    _combined_sd(observation.height_sd, self._heights.sd, DEFAULT_HEIGHT,
-                                 HEIGHT_FLOOR))
-
-    def _match(self, shown: Face, position: float) -> Optional[Edge]:
-        """Return the edge that an observation shows, None for another one."""
-        own = [edge for edge in self._edges.edges if edge.step is not None]
-        passed = [edge for edge in own if _is_passed(edge, position)
-                  # Odometry slip displaces an edge; treads are longer.
-                  and shown.position <= edge.step.mean.position + NEXT_EDGE]
-        return (self._edges.nearest(
-            shown, [edge for edge in own if not _is_passed(edge, position)], self._radius)
-            or self._edges.nearest(shown, passed, math.inf) or self._edges.nearest(
-                shown, [edge for edge in self._edges.edges if edge.step is None]))
-
-    def _contradiction(self, edge: Edge, shown: Face, position: float) -> str:
-        """Return how a detection contradicts an edge, or an empty string."""
-        if edge.step is None or _is_passed(edge, position):
-            return ''
-        known, sigmas = edge.step.face, self._tuning.contradiction_sigma
-        moved, grown = shown.position - known.position, shown.height - known.height
-        if abs(moved) > sigmas * math.hypot(known.position_sd, shown.position_sd):
-            return f'the step jumped by {1e3 * moved:.0f} mm, more than {sigmas:g} deviations'
-        if abs(grown) > sigmas * math.hypot(known.height_sd, shown.height_sd):
-            return (f'the step changed from {1e3 * known.height:.0f} to {1e3 * shown.height:.0f} '
-                    f'mm, more than {sigmas:g} deviations')
-        return ''
+        self.seen_to = math.inf
+        return self._accept(shown.position, position, edge)
 
     def _average(self, edge: Edge, shown: Face, observation: StepObservation) -> None:
         """Average a detection into an edge."""
@@ -209,8 +192,9 @@ class StepSensor:
                                   max(height_sd, bias))
         edge.step.trend.add(observation.distance, observation.height)
 
-    def _miss(self, seen_to: float, position: float, shown: Optional[Edge] = None) -> None:
+    def _accept(self, seen_to: float, position: float, shown: Optional[Edge]) -> Rejection:
         """Count a miss of the edges before a position, and forget those that are passed."""
+        self._first = False
         for edge in self._edges.edges:
             if edge is shown or edge.step is None:
                 continue
@@ -220,6 +204,7 @@ class StepSensor:
                     position + 1.5 * self._radius < edge.step.mean.position < seen_to:
                 edge.exists.add(False)
         self._edges.drop()
+        return None, ''
 
 
 def _is_passed(edge: Edge, position: float) -> bool:
