@@ -141,7 +141,7 @@ class StepSensor:
         edges, sigmas = self._edges, self._tuning.contradiction_sigma
         edge = edges.nearest(shown, [one for one in edges.edges if one.step is not None
                                      and not _is_passed(one, position)], self._radius)
-        if edge is not None:
+        if edge is not None and edge.step is not None:
             known, gap = edge.step.face, ''
             moved, grown = shown.position - known.position, shown.height - known.height
             other = abs(grown) > sigmas * math.hypot(known.height_sd, shown.height_sd)
@@ -160,7 +160,7 @@ class StepSensor:
         else:
             # Odometry slip displaces an edge that is passed; treads are longer.
             edge = edges.nearest(shown, [
-                one for one in edges.edges if _is_passed(one, position)
+                one for one in edges.edges if one.step is not None and _is_passed(one, position)
                 and shown.position <= one.step.mean.position + NEXT_EDGE], math.inf) \
                 or edges.nearest(shown, [one for one in edges.edges if one.step is None])
             if edge is None:

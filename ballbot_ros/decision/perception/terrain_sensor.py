@@ -312,7 +312,8 @@ class TerrainSensor:
         for edge in missed:
             edge.exists.add(False)
             # A miss of an edge behind the ball does not count.
-            if not ground.seen_from <= edge.ground.mean.position <= ground.seen_to:
+            if edge.ground is not None and not \
+                    ground.seen_from <= edge.ground.mean.position <= ground.seen_to:
                 edge.ground = None
         self._edges.drop()
         return max((edge.drift for edge in self._edges.edges), default=0.0)
