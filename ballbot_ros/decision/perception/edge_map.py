@@ -100,7 +100,7 @@ class Existence:
 
 
 @dataclass
-class Estimate:
+class EdgeEstimate:
     """
     An edge as one sensor detects it.
 
@@ -124,7 +124,7 @@ class Estimate:
 
 
 @dataclass(eq=False)
-class Edge:
+class TrackedEdge:
     """
     An edge with the evidence for it.
 
@@ -132,7 +132,7 @@ class Edge:
     ----------
     number : int
     exists : Existence
-    step, ground : Estimate or None
+    step, ground : EdgeEstimate or None
         By a step sensor and by a terrain sensor.
     contradictions : int
         Consecutive observations of the step sensor that contradict `step`.
@@ -145,8 +145,8 @@ class Edge:
 
     number: int
     exists: Existence
-    step: Optional[Estimate] = None
-    ground: Optional[Estimate] = None
+    step: Optional[EdgeEstimate] = None
+    ground: Optional[EdgeEstimate] = None
     contradictions: int = 0
     drift: float = 0.0
     entered: bool = False
@@ -165,11 +165,11 @@ class EdgeMap:
 
     def __init__(self, sigmas: float):
         self._sigmas, self._number = sigmas, 0
-        self.edges: List[Edge] = []
+        self.edges: List[TrackedEdge] = []
 
-    def start(self, certain: bool) -> Edge:
-        """Add an edge, without measurements; one that is `certain` enters the profile at once."""
-        edge = Edge(self.next_number(), Existence(certain))
+    def start(self, certain: bool) -> TrackedEdge:
+        """Add an edge without measurements; one that is `certain` is confirmed."""
+        edge = TrackedEdge(self.next_number(), Existence(certain))
         self.edges.append(edge)
         return edge
 
@@ -178,10 +178,10 @@ class EdgeMap:
         self._number += 1
         return self._number
 
-    def nearest(self, face: Face, candidates: Iterable[Edge],
-                reach: float = 0.0) -> Optional[Edge]:
+    def nearest(self, face: Face, candidates: Iterable[TrackedEdge],
+                reach: float = 0.0) -> Optional[TrackedEdge]:
         """Return the edge that a detection shows: of the same sign and within its gate."""
-        def gap(edge: Edge) -> float:
+        def gap(edge: TrackedEdge) -> float:
             known = self.face(edge)
             gate = max(reach, self._sigmas * math.hypot(known.position_sd, face.position_sd))
             apart = abs(known.position - face.position)
@@ -208,7 +208,7 @@ class EdgeMap:
             for known in filter(None, (edge.step, edge.ground)):
                 known.mean = replace(known.mean, position=known.mean.position + distance)
 
-    def face(self, edge: Edge) -> Face:
+    def face(self, edge: TrackedEdge) -> Face:
         """Return an edge as both sensors detect it; the higher one if they contradict."""
         one, *others = (replace(known.face, number=edge.number)
                         for known in filter(None, (edge.ground, edge.step)))

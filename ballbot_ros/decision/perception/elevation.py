@@ -290,7 +290,7 @@ class ElevationMap:
 
     def _learn(self, residual: Array, variance: Array, look: Look, common: Flags,
                tilt: float) -> None:
-        """Estimate noise and tilt of the scans from their residuals."""
+        """EdgeEstimate noise and tilt of the scans from their residuals."""
         even = common & (look.steep < 0.001)
         self.looks += 1
         weight = 1.0 / min(self.looks - 1, 50)

@@ -9,8 +9,8 @@ from typing import Deque, Dict, Optional, Tuple, Union
 import numpy as np
 
 from ballbot_ros.decision.perception.edge_map import EdgeMap
-from ballbot_ros.decision.perception.step_sensor import StepSensor
-from ballbot_ros.decision.perception.terrain_sensor import TerrainSensor
+from ballbot_ros.decision.perception.step_tracker import StepTracker
+from ballbot_ros.decision.perception.terrain_tracker import TerrainTracker
 from ballbot_ros.decision.tuning import DecisionTuning
 from ballbot_ros.decision.values import (
     Face, Motion, Profile, Reason, StepObservation, TerrainObservation)
@@ -38,8 +38,8 @@ class ProfileTracker:
     def __init__(self, robot: Robot, tuning: DecisionTuning, frame: str = 'base_link'):
         """Start with nothing seen."""
         self._edges = EdgeMap(tuning.contradiction_sigma)
-        self._steps = StepSensor(robot.ball_radius, tuning, self._edges)
-        self._terrain = TerrainSensor(robot.ball_radius, tuning, self._edges, frame)
+        self._steps = StepTracker(robot.ball_radius, tuning, self._edges)
+        self._terrain = TerrainTracker(robot.ball_radius, tuning, self._edges, frame)
         self.reset()
 
     def stand_on(self, steepest: float) -> None:

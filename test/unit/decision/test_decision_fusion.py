@@ -6,7 +6,7 @@ import pytest
 from ballbot_ros.decision import (
     DecisionTuning, Face, Motion, Profile, Reason, StepObservation, TerrainObservation)
 from ballbot_ros.decision.perception import GroundFusion
-from ballbot_ros.decision.perception.edge_map import EdgeMap, Estimate
+from ballbot_ros.decision.perception.edge_map import EdgeEstimate, EdgeMap
 from ballbot_ros.decision.perception.ground_profile import GroundProfile, steep_stretches
 from ballbot_ros.physics.model.robot import load_robot
 
@@ -160,7 +160,7 @@ def test_an_edge_enters_at_one_height_and_leaves_at_a_lower_one():
     edge = edges.start(certain=True)
 
     def entered(height):
-        edge.ground = Estimate(Face(0, 1.0, height, 0.01, 0.0005))
+        edge.ground = EdgeEstimate(Face(0, 1.0, height, 0.01, 0.0005))
         return bool(edges.faces)
     assert list(map(entered, (0.004, -0.004, -0.005, -0.004, 0.0035, 0.002))) == [
         False, False, True, True, True, False]

@@ -8,7 +8,7 @@ from typing import Deque, List, Optional, Tuple
 import numpy as np
 
 from ballbot_ros.decision.perception.edge_map import (
-    EdgeMap, Estimate, Existence, Rejection)
+    EdgeEstimate, EdgeMap, Existence, Rejection)
 from ballbot_ros.decision.perception.elevation import (
     CELL, ElevationMap, Flags, resample)
 from ballbot_ros.decision.perception.ground import ground_of, GroundSeen
@@ -137,7 +137,7 @@ class _Steep:
     exists: Existence
 
 
-class TerrainSensor:
+class TerrainTracker:
     """
     Takes the polylines of a terrain sensor into an elevation map and an edge map.
 
@@ -303,7 +303,7 @@ class TerrainSensor:
                 edge.exists.add(True)
                 (missed if edge in missed else others).remove(edge)
             if edge.ground is None:
-                edge.ground = Estimate(face)
+                edge.ground = EdgeEstimate(face)
             else:
                 edge.drift += forward * (face.position - edge.ground.mean.position)
                 edge.ground.mean = face

@@ -8,7 +8,8 @@ from typing import Deque, Optional
 
 import numpy as np
 
-from ballbot_ros.decision.perception.edge_map import Edge, EdgeMap, Estimate, Rejection
+from ballbot_ros.decision.perception.edge_map import (
+    EdgeEstimate, EdgeMap, Rejection, TrackedEdge)
 from ballbot_ros.decision.tuning import DecisionTuning
 from ballbot_ros.decision.values import Face, FARTHEST, Reason, StepObservation
 
@@ -65,7 +66,7 @@ PASSED_SLACK = 0.02      # [m]
 NEXT_EDGE = 0.1          # [m]
 
 
-class StepSensor:
+class StepTracker:
     """
     Takes the observations of a step sensor into an edge map.
 
@@ -171,14 +172,14 @@ class StepSensor:
         self.seen_to = math.inf
         return self._accept(shown.position, position, edge)
 
-    def _average(self, edge: Edge, shown: Face, observation: StepObservation) -> None:
+    def _average(self, edge: TrackedEdge, shown: Face, observation: StepObservation) -> None:
         """Average a detection into an edge."""
         edge.contradictions = 0
         # Averaging does not reduce constant errors.
         bias = self._tuning.height_bias_sd if observation.height_sd > 0.0 else max(
             self._tuning.height_bias_sd, self._tuning.unreported_bias_sd)
         if edge.step is None:
-            edge.step = Estimate(replace(shown, height_sd=max(shown.height_sd, bias)))
+            edge.step = EdgeEstimate(replace(shown, height_sd=max(shown.height_sd, bias)))
         else:
             known, trend = edge.step.mean, edge.step.trend
             place, place_sd = _average(
@@ -192,7 +193,7 @@ class StepSensor:
                                   max(height_sd, bias))
         edge.step.trend.add(observation.distance, observation.height)
 
-    def _accept(self, seen_to: float, position: float, shown: Optional[Edge]) -> Rejection:
+    def _accept(self, seen_to: float, position: float, shown: Optional[TrackedEdge]) -> Rejection:
         """Count a miss of the edges before a position, and forget those that are passed."""
         self._first = False
         for edge in self._edges.edges:
@@ -207,7 +208,7 @@ class StepSensor:
         return None, ''
 
 
-def _is_passed(edge: Edge, position: float) -> bool:
+def _is_passed(edge: TrackedEdge, position: float) -> bool:
     """Return whether the centre is beyond an edge that the step sensor has detected."""
     return edge.step is not None and position > edge.step.mean.position - PASSED_SLACK
 
