@@ -25,7 +25,6 @@ from ballbot_ros.bags import record
 from ballbot_ros.bags.metadata import BagMetadata
 from ballbot_ros.bags.opener import open_bag
 from ballbot_ros.cli import main
-from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.msg import BallState, Contact, StepDecision
 from ballbot_ros.ros import graph, qos
 from ballbot_ros.ros.conversions import to_time
@@ -106,7 +105,7 @@ def test_a_topic_that_is_not_there_is_waited_for_and_its_neighbour_named(look, r
     said = []
     with refused('unknown_name', 'topic') as caught:
         graph.echo(look, 'odmo', print, timeout=0.2, waiting=lambda: said.append(1))
-    assert "did you mean '/odom'" in str(caught.value)
+    assert '/odom' in str(caught.value)
     assert said == [1]
     with refused('wrong_type', 'topic'):
         graph.echo(look, 'a b', print, timeout=0.2)
@@ -220,10 +219,9 @@ def test_an_e_stop_is_called_by_the_name_of_its_node_and_a_refusal_handed_on(loo
     robot.create_service(Trigger, 'left/bridge/release_e_stop', answer(True, 'released'))
     assert graph.trigger(look, 'bridge', 'release_e_stop', 30.0) == (False, 'no IMU')
     assert graph.trigger(look, '/left/bridge', 'release_e_stop', 30.0) == (True, 'released')
-    with pytest.raises(ConfigurationError) as refusal:
+    with refused('unknown_name', '--node') as caught:
         graph.trigger(look, 'brigde', 'release_e_stop', 0.2)
-    assert "did you mean '/bridge'" in str(refusal.value)
-    assert '/bridge, /left/bridge have one' in str(refusal.value)
+    assert "'/bridge'" in str(caught.value) and '/left/bridge' in str(caught.value)
     with refused('unknown_name', '--node'):
         graph.trigger(look, 'bridge', 'engage_e_stop', 0.2)
 

@@ -43,19 +43,19 @@ def test_what_a_section_for_many_nodes_gives_may_be_for_another_one(started, cap
     settings = started()
     assert (settings.rate, settings.tuning) == (400.0, 'gentle')
     warning, = [line for line in capfd.readouterr().err.splitlines() if 'WARN' in line]
-    assert 'not parameters of node controller, and ignored' in warning
     assert "'frequency'" in warning and "'nested.deep'" in warning and "'other'" not in warning
 
 
 def test_one_that_is_like_a_parameter_is_reported_with_it(started, capfd):
     started(many='tunning')
-    assert "'tunning'; did you mean 'tuning'?" in capfd.readouterr().err
+    warning, = [line for line in capfd.readouterr().err.splitlines() if 'WARN' in line]
+    assert "'tunning'" in warning and "'tuning'" in warning
 
 
 def test_what_a_section_for_this_node_gives_is_meant_for_it(started):
     with refused('unknown_name', 'tunning') as caught:
         started(one='tunning')
-    assert "did you mean 'tuning'" in str(caught.value)
+    assert "'tuning'" in str(caught.value)
 
 
 @pytest.mark.parametrize('argument', ['frequency:=1', 'controller:frequency:=1'])

@@ -144,7 +144,7 @@ def test_a_mapping_of_names_as_a_dump_has_them_makes_settings():
     assert (made.gain, made.gains.position_kp, made.gains.position_kd) == (3.0, 5.0, 0.8)
     with refused('unknown_name', 'gian') as caught:
         Example.from_mapping({'gian': 3.0}, 'bag')
-    assert 'did you mean' in str(caught.value)
+    assert "'gain'" in str(caught.value)
     with refused('out_of_range', 'gains.position_kp'):
         Example.from_mapping({'gains.position_kp': -1.0}, 'bag')
 
