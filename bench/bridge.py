@@ -240,7 +240,7 @@ def run(emulated, control, **parameters):
 
 def measure():
     """Yield name, unit, values and target of each measurement."""
-    for what, control, target in (('laws on board', 'onboard', 12.0),
+    for variant, control, target in (('laws on board', 'onboard', 12.0),
                                   ('commands over topics', 'direct', 20.0)):
         middle, late, used, way = [], [], [], []
         for _ in range(REPEATS):
@@ -251,9 +251,9 @@ def measure():
             late.append(quantile(periods, 0.99))
             used.append(share)
             way += [1e3 * median(latencies(sent, log))] if control == 'direct' else []
-        yield f'bridge, {what}: part of a core', '%', used, target
-        yield f'bridge, {what}: period of torques, median', 'ms', middle, None
-        yield f'bridge, {what}: period of torques, p99', 'ms', late, 7.5
+        yield f'bridge, {variant}: part of a core', '%', used, target
+        yield f'bridge, {variant}: period of torques, median', 'ms', middle, None
+        yield f'bridge, {variant}: period of torques, p99', 'ms', late, 7.5
     yield 'bridge: command published to torque in the drive', 'ms', way, 1.0
     yield ('bridge, laws on board and an IMU: part of a core', '%',
            [run(emulated_robot, 'onboard')[0] for _ in range(REPEATS)], 12.0)

@@ -78,7 +78,7 @@ def measure():
         for imu in (True, False):
             for closed in (False, True):
                 angle, _ = errors(case, imu, closed)
-                what = f'{case[0]}, {"with" if imu else "no"} IMU' \
+                label = f'{case[0]}, {"with" if imu else "no"} IMU' \
                        f'{", closed loop" if closed else ""}'
-                yield f'{what}: rms', 'deg', [math.degrees(np.sqrt(np.mean(angle**2)))], None
-                yield f'{what}: most', 'deg', [math.degrees(np.abs(angle).max())], None
+                yield f'{label}: rms', 'deg', [math.degrees(np.sqrt(np.mean(angle**2)))], None
+                yield f'{label}: most', 'deg', [math.degrees(np.abs(angle).max())], None

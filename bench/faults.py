@@ -58,7 +58,7 @@ HOUR = 3600.0
 class Fault(NamedTuple):
     """Action of a fault, and the bound of the time to zero."""
 
-    what: str
+    name: str
     act: object  # called with the rig; returns the start of the fault [s], None for now
     bound: str
     onboard: bool = True
@@ -149,13 +149,13 @@ class Rig:
             return False
         return True
 
-    def until(self, condition, what, timeout=10.0):
+    def until(self, condition, description, timeout=10.0):
         """Wait for something."""
         end = time.monotonic() + timeout
         while not condition():
             if time.monotonic() > end:
                 reason = self.session.supervisor.e_stop if self.session else ''
-                raise TimeoutError(f'waited in vain until {what}: {reason}')
+                raise TimeoutError(f'waited in vain until {description}: {reason}')
             time.sleep(0.005)
 
     def zero_at(self):
@@ -220,7 +220,7 @@ FAULTS = (
     Fault('exception in the loop', put(explode=True), 'the stop at the end of the loop'),
     Fault('e-stop engaged, in the session', lambda rig: rig.session.engage('bench'),
           'one write'))
-# Of whole nodes: name, and what ends them.
+# Signals that end whole nodes.
 NODES = {'SIGINT': signal.SIGINT, 'SIGTERM': signal.SIGTERM, 'SIGKILL': signal.SIGKILL}
 BOUNDS = {'SIGINT': 'the stop at the end', 'SIGTERM': 'the stop at the end', 'SIGKILL': DRIVE,
           'e-stop, by service': 'one call and one write', 'process frozen': DRIVE}
@@ -235,31 +235,31 @@ class Book:
             self.times = json.loads(path.read_text())
             print(f'going on with {path}; remove it to start again', file=sys.stderr)
 
-    def have(self, control, what):
+    def have(self, control, fault):
         """Return the stored times [s]."""
-        return self.times.setdefault(f'{control}: {what}', [])
+        return self.times.setdefault(f'{control}: {fault}', [])
 
-    def add(self, control, what, seconds, repeats):
+    def add(self, control, fault, seconds, repeats):
         """Store a time and print the progress; negative times are discarded."""
         if seconds < 0.0:
-            print(f'\n{control}: {what}: the torque had ended before, held up by others?',
+            print(f'\n{control}: {fault}: the torque had ended before, held up by others?',
                   file=sys.stderr)
             return
-        times = self.have(control, what)
+        times = self.have(control, fault)
         times.append(round(seconds, 5))
         self.path.parent.mkdir(parents=True, exist_ok=True)
         draft = self.path.with_suffix('.part')
         draft.write_text(json.dumps(self.times, indent=1))
         os.replace(draft, self.path)
-        print(f'\r\033[K{control}: {what} {len(times)}/{repeats}, {1e3 * seconds:.1f} ms',
+        print(f'\r\033[K{control}: {fault} {len(times)}/{repeats}, {1e3 * seconds:.1f} ms',
               end='' if len(times) < repeats else '\n', file=sys.stderr, flush=True)
 
 
 def measure_loop(book, control, repeats, only):
     """Measure the missing faults of the loop."""
     wanted = [fault for fault in FAULTS if getattr(fault, control)
-              and (only is None or only in fault.what)
-              and len(book.have(control, fault.what)) < repeats]
+              and (only is None or only in fault.name)
+              and len(book.have(control, fault.name)) < repeats]
     if not wanted:
         return
     scene = load_scene('flat')
@@ -268,15 +268,15 @@ def measure_loop(book, control, repeats, only):
         rig = Rig(control, emulator, scene, Path(name))
         for fault in wanted:
             failures = 0
-            while len(book.have(control, fault.what)) < repeats:
+            while len(book.have(control, fault.name)) < repeats:
                 try:
                     seconds = rig.trial(fault)
                     if seconds < 0.0:
                         raise TimeoutError('the torque had ended before, held up by others?')
-                    book.add(control, fault.what, seconds, repeats)
+                    book.add(control, fault.name, seconds, repeats)
                 except (TimeoutError, BallbotError) as error:
                     failures += 1
-                    print(f'\n{control}: {fault.what}: {error}', file=sys.stderr)
+                    print(f'\n{control}: {fault.name}: {error}', file=sys.stderr)
                     if failures > repeats:
                         break
 
@@ -333,18 +333,18 @@ def zero(bench):
 
 def table(book):
     """Return the table of docs/hardware_bridge.md."""
-    bounds = {**{fault.what: fault.bound for fault in FAULTS}, **BOUNDS}
+    bounds = {**{fault.name: fault.bound for fault in FAULTS}, **BOUNDS}
     lines = ['| fault | laws on board: worst (median) | direct: worst (median) | n | bound |',
              '|---|---|---|---|---|']
-    for what, bound in bounds.items():
+    for fault, bound in bounds.items():
         cells, numbers = [], []
         for control in ('onboard', 'direct'):
-            times = book.times.get(f'{control}: {what}', [])
+            times = book.times.get(f'{control}: {fault}', [])
             numbers += [len(times)] if times else []
             cells.append(f'{1e3 * max(times):.1f} ms ({1e3 * median(times):.1f})' if times
                          else '')
         if numbers:
-            lines.append(f'| {what} | {" | ".join(cells)} | {min(numbers)} | {bound} |')
+            lines.append(f'| {fault} | {" | ".join(cells)} | {min(numbers)} | {bound} |')
     return '\n'.join(lines)
 
 
@@ -354,7 +354,7 @@ def run(repeats=REPEATS, control=None, only=None, kept=KEPT):
     logging.disable(logging.WARNING)  # a lost drive is expected here
     for name in ('onboard', 'direct') if control is None else (control,):
         measure_loop(book, name, repeats, only)
-        if only is None or any(only in what for what in BOUNDS):
+        if only is None or any(only in fault for fault in BOUNDS):
             measure_nodes(book, name, max(1, round(PART_OF_NODES * repeats)), only)
     return book
 

@@ -28,18 +28,18 @@ LABELS = {'adaptive': 'ours, adaptive', 'rk4': 'ours, rk4', 'semi_implicit': 'ou
           'SciPy LSODA, NumPy': 'SciPy LSODA, right-hand side in NumPy'}
 
 
-def spent(point, what):
+def spent(point, quantity):
     """Return wall time [ms] or function evaluations of a run."""
-    return point['calls'] if what == 'calls' else 1e3 * median(point['times'])
+    return point['calls'] if quantity == 'calls' else 1e3 * median(point['times'])
 
 
-def draw(axes, curves, what):
+def draw(axes, curves, quantity):
     """Draw the curves of one scene: cost against error, worst of all finer runs."""
     for name, (colour, width) in CURVES.items():
         curve = curves.get(name, [])
-        if what == 'calls' and name.endswith('NumPy'):
+        if quantity == 'calls' and name.endswith('NumPy'):
             continue  # as many as with the compiled ones
-        points = [(error, spent(point, what))
+        points = [(error, spent(point, quantity))
                   for (error, _, _), point in zip(honest(curve), reversed(curve))
                   if 1e-8 <= error <= 0.3]
         if points:
@@ -88,9 +88,9 @@ def main():
     plt.rcParams.update({'font.size': 9, 'axes.spines.top': False, 'axes.spines.right': False,
                          'svg.hashsalt': 'ballbot_ros'})
     figure, rows = plt.subplots(2, len(PANELS), figsize=(10.5, 7.2), sharex=True, sharey='row')
-    for row, what in zip(rows, ('times', 'calls')):
+    for row, quantity in zip(rows, ('times', 'calls')):
         for axes, scene in zip(row, PANELS):
-            draw(axes, scenes[scene]['curves'], what)
+            draw(axes, scenes[scene]['curves'], quantity)
             axes.set_xlim(3e2, 1e-5)  # better to the right
             axes.grid(True, which='major', color='#eeeeee', lw=0.7)
     for axes, title in zip(rows[0], PANELS.values()):

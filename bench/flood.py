@@ -34,7 +34,7 @@ class FloodedLine(MemoryLine):
         self.directions[0].put(data, self.now)
 
     def read(self):
-        """Return what has arrived."""
+        """Return the bytes that have arrived."""
         return self.directions[1].take(self.now)
 
     def pass_time(self, seconds):

@@ -38,7 +38,7 @@ def main():
     parser.add_argument('--scenes', metavar='NAME,...', type=lambda text: text.split(','),
                         help='of those parts that compare solvers, these only')
     parser.add_argument('--write', action='store_true',
-                        help='put what these parts find into the documents, too')
+                        help='write the results into the documents, too')
     arguments = parser.parse_args()
     for given, parts, option in ((arguments.scenes, BY_SCENE, '--scenes'),
                                  (arguments.write, WRITING, '--write')):

@@ -4,8 +4,8 @@ Prepare .venv so that `.venv/bin/ballbot` and `import ballbot_ros.msg` simply wo
 
     python3 scripts/bootstrap.py [run|test|bench|fuzz|mutants]
 
-`run` is all that the demo and the nodes need; `test` (the default) adds what the tests, the
-documentation and the optional features need; the others add their own packages to that.
+`run` is all that the demo and the nodes need; `test` (the default) adds the needs of the tests,
+the documentation and the optional features; the others add their own packages to that.
 
 The stages: find a Python and the system tools, make the virtual environment, install the pinned
 packages, correct the include paths in the ROS wheels, build the messages with colcon and compile
@@ -140,7 +140,7 @@ def install(stage, steps):
             return
     for step in steps:
         stage.command(*PIP, '--no-compile', *step,
-                      hint='If this was the network, run again: what is installed is kept.')
+                      hint='If this was the network, run again: installed packages are kept.')
 
 
 def pip_settings():
@@ -171,7 +171,7 @@ def run_lock():
 
 
 def install_run_packages(ros):
-    """Return the work that installs the run group, or only what the sourced ROS 2 lacks."""
+    """Return the work that installs the run group, or only those missing in the sourced ROS 2."""
     def work(stage):
         remove_half_installed()
         if not ros:
@@ -194,22 +194,22 @@ def install_test_packages(ros):
 
 
 def install_docs_packages(stage):
-    """Install what builds the site beside the packages of .venv, not among them."""
+    """Install the builder of the site beside the packages of .venv, not among them."""
     install_pinned(stage, LOCKS / 'docs.txt', '--target', VENV / 'docs')
 
 
 def install_missing(stage, *names):
-    """Install what a sourced ROS 2 lacks, with pins that leave its own packages as they are."""
+    """Install packages missing in a sourced ROS 2, with pins that keep its own ones unchanged."""
     lacking, pins = missing_packages(names)
     if lacking:
         constraints = VENV / ('pins_%s.txt' % stage.name)
         constraints.write_text('\n'.join(pins) + '\n')
         stage.command(*PIP, '-c', constraints, *lacking,
-                      hint='If this was the network, run again: what is installed is kept.')
+                      hint='If this was the network, run again: installed packages are kept.')
 
 
 def remove_half_installed():
-    """Remove what an interrupted pip has left: it writes INSTALLER last."""
+    """Remove the remains of an interrupted pip, which writes INSTALLER last."""
     for info in site_packages().glob('*.dist-info'):
         if not (info / 'INSTALLER').exists():
             shutil.rmtree(str(info))
@@ -231,7 +231,7 @@ def mend_include_paths():
 
 
 def remove_built(package):
-    """Remove what a build has put into .venv, so that a deleted message disappears."""
+    """Remove the files of an earlier build from .venv, so that a deleted message disappears."""
     for pattern in ('share/%s', 'include/%s', 'lib/%s', 'lib/lib%s__*',
                     'lib/python3*/site-packages/%s/'):
         for path in VENV.glob(pattern % package):
@@ -326,7 +326,7 @@ def set_up(group):
         [Stage('packages', 'pinned ones that the nodes import', pins, install_run_packages(ros))],
         [Stage('messages', 'of this package, built with colcon', key(*(messages + links)),
                build_messages(ros))]]
-    if group == 'run':  # The tests compile what they call; a process uses one processor
+    if group == 'run':  # The tests compile their kernels; a process uses one core
         steps[2] += [
             Stage('kernels', 'of the decision, compiled for this processor', key(cache, *sources),
                   compile_kernels(['decision'])),

@@ -36,13 +36,13 @@ def write(docs):
             pages[page] = followed(pages[page], ROOT / file, folder / page, docs)
     for name, text in pages.items():
         path = folder / name
-        # Sphinx reads again what is newer than its last build.
+        # Sphinx reads files again that are newer than its last build.
         if not path.exists() or path.read_text(encoding='utf-8') != text:
             path.write_text(text, encoding='utf-8')
 
 
 def notebook(text, folder):
-    """Return a notebook as Markdown, with what its cells have shown; write its pictures."""
+    """Return a notebook as Markdown, with the output of its cells; write its pictures."""
     parts = []
     for number, cell in enumerate(json.loads(text)['cells']):
         source = ''.join(cell['source'])

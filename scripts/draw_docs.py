@@ -125,7 +125,7 @@ def draw_contacts(axes, centre, edge_x):
 
 
 def draw_rolling(axes, centre):
-    """Draw the positive sense of angles and what rolling forward does."""
+    """Draw the positive sense of angles, and the effect of rolling forward."""
     corner = (-1.75, 1.75)
     turn(axes, corner, 0.20, math.radians(-60.0), math.radians(220.0), canvas.INK)
     axes.text(corner[0], corner[1], '+', ha='center', va='center', fontsize=12)

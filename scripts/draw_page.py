@@ -30,7 +30,7 @@ PAGE_TIMEOUT = 60e3  # [ms]
 
 
 class NoBrowser(RuntimeError):
-    """There is no browser that could show the page; says what is missing."""
+    """No browser can show the page; the message names the missing part."""
 
 
 @contextmanager
@@ -83,7 +83,7 @@ def look(tab, url):
 
 
 def close_notes(tab):
-    """Close what lies before the scene: that no graphics card is there."""
+    """Close the notes in front of the scene, about a missing graphics card."""
     for button in tab.locator('.mantine-Notification-closeButton').all():
         button.click()
     tab.wait_for_function("() => !document.querySelector('.mantine-Notification-root')")

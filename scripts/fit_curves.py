@@ -3,7 +3,7 @@
 Re-simulate the height curves in config/curves and fit the cubic of the paper's section 8.
 
     .venv/bin/python scripts/fit_curves.py            # write the files
-    .venv/bin/python scripts/fit_curves.py --check    # fail if they are not what comes out
+    .venv/bin/python scripts/fit_curves.py --check    # fail if they differ from the simulation
 
 Each curve is the highest step that the ball gets clear of at the first attempt, to 0.002 mm, at 21
 speeds from 0.2 to 1.2 m/s; `ballbot fit-curve` makes one for any robot.
@@ -41,7 +41,7 @@ CURVES = {
 
 def fit(name):
     """Return the content of a curve file."""
-    what, robot_name, wording, actuation = CURVES[name]
+    crossing, robot_name, wording, actuation = CURVES[name]
     robot = load_robot(robot_name)
     total = heights_for(robot, Request())
 
@@ -51,7 +51,7 @@ def fit(name):
     curve = fit_curve(name, robot, actuation, wording, progress=show)
     print(f'\r{name}: {total} heights, largest residual {1e3 * curve.residual:.2f} mm',
           file=sys.stderr)
-    return curve_text(curve, what, 'scripts/fit_curves.py')
+    return curve_text(curve, crossing, 'scripts/fit_curves.py')
 
 
 def differs(old, new):
@@ -78,7 +78,7 @@ def main():
         elif not check:
             path.write_text(content)
     if changed:
-        sys.exit(f'not what the simulation gives: {", ".join(changed)}')
+        sys.exit(f'different from the simulation: {", ".join(changed)}')
 
 
 if __name__ == '__main__':

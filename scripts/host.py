@@ -18,7 +18,7 @@ OLDEST, NEWEST = (3, 10), (3, 13)  # Of the ROS wheels; a sourced ROS 2 may brin
 
 
 class Problem(Exception):
-    """Something that the user has to mend; the text says what and how."""
+    """A problem that the user has to solve; the message names it and its solution."""
 
 
 def sourced_ros():
@@ -87,7 +87,7 @@ def check_tools(python):
         (shutil.which(os.environ.get('CXX', 'c++')), 'a C++ compiler', 'g++'),
         (shutil.which('make'), 'make', 'make'),
     ]
-    missing = [(what, package) for present, what, package in tools if not present]
+    missing = [(tool, package) for present, tool, package in tools if not present]
     if missing:
         raise Problem(
             'Missing here: %s.\nInstall with\n  sudo apt-get update && sudo apt-get install %s'

@@ -17,7 +17,7 @@ URLS = ('repository', 'bugtracker')
 
 
 def problems(manifest: str, changelog: str) -> 'list[str]':
-    """Return what is missing for a release, of the texts of package.xml and CHANGELOG.rst."""
+    """Return the problems of package.xml and CHANGELOG.rst, given as text, for a release."""
     package = ElementTree.fromstring(manifest)
     version = package.findtext('version')
     found = []
@@ -36,7 +36,7 @@ def problems(manifest: str, changelog: str) -> 'list[str]':
 
 
 def main() -> int:
-    """Print what is missing; return the exit code."""
+    """Print the problems; return the exit code."""
     found = problems(*((ROOT / name).read_text(encoding='utf-8')
                        for name in ('package.xml', 'CHANGELOG.rst')))
     print('\n'.join(found) or 'ready for a release')

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Run a notebook and keep what its cells print and draw, with Python alone: Jupyter is not needed.
+Run a notebook and store the output of its cells, with Python alone: Jupyter is not needed.
 
     .venv/bin/python scripts/run_notebook.py examples/paper.ipynb
 
@@ -46,7 +46,7 @@ def run_cell(source, names):
 
 
 def shown(value):
-    """Return what a notebook shows of a value."""
+    """Return the representations of a value in a notebook."""
     if hasattr(value, 'savefig'):
         picture = io.BytesIO()
         value.savefig(picture, format='png', dpi=DOTS_PER_INCH, metadata={'Software': None})

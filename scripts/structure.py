@@ -268,10 +268,10 @@ def main():
     if arguments.markdown:
         print('| |' + ' |'.join(f' {root} ' for root in arguments.checkouts) + '|')
         print('|---' * (len(columns) + 1) + '|')
-    for what in columns[0]:
-        figures = [f'{column.get(what, ""):,}' for column in columns]
-        print(f'| {what} | {" | ".join(figures)} |' if arguments.markdown else
-              f'{what:48}' + ''.join(f'{figure:>12}' for figure in figures))
+    for quantity in columns[0]:
+        figures = [f'{column.get(quantity, ""):,}' for column in columns]
+        print(f'| {quantity} | {" | ".join(figures)} |' if arguments.markdown else
+              f'{quantity:48}' + ''.join(f'{figure:>12}' for figure in figures))
 
 
 if __name__ == '__main__':

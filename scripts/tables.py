@@ -107,7 +107,7 @@ def options():
 
 
 def faults():
-    """Return the Markdown table of what the emulator does on demand."""
+    """Return the Markdown table of the faults of the emulated line."""
     lines = ['| line | what it does |', '|---|---|']
     for name, metadata in LINE_FAULTS.items():
         number = {'1': 'PART', 's': 'SECONDS', '1/s': 'BYTES_PER_S'}[metadata['unit']]
@@ -119,7 +119,7 @@ def faults():
 
 
 def quirks():
-    """Return the Markdown table of what an emulated drive may be chosen to do."""
+    """Return the Markdown table of the quirks of the emulated drives."""
     return '\n'.join([
         '| protocol | quirk | what it does | after |', '|---|---|---|---|',
         *(f'| `{protocol}` | `{name}` | {quirk.effect} | {quirk.source} |'
@@ -128,7 +128,7 @@ def quirks():
 
 
 def odrive_settings():
-    """Return the Markdown table of what an ODrive must be set to, by generation."""
+    """Return the Markdown table of the required settings of an ODrive, by generation."""
     lines = ['| firmware | setting | property | must be |', '|---|---|---|---|']
     for generation in GENERATIONS:
         def row(setting, properties, wanted, name=generation.name):
@@ -155,7 +155,7 @@ def odrive_settings():
 
 
 def keys(values):
-    """Return the Markdown table of what is published on /diagnostics."""
+    """Return the Markdown table of the keys on /diagnostics."""
     return '\n'.join(['| key | value |', '|---|---|',
                       *(f'| `{key}` | {meaning} |' for key, meaning in values.items())])
 

@@ -74,35 +74,35 @@ def find_config(kind: str, name_or_path: Union[str, Path]) -> Path:
         If there is no such regular file; the message has the nearest name, or all of them.
 
     """
-    what = kind.removesuffix('s')
+    subject = kind.removesuffix('s')
     if not isinstance(name_or_path, (str, Path)):
         raise ConfigurationError(
-            f'a {what} is given by its name or the path of its file, got {name_or_path!r}',
-            'wrong_type', what)
+            f'a {subject} is given by its name or the path of its file, got {name_or_path!r}',
+            'wrong_type', subject)
     name_or_path = str(name_or_path)
     if is_path(name_or_path):
         path = Path(name_or_path).expanduser()
-        check_file(path, f'{what} file', what)
+        check_file(path, f'{subject} file', subject)
         return path
     files = {file.stem: file for file in shipped_files(kind)}
     if name_or_path in files:
         return files[name_or_path]
     listing = f'"ballbot {kind}" lists them, and ' if kind in ('scenes', 'robots') else ''
     raise ConfigurationError(
-        f'there is no {what} named {name_or_path!r}{suggestion(name_or_path, files)}; {listing}'
-        'the path of a YAML file is accepted too', 'unknown_name', what)
+        f'there is no {subject} named {name_or_path!r}{suggestion(name_or_path, files)}; {listing}'
+        'the path of a YAML file is accepted too', 'unknown_name', subject)
 
 
-def check_file(path: Path, what: str, field: str) -> None:
+def check_file(path: Path, subject: str, field: str) -> None:
     """Refuse the path of a file to read that does not exist or is not a regular file."""
     if path.is_dir():
         raise ConfigurationError(
-            f'{what}: {path} is a folder; give the path of a file', 'wrong_kind', field)
+            f'{subject}: {path} is a folder; give the path of a file', 'wrong_kind', field)
     if not path.exists():
-        raise ConfigurationError(f'{what} {str(path)!r} does not exist', 'missing', field)
+        raise ConfigurationError(f'{subject} {str(path)!r} does not exist', 'missing', field)
     if not path.is_file():
         raise ConfigurationError(
-            f'{what}: {path} is a device or a pipe; give the path of a regular file',
+            f'{subject}: {path} is a device or a pipe; give the path of a regular file',
             'wrong_kind', field)
 
 
@@ -212,9 +212,9 @@ def read_config(kind: str, name_or_path: Union[str, Path]) -> tuple[Path, Mappin
     found = max(SIGNATURES, key=lambda other: len(SIGNATURES[other] & content.keys()))
     common = len(SIGNATURES[found] & content.keys())
     if common > len(SIGNATURES[kind] & content.keys()):
-        what, wanted = found.removesuffix('s'), kind.removesuffix('s')
+        subject, wanted = found.removesuffix('s'), kind.removesuffix('s')
         raise ConfigurationError(
-            f'{path} is a {what} file, not a {wanted} file; give a {wanted} file or a name',
+            f'{path} is a {subject} file, not a {wanted} file; give a {wanted} file or a name',
             'wrong_kind', wanted)
     return path, content
 

@@ -54,7 +54,8 @@ def exact(message: Any) -> Tuple[int, int]:
     return message.header.stamp.sec, message.header.stamp.nanosec
 
 
-def _joint_value(message: JointState, joint: str, values: Sequence[float], what: str) -> float:
+def _joint_value(message: JointState, joint: str, values: Sequence[float], quantity: str
+                 ) -> float:
     """Return the entry of one joint; raise `MessageError` where there is none."""
     if joint not in message.name:
         raise MessageError(
@@ -66,8 +67,8 @@ def _joint_value(message: JointState, joint: str, values: Sequence[float], what:
             'it once, with one value', 'duplicate_joint', joint)
     if len(values) != len(message.name):
         raise MessageError(
-            f'{what} has {len(values)} entries for {len(message.name)} joints',
-            'wrong_length', what)
+            f'{quantity} has {len(values)} entries for {len(message.name)} joints',
+            'wrong_length', quantity)
     return float(values[message.name.index(joint)])
 
 
@@ -81,16 +82,17 @@ def command_torque(message: JointState, leans: bool = False) -> float:
         With reason ``unknown_joint``, ``wrong_length`` or ``unsupported``.
 
     """
-    for what in ('position', 'velocity'):
-        given = [value for number, value in enumerate(getattr(message, what))
+    for quantity in ('position', 'velocity'):
+        given = [value for number, value in enumerate(getattr(message, quantity))
                  if not math.isnan(value) and not (
-                     leans and what == 'position'
+                     leans and quantity == 'position'
                      and tuple(message.name[number:number + 1]) == (LEAN,))]
         if given:
             raise MessageError(
-                f'{what} commands are not followed here, only effort'
-                + (f' and the position of {LEAN!r}' if leans else '') + f'; leave {what} empty or '
-                'NaN, or send set-points to the controller', 'unsupported', what)
+                f'{quantity} commands are not followed here, only effort'
+                + (f' and the position of {LEAN!r}' if leans else '')
+                + f'; leave {quantity} empty or NaN, or send set-points to the controller',
+                'unsupported', quantity)
     return _joint_value(message, PENDULUM, message.effort, 'effort')
 
 
@@ -113,8 +115,8 @@ def lateral_readings(message: JointState, robot: Robot) -> Optional[LateralState
     """
     if robot.steering is None or LEAN not in message.name:
         return None
-    numbers = [_joint_value(message, joint, getattr(message, what), what)
-               for joint in LATERAL for what in ('position', 'velocity')]
+    numbers = [_joint_value(message, joint, getattr(message, quantity), quantity)
+               for joint in LATERAL for quantity in ('position', 'velocity')]
     if not all(map(math.isfinite, numbers)):
         raise MessageError(
             f'position and velocity of {", ".join(LATERAL)} must be finite, got '
@@ -166,10 +168,10 @@ def set_point(message: JointState, steers: bool = False) -> SetPoint:
     """
     stamp = to_seconds(message.header.stamp)
     given = {}
-    for mode, what in ((Mode.HOLD, 'position'), (Mode.DRIVE, 'velocity')):
-        values = getattr(message, what)
+    for mode, quantity in ((Mode.HOLD, 'position'), (Mode.DRIVE, 'velocity')):
+        values = getattr(message, quantity)
         if len(values):
-            given[mode] = _joint_value(message, PENDULUM, values, what)
+            given[mode] = _joint_value(message, PENDULUM, values, quantity)
     meant = {mode: value for mode, value in given.items() if not math.isnan(value)}
     if len(meant) > 1:
         raise MessageError(

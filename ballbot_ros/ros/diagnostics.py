@@ -21,9 +21,9 @@ MATCH_CHECK_INTERVAL = 10
 Health = Tuple[bytes, str, Mapping[str, object]]
 
 
-def refusals(what: str, counts: Mapping[str, int]) -> Dict[str, int]:
+def refusals(kind: str, counts: Mapping[str, int]) -> Dict[str, int]:
     """Return the number of refused messages, in total and by reason, as named values."""
-    return {f'{what}_refused': sum(counts.values()),
+    return {f'{kind}_refused': sum(counts.values()),
             **{f'refused_{reason}': number for reason, number in counts.items()}}
 
 

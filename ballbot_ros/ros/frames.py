@@ -94,10 +94,10 @@ def described() -> Any:
         'robot_state_publisher does', default=True))
 
 
-def marked(what: str) -> Any:
+def marked(content: str) -> Any:
     """Declare the parameter that enables markers."""
     return fixed('the topic is made at the start', flag(
-        f'publish {what} on markers, 10 times a second while there is a subscription',
+        f'publish {content} on markers, 10 times a second while there is a subscription',
         default=True))
 
 

@@ -153,10 +153,10 @@ def _run_together(make_nodes: Sequence[Callable[[], Node]], args: Optional[List[
     try:
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     except (RuntimeError, ValueError) as error:  # a malformed argument or parameter file
-        what = _one_line(error)
-        if what.startswith('['):  # rclpy lists unknown arguments and says no more
-            what = f'{", ".join(ast.literal_eval(what))}: {STRAY_ARGUMENT}'
-        print(f'cannot start: {what}', file=sys.stderr)
+        reason = _one_line(error)
+        if reason.startswith('['):  # rclpy lists unknown arguments and says no more
+            reason = f'{", ".join(ast.literal_eval(reason))}: {STRAY_ARGUMENT}'
+        print(f'cannot start: {reason}', file=sys.stderr)
         return EXIT_REFUSED
     words = sys.argv[1:] if args is None else args
     begin = words.index('--ros-args') if '--ros-args' in words else len(words)

@@ -216,9 +216,9 @@ def slope_rows(low: float, high: float) -> Array:
 
 
 HEADER = """\
-How high a step {what}, as a cubic of the speed at touch: height = a0 + a1 v + a2 v^2 + a3 v^3, in
-m and m/s.  Valid between the two speeds only: outside, the cubic means nothing and may even come
-down again.
+How high a step {crossing}, as a cubic of the speed at touch: height = a0 + a1 v + a2 v^2 +
+a3 v^3, in m and m/s.  Valid between the two speeds only: outside, the cubic means nothing and
+may even come down again.
 
 The coefficients called conservative are those of a cubic that is nowhere above the simulation.
 """
@@ -226,20 +226,20 @@ BAND = 'The band has the maximum step heights of robots drawn from the ranges of
     'parameters.\n'
 
 
-def curve_text(curve: HeightCurve, what: str, writer: str) -> str:
+def curve_text(curve: HeightCurve, crossing: str, writer: str) -> str:
     """
     Return the content of a curve file.
 
     Parameters
     ----------
     curve : HeightCurve
-    what : str
+    crossing : str
         Such as ``GimBall crosses with a free pendulum``.
     writer : str
         Name of the writing program.
 
     """
-    text = HEADER.format(what=what) + (BAND if curve.band else '') + (
+    text = HEADER.format(crossing=crossing) + (BAND if curve.band else '') + (
         f'\nWritten by {writer}: re-simulated, the paper prints its cubic in a figure only.')
     comment = '\n#\n'.join('# ' + '\n# '.join(textwrap.wrap(part, 95))
                            for part in text.split('\n\n'))

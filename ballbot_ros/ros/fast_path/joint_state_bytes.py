@@ -148,8 +148,8 @@ def same(one: AnyJointState, other: AnyJointState) -> bool:
         other.header.stamp.sec, other.header.stamp.nanosec, other.header.frame_id) \
         and list(one.name) == list(other.name) and all(
             struct.pack(f'<{len(first)}d', *first) == struct.pack(f'<{len(second)}d', *second)
-            for first, second in ((getattr(one, what), getattr(other, what))
-                                  for what in ('position', 'velocity', 'effort')))
+            for first, second in ((getattr(one, quantity), getattr(other, quantity))
+                                  for quantity in ('position', 'velocity', 'effort')))
 
 
 class JointStateReader:
