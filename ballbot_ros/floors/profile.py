@@ -419,9 +419,12 @@ def _entry(centres: Array, halves: Array, along: Point, radius: float) -> float:
         chord = np.sqrt(np.maximum(radius**2 - across**2, 0.0))
         entries.append(np.where((np.abs(across) <= radius) & (ahead + chord >= 0.0),
                                 ahead - chord, np.inf))
-    # A ball that rolls along a wall and turns towards it has touched it long ago.
-    nearest = np.hypot(*(centres - np.clip(centres, -halves, halves)).T)
-    return float(np.min(np.maximum(entries, -np.maximum(radius - nearest, 0.0))))
+    # A ball that rolls along a wall and turns towards it has touched it long ago: the part of its
+    # penetration along the line is left.
+    away = centres - np.clip(centres, -halves, halves)
+    nearest = np.maximum(np.hypot(*away.T), SAME)
+    share = np.clip(away @ along / nearest, 0.0, 1.0)
+    return float(np.min(np.maximum(entries, -np.maximum(radius - nearest, 0.0) * share)))
 
 
 def _joined(xs: Array, left: Array, right: Array, friction: Array) -> Tuple[Array, Array]:

@@ -12,7 +12,7 @@ from typing import List, Optional, Tuple
 import numpy as np
 
 from ballbot_ros.errors import ConfigurationError, SimulationError
-from ballbot_ros.floors.floor import Floor
+from ballbot_ros.floors.floor import Floor, Point
 from ballbot_ros.floors.levels import level
 from ballbot_ros.floors.profile import Cut, cut, passed, SAME
 from ballbot_ros.physics.mechanics.contact_law import EDGE
@@ -256,8 +256,33 @@ class FloorPlant(Plant):
         forward = after.x - before.x
         there = (self._at[0] + forward * math.cos(heading) - sideways * math.sin(heading),
                  self._at[1] + forward * math.sin(heading) + sideways * math.cos(heading))
+        if lateral is not self._lateral:
+            there, lateral = self._beside_walls(there, lateral)
         self._level += passed(self.floor, self._at, there)
         self._at, self._lateral = there, lateral
+
+    def _beside_walls(self, place: Point, lateral: LateralState) -> Tuple[Point, LateralState]:
+        """
+        Return place and lateral state of a ball that a wall beside it stops without a rebound.
+
+        The planar physics has the part of the contact along the heading.
+        """
+        walls = self.floor.walls
+        if not len(walls):
+            return place, lateral
+        away = place - walls[:, :2]
+        away -= np.clip(away, -walls[:, 2:], walls[:, 2:])
+        distances = np.hypot(*away.T)
+        nearest = int(np.argmin(distances))
+        distance = float(distances[nearest])
+        if not 0.0 < distance < self._radius:
+            return place, lateral
+        left = (-math.sin(lateral.heading), math.cos(lateral.heading))
+        outward = float(away[nearest] @ left) / distance
+        moved = outward * (self._radius - distance)
+        if lateral.tilt_rate * outward < 0.0:
+            lateral = lateral._replace(tilt_rate=0.0)
+        return (place[0] + moved * left[0], place[1] + moved * left[1]), lateral
 
     def _edge_angle(self, state: State) -> float:
         """Return the angle of the edge that the ball is on to the path, 0 on none [rad]."""

@@ -106,6 +106,24 @@ def test_a_ball_that_turns_along_a_wall_keeps_its_radius_from_it():
     assert poses[:, 1].max() < 10.0 - ROBOT.ball_radius + 0.01
 
 
+@pytest.mark.parametrize('x, y', [(1.672, 2.14), (1.666, 2.163)])
+def test_a_corner_that_a_turning_ball_grazes_adds_no_speed(x, y):
+    cells = np.zeros((80, 80), np.uint8)
+    cells[38:40, 38:40] = OCCUPIED
+    floor = Floor('test', cells, 0.05, (0.0, 0.0), ())
+    plant, gaps, speeds = FloorPlant(ROBOT, floor, (x, y, 0.5)), [], []
+    for yaw_rate in (-0.24, 0.24):
+        for _ in range(round(2.5 / plant.period)):
+            lean = law(ROBOT, plant.lateral, plant.state.velocity_x, yaw_rate)
+            plant.advance(torque_for(plant, 0.22), lean)
+            speeds.append(abs(plant.state.velocity_x))
+            away = plant.pose[:2] - floor.walls[:, :2]
+            away -= np.clip(away, -floor.walls[:, 2:], floor.walls[:, 2:])
+            gaps.append(np.hypot(*away.T).min() - ROBOT.ball_radius)
+    assert gaps[0] > 0.01 and -0.005 < min(gaps) < 0.0
+    assert max(speeds) < 0.25
+
+
 def test_a_turning_ball_climbs_and_keeps_the_level():
     plant = FloorPlant(ROBOT, floor_of(STEP), (10.0, 8.0, 0.1))
     drive(plant, 0.9, 0.05, 3.5)
