@@ -401,28 +401,6 @@ class Provenance:
 def read_values(cls: Type[Checked], content: Mapping[str, Any],
                 where: str) -> tuple[dict[str, Any], dict[str, Any]]:
     """
-    Return the values and provenance of `read_given`; refuse unknown and missing entries.
-
-    Raises
-    ------
-    ConfigurationError
-        Naming place, field, value and allowed range.
-
-    """
-    problems = Problems()
-    values: dict[str, Any] = {}
-    provenance: dict[str, Any] = {}
-    with problems.collected():
-        refuse_missing([(cls, content, where)])
-    with problems.collected():
-        values, provenance = read_given(cls, content, where)
-    problems.refuse()
-    return values, provenance
-
-
-def read_given(cls: Type[Checked], content: Mapping[str, Any],
-               where: str) -> tuple[dict[str, Any], dict[str, Any]]:
-    """
     Return the checked values of fields of `cls`, and the `Provenance` of those that have one.
 
     An entry is a value, or a mapping with its provenance::
@@ -432,11 +410,13 @@ def read_given(cls: Type[Checked], content: Mapping[str, Any],
     Raises
     ------
     ConfigurationError
-        Naming place, field, value and allowed range.
+        Naming place, field, value and allowed range; also for unknown and missing entries.
 
     """
     described = {item.name: item.metadata for item in fields(cls) if 'kind' in item.metadata}
     problems, plain, provenance, values = Problems(), {}, {}, {}
+    with problems.collected():
+        refuse_missing([(cls, content, where)])
     for name, entry in content.items():
         with problems.collected():
             if isinstance(entry, dict) and name in described:
