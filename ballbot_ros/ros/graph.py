@@ -99,7 +99,8 @@ class Observer:
 
     def settle(self) -> None:
         """Wait until the graph has not changed for a while, so discovery is complete."""
-        self.wait(self._others, DISCOVERY_TIMEOUT)
+        self.wait(lambda: set(self.node.get_node_names()) - {self.node.get_name()},
+                  DISCOVERY_TIMEOUT)
         start = changed = time.monotonic()
         known = None
         while time.monotonic() < min(changed + DISCOVERY_QUIET_TIME, start + DISCOVERY_TIMEOUT):
@@ -107,9 +108,6 @@ class Observer:
             if now != known:
                 known, changed = now, time.monotonic()
             self.spin()
-
-    def _others(self) -> bool:
-        return any(name != self.node.get_name() for name in self.node.get_node_names())
 
     def _graph(self) -> List[Any]:
         return [sorted(self.node.get_node_names_and_namespaces()),

@@ -90,23 +90,22 @@ class Given:
                 'wrong_type', name)
         return BOOLEANS[text]
 
-    def node(self, executable: str, parameters: Mapping[str, Any], required: bool = True) -> Node:
+    def node(self, executable: str, parameters: Mapping[str, Any]) -> Node:
         """
-        Return a node of this package; when a required one ends, everything ends.
+        Return a node of this package; when it ends, everything ends.
 
         Parameters
         ----------
         executable : str
         parameters : mapping of str to float, bool or str
             Those of `params_file` go before them.
-        required : bool
 
         """
         return Node(
             package='ballbot_ros', executable=executable, output='screen',
             parameters=[typed(parameters), *self._file()],
             arguments=['--ros-args', '--log-level', self['log_level']],
-            on_exit=[Shutdown(reason=f'{executable} has ended')] if required else [])
+            on_exit=[Shutdown(reason=f'{executable} has ended')])
 
     def _file(self) -> List[str]:
         given = self['params_file']

@@ -8,7 +8,6 @@ rclpy of Kilted it refuses, and logs the error of the C library.
 """
 from typing import Any, Callable
 
-from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
@@ -44,14 +43,16 @@ class ManagedNode(LifecycleNode):
 
         def served(request: ChangeState.Request, response: ChangeState.Response
                    ) -> ChangeState.Response:
-            if self._possible(request.transition):
+            wanted, possible = request.transition, available_transitions(self)
+            if any(wanted.label == label if wanted.label else wanted.id == number
+                   for number, label in possible):
                 response = serve(request, response)
             else:
                 response.success = False
                 self.get_logger().error(
-                    f'{request.transition.label or transition_label(self, request.transition.id)}'
+                    f'{wanted.label or transition_label(self, wanted.id)}'
                     f' is not possible: the node is {self.state_label}, with the transitions '
-                    + (', '.join(label for _, label in available_transitions(self)) or 'none'))
+                    + (', '.join(label for _, label in possible) or 'none'))
             self.managed = self.managed or response.success
             return response
         service.callback = served
@@ -66,11 +67,6 @@ class ManagedNode(LifecycleNode):
         if self.state_label == UNCONFIGURED and self.trigger_configure() is not SUCCESS:
             return False
         return self.state_label == INACTIVE and self.trigger_activate() is SUCCESS
-
-    def _possible(self, wanted: Transition) -> bool:
-        """Return whether a transition is possible now: by its name if it has one, or number."""
-        return any(wanted.label == label if wanted.label else wanted.id == number
-                   for number, label in available_transitions(self))
 
 
 class Autostart:

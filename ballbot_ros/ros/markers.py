@@ -131,7 +131,9 @@ def decision_markers(decision: Decision, odometry: Odometry, radius: float) -> L
     known = math.isfinite(decision.distance) and math.isfinite(decision.height)
     outline, limit = [], []
     if known and decision.height != 0.0:
-        outline = _across(foot, floor, floor + decision.height)
+        left, right, top = HALF_WIDTH, -HALF_WIDTH, floor + decision.height
+        outline = [(foot, left, floor), (foot, left, top), (foot, right, top),
+                   (foot, right, floor), (foot, left, floor)]
         most = decision.outlook.height_limit if decision.outlook is not None else math.nan
         if math.isfinite(most):
             limit = [(foot, side, floor + most) for side in (-HALF_WIDTH, HALF_WIDTH)]
@@ -144,12 +146,6 @@ def decision_markers(decision: Decision, odometry: Odometry, radius: float) -> L
         _marker(stamp, frame, 'height_limit', Marker.LINE_STRIP, LIMIT_COLOUR, limit,
                 (0.015, 0.0, 0.0)),
         text]
-
-
-def _across(x: float, low: float, high: float) -> List[Place]:
-    """Return the outline of an upright face across the path."""
-    left, right = HALF_WIDTH, -HALF_WIDTH
-    return [(x, left, low), (x, left, high), (x, right, high), (x, right, low), (x, left, low)]
 
 
 def _ribbon(vertices: Array) -> List[Place]:

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Odometry as a message; the robot description and, with tf2_msgs, transforms to all frames."""
 import math
-from typing import Any, Callable, Iterator, List, Optional, Sequence, Tuple
+from typing import Any, Callable, List, Optional, Sequence, Tuple
 
 from geometry_msgs.msg import Transform, TransformStamped
 from nav_msgs.msg import Odometry
@@ -112,37 +112,19 @@ class OdometryTopics:
             Of a robot that steers.
 
         """
-        if any(publisher is not None and has_subscribers(publisher)
-               for publisher in (self._odometry, self._transforms)):
-            for publisher, message in self.messages(
-                    make(), ball_angle, joint_angle, lateral):
-                publisher.publish(message)
-
-    def messages(self, message: Odometry, ball_angle: float, joint_angle: float,
-                 lateral: LateralState = LateralState()) -> Iterator[Tuple[Publisher, Any]]:
-        """
-        Yield the messages of an odometry, each with its publisher.
-
-        Parameters
-        ----------
-        message : Odometry
-            Of the centre of the ball.
-        ball_angle, joint_angle : float
-            Of the joints ``shell`` and ``pendulum`` [rad].
-        lateral : LateralState, optional
-            Of a robot that steers.
-
-        """
+        if not any(publisher is not None and has_subscribers(publisher)
+                   for publisher in (self._odometry, self._transforms)):
+            return
+        message = make()
         transforms = self._turned(message.header, ball_angle, joint_angle, lateral)
-        publisher = self._odometry
-        if publisher is not None:
+        if self._odometry is not None:
             at, turned = message.pose.pose.position, message.pose.pose.orientation
             transforms.insert(0, _transform(
                 message.header, self.frames.odom, message.child_frame_id, (at.x, at.y, at.z),
                 (turned.x, turned.y, turned.z, turned.w)))
-            yield publisher, message
+            self._odometry.publish(message)
         if self._transforms is not None and transforms:
-            yield self._transforms, TFMessage(transforms=transforms)
+            self._transforms.publish(TFMessage(transforms=transforms))
 
     def _turned(self, header: Header, ball_angle: float, joint_angle: float,
                 lateral: LateralState) -> List[TransformStamped]:

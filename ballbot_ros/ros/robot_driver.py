@@ -3,7 +3,6 @@
 import math
 from typing import Any, Dict, Optional
 
-from nav_msgs.msg import Odometry
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
@@ -55,10 +54,12 @@ class RobotDriver:
         self.decision, self.said = '', ''
         self.e_stop: Optional[bool] = None
         self._e_stop: Any = None
-        create_subscription(one, 'odom', self._on_odom, profile=qos.SENSOR)
+        create_subscription(one, 'odom', lambda message: setattr(
+            self, 'speed', message.twist.twist.linear.x), profile=qos.SENSOR)
         create_subscription(one, 'joint_states', self._on_joints, profile=qos.SENSOR)
-        create_subscription(one, 'step_decision', self._on_decision)
-        subscribe_e_stop(one, self._on_e_stop)
+        create_subscription(one, 'step_decision', lambda message: setattr(
+            self, 'decision', DECISIONS.get(message.decision, '?')))
+        subscribe_e_stop(one, lambda engaged: setattr(self, 'e_stop', engaged))
 
     @property
     def followers(self) -> int:
@@ -102,18 +103,9 @@ class RobotDriver:
         self._e_stop.publish(Bool(data=engaged))
         self.said = f'no bridge: e-stop {"engaged" if engaged else "released"} by its topic'
 
-    def _on_odom(self, message: Odometry) -> None:
-        self.speed = message.twist.twist.linear.x
-
     def _on_joints(self, message: JointState) -> None:
         try:
             joints = readings(message)
         except MessageError:  # an empty ball has no pendulum
             return
         self.pendulum = math.remainder(joints.ball_angle + joints.joint_angle, math.tau)
-
-    def _on_decision(self, message: StepDecision) -> None:
-        self.decision = DECISIONS.get(message.decision, '?')
-
-    def _on_e_stop(self, engaged: bool) -> None:
-        self.e_stop = engaged

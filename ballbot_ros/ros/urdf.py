@@ -6,7 +6,7 @@ Joints turn about -y: seen with +x to the right and z up, that is counter-clockw
 angles of this package are (docs/model.md).
 """
 import math
-from typing import Any, Iterator, Sequence
+from typing import Any, Sequence
 from xml.etree import ElementTree as Xml
 
 from ballbot_ros.physics.model.robot import Robot
@@ -74,18 +74,15 @@ def robot_description(robot: Robot, frames: Frames = FRAMES, steers: bool = Fals
                            velocity=_number(limits.largest_lean_rate))
         pendulum = _joint(tree, PENDULUM, 'continuous', frames.ball, below)
         if robot.motor is not None:
+            _, back_voltage, voltage, _ = robot.motor_line
+            # Rate of zero torque.  URDF has no infinity; 1e3 rad/s is faster than any motor.
+            idle_rate = voltage / back_voltage \
+                if back_voltage > 0.0 and math.isfinite(voltage) else 1e3
             Xml.SubElement(pendulum, 'limit', effort=_number(robot.motor.maximum_torque),
-                           velocity=_number(idle_rate(robot)))
+                           velocity=_number(idle_rate))
         Xml.SubElement(pendulum, 'dynamics', damping=_number(robot.joint_friction))
     Xml.indent(tree)
     return '<?xml version="1.0"?>\n' + Xml.tostring(tree, encoding='unicode') + '\n'
-
-
-def idle_rate(robot: Robot) -> float:
-    """Return the joint rate at which the forward torque of the motor is zero [rad/s]."""
-    _, back_voltage, voltage, _ = robot.motor_line
-    # URDF has no infinity; this is faster than any motor.
-    return voltage / back_voltage if back_voltage > 0.0 and math.isfinite(voltage) else 1e3
 
 
 def _ball(robot: Robot, name: str) -> Xml.Element:
@@ -96,20 +93,15 @@ def _ball(robot: Robot, name: str) -> Xml.Element:
         shape = _shape(link, kind, 'sphere', radius=radius)
         if kind == 'visual':
             Xml.SubElement(shape, 'material', name='shell')
-    for number, angle in enumerate(_patch_angles()):
-        length = 2.0 * radius * math.tan(math.pi / BAND_SEGMENTS)
+    length = 2.0 * radius * math.tan(math.pi / BAND_SEGMENTS)
+    for number in range(BAND_SEGMENTS):
+        angle = 2.0 * math.pi * number / BAND_SEGMENTS  # counter-clockwise from straight down
         patch = _shape(link, 'visual', 'box', _below(radius, angle), (0.0, -angle, 0.0),
                        size=(length, BAND_WIDTH * radius, BAND_THICKNESS * radius))
         # The patch that is lowest at angle 0 is marked, so that angles can be read.
         colour = ('dark' if number % 2 else 'light') if number else 'mark'
         Xml.SubElement(patch, 'material', name=colour)
     return link
-
-
-def _patch_angles() -> Iterator[float]:
-    """Yield the angles of the patches of the band, counter-clockwise from straight down [rad]."""
-    for number in range(BAND_SEGMENTS):
-        yield 2.0 * math.pi * number / BAND_SEGMENTS
 
 
 def _below(distance: float, angle: float = 0.0) -> tuple[float, float, float]:

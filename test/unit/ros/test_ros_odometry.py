@@ -23,16 +23,16 @@ def published(monkeypatch):
     found = {}
     monkeypatch.setattr(odometry, 'TFMessage', SimpleNamespace)
     monkeypatch.setattr(odometry, 'create_publisher', lambda node, topic: (
-        SimpleNamespace(topic=topic, publish=lambda message: found.update({topic: message}))))
+        SimpleNamespace(topic=topic, publish=lambda message: found.update({topic: message}),
+                        get_subscription_count=lambda: 1)))
     return found
 
 
 def publish(make_node, robot, state=STATE, **settings):
     """Publish odometry, the description and transforms of a state; return the topics."""
     topics = OdometryTopics(make_node(Node, 'robot'), robot, SimulatorSettings(**settings))
-    for publisher, message in topics.messages(
-            odometry_message(state, topics.frames), state.ball_angle, state.joint_angle):
-        publisher.publish(message)
+    topics.publish(lambda: odometry_message(state, topics.frames), state.ball_angle,
+                   state.joint_angle)
     return topics
 
 
