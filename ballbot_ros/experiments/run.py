@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Run an experiment: a folder with bags, inputs, versions, results and digests, to repeat."""
 import csv
+from functools import partial
 import hashlib
 import io
 import json
 from pathlib import Path
 import platform
 import shutil
-from typing import Any, Dict, List, NamedTuple, Optional, Tuple
+from typing import Any, Dict, List, Optional, Tuple
 
 import numpy as np
 
@@ -55,7 +56,7 @@ def run_experiment(target: str, out: Optional[Path], quiet: bool, timeout: float
         raise ConfigurationError(
             f'--timeout must be more than 0 s and finite, got {timeout!r}',
             'out_of_range', '--timeout')
-    say = (lambda *_: None) if quiet else _say
+    say = (lambda *_: None) if quiet else partial(print, flush=True)
     path = Path(target)
     if path.is_dir():
         if out is not None:
@@ -73,10 +74,6 @@ def run_experiment(target: str, out: Optional[Path], quiet: bool, timeout: float
         folder = out or Path('ballbot_output') / 'experiments' / path.stem
         plan = _begin(load_experiment(path), folder)
     return _missing(folder, plan, timeout, say)
-
-
-def _say(*words: Any) -> None:
-    print(*words, flush=True)
 
 
 def _done(folder: Path, seed: int) -> bool:
@@ -150,11 +147,13 @@ def _run_seed(folder: Path, plan: Experiment, seed: int, timeout: float) -> dict
         run_lockstep(draft, nodes, plan.periods,
                      bag_metadata(SIMULATOR, nodes['simulator'], scene,
                                   nodes.get('obstacle_decision')), timeout)
-        found = read_digests(draft / 'bag', round(plan.duration * 1e9))
+        found = sorted(read_digests(draft / 'bag', round(plan.duration * 1e9)).items())
         result: dict[str, Any] = as_json_types({
             'seed': seed, 'numbers': numbers_of(draft / 'bag', scene),
-            'digests': found.digests,
-            'messages': {name: len(topic) for name, topic in sorted(found.topics.items())}})
+            'digests': {name: hashlib.sha256(''.join(
+                f'{stamp}{text}' for stamp, text in sorted(messages.items())).encode()
+                ).hexdigest()[:LENGTH] for name, messages in found},
+            'messages': {name: len(messages) for name, messages in found}})
         write_text(as_json(result), draft / RESULT)
         draft.rename(folder / f'seed_{seed}')
     except RefusedError as error:
@@ -170,8 +169,11 @@ def _run_seed(folder: Path, plan: Experiment, seed: int, timeout: float) -> dict
 def _again(folder: Path, plan: Experiment, timeout: float, say: Any) -> bool:
     """Run all seeds again beside the old ones; return whether the numbers are the same."""
     _prepare(plan)
-    for remark in _other_versions(folder):
-        say(remark)
+    file = folder / VERSIONS
+    before = json.loads(file.read_text(encoding='utf-8')) if file.is_file() else {}
+    for name, now in versions().items():
+        if before.get(name, now) != now:
+            say(f'{name} was {before[name]}, is {now}')
     beside, same = folder / 'again', True
     shutil.rmtree(beside, ignore_errors=True)
     try:
@@ -212,14 +214,6 @@ def versions() -> dict[str, str]:
     return found
 
 
-def _other_versions(folder: Path) -> list[str]:
-    """Return changes of versions, in sentences."""
-    file = folder / VERSIONS
-    before = json.loads(file.read_text(encoding='utf-8')) if file.is_file() else {}
-    return [f'{name} was {before[name]}, is {now}' for name, now in versions().items()
-            if before.get(name, now) != now]
-
-
 def words(result: dict[str, Any]) -> str:
     """Return a result in a line."""
     numbers = result['numbers']
@@ -240,20 +234,10 @@ def table(results: list[dict[str, Any]]) -> str:
     return stream.getvalue()
 
 
-class TopicDigests(NamedTuple):
-    """Digests of messages by topic and stamp [ns]."""
-
-    topics: Dict[str, Dict[int, str]]
-
-    @property
-    def digests(self) -> Dict[str, str]:
-        """Return a digest of each topic."""
-        return {name: hashlib.sha256(''.join(
-            f'{stamp}{text}' for stamp, text in sorted(messages.items())).encode()
-            ).hexdigest()[:LENGTH] for name, messages in sorted(self.topics.items())}
+Digests = Dict[str, Dict[int, str]]  # of messages, by topic and stamp [ns]
 
 
-def read_digests(path: Path, until: int) -> TopicDigests:
+def read_digests(path: Path, until: int) -> Digests:
     """
     Return the digests of all messages up to a stamp [ns]; repeated messages count once.
 
@@ -263,7 +247,7 @@ def read_digests(path: Path, until: int) -> TopicDigests:
         If the bag cannot be read.
 
     """
-    topics: Dict[str, Dict[int, str]] = {}
+    topics: Digests = {}
     with open_bag(path) as bag:
         for topic, message in bag.messages(list(bag.topics)):
             header = getattr(message, 'header', None)
@@ -272,14 +256,14 @@ def read_digests(path: Path, until: int) -> TopicDigests:
             stamp = int(header.stamp.sec) * 10**9 + int(header.stamp.nanosec)
             if stamp <= until:
                 topics.setdefault(topic, {}).setdefault(stamp, digest(plain(message)))
-    return TopicDigests(topics)
+    return topics
 
 
-def first_difference(one: TopicDigests, other: TopicDigests) -> Optional[Tuple[int, str]]:
+def first_difference(one: Digests, other: Digests) -> Optional[Tuple[int, str]]:
     """Return the stamp [ns] and the topic of the first message that differs."""
     found: List[Tuple[int, str]] = []
-    for name in {*one.topics, *other.topics}:
-        here, there = one.topics.get(name, {}), other.topics.get(name, {})
+    for name in {*one, *other}:
+        here, there = one.get(name, {}), other.get(name, {})
         different = [stamp for stamp in {*here, *there} if here.get(stamp) != there.get(stamp)]
         found += [(min(different), name)] if different else []
     return min(found, default=None)

@@ -13,7 +13,7 @@ from ballbot_ros.config.files import shipped_files
 from ballbot_ros.errors import RefusedError
 from ballbot_ros.experiments import run as experiment
 from ballbot_ros.experiments.file import freeze, load_experiment, node_parameters
-from ballbot_ros.experiments.run import first_difference, run_experiment, TopicDigests
+from ballbot_ros.experiments.run import first_difference, run_experiment
 from ballbot_ros.physics import load_scene, Solver
 from ballbot_ros.plant import Plant
 
@@ -143,6 +143,6 @@ def test_a_folder_of_another_experiment_is_left_alone(tmp_path, monkeypatch):
 
 
 def test_the_first_difference_is_the_earliest_of_all_topics():
-    one = TopicDigests({'/a': {1: 'x', 5: 'y'}, '/b': {3: 'z'}})
+    one = {'/a': {1: 'x', 5: 'y'}, '/b': {3: 'z'}}
     assert first_difference(one, one) is None
-    assert first_difference(one, TopicDigests({'/a': {1: 'x', 5: 'n'}, '/b': {}})) == (3, '/b')
+    assert first_difference(one, {'/a': {1: 'x', 5: 'n'}, '/b': {}}) == (3, '/b')
