@@ -163,10 +163,18 @@ class DriveError(_ErrorWithReason):
     """
 
 
-class EstimateLostError(BallbotError, ArithmeticError):
-    """The state of the robot cannot be estimated from its sensors any more."""
+class EstimateLostError(_ErrorWithReason, ArithmeticError):
+    """
+    The state of the robot cannot be estimated from its sensors any more.
 
-    reason = 'estimate_lost'
+    Attributes
+    ----------
+    reason : str
+        ``'runaway'``, ``'jumps'``, ``'velocity'`` or ``'torque'``: what contradicts the estimate.
+    field : str
+        ``'encoder'`` or ``'pendulum_angle'``.
+
+    """
 
 
 class RefusedError(_ErrorWithReason):

@@ -6,7 +6,7 @@ import math
 import numpy as np
 
 from ballbot_ros.control import ControlTuning, Mode, PendulumController, SetPoint
-from ballbot_ros.estimation import Fusion, ImuMounting, ImuReading
+from ballbot_ros.estimation import EncoderReading, Fusion, ImuMounting, ImuReading
 from ballbot_ros.physics import load_robot
 from ballbot_ros.physics.simulation.scene import read_scene
 from ballbot_ros.plant import Imu, Plant
@@ -60,8 +60,8 @@ def errors(case, imu, closed=False):
         if imu:
             fusion.imu(ImuReading(*sensor.sample(before, state, number)))
         counted = round(state.joint_angle / (2.0 * math.pi) * COUNTS)
-        estimate = fusion.encoder(
-            state.time, counted / COUNTS * 2.0 * math.pi, torque / TORQUE_ERROR)
+        estimate = fusion.encoder(EncoderReading(
+            state.time, counted / COUNTS * 2.0 * math.pi, torque / TORQUE_ERROR))
         readings = estimate.readings
         wrong.append((readings.pendulum_angle - state.pendulum_angle,
                       readings.pendulum_rate - state.pendulum_rate))

@@ -75,7 +75,7 @@ class Measurements(Protocol[Estimated]):
     def silence(self, now: float) -> float:
         """Return the time since the unanswered request [s]."""
 
-    def take(self, telemetry: Telemetry, torque: float) -> Optional[Estimated]:
+    def take(self, telemetry: Telemetry) -> Optional[Estimated]:
         """Return an estimate from a new measurement."""
 
     def motion(self, now: float) -> Optional[PendulumMotion]:
@@ -146,9 +146,10 @@ class DriveControl(Generic[Estimated]):
     def measure(self, driver: Driver) -> Optional[Estimated]:
         """Read a new measurement, if there is one."""
         try:
-            return self.sensing.take(driver.poll(), self.supervisor.torque)
+            return self.sensing.take(driver.poll())
         except EstimateLostError as error:
             # Require a release by a person: the next estimate assumes a robot at rest.
+            self.counts[error.reason] += 1
             self.supervisor.trigger(str(error))
             LOG.warning('%s', error)
             return None

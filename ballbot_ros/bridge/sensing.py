@@ -2,7 +2,7 @@
 """State estimate of a session and its validity."""
 import logging
 import math
-from typing import NamedTuple, Optional, Tuple
+from typing import List, Optional, Tuple
 
 from ballbot_ros.bridge.hardware_file import Hardware
 from ballbot_ros.bridge.imu_watch import ImuWatch
@@ -11,7 +11,7 @@ from ballbot_ros.bridge.supervisor import PendulumMotion
 from ballbot_ros.drives.contract import Telemetry
 from ballbot_ros.errors import EstimateLostError, MessageError
 from ballbot_ros.estimation import (
-    Estimate, Fusion, ImuReading, OdometryFilter, OdometryState)
+    EncoderReading, Estimate, Fusion, ImuReading, OdometryFilter, OdometryState)
 from ballbot_ros.imus.plausibility import EXPLANATIONS, ImuPlausibility
 from ballbot_ros.physics.model.robot import Robot
 
@@ -21,49 +21,6 @@ LOG = logging.getLogger(__name__)
 SWING_OVERSHOOT = 0.8
 # Age above which a newer estimate replaces the odometry of the last IMU reading [s].
 FELT_LONG_AGO = 0.03
-# Comparison of the encoder with the velocity that the drive reports: time constant [s],
-SMOOTHING = 0.1
-# longest time between two readings [s],
-LONGEST_PAUSE = 0.05
-# smallest smoothed travel by velocity [rad] and part of it that the encoder contradicts,
-TRAVEL_MIN, CONTRADICTED_MIN = 0.1, 0.6
-# limit of the difference of one reading, as a multiple of its travel: reduces the weight of jumps,
-DIFFERENCE_MAX = 2.5
-# and time after which the e-stop engages [s].
-CONTRADICTION_TIME = 0.04
-
-
-class VelocityCheck(NamedTuple):
-    """
-    Comparison of encoder steps with the velocity of the drive; `after` gives the next.
-
-    A frozen encoder differs by the whole travel, one that counts backwards by twice that.
-    """
-
-    stamp: float = -math.inf
-    angle: float = 0.0
-    travel: float = 0.0  # by the velocity, smoothed [rad]
-    difference: float = 0.0  # of the encoder from it, smoothed [rad]
-    contradicted_for: float = 0.0  # [s]
-
-    def after(self, stamp: float, angle: float, rate: Optional[float]) -> 'VelocityCheck':
-        """Return the check after a reading of the joint angle [rad] and its rate [rad/s]."""
-        pause = stamp - self.stamp
-        if rate is None or not 0.0 < pause <= LONGEST_PAUSE:
-            return VelocityCheck(stamp, angle)
-        keep, step = math.exp(-pause / SMOOTHING), rate * pause
-        largest = DIFFERENCE_MAX * abs(step)
-        error = min(max(angle - self.angle - step, -largest), largest)
-        travel = keep * self.travel + abs(step)
-        difference = keep * self.difference + error
-        contradicted = travel >= TRAVEL_MIN and abs(difference) >= CONTRADICTED_MIN * travel
-        return VelocityCheck(stamp, angle, travel, difference,
-                             self.contradicted_for + pause if contradicted else 0.0)
-
-    @property
-    def contradicts(self) -> bool:
-        """Return whether encoder and velocity contradict each other for too long."""
-        return self.contradicted_for >= CONTRADICTION_TIME
 
 
 class AxisSensing:
@@ -83,7 +40,8 @@ class AxisSensing:
     def __init__(self, hardware: Hardware):
         self._joint = hardware.joint
         self.imu_watch = ImuWatch()
-        self._velocity_check = VelocityCheck()
+        # Time and torque of each command that may act after the last measurement [s], [N m].
+        self._commands: List[Tuple[float, float]] = [(-math.inf, 0.0)]
         self._answered = self._waiting_since = 0.0
         self.expecting = False
         self.stamp = -math.inf
@@ -100,6 +58,7 @@ class AxisSensing:
 
     def commanded(self, torque: float, now: float) -> None:
         """Record a torque of the axis before it is sent [N m]."""
+        self._commands.append((now, torque))
 
     def restart(self, now: float) -> None:
         """Restart the reply timeout after a blocking operation."""
@@ -114,12 +73,11 @@ class AxisSensing:
         # Replies may continue without new estimates, when the time of the measurement is unknown.
         return now - self._answered > SILENCE or now - self.stamp > SILENCE
 
-    def new_measurement(self, telemetry: Telemetry) -> Optional[Tuple[float, Optional[float]]]:
+    def new_measurement(self, telemetry: Telemetry) -> Optional[EncoderReading]:
         """
-        Return angle and rate of the joint [rad], [rad/s] by a new measurement, or None.
+        Return the reading of a new measurement, or None.
 
-        A measurement of unknown time yields none but counts as a reply.  Raises
-        `EstimateLostError` if the encoder contradicts the velocity that the drive reports.
+        A measurement of unknown time yields none but counts as a reply.
         """
         if telemetry.position is None or telemetry.time is None \
                 or telemetry.time <= self._answered:
@@ -127,17 +85,20 @@ class AxisSensing:
         self._answered, self.expecting = telemetry.time, False
         if telemetry.measured is None:
             return None
-        self.stamp = max(telemetry.measured, self.stamp)
-        angle = self._joint.joint_angle(telemetry.position)
-        rate = None if telemetry.velocity is None else self._joint.joint_angle(telemetry.velocity)
-        self._velocity_check = self._velocity_check.after(self.stamp, angle, rate)
-        if self._velocity_check.contradicts:
-            self._velocity_check = VelocityCheck()
-            raise EstimateLostError(
-                'the encoder contradicts the velocity that the drive reports: it is frozen, '
-                'reversed or slips; check its cable, its magnet and the settings of the '
-                'drive for it; let the robot come to rest')
-        return angle, rate
+        before, self.stamp = self.stamp, max(telemetry.measured, self.stamp)
+        stamp, commands, rate = self.stamp, self._commands, telemetry.velocity
+        ends = [when for when, _ in commands[1:]] + [math.inf]
+        # The drive executes commands and requests in the order of their transmission, but any
+        # command may have been delayed.
+        momentum = sum(torque * max(0.0, min(end, stamp) - max(when, before))
+                       for (when, torque), end in zip(commands, ends))
+        torques = [torque for _, torque in commands]
+        self._commands = [sent for sent, end in zip(commands, ends) if end > stamp]
+        return EncoderReading(
+            stamp, self._joint.joint_angle(telemetry.position),
+            momentum / (stamp - before) if -math.inf < before < stamp else torques[-1],
+            None if rate is None else self._joint.joint_angle(rate), self._answered - stamp,
+            (min(torques), max(torques)))
 
 
 class Sensing(AxisSensing):
@@ -171,22 +132,17 @@ class Sensing(AxisSensing):
         super().begin(now)
         self.fusion.found_again()
 
-    def take(self, telemetry: Telemetry, torque: float) -> Optional[Estimate]:
+    def take(self, telemetry: Telemetry) -> Optional[Estimate]:
         """
         Return an estimate from a new measurement, None if there is none in the telemetry.
 
-        Raises as `new_measurement` and `Fusion.encoder` do.
+        Raises as `Fusion.encoder` does.
         """
-        zeros = self.fusion.rezeroed
+        reading, zeros = self.new_measurement(telemetry), self.fusion.rezeroed
+        if reading is None:
+            return None
         try:
-            try:
-                measured = self.new_measurement(telemetry)
-            except EstimateLostError:
-                self.fusion.reset()
-                raise
-            if measured is None:
-                return None
-            estimate = self.fusion.encoder(self.stamp, measured[0], torque, measured[1])
+            estimate = self.fusion.encoder(reading)
         except EstimateLostError:
             if self.odometry is not None:
                 self.odometry = self._rolling.lost(self.odometry)

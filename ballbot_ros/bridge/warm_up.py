@@ -4,7 +4,7 @@ import logging
 import time
 
 from ballbot_ros.control.checked import warm_up as warm_up_laws
-from ballbot_ros.estimation import Fusion, ImuReading
+from ballbot_ros.estimation import EncoderReading, Fusion, ImuReading
 from ballbot_ros.physics.model.robot import Robot
 
 LOG = logging.getLogger(__name__)
@@ -26,7 +26,7 @@ def warm_up(robot: Robot) -> float:
     for number in range(1, 5):
         stamp = 0.002 * number
         fusion.imu(ImuReading(stamp, 0.0, 0.0, robot.gravity))
-        fusion.encoder(stamp, 0.0, 0.0)
+        fusion.encoder(EncoderReading(stamp, 0.0))
     spent = time.monotonic() - begin
     if spent > SHORT:
         LOG.info('filter and laws were compiled in %.1f s, cached for the next start', spent)

@@ -9,10 +9,11 @@ A robot at rest, with its encoder at 0 and gravity in its accelerometer:
     >>> for number in range(1, 50):
     ...     stamp = 0.002 * number
     ...     fusion.imu(ImuReading(stamp, 0.0, 0.0, 9.81))
-    ...     estimate = fusion.encoder(stamp, 0.0, torque=0.0)
+    ...     estimate = fusion.encoder(EncoderReading(stamp, 0.0))
     >>> bool(abs(estimate.mean[0]) < 0.01)
     True
 """
+from ballbot_ros.estimation.encoder import EncoderReading
 from ballbot_ros.estimation.fusion import Fusion
 from ballbot_ros.estimation.imu import ImuMounting, ImuReading
 from ballbot_ros.estimation.kalman import Estimate, PendulumFilter
@@ -20,5 +21,5 @@ from ballbot_ros.estimation.odometry import OdometryFilter, OdometryState, Odome
 from ballbot_ros.estimation.tuning import FilterTuning
 
 __all__ = [
-    'Estimate', 'FilterTuning', 'Fusion', 'ImuMounting', 'ImuReading', 'OdometryFilter',
-    'OdometryState', 'OdometryTuning', 'PendulumFilter']
+    'EncoderReading', 'Estimate', 'FilterTuning', 'Fusion', 'ImuMounting', 'ImuReading',
+    'OdometryFilter', 'OdometryState', 'OdometryTuning', 'PendulumFilter']

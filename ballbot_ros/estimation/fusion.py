@@ -7,11 +7,10 @@ from typing import Callable, Deque, Optional
 
 from ballbot_ros.control.signals import refuse_not_finite
 from ballbot_ros.errors import EstimateLostError, MessageError
-from ballbot_ros.estimation.continuity import Continuity, EncoderReading
+from ballbot_ros.estimation.encoder import Continuity, EncoderCheck, EncoderReading
 from ballbot_ros.estimation.imu import ImuMounting, ImuReading
 from ballbot_ros.estimation.kalman import Estimate, PendulumFilter
-from ballbot_ros.estimation.kernels import BALL_RATE, JOINT, PENDULUM_RATE
-from ballbot_ros.estimation.torque_check import TorqueCheck
+from ballbot_ros.estimation.kernels import JOINT, PENDULUM_RATE
 from ballbot_ros.estimation.tuning import FilterTuning
 from ballbot_ros.physics.model.robot import Robot
 
@@ -61,6 +60,7 @@ class Fusion:
                  tuning: FilterTuning = FilterTuning(),
                  encoder_zero: Optional[float] = None):
         self._robot, self._filter = robot, PendulumFilter(robot, tuning)
+        self._inertia = robot.pendulum_inertia + robot.pendulum_mass * robot.pendulum_length**2
         self._mounting, self._encoder_zero = mounting, encoder_zero
         self.jumps = self.rezeroed = 0
         self.last_jump = 0.0
@@ -74,7 +74,7 @@ class Fusion:
         self._newest = -math.inf
         self._imu: Optional[ImuReading] = None
         self._upright = False  # ball angle 0 is where the IMU is upright
-        self._continuity, self._torque_check = Continuity(), TorqueCheck()
+        self._continuity, self._check = Continuity(), EncoderCheck()
         self._jumped: Deque[float] = deque(maxlen=MOST_JUMPS)  # when [s]
 
     def found_again(self) -> None:
@@ -123,66 +123,62 @@ class Fusion:
         self.estimate = self._filter.with_imu(estimate, imu, min(period, IMU_TIMEOUT))
         self.follower(self.estimate, imu)
 
-    def encoder(self, stamp: float, angle: float, torque: float,
-                rate: Optional[float] = None) -> Estimate:
+    def encoder(self, reading: EncoderReading) -> Estimate:
         """
         Take an encoder reading and return the estimate at its time.
-
-        Parameters
-        ----------
-        stamp : float
-            [s]
-        angle : float
-            Of the joint, from an arbitrary zero [rad].
-        torque : float
-            At the pendulum since the previous reading [N m].
-        rate : float, optional
-            Of the joint, as the drive reports it [rad/s]; distinguishes a jump from a motion.
 
         Raises
         ------
         MessageError
             With reason ``not_finite``.
         EstimateLostError
-            If the estimate diverges, the encoder jumps repeatedly, or the joint does not follow
-            its torque; the next reading starts a new estimate of a robot at rest.
+            With reason ``runaway`` if the estimate diverges, ``jumps`` if the encoder jumps
+            repeatedly, and as `EncoderCheck` does; the next reading starts a new estimate of a
+            robot at rest.
 
         """
-        if not math.isfinite(stamp + angle + torque + (rate or 0.0)):
+        stamp, angle, torque = reading[:3]
+        if not math.isfinite(stamp + angle + torque + (reading.rate or 0.0)):
             refuse_not_finite('encoder reading', stamp=stamp, angle=angle, torque=torque,
-                              rate=rate or 0.0)
+                              rate=reading.rate or 0.0)
+        try:
+            self.estimate = self._after(reading)
+        except EstimateLostError:
+            self.reset()
+            raise
+        return self.estimate
+
+    def _after(self, reading: EncoderReading) -> Estimate:
+        """Return the estimate after an encoder reading."""
+        stamp, angle, torque = reading[:3]
         while self._waiting and self._waiting[0].stamp <= stamp:
             self._use(self._waiting.popleft(), torque)
         imu = self._imu
         if imu is not None and stamp - imu.stamp > IMU_TIMEOUT:
             imu = None
+        self._check = self._check.after(reading)
         if self.estimate is None:
             self._upright = imu is not None
-            self.estimate = self._filter.start(stamp, angle, imu, self._encoder_zero)
-            self._continuity = Continuity(EncoderReading(stamp, angle, rate, 0.0, 0.0))
-            self._encoder_stamp = stamp
-            return self.estimate
-        estimate = self._filter.predict(self.estimate, stamp, torque, imu)
-        self._continuity = self._continuity.after(EncoderReading(
-            stamp, angle, rate, self._filter.innovation(estimate, angle),
-            float(estimate.mean[PENDULUM_RATE] - estimate.mean[BALL_RATE])))
-        if self._continuity.doubt is None:
-            predicted, estimate = estimate, self._filter.with_encoder(estimate, angle)
-            rate = float(estimate.mean[PENDULUM_RATE])
-            self._torque_check = self._torque_check.after(
-                self._robot, stamp - self._encoder_stamp, torque,
-                rate - float(predicted.mean[PENDULUM_RATE]),
-                rate - float(estimate.mean[BALL_RATE]))
-            if self._torque_check.contradicts:
-                self._give_up(self._torque_check.contradicts)
+            self._continuity = Continuity(reading)
+            return self._filter.start(stamp, angle, imu, self._encoder_zero)
+        predicted = self._filter.predict(self.estimate, stamp, torque, imu)
+        self._continuity = self._continuity.after(
+            reading, self._filter.innovation(predicted, angle), predicted.joint_rate)
+        if self._continuity.doubt is not None:
+            self._check = EncoderCheck(reading)
+            estimate = self._in_doubt(predicted)
         else:
-            self._torque_check = TorqueCheck()
-            estimate = self._in_doubt(estimate)
-        self._encoder_stamp = stamp
+            estimate = self._filter.with_encoder(predicted, angle, reading.latency)
+            if self._check.pause:
+                change = float(estimate.mean[PENDULUM_RATE] - predicted.mean[PENDULUM_RATE])
+                self._check = self._check.moved(
+                    torque + self._inertia * change / self._check.pause,
+                    self._robot.largest_gravity_torque)
         if not _plausible(estimate):
-            self._give_up('the estimate of the pendulum angle has run away: readings contradict '
-                          'each other or the model for too long')
-        self.estimate = estimate
+            raise EstimateLostError(
+                'the estimate of the pendulum angle has run away: readings contradict each other '
+                'or the model for too long; let the robot come to rest',
+                'runaway', 'pendulum_angle')
         return estimate
 
     def _in_doubt(self, estimate: Estimate) -> Estimate:
@@ -192,23 +188,21 @@ class Fusion:
         self.jumps += 1
         if doubt.jump is None:
             if estimate.stamp - doubt.since > GIVEN_UP:
-                self._give_up(f'for {GIVEN_UP:g} s the encoder has jumped, and no two readings '
-                              'agree on where it is: look at its cable and its supply')
+                raise EstimateLostError(
+                    f'for {GIVEN_UP:g} s the encoder has jumped, and no two readings agree on '
+                    'where it is: look at its cable and its supply; let the robot come to rest',
+                    'jumps', 'encoder')
             return estimate
         self.rezeroed += 1
         self.last_jump = doubt.jump
         self._continuity = self._continuity._replace(doubt=None)
         self._jumped.append(estimate.stamp)
         if len(self._jumped) == MOST_JUMPS and estimate.stamp - self._jumped[0] < JUMPS_WITHIN:
-            self._give_up(
+            raise EstimateLostError(
                 f'the encoder has jumped {MOST_JUMPS} times within {JUMPS_WITHIN:g} s, the last '
-                f'time by {doubt.jump:.3f} rad at the joint: look at its cable and its magnet')
+                f'time by {doubt.jump:.3f} rad at the joint: look at its cable and its magnet; '
+                'let the robot come to rest', 'jumps', 'encoder')
         return estimate._replace(encoder_zero=estimate.encoder_zero + doubt.jump)
-
-    def _give_up(self, why: str) -> None:
-        """Reset and raise `EstimateLostError`."""
-        self.reset()
-        raise EstimateLostError(f'{why}; let the robot come to rest')
 
 
 def _with_upright(estimate: Estimate, imu: ImuReading) -> Estimate:

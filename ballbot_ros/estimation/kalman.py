@@ -62,6 +62,11 @@ class Estimate(NamedTuple):
         return JointReadings(self.stamp, pendulum - joint, joint, ball_rate, rate - ball_rate)
 
     @property
+    def joint_rate(self) -> float:
+        """Return the rate of the joint [rad/s]."""
+        return float(self.mean[PENDULUM_RATE] - self.mean[BALL_RATE])
+
+    @property
     def angle_sd(self) -> float:
         """Return the standard deviation of the pendulum angle [rad]."""
         return math.sqrt(max(0.0, float(self.covariance[PENDULUM, PENDULUM])))
@@ -152,14 +157,25 @@ class PendulumFilter:
                       self._numbers, mean, covariance),
             mean, covariance, estimate.encoder_zero)
 
-    def with_encoder(self, estimate: Estimate, encoder: float) -> Estimate:
-        """Return the estimate corrected by an encoder angle [rad]."""
+    def with_encoder(self, estimate: Estimate, encoder: float, latency: float = 0.0) -> Estimate:
+        """
+        Return the estimate corrected by an encoder angle.
+
+        Parameters
+        ----------
+        estimate : Estimate
+        encoder : float
+            [rad]
+        latency : float
+            The angle may have been measured as much later [s], at a time of uniform probability.
+
+        """
         mean, covariance = np.empty(SIZE), np.empty((SIZE, SIZE))
-        turned_meanwhile = self._tuning.timing_sd * float(
-            estimate.mean[PENDULUM_RATE] - estimate.mean[BALL_RATE])
+        tuning, rate = self._tuning, estimate.joint_rate
         with_joint_angle(
             estimate[1:3], self.innovation(estimate, encoder),
-            self._tuning.encoder_sd**2 + turned_meanwhile**2, mean, covariance)
+            tuning.encoder_sd**2 + (tuning.timing_sd**2 + latency**2 / 12.0) * rate**2,
+            mean, covariance)
         return Estimate(estimate.stamp, mean, covariance, estimate.encoder_zero)
 
     def innovation(self, estimate: Estimate, encoder: float) -> float:

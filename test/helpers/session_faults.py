@@ -36,6 +36,30 @@ def loop(robot, seconds, set_point):
         robot.loop(0.02)
 
 
+def hold_up(robot, rng, longest):
+    """Let drive and line pause again and again, for a random time up to `longest` [s]."""
+    sent, write, live, until = [], robot.write, robot.live, robot.now
+
+    def live_late():
+        nonlocal until
+        if robot.now >= until:
+            for data in sent:
+                write(data)
+            sent.clear()
+            live()
+        if robot.now > until + 0.02:
+            until = robot.now + rng.uniform(0.0, longest)
+    robot.write, robot.live = sent.append, live_late
+
+
+def loop_late(robot, rng, longest, seconds, set_point):
+    """Let the loop of the bridge pause again and again, for a random time up to `longest` [s]."""
+    end = robot.now + seconds
+    while robot.now < end:
+        robot.pass_time(rng.uniform(0.0, longest))
+        loop(robot, STEP * rng.randrange(1, 5), set_point)
+
+
 # Of each axis: its measurements in the device, and the function of the robot that falsifies them.
 ENCODERS = (('sensed', 'encoder'), ('second', 'lean_encoder'))
 

@@ -27,7 +27,7 @@ def sensing(imu_required=False, encoder_zero=None):
 def take(found, time, position=0.0, measured=None):
     """Give an answer of the drive, measured by default when it comes."""
     return found.take(Telemetry(
-        time=time, measured=time if measured is None else measured, position=position), 0.0)
+        time=time, measured=time if measured is None else measured, position=position))
 
 
 def test_the_joint_turns_as_the_gear_says():
@@ -50,15 +50,15 @@ def test_an_estimate_is_of_the_time_when_the_drive_measured_however_late_that_is
 def test_an_answer_without_a_time_of_measurement_is_an_answer_only():
     found = sensing()
     found.ask(10.1)
-    assert found.take(Telemetry(time=10.101, position=1.0), 0.0) is None
+    assert found.take(Telemetry(time=10.101, position=1.0)) is None
     assert not found.expecting and found.fusion.estimate is None
 
 
 def test_what_is_no_new_measurement_is_none():
     found = sensing()
-    assert found.take(Telemetry(), 0.0) is None
-    assert found.take(Telemetry(time=10.1), 0.0) is None
-    assert found.take(Telemetry(position=1.0), 0.0) is None
+    assert found.take(Telemetry()) is None
+    assert found.take(Telemetry(time=10.1)) is None
+    assert found.take(Telemetry(position=1.0)) is None
     assert take(found, 10.0) is None and take(found, 9.9) is None  # from before it started
     assert take(found, 10.1) is not None and take(found, 10.1) is None
 

@@ -441,7 +441,7 @@ def test_an_estimate_that_ran_away_engages_the_e_stop_even_where_it_rearms(caplo
     robot = VirtualRobot(rearm=True).ready()
 
     def fail(*_):
-        raise EstimateLostError('planted')
+        raise EstimateLostError('planted', 'runaway', 'encoder')
     robot.session.fusion.encoder = fail
     report = robot.run(0.1, torque=0.5)
     assert report.e_stop == 'planted' and 'planted' in caplog.messages

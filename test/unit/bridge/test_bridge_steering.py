@@ -7,8 +7,8 @@ import random
 import pytest
 from refusals import refused
 from session_faults import (
-    frozen, loop, rebooted_drive, requested_stop, reversed_encoder, silent_drive, silent_imu,
-    tripped_drive, unplugged)
+    frozen, hold_up, loop, loop_late, rebooted_drive, requested_stop, reversed_encoder,
+    silent_drive, silent_imu, tripped_drive, unplugged)
 from virtual_robot import STEP, VirtualRobot
 
 from ballbot_ros.bridge.feasibility import wire_budget
@@ -112,24 +112,10 @@ def test_each_fault_of_one_axis_ends_the_torque_of_both(turning, fault):
 
 @pytest.mark.parametrize('seed', [3, 8, 9])
 def test_late_commands_and_replies_are_no_fault_of_the_lean(seed):
-    rng, sent = random.Random(seed), []
+    rng = random.Random(seed)
     robot = VirtualRobot('roboclaw', onboard='gentle', steering=True).ready()
-    write, live, held_until = robot.write, robot.live, 0.0
-
-    def live_late():
-        """Let the drive receive nothing until later."""
-        if robot.now >= held_until:
-            for data in sent:
-                write(data)
-            sent.clear()
-            live()
-    robot.write, robot.live = sent.append, live_late
-    end = robot.now + 3.0
-    while robot.now < end:
-        robot.pass_time(rng.uniform(0.0, 0.028))  # the loop is delayed
-        if robot.now > held_until + 0.02:
-            held_until = robot.now + rng.uniform(0.0, 0.028)
-        robot.loop(STEP * rng.randrange(1, 5), TURN)
+    hold_up(robot, rng, 0.04)
+    loop_late(robot, rng, 0.04, 3.0, TURN)
     assert not robot.session.supervisor.e_stop
     assert robot.lateral.heading > 0.3
 

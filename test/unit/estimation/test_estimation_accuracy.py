@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from ballbot_ros.estimation import Fusion, ImuMounting, ImuReading
+from ballbot_ros.estimation import EncoderReading, Fusion, ImuMounting, ImuReading
 from ballbot_ros.physics import load_robot
 from ballbot_ros.physics.simulation.scene import read_scene
 from ballbot_ros.plant import Imu, Plant
@@ -37,7 +37,8 @@ def run(case, duration=2.5, imu=None, mounting=ImuMounting(), assumed=GIMBALL, l
         state = plant.advance(torque)
         if imu is not None and state.time > late:
             fusion.imu(ImuReading(*imu.sample(before, state, number)))
-        pairs.append((fusion.encoder(state.time, state.joint_angle + 7.0, torque), state))
+        reading = EncoderReading(state.time, state.joint_angle + 7.0, torque)
+        pairs.append((fusion.encoder(reading), state))
     return pairs, fusion
 
 

@@ -6,8 +6,8 @@ from hypothesis import given, settings, strategies as st
 import pytest
 
 from ballbot_ros.errors import EstimateLostError
-from ballbot_ros.estimation import Fusion, ImuMounting, ImuReading
-from ballbot_ros.estimation.continuity import Continuity, EncoderReading
+from ballbot_ros.estimation import EncoderReading, Fusion, ImuMounting, ImuReading
+from ballbot_ros.estimation.encoder import Continuity
 from ballbot_ros.physics import load_robot
 from ballbot_ros.physics.simulation.scene import read_scene
 from ballbot_ros.plant import Imu, Plant
@@ -48,7 +48,8 @@ def followed(motion, imu=True, every=1, lag=0.0, late=lambda number: 0.0, jump=0
         if number % every == 0:
             angle = state.joint_angle - late(number) * state.joint_rate \
                 + (jump if number >= at else 0.0)
-            estimate = fusion.encoder(state.time, angle, torque, rate if rates else None)
+            estimate = fusion.encoder(EncoderReading(
+                state.time, angle, torque, rate if rates else None))
             angles.append(estimate.readings.joint_angle)
     return fusion, angles
 
@@ -85,20 +86,20 @@ def test_more_than_an_eighth_of_a_radian_is_noticed_at_any_rate(rate, jump, way)
     kept = Continuity()
     for number in range(10):
         angle = rate * PERIOD * number
-        kept = kept.after(EncoderReading(PERIOD * number, angle, rate, 0.0, rate))
+        kept = kept.after(EncoderReading(PERIOD * number, angle, rate=rate), 0.0, rate)
         assert kept.doubt is None
     for number in range(10, 20):
         assert kept.doubt is None or kept.doubt.jump is None
         angle = rate * PERIOD * number + way * jump
-        kept = kept.after(EncoderReading(PERIOD * number, angle, rate, way * jump, rate))
+        kept = kept.after(EncoderReading(PERIOD * number, angle, rate=rate), way * jump, rate)
         assert (kept.doubt is None) is (jump <= 0.04 + 0.003 * abs(rate))
     assert kept.doubt is None or kept.doubt.jump == pytest.approx(way * jump)
 
 
 def test_a_velocity_that_the_jump_itself_made_does_not_explain_it():
     # The estimator of an ODrive follows a jump within a millisecond or two.
-    kept = Continuity().after(EncoderReading(0.0, 0.0, 0.0, 0.0, 0.0))
-    kept = kept.after(EncoderReading(0.002, 0.25, 250.0, 0.25, 0.0))
+    kept = Continuity().after(EncoderReading(0.0, 0.0, rate=0.0), 0.0, 0.0)
+    kept = kept.after(EncoderReading(0.002, 0.25, rate=250.0), 0.25, 0.0)
     assert kept.doubt is not None
 
 
@@ -107,8 +108,8 @@ def test_a_velocity_that_the_jump_itself_made_does_not_explain_it():
     (0.35, False)])
 def test_after_a_pause_an_encoder_that_may_have_restarted_at_0_is_doubted(angle, doubted):
     # It stood at 0.5 and has moved by -0.2 in the pause, by the prediction.
-    kept = Continuity().after(EncoderReading(0.0, 0.5, -1.0, 0.0, -1.0))
-    kept = kept.after(EncoderReading(0.2, angle, -1.0, angle - 0.3, -1.0))
+    kept = Continuity().after(EncoderReading(0.0, 0.5, rate=-1.0), 0.0, -1.0)
+    kept = kept.after(EncoderReading(0.2, angle, rate=-1.0), angle - 0.3, -1.0)
     assert (kept.doubt is not None) is (doubted or abs(angle - 0.3) > 0.5)
 
 
@@ -121,22 +122,23 @@ def test_answers_that_were_given_late_but_asked_in_time_are_no_jump(rate, held_u
         stamp = PERIOD * number
         looked = max(stamp, 0.04 + held_up) if 0.04 <= stamp <= 0.04 + held_up else stamp
         angle = rate * looked
-        kept = kept.after(EncoderReading(stamp, angle, rate, angle - rate * stamp, rate))
+        kept = kept.after(EncoderReading(stamp, angle, rate=rate), angle - rate * stamp, rate)
         jumps += kept.doubt is not None and kept.doubt.jump is not None
     assert jumps == 0 and kept.doubt is None
 
 
 def test_a_doubt_is_not_over_because_readings_pause():
-    kept = Continuity().after(EncoderReading(0.0, 0.0, 0.0, 0.0, 0.0))
-    kept = kept.after(EncoderReading(0.002, 0.4, 0.0, 0.4, 0.0))
+    kept = Continuity().after(EncoderReading(0.0, 0.0, rate=0.0), 0.0, 0.0)
+    kept = kept.after(EncoderReading(0.002, 0.4, rate=0.0), 0.4, 0.0)
     assert kept.doubt is not None
-    assert kept.after(EncoderReading(0.08, 0.45, 0.0, 0.45, 0.0)).doubt is not None
+    assert kept.after(EncoderReading(0.08, 0.45, rate=0.0), 0.45, 0.0).doubt is not None
 
 
 def test_a_filter_that_errs_is_corrected_by_an_encoder_that_goes_on_smoothly():
-    kept = Continuity().after(EncoderReading(0.0, 0.0, 5.0, 0.0, 5.0))
+    kept = Continuity().after(EncoderReading(0.0, 0.0, rate=5.0), 0.0, 5.0)
     for number in range(1, 30):
-        kept = kept.after(EncoderReading(PERIOD * number, 5.0 * PERIOD * number, 5.0, 0.4, 5.0))
+        reading = EncoderReading(PERIOD * number, 5.0 * PERIOD * number, rate=5.0)
+        kept = kept.after(reading, 0.4, 5.0)
         assert kept.doubt is None
 
 
@@ -144,8 +146,8 @@ def test_a_single_reading_that_is_wrong_is_left_out_and_nothing_else():
     fusion, still = Fusion(GIMBALL), Fusion(GIMBALL)
     for number in range(20):
         angle = 0.3 if number == 10 else 0.0
-        estimate = fusion.encoder(PERIOD * number, angle, 0.0, 0.0)
-        other = still.encoder(PERIOD * number, 0.0, 0.0, 0.0)
+        estimate = fusion.encoder(EncoderReading(PERIOD * number, angle, 0.0, 0.0))
+        other = still.encoder(EncoderReading(PERIOD * number, 0.0, 0.0, 0.0))
         assert estimate.readings.joint_angle == pytest.approx(
             other.readings.joint_angle, abs=1e-6)
     assert (fusion.jumps, fusion.rezeroed) == (1, 0)
@@ -153,13 +155,13 @@ def test_a_single_reading_that_is_wrong_is_left_out_and_nothing_else():
 
 def test_the_angle_is_relied_on_for_20_ms_and_given_up_after_100():
     fusion = Fusion(GIMBALL)
-    fusion.encoder(0.0, 0.0, 0.0, 0.0)
+    fusion.encoder(EncoderReading(0.0, 0.0, 0.0, 0.0))
     relied_on = {}
-    with pytest.raises(EstimateLostError, match=r'for 0\.1 s the encoder has jumped') as raised:
+    with pytest.raises(EstimateLostError) as raised:
         for number in range(1, 100):
-            fusion.encoder(PERIOD * number, 0.5 * (-1) ** number, 0.0, 0.0)
+            fusion.encoder(EncoderReading(PERIOD * number, 0.5 * (-1) ** number, 0.0, 0.0))
             relied_on[number] = fusion.is_relied_on()
-    assert 'come to rest' in str(raised.value)
+    assert raised.value.reason == 'jumps'
     assert [number for number, good in relied_on.items() if good] == list(range(1, 12))
     assert max(relied_on) == 51
     assert fusion.estimate is None and not fusion.is_relied_on()
@@ -167,12 +169,13 @@ def test_the_angle_is_relied_on_for_20_ms_and_given_up_after_100():
 
 def test_an_encoder_that_jumps_three_times_in_5_s_is_given_up():
     fusion, angle = Fusion(GIMBALL), 0.0
-    with pytest.raises(EstimateLostError, match='3 times within 5 s, the last time by 0.251 rad'):
+    with pytest.raises(EstimateLostError) as raised:
         for number in range(2000):
             angle += TWO_TURNS if number % 500 == 100 else 0.0
-            fusion.encoder(PERIOD * number, angle, 0.0, 0.0)
+            fusion.encoder(EncoderReading(PERIOD * number, angle, 0.0, 0.0))
+    assert raised.value.reason == 'jumps'
     assert number == 1109 and fusion.rezeroed == 3
     for number in range(2000, 6000):  # one in 4 s is gone on from
         angle += TWO_TURNS if number % 2000 == 100 else 0.0
-        fusion.encoder(PERIOD * number, angle, 0.0, 0.0)
+        fusion.encoder(EncoderReading(PERIOD * number, angle, 0.0, 0.0))
     assert fusion.rezeroed == 5

@@ -9,7 +9,8 @@ from refusals import refused
 
 from ballbot_ros.control import RollingModel
 from ballbot_ros.errors import EstimateLostError, MessageError
-from ballbot_ros.estimation import FilterTuning, Fusion, ImuMounting, ImuReading, PendulumFilter
+from ballbot_ros.estimation import (
+    EncoderReading, FilterTuning, Fusion, ImuMounting, ImuReading, PendulumFilter)
 from ballbot_ros.physics import load_robot
 
 GIMBALL = load_robot('gimball')
@@ -29,7 +30,7 @@ def tilted(stamp, angle):
 def started(encoder=0.0, **options):
     """Return fusion with one encoder reading at time 0."""
     fusion = Fusion(GIMBALL, **options)
-    fusion.encoder(0.0, encoder, 0.0)
+    fusion.encoder(EncoderReading(0.0, encoder))
     return fusion
 
 
@@ -44,10 +45,10 @@ def same(one, other):
 def test_without_an_imu_fusion_is_prediction_and_encoder_in_turn():
     fusion, estimate = Fusion(GIMBALL), FILTER.start(0.0, 4.0)
     assert fusion.estimate is None
-    fusion.encoder(0.0, 4.0, 0.0)
+    fusion.encoder(EncoderReading(0.0, 4.0))
     for number in range(1, 20):
         stamp, angle, torque = 0.004 * number, 4.0 + 0.01 * number, 0.1 * number
-        found = fusion.encoder(stamp, angle, torque)
+        found = fusion.encoder(EncoderReading(stamp, angle, torque))
         estimate = FILTER.with_encoder(FILTER.predict(estimate, stamp, torque), angle)
         assert same(found, estimate) and fusion.estimate is found
 
@@ -59,7 +60,7 @@ def test_imu_readings_count_at_their_own_times_with_the_torque_of_the_period():
     fusion.imu(first)
     before = mounting.at_centre(first)
     estimate = FILTER.start(0.0, 2.0, before)
-    assert same(fusion.encoder(0.0, 2.0, 0.0), estimate)
+    assert same(fusion.encoder(EncoderReading(0.0, 2.0)), estimate)
     turning = 0.0
     for number in range(1, 20):
         stamp, torque = 0.021 * number, math.sin(number)
@@ -76,7 +77,7 @@ def test_imu_readings_count_at_their_own_times_with_the_torque_of_the_period():
                 FILTER.predict(estimate, reading.stamp, torque, before), before, passed)
         estimate = FILTER.with_encoder(
             FILTER.predict(estimate, stamp, torque, before), 2.0 + 0.001 * number)
-        found = fusion.encoder(stamp, 2.0 + 0.001 * number, torque)
+        found = fusion.encoder(EncoderReading(stamp, 2.0 + 0.001 * number, torque))
         np.testing.assert_allclose(found.mean, estimate.mean, rtol=1e-9, atol=1e-12)
         np.testing.assert_allclose(found.covariance, estimate.covariance, rtol=1e-9, atol=1e-15)
     assert abs(turning) > 0.1
@@ -86,10 +87,11 @@ def test_an_imu_reading_waits_for_the_encoder_reading_that_is_not_older():
     fusion, plain = started(), started()
     for both in (fusion, plain):
         both.imu(upright(0.001))
-        both.encoder(0.002, 0.0, 0.0)
+        both.encoder(EncoderReading(0.002, 0.0))
     fusion.imu(upright(0.006, turn_rate=3.0))
-    assert same(fusion.encoder(0.004, 0.0, 0.0), plain.encoder(0.004, 0.0, 0.0))
-    assert fusion.encoder(0.006, 0.0, 0.0).mean[3] > plain.encoder(0.006, 0.0, 0.0).mean[3] + 0.1
+    second, third = EncoderReading(0.004, 0.0), EncoderReading(0.006, 0.0)
+    assert same(fusion.encoder(second), plain.encoder(second))
+    assert fusion.encoder(third).mean[3] > plain.encoder(third).mean[3] + 0.1
 
 
 def test_imu_readings_out_of_order_are_refused_and_a_repeated_stamp_is_not():
@@ -99,7 +101,7 @@ def test_imu_readings_out_of_order_are_refused_and_a_repeated_stamp_is_not():
         fusion.imu(upright(0.9))
     assert caught.value.reason == 'out_of_order'
     fusion.imu(upright(1.0, turn_rate=0.5))
-    assert np.isfinite(fusion.encoder(1.001, 0.0, 0.0).mean).all()
+    assert np.isfinite(fusion.encoder(EncoderReading(1.001, 0.0)).mean).all()
 
 
 def test_of_imu_readings_without_an_encoder_the_last_two_thousand_wait():
@@ -107,7 +109,7 @@ def test_of_imu_readings_without_an_encoder_the_last_two_thousand_wait():
         fusion = started()
         for reading in readings:
             fusion.imu(reading)
-        return fusion.encoder(2.1, 0.0, 0.0)
+        return fusion.encoder(EncoderReading(2.1, 0.0))
 
     readings = [tilted(0.001 * number, 0.2 if number < 3 else 0.0) for number in range(2002)]
     assert same(after(readings), after(readings[-2000:]))
@@ -120,7 +122,7 @@ def test_of_imu_readings_without_an_encoder_the_last_two_thousand_wait():
 def test_a_fresh_imu_and_a_remembered_zero_need_no_rest_at_the_start(age, used):
     fusion = Fusion(GIMBALL, encoder_zero=11.5)
     fusion.imu(tilted(0.0, -0.2))
-    estimate = fusion.encoder(age, 12.0, 0.0)
+    estimate = fusion.encoder(EncoderReading(age, 12.0))
     assert estimate.readings.pendulum_angle == pytest.approx(0.3 if used else 0.0, abs=1e-12)
     assert estimate.readings.ball_angle == pytest.approx(-0.2 if used else 0.0, abs=1e-12)
 
@@ -128,26 +130,26 @@ def test_a_fresh_imu_and_a_remembered_zero_need_no_rest_at_the_start(age, used):
 def test_an_imu_that_was_there_at_the_start_does_not_move_ball_angle_0_later():
     fusion = Fusion(GIMBALL)
     fusion.imu(upright(0.0))
-    fusion.encoder(0.0, 0.0, 0.0)
+    fusion.encoder(EncoderReading(0.0, 0.0))
     fusion.imu(tilted(0.002, 0.3))
-    assert fusion.encoder(0.002, 0.0, 0.0).encoder_zero == 0.0
+    assert fusion.encoder(EncoderReading(0.002, 0.0)).encoder_zero == 0.0
 
 
 @pytest.mark.parametrize('turns', [0, 1, -2])
 def test_an_imu_that_comes_later_shows_the_ball_angle_to_the_nearest_turn(turns):
     fusion = started()
     for number in range(1, 201):  # the joint turns slowly, with it the ball
-        fusion.encoder(0.002 * number, -2.0 * math.pi * turns * number / 200, 0.0)
+        fusion.encoder(EncoderReading(0.002 * number, -2.0 * math.pi * turns * number / 200))
     before = fusion.estimate.readings
     fusion.imu(tilted(0.402, 0.3))
-    after = fusion.encoder(0.402, -2.0 * math.pi * turns, 0.0)
+    after = fusion.encoder(EncoderReading(0.402, -2.0 * math.pi * turns))
     assert after.readings.pendulum_angle == pytest.approx(before.pendulum_angle, abs=0.15)
     whole = (after.readings.ball_angle - 0.3) / (2.0 * math.pi)
     assert abs(whole - round(whole)) < 0.05
     assert abs(after.readings.ball_angle - before.ball_angle) < math.pi + 0.3
     zero = after.encoder_zero
     fusion.imu(tilted(0.404, 0.5))
-    assert fusion.encoder(0.404, -2.0 * math.pi * turns, 0.0).encoder_zero == zero
+    assert fusion.encoder(EncoderReading(0.404, -2.0 * math.pi * turns)).encoder_zero == zero
 
 
 # An IMU that times out
@@ -157,9 +159,10 @@ def test_an_imu_that_comes_later_shows_the_ball_angle_to_the_nearest_turn(turns)
 def test_after_the_timeout_the_floor_is_taken_for_level_again(start, stamp, carried):
     fusion, imu = Fusion(GIMBALL), tilted(start, 0.2)
     fusion.imu(imu)
-    estimate = fusion.encoder(start, 0.0, 0.0)
+    estimate = fusion.encoder(EncoderReading(start, 0.0))
     predicted = FILTER.predict(estimate, stamp, 0.5, imu if carried else None)
-    assert same(fusion.encoder(stamp, 0.001, 0.5), FILTER.with_encoder(predicted, 0.001))
+    assert same(fusion.encoder(EncoderReading(stamp, 0.001, 0.5)),
+                FILTER.with_encoder(predicted, 0.001))
 
 
 @pytest.mark.parametrize('gap, turning', [(0.05, 100.0), (0.2, 0.0)])
@@ -171,7 +174,7 @@ def test_beyond_the_timeout_no_turn_acceleration_is_taken(gap, turning):
     first, later = upright(0.0), replace(upright(gap, rate), turn_acceleration=turning)
     estimate = FILTER.with_imu(FILTER.start(0.0, 0.0), first, 0.05)
     estimate = FILTER.with_imu(FILTER.predict(estimate, gap, 0.0, later), later, 0.05)
-    found = fusion.encoder(gap, float(estimate.mean[1]), 0.0)
+    found = fusion.encoder(EncoderReading(gap, float(estimate.mean[1])))
     np.testing.assert_allclose(found.mean, estimate.mean, rtol=1e-9, atol=1e-12)
 
 
@@ -179,13 +182,13 @@ def test_beyond_the_timeout_no_turn_acceleration_is_taken(gap, turning):
 
 def test_an_angle_far_from_the_predicted_is_left_out_and_counted():
     fusion = started()
-    before = fusion.encoder(0.002, 0.0, 0.0)
-    assert same(fusion.encoder(0.004, 0.51, 0.0), FILTER.predict(before, 0.004, 0.0))
+    before = fusion.encoder(EncoderReading(0.002, 0.0))
+    assert same(fusion.encoder(EncoderReading(0.004, 0.51)), FILTER.predict(before, 0.004, 0.0))
     assert (fusion.jumps, fusion.rezeroed) == (1, 0)
     # After a pause in which anything may have happened, half a radian is near enough.
     for angle, left_out in ((0.5, 0), (0.51, 1)):
         fusion = started()
-        fusion.encoder(0.06, angle, 0.0)
+        fusion.encoder(EncoderReading(0.06, angle))
         assert fusion.jumps == left_out
 
 
@@ -193,16 +196,16 @@ def test_an_angle_far_from_the_predicted_is_left_out_and_counted():
 def test_readings_that_agree_for_18_ms_and_the_encoder_has_another_zero(way):
     fusion = started()
     for number in range(1, 10):
-        fusion.encoder(0.002 * number, 3.0 * way, 0.0)
+        fusion.encoder(EncoderReading(0.002 * number, 3.0 * way))
     assert (fusion.jumps, fusion.rezeroed) == (9, 0)
-    fusion.encoder(0.020, 0.0, 0.0)  # one that fits: it begins again
+    fusion.encoder(EncoderReading(0.020, 0.0))  # one that fits: it begins again
     for number in range(11, 21):
         assert fusion.rezeroed == 0
-        estimate = fusion.encoder(0.002 * number, 3.0 * way, 0.0)
+        estimate = fusion.encoder(EncoderReading(0.002 * number, 3.0 * way))
     assert (fusion.jumps, fusion.rezeroed) == (19, 1)
     assert estimate.encoder_zero == pytest.approx(3.0 * way, abs=1e-3)
-    assert fusion.encoder(0.042, 3.0 * way, 0.0).readings.pendulum_angle == pytest.approx(
-        0.0, abs=1e-3)
+    estimate = fusion.encoder(EncoderReading(0.042, 3.0 * way))
+    assert estimate.readings.pendulum_angle == pytest.approx(0.0, abs=1e-3)
     assert fusion.jumps == 19
 
 
@@ -211,18 +214,18 @@ def test_of_slow_readings_five_must_agree(period):
     fusion = started()
     for number in range(1, 7):
         assert fusion.rezeroed == (number > max(5, 1 + 0.0175 / period))
-        fusion.encoder(period * number, 3.0, 0.0)
+        fusion.encoder(EncoderReading(period * number, 3.0))
 
 
 # What cannot be
 
 @pytest.mark.parametrize('values', [
-    (math.nan, 0.0, 0.0), (0.1, math.inf, 0.0), (0.1, 0.0, math.nan)])
+    (math.nan, 0.0), (0.1, math.inf, 0.0), (0.1, 0.0, math.nan)])
 def test_an_encoder_reading_that_is_not_finite_is_refused_and_changes_nothing(values):
     fusion = started()
     before = fusion.estimate
     with refused('not_finite', error=MessageError) as caught:
-        fusion.encoder(*values)
+        fusion.encoder(EncoderReading(*values))
     assert caught.value.reason == 'not_finite' and fusion.estimate is before
 
 
@@ -230,12 +233,13 @@ def test_an_encoder_reading_that_is_not_finite_is_refused_and_changes_nothing(va
 def test_an_estimate_that_runs_away_is_given_up_and_begins_again_at_rest(torque):
     fusion = started(3.0)
     fusion.imu(upright(0.0))
-    fusion.encoder(0.002, 9.0, 0.0)
-    with pytest.raises(EstimateLostError, match='run away'):
+    fusion.encoder(EncoderReading(0.002, 9.0))
+    with pytest.raises(EstimateLostError) as caught:
         for number in range(2, 100):
-            fusion.encoder(0.002 * number, 3.0, torque)
+            fusion.encoder(EncoderReading(0.002 * number, 3.0, torque))
+    assert caught.value.reason == 'runaway'
     assert fusion.estimate is None and fusion.jumps > 0
-    again = fusion.encoder(0.5, 3.3, 0.0)
+    again = fusion.encoder(EncoderReading(0.5, 3.3))
     assert again.readings.pendulum_angle == 0.0 and again.encoder_zero == 3.3
 
 
@@ -245,7 +249,7 @@ def test_no_pendulum_and_no_ball_turns_at_three_hundred_radians_a_second(rate, l
     def found(fusion, torque):
         """Return whether the estimate is lost after a reading that is left out as a jump."""
         try:
-            return fusion.encoder(0.001, 9.0, torque) is None
+            return fusion.encoder(EncoderReading(0.001, 9.0, torque)) is None
         except EstimateLostError:
             return True
 
@@ -259,6 +263,6 @@ def test_no_pendulum_and_no_ball_turns_at_three_hundred_radians_a_second(rate, l
 def test_an_angle_known_to_less_than_half_a_turn_is_no_estimate():
     fusion = started(tuning=FilterTuning(start_sd=3.2, encoder_sd=10.0))
     with pytest.raises(EstimateLostError):
-        fusion.encoder(1e-6, 0.0, 0.0)
+        fusion.encoder(EncoderReading(1e-6, 0.0))
     fusion = started(tuning=FilterTuning(start_sd=3.1, encoder_sd=10.0))
-    fusion.encoder(1e-6, 0.0, 0.0)
+    fusion.encoder(EncoderReading(1e-6, 0.0))

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from ballbot_ros.estimation import (
-    Estimate, Fusion, ImuReading, OdometryFilter, OdometryTuning)
+    EncoderReading, Estimate, Fusion, ImuReading, OdometryFilter, OdometryTuning)
 from ballbot_ros.physics import load_robot
 from ballbot_ros.physics.simulation.scene import read_scene
 from ballbot_ros.plant import Imu, Plant
@@ -208,7 +208,7 @@ def drive(case, push, late=0):
             for reading in held:
                 fusion.imu(reading)
             held.clear()
-        found = fusion.encoder(now.time, now.joint_angle, plant.torque)
+        found = fusion.encoder(EncoderReading(now.time, now.joint_angle, plant.torque))
         state = odometry.start(found) if state is None else odometry.advance(state, found)
         rows.append((now.x - start.x - state.position, now.velocity_x - state.speed,
                      math.sqrt(state.position_variance), math.sqrt(state.speed_variance)))
