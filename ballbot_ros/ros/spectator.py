@@ -6,6 +6,7 @@ from threading import Event, Thread
 from time import monotonic
 from typing import Any, Callable, Dict, FrozenSet, Mapping, NamedTuple, Optional, Tuple, Union
 
+from geometry_msgs.msg import PoseStamped
 from rcl_interfaces.srv import GetParameters
 from rclpy.parameter import parameter_value_to_python
 from rclpy.serialization import deserialize_message
@@ -29,7 +30,7 @@ MESSAGE_PERIODS: Mapping[str, float] = {
 NODES: Mapping[str, Tuple[str, ...]] = {
     'simulator': ('scene', 'robot', 'control_rate', 'floor', 'start'), 'bridge': ('hardware',),
     'emulated_robot': ('scene',), 'controller': ('robot',),
-    'obstacle_decision': ('robot', 'curve', 'variant')}
+    'obstacle_decision': ('robot', 'curve', 'variant'), 'navigator': ('map_frame',)}
 
 SERVICE_TIMEOUT = 5.0  # timeout of a service call [s]
 GRAPH_PERIOD = 1.0  # period of the graph query [s]
@@ -80,6 +81,8 @@ class Spectator:
         self._asked: Dict[str, float] = {}
         self._clients: Dict[str, Any] = {}
         self._publisher: Optional[Any] = None
+        self._goals: Optional[Any] = None  # publisher
+        self._goal: Optional[PoseStamped] = None  # until a node subscribes
         self._held: Union[float, JointState, None] = None  # a speed [m/s], or a set-point
         self._attended = 0.0
         self.presence = Presence(frozenset(), (), 0)
@@ -127,6 +130,14 @@ class Spectator:
     def hold_angle(self, angle: float) -> None:
         """Publish an absolute pendulum angle [rad] periodically."""
         self._held = JointState(name=[PENDULUM], position=[angle])
+
+    def go_to(self, x: float, y: float, frame: str) -> None:
+        """Publish a position in a frame as goal [m]; the navigator turns as it arrives."""
+        goal = PoseStamped()
+        goal.header.frame_id = frame
+        goal.pose.position.x, goal.pose.position.y = x, y
+        goal.pose.orientation.w = 1.0
+        self._goal = goal
 
     def let_go(self) -> None:
         """Stop publishing set-points."""
@@ -231,7 +242,13 @@ class Spectator:
                 service) from None
 
     def _publish(self, now: float) -> None:
-        """Publish the held set-point, or release it after the timeout."""
+        """Publish a goal, and the held set-point or release it after the timeout."""
+        if self._goal is not None:
+            if self._goals is None:
+                self._goals = create_publisher(self._node, 'goal_pose')
+            if self._goals.get_subscription_count():
+                self._goals.publish(self._goal)
+                self._goal = None
         if now - self._attended > ATTEND_TIMEOUT:
             self._held = None
         held: Any = self._held

@@ -149,6 +149,18 @@ class Controls:
         for name, value in () if idle is None else idle.remedy:
             self._use(name, value, event)
 
+    def go_to(self, place: Optional[Tuple[float, float]], event: Any) -> None:
+        """Drive to a position on the floor that a user has clicked."""
+        if place is None:
+            return
+        if 'goal' not in self._source.controls:
+            event.client.add_notification(
+                'No goal', 'A goal needs running nodes with a navigator: "ballbot demo --house '
+                '--view" runs them.', auto_close_seconds=NOTIFICATION_TIME)
+        elif self._use('goal', place, event):
+            event.client.add_notification('Goal', '({:.2f}, {:.2f}) m'.format(*place),
+                                          auto_close_seconds=NOTIFICATION_TIME)
+
     def _is_on(self, name: str) -> bool:
         return bool(self._source.controls[name].value)
 
@@ -231,7 +243,7 @@ class Controls:
         if getattr(widget, what) != value:
             setattr(widget, what, value)
 
-    def _use(self, name: str, value: Value, event: Any) -> None:
+    def _use(self, name: str, value: Value, event: Any) -> bool:
         """Use a control; a refusal is shown in the page of the client."""
         try:
             self._source.apply(name, value)
@@ -245,6 +257,7 @@ class Controls:
             logging.getLogger(__name__).warning('%s: %s', name, error)
             self._refused = f'{name}: {error}'
         self.refresh()
+        return not self._refused
 
     def _show_state(self) -> None:
         """Write the state of the source."""

@@ -130,6 +130,22 @@ class FloorStage(Stage):
                     anchor='bottom-center', font_size_mode='screen', font_screen_scale=0.7)
 
 
+    def point_at(self, origin: Place, direction: Place) -> Optional[Point]:
+        """Return the position on the floor that a ray of the camera meets [m], None off it."""
+        if self._floor is None or direction[2] >= 0.0:
+            return None
+        start = np.subtract(origin, self._world.position)
+        left, right, bottom, top = self._floor.extent
+        height = 0.0
+        for _ in range(4):  # from the level of the map to that of the place
+            x, y, _ = (start + np.array(direction) * (height - start[2]) / direction[2]).tolist()
+            if not (left <= x <= right and bottom <= y <= top):
+                return None
+            height = _base(self._floor, (x, y)) if self._floor.heights is None else area_height(
+                self._floor, (x, y))
+        return x, y
+
+
 def place_of(source: Source, frame: Frame) -> Optional[Place]:
     """Return the centre of the ball on the map, None where it is unknown [m]."""
     if frame.place is None or frame.y is None:

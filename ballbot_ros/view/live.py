@@ -125,6 +125,8 @@ class LiveSource(MessageSource):
             self._set_point if law != 'free' else None, -largest, largest, unit,
             refusal=refusal or ('' if law != 'free' else 'choose a law other than free'))
         newest = self._history.newest
+        found['goal'] = Control(None, refusal='' if 'navigator' in presence.nodes else (
+            'no node navigator is running; "ballbot demo --house --view" runs one'))
         found['e_stop'] = Control(None if newest is None else newest.e_stop, refusal=bridge)
         return MappingProxyType(found)
 
@@ -204,6 +206,9 @@ class LiveSource(MessageSource):
             self._link.hold_angle(math.radians(self._set_point))
         else:
             self._link.let_go()
+
+    def _set_goal(self, place: Tuple[float, float]) -> None:
+        self._link.go_to(*place, str(self._parameters.get('map_frame', 'map')))
 
     def _set_e_stop(self, engaged: bool) -> None:
         if engaged:

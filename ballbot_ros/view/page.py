@@ -40,6 +40,8 @@ class Page:
         self._stage = FloorStage(server, source)
         self._readouts = Readouts(server)
         self._controls = Controls(server, source)
+        server.scene.on_click()(lambda event: self._controls.go_to(
+            self._stage.point_at(event.ray_origin, event.ray_direction), event))
         self._begin = begin
         self._ended = Event()
         self.frames = 0

@@ -8,6 +8,7 @@ returns its latest data without waiting.
 from abc import ABC, abstractmethod
 from bisect import bisect_right
 from dataclasses import dataclass
+import math
 from threading import Lock
 from types import MappingProxyType
 from typing import Any, List, Mapping, NamedTuple, Optional, Sequence, Tuple, Union
@@ -20,7 +21,7 @@ from ballbot_ros.physics.model.robot import Robot
 from ballbot_ros.physics.model.terrain import Terrain
 from ballbot_ros.view.frame import Frame
 
-Value = Union[bool, float, str]
+Value = Union[bool, float, str, Tuple[float, float]]
 
 # Every control that a source may have: the type of its value, and its effect.
 CONTROLS: Mapping[str, Tuple[type, str]] = MappingProxyType({
@@ -38,6 +39,7 @@ CONTROLS: Mapping[str, Tuple[type, str]] = MappingProxyType({
     'friction': (float, 'coefficient between ball and ground'),
     'accuracy': (float, 'largest error of position [m]; 0 for the solver of the scene'),
     'e_stop': (bool, 'engage the e-stop; false releases it'),
+    'goal': (tuple, 'drive to a position on the floor [m]'),
 })
 
 
@@ -48,7 +50,7 @@ class Control:
 
     Attributes
     ----------
-    value : bool, float, str or None
+    value : bool, float, str, (float, float) or None
         In force; None where there is none or it is unknown.
     lowest, highest : float or None
         Range of a number.
@@ -307,6 +309,11 @@ def checked(controls: Mapping[str, Control], name: str, value: Any) -> Value:
                 f'{name} must be one of {", ".join(control.choices)}, got {value!r}',
                 'not_a_choice', name)
         return str(value)
+    if kind is tuple:
+        if len(value) != 2 or not all(map(math.isfinite, value)):
+            raise ConfigurationError(
+                f'{name} must be two finite numbers, got {value!r}', 'not_finite', name)
+        return float(value[0]), float(value[1])
     return _number(control, name, value)
 
 

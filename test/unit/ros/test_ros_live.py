@@ -5,7 +5,7 @@ import time
 from types import SimpleNamespace
 
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import Twist, TwistStamped, Vector3
+from geometry_msgs.msg import PoseStamped, Twist, TwistStamped, Vector3
 import pytest
 import rclpy
 from rclpy.context import Context
@@ -169,6 +169,33 @@ def test_it_says_what_it_waits_for(nodes, says):
     assert source.shown is None and source.title.startswith('Live: ')
 
 
+def test_a_click_on_the_floor_is_a_goal_on_the_map_if_a_navigator_runs(link, source):
+    pytest.importorskip('viser')
+    from ballbot_ros.view.page import Page
+    from ballbot_ros.view.server import free_port, LOOPBACK, PageServer
+    said = []
+    event = SimpleNamespace(client=SimpleNamespace(
+        add_notification=lambda title, *_, **__: said.append(title)))
+    source.learn('simulator', {'floor': 'apartment', 'start': ''})
+    page = Page(source, PageServer(LOOPBACK, free_port(LOOPBACK, 0)))
+    try:
+        page._draw(whole=True)
+        stage, controls = page._stage, page._controls
+        x, y, z = stage._world.position
+        place = stage.point_at((2.0 + x, 1.0 + y, 5.0 + z), (0.0, 0.1, -1.0))
+        assert place == pytest.approx((2.0, 1.5))
+        assert stage.point_at((2.0 + x, 1.0 + y, 5.0 + z), (0.0, 9.0, -1.0)) is None
+        assert stage.point_at((2.0 + x, 1.0 + y, 5.0 + z), (0.0, 0.0, 1.0)) is None
+        controls.go_to(place, event)
+        assert said == ['Refused'] and 'navigator' in source.controls['goal'].refusal
+        link.presence = Presence(frozenset({'simulator', 'navigator'}), ('navigator',), 1)
+        controls.go_to(place, event)
+        controls.go_to(None, event)
+        assert link.calls == [('go_to', *place, 'map')] and said == ['Refused', 'Goal']
+    finally:
+        page._server.end()
+
+
 # --- With ROS -------------------------------------------------------------------------------
 
 
@@ -185,7 +212,8 @@ class Robot:
         for name, value in SETTINGS.items():
             self.node.declare_parameter(name, value)
         self.states = self.node.create_publisher(BallState, 'ball_state', qos.STATE)
-        self.speeds, self.paused = [], Event()
+        self.speeds, self.goals, self.paused = [], [], Event()
+        self.node.create_subscription(PoseStamped, 'goal_pose', self.goals.append, qos.LATEST)
         self.node.create_subscription(kind, 'cmd_vel', self.speeds.append, qos.LATEST)
         self.node.create_service(Trigger, '~/pause', self.pause)
         self.executor = SingleThreadedExecutor(context=self.context)
@@ -234,6 +262,10 @@ def test_a_spectator_receives_learns_calls_and_drives_as_long_as_a_client_attend
         assert received[0][0] == 'ball_state' and received[0][1].x == 0.7
         looking.trigger('simulator/pause')
         assert robot.paused.is_set()
+
+        looking.go_to(2.0, 3.0, 'map')
+        wait_for(lambda: robot.goals)
+        assert robot.goals[0].header.frame_id == 'map' and robot.goals[0].pose.position.y == 3.0
 
         def driven():
             looking.attend()
