@@ -22,6 +22,7 @@ import warnings
 
 from ballbot_ros import __version__
 from ballbot_ros.cli.output import compilation_shown, empty_folders_removed
+from ballbot_ros.config.fields import check_value, suggestion
 from ballbot_ros.errors import BallbotError, ConfigurationError, PlausibilityWarning
 
 
@@ -99,6 +100,15 @@ class Parser(argparse.ArgumentParser):
     words: Sequence[str] = ()  # of the command line
     of_verb: Optional['Parser'] = None
 
+    def parse_args(self, *words: Any) -> argparse.Namespace:  # type: ignore[override]
+        """Return the values of the options; refuse a number out of its declared range."""
+        arguments = super().parse_args(*words)
+        for action in (self.of_verb or self)._actions:
+            value = getattr(arguments, action.dest, None)
+            if value is not None and hasattr(action, 'declared'):
+                check_value(action.option_strings[-1], value, action.declared, '')
+        return arguments
+
     def error(self, message: str) -> NoReturn:
         """Raise `ConfigurationError`, with the nearest option of a misspelt one."""
         known = (self.of_verb or self)._option_string_actions
@@ -153,7 +163,10 @@ def main(argv: Optional[Sequence[str]] = None) -> int:
         except (KeyboardInterrupt, Exception) as error:
             # An extension that was compiling or calling back may replace KeyboardInterrupt.
             if isinstance(error, Exception) and not pressed.is_set():
-                raise
+                if not isinstance(error, OSError) or error.filename is None:
+                    raise
+                print_error(f'{error.filename}: {error.strerror}')
+                return FAILED
             if UNTIL_CTRL_C.intersection(words[:1]):
                 return DONE
             print_error('interrupted')
@@ -214,7 +227,6 @@ def _run(words: list[str]) -> int:
         words = [*words[1:2], '--help']
     verb = next((word for word in words if not word.startswith('-')), None)
     if verb is not None and verb not in VERBS:
-        from ballbot_ros.config.fields import suggestion
         raise ConfigurationError(
             f'{verb!r} is not a command{suggestion(verb, VERBS)}; see ballbot --help',
             'unknown_name', verb)
@@ -237,9 +249,19 @@ def _run(words: list[str]) -> int:
         parser.print_help()
         return MISUSED
     quiet = getattr(arguments, 'quiet', False)
-    with _warnings(quiet), empty_folders_removed(), \
-            nullcontext() if quiet else compilation_shown():
-        code: int = load_verb(arguments.verb).run(arguments)
+    try:
+        with _warnings(quiet), empty_folders_removed(), \
+                nullcontext() if quiet else compilation_shown():
+            code: int = load_verb(arguments.verb).run(arguments)
+    except ConfigurationError as error:
+        # The class that checks a number names itself; a user knows the option.
+        option = f'--{error.field.replace("_", "-")}'
+        place = re.match(rf'(\w+|command line): {re.escape(error.field)}\b', str(error))
+        if place and not error.problems and parser.of_verb is not None \
+                and option in parser.of_verb._option_string_actions:
+            raise ConfigurationError(
+                option + str(error)[place.end():], error.reason, error.field) from error
+        raise
     return code
 
 

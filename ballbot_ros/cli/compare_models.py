@@ -5,8 +5,9 @@ import math
 from typing import Any, Iterator
 
 from ballbot_ros.cli.command import DONE
-from ballbot_ros.cli.options import add_robot, read_robot
+from ballbot_ros.cli.options import add_number, add_robot, read_robot
 from ballbot_ros.cli.output import print_json, table_row, table_rule
+from ballbot_ros.config.fields import quantity
 from ballbot_ros.errors import ConfigurationError
 
 
@@ -16,9 +17,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--actuation', choices=('free', 'held'), default='free',
                         help='state of the pendulum: free, or held at --angle-deg '
                         '(default: %(default)s)')
-    parser.add_argument('--angle-deg', type=float, metavar='DEGREES',
-                        help='angle at which the pendulum is held: 0 down, 90 level ahead '
-                        '(default: 0)')
+    add_number(parser, '--angle-deg', 'DEGREES', quantity(
+        'degrees', 'angle at which the pendulum is held: 0 down, 90 level ahead (default: 0)',
+        minimum=-180.0, maximum=180.0, optional=True))
     parser.add_argument('--json', action='store_true', help='print all heights as JSON')
 
 
@@ -29,9 +30,6 @@ def run(arguments: argparse.Namespace) -> int:
             f'--angle-deg requires --actuation held, not {arguments.actuation}',
             'inconsistent', '--angle-deg')
     angle = arguments.angle_deg or 0.0
-    if not math.isfinite(angle):
-        raise ConfigurationError(
-            f'--angle-deg must be finite, got {angle!r}', 'not_finite', '--angle-deg')
     robot = read_robot(arguments)
     from ballbot_ros.cli.output import watched
     from ballbot_ros.paper.cases import Case, holding, SPEEDS

@@ -4,8 +4,9 @@ import argparse
 from contextlib import nullcontext
 from pathlib import Path
 
-from ballbot_ros.cli.options import add_overwrite, add_quiet
+from ballbot_ros.cli.options import add_number, add_overwrite, add_quiet
 from ballbot_ros.cli.output import result_folder
+from ballbot_ros.config.fields import quantity
 from ballbot_ros.drives import DRIVES
 from ballbot_ros.errors import ConfigurationError
 
@@ -43,10 +44,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--planner', metavar='NAME',
                         help="planner of the decision: rollout, or cubic for the paper's rule "
                         '(default: rollout)')
-    parser.add_argument('--duration', type=float, metavar='SECONDS',
-                        help='end of the run, in simulated time (default: 30)')
-    parser.add_argument('--timeout', type=float, default=60.0, metavar='SECONDS',
-                        help='longest wall time without a new state (default: %(default)g)')
+    add_number(parser, '--duration', 'SECONDS', quantity(
+        's', 'end of the run, in simulated time (default: 30)', above=0.0, optional=True))
+    add_number(parser, '--timeout', 'SECONDS', quantity(
+        's', 'longest wall time without a new state', default=60.0, above=0.0))
     add_quiet(parser)
 
 
@@ -57,7 +58,7 @@ def run(arguments: argparse.Namespace) -> int:
     Raises
     ------
     ConfigurationError
-        If the timeout is not above 0, a protocol or firmware is given without such a motor
+        If a protocol or firmware is given without such a motor
         controller, scene, robot, curve and gains do not exist or are inconsistent, the
         folder cannot be written, or ROS cannot be found.
 
@@ -102,15 +103,9 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def check(arguments: argparse.Namespace) -> None:
-    """Refuse options out of range, missing files and invalid combinations."""
+    """Refuse missing files and invalid combinations."""
     from ballbot_ros.config.files import find_config
     from ballbot_ros.drives import device_class
-    for option in ('timeout', 'duration'):
-        value = getattr(arguments, option)
-        if value is not None and not 0.0 < value < float('inf'):
-            raise ConfigurationError(
-                f'--{option} must be more than 0 s and finite, got {value!r}',
-                'out_of_range', f'--{option}')
     if arguments.protocol is not None and not arguments.hardware:
         raise ConfigurationError('--protocol requires --hardware', 'inconsistent', '--protocol')
     if arguments.serial_imu and not arguments.hardware:

@@ -15,11 +15,12 @@ import time
 from typing import Any, Iterator, NamedTuple, Optional, TextIO
 
 from ballbot_ros.cli.command import DONE, FAILED, print_error
+from ballbot_ros.cli.options import add_number
+from ballbot_ros.config.fields import quantity
 from ballbot_ros.errors import ConfigurationError
 
 RATE = 20.0  # of cmd_vel [Hz]
 STATUS_PERIOD = 0.1  # of the status line [s]
-SPEED_MAX = 3.0  # largest --max-speed [m/s]
 # With a dead man's switch: time for which a key counts as held after its last repetition [s].
 # Keyboards wait up to 0.66 s before the first repetition, and less after that.
 FIRST_REPEAT_TIMEOUT, REPEAT_TIMEOUT = 0.75, 0.25
@@ -29,10 +30,10 @@ HOLD_HELP = ('hold up/down to drive   space stop   e e-stop   R release it   q q
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument('--step', type=float, default=0.1, metavar='M_PER_S',
-                        help='change of the speed per key press (default: %(default)g)')
-    parser.add_argument('--max-speed', type=float, default=0.6, metavar='M_PER_S',
-                        help='highest commanded speed (default: %(default)g)')
+    for option, what, default in (('--step', 'change of the speed per key press', 0.1),
+                                  ('--max-speed', 'highest commanded speed', 0.6)):
+        add_number(parser, option, 'M_PER_S', quantity(
+            'm/s', what, default=default, above=0.0, maximum=3.0))
     parser.add_argument('--hold', action='store_true',
                         help='drive at the speed --step, only while a key is held down')
     parser.add_argument('--gamepad', action='store_true',
@@ -44,12 +45,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Drive until q; return 1 if the terminal or the gamepad was disconnected."""
-    for name in ('step', 'max_speed'):
-        value = getattr(arguments, name)
-        if not 0.0 < value <= SPEED_MAX:
-            raise ConfigurationError(f'--{name.replace("_", "-")} must be above 0 and at most '
-                                     f'{SPEED_MAX:g} m/s, got {value:g}',
-                                     'out_of_range', f'--{name.replace("_", "-")}')
     if arguments.step > arguments.max_speed:
         raise ConfigurationError(f'--step {arguments.step:g} is more than --max-speed '
                                  f'{arguments.max_speed:g}', 'inconsistent', '--step')

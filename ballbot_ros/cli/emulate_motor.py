@@ -7,8 +7,9 @@ import sys
 from typing import Any
 
 from ballbot_ros.cli.command import DONE, FAILED, print_error
-from ballbot_ros.cli.options import add_overwrite
+from ballbot_ros.cli.options import add_number, add_overwrite, add_seed
 from ballbot_ros.cli.output import check_new_file
+from ballbot_ros.config.fields import count
 from ballbot_ros.drives import DRIVES
 
 
@@ -30,8 +31,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--scene', default='flat', metavar='NAME',
                         help='scene (a name or a YAML file) with the ground and the start of the '
                         'ball (default: %(default)s)')
-    parser.add_argument('--baud', type=int, default=115200, metavar='RATE',
-                        help='baud rate of the drive (default: %(default)s)')
+    add_number(parser, '--baud', 'RATE', count(
+        'baud rate of the drive', default=115200, minimum=1))
     parser.add_argument('--watchdog', type=float, metavar='SECONDS',
                         help='time without a command after which the drive disarms, 0 for never '
                         '(default: 0.1)')
@@ -45,8 +46,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--log', type=Path, metavar='FILE',
                         help='CSV file to write every change of the torque to at the end')
     add_overwrite(parser, file=True)
-    parser.add_argument('--seed', type=int, default=0, metavar='N',
-                        help='seed of the random faults (default: %(default)s)')
+    add_seed(parser, 'the random faults')
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -91,15 +91,11 @@ def make_emulator(arguments: argparse.Namespace, make: Any) -> Any:
     Raises
     ------
     ConfigurationError
-        Naming the invalid scene, robot, protocol, firmware, quirk, baud rate or link.
+        Naming the invalid scene, robot, protocol, firmware, quirk or link.
 
     """
     from ballbot_ros.emulator.ball import settings_for
-    from ballbot_ros.errors import ConfigurationError
     from ballbot_ros.physics.simulation.scene import load_scene
-    if arguments.baud < 1:
-        raise ConfigurationError(
-            f'--baud must be at least 1, got {arguments.baud}', 'out_of_range', '--baud')
     scene = load_scene(arguments.scene, robot=arguments.robot)
     given = {} if arguments.watchdog is None else {'watchdog': arguments.watchdog}
     settings = settings_for(scene.model.robot, firmware=arguments.firmware,

@@ -10,6 +10,7 @@ from typing import Any, List, Tuple
 from ballbot_ros.cli import options
 from ballbot_ros.cli.command import DONE, INTERRUPTED, print_error
 from ballbot_ros.cli.output import save_figure
+from ballbot_ros.config.fields import count, quantity
 from ballbot_ros.errors import ConfigurationError
 
 NAME = 'decision_evaluation'  # of report and picture
@@ -17,14 +18,13 @@ NAME = 'decision_evaluation'  # of report and picture
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add approaches, planners and output."""
-    parser.add_argument('--approaches', type=int, default=5000, metavar='N',
-                        help='number of approaches with the first planner (default: %(default)s)')
-    parser.add_argument('--compared', type=int, default=1000, metavar='N',
-                        help='number of approaches with each other planner (default: %(default)s)')
+    options.add_number(parser, '--approaches', 'N', count(
+        'number of approaches with the first planner', default=5000, minimum=1))
+    options.add_number(parser, '--compared', 'N', count(
+        'number of approaches with each other planner', default=1000))
     parser.add_argument('--planners', default=None, metavar='NAME,...',
                         help='planners to compare; targets are for the first (default: all)')
-    parser.add_argument('--seed', type=int, default=0, metavar='N',
-                        help='seed of the draw of all approaches (default: %(default)s)')
+    options.add_seed(parser, 'the draw of all approaches')
     options.add_workers(parser)
     parser.add_argument('--out', type=Path, default=Path('decision_evaluation'),
                         metavar='DIR', help='folder for results and report (default: %(default)s)')
@@ -36,18 +36,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--required-probability', type=float, metavar='P',
                         help='success probability that a crossing requires, instead of '
                         'the one in the decision tuning')
-    parser.add_argument('--searched', type=int, default=200, metavar='N',
-                        help='number of approaches of the first planner for which a search with '
-                        'the true robot looks for a crossing (default: %(default)s)')
-    parser.add_argument('--crossable', type=int, default=160, metavar='N',
-                        help='number of approaches with each planner to steps that most robots '
-                        'cross (default: %(default)s)')
-    parser.add_argument('--only', type=int, metavar='N',
-                        help='run approach N only, and print its decisions with reasons; with '
-                        '--crossable 1, approach N to the steps that most robots cross')
-    parser.add_argument('--every', type=float, default=0.5, metavar='SECONDS',
-                        help='longest simulated time between two lines of --only (default: '
-                        '%(default)s)')
+    options.add_number(parser, '--searched', 'N', count(
+        'number of approaches of the first planner for which a search with the true robot looks '
+        'for a crossing', default=200))
+    options.add_number(parser, '--crossable', 'N', count(
+        'number of approaches with each planner to steps that most robots cross', default=160))
+    options.add_number(parser, '--only', 'N', count(
+        'run approach N only, and print its decisions with reasons; with --crossable 1, approach '
+        'N to the steps that most robots cross', default=None))
+    options.add_number(parser, '--every', 'SECONDS', quantity(
+        's', 'longest simulated time between two lines of --only', default=0.5, above=0.0))
     options.add_quiet(parser)
 
 
@@ -129,7 +127,7 @@ def given_options(arguments: argparse.Namespace) -> List[str]:
 
 
 def read_evaluation(arguments: argparse.Namespace) -> Any:
-    """Return the evaluation; `ConfigurationError` for unknown names and numbers out of range."""
+    """Return the evaluation; `ConfigurationError` for unknown names."""
     from ballbot_ros.config.fields import suggestion
     from ballbot_ros.decision import PLANNERS
     from ballbot_ros.studies.evaluation.baselines import BASELINES
@@ -143,16 +141,6 @@ def read_evaluation(arguments: argparse.Namespace) -> Any:
         if name not in known:
             raise ConfigurationError(
                 f'{name!r} is not a {field}{suggestion(name, known)}', 'not_a_choice', field)
-    for option in ('approaches', 'compared', 'crossable', 'searched', 'only', 'seed'):
-        value = getattr(arguments, option)
-        if value is not None and value < (option == 'approaches'):
-            raise ConfigurationError(
-                f'--{option} must be at least {int(option == "approaches")}, got {value}',
-                'out_of_range', option)
-    if not 0.0 < arguments.every < float('inf'):
-        raise ConfigurationError(
-            f'--every must be more than 0 s and finite, got {arguments.every:g}', 'out_of_range',
-            'every')
     parts = [(name, 'drawn', arguments.compared if place else arguments.approaches)
              for place, name in enumerate(names)]
     # The crossable steps come early: they are few.

@@ -7,6 +7,7 @@ from time import perf_counter
 
 from ballbot_ros.cli import options
 from ballbot_ros.cli.command import DONE, INTERRUPTED, print_error
+from ballbot_ros.config.fields import count
 from ballbot_ros.errors import ConfigurationError
 
 NAME = 'navigation_evaluation'
@@ -14,15 +15,14 @@ NAME = 'navigation_evaluation'
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add goals, planners and output."""
-    parser.add_argument('--goals', type=int, default=1000, metavar='N',
-                        help='number of goals with the first planner (default: %(default)s)')
-    parser.add_argument('--compared', type=int, default=200, metavar='N',
-                        help='number of goals with each other planner (default: %(default)s)')
+    options.add_number(parser, '--goals', 'N', count(
+        'number of goals with the first planner', default=1000, minimum=1))
+    options.add_number(parser, '--compared', 'N', count(
+        'number of goals with each other planner', default=200))
     parser.add_argument('--planners', default='run_up,wall,free', metavar='NAME,...',
                         help='run_up, wall (each step is a wall) and free (each step is free '
                         'floor) (default: %(default)s)')
-    parser.add_argument('--seed', type=int, default=0, metavar='N',
-                        help='seed of the draw of all houses (default: %(default)s)')
+    options.add_seed(parser, 'the draw of all houses')
     options.add_workers(parser)
     parser.add_argument('--out', type=Path, default=Path(NAME), metavar='DIR',
                         help='folder for results and report (default: %(default)s)')
@@ -42,11 +42,6 @@ def run(arguments: argparse.Namespace) -> int:
             raise ConfigurationError(
                 f'{name!r} is not a planner{suggestion(name, PLANNERS)}', 'not_a_choice',
                 'planner')
-    for option in ('goals', 'compared', 'seed'):
-        if getattr(arguments, option) < (option == 'goals'):
-            raise ConfigurationError(
-                f'--{option} must be at least {int(option == "goals")}, got '
-                f'{getattr(arguments, option)}', 'out_of_range', option)
     evaluation = NavigationEvaluation(tuple(
         (name, arguments.compared if place else arguments.goals)
         for place, name in enumerate(names)), arguments.seed)

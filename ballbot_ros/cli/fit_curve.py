@@ -28,8 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help='number of robots to draw from the ranges of uncertain parameters, '
                         'for the band; 0 for no band (default: 256, or 0 for a robot without '
                         'ranges)')
-    parser.add_argument('--seed', type=int, default=0, metavar='N',
-                        help='seed of the draw of robots (default: %(default)s)')
+    options.add_seed(parser, 'the draw of robots')
     options.add_quiet(parser)
 
 

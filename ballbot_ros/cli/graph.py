@@ -2,12 +2,15 @@
 """The verbs for a running graph: topics, echo, hz, record, and the e-stop of a node."""
 import argparse
 from importlib import import_module
+import math
 from pathlib import Path
 import sys
 import time
 from typing import Any, Callable
 
 from ballbot_ros.cli.command import DONE, FAILED, print_error, Verb
+from ballbot_ros.cli.options import add_number
+from ballbot_ros.config.fields import quantity
 from ballbot_ros.errors import ConfigurationError
 
 
@@ -80,28 +83,21 @@ def add_echo(parser: argparse.ArgumentParser) -> None:
 
 
 def add_timeout(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument('--timeout', type=float, default=float('inf'), metavar='SECONDS',
-                        help='end after this time (default: never)')
-
-
-def check_timeout(arguments: argparse.Namespace) -> None:
-    if not arguments.timeout > 0.0:
-        raise ConfigurationError(f'--timeout must be above 0 s, got {arguments.timeout:g}',
-                                 'out_of_range', '--timeout')
+    add_number(parser, '--timeout', 'SECONDS', quantity(
+        's', 'end after this time (default: never)', above=0.0, optional=True))
 
 
 def echo(arguments: argparse.Namespace) -> int:
     """Print messages until Ctrl-C; 1 if there was none before the timeout."""
-    check_timeout(arguments)
-    graph = from_ros()
+    graph, timeout = from_ros(), arguments.timeout or math.inf
     form = graph.as_csv if arguments.csv else graph.as_yaml
     with graph.Observer('echo') as observer:
         shown = graph.echo(
             observer, arguments.topic, lambda message: print(form(message), flush=True),
-            arguments.once, arguments.timeout,
+            arguments.once, timeout,
             note_once(f'waiting for a message on {arguments.topic} ...'))
     if not shown:
-        note(f'no message on {arguments.topic} within {arguments.timeout:g} s')
+        note(f'no message on {arguments.topic} within {timeout:g} s')
     return DONE if shown else FAILED
 
 
@@ -112,12 +108,12 @@ def add_hz(parser: argparse.ArgumentParser) -> None:
 
 def hz(arguments: argparse.Namespace) -> int:
     """Print the rate each second until Ctrl-C; 1 if there was no message before the timeout."""
-    check_timeout(arguments)
     waiting = note_once(f'waiting for messages on {arguments.topic} ...')
     came = False
     graph = from_ros()
     with graph.Observer('hz') as observer:
-        for sentence in graph.rates(observer, arguments.topic, arguments.timeout, waiting):
+        for sentence in graph.rates(
+                observer, arguments.topic, arguments.timeout or math.inf, waiting):
             came = came or sentence is not None
             if sentence is None:
                 waiting()
@@ -132,8 +128,8 @@ def add_record(parser: argparse.ArgumentParser) -> None:
                         help='record all topics, including those that appear later')
     parser.add_argument('-o', '--output', type=Path, metavar='DIR',
                         help='new folder for the bag (default: bag_DATE_TIME)')
-    parser.add_argument('-d', '--duration', type=float, default=float('inf'), metavar='SECONDS',
-                        help='end after this time (default: at Ctrl-C)')
+    add_number(parser, '--duration', 'SECONDS', quantity(
+        's', 'end after this time (default: at Ctrl-C)', above=0.0, optional=True), '-d')
 
 
 def record(arguments: argparse.Namespace) -> int:
@@ -141,16 +137,14 @@ def record(arguments: argparse.Namespace) -> int:
     if arguments.all == bool(arguments.topics):
         raise ConfigurationError('name the topics to record, or give -a for all', 'missing',
                                  'TOPIC')
-    if not arguments.duration > 0.0:
-        raise ConfigurationError(f'--duration must be above 0 s, got {arguments.duration:g}',
-                                 'out_of_range', '--duration')
     folder = arguments.output or Path(time.strftime('bag_%Y_%m_%d-%H_%M_%S'))
     recorder = from_ros('ballbot_ros.bags.record')
     recorder.check_new(folder)
     from ballbot_ros.results.files import check_writable
     check_writable(folder.parent / f'{folder.name}.mcap')
     with from_ros().Observer('record') as observer:
-        counts = recorder.record(observer, folder, arguments.topics, arguments.duration, note)
+        counts = recorder.record(observer, folder, arguments.topics,
+                                 arguments.duration or math.inf, note)
     for topic, count in sorted(counts.items()):
         print(f'{count:8d}  {topic}')
     print(f'{sum(counts.values())} messages of {len(counts)} topics in {folder}')
@@ -160,17 +154,12 @@ def record(arguments: argparse.Namespace) -> int:
 def add_e_stop(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--node', default='bridge', metavar='NAME',
                         help='node that has the e-stop, with its namespace (default: %(default)s)')
-    parser.add_argument('--timeout', type=float, default=5.0, metavar='SECONDS',
-                        help='longest time to wait for the node and its reply '
-                        '(default: %(default)g)')
+    add_number(parser, '--timeout', 'SECONDS', quantity(
+        's', 'longest time to wait for the node and its reply', default=5.0, above=0.0))
 
 
 def call_e_stop(arguments: argparse.Namespace, service: str) -> int:
     """Call a service of the node and print its reply; 1 if the node refuses."""
-    if not 0.0 < arguments.timeout < float('inf'):
-        raise ConfigurationError(
-            f'--timeout must be above 0 s and finite, got {arguments.timeout:g}', 'out_of_range',
-            '--timeout')
     graph = from_ros()
     with graph.Observer(service) as observer:
         reply = graph.trigger(observer, arguments.node, service, arguments.timeout)

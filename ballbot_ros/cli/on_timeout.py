@@ -5,8 +5,9 @@ import math
 from typing import Any, Iterator, List
 
 from ballbot_ros.cli.command import DONE
-from ballbot_ros.cli.options import METAVAR, read_numbers, VALUES_HELP
+from ballbot_ros.cli.options import add_number, METAVAR, read_numbers, VALUES_HELP
 from ballbot_ros.cli.output import table_row, table_rule
+from ballbot_ros.config.fields import quantity
 from ballbot_ros.errors import ConfigurationError
 
 REPORT_TIMES = (1.0, 3.0, 10.0)  # at which distance and speed are printed [s]
@@ -18,8 +19,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add hardware, motion and limits."""
     parser.add_argument('--hardware', default='gimball_odrive', metavar='NAME',
                         help='name of a hardware file, or a YAML file (default: %(default)s)')
-    parser.add_argument('--speed', type=float, default=0.6, metavar='M/S',
-                        help='speed of the ball when commands stop (default: %(default)s)')
+    add_number(parser, '--speed', 'M/S', quantity(
+        'm/s', 'speed of the ball when commands stop', default=0.6, minimum=0.0, maximum=3.0))
     parser.add_argument('--slopes-deg', nargs='+', default=['0,1,2,5'], metavar=METAVAR,
                         help=f'slopes to try, downhill and uphill [degrees]: {VALUES_HELP} '
                         '(default: 0,1,2,5)')
@@ -64,10 +65,6 @@ def read_hardware(arguments: argparse.Namespace) -> Any:
     """
     from dataclasses import replace
     from ballbot_ros.bridge.hardware_file import load_hardware
-    if not 0.0 <= arguments.speed <= 3.0:
-        raise ConfigurationError(
-            f'--speed must be at least 0 and at most 3 m/s, got {arguments.speed:g}',
-            'out_of_range', '--speed')
     hardware = load_hardware(arguments.hardware)
     changes = {name: getattr(arguments, name) for name in ('damping', 'damping_time')
                if getattr(arguments, name) is not None}

@@ -12,10 +12,32 @@ import re
 from typing import Any, Iterable, Sequence, Union
 import warnings
 
+from ballbot_ros.config.fields import count, quantity
 from ballbot_ros.errors import ConfigurationError, PlausibilityWarning
 
 LAWS = ('free', 'held', 'velocity', 'voltage')
-SLOPE_MAX_DEG = 80.0  # slope [degrees]
+
+
+def add_number(parser: argparse.ArgumentParser, option: str, metavar: str, declared: Any,
+               *short: str) -> None:
+    """
+    Add an option with a number; `command.main` checks its range.
+
+    Parameters
+    ----------
+    declared : field
+        A `quantity` or a `count` of `config.fields`, an optional one without a default.
+
+    """
+    default, doc = declared.default, declared.metadata['doc']
+    words = '' if default is None else ' (default: %(default)s)'
+    action: Any = parser.add_argument(*short, option, type=declared.metadata['kind'],
+                                      default=default, metavar=metavar, help=doc + words)
+    action.declared = declared.metadata
+
+
+def add_seed(parser: argparse.ArgumentParser, what: str) -> None:
+    add_number(parser, '--seed', 'N', count(f'seed of {what}', default=0))
 
 
 def add_robot(parser: argparse.ArgumentParser) -> None:
@@ -59,9 +81,9 @@ def add_actuation(parser: argparse.ArgumentParser) -> None:
                         'controller (PD, eq. 11) holds the pendulum at --angle-deg; velocity, the '
                         'velocity controller (PI, eq. 12); voltage, constant at --voltage '
                         '(default: %(default)s)')
-    parser.add_argument('--angle-deg', type=float, metavar='DEGREES',
-                        help='set angle of the pendulum: 0 down, 90 horizontal ahead '
-                        '(default: 0)')
+    add_number(parser, '--angle-deg', 'DEGREES', quantity(
+        'degrees', 'set angle of the pendulum: 0 down, 90 horizontal ahead (default: 0)',
+        minimum=-180.0, maximum=180.0, optional=True))
     parser.add_argument('--voltage', type=float, metavar='VOLTS',
                         help='voltage of the motor (default: that of steady rolling at each '
                         'speed)')
@@ -70,9 +92,9 @@ def add_actuation(parser: argparse.ArgumentParser) -> None:
 def add_site(parser: argparse.ArgumentParser) -> None:
     """Add slopes and friction around the step; `read_site` returns them."""
     for where in ('before', 'behind'):
-        parser.add_argument(f'--slope-{where}-deg', type=float, default=0.0, metavar='DEGREES',
-                            help=f'slope of the ground {where} the step, positive uphill '
-                            '(default: %(default)g)')
+        add_number(parser, f'--slope-{where}-deg', 'DEGREES', quantity(
+            'degrees', f'slope of the ground {where} the step, positive uphill', default=0.0,
+            minimum=-80.0, maximum=80.0))
     for where, what in (('before', 'of the ground before the step'), ('edge', 'of the edge'),
                         ('behind', 'of the ground behind the step')):
         parser.add_argument(f'--friction-{where}', type=float, metavar='MU',
@@ -122,10 +144,6 @@ def read_law(arguments: argparse.Namespace) -> Any:
                 'inconsistent', f'--{option.replace("_", "-")}')
     if law == 'held':
         angle = arguments.angle_deg or 0.0
-        if not abs(angle) <= 180.0:
-            raise ConfigurationError(
-                f'--angle-deg must be at least -180 and at most 180 degrees, got {angle:g}',
-                'out_of_range', '--angle-deg')
         from ballbot_ros.physics.model.robot import angle_warnings
         warn(angle_warnings(angle))
         return held_at(math.radians(angle))
@@ -135,15 +153,8 @@ def read_law(arguments: argparse.Namespace) -> Any:
 
 
 def read_site(arguments: argparse.Namespace) -> Any:
-    """Return the ground; `ConfigurationError` for a slope or a friction out of range."""
+    """Return the ground; `ConfigurationError` for a friction out of range."""
     from ballbot_ros.crossing import Site
-    for option in ('slope_before_deg', 'slope_behind_deg'):
-        angle = getattr(arguments, option)
-        if not abs(angle) <= SLOPE_MAX_DEG:
-            raise ConfigurationError(
-                f'--{option.replace("_", "-")} must be at least -{SLOPE_MAX_DEG:g} and at most '
-                f'{SLOPE_MAX_DEG:g} degrees, got {angle:g}',
-                'out_of_range', f'--{option.replace("_", "-")}')
     return Site(math.radians(arguments.slope_before_deg), math.radians(arguments.slope_behind_deg),
                 arguments.friction_before, arguments.friction_edge, arguments.friction_behind)
 

@@ -7,6 +7,7 @@ from typing import Any, Sequence
 from ballbot_ros.cli import options
 from ballbot_ros.cli.command import DONE
 from ballbot_ros.cli.output import check_new_file
+from ballbot_ros.config.fields import count
 from ballbot_ros.errors import ConfigurationError
 
 ACTIONS = {'list': 'print a line for each attempt',
@@ -25,12 +26,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--out', type=Path, metavar='FILE',
                         help='.csv or .json file that export writes (default: print CSV)')
     options.add_overwrite(parser, file=True)
-    parser.add_argument('--robots', type=int, default=24, metavar='N',
-                        help='number of robots of show-learning (default: %(default)s)')
-    parser.add_argument('--attempts', type=int, default=20, metavar='N',
-                        help='attempts of each robot of show-learning (default: %(default)s)')
-    parser.add_argument('--seed', type=int, default=0, metavar='N',
-                        help='seed of the draw of show-learning (default: %(default)s)')
+    options.add_number(parser, '--robots', 'N', count(
+        'number of robots of show-learning', default=24, minimum=1))
+    options.add_number(parser, '--attempts', 'N', count(
+        'attempts of each robot of show-learning', default=20, minimum=1))
+    options.add_seed(parser, 'the draw of show-learning')
     options.add_quiet(parser)
 
 
@@ -157,9 +157,6 @@ def show_learning(arguments: argparse.Namespace) -> int:
     """Print predicted and observed success rates before and after some attempts."""
     from ballbot_ros.cli.output import watched
     from ballbot_ros.studies.learning import CASES, study, report_lines
-    if arguments.robots < 1 or arguments.attempts < 1:
-        raise ConfigurationError(
-            '--robots and --attempts must be at least 1', 'out_of_range', '--robots')
     robot = options.read_robot(arguments)
     with watched(len(CASES) * arguments.robots, arguments.quiet, 'learning',
                  'robots') as progress:

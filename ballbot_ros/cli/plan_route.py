@@ -8,6 +8,7 @@ from typing import Any
 from ballbot_ros.cli import options
 from ballbot_ros.cli.command import DONE, Verb
 from ballbot_ros.cli.output import check_new_file, print_json
+from ballbot_ros.errors import ConfigurationError
 
 
 def _add_floor(parser: argparse.ArgumentParser) -> None:
@@ -42,6 +43,10 @@ def _planner(arguments: argparse.Namespace) -> Any:
 def run(arguments: argparse.Namespace) -> int:
     """Plan, print and draw."""
     if arguments.out is not None:
+        from ballbot_ros.figures.canvas import FORMATS
+        if arguments.out.suffix[1:].lower() not in FORMATS:
+            raise ConfigurationError(f'--out must end in .{" or .".join(FORMATS)}, got '
+                                     f'{str(arguments.out)!r}', 'not_a_choice', '--out')
         check_new_file(arguments.out, arguments.overwrite)
     planner = _planner(arguments)
     route = planner.route(arguments.start, arguments.goal)
@@ -67,7 +72,7 @@ def run(arguments: argparse.Namespace) -> int:
                        f'{segment.crossing.probability:.2f}')
             x, y = segment.points[-1]
             print(f'{time:5.1f}s  ({x:5.2f}, {y:5.2f})  {how}')
-        print(f'Probability {route.probability:.3f}. {route.explanation}')
+        print(f'Probability {route.probability:.3f}. {route.explanation}'.rstrip())
     if arguments.out is not None:
         from ballbot_ros.figures.canvas import save
         from ballbot_ros.figures.route import route_figure
@@ -85,7 +90,6 @@ def add_masks(parser: argparse.ArgumentParser) -> None:
 
 def masks(arguments: argparse.Namespace) -> int:
     """Write the masks."""
-    from ballbot_ros.errors import ConfigurationError
     from ballbot_ros.navigation import write_masks
     if not arguments.out.is_dir():
         raise ConfigurationError(

@@ -8,12 +8,12 @@ from typing import Any, NamedTuple, Optional
 
 from ballbot_ros.bags.opener import is_bag
 from ballbot_ros.cli.command import DONE, FAILED
-from ballbot_ros.cli.options import add_format, add_overwrite, add_quiet
+from ballbot_ros.cli.options import add_format, add_number, add_overwrite, add_quiet
 from ballbot_ros.cli.output import figure_files, print_json, result_folder, save_figure
+from ballbot_ros.config.fields import quantity
 from ballbot_ros.errors import ConfigurationError
 
-DRAWN_TIME_MAX = 600.0  # [s]
-TIME_BEFORE_FAULT = 5.0
+TIME_BEFORE_FAULT = 5.0  # [s]
 # Sources of the torque; the choices of --by.
 COMMANDS, TORQUES, SET_POINTS = 'commands', 'torques', 'set-points'
 BAG_OPTIONS = ('scene', 'robot', 'set', 'namespace', 'by', 'json')
@@ -26,9 +26,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--out', type=Path, metavar='DIR',
                         help='folder for numbers and figure (default: ballbot_output/replay_BAG '
                         'for a bag that is not identical, otherwise no file is written)')
-    parser.add_argument('--before', type=float, metavar='SECONDS',
-                        help='time before the fault to draw, for a black box (default: '
-                        f'{TIME_BEFORE_FAULT:g})')
+    add_number(parser, '--before', 'SECONDS', quantity(
+        's', 'time before the fault to draw, for a black box (default: '
+        f'{TIME_BEFORE_FAULT:g})', above=0.0, maximum=600.0, optional=True))
     add_bag_options(parser)
     add_format(parser)
     add_overwrite(parser)
@@ -60,10 +60,6 @@ def run(arguments: argparse.Namespace) -> int:
 def run_black_box(path: Path, arguments: argparse.Namespace) -> int:
     """Print the report and write the requested files; 1 if the file is damaged."""
     before = TIME_BEFORE_FAULT if arguments.before is None else arguments.before
-    if not 0.0 < before <= DRAWN_TIME_MAX:
-        raise ConfigurationError(
-            f'--before must be above 0 and at most {DRAWN_TIME_MAX:g} s, got {before:g}',
-            'out_of_range', '--before')
     from ballbot_ros.black_box.read import read_black_box
     from ballbot_ros.black_box.report import summary, write_tables
     if arguments.out is not None:

@@ -6,7 +6,8 @@ from pkgutil import iter_modules
 
 from ballbot_ros.cli.command import DONE, FAILED, Parser
 from ballbot_ros.cli.graph import from_ros
-from ballbot_ros.cli.options import add_quiet
+from ballbot_ros.cli.options import add_number, add_quiet
+from ballbot_ros.config.fields import quantity
 from ballbot_ros.errors import ConfigurationError
 
 FOLDER = Path(__file__).resolve().parent.parent / 'nodes'
@@ -67,8 +68,8 @@ def _experiment(target: str, words: list[str]) -> int:
     parser = Parser(prog='ballbot run FILE', allow_abbrev=False)
     parser.add_argument('--out', type=Path, metavar='DIR', help='folder to write to')
     add_quiet(parser)
-    parser.add_argument('--timeout', type=float, default=120.0, metavar='SECONDS',
-                        help='longest wall time of a seed (default: %(default)g)')
+    add_number(parser, '--timeout', 'SECONDS', quantity(
+        's', 'longest wall time of a seed', default=120.0, above=0.0))
     try:
         options = parser.parse_args(words)
     except SystemExit:  # --help

@@ -31,8 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         'random (default: %(default)s)')
     parser.add_argument('--cases', type=int, default=0, metavar='N',
                         help='number of points of sobol and random')
-    parser.add_argument('--seed', type=int, default=0, metavar='N',
-                        help='seed of sobol and random (default: %(default)s)')
+    options.add_seed(parser, 'sobol and random')
     options.add_accuracy(parser, 5e-5, 'a height that is searched for')
     options.add_actuation(parser)
     options.add_site(parser)

@@ -6,12 +6,13 @@ from pathlib import Path
 from typing import Any, Iterator
 
 from ballbot_ros.cli.command import DONE, INTERRUPTED, print_error
-from ballbot_ros.cli.options import add_overwrite, add_quiet, add_robot, read_robot
+from ballbot_ros.cli.options import (
+    add_number, add_overwrite, add_quiet, add_robot, add_seed, read_robot)
 from ballbot_ros.cli.output import figure_files, result_folder, save_figure
+from ballbot_ros.config.fields import quantity
 from ballbot_ros.errors import ConfigurationError
 
 DEFAULT_FOLDER = Path('ballbot_output')
-SLOPE_MAX = 45.0  # ramp [degrees]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -20,8 +21,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--driven', action='store_true',
                         help='drive the ball from rest with a constant voltage, instead of down a '
                         'ramp')
-    parser.add_argument('--slope-deg', type=float, metavar='DEGREES',
-                        help='slope of the ramp (default: 8)')
+    add_number(parser, '--slope-deg', 'DEGREES', quantity(
+        'degrees', 'slope of the ramp (default: 8)', above=0.0, maximum=45.0, optional=True))
     parser.add_argument('--run-up', type=float, metavar='METRES',
                         help='length of the run-up of the driven test (default: 1.2)')
     parser.add_argument('--sensor-distance', type=float, metavar='METRES',
@@ -29,8 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--rolls', type=int, default=12, metavar='N',
                         help='number of rolls about the threshold of each step (default: '
                         '%(default)s)')
-    parser.add_argument('--seed', type=int, default=0, metavar='N',
-                        help='seed of the scatter (default: %(default)s)')
+    add_seed(parser, 'the scatter')
     parser.add_argument('--out', type=Path, metavar='DIR',
                         help='folder for the files (default: ballbot_output/bench_ROBOT, or '
                         'bench_ROBOT_2, ... if it contains results)')
@@ -43,9 +43,6 @@ def run(arguments: argparse.Namespace) -> int:
     robot, bench = read_robot(arguments), make_bench(arguments)
     from ballbot_ros.cli.output import watched
     from ballbot_ros.paper.procedure import HEIGHTS, run_tests
-    if arguments.seed < 0:
-        raise ConfigurationError(
-            f'--seed must be at least 0, got {arguments.seed}', 'out_of_range', '--seed')
     name = f'bench_{robot.name}{"_driven" if arguments.driven else ""}'
     folder = result_folder(arguments.out, DEFAULT_FOLDER / name, (
         'tests.csv', 'truth.csv', *figure_files(['tests'])), arguments.overwrite)
@@ -78,10 +75,6 @@ def make_bench(arguments: argparse.Namespace) -> Any:
                 f'{option} belongs to the {"free-rolling" if arguments.driven else "driven"} '
                 f'test; leave it out, or {"leave out" if arguments.driven else "add"} --driven',
                 'inconsistent', option)
-    if arguments.slope_deg is not None and not 0.0 < arguments.slope_deg <= SLOPE_MAX:
-        raise ConfigurationError(
-            f'--slope-deg must be more than 0 and at most {SLOPE_MAX:g} degrees, '
-            f'got {arguments.slope_deg:g}', 'out_of_range', '--slope-deg')
     changes = {name: value for name, value in (
         ('slope', None if arguments.slope_deg is None else math.radians(arguments.slope_deg)),
         ('length', arguments.run_up), ('sensor_distance', arguments.sensor_distance))

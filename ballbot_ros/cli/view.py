@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """The verb ``view``: a scene, a bag or running nodes in a browser."""
 import argparse
-import math
 from pathlib import Path
 import sys
 from threading import Event
 from typing import Optional
 
 from ballbot_ros.cli.command import DONE
-from ballbot_ros.cli.options import add_quiet
+from ballbot_ros.cli.options import add_number, add_quiet
+from ballbot_ros.config.fields import count, quantity
 from ballbot_ros.errors import ConfigurationError
 
 LOOPBACK = '127.0.0.1'
@@ -33,11 +33,12 @@ def add_server(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--host', default=LOOPBACK, metavar='ADDRESS',
                         help='address to listen on; any but the default opens the page and the '
                         'controls to the network (default: %(default)s)')
-    parser.add_argument('--port', type=int, metavar='PORT',
-                        help='port to listen on (default: the first free one from 8080 on)')
+    add_number(parser, '--port', 'PORT', count(
+        'port to listen on (default: the first free one from 8080 on)', default=None,
+        maximum=65535))
     parser.add_argument('--no-browser', action='store_true', help='open no browser')
-    parser.add_argument('--duration', type=float, metavar='SECONDS',
-                        help='end after this time (default: at Ctrl-C)')
+    add_number(parser, '--duration', 'SECONDS', quantity(
+        's', 'end after this time (default: at Ctrl-C)', above=0.0, optional=True))
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -103,7 +104,7 @@ def other_source(arguments: argparse.Namespace) -> Optional[object]:
 
 def check(arguments: argparse.Namespace) -> None:
     """
-    Refuse a port or a duration out of range, and a missing package.
+    Refuse a missing package.
 
     Raises
     ------
@@ -112,13 +113,6 @@ def check(arguments: argparse.Namespace) -> None:
 
     """
     from importlib.util import find_spec
-    if arguments.port is not None and not 0 <= arguments.port <= 65535:
-        raise ConfigurationError(
-            f'--port must be from 0 to 65535, got {arguments.port}', 'out_of_range', '--port')
-    if arguments.duration is not None and not 0.0 < arguments.duration < math.inf:
-        raise ConfigurationError(
-            f'--duration must be more than 0 s and finite, got {arguments.duration:g}',
-            'out_of_range', '--duration')
     if find_spec('viser') is None:
         raise ConfigurationError(
             'the page needs the package viser, which is not installed; install it with: '

@@ -133,7 +133,7 @@ def check_value(name: str, value: Any, metadata: Mapping[str, Any], where: str) 
 
     """
     kind = metadata['kind']
-    place = f'{where}: {name}'
+    place = f'{where}: {name}' if where else name
     if value is None and metadata.get('optional'):
         return None
     if kind is object:
@@ -163,9 +163,10 @@ def check_value(name: str, value: Any, metadata: Mapping[str, Any], where: str) 
             f'{place} must be a whole number, got {value!r}', 'wrong_type', name)
     number = kind(value)
     if not within(number, metadata):
+        finite, words = math.isfinite(number), allowed(metadata)
         raise ConfigurationError(
-            f'{place} must be {allowed(metadata)}, got {value!r}',
-            'out_of_range' if math.isfinite(number) else 'not_finite', name)
+            f'{place} must be {"" if finite or "finite" in words else "finite and "}{words}, got '
+            f'{value!r}', 'out_of_range' if finite else 'not_finite', name)
     return number
 
 

@@ -11,7 +11,7 @@ import time
 import pytest
 
 from ballbot_ros import __version__
-from ballbot_ros.cli import main, simulate
+from ballbot_ros.cli import listing, main, simulate
 from ballbot_ros.cli.command import load_verb, VERBS
 from ballbot_ros.cli.listing import describe
 from ballbot_ros.config.files import config_folder
@@ -168,9 +168,23 @@ def test_demo_without_ros_is_refused(refuses, monkeypatch):
     refuses('not_installed', 'ROS', 'demo')
 
 
-@pytest.mark.parametrize('seconds', ['0', '-1', 'inf', 'nan'])
-def test_demo_refuses_an_impossible_timeout(refuses, seconds):
-    refuses('out_of_range', '--timeout', 'demo', f'--timeout={seconds}')
+@pytest.mark.parametrize('seconds, reason', [
+    ('0', 'out_of_range'), ('-1', 'out_of_range'), ('inf', 'not_finite'), ('nan', 'not_finite')])
+def test_demo_refuses_an_impossible_timeout(refuses, seconds, reason):
+    refuses(reason, '--timeout', 'demo', f'--timeout={seconds}')
+
+
+def test_a_class_that_refuses_a_number_is_not_named_but_the_option(error_of, tmp_path):
+    words = ('fit-curve', '--out', str(tmp_path / 'a.yaml'), '--accuracy', '0')
+    assert error_of(*words).startswith('ballbot: error: --accuracy must be')
+
+
+def test_an_error_of_the_file_system_is_one_line(monkeypatch, capsys):
+    def fail(_):
+        raise OSError(28, 'No space left on device', '/full/place')
+    monkeypatch.setattr(listing, 'ROBOTS', listing.ROBOTS._replace(run=fail))
+    assert main(['robots']) == 1
+    assert capsys.readouterr().err == 'ballbot: error: /full/place: No space left on device\n'
 
 
 def test_a_reader_that_goes_away_is_no_error():

@@ -9,7 +9,7 @@ from ballbot_ros.cli import main
 
 
 @pytest.mark.parametrize('words, message', [
-    (['--port', '70000'], 'from 0 to 65535'), (['--duration', '0'], 'more than 0 s'),
+    (['--port', '70000'], 'at most 65535'), (['--duration', '0'], 'more than 0 s'),
     (['doorstepp'], "did you mean 'doorstep'"), (['--duration', 'inf'], 'finite')])
 def test_a_wrong_value_is_refused(error_of, words, message):
     assert message in error_of('view', *words)

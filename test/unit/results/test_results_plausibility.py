@@ -110,11 +110,9 @@ def test_a_quiet_run_prints_each_warning_once(tmp_path, capsys):
     assert len(lines) == len(set(lines)) and any('mean density' in line for line in lines)
 
 
-def test_an_angle_beyond_the_top_is_refused_and_one_above_level_is_questioned():
+def test_a_held_angle_above_level_is_questioned():
     def law(angle):
         return read_law(argparse.Namespace(actuation='held', angle_deg=angle, voltage=None))
-    with refused('out_of_range', '--angle-deg'):
-        law(270.0)
     with pytest.warns(PlausibilityWarning, match='held at 120 degrees'):
         law(120.0)
     law(90.0)
