@@ -102,7 +102,7 @@ class Parser(argparse.ArgumentParser):
 
     def parse_args(self, *words: Any) -> argparse.Namespace:  # type: ignore[override]
         """Return the values of the options; refuse a number out of its declared range."""
-        arguments = super().parse_args(*words)
+        arguments: argparse.Namespace = super().parse_args(*words)
         for action in (self.of_verb or self)._actions:
             value = getattr(arguments, action.dest, None)
             if value is not None and hasattr(action, 'declared'):

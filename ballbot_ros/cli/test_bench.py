@@ -9,7 +9,7 @@ from ballbot_ros.cli.command import DONE, INTERRUPTED, print_error
 from ballbot_ros.cli.options import (
     add_number, add_overwrite, add_quiet, add_robot, add_seed, read_robot)
 from ballbot_ros.cli.output import figure_files, result_folder, save_figure
-from ballbot_ros.config.fields import quantity
+from ballbot_ros.config.fields import count, quantity
 from ballbot_ros.errors import ConfigurationError
 
 DEFAULT_FOLDER = Path('ballbot_output')
@@ -27,9 +27,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help='length of the run-up of the driven test (default: 1.2)')
     parser.add_argument('--sensor-distance', type=float, metavar='METRES',
                         help='distance from the second touch sensor to the step (default: 0.2)')
-    parser.add_argument('--rolls', type=int, default=12, metavar='N',
-                        help='number of rolls about the threshold of each step (default: '
-                        '%(default)s)')
+    add_number(parser, '--rolls', 'N', count(
+        'number of rolls about the threshold of each step', default=12, minimum=1))
     add_seed(parser, 'the scatter')
     parser.add_argument('--out', type=Path, metavar='DIR',
                         help='folder for the files (default: ballbot_output/bench_ROBOT, or '

@@ -157,7 +157,9 @@ class Controls:
             event.client.add_notification(
                 'No goal', 'A goal needs running nodes with a navigator: "ballbot demo --house '
                 '--view" runs them.', auto_close_seconds=NOTIFICATION_TIME)
-        elif self._use('goal', place, event):
+            return
+        self._use('goal', place, event)
+        if not self._refused:
             event.client.add_notification('Goal', '({:.2f}, {:.2f}) m'.format(*place),
                                           auto_close_seconds=NOTIFICATION_TIME)
 
@@ -207,10 +209,11 @@ class Controls:
             self._on_change(name, widget, lambda words: self._meant(name, words))
             return widget
         factor, unit = UNITS.get(name, (1.0, control.unit))
+        value: Any = control.value or 0.0
         low, high = (factor * float(bound or 0.0) for bound in (control.lowest, control.highest))
         widget = self._gui.add_slider(
             f'{label} [{unit}]' if unit else label, low, high, _round_step(high - low),
-            min(max(factor * float(control.value or 0.0), low), high), **about)
+            min(max(factor * float(value), low), high), **about)
         self._on_change(name, widget, lambda number: number / factor)
         return widget
 
@@ -243,7 +246,7 @@ class Controls:
         if getattr(widget, what) != value:
             setattr(widget, what, value)
 
-    def _use(self, name: str, value: Value, event: Any) -> bool:
+    def _use(self, name: str, value: Value, event: Any) -> None:
         """Use a control; a refusal is shown in the page of the client."""
         try:
             self._source.apply(name, value)
@@ -257,7 +260,6 @@ class Controls:
             logging.getLogger(__name__).warning('%s: %s', name, error)
             self._refused = f'{name}: {error}'
         self.refresh()
-        return not self._refused
 
     def _show_state(self) -> None:
         """Write the state of the source."""
