@@ -254,7 +254,7 @@ def _run(words: list[str]) -> int:
                 nullcontext() if quiet else compilation_shown():
             code: int = load_verb(arguments.verb).run(arguments)
     except ConfigurationError as error:
-        # The class that checks a number names itself; a user knows the option.
+        # The message has the name of the class that checks the number: replace it by the option.
         option = f'--{error.field.replace("_", "-")}'
         place = re.match(rf'(\w+|command line): {re.escape(error.field)}\b', str(error))
         if place and not error.problems and parser.of_verb is not None \

@@ -161,7 +161,7 @@ def test_an_interrupted_test_keeps_its_rolls(capsys, tmp_path, monkeypatch):
     (['--driven', '--slope-deg', '5'], '--slope-deg belongs'),
     (['--run-up', '1'], '--run-up belongs'),
     (['--seed', '-1'], '--seed'), (['--slope-deg', '80'], 'slope'),
-    (['--rolls', '0'], 'fine_rolls'),
+    (['--rolls', '0'], '--rolls'),
     (['--robot', 'shellball', '--driven'], 'pendulum')])
 def test_mistakes_on_the_command_line_are_named(capsys, tmp_path, words, part):
     assert main(['test-bench', '--out', str(tmp_path / 'none'), *words]) == 2
