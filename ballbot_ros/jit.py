@@ -39,11 +39,12 @@ T = TypeVar('T')
 try:
     if os.environ.get('BALLBOT_UNCOMPILED', '0') not in ('', '0'):
         raise ImportError('compilation switched off by BALLBOT_UNCOMPILED')
-    from llvmlite import binding as llvm
+    from llvmlite import binding as llvm, ir
     import numba
-    from numba.core import compiler as numba_compiler, config as numba_config
+    from numba.core import cgutils, compiler as numba_compiler, config as numba_config
     from numba.core.caching import IndexDataCacheFile
     from numba.core.codegen import JITCodeLibrary
+    from numba.extending import intrinsic
 
     COMPILED = not numba_config.DISABLE_JIT
 except ImportError:
@@ -227,6 +228,73 @@ def by_number(name: str, field: str, modules: Iterable[Any]) -> Callable[..., An
              **{f'kernel_{number}': kernel for number, kernel in enumerate(kernels)}}
     exec(compile(source, owner['__file__'], 'exec'), space)
     return cast(Callable[..., Any], compiled(cast(Any, space[name])))
+
+
+def row_sum(numbers: int, width: int) -> Callable[..., None]:
+    """
+    Return a kernel that writes a sum of rows of an array into another row.
+
+    ``sum_rows(work, out, start, scale, factors, first, rows, count)`` writes ``start + sum(scale
+    * factors[first + k] * row k)`` over `count` rows.  The last row is added last: it has the
+    longest latency.  `out`, `start` and `rows` are the offsets of the result, of the first
+    summand, and of the first row in `work`, `first` is the place of the first factor.
+
+    Parameters
+    ----------
+    numbers : int
+        Length of the sums, a multiple of 4.
+    width : int
+        From one row to the next.
+
+    """
+    def sum_rows(work: Any, out: int, start: int, scale: float, factors: Any, first: int,
+                 rows: int, count: int) -> None:
+        for i in range(numbers):
+            total = work[start + i]
+            for k in range(count):
+                total += scale * factors[first + k] * work[rows + width * k + i]
+            work[out + i] = total
+
+    if not COMPILED:
+        return sum_rows
+    half = 4  # numbers per SIMD operation
+    vector, once = ir.VectorType(ir.DoubleType(), half), ('contract',)  # rounded once
+
+    def spread(builder: Any, number: Any) -> Any:
+        one = builder.insert_element(ir.Constant(vector, ir.Undefined), number,
+                                     ir.Constant(ir.IntType(32), 0))
+        return builder.shuffle_vector(one, ir.Constant(vector, ir.Undefined), ir.Constant(
+            ir.VectorType(ir.IntType(32), half), [0] * half))
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        # The compiler would not vectorize the sums, because the result may alias the summands.
+        work, out, start, scale, factors, first, rows, count = arguments
+        data = context.make_array(signature.args[0])(context, builder, work).data
+        weights = context.make_array(signature.args[4])(context, builder, factors).data
+        parts = range(numbers // half)
+
+        def place(offset: Any, part: int) -> Any:
+            at = builder.add(offset, ir.Constant(offset.type, half * part))
+            return builder.bitcast(builder.gep(data, [at]), vector.as_pointer())
+        totals = [cgutils.alloca_once_value(builder, builder.load(place(start, part), align=8))
+                  for part in parts]
+        with cgutils.for_range(builder, count) as loop:
+            weight = spread(builder, builder.fmul(scale, builder.load(
+                builder.gep(weights, [builder.add(first, loop.index)]))))
+            row = builder.add(rows, builder.mul(loop.index, ir.Constant(rows.type, width)))
+            for part, total in zip(parts, totals):
+                term = builder.fmul(weight, builder.load(place(row, part), align=8), flags=once)
+                builder.store(builder.fadd(builder.load(total), term, flags=once), total)
+        for part, total in zip(parts, totals):
+            builder.store(builder.load(total), place(out, part), align=8)
+        return context.get_dummy_value()
+
+    def types_of(_: Any, work: Any, out: Any, start: Any, scale: Any, factors: Any, first: Any,
+                 rows: Any, count: Any) -> Any:
+        place = numba.types.intp
+        return numba.types.void(work, place, place, numba.types.float64, factors, place, place,
+                                place), generate
+    return cast(Callable[..., None], intrinsic(types_of))
 
 
 def _fields(cls: Any) -> Tuple[str, ...]:

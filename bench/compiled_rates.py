@@ -16,10 +16,9 @@ from numba.np.arrayobj import make_array, populate_array
 import numpy as np
 import peers
 
-from ballbot_ros.physics.mechanics import equations, jacobian, modes
+from ballbot_ros.physics.mechanics import equations, modes
 from ballbot_ros.physics.mechanics.contact import contact_table
-from ballbot_ros.physics.mechanics.equations import turned_by
-from ballbot_ros.physics.model.parameters import System
+from ballbot_ros.physics.mechanics.equations import System, turned_by
 from ballbot_ros.physics.model.state import COORDINATES, PENDULUM_ANGLE, PENDULUM_RATE, SIZE
 
 MOTION = 8
@@ -70,7 +69,7 @@ def compiled_case(case, with_slopes=True):
     columns = contact_table(1).shape[1]
     signs, sign_columns = 2 * len(ground) + 1, modes.COLUMNS
     room = SIZE + rows * columns
-    slope_rows, slope_columns = jacobian.jacobian_table().shape
+    slope_rows, slope_columns = modes.jacobian_table().shape
 
     @cfunc(SIGNATURE, **OPTIONS)
     def rates(time, motion, out, space):
@@ -90,7 +89,7 @@ def compiled_case(case, with_slopes=True):
             table(space, SIZE, rows, columns))
         found = table(space, room + signs * sign_columns, slope_rows, slope_columns)
         modes.find_mode(time, state, system, mode)
-        jacobian.write_jacobian(
+        modes.write_jacobian(
             time, state, turned_by(state[PENDULUM_ANGLE])[1:], system, mode, found)
         target = table(out, 0, MOTION, MOTION)
         for column in range(MOTION):

@@ -8,7 +8,7 @@ from ballbot_ros.crossing import held_at
 from ballbot_ros.jit import COMPILED, compiled
 from ballbot_ros.physics import Actuation, load_robot, Model, Solver, Terrain
 from ballbot_ros.physics.mechanics import contact, equations
-from ballbot_ros.physics.model.parameters import System
+from ballbot_ros.physics.mechanics.equations import System
 from ballbot_ros.physics.model.state import SIZE, X, Y
 from ballbot_ros.physics.simulation.solver import Integrator
 from ballbot_ros.physics.solvers.values import FINISHED, Output, Status

@@ -13,7 +13,8 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from ballbot_ros.physics.mechanics import contact, equations
-from ballbot_ros.physics.model.parameters import System
+from ballbot_ros.physics.mechanics.equations import System
+from ballbot_ros.physics.model.actuation import actuator_torque
 from ballbot_ros.physics.model.state import (
     BALL_RATE, PENDULUM_ANGLE, PENDULUM_RATE, SIZE, VELOCITY_X, X, Y)
 from ballbot_ros.physics.model.terrain import (
@@ -68,7 +69,7 @@ def numpy_rates(case):
         torque -= robot.rolling_friction * ball_rate
         swing = 0.0
         if robot.swing_inertia > 0.0:
-            motor = equations.actuator_torque(time, motion, actuator)
+            motor = actuator_torque(time, motion, actuator)
             joint = motor - robot.joint_friction * (swing_rate - ball_rate)
             across = np.array([np.cos(angle), np.sin(angle)])
             swing = (joint - robot.pendulum_moment / robot.mass * (force @ across)

@@ -17,8 +17,7 @@ import numpy as np
 from ballbot_ros.control import growth_rate, is_stable
 from ballbot_ros.errors import ConfigurationError, SimulationError
 from ballbot_ros.physics import simulate, State
-from ballbot_ros.physics.mechanics.laws import position_torque, velocity_torque
-from ballbot_ros.physics.model.parameters import Actuator, TORQUE
+from ballbot_ros.physics.model.actuation import Actuator, position_torque, TORQUE, velocity_torque
 from ballbot_ros.physics.simulation.run import FINEST_TOLERANCE, run_once
 
 GOOD, CHAOTIC, REFUSED, WRONG = 'good', 'chaotic', 'refused', 'WRONG'

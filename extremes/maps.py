@@ -13,8 +13,7 @@ from ballbot_ros.control import lowest_stable_rate
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.figures.canvas import drawing, INK, save
 from ballbot_ros.physics import Actuation, Model, simulate, Solver, State, Terrain
-from ballbot_ros.physics.mechanics.laws import position_torque
-from ballbot_ros.physics.model.parameters import Actuator, TORQUE
+from ballbot_ros.physics.model.actuation import Actuator, position_torque, TORQUE
 
 ACCURATE, STABLE, REFUSED = range(3)
 COLOURS = ('#5BB5A2', '#F2D98B', '#C9685B')  # distinct in grey: middle, light, dark

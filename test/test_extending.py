@@ -113,7 +113,7 @@ def test_a_solver_is_a_file_and_a_line(house):
 def test_a_step_of_the_adaptive_method_is_a_file_and_a_line(house):
     house.copy('physics/solvers/dormand_prince.py', 'physics/solvers/tsitouras.py')
     house.change('physics/solvers/tsitouras.py', (r'A = np.*?(?=STARTS = )', TSITOURAS))
-    house.change('physics/solvers/steps.py',
+    house.change('physics/solvers/controller.py',
                  (r'dormand_prince, rodas5p', 'dormand_prince, rodas5p, tsitouras'),
                  (r"'implicit': rodas5p}", "'implicit': rodas5p, 'tsitouras': tsitouras}"))
     program = house.folder / 'drop.py'

@@ -10,7 +10,7 @@ from ballbot_ros.control.speed_law import (
     steepest_slope)
 from ballbot_ros.control.tuning import ControlTuning
 from ballbot_ros.errors import MessageError
-from ballbot_ros.physics.mechanics.laws import limited, position_torque, velocity_torque
+from ballbot_ros.physics.model.actuation import limited, position_torque, velocity_torque
 from ballbot_ros.physics.model.robot import Robot
 
 

@@ -27,7 +27,7 @@ from ballbot_ros.control.signals import Mode
 from ballbot_ros.control.speed_law import speed_law_step, SpeedLaw
 from ballbot_ros.control.tuning import ControlTuning
 from ballbot_ros.errors import ConfigurationError, UnstableLoopError
-from ballbot_ros.physics.mechanics.laws import position_torque
+from ballbot_ros.physics.model.actuation import position_torque
 from ballbot_ros.physics.model.robot import Robot
 
 # Laws (11) and (12) do not control the speed of the ball: it is a nearly neutral mode, damped by

@@ -20,10 +20,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ballbot_ros.jit import compiled, unlocked
-from ballbot_ros.physics.mechanics.contact import IntArray, spring_energy
-from ballbot_ros.physics.mechanics.contact_law import slip_lever
-from ballbot_ros.physics.mechanics.equations import kinetic_energy, potential_energy
-from ballbot_ros.physics.model.parameters import FREE, Parameters, System
+from ballbot_ros.physics.mechanics.contact import IntArray, slip_lever, spring_energy
+from ballbot_ros.physics.mechanics.equations import kinetic_energy, potential_energy, System
+from ballbot_ros.physics.model.actuation import FREE
+from ballbot_ros.physics.model.robot import Parameters
 from ballbot_ros.physics.model.state import (
     BALL_RATE, PENDULUM_ANGLE, SIZE, VELOCITY_X, VELOCITY_Y, X, Y)
 from ballbot_ros.physics.model.terrain import Array, TANGENT_X, TANGENT_Y, VERTEX_X, VERTEX_Y

@@ -28,9 +28,10 @@ from ballbot_ros.crossing.rules import check_gravity, HEIGHT, Rules, Site, SPEED
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.jit import compiled, direct, row_reader, unlocked
 from ballbot_ros.physics.mechanics.contact import IntArray
+from ballbot_ros.physics.mechanics.equations import read_actuator, read_parameters, System
 from ballbot_ros.physics.model.actuation import Actuation, refuse_degrees
-from ballbot_ros.physics.model.parameters import Parameters, read_actuator, read_parameters, System
-from ballbot_ros.physics.model.robot import ContactOptions, load_robot, Robot, RobotLike
+from ballbot_ros.physics.model.robot import (
+    ContactOptions, load_robot, Parameters, Robot, RobotLike)
 from ballbot_ros.physics.model.state import SIZE
 from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.simulation.solver import failure, Solver

@@ -19,8 +19,8 @@ from ballbot_ros.figures import canvas
 from ballbot_ros.figures.drawing import draw_ball, draw_ground, FORCE, ground_line, legend, PATH
 from ballbot_ros.figures.frames import ROW
 from ballbot_ros.figures.panels import sane
-from ballbot_ros.physics.mechanics.contact import contact_table, find_contacts
-from ballbot_ros.physics.mechanics.contact_law import contact_force, EDGE, KIND, NORMAL_X, NORMAL_Y
+from ballbot_ros.physics.mechanics.contact import (
+    contact_force, contact_table, EDGE, find_contacts, KIND, NORMAL_X, NORMAL_Y)
 from ballbot_ros.physics.model.state import SIZE, X, Y
 from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.simulation.trajectory import Trajectory

@@ -23,7 +23,7 @@ from ballbot_ros.crossing.rules import is_over, touch_distance
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.paper.cases import Case
 from ballbot_ros.physics.mechanics import contact, equations
-from ballbot_ros.physics.model.parameters import FREE
+from ballbot_ros.physics.model.actuation import actuator_torque, FREE
 from ballbot_ros.physics.model.robot import Robot
 from ballbot_ros.physics.model.state import (
     BALL_ANGLE, BALL_RATE, PENDULUM_ANGLE, PENDULUM_RATE, SIZE, VELOCITY_X, VELOCITY_Y, X, Y)
@@ -222,7 +222,7 @@ class MujocoRun:
         if self.driven:
             state[PENDULUM_ANGLE] = place[2] + place[3]
             state[PENDULUM_RATE] = rates[2] + rates[3]
-            force[3] += equations.actuator_torque(data.time, state, self.drive)
+            force[3] += actuator_torque(data.time, state, self.drive)
 
     def centre(self) -> Centre:
         """Return the state of the ball."""

@@ -2,7 +2,7 @@
 """Error estimate of a running plant: a coarser solver runs in parallel, under the same torques."""
 import math
 
-from ballbot_ros.physics.model.parameters import Actuator
+from ballbot_ros.physics.model.actuation import Actuator
 from ballbot_ros.physics.model.state import State
 from ballbot_ros.physics.simulation.model import Model
 

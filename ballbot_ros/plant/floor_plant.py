@@ -15,7 +15,7 @@ from ballbot_ros.errors import ConfigurationError, SimulationError
 from ballbot_ros.floors.floor import Floor, Point
 from ballbot_ros.floors.levels import level
 from ballbot_ros.floors.profile import Cut, cut, passed, SAME
-from ballbot_ros.physics.mechanics.contact_law import EDGE
+from ballbot_ros.physics.mechanics.contact import EDGE
 from ballbot_ros.physics.model.actuation import Actuation
 from ballbot_ros.physics.model.robot import Robot
 from ballbot_ros.physics.model.state import State

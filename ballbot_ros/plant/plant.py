@@ -5,8 +5,7 @@ import math
 from typing import Optional, Tuple
 
 from ballbot_ros.errors import ConfigurationError
-from ballbot_ros.physics.mechanics.laws import applied_torque
-from ballbot_ros.physics.model.parameters import Actuator, TORQUE
+from ballbot_ros.physics.model.actuation import Actuator, applied_torque, TORQUE
 from ballbot_ros.physics.model.state import State
 from ballbot_ros.physics.model.terrain import Terrain
 from ballbot_ros.physics.simulation.model import Model

@@ -18,8 +18,7 @@ from ballbot_ros.bridge.supervisor import PendulumMotion, Supervisor
 from ballbot_ros.control.tuning import load_tuning
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics import load_robot, Model, Terrain
-from ballbot_ros.physics.mechanics.laws import velocity_torque
-from ballbot_ros.physics.model.actuation import Actuation
+from ballbot_ros.physics.model.actuation import Actuation, velocity_torque
 from ballbot_ros.physics.model.robot import Robot
 from ballbot_ros.physics.model.state import State
 from ballbot_ros.physics.model.terrain import Array

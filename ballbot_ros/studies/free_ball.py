@@ -15,8 +15,7 @@ from typing import Any, NamedTuple, Optional
 import numpy as np
 
 from ballbot_ros.errors import ConfigurationError
-from ballbot_ros.physics.mechanics.laws import position_torque
-from ballbot_ros.physics.model.actuation import Actuation
+from ballbot_ros.physics.model.actuation import Actuation, position_torque
 from ballbot_ros.physics.model.robot import Robot
 from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.steering import law, step

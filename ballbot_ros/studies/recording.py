@@ -7,7 +7,7 @@ import numpy as np
 
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics import Model, Scene, simulate, Solver, Trajectory
-from ballbot_ros.physics.model.parameters import Actuator, TORQUE
+from ballbot_ros.physics.model.actuation import Actuator, TORQUE
 from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.simulation.solver import failure, Integrator
 from ballbot_ros.physics.solvers.values import FINISHED, Status

@@ -4,12 +4,10 @@ from dataclasses import replace
 import math
 from typing import Any, Mapping, NamedTuple, Optional, Tuple
 
-from ballbot_ros.control import (
-    JointReadings, load_tuning, Mode, PendulumController, SetPoint)
+from ballbot_ros.control import JointReadings, load_tuning, Mode, PendulumController, SetPoint
 from ballbot_ros.errors import ConfigurationError
-from ballbot_ros.physics.mechanics.laws import applied_torque
-from ballbot_ros.physics.model.actuation import Actuation, set_rate_for_speed
-from ballbot_ros.physics.model.parameters import Actuator, TORQUE
+from ballbot_ros.physics.model.actuation import (
+    Actuation, Actuator, applied_torque, set_rate_for_speed, TORQUE)
 from ballbot_ros.physics.model.robot import Robot
 from ballbot_ros.physics.model.state import State
 

@@ -8,7 +8,7 @@ from typing import Optional, Tuple
 from ballbot_ros.config.files import shipped_files
 from ballbot_ros.decision.planning.curve import HeightCurve, load_curve
 from ballbot_ros.errors import ConfigurationError
-from ballbot_ros.physics.model.parameters import Actuator
+from ballbot_ros.physics.model.actuation import Actuator
 from ballbot_ros.physics.model.robot import load_robot, Robot
 from ballbot_ros.physics.model.state import State
 from ballbot_ros.physics.simulation.model import Model

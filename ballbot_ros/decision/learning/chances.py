@@ -23,13 +23,12 @@ from ballbot_ros.decision.learning.outcomes import Outcome
 from ballbot_ros.decision.learning.particles import (
     EDGE_FRICTION, HEIGHT_BIAS, Particles, SURFACE_FRICTION)
 from ballbot_ros.jit import unlocked
-from ballbot_ros.physics.model.actuation import Actuation
-from ballbot_ros.physics.model.parameters import Actuator, Parameters, read_parameters, System
-from ballbot_ros.physics.model.robot import ContactOptions, Robot
+from ballbot_ros.physics.mechanics.equations import read_parameters, System
+from ballbot_ros.physics.model.actuation import Actuation, Actuator
+from ballbot_ros.physics.model.robot import ContactOptions, Parameters, Robot
 from ballbot_ros.physics.model.state import BALL_RATE
-from ballbot_ros.physics.model.terrain import Array
-from ballbot_ros.physics.model.terrain import EDGE_FRICTION as EDGE_COLUMN
-from ballbot_ros.physics.model.terrain import SURFACE_FRICTION as SURFACE_COLUMN
+from ballbot_ros.physics.model.terrain import (
+    Array, EDGE_FRICTION as EDGE_COLUMN, SURFACE_FRICTION as SURFACE_COLUMN)
 from ballbot_ros.physics.solvers.values import FINISHED
 
 # Local error of a step of an attempt [m], right-hand sides and time that it may take.

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Contact detection, and the sum of the contact forces.
+Contacts of the ball with the ground: detection, loads, their sum, and their derivatives.
 
 The ball touches wherever the distance from its centre to the profile has a
 local minimum shorter than the radius: on each segment that holds the foot of the
@@ -15,8 +15,27 @@ one a whole contact force would appear or vanish within one step and violate ene
 Friction acts at the minima only, where it always dissipates; a maximum reduces the
 coefficients of its two neighbouring minima by its share, see `share_friction`.
 
-A *feature* of the ground is a number: 2 j for segment j, 2 j + 1 for the vertex at its end.  The
-force of each contact is in `contact_law`.
+A *feature* of the ground is a number: 2 j for segment j, 2 j + 1 for the vertex at its end.
+
+The loads at a contact are eqs. (7)-(10): the normal force of one of the `contact_laws`, which
+does not pull unless asked to; friction with a slip velocity at the contact point, eq. (8), that
+grows to its full coefficient over a small slip, eq. (9); and the torque of that friction,
+eq. (10).
+
+These laws have kinks.  Between them they are smooth, and which piece holds is two signs:
+*pressed*, of the normal force (0 where the damper would pull and is not let), and *sliding*, of a
+slip beyond the threshold (0 within).  With the signs of the state itself (`pressed_sign`,
+`sliding_sign`) a load is the law, with those of a frozen mode (see `modes`) its smooth
+continuation for an integrator.
+
+With normal n, tangent t, distance d from the centre, and curvature kappa (0 on a segment, 1/d on a
+vertex), a displacement dr turns the normal by ``kappa (t dr)``, and the derivatives follow::
+
+    d(v_n) = kappa v_t (t dr) + n dv        d(v_t) = -kappa v_n (t dr) + t dv
+    dN = (dD/dp - k) (n dr) - dD/dv_n d(v_n)         d(slip) = d(v_t) + lever domega + omega (n dr)
+
+At a CORNER, the share of friction that it takes from its neighbours also depends on the
+position; this term is omitted.
 """
 import math
 
@@ -24,11 +43,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot_ros.jit import compiled
-from ballbot_ros.physics.mechanics.contact_law import (
-    COLUMNS, CORNER, EDGE, FEATURE, FRICTION, KIND, normal_and_friction, NORMAL_X, NORMAL_Y,
-    PENETRATION, POINT_X, POINT_Y, PRESSED, pressed_sign, pressing_and_slipping, SLIDING,
-    sliding_sign, slip_lever, SURFACE)
-from ballbot_ros.physics.model.parameters import Parameters
+from ballbot_ros.physics.model.contact_laws import damper
+from ballbot_ros.physics.model.robot import Parameters
 from ballbot_ros.physics.model.state import BALL_RATE, VELOCITY_X, VELOCITY_Y, X, Y
 from ballbot_ros.physics.model.terrain import (
     Array, EDGE_FRICTION, SURFACE_FRICTION, TANGENT_X, TANGENT_Y, TURN, VERTEX_X, VERTEX_Y)
@@ -44,6 +60,165 @@ SUMMED: Response = (0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 1.0, 0.0, 1.0, 1.0)
 ContactSum = tuple[float, float, float, float, float, float]  # see `contact_sum`
 OWN, FROZEN, QUICK = range(3)  # forms of a `contact_sum`
 NO_SIGNS: IntArray = np.zeros((0, 3), dtype=np.int64)
+
+# Kinds of contact; the values are those of the message ballbot_ros/Contact.
+SURFACE = 1
+EDGE = 2
+CORNER = 3
+
+# Columns of a table of contacts, which `find_contacts` fills.
+KIND, POINT_X, POINT_Y, NORMAL_X, NORMAL_Y, PENETRATION, FRICTION = range(7)
+COLUMNS = 7
+
+# Columns of the pieces that are in force, a row per contact from left to right; see `modes`.
+FEATURE, PRESSED, SLIDING = range(3)
+
+
+@compiled
+def slip_lever(distance: float, parameters: Parameters) -> float:
+    """Return the lever of the spin in eq. (8), for a centre at a distance from the contact [m]."""
+    return parameters.radius if parameters.radius_lever > 0.0 else distance
+
+
+@compiled
+def pressing_and_slipping(normal_x: float, normal_y: float, penetration: float, lever: float,
+                          velocity_x: float, velocity_y: float, spin: float,
+                          parameters: Parameters) -> tuple[float, float, float, float, float]:
+    """
+    Return the quantities of eqs. (7) and (8): normal [-], penetration and `slip_lever` [m].
+
+    Returns
+    -------
+    force, slip, normal_velocity : float
+        See `force_and_slip`.
+    along : float
+        Velocity of the centre along the tangent [m/s].
+    damping : float
+        The part of the force that is not elastic [N].
+
+    """
+    normal_velocity = velocity_x * normal_x + velocity_y * normal_y
+    along = velocity_x * normal_y - velocity_y * normal_x
+    damping, _, _ = damper(penetration, normal_velocity, parameters)
+    return (parameters.stiffness * penetration - damping, along + lever * spin, normal_velocity,
+            along, damping)
+
+
+@compiled
+def force_and_slip(state: Array, parameters: Parameters, contacts: Array,
+                   row: int) -> tuple[float, float, float]:
+    """
+    Return the results of eqs. (7) and (8) for one contact, before any limit.
+
+    Parameters
+    ----------
+    state : (13,) array
+    contacts : (2 n, 7) array
+        See `find_contacts`.
+    row : int
+        Which of them.
+
+    Returns
+    -------
+    force : float
+        Of spring and damper, positive out of the ground [N].
+    slip : float
+        Along the tangent (normal_y, -normal_x), which points to +x on a floor [m/s].
+    normal_velocity : float
+        Positive away from the ground [m/s].
+
+    """
+    penetration = contacts[row, PENETRATION]
+    force, slip, normal_velocity, _, _ = pressing_and_slipping(
+        contacts[row, NORMAL_X], contacts[row, NORMAL_Y], penetration,
+        slip_lever(parameters.radius - penetration, parameters), state[VELOCITY_X],
+        state[VELOCITY_Y], state[BALL_RATE], parameters)
+    return force, slip, normal_velocity
+
+
+@compiled
+def pressed_sign(force: float, parameters: Parameters) -> int:
+    """Return the sign of the normal force, 0 where the damper would pull and is not let."""
+    return 1 if force > 0.0 else (-1 if parameters.pulling > 0.0 else 0)
+
+
+@compiled
+def sliding_sign(slip: float, parameters: Parameters) -> int:
+    """Return the sign of a slip beyond the threshold of eq. (9), 0 for one within."""
+    return sign_beyond(slip, parameters.slip_threshold)
+
+
+@compiled
+def sign_beyond(value: float, limit: float) -> int:
+    """Return the sign of a value that is beyond +-limit, 0 for one within."""
+    return int(value > limit) - int(value < -limit)
+
+
+@compiled
+def friction_scale(slip: float, sliding: int, parameters: Parameters) -> float:
+    """
+    Return mu_scale of eq. (9) with the sign of the slip.
+
+    It reaches 1 at the threshold: along a straight line, or (smooth) along the cubic that ends
+    there with zero slope.  The line continues beyond; the cubic would change its sign there
+    and make a trial step diverge, so a constant continues it, with a continuous slope.
+    """
+    if sliding != 0:
+        return float(sliding)
+    ratio = slip * (1.0 / parameters.slip_threshold)
+    if parameters.smooth_friction > 0.0:
+        ratio = min(max(ratio, -1.0), 1.0)
+        return 0.5 * ratio * (3.0 - ratio * ratio)
+    return ratio
+
+
+@compiled
+def friction_slope(slip: float, sliding: int, parameters: Parameters) -> float:
+    """Return the derivative of `friction_scale` by the slip [s/m]."""
+    if sliding != 0:
+        return 0.0
+    if parameters.smooth_friction > 0.0:
+        ratio = slip / parameters.slip_threshold
+        return 1.5 * max(0.0, 1.0 - ratio * ratio) / parameters.slip_threshold
+    return 1.0 / parameters.slip_threshold
+
+
+@compiled
+def normal_and_friction(force: float, slip: float, pressed: int, sliding: int,
+                        parameters: Parameters, friction: float) -> tuple[float, float]:
+    """
+    Return normal force and friction force of one contact [N]; eqs. (7) and (9).
+
+    Parameters
+    ----------
+    force, slip : float
+        See `force_and_slip`.
+    pressed, sliding : int
+        See the module.
+    friction : float
+        Coefficient of the contact.
+
+    """
+    normal = 0.0 if pressed == 0 else force
+    return normal, -normal * pressed * friction * friction_scale(slip, sliding, parameters)
+
+
+@compiled
+def contact_force(state: Array, parameters: Parameters, contacts: Array,
+                  row: int) -> tuple[float, float, float]:
+    """
+    Return normal force, friction force and slip velocity of one contact [N, N, m/s].
+
+    Along normal and tangent, see `force_and_slip`.  The normal force of a CORNER is counted with
+    reversed sign; it has no friction.
+    """
+    force, slip, _ = force_and_slip(state, parameters, contacts, row)
+    normal, friction = normal_and_friction(
+        force, slip, pressed_sign(force, parameters), sliding_sign(slip, parameters),
+        parameters, contacts[row, FRICTION])
+    if contacts[row, KIND] == CORNER:
+        return -normal, 0.0, slip
+    return normal, friction, slip
 
 
 def contact_table(vertices: int) -> Array:
@@ -142,6 +317,40 @@ def away_from(segment: int, x: float, y: float, ground: Array) -> tuple[float, f
         along = min(along, (ground[segment + 1, VERTEX_X] - ground[segment, VERTEX_X]) * along_x
                     + (ground[segment + 1, VERTEX_Y] - ground[segment, VERTEX_Y]) * along_y)
     return away_x - along * along_x, away_y - along * along_y
+
+
+@compiled
+def clear_time(x: float, y: float, velocity_x: float, velocity_y: float, bend: float,
+               reach: float, radius: float, ground: Array) -> float:
+    """
+    Return a time before which no contact force acts on a released ball [s].
+
+    Parameters
+    ----------
+    bend : float
+        Bound of the acceleration of the centre [m/s2], above 0.
+    reach : float
+        Segments farther from x than this are ignored [m].
+
+    """
+    least = math.inf
+    last = len(ground) - 2
+    for segment in range(first_segment(ground, x - reach), last + 1):
+        if ground[segment, VERTEX_X] - x > reach and segment > 0:
+            break
+        away_x, away_y = away_from(segment, x, y, ground)
+        distance = math.sqrt(away_x * away_x + away_y * away_y)
+        gap = distance - radius
+        speed = (velocity_x * away_x + velocity_y * away_y) / distance
+        square = speed * speed + 2.0 * bend * gap
+        # The later root of gap + speed h - bend h^2 / 2, without cancellation.
+        wait = 0.0
+        if speed > 0.0 and square > 0.0:
+            wait = (speed + math.sqrt(square)) / bend
+        elif gap > 0.0:
+            wait = 2.0 * gap / (math.sqrt(square) - speed)
+        least = min(least, wait)
+    return least
 
 
 @compiled
@@ -359,3 +568,86 @@ def spring_energy(state: Array, parameters: Parameters, ground: Array, contacts:
         stored = 0.5 * parameters.stiffness * contacts[row, PENETRATION]**2
         energy += -stored if contacts[row, KIND] == CORNER else stored
     return energy
+
+
+@compiled
+def add_load(out: Array, load: int, factor: float,
+             slopes: tuple[float, float, float, float, float]) -> None:
+    """Add a multiple of a gradient to the row of a load."""
+    # Written out: an index that varies makes a tuple slow.
+    out[load, 0] += factor * slopes[0]
+    out[load, 1] += factor * slopes[1]
+    out[load, 2] += factor * slopes[2]
+    out[load, 3] += factor * slopes[3]
+    out[load, 4] += factor * slopes[4]
+
+
+@compiled
+def add_contact(state: Array, parameters: Parameters, ground: Array, contacts: Array,
+                signs: IntArray, row: int, smooth: bool,
+                out: Array) -> tuple[float, float, float]:
+    """
+    Add how the loads of one contact change with x, y, velocity_x, velocity_y, ball_rate.
+
+    Parameters
+    ----------
+    state, parameters, ground, contacts, signs
+        See `contact_sum`; the table is read only where not all contacts are `smooth`.
+    row : int
+        Which of them.
+    out : (3, 5) array, or larger
+        The derivatives of force_x, force_y and torque.
+
+    Returns
+    -------
+    force_x, force_y, torque : float
+        The loads [N], [N m].
+
+    """
+    feature = signs[row, FEATURE]
+    normal_x, normal_y, distance, coefficient = meeting(feature, state[X], state[Y], ground)
+    corner = False
+    if not smooth:
+        corner = contacts[row, KIND] == CORNER
+        coefficient = contacts[row, FRICTION]
+    tangent_x, tangent_y = normal_y, -normal_x
+    spin = state[BALL_RATE]
+    bend = 0.0 if feature & 1 == 0 else 1.0 / distance
+    lever = slip_lever(distance, parameters)
+    force, slip, closing, along, _ = pressing_and_slipping(
+        normal_x, normal_y, parameters.radius - distance, lever, state[VELOCITY_X],
+        state[VELOCITY_Y], spin, parameters)
+    # Gradients; of the normal velocity: (closing_x, closing_y, normal_x, normal_y, 0).
+    closing_x, closing_y = bend * along * tangent_x, bend * along * tangent_y
+    drift_x, drift_y = -bend * closing * tangent_x, -bend * closing * tangent_y
+    pressed, sliding = signs[row, PRESSED], signs[row, SLIDING]
+    normal, friction = normal_and_friction(force, slip, pressed, sliding, parameters, coefficient)
+    # The force of a CORNER, which has no friction, counts with the other sign.
+    sign = -1.0 if corner else 1.0
+    _, softer, damping = damper(parameters.radius - distance, closing, parameters)
+    stiffness, damping = parameters.stiffness - softer, damping if pressed != 0 else 0.0
+    slope_x = -stiffness * normal_x - damping * closing_x if pressed != 0 else 0.0
+    slope_y = -stiffness * normal_y - damping * closing_y if pressed != 0 else 0.0
+    # Friction: -sign N mu scale(slip).
+    rough = -pressed * coefficient
+    share = rough * friction_scale(slip, sliding, parameters)
+    steep = rough * normal * friction_slope(slip, sliding, parameters)
+    growing = 0.0 if parameters.radius_lever > 0.0 else spin
+    pressing = slope_x, slope_y, -damping * normal_x, -damping * normal_y, 0.0
+    rubbing = (share * slope_x + steep * (drift_x + growing * normal_x),
+               share * slope_y + steep * (drift_y + growing * normal_y),
+               -share * damping * normal_x + steep * tangent_x,
+               -share * damping * normal_y + steep * tangent_y, steep * lever)
+    turning = tangent_x, tangent_y, 0.0, 0.0, 0.0
+    # force = normal n + friction t, and both directions turn.
+    add_load(out, 0, sign * normal_x, pressing)
+    add_load(out, 0, tangent_x, rubbing)
+    add_load(out, 0, bend * (sign * normal * tangent_x - friction * normal_x), turning)
+    add_load(out, 1, sign * normal_y, pressing)
+    add_load(out, 1, tangent_y, rubbing)
+    add_load(out, 1, bend * (sign * normal * tangent_y - friction * normal_y), turning)
+    # torque = friction distance
+    add_load(out, 2, distance, rubbing)
+    add_load(out, 2, friction, (normal_x, normal_y, 0.0, 0.0, 0.0))
+    return (sign * normal * normal_x + friction * tangent_x,
+            sign * normal * normal_y + friction * tangent_y, friction * distance)

@@ -26,18 +26,29 @@ which is eq. (13) without a 4 x 4 solve.  Without a pendulum m = 0, tau2 = 0 and
 line is left out.
 """
 import math
+from typing import NamedTuple
 
-from ballbot_ros.jit import compiled
+from ballbot_ros.jit import compiled, row_reader
 from ballbot_ros.physics.mechanics.contact import (
     Accelerations, Compliance, contact_loads, Loads, Response)
-from ballbot_ros.physics.mechanics.laws import (
-    limited, motor_torque, position_feedback, velocity_feedback)
-from ballbot_ros.physics.model.parameters import (
-    Actuator, Parameters, POSITION, System, TORQUE, VELOCITY, VOLTAGE)
+from ballbot_ros.physics.model.actuation import Actuator, actuator_torque
+from ballbot_ros.physics.model.robot import Parameters
 from ballbot_ros.physics.model.state import (
     BALL_ANGLE, BALL_RATE, CONTACT_LOSS, FRICTION_LOSS, JOINT_LOSS, MOTOR_WORK, PENDULUM_ANGLE,
     PENDULUM_RATE, ROLLING_LOSS, VELOCITY_X, VELOCITY_Y, X, Y)
 from ballbot_ros.physics.model.terrain import Array
+
+# Kernels that read the parameters of a robot, or a law, from a row of numbers.
+read_parameters, read_actuator = row_reader(Parameters), row_reader(Actuator)
+
+
+class System(NamedTuple):
+    """All that the equations of motion depend on, beside time and state."""
+
+    parameters: Parameters
+    ground: Array  # (n, 7), see `Terrain.profile`
+    actuator: Actuator
+
 
 # So far the series below are exact to rounding: the short ones, which most steps need, and the
 # long ones [rad].
@@ -81,58 +92,6 @@ def direction_near(angle: float, start: Turned) -> Direction:
     along, across = cosine * ahead, sine * ahead
     return ((sine + along) + square * (along * bent + sine * back),
             (cosine - across) + square * (cosine * back - across * bent))
-
-
-@compiled
-def unsaturated_torque(time: float, state: Array, actuator: Actuator) -> float:
-    """Return the torque tau2 of the law, without the limit [N m]."""
-    sine = math.sin(state[PENDULUM_ANGLE]) if actuator.gravity_torque != 0.0 else 0.0
-    return torque_asked(time, state, sine, actuator)
-
-
-@compiled
-def torque_asked(time: float, state: Array, sine: float, actuator: Actuator) -> float:
-    """Return the result of `unsaturated_torque` for a known sine of the pendulum angle."""
-    joint_rate = state[PENDULUM_RATE] - state[BALL_RATE]
-    if actuator.law == POSITION:
-        return actuator.gravity_torque * sine + position_feedback(
-            state[PENDULUM_ANGLE], state[PENDULUM_RATE], actuator.set_value, actuator.kp,
-            actuator.kd_or_ki)
-    if actuator.law == VELOCITY:
-        travel = state[PENDULUM_ANGLE] - state[BALL_ANGLE] - actuator.start_joint_angle
-        lag = actuator.set_value * (time - actuator.start_time) - travel
-        return actuator.gravity_torque * sine + velocity_feedback(
-            joint_rate, lag, actuator.set_value, actuator.kp, actuator.kd_or_ki)
-    if actuator.law == VOLTAGE:
-        return motor_torque(actuator.set_value, joint_rate, actuator.kp, actuator.kd_or_ki)
-    if actuator.law == TORQUE:
-        return actuator.set_value
-    return 0.0
-
-
-@compiled
-def torque_slopes(actuator: Actuator) -> tuple[float, float, float, float, float]:
-    """
-    Return the derivatives of `unsaturated_torque` without gravity compensation: constants.
-
-    By ball angle, pendulum angle, ball rate, pendulum rate and time.
-    """
-    if actuator.law == POSITION:
-        return 0.0, -actuator.kp, 0.0, -actuator.kd_or_ki, 0.0
-    if actuator.law == VELOCITY:
-        # The lag grows with the ball angle and shrinks with the pendulum angle.
-        return (actuator.kd_or_ki, -actuator.kd_or_ki, actuator.kp, -actuator.kp,
-                actuator.kd_or_ki * actuator.set_value)
-    if actuator.law == VOLTAGE:
-        back = actuator.kp * actuator.kd_or_ki
-        return 0.0, 0.0, back, -back, 0.0
-    return 0.0, 0.0, 0.0, 0.0, 0.0
-
-
-@compiled
-def actuator_torque(time: float, state: Array, actuator: Actuator) -> float:
-    """Return the torque tau2 of the pendulum motor, within its limit [N m]."""
-    return limited(unsaturated_torque(time, state, actuator), actuator.limit)
 
 
 @compiled

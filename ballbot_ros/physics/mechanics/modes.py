@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The smooth pieces (modes) of the contact law: their motion, and the guards at their ends.
+The smooth pieces (modes) of the contact law: motion, Jacobian, and the guards at their ends.
 
 The forces of eqs. (7)-(10) are piecewise smooth: a contact begins or ends, the damper would
 pull, the slip passes the threshold of eq. (9), the motor reaches its limit.  A *mode* stores
@@ -11,6 +11,11 @@ locates the zero and restarts there keeps its order.
 
 `find_mode` finds the mode of a state, `mode_holds` is a quick check whether it still holds, which
 most steps pass, and `violated_guards` lists the guards that have ended it.
+
+An implicit step needs the derivative of the rates with respect to the state.  The rates of the
+coordinates depend only on the velocities, and no rate depends on the energies, so the nontrivial
+part is a table of four rows (the accelerations) and nine columns (four coordinates, four
+velocities, time).  It is complete where all contacts are smooth, see `contact`.
 """
 import math
 from typing import NamedTuple
@@ -19,24 +24,32 @@ import numpy as np
 
 from ballbot_ros.jit import compiled
 from ballbot_ros.physics.mechanics.contact import (
-    Accelerations, contact_sum, contact_table, feature_guard, features_within, FROZEN, IntArray,
-    line_distance, loads_of, pressed_and_slid, QUICK, share_friction, touches, write_contact)
-from ballbot_ros.physics.mechanics.contact_law import (
-    CORNER, FEATURE, force_and_slip, FRICTION, KIND, PRESSED, pressed_sign, sign_beyond, SLIDING,
-    sliding_sign)
+    Accelerations, add_contact, contact_sum, contact_table, CORNER, FEATURE, feature_guard,
+    features_within, force_and_slip, FRICTION, FROZEN, IntArray, KIND, line_distance, loads_of,
+    PRESSED, pressed_and_slid, pressed_sign, QUICK, share_friction, sign_beyond, SLIDING,
+    sliding_sign, touches, write_contact)
 from ballbot_ros.physics.mechanics.equations import (
-    Direction, direction_near, forced, torque_asked, Turned, unforced, unsaturated_torque,
-    write_motion, write_rates)
-from ballbot_ros.physics.model.parameters import Parameters, System
-from ballbot_ros.physics.model.state import PENDULUM_ANGLE, X, Y
+    Direction, direction_near, forced, System, Turned, unforced, write_motion, write_rates)
+from ballbot_ros.physics.model.actuation import torque_asked, torque_slopes, unsaturated_torque
+from ballbot_ros.physics.model.robot import Parameters
+from ballbot_ros.physics.model.state import (
+    BALL_RATE, PENDULUM_ANGLE, PENDULUM_RATE, VELOCITY_X, X, Y)
 from ballbot_ros.physics.model.terrain import Array
 
-# Columns of the signs of a mode: a row per contact in force, see `contact_law`,
+# Columns of the signs of a mode: a row per contact in force, see `contact`,
 # and in the last row:
 MOTOR = 0     # sign of the torque where it is at its limit, 0 within
 COUNT = 1     # of contacts in force
 CORNERS = 2   # among them
 COLUMNS = 3
+
+# Rows of a Jacobian: the accelerations, in the order of the state vector.
+BALL, PENDULUM, ALONG_X, ALONG_Y = range(4)
+TIME = 8  # the last column; the first eight are those of the state vector
+# How the loads of the ground change, kept below the rows above: force_x, force_y and torque with
+# x, y, velocity_x, velocity_y, ball_rate.
+LOADS = 4
+ROWS = 7
 
 
 class ContactMode(NamedTuple):
@@ -321,3 +334,100 @@ def mode_holds(time: float, motion: Array, first: int, behind: int, system: Syst
                 return False
     return not (system.actuator.limit < math.inf
                 and motor_guard(time, motion, system, mode) < 0.0)
+
+
+def jacobian_table() -> Array:
+    """Return the array that `write_jacobian` works in."""
+    return np.zeros((ROWS, 9))
+
+
+@compiled
+def write_jacobian(time: float, state: Array, hanging: Direction, system: System,
+                   mode: ContactMode, out: Array) -> tuple[float, float, float]:
+    """
+    Write the derivative of `mode_accelerations` into the first four rows of `out`.
+
+    Parameters
+    ----------
+    time, state, system, mode
+        See `mode_derivative`; only the motion of the state is looked at.
+    hanging : tuple
+        Sine and cosine of the pendulum angle.
+    out : (7, 9) array
+        See `jacobian_table`; SI.
+
+    Returns
+    -------
+    force_x, force_y, torque : float
+        Loads of the ground on the ball in that state [N], [N m].
+
+    """
+    parameters = system.parameters
+    for row in range(ROWS):
+        for column in range(9):
+            out[row, column] = 0.0
+    force_x = force_y = torque = 0.0
+    for row in range(contact_count(mode)):
+        share_x, share_y, turn = add_contact(
+            state, parameters, system.ground, mode.contacts, mode.signs, row,
+            smooth_contacts(mode), out[LOADS:])
+        force_x += share_x
+        force_y += share_y
+        torque += turn
+    per_mass, per_inertia = 1.0 / parameters.mass, 1.0 / parameters.ball_inertia
+    for shift in range(2):
+        for row in range(3):
+            # The places among the coordinates, then their velocities.
+            factor = per_mass if row < 2 else per_inertia
+            to = ALONG_X + row if row < 2 else BALL
+            out[to, X + shift] = factor * out[LOADS + row, shift]
+            out[to, VELOCITY_X + shift] = factor * out[LOADS + row, 2 + shift]
+    out[BALL, BALL_RATE] = per_inertia * (out[LOADS + 2, 4] - parameters.rolling_friction)
+    out[ALONG_X, BALL_RATE] = per_mass * out[LOADS, 4]
+    out[ALONG_Y, BALL_RATE] = per_mass * out[LOADS + 1, 4]
+    if parameters.swing_inertia > 0.0:
+        add_pendulum(time, state, hanging, system, mode, (force_x, force_y), out)
+    return force_x, force_y, torque
+
+
+@compiled
+def add_pendulum(time: float, state: Array, hanging: Direction, system: System,
+                 mode: ContactMode, force: tuple[float, float], out: Array) -> None:
+    """Add the terms of pendulum and motor, and their response to the loads, to the derivative."""
+    (force_x, force_y), actuator, parameters = force, system.actuator, system.parameters
+    (sine, cosine), rate = hanging, state[PENDULUM_RATE]
+    # Slopes of the torque with ball and pendulum angle, ball and pendulum rate, and time.
+    by_ball = by_angle = by_spin = by_rate = by_time = 0.0
+    motor = mode_torque(time, state, sine, system, mode)
+    if mode.signs[len(mode.signs) - 1, MOTOR] == 0:
+        by_ball, by_angle, by_spin, by_rate, by_time = torque_slopes(actuator)
+        by_angle += actuator.gravity_torque * cosine
+    damping, per_inertia = parameters.joint_friction, 1.0 / parameters.swing_inertia
+    per_ball, moment = 1.0 / parameters.ball_inertia, parameters.pendulum_moment / parameters.mass
+    swing = per_inertia * (motor - damping * (rate - state[BALL_RATE]) - moment * (
+        force_x * cosine + force_y * sine))
+    sway_x, sway_y = -per_inertia * moment * cosine, -per_inertia * moment * sine
+    for shift in range(2):
+        out[PENDULUM, X + shift] = (
+            sway_x * out[LOADS, shift] + sway_y * out[LOADS + 1, shift])
+        out[PENDULUM, VELOCITY_X + shift] = (
+            sway_x * out[LOADS, 2 + shift] + sway_y * out[LOADS + 1, 2 + shift])
+    out[PENDULUM, 0] = by_ball * per_inertia
+    out[PENDULUM, PENDULUM_ANGLE] = per_inertia * (
+        by_angle + moment * (force_x * sine - force_y * cosine))
+    out[PENDULUM, BALL_RATE] = (sway_x * out[LOADS, 4] + sway_y * out[LOADS + 1, 4]
+                                + per_inertia * (by_spin + damping))
+    out[PENDULUM, PENDULUM_RATE] = per_inertia * (by_rate - damping)
+    out[PENDULUM, TIME] = per_inertia * by_time
+    for column in range(9):
+        out[ALONG_X, column] -= moment * cosine * out[PENDULUM, column]
+        out[ALONG_Y, column] -= moment * sine * out[PENDULUM, column]
+    out[ALONG_X, PENDULUM_ANGLE] += moment * (sine * swing + cosine * rate * rate)
+    out[ALONG_Y, PENDULUM_ANGLE] -= moment * (cosine * swing - sine * rate * rate)
+    out[ALONG_X, PENDULUM_RATE] += 2.0 * moment * sine * rate
+    out[ALONG_Y, PENDULUM_RATE] -= 2.0 * moment * cosine * rate
+    out[BALL, 0] -= by_ball * per_ball
+    out[BALL, PENDULUM_ANGLE] -= by_angle * per_ball
+    out[BALL, BALL_RATE] -= (by_spin + damping) * per_ball
+    out[BALL, PENDULUM_RATE] += (damping - by_rate) * per_ball
+    out[BALL, TIME] -= by_time * per_ball

@@ -1,17 +1,28 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Control of the pendulum motor during a simulation: section 4.2 of the paper."""
+"""
+The pendulum motor: its laws of actuation, section 4.2 of the paper, its torque, and its limits.
+
+The simulator's own actuation and the controller node call the same functions: laws (11), (12) and
+the DC motor.  All angles are counter-clockwise positive; ``pendulum_angle`` is absolute (theta1 +
+theta2, 0 hanging down, positive towards +x), ``joint_rate`` is theta2', relative to the ball.
+"""
 from dataclasses import dataclass
 import math
 from numbers import Real
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ballbot_ros.config.fields import Checked, flag, quantity, text
 from ballbot_ros.errors import ConfigurationError
-from ballbot_ros.physics.model.parameters import Actuator, POSITION, TORQUE, VELOCITY, VOLTAGE
+from ballbot_ros.jit import compiled
 from ballbot_ros.physics.model.robot import Robot
+from ballbot_ros.physics.model.state import (
+    BALL_ANGLE, BALL_RATE, PENDULUM_ANGLE, PENDULUM_RATE)
+from ballbot_ros.physics.model.terrain import Array
 
+# Laws of actuation, for Actuator.law.
+FREE, POSITION, VELOCITY, VOLTAGE, TORQUE = range(5)
 LAWS = ('free', 'position', 'velocity', 'voltage', 'torque')
 # The law that each set value belongs to; with another law, it would silently do nothing.
 SET_VALUES = {'set_angle': 'position', 'set_rate': 'velocity', 'voltage': 'voltage',
@@ -24,6 +35,19 @@ def refuse_degrees(where: str, name: str, angle: float) -> None:
         raise ConfigurationError(
             f'{where}: {name} is in radians, within +-pi, got {angle:g}; '
             f'{angle:g} degrees are math.radians({angle:g})', 'out_of_range', name)
+
+
+class Actuator(NamedTuple):
+    """The pendulum motor and its law; see `Actuation.actuator` for making one."""
+
+    law: int = FREE
+    set_value: float = 0.0  # rad, rad/s, V or N m, as the law asks
+    kp: float = 0.0  # VOLTAGE: stall torque per volt [N m/V]
+    kd_or_ki: float = 0.0  # VOLTAGE: back voltage [V s/rad]
+    gravity_torque: float = 0.0  # M2 g e where compensated
+    limit: float = math.inf  # of the torque [N m]
+    start_time: float = 0.0  # of the set-point, for the integral of eq. (12)
+    start_joint_angle: float = 0.0
 
 
 @dataclass(frozen=True, repr=False)
@@ -141,3 +165,201 @@ def set_rate_for_speed(robot: Robot, speed: float) -> float:
         raise ConfigurationError(f'speed must be a finite number [m/s], got {speed!r}',
                                  'not_finite', 'speed')
     return speed / robot.ball_radius
+
+
+@compiled
+def position_torque(pendulum_angle: float, pendulum_rate: float, set_angle: float,
+                    kp: float, kd: float, gravity_torque: float) -> float:
+    """
+    Return the torque of the position law, eq. (11) [N m].
+
+    Parameters
+    ----------
+    pendulum_angle, pendulum_rate : float
+        Absolute angle [rad] and rate [rad/s].
+    set_angle : float
+        Wanted absolute angle [rad].
+    kp, kd : float
+        Gains [N m/rad], [N m s/rad]; 40 and 10 in the paper.
+    gravity_torque : float
+        M2 g e [N m], or 0 to leave gravity compensation out.
+
+    """
+    return (position_feedback(pendulum_angle, pendulum_rate, set_angle, kp, kd)
+            + gravity_torque * math.sin(pendulum_angle))
+
+
+@compiled
+def position_feedback(pendulum_angle: float, pendulum_rate: float, set_angle: float, kp: float,
+                      kd: float) -> float:
+    """Return the result of `position_torque` without gravity compensation [N m]."""
+    return kp * (set_angle - pendulum_angle) - kd * pendulum_rate
+
+
+@compiled
+def velocity_torque(pendulum_angle: float, joint_rate: float, joint_lag: float,
+                    set_rate: float, kp: float, ki: float, gravity_torque: float) -> float:
+    """
+    Return the torque of the velocity law, eq. (12) [N m].
+
+    Parameters
+    ----------
+    pendulum_angle : float
+        Absolute angle [rad], for gravity compensation.
+    joint_rate : float
+        theta2', rate of the joint [rad/s].  Rolling forward at v, it is v / R.
+    joint_lag : float
+        Integral of the rate error since the set-point was given [rad]; the paper's
+        ``set_rate * t - theta2``.
+    set_rate : float
+        Wanted theta2' [rad/s].
+    kp, ki : float
+        Gains [N m s/rad], [N m/rad]; 10 and 0 in the paper.
+    gravity_torque : float
+        M2 g e [N m], or 0 to leave gravity compensation out.
+
+    """
+    return (velocity_feedback(joint_rate, joint_lag, set_rate, kp, ki)
+            + gravity_torque * math.sin(pendulum_angle))
+
+
+@compiled
+def velocity_feedback(joint_rate: float, joint_lag: float, set_rate: float, kp: float,
+                      ki: float) -> float:
+    """Return the result of `velocity_torque` without gravity compensation [N m]."""
+    return kp * (set_rate - joint_rate) + ki * joint_lag
+
+
+@compiled
+def motor_torque(voltage: float, joint_rate: float, stall_torque_per_volt: float,
+                 back_voltage: float) -> float:
+    """
+    Return the torque of a DC motor and gear at the joint [N m].
+
+    Parameters
+    ----------
+    voltage : float
+        Armature voltage [V].
+    joint_rate : float
+        theta2' [rad/s].
+    stall_torque_per_volt : float
+        gear_ratio gear_efficiency torque_constant / resistance [N m/V].
+    back_voltage : float
+        gear_ratio speed_constant [V s/rad].
+
+    """
+    return stall_torque_per_volt * (voltage - back_voltage * joint_rate)
+
+
+@compiled
+def available_torque(joint_rate: float, stall_torque_per_volt: float, back_voltage: float,
+                     supply: float, maximum_torque: float) -> tuple[float, float]:
+    """
+    Return the lowest and the highest torque that a DC motor can give at a rate [N m].
+
+    Its speed-torque lines at minus and plus the supply voltage, cut to the largest torque.
+    Against the rotation there is more than along it, for the back voltage helps then; beyond
+    the idle speed supply / back_voltage even full voltage brakes.
+
+    Parameters
+    ----------
+    joint_rate : float
+        theta2' [rad/s].
+    stall_torque_per_volt, back_voltage : float
+        As in `motor_torque`.
+    supply : float
+        Voltage [V]; the armature gets any between minus and plus this.
+    maximum_torque : float
+        At the joint [N m].
+
+    """
+    return (
+        limited(motor_torque(-supply, joint_rate, stall_torque_per_volt, back_voltage),
+                maximum_torque),
+        limited(motor_torque(supply, joint_rate, stall_torque_per_volt, back_voltage),
+                maximum_torque))
+
+
+@compiled
+def applied_torque(asked: float, joint_rate: float, line: tuple[float, float, float, float],
+                   limit: float) -> float:
+    """
+    Return the torque at the joint for the requested torque of a control law [N m].
+
+    First the speed-torque line of the motor cuts it, then the limit of the drive: beyond the
+    idle speed, where the line leaves braking only, a drive does not exceed its limit either.
+
+    Parameters
+    ----------
+    asked : float
+        [N m]
+    joint_rate : float
+        theta2' [rad/s].
+    line : tuple of 4 floats
+        See `Robot.motor_line`.
+    limit : float
+        [N m]
+
+    """
+    stall_torque_per_volt, back_voltage, supply, maximum_torque = line
+    lowest, highest = available_torque(
+        joint_rate, stall_torque_per_volt, back_voltage, supply, maximum_torque)
+    return limited(min(max(asked, lowest), highest), limit)
+
+
+@compiled
+def limited(torque: float, limit: float) -> float:
+    """Return `torque` cut to [-limit, limit]."""
+    return min(max(torque, -limit), limit)
+
+
+@compiled
+def unsaturated_torque(time: float, state: Array, actuator: Actuator) -> float:
+    """Return the torque tau2 of the law, without the limit [N m]."""
+    sine = math.sin(state[PENDULUM_ANGLE]) if actuator.gravity_torque != 0.0 else 0.0
+    return torque_asked(time, state, sine, actuator)
+
+
+@compiled
+def torque_asked(time: float, state: Array, sine: float, actuator: Actuator) -> float:
+    """Return the result of `unsaturated_torque` for a known sine of the pendulum angle."""
+    joint_rate = state[PENDULUM_RATE] - state[BALL_RATE]
+    if actuator.law == POSITION:
+        return actuator.gravity_torque * sine + position_feedback(
+            state[PENDULUM_ANGLE], state[PENDULUM_RATE], actuator.set_value, actuator.kp,
+            actuator.kd_or_ki)
+    if actuator.law == VELOCITY:
+        travel = state[PENDULUM_ANGLE] - state[BALL_ANGLE] - actuator.start_joint_angle
+        lag = actuator.set_value * (time - actuator.start_time) - travel
+        return actuator.gravity_torque * sine + velocity_feedback(
+            joint_rate, lag, actuator.set_value, actuator.kp, actuator.kd_or_ki)
+    if actuator.law == VOLTAGE:
+        return motor_torque(actuator.set_value, joint_rate, actuator.kp, actuator.kd_or_ki)
+    if actuator.law == TORQUE:
+        return actuator.set_value
+    return 0.0
+
+
+@compiled
+def torque_slopes(actuator: Actuator) -> tuple[float, float, float, float, float]:
+    """
+    Return the derivatives of `unsaturated_torque` without gravity compensation: constants.
+
+    By ball angle, pendulum angle, ball rate, pendulum rate and time.
+    """
+    if actuator.law == POSITION:
+        return 0.0, -actuator.kp, 0.0, -actuator.kd_or_ki, 0.0
+    if actuator.law == VELOCITY:
+        # The lag grows with the ball angle and shrinks with the pendulum angle.
+        return (actuator.kd_or_ki, -actuator.kd_or_ki, actuator.kp, -actuator.kp,
+                actuator.kd_or_ki * actuator.set_value)
+    if actuator.law == VOLTAGE:
+        back = actuator.kp * actuator.kd_or_ki
+        return 0.0, 0.0, back, -back, 0.0
+    return 0.0, 0.0, 0.0, 0.0, 0.0
+
+
+@compiled
+def actuator_torque(time: float, state: Array, actuator: Actuator) -> float:
+    """Return the torque tau2 of the pendulum motor, within its limit [N m]."""
+    return limited(unsaturated_torque(time, state, actuator), actuator.limit)

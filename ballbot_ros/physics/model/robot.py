@@ -5,7 +5,7 @@ import hashlib
 import math
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Dict, Iterator, Mapping, Optional, Type, Union
+from typing import Any, Dict, Iterator, Mapping, NamedTuple, Optional, Type, Union
 import warnings
 
 from ballbot_ros.config.fields import (
@@ -367,7 +367,7 @@ class Robot(Checked):
     @property
     def motor_line(self) -> tuple[float, float, float, float]:
         """
-        Return the speed-torque line of the motor, see `laws.applied_torque`.
+        Return the speed-torque line of the motor, see `actuation.applied_torque`.
 
         Stall torque per volt [N m/V], back voltage [V s/rad], supply voltage [V] and largest
         torque [N m].  A robot that describes no motor has one without limits.
@@ -398,6 +398,42 @@ class Robot(Checked):
         """
         zeta = self.damping_ratio
         return math.exp(-math.pi * zeta / math.sqrt(1.0 - zeta**2)) if zeta < 1.0 else 0.0
+
+
+class Parameters(NamedTuple):
+    """A robot and its contact law as the compiled kernels read them; all SI."""
+
+    mass: float  # M1 + M2
+    pendulum_moment: float  # M2 e
+    ball_inertia: float  # J1
+    swing_inertia: float  # J2 + M2 e^2 M1 / M; 0 where there is no pendulum
+    pendulum_inertia: float  # J2 + M2 e^2
+    rolling_friction: float
+    joint_friction: float
+    radius: float
+    stiffness: float
+    damping: float
+    slip_threshold: float
+    gravity: float
+    pulling: float  # switches are 0.0 or 1.0
+    smooth_friction: float
+    radius_lever: float
+    dissipation: float  # k lambda, of Hunt and Crossley [N s/m2]
+    law: float  # number of the law in `CONTACT_LAWS`
+
+    @classmethod
+    def of(cls, robot: Robot, options: ContactOptions) -> 'Parameters':
+        """Return the parameters of a robot; columns of columns."""
+        # No power: of a number and of a column, its last digit may differ.
+        own = robot.pendulum_mass * (robot.pendulum_length * robot.pendulum_length)
+        return cls(
+            robot.total_mass, robot.pendulum_mass * robot.pendulum_length, robot.ball_inertia,
+            robot.pendulum_inertia + own * robot.ball_mass / robot.total_mass,
+            robot.pendulum_inertia + own, robot.rolling_friction, robot.joint_friction,
+            robot.ball_radius, robot.contact_stiffness, robot.contact_damping,
+            robot.slip_threshold, robot.gravity, float(options.pulling),
+            float(options.friction_ramp == 'smooth'), float(options.slip_lever == 'radius'),
+            robot.contact_dissipation * robot.contact_stiffness, robot.law_number)
 
 
 # The sections of a robot file.

@@ -54,7 +54,7 @@ class State(NamedTuple):
 class Touch(NamedTuple):
     """One contact with the ground, for people and messages."""
 
-    kind: int  # SURFACE, EDGE or CORNER of `contact_law`
+    kind: int  # SURFACE, EDGE or CORNER of `contact`
     x: float  # contact point on the ground [m]
     y: float
     normal_x: float

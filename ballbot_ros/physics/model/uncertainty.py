@@ -15,8 +15,8 @@ from typing import cast, Dict, List, Mapping, Tuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot_ros.physics.model.parameters import Parameters
-from ballbot_ros.physics.model.robot import ContactOptions, ROBOT, Robot, with_parameters
+from ballbot_ros.physics.model.robot import (
+    ContactOptions, Parameters, ROBOT, Robot, with_parameters)
 from ballbot_ros.physics.model.terrain import Array
 
 # Joe and Kuo 2008, Constructing Sobol sequences with better two-dimensional projections: the

@@ -7,9 +7,9 @@ from typing import Optional
 import numpy as np
 
 from ballbot_ros.errors import ConfigurationError
-from ballbot_ros.physics.mechanics import contact, contact_law, equations
-from ballbot_ros.physics.model.parameters import Actuator, Parameters
-from ballbot_ros.physics.model.robot import ContactOptions, load_robot, Robot
+from ballbot_ros.physics.mechanics import contact, equations
+from ballbot_ros.physics.model.actuation import Actuator, actuator_torque
+from ballbot_ros.physics.model.robot import ContactOptions, load_robot, Parameters, Robot
 from ballbot_ros.physics.model.state import Energies, State, Touch
 from ballbot_ros.physics.model.terrain import Array, Terrain, VERTEX_X
 from ballbot_ros.physics.simulation.solver import (
@@ -96,9 +96,9 @@ class Model:
 
         def support(y: float) -> float:
             rows = contact.find_contacts(x, y, radius, self.profile, table)
-            lift = sum(robot.stiffness * table[row, contact_law.PENETRATION]
-                       * table[row, contact_law.NORMAL_Y]
-                       * (-1.0 if table[row, contact_law.KIND] == contact_law.CORNER else 1.0)
+            lift = sum(robot.stiffness * table[row, contact.PENETRATION]
+                       * table[row, contact.NORMAL_Y]
+                       * (-1.0 if table[row, contact.KIND] == contact.CORNER else 1.0)
                        for row in range(rows))
             return float(lift) - self.robot.weight
 
@@ -131,8 +131,8 @@ class Model:
         rows = contact.find_contacts(x, low, radius, self.profile, table)
         if not rows:
             return low, 0.0, 1.0
-        deepest = table[np.argmax(table[:rows, contact_law.PENETRATION])]
-        return low, float(deepest[contact_law.NORMAL_X]), float(deepest[contact_law.NORMAL_Y])
+        deepest = table[np.argmax(table[:rows, contact.PENETRATION])]
+        return low, float(deepest[contact.NORMAL_X]), float(deepest[contact.NORMAL_Y])
 
     def advance(self, state: State, actuator: Actuator, steps: int) -> State:
         """
@@ -181,7 +181,7 @@ class Model:
 
     def torque(self, state: State, actuator: Actuator) -> float:
         """Return the torque of the pendulum motor [N m]."""
-        return float(equations.actuator_torque(state.time, np.array(state[1:]), actuator))
+        return float(actuator_torque(state.time, np.array(state[1:]), actuator))
 
     def touches(self, state: State) -> list[Touch]:
         """Return all contacts with the ground, from left to right."""
@@ -190,7 +190,7 @@ class Model:
         for row in range(contact.find_contacts(
                 state.x, state.y, self.robot.ball_radius, self.profile, table)):
             kind, *place = table[row, :6].tolist()
-            found.append(Touch(int(kind), *place, *map(float, contact_law.contact_force(
+            found.append(Touch(int(kind), *place, *map(float, contact.contact_force(
                 vector, self.parameters, table, row))))
         return found
 

@@ -16,11 +16,12 @@ from ballbot_ros.jit import compiled, direct
 from ballbot_ros.physics.mechanics.contact import (
     contact_table, first_segment, ground_height, spring_energy)
 from ballbot_ros.physics.mechanics.equations import kinetic_energy, potential_energy
-from ballbot_ros.physics.model.parameters import Actuator, Parameters
+from ballbot_ros.physics.model.actuation import Actuator
+from ballbot_ros.physics.model.robot import Parameters
 from ballbot_ros.physics.model.state import CONTACT_LOSS, JOINT_LOSS, MOTOR_WORK, X, Y
 from ballbot_ros.physics.model.terrain import Array, TANGENT_X
 from ballbot_ros.physics.solvers import integrate, rk4, semi_implicit, trapezoidal
-from ballbot_ros.physics.solvers.steps import STEP_METHODS
+from ballbot_ros.physics.solvers.controller import STEP_METHODS
 from ballbot_ros.physics.solvers.values import (
     AUTOMATIC, BUDGET_EXCEEDED, EVALUATIONS, NO_OUTPUT, Options, Output, Packed, PENETRATED,
     SEARCH, Status, status_of, STEP_TOO_SMALL, Workspace)

@@ -12,11 +12,11 @@ import numpy as np
 
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.jit import compiled
-from ballbot_ros.physics.mechanics.contact import contact_table, find_contacts, spring_energy
-from ballbot_ros.physics.mechanics.contact_law import (
-    contact_force, CORNER, EDGE, KIND, NORMAL_X, NORMAL_Y, PENETRATION)
+from ballbot_ros.physics.mechanics.contact import (
+    contact_force, contact_table, CORNER, EDGE, find_contacts, KIND, NORMAL_X, NORMAL_Y,
+    PENETRATION, spring_energy)
 from ballbot_ros.physics.mechanics.equations import kinetic_energy, potential_energy
-from ballbot_ros.physics.model.parameters import Parameters
+from ballbot_ros.physics.model.robot import Parameters
 from ballbot_ros.physics.model.state import SIZE, State, X, Y
 from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.simulation.model import Model

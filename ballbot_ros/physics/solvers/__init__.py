@@ -18,7 +18,7 @@ types are those of `values`; right-hand sides are `mechanics.equations.derivativ
 `simulation.solver.METHODS`.
 
 **A step of the adaptive method is a file with three functions and two constants**
-(`dormand_prince`, `rodas5p`), entered in `steps.STEP_METHODS`::
+(`dormand_prince`, `rodas5p`), entered in `controller.STEP_METHODS`::
 
     step(time, state, size, ready, system, workspace) -> stiffness, ready
     prepare_dense(size, workspace)
@@ -34,7 +34,7 @@ repeated.  The *stiffness* is the step over the longest stable step of an explic
 step is L-stable and uses the Jacobian: then `controller` does not limit it by its stiffness, and
 does not choose it in a mode with a CORNER.
 
-END, ERROR, F0 and DENSE are rows of `Workspace.work`, see `linear`, and hold the motion alone; the
+END, ERROR, F0 and DENSE are rows of `Workspace.work`, see `values`, and hold the motion alone; the
 energy balance is an integral along it (``Options.ledger``).  The state between two calls of a
 solver is in `Status`; its `has_mode` and `ready` state which arrays of the workspace are still
 valid.

@@ -12,13 +12,13 @@ import math
 
 import numpy as np
 
-from ballbot_ros.jit import compiled
+from ballbot_ros.jit import by_number, compiled
 from ballbot_ros.physics.mechanics.contact import first_segment
-from ballbot_ros.physics.model.parameters import Parameters
+from ballbot_ros.physics.model.robot import Parameters
 from ballbot_ros.physics.model.state import (
     BALL_ANGLE, BALL_RATE, PENDULUM_ANGLE, PENDULUM_RATE, VELOCITY_X, VELOCITY_Y, X)
 from ballbot_ros.physics.model.terrain import Array, TANGENT_X, TANGENT_Y, VERTEX_X
-from ballbot_ros.physics.solvers.steps import DAMPS, EXPLICIT, IMPLICIT
+from ballbot_ros.physics.solvers import dormand_prince, rodas5p
 from ballbot_ros.physics.solvers.values import AUTOMATIC, Options, SMALLEST_STEP, StepController
 
 FIRST_STEP = 1e-4       # [s]
@@ -36,10 +36,21 @@ MEMORY = 0.01           # [s]: an error of velocity counts at least with this
 AT_LIMIT = 0.6          # of the longest stable explicit step: it is stability that limits it
 STEADY = 1.0            # of that: it grows no further, for then it would be rejected
 SUSPICION = 8           # of a step at that limit; the half of it, of a step half as long
-IMPLICIT_COST = 1.4     # explicit steps that an implicit one costs; with 0.5 runs took 3 % less
-                        # time, and three more of 200,011 extreme ones were wrong
+# Explicit steps that an implicit one costs; with 0.5 runs took 3 % less time, and three more of
+# 200,011 extreme ones were wrong.
+IMPLICIT_COST = 1.4
 FIRST_TRIAL, LAST_TRIAL = 16, 256  # stiffness count that triggers an implicit step
 BITS_OF_ONE = 0x3FF0000000000000  # as a whole number, the floating-point number 1
+
+# The steps of the adaptive method, see `physics.solvers`: to add one is to add its file, and its
+# name here, which is that of the method that takes this step alone.
+STEP_METHODS = {'explicit': dormand_prince, 'implicit': rodas5p}
+EXPLICIT, IMPLICIT = range(2)  # between which the method `adaptive` alternates
+DAMPS = np.array([item.DAMPS for item in STEP_METHODS.values()])
+
+step = by_number('step', '', STEP_METHODS.values())
+prepare_dense = by_number('prepare_dense', '', STEP_METHODS.values())
+end_step = by_number('end_step', '', STEP_METHODS.values())
 
 
 @compiled
@@ -116,7 +127,7 @@ def shortened(step: float, state: Array, distance: float, count: int, parameters
 @compiled
 def chosen(now: StepController, method: int, smooth: bool) -> int:
     """
-    Return the number of the next step in `steps.STEP_METHODS`, for a method of `Options`.
+    Return the number of the next step in `STEP_METHODS`, for a method of `Options`.
 
     One that damps takes a Jacobian, which is complete only where all contacts are `smooth`.
     """

@@ -9,14 +9,13 @@ by Gauss-Legendre quadrature with four nodes.
 import numpy as np
 
 from ballbot_ros.jit import compiled
-from ballbot_ros.physics.mechanics.equations import actuator_torque
+from ballbot_ros.physics.mechanics.equations import System
 from ballbot_ros.physics.mechanics.modes import mode_derivative
-from ballbot_ros.physics.model.parameters import Actuator, System
+from ballbot_ros.physics.model.actuation import Actuator, actuator_torque
 from ballbot_ros.physics.model.state import SIZE
 from ballbot_ros.physics.model.terrain import Array
-from ballbot_ros.physics.solvers import linear
-from ballbot_ros.physics.solvers.linear import MOTION, sum_rows
-from ballbot_ros.physics.solvers.values import Output, Workspace
+from ballbot_ros.physics.solvers import values
+from ballbot_ros.physics.solvers.values import MOTION, Output, sum_rows, Workspace
 
 COEFFICIENTS = 5  # of the dense output
 
@@ -49,11 +48,11 @@ NODE_FACTORS = np.array([factors_at(node) for node in NODES]).ravel()
 @compiled
 def motion_at(theta: float, work: Array) -> None:
     """Write the motion at `theta` (0 to 1) of the last step into the row PROBE."""
-    rest, at = 1.0 - theta, linear.FACTORS
+    rest, at = 1.0 - theta, values.FACTORS
     work[at], work[at + 1], work[at + 2] = 1.0, theta, theta * rest
     work[at + 3] = theta * theta * rest
     work[at + 4] = theta * theta * rest * rest
-    sum_rows(work, linear.PROBE, linear.ZERO, 1.0, work, at, linear.DENSE, COEFFICIENTS)
+    sum_rows(work, values.PROBE, values.ZERO, 1.0, work, at, values.DENSE, COEFFICIENTS)
 
 
 @compiled
@@ -66,8 +65,8 @@ def prepare_ledger(time: float, state: Array, step: float, system: System,
         for k in range(1, COEFFICIENTS):
             dense[k, i] = 0.0
     for node in range(len(NODES)):
-        sum_rows(work, linear.PROBE, linear.ZERO, 1.0, NODE_FACTORS, COEFFICIENTS * node,
-                 linear.DENSE, COEFFICIENTS)
+        sum_rows(work, values.PROBE, values.ZERO, 1.0, NODE_FACTORS, COEFFICIENTS * node,
+                 values.DENSE, COEFFICIENTS)
         mode_derivative(time + NODES[node] * step, workspace.probe, system, workspace.mode,
                         workspace.rates)
         for k in range(1, COEFFICIENTS):

@@ -12,14 +12,13 @@ import math
 import numpy as np
 
 from ballbot_ros.jit import compiled
-from ballbot_ros.physics.mechanics.equations import Turned, turned_by
+from ballbot_ros.physics.mechanics.equations import System, Turned, turned_by
 from ballbot_ros.physics.mechanics.modes import mode_derivative, smooth_contacts, write_mode_motion
-from ballbot_ros.physics.model.parameters import System
 from ballbot_ros.physics.model.state import PENDULUM_ANGLE, SIZE
 from ballbot_ros.physics.model.terrain import Array
-from ballbot_ros.physics.solvers import linear
-from ballbot_ros.physics.solvers.linear import ALONE, MOTION, sum_rows, WIDTH
-from ballbot_ros.physics.solvers.values import EVALUATIONS, NOTHING, RATES, STABLE, Workspace
+from ballbot_ros.physics.solvers import values
+from ballbot_ros.physics.solvers.values import (
+    ALONE, EVALUATIONS, MOTION, NOTHING, RATES, STABLE, sum_rows, WIDTH, Workspace)
 
 STAGES = 7
 ORDER = 5
@@ -39,7 +38,7 @@ ERROR = np.array([71 / 57600, 0.0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 /
 CONTINUE = np.array([
     -12715105075 / 11282082432, 0.0, 87487479700 / 32700410799, -10690763975 / 1880347072,
     701980252875 / 199316789632, -1453857185 / 822651844, 69997945 / 29380423])
-STARTS = A.ravel()  # as `linear.sum_rows` takes them
+STARTS = A.ravel()  # as `values.sum_rows` takes them
 
 
 @compiled
@@ -64,25 +63,25 @@ def step(time: float, state: Array, size: float, ready: int, system: System,
     The stiffness is the step times the rate of the fastest decay, seen from the last two stages,
     which are at the same time; over `STABLE`.
     """
-    work, last = workspace.work, linear.F0 + WIDTH * (STAGES - 1)
+    work, last = workspace.work, values.F0 + WIDTH * (STAGES - 1)
     start = turned_by(state[PENDULUM_ANGLE])
     for i in range(MOTION):
-        work[linear.START + i] = state[i]
+        work[values.START + i] = state[i]
     if ready == NOTHING:
-        write_rates(time, linear.START, linear.F0, start, system, workspace)
+        write_rates(time, values.START, values.F0, start, system, workspace)
         workspace.statistics[EVALUATIONS] += 1
     for stage in range(1, STAGES):
         if stage == STAGES - 1:
-            sum_rows(work, linear.PROBE, linear.END, 0.0, ALONE, 0, linear.ZERO, 1)
-        sum_rows(work, linear.END, linear.START, size, STARTS, (STAGES - 1) * stage, linear.F0,
+            sum_rows(work, values.PROBE, values.END, 0.0, ALONE, 0, values.ZERO, 1)
+        sum_rows(work, values.END, values.START, size, STARTS, (STAGES - 1) * stage, values.F0,
                  stage)
-        write_rates(time + C[stage] * size, linear.END, linear.F0 + WIDTH * stage, start, system,
+        write_rates(time + C[stage] * size, values.END, values.F0 + WIDTH * stage, start, system,
                     workspace)
     apart = faster = 0.0
     for i in range(MOTION):
-        apart += (work[linear.END + i] - work[linear.PROBE + i])**2
+        apart += (work[values.END + i] - work[values.PROBE + i])**2
         faster += (work[last + i] - work[last - WIDTH + i])**2
-    sum_rows(work, linear.ERROR, linear.ZERO, size, ERROR, 0, linear.F0, STAGES)
+    sum_rows(work, values.ERROR, values.ZERO, size, ERROR, 0, values.F0, STAGES)
     workspace.statistics[EVALUATIONS] += STAGES - 1
     stiffness = size * math.sqrt(faster / apart) / STABLE if apart > 0.0 else 0.0
     return stiffness, max(ready, RATES)
@@ -91,21 +90,21 @@ def step(time: float, state: Array, size: float, ready: int, system: System,
 @compiled
 def end_step(workspace: Workspace) -> int:
     """Make the last stage the first one of the next step."""
-    last = linear.F0 + WIDTH * (STAGES - 1)
-    sum_rows(workspace.work, linear.F0, linear.ZERO, 1.0, ALONE, 0, last, 1)
+    last = values.F0 + WIDTH * (STAGES - 1)
+    sum_rows(workspace.work, values.F0, values.ZERO, 1.0, ALONE, 0, last, 1)
     return RATES
 
 
 @compiled
 def prepare_dense(size: float, workspace: Workspace) -> None:
     """Compute the coefficients of the dense output, of order 4."""
-    work, dense = workspace.work, linear.DENSE
-    sum_rows(work, dense, linear.START, 0.0, ALONE, 0, linear.ZERO, 1)
-    sum_rows(work, dense + WIDTH, linear.END, -1.0, ALONE, 0, linear.START, 1)
+    work, dense = workspace.work, values.DENSE
+    sum_rows(work, dense, values.START, 0.0, ALONE, 0, values.ZERO, 1)
+    sum_rows(work, dense + WIDTH, values.END, -1.0, ALONE, 0, values.START, 1)
     # How the motion bends at the begin, and at the end.
-    sum_rows(work, dense + 2 * WIDTH, linear.ZERO, size, ALONE, 0, linear.F0, 1)
+    sum_rows(work, dense + 2 * WIDTH, values.ZERO, size, ALONE, 0, values.F0, 1)
     sum_rows(work, dense + 2 * WIDTH, dense + 2 * WIDTH, -1.0, ALONE, 0, dense + WIDTH, 1)
     sum_rows(work, dense + 3 * WIDTH, dense + WIDTH, -size, ALONE, 0,
-             linear.F0 + WIDTH * (STAGES - 1), 1)
+             values.F0 + WIDTH * (STAGES - 1), 1)
     sum_rows(work, dense + 3 * WIDTH, dense + 3 * WIDTH, -1.0, ALONE, 0, dense + 2 * WIDTH, 1)
-    sum_rows(work, dense + 4 * WIDTH, linear.ZERO, size, CONTINUE, 0, linear.F0, STAGES)
+    sum_rows(work, dense + 4 * WIDTH, values.ZERO, size, CONTINUE, 0, values.F0, STAGES)

@@ -17,23 +17,22 @@ import math
 
 import numpy as np
 
-from ballbot_ros.jit import compiled
-from ballbot_ros.physics.mechanics.contact import away_from, meeting, touches
-from ballbot_ros.physics.mechanics.contact_law import FEATURE, PRESSED, SLIDING
-from ballbot_ros.physics.mechanics.equations import torque_slopes, unsaturated_torque
+from ballbot_ros.jit import compiled, outlined
+from ballbot_ros.physics.mechanics.contact import (
+    away_from, clear_time, FEATURE, meeting, PRESSED, SLIDING, touches)
+from ballbot_ros.physics.mechanics.equations import System
 from ballbot_ros.physics.mechanics.modes import (
     contact_count, ContactMode, guard_of, in_contact, mode_holds, MOTOR, OF_FEATURE, OF_FORCE,
     smooth_contacts, violated_guards)
+from ballbot_ros.physics.model.actuation import torque_slopes, unsaturated_torque
 from ballbot_ros.physics.model.contact_laws import least_remainder, linear_damping
-from ballbot_ros.physics.model.parameters import System
-from ballbot_ros.physics.model.state import BALL_ANGLE, BALL_RATE, PENDULUM_ANGLE, VELOCITY_X, X
+from ballbot_ros.physics.model.state import (
+    BALL_ANGLE, BALL_RATE, PENDULUM_ANGLE, VELOCITY_X, VELOCITY_Y, X, Y)
 from ballbot_ros.physics.model.terrain import Array, TANGENT_X, TANGENT_Y, TURN, VERTEX_X, VERTEX_Y
-from ballbot_ros.physics.solvers import linear
+from ballbot_ros.physics.solvers import values
 from ballbot_ros.physics.solvers.controller import smallest_step, time_width
 from ballbot_ros.physics.solvers.dense import COEFFICIENTS, factors_at, motion_at
-from ballbot_ros.physics.solvers.flight import touch_within
-from ballbot_ros.physics.solvers.linear import MOTION, sum_rows, WIDTH
-from ballbot_ros.physics.solvers.values import EventRate, Workspace
+from ballbot_ros.physics.solvers.values import EventRate, MOTION, sum_rows, WIDTH, Workspace
 
 # The coefficients of a quantity along a step, see `dense.interpolate`.
 Course = tuple[float, float, float, float, float]
@@ -42,7 +41,7 @@ Course = tuple[float, float, float, float, float]
 @compiled
 def course_of(work: Array, item: int, along_x: float, along_y: float) -> Course:
     """Return ``along_x`` times an item of the motion plus ``along_y`` times the next."""
-    at = linear.DENSE + item
+    at = values.DENSE + item
     return (along_x * work[at] + along_y * work[at + 1],
             along_x * work[at + WIDTH] + along_y * work[at + WIDTH + 1],
             along_x * work[at + 2 * WIDTH] + along_y * work[at + 2 * WIDTH + 1],
@@ -140,7 +139,7 @@ def contact_persists(work: Array, row: int, system: System, mode: ContactMode) -
         return False
     segment, last = feature >> 1, len(ground) - 2
     normal_x, normal_y, distance, friction = meeting(
-        feature, work[linear.DENSE + X], work[linear.DENSE + X + 1], ground)
+        feature, work[values.DENSE + X], work[values.DENSE + X + 1], ground)
     vertex = segment + (feature & 1)
     across = normal_x * ground[vertex, VERTEX_X] + normal_y * ground[vertex, VERTEX_Y]
     away, aside = course_of(work, X, normal_x, normal_y), 0.0
@@ -225,7 +224,7 @@ def contact_excluded(work: Array, segment: int, system: System) -> bool:
     across = ground[segment, VERTEX_Y] * tangent_x - ground[segment, VERTEX_X] * tangent_y
     if least(course_of(work, X, -tangent_y, tangent_x)) - across > system.parameters.radius:
         return True
-    x, y = work[linear.DENSE + X], work[linear.DENSE + X + 1]
+    x, y = work[values.DENSE + X], work[values.DENSE + X + 1]
     away_x, away_y = away_from(segment, x, y, ground)
     distance = math.sqrt(away_x * away_x + away_y * away_y)
     if not distance > system.parameters.radius:
@@ -243,7 +242,7 @@ def motor_stays(time: float, step: float, work: Array, system: System, mode: Con
     """
     actuator = system.actuator
     by_ball, by_angle, by_spin, by_rate, by_time = torque_slopes(actuator)
-    begin = unsaturated_torque(time, work[linear.DENSE:linear.DENSE + MOTION], actuator)
+    begin = unsaturated_torque(time, work[values.DENSE:values.DENSE + MOTION], actuator)
     change = started_at(0.0, combined(1.0, course_of(work, BALL_ANGLE, by_ball, by_angle),
                                       1.0, course_of(work, BALL_RATE, by_spin, by_rate)))
     swung = largest(started_at(0.0, course_of(work, PENDULUM_ANGLE, 1.0, 0.0)))
@@ -281,6 +280,9 @@ LOOK_FACTORS = np.array([factors_at((look + 1) / LOOKS) for look in range(LOOKS)
 NO_EVENT = 2.0        # for theta, which is 0 to 1 within the step
 INSIDE = 1e-300       # for a guard that is zero by rounding
 FALSI_ALONE, MOST_TURNS = 10, 100  # of the search for an event: before it halves, and in all
+
+STEP_LOOKS = 64     # for a touch within a step; then it is left to the looks at fixed times
+SHORTEST = 1e-4     # of the step: a touch that is shorter may be passed
 
 CHATTER = 1e-9        # [s]: maximum time between events caused by rounding
 CHATTERING = 20         # number of such events before steps skip them, with growing length
@@ -383,6 +385,40 @@ def event_between(before: float, theta: float, time: float, step: float, feature
 
 
 @compiled
+def most_acceleration(step: float, work: Array) -> float:
+    """Return a bound of the acceleration of the centre within the last step [m/s2]."""
+    change_x = change_y = 0.0
+    for row in range(1, 5):
+        # Slopes of the functions of theta that each coefficient is multiplied with, see `dense`.
+        steepest = 0.2 if row == 4 else 1.0
+        at = values.DENSE + WIDTH * row
+        change_x += steepest * abs(work[at + VELOCITY_X])
+        change_y += steepest * abs(work[at + VELOCITY_Y])
+    return (change_x + change_y) / step + 1e-9
+
+
+@outlined
+def touch_within(time: float, step: float, first: int, behind: int, system: System,
+                 workspace: Workspace) -> float:
+    """Return theta of the last step where a ball in the air touches, infinity if it does not."""
+    work, probe, radius = workspace.work, workspace.probe, system.parameters.radius
+    bend, done = most_acceleration(step, work), 0.0
+    for _ in range(STEP_LOOKS):
+        motion_at(done, work)
+        if done > 0.0 and not mode_holds(
+                time + done * step, probe, first, behind, system, workspace.mode):
+            return done
+        left = (1.0 - done) * step
+        speed = abs(probe[VELOCITY_X]) + abs(probe[VELOCITY_Y])
+        wait = clear_time(probe[X], probe[Y], probe[VELOCITY_X], probe[VELOCITY_Y], bend,
+                          radius + (speed + bend * left) * left, radius, system.ground)
+        done += max(wait / step, SHORTEST)
+        if done >= 1.0:
+            break
+    return math.inf
+
+
+@compiled
 def first_event(time: float, step: float, first: int, behind: int, system: System,
                 workspace: Workspace) -> float:
     """Return theta at which the mode ends, NO_EVENT if not; with features from `first` on."""
@@ -392,8 +428,8 @@ def first_event(time: float, step: float, first: int, behind: int, system: Syste
     if contact_count(workspace.mode) == 0:  # it may touch, and roll off again, between two looks
         touch = touch_within(time, step, first, behind, system, workspace)
     for look in range(LOOKS):
-        sum_rows(workspace.work, linear.PROBE, linear.ZERO, 1.0, LOOK_FACTORS, COEFFICIENTS * look,
-                 linear.DENSE, COEFFICIENTS)
+        sum_rows(workspace.work, values.PROBE, values.ZERO, 1.0, LOOK_FACTORS, COEFFICIENTS * look,
+                 values.DENSE, COEFFICIENTS)
         before, theta = look / LOOKS, (look + 1) / LOOKS
         if before < touch < theta:
             theta = touch

@@ -9,8 +9,7 @@ from typing import Callable
 
 from ballbot_ros.jit import compiled, outlined, with_globals
 from ballbot_ros.physics.mechanics.contact import ground_height
-from ballbot_ros.physics.mechanics.equations import is_finite
-from ballbot_ros.physics.model.parameters import System
+from ballbot_ros.physics.mechanics.equations import is_finite, System
 from ballbot_ros.physics.model.state import X, Y
 from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.solvers.dense import write_row

@@ -32,21 +32,18 @@ import math
 import numpy as np
 
 from ballbot_ros.jit import compiled, outlined
-from ballbot_ros.physics.mechanics.contact import away_from, first_segment, spring_energy
-from ballbot_ros.physics.mechanics.contact_law import PRESSED
-from ballbot_ros.physics.mechanics.laws import limited
-from ballbot_ros.physics.mechanics.modes import contact_count, ContactMode, mode_holds
+from ballbot_ros.physics.mechanics.contact import clear_time, PRESSED, spring_energy
+from ballbot_ros.physics.mechanics.equations import System
+from ballbot_ros.physics.mechanics.modes import contact_count, ContactMode
+from ballbot_ros.physics.model.actuation import Actuator, FREE, limited, TORQUE, VOLTAGE
 from ballbot_ros.physics.model.contact_laws import leaves_freely
-from ballbot_ros.physics.model.parameters import (
-    Actuator, FREE, Parameters, System, TORQUE, VOLTAGE)
+from ballbot_ros.physics.model.robot import Parameters
 from ballbot_ros.physics.model.state import (
     BALL_ANGLE, BALL_RATE, CONTACT_LOSS, FRICTION_LOSS, JOINT_LOSS, MOTOR_WORK, PENDULUM_ANGLE,
     PENDULUM_RATE, ROLLING_LOSS, SIZE, VELOCITY_X, VELOCITY_Y, X, Y)
-from ballbot_ros.physics.model.terrain import Array, VERTEX_X
-from ballbot_ros.physics.solvers import linear
+from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.solvers.controller import smallest_step, time_width
-from ballbot_ros.physics.solvers.dense import motion_at, write_row
-from ballbot_ros.physics.solvers.linear import WIDTH
+from ballbot_ros.physics.solvers.dense import write_row
 from ballbot_ros.physics.solvers.values import FLIGHTS, Output, Workspace
 
 # The result of `spin_start`.
@@ -254,78 +251,6 @@ def within_limit(state: Array, time: float, spin: Spin, parameters: Parameters,
     least = joint + min(first, 0.0) + min(second, 0.0)
     return (actuator.kp * abs(actuator.set_value - actuator.kd_or_ki * most) < actuator.limit
             and actuator.kp * abs(actuator.set_value - actuator.kd_or_ki * least) < actuator.limit)
-
-
-STEP_LOOKS = 64     # within a step; then it is left to the looks at fixed times
-SHORTEST = 1e-4     # of the step: a touch that is shorter may be passed
-
-
-@compiled
-def clear_time(x: float, y: float, velocity_x: float, velocity_y: float, bend: float,
-               reach: float, radius: float, ground: Array) -> float:
-    """
-    Return a time before which no contact force acts on a released ball [s].
-
-    Parameters
-    ----------
-    bend : float
-        Bound of the acceleration of the centre [m/s2], above 0.
-    reach : float
-        Segments farther from x than this are ignored [m].
-
-    """
-    least = math.inf
-    last = len(ground) - 2
-    for segment in range(first_segment(ground, x - reach), last + 1):
-        if ground[segment, VERTEX_X] - x > reach and segment > 0:
-            break
-        away_x, away_y = away_from(segment, x, y, ground)
-        distance = math.sqrt(away_x * away_x + away_y * away_y)
-        gap = distance - radius
-        speed = (velocity_x * away_x + velocity_y * away_y) / distance
-        square = speed * speed + 2.0 * bend * gap
-        # The later root of gap + speed h - bend h^2 / 2, without cancellation.
-        wait = 0.0
-        if speed > 0.0 and square > 0.0:
-            wait = (speed + math.sqrt(square)) / bend
-        elif gap > 0.0:
-            wait = 2.0 * gap / (math.sqrt(square) - speed)
-        least = min(least, wait)
-    return least
-
-
-@compiled
-def most_acceleration(step: float, work: Array) -> float:
-    """Return a bound of the acceleration of the centre within the last step [m/s2]."""
-    change_x = change_y = 0.0
-    for row in range(1, 5):
-        # Slopes of the functions of theta that each coefficient is multiplied with, see `dense`.
-        steepest = 0.2 if row == 4 else 1.0
-        at = linear.DENSE + WIDTH * row
-        change_x += steepest * abs(work[at + VELOCITY_X])
-        change_y += steepest * abs(work[at + VELOCITY_Y])
-    return (change_x + change_y) / step + 1e-9
-
-
-@outlined
-def touch_within(time: float, step: float, first: int, behind: int, system: System,
-                 workspace: Workspace) -> float:
-    """Return theta of the last step where a ball in the air touches, infinity if it does not."""
-    work, probe, radius = workspace.work, workspace.probe, system.parameters.radius
-    bend, done = most_acceleration(step, work), 0.0
-    for _ in range(STEP_LOOKS):
-        motion_at(done, work)
-        if done > 0.0 and not mode_holds(
-                time + done * step, probe, first, behind, system, workspace.mode):
-            return done
-        left = (1.0 - done) * step
-        speed = abs(probe[VELOCITY_X]) + abs(probe[VELOCITY_Y])
-        wait = clear_time(probe[X], probe[Y], probe[VELOCITY_X], probe[VELOCITY_Y], bend,
-                          radius + (speed + bend * left) * left, radius, system.ground)
-        done += max(wait / step, SHORTEST)
-        if done >= 1.0:
-            break
-    return math.inf
 
 
 # A search looks so far at a time [s]: the bound of the acceleration is one of that time.

@@ -15,26 +15,25 @@ import math
 
 from ballbot_ros.jit import compiled, outlined
 from ballbot_ros.physics.mechanics.contact import features_within, ground_height
-from ballbot_ros.physics.mechanics.equations import is_finite
+from ballbot_ros.physics.mechanics.equations import is_finite, System
 from ballbot_ros.physics.mechanics.modes import (
     contact_count, ContactMode, find_mode, smooth_contacts)
-from ballbot_ros.physics.model.parameters import Parameters, System
+from ballbot_ros.physics.model.robot import Parameters
 from ballbot_ros.physics.model.state import X, Y
 from ballbot_ros.physics.model.terrain import Array
-from ballbot_ros.physics.solvers import dormand_prince, linear
+from ballbot_ros.physics.solvers import dormand_prince, values
 from ballbot_ros.physics.solvers.controller import (
-    accepted, after_event, chosen, clear_distance, error_length, FASTEST_SHRINKING, rejected,
-    shortened, shortest, smallest_step, started, stiffness_seen, unavoidable, with_step)
+    accepted, after_event, chosen, clear_distance, DAMPS, end_step, error_length,
+    FASTEST_SHRINKING, prepare_dense, rejected, shortened, shortest, smallest_step, started, step,
+    stiffness_seen, unavoidable, with_step)
 from ballbot_ros.physics.solvers.dense import interpolate, motion_at, prepare_ledger, write_rows
 from ballbot_ros.physics.solvers.events import CROWD, first_event, LOOKS, rated, STUCK
 from ballbot_ros.physics.solvers.flight import (
     fly_to_touch, has_closed_form, is_let_go, SHORT_FLIGHT)
-from ballbot_ros.physics.solvers.linear import MOTION, WIDTH
-from ballbot_ros.physics.solvers.steps import DAMPS, end_step, prepare_dense, step
 from ballbot_ros.physics.solvers.values import (
-    AUTOMATIC, BUDGET_EXCEEDED, EVALUATIONS, EventRate, EVENTS, FINISHED, named, NOT_FINITE,
-    NOTHING, Options, Output, Packed, packed, PAUSED, PENETRATED, REJECTED, SEARCH, Status,
-    STEP_TOO_SMALL, STEPS, Workspace)
+    AUTOMATIC, BUDGET_EXCEEDED, EVALUATIONS, EventRate, EVENTS, FINISHED, MOTION, named,
+    NOT_FINITE, NOTHING, Options, Output, Packed, packed, PAUSED, PENETRATED, REJECTED, SEARCH,
+    Status, STEP_TOO_SMALL, STEPS, WIDTH, Workspace)
 
 STAGES = dormand_prince.STAGES  # right-hand sides of an explicit step
 PASSED = 100.0      # tolerances that a step may begin otherwise than its rates say; most do by few
@@ -59,10 +58,10 @@ def skips_transient(used: float, smallest: float, tolerance: float, parameters: 
     L-stable steps may skip a fast transient and still end correctly; then the dense output does
     not start with the initial rates, and its event times are wrong.
     """
-    work, statistics, dense = workspace.work, workspace.statistics, linear.DENSE
+    work, statistics, dense = workspace.work, workspace.statistics, values.DENSE
     for i in range(MOTION):
-        work[linear.ERROR + i] = (work[dense + WIDTH + i] + work[dense + 2 * WIDTH + i]
-                                  - used * work[linear.F0 + i])
+        work[values.ERROR + i] = (work[dense + WIDTH + i] + work[dense + 2 * WIDTH + i]
+                                  - used * work[values.F0 + i])
     if used <= smallest or error_length(workspace.error, parameters) <= PASSED * tolerance:
         return False
     statistics[STEPS] -= 1
@@ -91,11 +90,11 @@ def write_end(theta: float, state: Array, number: int, workspace: Workspace,
     if theta <= 1.0:
         motion_at(theta, work)
         for i in range(MOTION):
-            state[i] = work[linear.PROBE + i]
+            state[i] = work[values.PROBE + i]
         workspace.statistics[EVENTS] += 1
         return NOTHING
     for i in range(MOTION):
-        state[i] = work[linear.END + i]
+        state[i] = work[values.END + i]
     return end_step(number, workspace)
 
 

@@ -5,8 +5,7 @@ The classical Runge-Kutta method with fixed steps.
 Of order 4 between the kinks of the contact law, of order 1 through them.
 """
 from ballbot_ros.jit import compiled
-from ballbot_ros.physics.mechanics.equations import derivative
-from ballbot_ros.physics.model.parameters import System
+from ballbot_ros.physics.mechanics.equations import derivative, System
 from ballbot_ros.physics.model.state import SIZE
 from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.solvers.fixed_step import loop_of

@@ -5,7 +5,9 @@ One step of the Rosenbrock method Rodas5P, 5(4), in a frozen mode.
 Linearly implicit and L-stable: stiff components (friction while the ball sticks, a hard contact)
 are damped instead of limiting the step, and no iteration is needed that could fail.  A stage is
 ``((1 / (gamma h)) I - J) U_i = f(y + sum a_ij U_j) + sum c_ij U_j / h + h d_i f_t``, solved
-by eliminating the coordinates: a 4 x 4 system in the velocities, factorised once per step.
+by eliminating the coordinates.  They follow the velocities, so that with the Jacobian [A B] of the
+accelerations only ``W = I / scale - B - scale A``, of four rows and columns, is inverted, once per
+step.  It has blocks of two: ball and pendulum turn, the centre moves along x and y.
 
 Reference: G. Steinebach, Construction of Rosenbrock-Wanner method Rodas5P and numerical
 benchmarks within the Julia Differential Equations package, BIT Numer. Math. 63 (2023) 27.
@@ -14,18 +16,16 @@ import math
 
 import numpy as np
 
-from ballbot_ros.jit import compiled
-from ballbot_ros.physics.mechanics.equations import turned_by
-from ballbot_ros.physics.mechanics.jacobian import BALL, TIME, write_jacobian
+from ballbot_ros.jit import compiled, outlined
+from ballbot_ros.physics.mechanics.equations import System, turned_by
 from ballbot_ros.physics.mechanics.modes import (
-    ContactMode, mode_accelerations, write_mode_motion_under)
-from ballbot_ros.physics.model.parameters import System
+    BALL, ContactMode, mode_accelerations, TIME, write_jacobian, write_mode_motion_under)
 from ballbot_ros.physics.model.state import (
     BALL_RATE, COORDINATES, PENDULUM_ANGLE, PENDULUM_RATE, VELOCITY_X, VELOCITY_Y)
 from ballbot_ros.physics.model.terrain import Array
-from ballbot_ros.physics.solvers import linear
-from ballbot_ros.physics.solvers.linear import ALONE, invert, MOTION, sum_rows, WIDTH
-from ballbot_ros.physics.solvers.values import EVALUATIONS, JACOBIAN, NOTHING, STABLE, Workspace
+from ballbot_ros.physics.solvers import values
+from ballbot_ros.physics.solvers.values import (
+    ALONE, EVALUATIONS, JACOBIAN, MOTION, NOTHING, STABLE, sum_rows, WIDTH, Workspace)
 
 STAGES = 8
 ORDER = 5
@@ -68,15 +68,140 @@ CONTINUED = np.array([
      -52.072871366152654, -59.78993625266729, -0.15582684282751913, 4.883087185713722]])
 # How the dense output is made of the stages: its last three coefficients.
 CONTINUE = np.array([CONTINUED[0], CONTINUED[1] + CONTINUED[2], -CONTINUED[2]]).ravel()
-# As `linear.sum_rows` takes them.
+# As `values.sum_rows` takes them.
 STARTS, COUPLINGS = A.ravel(), COUPLING.ravel()
 COUPLED = STAGES - 1  # factors in a row of the latter
+
+INVERSE = values.COLUMNS + WIDTH * COORDINATES  # the columns of the velocities
+CANCELLED = 1e-6  # of a determinant remains where its products nearly cancel: search for pivots
+
+Block = tuple[float, float, float, float]  # two by two: a row, then the other
+
+
+@compiled
+def product(one: Block, other: Block) -> Block:
+    """Return the product of two blocks."""
+    a, b, c, d = one
+    e, f, g, h = other
+    return a * e + b * g, a * f + b * h, c * e + d * g, c * f + d * h
+
+
+@compiled
+def adjugate(block: Block) -> tuple[Block, float, bool]:
+    """Return determinant times inverse of a block, the determinant, and whether they are exact."""
+    a, b, c, d = block
+    determinant = a * d - b * c
+    return ((d, -b, -c, a), determinant,
+            abs(determinant) > CANCELLED * (abs(a * d) + abs(b * c)))
+
+
+@compiled
+def multiple(factor: float, block: Block) -> Block:
+    """Return a multiple of a block."""
+    return factor * block[0], factor * block[1], factor * block[2], factor * block[3]
+
+
+@compiled
+def block_of(jacobian: Array, scale: float, row: int, column: int) -> Block:
+    """Return a block of W that begins at a row and a column."""
+    own = 1.0 / scale if row == column else 0.0
+    rates = COORDINATES + column
+    return (own - jacobian[row, rates] - scale * jacobian[row, column],
+            -jacobian[row, rates + 1] - scale * jacobian[row, column + 1],
+            -jacobian[row + 1, rates] - scale * jacobian[row + 1, column],
+            own - jacobian[row + 1, rates + 1] - scale * jacobian[row + 1, column + 1])
+
+
+@compiled
+def write_columns(upper: Block, lower: Block, scale: float, at: int, work: Array) -> None:
+    """Write two columns of the inverse, each below `scale` times itself."""
+    work[at + 4], work[at + 5], work[at + 6], work[at + 7] = (
+        upper[0], upper[2], lower[0], lower[2])
+    work[at], work[at + 1], work[at + 2], work[at + 3] = (
+        scale * upper[0], scale * upper[2], scale * lower[0], scale * lower[2])
+    at += WIDTH
+    work[at + 4], work[at + 5], work[at + 6], work[at + 7] = (
+        upper[1], upper[3], lower[1], lower[3])
+    work[at], work[at + 1], work[at + 2], work[at + 3] = (
+        scale * upper[1], scale * upper[3], scale * lower[1], scale * lower[3])
+
+
+@outlined
+def invert_with_pivots(jacobian: Array, scale: float, work: Array) -> None:
+    """Write the columns of the inverse of W by Gauss and Jordan, of its transpose."""
+    for j in range(VELOCITIES):
+        row = INVERSE + WIDTH * j
+        for i in range(VELOCITIES):
+            work[row + i] = work[row + VELOCITIES + i] = 0.0
+            work[row + MOTION + i] = -jacobian[i, COORDINATES + j] - scale * jacobian[i, j]
+        work[row + j], work[row + VELOCITIES + j] = scale, 1.0
+        work[row + MOTION + j] += 1.0 / scale
+    for column in range(VELOCITIES):
+        own, best = INVERSE + WIDTH * column, INVERSE + WIDTH * column
+        for row in range(own + WIDTH, INVERSE + WIDTH * VELOCITIES, WIDTH):
+            if abs(work[row + MOTION + column]) > abs(work[best + MOTION + column]):
+                best = row
+        pivot = 1.0 / work[best + MOTION + column]
+        for i in range(MOTION + VELOCITIES):
+            kept = work[own + i]
+            work[own + i] = pivot * work[best + i]
+            if best != own:
+                work[best + i] = kept
+        for row in range(INVERSE, INVERSE + WIDTH * VELOCITIES, WIDTH):
+            factor = work[row + MOTION + column]
+            if row != own:
+                for i in range(MOTION + VELOCITIES):
+                    work[row + i] -= factor * work[own + i]
+
+
+@compiled
+def invert(jacobian: Array, scale: float, work: Array) -> None:
+    """
+    Write the eight columns of the matrix that solves a stage into the rows values.COLUMNS.
+
+    Parameters
+    ----------
+    jacobian : array
+        See `jacobian.write_jacobian`.
+    scale : float
+        gamma h [s].
+    work : array
+        All rows.
+
+    """
+    # Blocks: [turn, across; back, move].  With the inverse of move, m / d, the complement of turn
+    # is (d turn - across m back) / d: so both divisions, which take long, go side by side.
+    turn, across = block_of(jacobian, scale, 0, 0), block_of(jacobian, scale, 0, 2)
+    back = block_of(jacobian, scale, 2, 0)
+    moved, size, fine = adjugate(block_of(jacobian, scale, 2, 2))
+    first, second = product(across, moved), product(moved, back)
+    lost = product(across, second)
+    turned, area, too = adjugate((size * turn[0] - lost[0], size * turn[1] - lost[1],
+                                  size * turn[2] - lost[2], size * turn[3] - lost[3]))
+    if fine and too:
+        per_size, per_area = 1.0 / size, 1.0 / area
+        down, right = product(second, turned), product(turned, first)
+        more = multiple(per_size * per_area, product(down, first))
+        write_columns(multiple(size * per_area, turned), multiple(-per_area, down), scale,
+                      INVERSE, work)
+        write_columns(multiple(-per_area, right),
+                      (per_size * moved[0] + more[0], per_size * moved[1] + more[1],
+                       per_size * moved[2] + more[2], per_size * moved[3] + more[3]), scale,
+                      INVERSE + 2 * WIDTH, work)
+    else:
+        invert_with_pivots(jacobian, scale, work)
+    for j in range(COORDINATES):
+        for i in range(VELOCITIES):
+            work[values.FACTORS + i] = scale * jacobian[i, j]
+        column = values.COLUMNS + WIDTH * j
+        sum_rows(work, column, values.ZERO, 1.0, work, values.FACTORS, INVERSE, VELOCITIES)
+        work[column + j] += scale
 
 
 @compiled
 def solve(right: int, out: int, work: Array) -> None:
-    """Solve ``(I / scale - J) out = right`` for a motion; both are rows, see `linear`."""
-    sum_rows(work, out, linear.ZERO, 1.0, work, right, linear.COLUMNS, MOTION)
+    """Solve ``(I / scale - J) out = right`` for a motion; both are rows, see `values`."""
+    sum_rows(work, out, values.ZERO, 1.0, work, right, values.COLUMNS, MOTION)
 
 
 @compiled
@@ -94,36 +219,36 @@ def begin_stage(stage: int, per_size: float, work: Array) -> None:
         See `rows`.
 
     """
-    end, start, right, stages = linear.END, linear.START, linear.RIGHT, linear.STAGES
+    end, start, right, stages = values.END, values.START, values.RIGHT, values.STAGES
     # One branch per stage makes factors and row counts compile-time constants.
     if stage == 1:
         sum_rows(work, end, start, 1.0, STARTS, 1 * OWN_START, stages, 1)
-        sum_rows(work, right, linear.ZERO, per_size, COUPLINGS, 1 * COUPLED, stages, 1)
+        sum_rows(work, right, values.ZERO, per_size, COUPLINGS, 1 * COUPLED, stages, 1)
     elif stage == 2:
         sum_rows(work, end, start, 1.0, STARTS, 2 * OWN_START, stages, 2)
-        sum_rows(work, right, linear.ZERO, per_size, COUPLINGS, 2 * COUPLED, stages, 2)
+        sum_rows(work, right, values.ZERO, per_size, COUPLINGS, 2 * COUPLED, stages, 2)
     elif stage == 3:
         sum_rows(work, end, start, 1.0, STARTS, 3 * OWN_START, stages, 3)
-        sum_rows(work, right, linear.ZERO, per_size, COUPLINGS, 3 * COUPLED, stages, 3)
+        sum_rows(work, right, values.ZERO, per_size, COUPLINGS, 3 * COUPLED, stages, 3)
     elif stage == 4:
         sum_rows(work, end, start, 1.0, STARTS, 4 * OWN_START, stages, 4)
-        sum_rows(work, right, linear.ZERO, per_size, COUPLINGS, 4 * COUPLED, stages, 4)
+        sum_rows(work, right, values.ZERO, per_size, COUPLINGS, 4 * COUPLED, stages, 4)
     elif stage == 5:
         sum_rows(work, end, start, 1.0, STARTS, 5 * OWN_START, stages, 5)
-        sum_rows(work, right, linear.ZERO, per_size, COUPLINGS, 5 * COUPLED, stages, 5)
+        sum_rows(work, right, values.ZERO, per_size, COUPLINGS, 5 * COUPLED, stages, 5)
     elif stage == 6:
         sum_rows(work, end, end, 1.0, ALONE, 0, stages + 5 * WIDTH, 1)
-        sum_rows(work, right, linear.ZERO, per_size, COUPLINGS, 6 * COUPLED, stages, 6)
+        sum_rows(work, right, values.ZERO, per_size, COUPLINGS, 6 * COUPLED, stages, 6)
     elif stage == 7:
         sum_rows(work, end, end, 1.0, ALONE, 0, stages + 6 * WIDTH, 1)
-        sum_rows(work, right, linear.ZERO, per_size, COUPLINGS, 7 * COUPLED, stages, 7)
+        sum_rows(work, right, values.ZERO, per_size, COUPLINGS, 7 * COUPLED, stages, 7)
 
 
 @compiled
 def add_motion(time: float, work: Array, system: System, mode: ContactMode) -> None:
     """Add the rates at the end of a stage to the right-hand side of the next."""
-    motion, right = work[linear.END:linear.END + MOTION], linear.RIGHT
-    trig = linear.PENDULUM_TRIG
+    motion, right = work[values.END:values.END + MOTION], values.RIGHT
+    trig = values.PENDULUM_TRIG
     start = work[trig], work[trig + 1], work[trig + 2]
     turn, swing, along_x, along_y = mode_accelerations(time, motion, start, system, mode)
     work[right] += motion[BALL_RATE]
@@ -145,29 +270,29 @@ def step(time: float, state: Array, size: float, ready: int, system: System,
     if ready != JACOBIAN:
         start = turned_by(state[PENDULUM_ANGLE])
         push = write_jacobian(time, state, start[1:], system, workspace.mode, jacobian)
-        trig = linear.PENDULUM_TRIG
+        trig = values.PENDULUM_TRIG
         work[trig], work[trig + 1], work[trig + 2] = start
         write_mode_motion_under(time, state, start[1:], push, system, workspace.mode,
-                                work[linear.F0:linear.F0 + MOTION])
+                                work[values.F0:values.F0 + MOTION])
         workspace.statistics[EVALUATIONS] += 2  # these rates, and the Jacobian
     timed = jacobian[BALL, TIME] != 0.0
     scale = GAMMA * size
     invert(jacobian, scale, work)
     for i in range(MOTION):
-        work[linear.START + i] = work[linear.END + i] = state[i]
-        work[linear.RIGHT + i] = work[linear.F0 + i]
+        work[values.START + i] = work[values.END + i] = state[i]
+        work[values.RIGHT + i] = work[values.F0 + i]
     for stage in range(STAGES):
-        row = linear.STAGES + WIDTH * stage
+        row = values.STAGES + WIDTH * stage
         if stage > 0:
             begin_stage(stage, 1.0 / size, work)
             add_motion(time + NODES[stage] * size, work, system, workspace.mode)
         if timed and BY_TIME[stage] != 0.0:
             for i in range(VELOCITIES):
-                work[linear.RIGHT + COORDINATES + i] += size * BY_TIME[stage] * jacobian[i, TIME]
-        solve(linear.RIGHT, row, work)
-    last = linear.STAGES + WIDTH * (STAGES - 1)
-    sum_rows(work, linear.ERROR, linear.ZERO, 1.0, ALONE, 0, last, 1)
-    sum_rows(work, linear.END, linear.END, 1.0, ALONE, 0, last, 1)
+                work[values.RIGHT + COORDINATES + i] += size * BY_TIME[stage] * jacobian[i, TIME]
+        solve(values.RIGHT, row, work)
+    last = values.STAGES + WIDTH * (STAGES - 1)
+    sum_rows(work, values.ERROR, values.ZERO, 1.0, ALONE, 0, last, 1)
+    sum_rows(work, values.END, values.END, 1.0, ALONE, 0, last, 1)
     workspace.statistics[EVALUATIONS] += STAGES - 1
     return size / longest_stable(jacobian), JACOBIAN
 
@@ -192,8 +317,8 @@ def longest_stable(jacobian: Array) -> float:
 def prepare_dense(_: float, workspace: Workspace) -> None:
     """Compute the coefficients of the dense output, of order 4."""
     work = workspace.work
-    sum_rows(work, linear.DENSE, linear.START, 1.0, ALONE, 0, linear.ZERO, 1)
-    sum_rows(work, linear.DENSE + WIDTH, linear.END, -1.0, ALONE, 0, linear.START, 1)
+    sum_rows(work, values.DENSE, values.START, 1.0, ALONE, 0, values.ZERO, 1)
+    sum_rows(work, values.DENSE + WIDTH, values.END, -1.0, ALONE, 0, values.START, 1)
     for item in range(3):
-        sum_rows(work, linear.DENSE + WIDTH * (2 + item), linear.ZERO, 1.0, CONTINUE,
-                 STAGES * item, linear.STAGES, STAGES)
+        sum_rows(work, values.DENSE + WIDTH * (2 + item), values.ZERO, 1.0, CONTINUE,
+                 STAGES * item, values.STAGES, STAGES)

@@ -5,8 +5,7 @@ Semi-implicit Euler with fixed steps, as in game engines.
 Of order 1, with one evaluation per step; keeps the energy of an undamped spring within a bound.
 """
 from ballbot_ros.jit import compiled
-from ballbot_ros.physics.mechanics.equations import derivative
-from ballbot_ros.physics.model.parameters import System
+from ballbot_ros.physics.mechanics.equations import derivative, System
 from ballbot_ros.physics.model.state import COORDINATES, SIZE
 from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.solvers.fixed_step import loop_of

@@ -14,21 +14,19 @@ import math
 
 from ballbot_ros.jit import compiled, outlined
 from ballbot_ros.physics.mechanics.contact import ground_height
-from ballbot_ros.physics.mechanics.equations import derivative, is_finite, turned_by
-from ballbot_ros.physics.mechanics.jacobian import write_jacobian
-from ballbot_ros.physics.mechanics.modes import find_mode
-from ballbot_ros.physics.model.parameters import Parameters, System
+from ballbot_ros.physics.mechanics.equations import derivative, is_finite, System, turned_by
+from ballbot_ros.physics.mechanics.modes import find_mode, write_jacobian
+from ballbot_ros.physics.model.robot import Parameters
 from ballbot_ros.physics.model.state import PENDULUM_ANGLE, SIZE, X, Y
 from ballbot_ros.physics.model.terrain import Array
-from ballbot_ros.physics.solvers import linear
+from ballbot_ros.physics.solvers import values
 from ballbot_ros.physics.solvers.controller import (
     error_length, next_step, SAFETY, smallest_step, with_step)
 from ballbot_ros.physics.solvers.dense import write_rows
-from ballbot_ros.physics.solvers.linear import invert, MOTION
-from ballbot_ros.physics.solvers.rodas5p import solve
+from ballbot_ros.physics.solvers.rodas5p import invert, solve
 from ballbot_ros.physics.solvers.values import (
-    BUDGET_EXCEEDED, EVALUATIONS, FINISHED, named, NOT_FINITE, Packed, packed, PAUSED, PENETRATED,
-    REJECTED, Status, STEP_TOO_SMALL, STEPS, Workspace)
+    BUDGET_EXCEEDED, EVALUATIONS, FINISHED, MOTION, named, NOT_FINITE, Packed, packed, PAUSED,
+    PENETRATED, REJECTED, Status, STEP_TOO_SMALL, STEPS, Workspace)
 
 # Rows of the stages: f0, and that of the step before.
 F0, PREVIOUS = range(2)
@@ -59,7 +57,7 @@ def iterate(time: float, state: Array, step: float, tolerance: float, system: Sy
         statistics[EVALUATIONS] += 1
         for i in range(MOTION):
             rates[i] += (state[i] - y_new[i]) / half + stages[F0, i]
-        solve(linear.RIGHT, linear.ERROR, work)
+        solve(values.RIGHT, values.ERROR, work)
         for i in range(MOTION):
             y_new[i] += error[i]
         if error_length(error, system.parameters) <= CONVERGED * tolerance:

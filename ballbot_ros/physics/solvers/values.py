@@ -1,18 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Values of a solver: options, workspace, output, controller, status."""
+"""
+Values of a solver: options, output, controller, status, workspace, and the rows in it.
+
+An adaptive step works in rows of numbers.  A row holds a motion (four coordinates, four
+velocities) or its change, and room for the energy ledger behind it; all of them lie in one array,
+`Workspace.work`, each at its own place.  Their sums are half of the work of a step.
+"""
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from ballbot_ros.jit import compiled, in_python, packer, unpacker
+from ballbot_ros.jit import compiled, in_python, packer, row_sum, unpacker
 from ballbot_ros.physics.mechanics.contact import IntArray
-from ballbot_ros.physics.mechanics.jacobian import jacobian_table
-from ballbot_ros.physics.mechanics.modes import ContactMode
-from ballbot_ros.physics.model.parameters import System
+from ballbot_ros.physics.mechanics.equations import System
+from ballbot_ros.physics.mechanics.modes import ContactMode, jacobian_table
 from ballbot_ros.physics.model.state import SIZE
 from ballbot_ros.physics.model.terrain import Array
-from ballbot_ros.physics.solvers import linear
-from ballbot_ros.physics.solvers.linear import WIDTH
 
 # The outcome of a run.
 FINISHED, NOT_FINITE, PENETRATED, STEP_TOO_SMALL, BUDGET_EXCEEDED, PAUSED = range(6)
@@ -21,14 +24,39 @@ FINISHED, NOT_FINITE, PENETRATED, STEP_TOO_SMALL, BUDGET_EXCEEDED, PAUSED = rang
 # closed form, and the right-hand sides that the search among many features of the ground costs.
 STEPS, REJECTED, EVENTS, EVALUATIONS, FLIGHTS, SEARCH = range(6)
 
-AUTOMATIC = -1  # in place of the number of a step in `steps.STEP_METHODS`: choice by cost
+AUTOMATIC = -1  # in place of the number of a step in `controller.STEP_METHODS`: choice by cost
 
 SMALLEST_STEP = 1e-14  # [s], relative to times above 1 s
+FIXED_STAGES = 4  # maximum of the fixed-step methods
 STABLE = 3.3  # step times rate of the fastest decay where explicit steps diverge
-STAGES = 4  # maximum of the fixed-step methods
 
 # Content of the workspace at the start of a step: nothing, the rates F0, or F0 and the Jacobian.
 NOTHING, RATES, JACOBIAN = range(3)
+
+MOTION = 8  # numbers of a motion
+ALONE = np.array([1.0])  # the factor of a single row
+WIDTH = 16  # of a row
+
+# Rows of `Workspace.work`, by their offsets.
+(ZERO,   # nothing but zeros
+ START,  # the motion at the begin of the step
+ END,    # and at its end
+ RIGHT,  # the right-hand side of a stage
+ ERROR,  # the estimated error of the motion at the end
+ PROBE,  # a state within the step
+ F0,     # the rates at the begin; a stage of the explicit method
+ STAGES,  # eight of them
+ _, _, _, _, _, _, _,
+ DENSE,  # five of them: coefficients of the dense output, see `dense.interpolate`
+ _, _, _, _,
+ COLUMNS,  # eight of them, of the matrix that solves a stage, see `rodas5p.invert`
+ _, _, _, _, _, _, _,
+ FACTORS,  # of a sum
+ PENDULUM_TRIG,  # the pendulum angle at the begin and its direction, see `turned_by`
+ ROWS) = (WIDTH * row for row in range(31))
+
+# See `jit.row_sum`.
+sum_rows = row_sum(MOTION, WIDTH)
 
 
 class Options(NamedTuple):
@@ -109,36 +137,36 @@ def status_at(time: float) -> Status:
 @compiled
 def views(work: Array) -> tuple[Array, Array, Array, Array, Array]:
     """Return the views of `Workspace.work` that have names there."""
-    return (work[linear.RIGHT:linear.RIGHT + WIDTH], work[linear.END:linear.END + WIDTH],
-            work[linear.ERROR:linear.ERROR + WIDTH],
-            work[linear.DENSE:linear.COLUMNS].reshape(-1, WIDTH),
-            work[linear.PROBE:linear.PROBE + WIDTH])
+    return (work[RIGHT:RIGHT + WIDTH], work[END:END + WIDTH],
+            work[ERROR:ERROR + WIDTH],
+            work[DENSE:COLUMNS].reshape(-1, WIDTH),
+            work[PROBE:PROBE + WIDTH])
 
 
 class Workspace(NamedTuple):
     """The arrays that solvers work in; one set for each thread."""
 
     mode: ContactMode
-    work: Array  # all rows of a step of the adaptive method, see `linear`; of these are views:
+    work: Array  # all rows of a step of the adaptive method, see above; of these are views:
     rates: Array  # (16,)
     y_new: Array  # (16,): the state at the end of the step
     error: Array  # (16,): its estimated error
     dense: Array  # (5, 16): coefficients of the dense output, see `dense.interpolate`
     probe: Array  # (16,): a state within the step
     stages: Array  # (4, 13), of other methods
-    jacobian: Array  # see `jacobian.write_jacobian`
+    jacobian: Array  # see `modes.write_jacobian`
     violated: IntArray  # kind and item of each violated guard
     statistics: IntArray  # (6,): counts since they were made
 
     @classmethod
     def of(cls, vertices: int) -> 'Workspace':
         """Return the workspace for a terrain with a number of vertices."""
-        work = np.zeros(linear.ROWS)
+        work = np.zeros(ROWS)
         # In Python: a kernel must not return arrays, see `compiled`.
         rates, y_new, error, dense, probe = in_python(views)(work)
         return cls(
             ContactMode.of(vertices), work, rates, y_new, error, dense, probe,
-            np.zeros((STAGES, SIZE)), jacobian_table(),
+            np.zeros((FIXED_STAGES, SIZE)), jacobian_table(),
             np.zeros((4 * vertices + 8, 2), dtype=np.int64),
             np.zeros(6, dtype=np.int64))
 

@@ -13,9 +13,9 @@ import numpy as np
 
 from ballbot_ros.control.tuning import ControlTuning
 from ballbot_ros.jit import compiled, unlocked
-from ballbot_ros.physics.mechanics.laws import applied_torque, position_torque
-from ballbot_ros.physics.model.parameters import Actuator, Parameters, System, TORQUE
-from ballbot_ros.physics.model.robot import Robot
+from ballbot_ros.physics.mechanics.equations import System
+from ballbot_ros.physics.model.actuation import Actuator, applied_torque, position_torque, TORQUE
+from ballbot_ros.physics.model.robot import Parameters, Robot
 from ballbot_ros.physics.model.state import (
     BALL_RATE, PENDULUM_ANGLE, PENDULUM_RATE, State, VELOCITY_X, X, Y)
 from ballbot_ros.physics.model.terrain import Array, Terrain

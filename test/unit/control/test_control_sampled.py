@@ -14,7 +14,7 @@ from ballbot_ros.control import (
 from ballbot_ros.control.sampled import HeldInput
 from ballbot_ros.errors import UnstableLoopError
 from ballbot_ros.physics import Model, Solver, State, Terrain
-from ballbot_ros.physics.model.parameters import Actuator, TORQUE
+from ballbot_ros.physics.model.actuation import Actuator, TORQUE
 from ballbot_ros.physics.model.robot import load_robot
 
 GIMBALL = load_robot('gimball')

@@ -14,7 +14,7 @@ from ballbot_ros.decision import (
     StepObservation)
 from ballbot_ros.decision.execution.attempts import AttemptWatch
 from ballbot_ros.decision.values import Outlook, Strategy
-from ballbot_ros.physics.model.parameters import Actuator, TORQUE
+from ballbot_ros.physics.model.actuation import Actuator, TORQUE
 from ballbot_ros.physics.model.robot import load_robot
 from ballbot_ros.physics.model.terrain import Terrain
 from ballbot_ros.physics.simulation.model import Model

@@ -11,8 +11,7 @@ from refusals import refused
 from ballbot_ros.config.fields import Provenance
 from ballbot_ros.decision.learning.particles import Particles, Prior
 from ballbot_ros.physics import load_robot
-from ballbot_ros.physics.model.parameters import Parameters
-from ballbot_ros.physics.model.robot import ContactOptions
+from ballbot_ros.physics.model.robot import ContactOptions, Parameters
 
 GIMBALL, SHELLBALL = load_robot('gimball'), load_robot('shellball')
 PARTICLES = Particles.of(GIMBALL, 0.0005)

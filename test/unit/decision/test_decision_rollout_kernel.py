@@ -18,10 +18,8 @@ from ballbot_ros.decision.planning.rollout.rollout import (
 from ballbot_ros.decision.planning.rollout.search import Candidate
 from ballbot_ros.decision.planning.rollout.worlds import Worlds
 from ballbot_ros.decision.values import Strategy
-from ballbot_ros.physics.mechanics.laws import limited, position_torque
-from ballbot_ros.physics.model.actuation import Actuation
-from ballbot_ros.physics.model.parameters import Parameters
-from ballbot_ros.physics.model.robot import ContactOptions, load_robot
+from ballbot_ros.physics.model.actuation import Actuation, limited, position_torque
+from ballbot_ros.physics.model.robot import ContactOptions, load_robot, Parameters
 from ballbot_ros.physics.model.terrain import Terrain
 from ballbot_ros.physics.model.uncertainty import draw
 from ballbot_ros.physics.simulation.model import Model

@@ -5,7 +5,7 @@ import numpy as np
 
 from ballbot_ros.physics import ContactOptions, load_robot, State, Terrain
 from ballbot_ros.physics.mechanics import contact
-from ballbot_ros.physics.model.parameters import Parameters
+from ballbot_ros.physics.model.robot import Parameters
 
 BOT = load_robot('gimball')
 RADIUS = BOT.ball_radius

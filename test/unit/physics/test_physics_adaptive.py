@@ -11,11 +11,10 @@ from ballbot_ros.jit import compiled
 from ballbot_ros.physics import (
     Actuation, ContactOptions, load_robot, load_scene, Model, simulate, Solver, State, Terrain)
 from ballbot_ros.physics.mechanics import contact, equations, modes
-from ballbot_ros.physics.mechanics.equations import turned_by
-from ballbot_ros.physics.model.parameters import System
+from ballbot_ros.physics.mechanics.equations import System, turned_by
 from ballbot_ros.physics.model.state import SIZE
 from ballbot_ros.physics.simulation.solver import METHODS
-from ballbot_ros.physics.solvers import linear
+from ballbot_ros.physics.solvers import values
 from ballbot_ros.physics.solvers.values import Workspace
 
 MOVING = ('fig7_top', 'fig7_middle', 'fig7_bottom', 'household', 'ramp_release',
@@ -171,14 +170,14 @@ def test_a_quick_look_says_of_a_mode_what_all_its_guards_say(state, other, share
 
 @compiled
 def call_sum(work, factors, count):
-    linear.sum_rows(work, linear.END, linear.START, 0.5, factors, 1, linear.STAGES, count)
+    values.sum_rows(work, values.END, values.START, 0.5, factors, 1, values.STAGES, count)
 
 
 def test_sums_of_rows_are_sums_of_rows():
     draw = np.random.default_rng(7)
-    work, factors = draw.normal(size=linear.ROWS), draw.normal(size=8)
-    stages = work[linear.STAGES:linear.DENSE].reshape(8, linear.WIDTH)[:, :8]
-    start = work[linear.START:linear.START + 8].copy()
+    work, factors = draw.normal(size=values.ROWS), draw.normal(size=8)
+    stages = work[values.STAGES:values.DENSE].reshape(8, values.WIDTH)[:, :8]
+    start = work[values.START:values.START + 8].copy()
     call_sum(work, factors, 3)
     expected = start + 0.5 * (factors[1:4] @ stages[:3])
-    assert work[linear.END:linear.END + 8] == pytest.approx(expected, rel=1e-12, abs=1e-12)
+    assert work[values.END:values.END + 8] == pytest.approx(expected, rel=1e-12, abs=1e-12)

@@ -38,7 +38,7 @@ print(json.dumps([jit.COMPILED, ends]))
 def test_compilation_can_be_switched_off(variable):
     done = subprocess.run(
         [sys.executable, '-c', 'from ballbot_ros import crossing, jit\n'
-         'from ballbot_ros.physics.mechanics.laws import limited\n'
+         'from ballbot_ros.physics.model.actuation import limited\n'
          'print(jit.COMPILED, limited(3.0, 2.0), type(limited).__name__)'],
         check=True, capture_output=True, text=True,
         env={**os.environ, variable: '1',

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from ballbot_ros.physics import Actuation, ContactOptions, Model, simulate, Solver, State, Terrain
-from ballbot_ros.physics.mechanics.contact_law import (
+from ballbot_ros.physics.mechanics.contact import (
     CORNER, EDGE, FRICTION, friction_scale, KIND, PENETRATION, sliding_sign, SURFACE)
 
 FREE = Actuation()

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ballbot_ros.physics import Terrain
-from ballbot_ros.physics.mechanics.contact_law import (
+from ballbot_ros.physics.mechanics.contact import (
     CORNER, EDGE, FRICTION, KIND, NORMAL_X, NORMAL_Y, PENETRATION, POINT_X, POINT_Y, SURFACE)
 
 

@@ -10,8 +10,9 @@ import sympy
 
 from ballbot_ros.physics import ContactOptions, load_robot, State, Terrain
 from ballbot_ros.physics.mechanics import contact, equations
-from ballbot_ros.physics.model.parameters import Actuator, Parameters, System, TORQUE
-from ballbot_ros.physics.model.robot import Robot
+from ballbot_ros.physics.mechanics.equations import System
+from ballbot_ros.physics.model.actuation import Actuator, TORQUE
+from ballbot_ros.physics.model.robot import Parameters, Robot
 from ballbot_ros.physics.model.state import (
     BALL_RATE, MOTOR_WORK, PENDULUM_RATE, SIZE, VELOCITY_X, VELOCITY_Y)
 

@@ -10,7 +10,7 @@ import pytest
 
 from ballbot_ros.physics import Actuation, load_robot, Model, simulate, Solver, State, Terrain
 from ballbot_ros.physics.mechanics import contact, equations, modes
-from ballbot_ros.physics.model.parameters import System
+from ballbot_ros.physics.mechanics.equations import System
 from ballbot_ros.physics.model.state import (
     BALL_RATE, JOINT_LOSS, PENDULUM_RATE, ROLLING_LOSS, SIZE, VELOCITY_X, VELOCITY_Y, X, Y)
 from ballbot_ros.physics.solvers import flight

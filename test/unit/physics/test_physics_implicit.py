@@ -11,8 +11,8 @@ from ballbot_ros.crossing import held_at
 from ballbot_ros.errors import SimulationError
 from ballbot_ros.physics import (
     Actuation, load_robot, load_scene, Model, simulate, Solver, State, Terrain)
+from ballbot_ros.physics.mechanics.equations import System
 from ballbot_ros.physics.mechanics.modes import find_mode
-from ballbot_ros.physics.model.parameters import System
 from ballbot_ros.physics.simulation.scene import read_scene
 from ballbot_ros.physics.simulation.solver import PRESETS
 from ballbot_ros.physics.solvers import rodas5p

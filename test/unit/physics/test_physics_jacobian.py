@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from ballbot_ros.physics import Actuation, ContactOptions, load_robot, Model, Terrain
-from ballbot_ros.physics.mechanics import jacobian, modes
-from ballbot_ros.physics.mechanics.equations import turned_by
-from ballbot_ros.physics.model.parameters import System
+from ballbot_ros.physics.mechanics import modes
+from ballbot_ros.physics.mechanics.equations import System, turned_by
 from ballbot_ros.physics.model.state import PENDULUM_ANGLE
 
 ROBOTS = {name: load_robot(name) for name in ('gimball', 'shellball')}
@@ -24,11 +23,11 @@ DELTA = 1e-6
 def rates_and_slopes(model, actuation, vector, time=0.5):
     """Return the rates as a function of time and state in the mode of a state, and slopes."""
     system = System(model.parameters, model.profile, actuation.actuator(model.robot, 0.0, 0.1))
-    mode, out = modes.ContactMode.of(len(model.profile)), jacobian.jacobian_table()
+    mode, out = modes.ContactMode.of(len(model.profile)), modes.jacobian_table()
     count = modes.find_mode(time, vector, system, mode)
     hanging = turned_by(vector[PENDULUM_ANGLE])[1:]
-    jacobian.write_jacobian(time, vector, hanging, system, mode, out)
-    complete = jacobian.smooth_contacts(mode)
+    modes.write_jacobian(time, vector, hanging, system, mode, out)
+    complete = modes.smooth_contacts(mode)
 
     def rates(moment, state):
         found = np.zeros(13)
@@ -109,7 +108,7 @@ def test_a_ball_without_a_pendulum_has_no_slopes_of_one():
     robot = replace(ROBOTS['shellball'])
     model = Model(robot, Terrain.flat())
     _, slopes, _, _ = rates_and_slopes(model, Actuation(), np.array(model.at_rest(0.0, 0.5)[1:]))
-    assert not slopes[jacobian.PENDULUM].any() and not slopes[:, [0, 1, 5]].any()
+    assert not slopes[modes.PENDULUM].any() and not slopes[:, [0, 1, 5]].any()
 
 
 def test_a_hanging_pendulum_on_a_floor_has_the_slopes_that_one_writes_on_paper():
@@ -121,7 +120,7 @@ def test_a_hanging_pendulum_on_a_floor_has_the_slopes_that_one_writes_on_paper()
     moment = robot.pendulum_mass * robot.pendulum_length
     inertia = robot.pendulum_inertia + moment * robot.pendulum_length * (
         robot.ball_mass / robot.total_mass)
-    assert slopes[jacobian.PENDULUM, 1] == pytest.approx(-moment * robot.gravity / inertia)
-    assert slopes[jacobian.ALONG_Y, 3] == pytest.approx(
+    assert slopes[modes.PENDULUM, 1] == pytest.approx(-moment * robot.gravity / inertia)
+    assert slopes[modes.ALONG_Y, 3] == pytest.approx(
         -robot.contact_stiffness / robot.total_mass)
-    assert slopes[jacobian.ALONG_Y, 7] == pytest.approx(-robot.contact_damping / robot.total_mass)
+    assert slopes[modes.ALONG_Y, 7] == pytest.approx(-robot.contact_damping / robot.total_mass)

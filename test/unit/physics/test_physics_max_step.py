@@ -15,7 +15,8 @@ from ballbot_ros.crossing.attempt import (
 from ballbot_ros.errors import SimulationError
 from ballbot_ros.physics import (
     Actuation, ContactOptions, load_robot, Model, simulate, Solver, State)
-from ballbot_ros.physics.model.parameters import Parameters, System
+from ballbot_ros.physics.mechanics.equations import System
+from ballbot_ros.physics.model.robot import Parameters
 from ballbot_ros.physics.model.state import SIZE
 
 GIMBALL, SHELLBALL = load_robot('gimball'), load_robot('shellball')

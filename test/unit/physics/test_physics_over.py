@@ -10,7 +10,8 @@ from refusals import refused
 from ballbot_ros.crossing import held_at, max_step_height, rolling, Rules, Site
 from ballbot_ros.crossing.attempt import attempt, Crossing, OVER
 from ballbot_ros.physics import Actuation, ContactOptions, load_robot
-from ballbot_ros.physics.model.parameters import Parameters, System
+from ballbot_ros.physics.mechanics.equations import System
+from ballbot_ros.physics.model.robot import Parameters
 
 GIMBALL, SHELLBALL = load_robot('gimball'), load_robot('shellball')
 RISE = Site(slope_behind=0.05)

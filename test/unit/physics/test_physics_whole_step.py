@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from ballbot_ros.physics import Actuation, ContactOptions, load_robot, Model, Terrain
-from ballbot_ros.physics.mechanics import contact, contact_law, equations, modes
-from ballbot_ros.physics.model.parameters import System
+from ballbot_ros.physics.mechanics import contact, equations, modes
+from ballbot_ros.physics.mechanics.equations import System
+from ballbot_ros.physics.model.actuation import unsaturated_torque
 from ballbot_ros.physics.model.state import BALL_RATE, SIZE, VELOCITY_X, VELOCITY_Y, X, Y
 from ballbot_ros.physics.solvers.dense import motion_at
 from ballbot_ros.physics.solvers.events import holds_throughout, least, most
@@ -72,7 +73,7 @@ def test_where_it_says_that_a_mode_holds_no_guard_is_violated_at_any_time(lever,
         if says_so(system, workspace):
             assert not violated_within(system, workspace)
             said[modes.contact_count(workspace.mode)] += 1
-            edges += workspace.mode.signs[0, contact_law.FEATURE] % 2
+            edges += workspace.mode.signs[0, contact.FEATURE] % 2
     # It has something to say in the air, on a segment, and on an edge.
     assert said[0] > 100 and said[1] > 400 and edges > 50
 
@@ -85,7 +86,7 @@ def test_it_has_much_to_say_of_small_steps():
         system = random_step(draw, model, workspace)
         workspace.dense[1:, :8] *= 1e-3
         signs, count = workspace.mode.signs, modes.contact_count(workspace.mode)
-        if count and np.all(signs[:count, contact_law.PRESSED] == 1):
+        if count and np.all(signs[:count, contact.PRESSED] == 1):
             steps += 1
             said += says_so(system, workspace)
     assert said > 0.8 * steps > 200
@@ -114,7 +115,7 @@ def test_of_a_motor_near_its_limit_it_says_nothing_that_is_not(actuation):
     for _ in range(3000):
         system = random_step(draw, model, workspace)
         workspace.dense[1:, :8] *= 0.1
-        torque = equations.unsaturated_torque(0.0, workspace.dense[0], plain)
+        torque = unsaturated_torque(0.0, workspace.dense[0], plain)
         limit = abs(torque) * draw.choice([0.9, 0.99, 1.01, 1.1, 1.5])
         system = system._replace(actuator=plain._replace(limit=limit))
         modes.find_mode(0.0, workspace.dense[0], system, workspace.mode)

@@ -8,7 +8,7 @@ from refusals import refused
 
 from ballbot_ros.errors import SimulationError
 from ballbot_ros.physics import load_scene
-from ballbot_ros.physics.model.parameters import Actuator, TORQUE
+from ballbot_ros.physics.model.actuation import Actuator, TORQUE
 from ballbot_ros.plant import Plant
 from ballbot_ros.plant.error_monitor import ErrorMonitor
 

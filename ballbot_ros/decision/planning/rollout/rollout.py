@@ -25,11 +25,10 @@ from ballbot_ros.crossing.rules import CLEARANCE
 from ballbot_ros.decision.execution.pilot_law import pilot_step, PlainOrder
 from ballbot_ros.jit import compiled, outlined, unlocked
 from ballbot_ros.physics.mechanics.contact import (
-    contact_table, find_contacts, first_segment, found_loads)
-from ballbot_ros.physics.mechanics.contact_law import POINT_X
-from ballbot_ros.physics.mechanics.equations import write_rates
-from ballbot_ros.physics.mechanics.laws import applied_torque, position_torque
-from ballbot_ros.physics.model.parameters import Parameters, read_parameters
+    contact_table, find_contacts, first_segment, found_loads, POINT_X)
+from ballbot_ros.physics.mechanics.equations import read_parameters, write_rates
+from ballbot_ros.physics.model.actuation import applied_torque, position_torque
+from ballbot_ros.physics.model.robot import Parameters
 from ballbot_ros.physics.model.state import (
     BALL_RATE, PENDULUM_ANGLE, PENDULUM_RATE, SIZE, VELOCITY_X, VELOCITY_Y, X, Y)
 from ballbot_ros.physics.model.terrain import (

@@ -9,7 +9,7 @@ Reference: K. H. Hunt, F. R. E. Crossley, Coefficient of Restitution Interpreted
 Vibroimpact, J. Appl. Mech. 42 (1975) 440.
 """
 from ballbot_ros.jit import compiled
-from ballbot_ros.physics.model.parameters import Parameters
+from ballbot_ros.physics.model.robot import Parameters
 
 
 @compiled

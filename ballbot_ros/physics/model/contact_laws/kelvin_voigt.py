@@ -5,7 +5,7 @@ The contact law of the paper, eq. (7): a spring and a damper, ``N = k p - kd v``
 See `contact_laws` for the contract.
 """
 from ballbot_ros.jit import compiled
-from ballbot_ros.physics.model.parameters import Parameters
+from ballbot_ros.physics.model.robot import Parameters
 
 
 @compiled
