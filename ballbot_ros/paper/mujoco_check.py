@@ -22,7 +22,7 @@ from ballbot_ros.crossing.attempt import RETREAT
 from ballbot_ros.crossing.rules import is_over, touch_distance
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.paper.cases import Case
-from ballbot_ros.physics.mechanics import contact, equations
+from ballbot_ros.physics.mechanics import contact
 from ballbot_ros.physics.model.actuation import actuator_torque, FREE
 from ballbot_ros.physics.model.robot import Robot
 from ballbot_ros.physics.model.state import (

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ballbot_ros.physics import Actuation, ContactOptions, load_robot, Model, Terrain
-from ballbot_ros.physics.mechanics import contact, equations, modes
+from ballbot_ros.physics.mechanics import contact, modes
 from ballbot_ros.physics.mechanics.equations import System
 from ballbot_ros.physics.model.actuation import unsaturated_torque
 from ballbot_ros.physics.model.state import BALL_RATE, SIZE, VELOCITY_X, VELOCITY_Y, X, Y
