@@ -134,9 +134,6 @@ NODES = 640  # of the map
 UNTOLD_SD, ENOUGH = 0.005, 5
 LEAST_SD = 1e-4      # [m]
 
-# Growth of the map variance with distance travelled, for odometry slip [m2/m].
-DRIFT = 0.0005**2 / 0.5
-
 # Fraction of the roughness that averaging scans does not reduce.
 TEXTURE = 0.5
 
@@ -189,14 +186,13 @@ class ElevationMap:
         self.first = 0
         self.height = np.zeros(NODES)
         self.variance = np.full(NODES, np.inf)
-        self._strikes, self._support = np.zeros(NODES), np.zeros(NODES)
+        self._strikes = np.zeros(NODES)
         self.looks = 0
         self.noise_sd = UNTOLD_SD
         self.tilt_sd = 0.0
         self.spacing = CELL
         self.reports_sd = True
         self._residuals = self._rough = 0.0
-        self._position = 0.0
 
     def add(self, look: Look, position: float) -> str:
         """
@@ -306,11 +302,9 @@ class ElevationMap:
               seen: Flags, outside: Flags) -> None:
         """Fuse an aligned scan; replace nodes that are contradicted repeatedly."""
         old, variance, strikes = self.height[inside], self.variance[inside], self._strikes[inside]
-        support = self._support[inside]
         strikes[:] = np.where(outside, strikes + 1.0, np.where(seen, 0.0, strikes))
-        # Nodes with little support need fewer contradictions.
         fresh = seen & (np.isinf(variance) | (
-            strikes >= np.minimum(self._forget_after, support + 1.0)))
+            strikes >= self._forget_after))
         fused = seen & ~outside & ~fresh
         known = np.where(fused, variance, 0.0)
         gain = known / (known + new_variance)
@@ -318,7 +312,6 @@ class ElevationMap:
         # A contradicting point is not averaged in, but raises the variance.
         variance[:] = np.where(outside, variance + 0.04 * residual**2, variance)
         strikes[fresh] = 0.0
-        support[:] = np.where(fresh, 1.0, support + fused)
         old[:] = np.where(seen, old + gain * np.where(fused, residual, new - old), old)
         variance[:] = np.where(fused, (1.0 - gain) * known, variance)
         variance[fresh] = new_variance[fresh]
@@ -326,9 +319,7 @@ class ElevationMap:
         np.maximum(variance, (TEXTURE * self._rough)**2, out=variance)
 
     def _follow(self, position: float) -> None:
-        """Move the map with the ball, and add drift with the distance travelled."""
-        self.variance += DRIFT * min(abs(position - self._position), 10.0)
-        self._position = position
+        """Move the map with the ball."""
         wanted = math.floor((position - BEHIND) / CELL) - 4
         by = wanted - self.first
         if -4 <= by <= 4:
@@ -337,8 +328,7 @@ class ElevationMap:
         if abs(by) >= NODES:
             self.variance[:] = np.inf
             return
-        for array, blank in ((self.height, 0.0), (self.variance, np.inf), (self._strikes, 0.0),
-                             (self._support, 0.0)):
+        for array, blank in ((self.height, 0.0), (self.variance, np.inf), (self._strikes, 0.0)):
             if by > 0:
                 array[:-by] = array[by:].copy()
                 array[-by:] = blank

@@ -29,9 +29,6 @@ WIDTHS = (1, 0.0008), (3, 0.0025), (5, math.inf)
 # Minimum height of a face, in metres and in standard deviations.
 LEAST_FACE, CERTAIN = 0.002, 4.0
 
-# A known face is one down to this height [m].
-FACE_EXIT = 0.003
-
 # Positions that differ by less are the same [m].
 ON_NODE = 1e-6
 
@@ -171,10 +168,6 @@ SLOPE_SD = 0.003
 UNSEEN_SD = 0.05
 
 
-# No blur is longer [m].
-LONGEST_BLUR = 0.05
-
-
 class GroundSeen(NamedTuple):
     """
     The ground of a map around the ball.
@@ -215,7 +208,7 @@ def ground_of(found: ElevationMap, position: float,
         Of the ball [m].
     edges : sequence of Face
         Known faces: they are measured at their positions, and only the test of
-        `FACE_EXIT` applies to them.
+        `LEAST_FACE` applies to them.
 
     """
     known = np.flatnonzero(np.isfinite(found.variance))
@@ -295,7 +288,7 @@ def _assemble(nodes: Nodes, pieces: List[Piece], edges: Sequence[Piece], datum: 
             put(face.position + face.run, *high)
             known = any(edge.sign == piece.sign and piece.begin <= edge.begin
                         and edge.end <= piece.end for edge in edges)
-            if piece.sign * excess > FACE_EXIT if known else abs(face.height) > max(
+            if piece.sign * excess > LEAST_FACE if known else abs(face.height) > max(
                     LEAST_FACE, CERTAIN * math.sqrt(low[1] + high[1])):
                 faces.append(face)
             continue
@@ -389,13 +382,9 @@ def _face(nodes: Nodes, pieces: List[Piece], number: int
     run = min(run, end - position)
     low = _aside(nodes, pieces, number, position, ahead=False)
     high = _aside(nodes, pieces, number, position + run, ahead=True)
-    # On a slope, the position uncertainty adds to the height uncertainty.
-    blur = CELL * max(abs(low.slope), abs(high.slope))
-    variance = low.variance + high.variance + blur**2
+    variance = low.variance + high.variance
     if not _is_seen_whole(pieces, number):
         variance += UNSEEN_SD**2
     excess = high.z - low.z - 0.5 * run * (low.slope + high.slope)
-    # A face with an apparent run may be vertical, blurred by missing points.
-    position_sd = math.hypot(PLACE_SD, 0.3 * min(run, LONGEST_BLUR))
-    return (Face(0, position, high.z - low.z, position_sd, math.sqrt(variance), run), excess,
+    return (Face(0, position, high.z - low.z, PLACE_SD, math.sqrt(variance), run), excess,
             (low.z, low.variance), (high.z, high.variance))
