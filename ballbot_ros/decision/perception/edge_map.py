@@ -10,13 +10,13 @@ from ballbot_ros.decision.values import Face, Reason
 Rejection = Tuple[Optional[Reason], str]
 
 # Minimum number of observations for estimating the scatter.
-ENOUGH = 5
+SCATTER_COUNT_MIN = 5
 
 # Minimum range of distances for a trend [m].
-LEAST_BASE = 0.1
+TREND_RANGE_MIN = 0.1
 
 # Significance threshold of a trend, in standard deviations.
-SIGNIFICANT = 4.0
+TREND_SIGMAS = 4.0
 
 # Log-odds that an edge exists: increment of a detection, decrement of a miss, and largest value.
 # An edge is confirmed at one value, and removed at 0.
@@ -50,7 +50,7 @@ class Trend:
     @property
     def scatter(self) -> float:
         """Return the standard deviation about the trend [m]; NaN for too few observations."""
-        if self.count < ENOUGH:
+        if self.count < SCATTER_COUNT_MIN:
             return math.nan
         explained = self._dh**2 / self._dd if self._dd > 0.0 else 0.0
         return math.sqrt(max(0.0, self._hh - explained) / (self.count - 2))
@@ -69,10 +69,10 @@ class Trend:
         0 without a significant trend; negative if the height decreases on approach.
         """
         scatter = self.scatter
-        if not (scatter >= 0.0 and self._dd > self.count * LEAST_BASE**2 / 12.0):
+        if not (scatter >= 0.0 and self._dd > self.count * TREND_RANGE_MIN**2 / 12.0):
             return 0.0
         slope = self._dh / self._dd
-        if abs(slope) * math.sqrt(self._dd) <= SIGNIFICANT * scatter:
+        if abs(slope) * math.sqrt(self._dd) <= TREND_SIGMAS * scatter:
             return 0.0
         return -slope * self._distance
 

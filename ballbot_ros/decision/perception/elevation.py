@@ -11,23 +11,23 @@ from ballbot_ros.decision.tuning import DecisionTuning
 from ballbot_ros.physics.model.terrain import Array
 
 CELL = 0.01          # [m] between the nodes of the map
-BEHIND, AHEAD = 1.0, 5.0  # extent of the map and of scans [m]
+MAP_BEHIND, MAP_AHEAD = 1.0, 5.0  # extent of the map and of scans [m]
 
 # Position uncertainty of a point on the axis [m]: stamps of odometry and scan differ.
-PLACE_SD = 0.01
+POSITION_SD = 0.01
 
 # Points farther apart than this, that fall along a line of sight, occlude the ground between [m].
-SHADOW = 0.03
+OCCLUSION_RUN_MIN = 0.03
 # Least slope of a line over an edge, from one point to the next, relative to the line of
 # sight: points are neither at the edge, nor at the intersection of line of sight and ground.
-STEEPNESS = 0.35
+OCCLUSION_SLOPE_MIN = 0.35
 
 # Polylines with more points than this are samples; a spacing larger than this multiple of the
 # local one is a gap.
-SAMPLED, LOST = 50, 3.5
+SAMPLES_MIN, GAP_RATIO = 50, 3.5
 
 # Minimum height of a face at the end of the observed terrain [m].
-WALL = 0.02
+WALL_HEIGHT_MIN = 0.02
 
 
 class Look(NamedTuple):
@@ -41,7 +41,7 @@ class Look(NamedTuple):
     z : (n,) array
         Height relative to the centre of the ball [m], NaN where not observed.
     steep : (n,) array
-        Change of height within `PLACE_SD` [m].
+        Change of height within `POSITION_SD` [m].
     reported_sd, roughness : float
         Standard deviation of a point: reported, 0 if unknown, and from neighbours [m].
     spacing : float
@@ -87,9 +87,9 @@ def resample(x: Array, z: Array, z_sd: Array, position: float) -> Optional[Look]
         Of the centre [m].
 
     """
-    first = math.ceil(max(x[0], -BEHIND) / CELL + position / CELL - 1e-9)
-    last = math.floor(min(x[-1], AHEAD) / CELL + position / CELL + 1e-9)
-    if np.ptp(z[x > x[-1] - CELL]) > WALL:
+    first = math.ceil(max(x[0], -MAP_BEHIND) / CELL + position / CELL - 1e-9)
+    last = math.floor(min(x[-1], MAP_AHEAD) / CELL + position / CELL + 1e-9)
+    if np.ptp(z[x > x[-1] - CELL]) > WALL_HEIGHT_MIN:
         last += 1  # the scan ends at a wall, beyond the last node
     if last - first < 2:
         return None
@@ -101,22 +101,22 @@ def resample(x: Array, z: Array, z_sd: Array, position: float) -> Optional[Look]
     # around them, so that the criterion is that of a level floor.
     grade = around(rise / np.maximum(run, 1e-9))
     excess, below = rise - run * grade, np.minimum(z[:-1] - grade * x[:-1], 0.0)
-    hidden = (run > SHADOW) & (x[:-1] > 0.0) & (
-        excess * np.maximum(x[:-1], CELL) < STEEPNESS * below * run)
+    hidden = (run > OCCLUSION_RUN_MIN) & (x[:-1] > 0.0) & (
+        excess * np.maximum(x[:-1], CELL) < OCCLUSION_SLOPE_MIN * below * run)
     usual = middle(run)
-    if len(x) > SAMPLED:
+    if len(x) > SAMPLES_MIN:
         # A camera has rays at equal angles, so that the spacing grows with the distance.
-        hidden |= run > np.maximum(LOST * np.maximum(around(run), usual), SHADOW)
+        hidden |= run > np.maximum(GAP_RATIO * np.maximum(around(run), usual), OCCLUSION_RUN_MIN)
     for index in np.flatnonzero(hidden):
         heights[(places > x[index] + 1e-9) & (places < x[index + 1] - 1e-9)] = np.nan
     if np.count_nonzero(np.isfinite(heights)) < 3:
         return None
     steep = np.zeros(len(heights))
-    steep[1:-1] = 0.5 * PLACE_SD / CELL * np.abs(heights[2:] - heights[:-2])
+    steep[1:-1] = 0.5 * POSITION_SD / CELL * np.abs(heights[2:] - heights[:-2])
     steep[np.isnan(steep)] = 0.0
     # Between two distant points a face may be anywhere.
     interval = np.clip(np.searchsorted(x, places, side='right') - 1, 0, len(run) - 1)
-    wide = run[interval] > LOST * CELL
+    wide = run[interval] > GAP_RATIO * CELL
     np.maximum(steep, np.where(wide, 0.5 * np.abs(excess[interval]), 0.0), out=steep)
     bend = np.abs(rise[1:] * run[:-1] - rise[:-1] * run[1:]) / np.maximum(
         np.maximum(run[1:], run[:-1]), 1e-9)
@@ -131,20 +131,20 @@ Flags = NDArray[np.bool_]
 NODES = 640  # of the map
 
 # Default noise where the sensor reports none [m], and number of scans for estimating it.
-UNTOLD_SD, ENOUGH = 0.005, 5
-LEAST_SD = 1e-4      # [m]
+DEFAULT_NOISE_SD, SCANS_MIN = 0.005, 5
+NOISE_SD_MIN = 1e-4      # [m]
 
 # Fraction of the roughness that averaging scans does not reduce.
-TEXTURE = 0.5
+TEXTURE_FRACTION = 0.5
 
 # Minimum overlap in nodes for aligning a scan; minimum length for estimating its tilt [m].
-LEAST_OVERLAP, TILT_BASE = 20, 0.5
+OVERLAP_MIN, TILT_LENGTH_MIN = 20, 0.5
 
 # Maximum fraction of contradicting nodes; one camera point in a hundred is an outlier.
-OUTLIERS = 0.15
+OUTLIER_FRACTION_MAX = 0.15
 
 # Maximum odometry slip between scans, in nodes.
-SLIP = 25
+SLIP_NODES_MAX = 25
 
 
 class ElevationMap:
@@ -188,7 +188,7 @@ class ElevationMap:
         self.variance = np.full(NODES, np.inf)
         self._strikes = np.zeros(NODES)
         self.looks = 0
-        self.noise_sd = UNTOLD_SD
+        self.noise_sd = DEFAULT_NOISE_SD
         self.tilt_sd = 0.0
         self.spacing = CELL
         self.reports_sd = True
@@ -220,14 +220,14 @@ class ElevationMap:
         seen = np.isfinite(look.z)
         common = seen & np.isfinite(variance)
         places = look.places - position
-        if np.count_nonzero(common) < LEAST_OVERLAP:
+        if np.count_nonzero(common) < OVERLAP_MIN:
             self._begin(inside, look, new_variance, places)
             return ''
         together = variance + new_variance
         shift, tilt = _alignment(places, old - look.z, together, common)
         residual = look.z + shift + tilt * places - old
         outside = common & (residual**2 > self._sigmas**2 * together)
-        if np.count_nonzero(outside) > max(5, OUTLIERS * np.count_nonzero(common)):
+        if np.count_nonzero(outside) > max(5, OUTLIER_FRACTION_MAX * np.count_nonzero(common)):
             worst = int(np.argmax(np.where(common, residual**2 / together, -1.0)))
             return (f'the ground changed by {1e3 * residual[worst]:.0f} mm at '
                     f'{places[worst]:.2f} m, and by more than {self._sigmas:g} deviations at '
@@ -244,33 +244,34 @@ class ElevationMap:
         terrain has not moved, but the odometry is ahead or behind.
         """
         fits = []
-        for nodes in range(-SLIP, SLIP + 1):
+        for nodes in range(-SLIP_NODES_MAX, SLIP_NODES_MAX + 1):
             begin = look.first - nodes - self.first
             if begin < 0 or begin + len(look.z) > NODES:
                 continue
             inside = slice(begin, begin + len(look.z))
             known = np.isfinite(self.variance[inside]) & np.isfinite(look.z)
-            if np.count_nonzero(known) >= LEAST_OVERLAP:
+            if np.count_nonzero(known) >= OVERLAP_MIN:
                 apart = self.height[inside][known] - look.z[known]
                 apart -= middle(apart)
-                together = self.variance[inside][known] + look.steep[known]**2 + UNTOLD_SD**2 / 4.0
+                together = (self.variance[inside][known] + look.steep[known]**2
+                            + DEFAULT_NOISE_SD**2 / 4.0)
                 outside = np.count_nonzero(apart**2 > self._sigmas**2 * together)
                 fits.append((outside / len(apart), abs(nodes), nodes))
         best = min(fits, default=(1.0, 0, 0))
-        return best[2] if best[0] <= OUTLIERS / 3.0 else 0
+        return best[2] if best[0] <= OUTLIER_FRACTION_MAX / 3.0 else 0
 
     def _noise(self, look: Look) -> float:
         """Return the lower bound of the sensor noise, or its default if unreported [m]."""
         reports_sd = bool(look.reported_sd.max() > 0.0)
-        shown = max(LEAST_SD, min(look.roughness, UNTOLD_SD) * math.sqrt(2.0 / 3.0))
-        estimate = self.noise_sd if self.looks >= ENOUGH else 0.0
+        shown = max(NOISE_SD_MIN, min(look.roughness, DEFAULT_NOISE_SD) * math.sqrt(2.0 / 3.0))
+        estimate = self.noise_sd if self.looks >= SCANS_MIN else 0.0
         self.reports_sd, self.spacing = reports_sd, look.spacing
         if reports_sd:
             # Use the reported noise unless the estimate is clearly larger.
             average = float(look.reported_sd.mean()) * math.sqrt(2.0 / 3.0)
             found = max(shown, estimate)
-            return found if found > 1.3 * average else LEAST_SD
-        return max(shown, estimate) if self.looks >= ENOUGH else UNTOLD_SD
+            return found if found > 1.3 * average else NOISE_SD_MIN
+        return max(shown, estimate) if self.looks >= SCANS_MIN else DEFAULT_NOISE_SD
 
     def _begin(self, inside: slice, look: Look, variance: Array, places: Array) -> None:
         """Start the map with a scan; the floor below the ball is at 0."""
@@ -291,9 +292,9 @@ class ElevationMap:
         self.looks += 1
         weight = 1.0 / min(self.looks - 1, 50)
         self._rough += weight * (look.roughness - self._rough)
-        if np.count_nonzero(even) >= LEAST_OVERLAP:
+        if np.count_nonzero(even) >= OVERLAP_MIN:
             spread = 1.4826 * middle(np.abs(residual[even]))
-            own = max(LEAST_SD**2, spread**2 - middle(variance[even]))
+            own = max(NOISE_SD_MIN**2, spread**2 - middle(variance[even]))
             self._residuals += weight * (own - self._residuals)
             self.noise_sd = math.sqrt(self._residuals)
         self.tilt_sd = math.sqrt(self.tilt_sd**2 + weight * (tilt**2 - self.tilt_sd**2))
@@ -316,11 +317,11 @@ class ElevationMap:
         variance[:] = np.where(fused, (1.0 - gain) * known, variance)
         variance[fresh] = new_variance[fresh]
         # The texture of the floor, or of the sensor, is the same in each scan.
-        np.maximum(variance, (TEXTURE * self._rough)**2, out=variance)
+        np.maximum(variance, (TEXTURE_FRACTION * self._rough)**2, out=variance)
 
     def _follow(self, position: float) -> None:
         """Move the map with the ball."""
-        wanted = math.floor((position - BEHIND) / CELL) - 4
+        wanted = math.floor((position - MAP_BEHIND) / CELL) - 4
         by = wanted - self.first
         if -4 <= by <= 4:
             return
@@ -342,7 +343,7 @@ def _alignment(places: Array, difference: Array, variance: Array,
     """Return shift [m] and tilt that fit map minus look, outliers left out."""
     x, d, weight = places[common], difference[common], 1.0 / variance[common]
     shift, tilt = middle(d), 0.0
-    long = x[-1] - x[0] > TILT_BASE
+    long = x[-1] - x[0] > TILT_LENGTH_MIN
     for _ in range(2):
         off = np.abs(d - shift - tilt * x)
         limit = max(3.0 * 1.4826 * middle(off), 0.0005)

@@ -19,7 +19,7 @@ from ballbot_ros.physics.model.robot import Robot
 Observation = Union[StepObservation, TerrainObservation]
 
 # A sensor whose last message is older than that of the other by this much is ignored [s].
-SILENT = 1.0
+SENSOR_TIMEOUT = 1.0
 
 
 class ProfileTracker:
@@ -76,7 +76,7 @@ class ProfileTracker:
         self._newest[kind] = stamp, reason, why
         # A sensor that has fallen silent is ignored.
         newest = {one: last for one, last in self._newest.items()
-                  if one is kind or abs(last[0] - stamp) <= SILENT}
+                  if one is kind or abs(last[0] - stamp) <= SENSOR_TIMEOUT}
         ground = self._terrain.profile if TerrainObservation in newest else None
         if ground is None:
             ground = Profile(stamp, seen_to=-math.inf if kind is TerrainObservation
@@ -90,21 +90,21 @@ class ProfileTracker:
 
 
 # Odometry history: duration [s] and number of messages.  Older observations are rejected.
-HISTORY, KEPT = 1.5, 5000
+ODOMETRY_DURATION, ODOMETRY_COUNT_MAX = 1.5, 5000
 
 # An observation further ahead of odometry has another clock [s]; queue length for odometry.
-AHEAD, WAITING = 0.5, 200
+CLOCK_OFFSET_MAX, PENDING_COUNT_MAX = 0.5, 200
 
 # Growth of a face's uncertainty since the last scan: position with distance travelled [1] and
 # with time [m/s], height with time [m/s].
-WAY_SD, PLACE_RATE, HEIGHT_RATE = 0.03, 0.01, 0.002
+POSITION_SD_PER_DISTANCE, POSITION_SD_RATE, HEIGHT_SD_RATE = 0.03, 0.01, 0.002
 
 
 # A sensor is frozen if its data repeat while the ball rolls this far [m].
 FROZEN_DISTANCE = 0.02
 
 # A polyline this straight may repeat without a frozen sensor [m].
-STRAIGHT = 1e-9
+STRAIGHTNESS_MAX = 1e-9
 
 # Consecutive rejected observations that stop the ball.
 REJECTED_MAX = 3
@@ -118,7 +118,7 @@ def unchanged_distance(observation: Observation) -> float:
     if len(x) < 3 or len(x) != len(z) or not x[-1] > x[0]:
         return math.inf
     straight = z[0] + (z[-1] - z[0]) * (x - x[0]) / (x[-1] - x[0])
-    if np.abs(z - straight).max() <= STRAIGHT:
+    if np.abs(z - straight).max() <= STRAIGHTNESS_MAX:
         return math.inf
     # The detected position of a face between two points changes when one of them reaches it.
     face = int(np.argmax(np.abs(np.diff(z))))
@@ -164,9 +164,9 @@ class GroundFusion:
     def reset(self) -> None:
         """Forget all, for a jump of time or place."""
         self._tracker.reset()
-        self._stamps: Deque[float] = deque(maxlen=KEPT)
-        self._positions: Deque[float] = deque(maxlen=KEPT)
-        self._pending: Deque[Observation] = deque(maxlen=WAITING)
+        self._stamps: Deque[float] = deque(maxlen=ODOMETRY_COUNT_MAX)
+        self._positions: Deque[float] = deque(maxlen=ODOMETRY_COUNT_MAX)
+        self._pending: Deque[Observation] = deque(maxlen=PENDING_COUNT_MAX)
         self._unchanged: Dict[type, _Unchanged] = {}
         self._newest: Dict[type, float] = {}
         self._rejected = 0
@@ -182,7 +182,7 @@ class GroundFusion:
             return
         self._stamps.append(motion.stamp)
         self._positions.append(motion.position)
-        while self._stamps[0] < motion.stamp - HISTORY:
+        while self._stamps[0] < motion.stamp - ODOMETRY_DURATION:
             self._stamps.popleft()
             self._positions.popleft()
 
@@ -191,23 +191,23 @@ class GroundFusion:
         fused, waiting = None, []
         for observation in self._pending if self._stamps else ():
             age = self._stamps[-1] - observation.stamp
-            if -AHEAD <= age < 0.0:
+            if -CLOCK_OFFSET_MAX <= age < 0.0:
                 waiting.append(observation)
                 continue
             fused = observation.stamp
             self.profile = self._fused(observation, age)
         if self._stamps:
-            self._pending = deque(waiting, maxlen=WAITING)
+            self._pending = deque(waiting, maxlen=PENDING_COUNT_MAX)
         return fused
 
     def _fused(self, observation: Observation, age: float) -> Profile:
         """Return the profile after an observation of some age [s]."""
         kind, reason, why = type(observation), None, ''
-        if age < -AHEAD:
+        if age < -CLOCK_OFFSET_MAX:
             reason, why = Reason.BAD_OBSERVATION, f'it is {-age:.2f} s ahead of the odometry'
-        elif age > HISTORY:
+        elif age > ODOMETRY_DURATION:
             reason, why = Reason.STALE, (
-                f'it arrived {age:.2f} s late, odometry is kept for {HISTORY:g} s')
+                f'it arrived {age:.2f} s late, odometry is kept for {ODOMETRY_DURATION:g} s')
         if reason is not None or observation.stamp <= self._newest.get(kind, -math.inf):
             # Rejected without effect: `observation_timeout` limits the age of the profile.
             return self.profile or Profile(observation.stamp, rejection=reason, explanation=why)
@@ -260,7 +260,8 @@ class GroundFusion:
             return profile
         age = max(0.0, motion.stamp - profile.stamp) if math.isfinite(profile.stamp) else 0.0
         way = abs(motion.position - self._position_at(profile.stamp))
-        more, higher = WAY_SD * way + PLACE_RATE * age, HEIGHT_RATE * age
+        more = POSITION_SD_PER_DISTANCE * way + POSITION_SD_RATE * age
+        higher = HEIGHT_SD_RATE * age
         faces = tuple(
             replace(face, position_sd=math.hypot(face.position_sd, more),
                     height_sd=math.hypot(face.height_sd, higher))

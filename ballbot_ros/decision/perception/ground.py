@@ -5,35 +5,36 @@ from typing import List, NamedTuple, Sequence, Tuple
 
 import numpy as np
 
-from ballbot_ros.decision.perception.elevation import around, CELL, ElevationMap, PLACE_SD, Whole
+from ballbot_ros.decision.perception.elevation import (
+    around, CELL, ElevationMap, POSITION_SD, Whole)
 from ballbot_ros.decision.perception.kernels import line, middle, simplify
 from ballbot_ros.decision.values import Face
 from ballbot_ros.physics.model.terrain import Array
 
 # A steeper segment is a face, not a ramp: no ball of this kind rolls up 11 degrees.
-STEEP = 0.2
+FACE_GRADE_MIN = 0.2
 
 # A piece up to this length [m] that exceeds the slopes on both sides by this grade is a blurred
 # face.
-LEAST_GRADE, SHORT = 0.06, 0.065
+BLURRED_GRADE_MIN, BLURRED_LENGTH_MAX = 0.06, 0.065
 
 # Maximum slope difference within one line, beside its uncertainty.
-BEND = 0.01
+LINE_BEND_MAX = 0.01
 
 # Blur of a face to either side, in nodes.
-BLUR = 3
+BLUR_NODES = 3
 
 # Averaging width in nodes for face detection, up to this standard deviation [m].
-WIDTHS = (1, 0.0008), (3, 0.0025), (5, math.inf)
+SMOOTHING_WIDTHS = (1, 0.0008), (3, 0.0025), (5, math.inf)
 
 # Minimum height of a face, in metres and in standard deviations.
-LEAST_FACE, CERTAIN = 0.002, 4.0
+FACE_HEIGHT_MIN, FACE_SIGMAS = 0.002, 4.0
 
 # Positions that differ by less are the same [m].
-ON_NODE = 1e-6
+POSITION_TOLERANCE = 1e-6
 
 # Minimum tolerance of the polyline simplification [m].
-LEAST_TOLERANCE = 0.001
+TOLERANCE_MIN = 0.001
 
 
 class Piece(NamedTuple):
@@ -56,10 +57,10 @@ def pieces_of(nodes: Nodes, shared: float, edges: Sequence[Piece] = ()) -> List[
     """Return the ground as gentle and steep pieces, from left to right; `edges` are steep."""
     own = nodes.variance / shared
     usual = middle(own)
-    width = next(width for width, most in WIDTHS if usual < most**2)
+    width = next(width for width, most in SMOOTHING_WIDTHS if usual < most**2)
     z = nodes.z if width == 1 else _smooth(nodes.z, width)
     tolerance = np.maximum(
-        LEAST_TOLERANCE, CERTAIN * np.sqrt(np.minimum(own, 4.0 * usual) / width))
+        TOLERANCE_MIN, FACE_SIGMAS * np.sqrt(np.minimum(own, 4.0 * usual) / width))
     keep, stack = np.zeros(len(z)), np.zeros((len(z), 2))
     simplify(nodes.x, z, tolerance, keep, stack)
     for _, begin, end in edges:
@@ -77,7 +78,7 @@ def pieces_of(nodes: Nodes, shared: float, edges: Sequence[Piece] = ()) -> List[
         if sign and pieces and pieces[-1].sign == sign:
             pieces[-1] = Piece(sign, pieces[-1].begin, end)
         elif sign and len(pieces) > 1 and pieces[-1].sign == 0 and pieces[-2].sign == sign \
-                and begin - pieces[-1].begin <= BLUR:
+                and begin - pieces[-1].begin <= BLUR_NODES:
             pieces[-2:] = [Piece(sign, pieces[-2].begin, end)]
         else:
             pieces.append(Piece(sign, begin, end))
@@ -87,17 +88,17 @@ def pieces_of(nodes: Nodes, shared: float, edges: Sequence[Piece] = ()) -> List[
 def _signs(run: Array, rise: Array) -> List[int]:
     """Return 1 and -1 for rises and drops as steep as a face, 0 for gentle ground."""
     grade = rise / run
-    steep = (np.abs(grade) > STEEP) & (np.abs(rise) > LEAST_FACE / 2)
+    steep = (np.abs(grade) > FACE_GRADE_MIN) & (np.abs(rise) > FACE_HEIGHT_MIN / 2)
     signs: List[int] = np.where(steep, np.sign(rise), 0.0).astype(int).tolist()
     # A low face that is blurred is less steep, but steeper than the ground on both sides.
     long = [(float(end), float(slope)) for end, slope in zip(
-        np.cumsum(run)[run > SHORT], grade[run > SHORT])]
+        np.cumsum(run)[run > BLURRED_LENGTH_MAX], grade[run > BLURRED_LENGTH_MAX])]
     begin = 0.0
     for index, (length, slope) in enumerate(zip(run.tolist(), grade.tolist())):
-        if signs[index] == 0 and length <= SHORT:
+        if signs[index] == 0 and length <= BLURRED_LENGTH_MAX:
             before = [other for end, other in long if end <= begin + 1e-9][-1:]
             beside = before + [other for end, other in long if end > begin + length][:1]
-            least = max(LEAST_GRADE, LEAST_FACE / length)
+            least = max(BLURRED_GRADE_MIN, FACE_HEIGHT_MIN / length)
             for sign in (1, -1):
                 if beside and all(sign * (slope - other) > least for other in beside):
                     signs[index] = sign
@@ -111,7 +112,7 @@ def _without_blur(pieces: List[Piece]) -> List[Piece]:
     for index, piece in enumerate(pieces):
         before = found[-1] if found else None
         behind = pieces[index + 1] if index + 1 < len(pieces) else None
-        if piece.sign == 0 and piece.end - piece.begin <= BLUR:
+        if piece.sign == 0 and piece.end - piece.begin <= BLUR_NODES:
             if before and before.sign and behind and not behind.sign:
                 found[-1] = Piece(before.sign, before.begin, piece.end)
                 continue
@@ -141,10 +142,10 @@ def _is_one(nodes: Nodes, one: Piece, two: Piece) -> bool:
     (z, slope, z_variance, slope_variance), (other_z, other, other_variance, variance) = (
         line(nodes.x, nodes.z, nodes.variance, piece.begin, piece.end + 1, at)
         for piece in (short, long))
-    if not abs(z - other_z) < LEAST_TOLERANCE + 3.0 * math.sqrt(z_variance + other_variance):
+    if not abs(z - other_z) < TOLERANCE_MIN + 3.0 * math.sqrt(z_variance + other_variance):
         return False
     # The slope of a short piece is not significant.
-    apart = BEND + 3.0 * math.sqrt(slope_variance + variance)
+    apart = LINE_BEND_MAX + 3.0 * math.sqrt(slope_variance + variance)
     return short.end - short.begin < 12 or abs(slope - other) < apart
 
 
@@ -159,13 +160,13 @@ def _smooth(z: Array, width: int) -> Array:
 
 # Terrain length before and behind a face for its height [m], and to either side of the ball for
 # the slope [m].
-ASIDE, BELOW = 0.2, 0.1
+BESIDE_LENGTH, SLOPE_HALF_LENGTH = 0.2, 0.1
 
 # Minimum standard deviation of a slope, from the sensor mounting [rad].
-SLOPE_SD = 0.003
+SLOPE_SD_MIN = 0.003
 
 # Standard deviation of a face height whose upper end is not observed [m].
-UNSEEN_SD = 0.05
+UNSEEN_END_SD = 0.05
 
 
 class GroundSeen(NamedTuple):
@@ -208,7 +209,7 @@ def ground_of(found: ElevationMap, position: float,
         Of the ball [m].
     edges : sequence of Face
         Known faces: they are measured at their positions, and only the test of
-        `LEAST_FACE` applies to them.
+        `FACE_HEIGHT_MIN` applies to them.
 
     """
     known = np.flatnonzero(np.isfinite(found.variance))
@@ -222,7 +223,7 @@ def ground_of(found: ElevationMap, position: float,
     pieces = pieces_of(nodes, shared, known_edges)
     datum, slope, slope_variance = _below(nodes, pieces, position)
     points, sds, faces = _assemble(nodes, pieces, known_edges, datum)
-    slope_sd = math.sqrt(slope_variance + found.tilt_sd**2 + SLOPE_SD**2)
+    slope_sd = math.sqrt(slope_variance + found.tilt_sd**2 + SLOPE_SD_MIN**2)
     return GroundSeen(points, sds, faces, float(nodes.x[0]), float(nodes.x[-1]),
                       math.atan(slope), slope_sd)
 
@@ -231,8 +232,8 @@ def _edges_in(nodes: Nodes, edges: Sequence[Face]) -> List[Piece]:
     """Return the nodes between which known faces lie."""
     found = []
     for edge in edges:
-        begin = int(np.searchsorted(nodes.x, edge.position + ON_NODE)) - 1
-        end = int(np.searchsorted(nodes.x, edge.position + edge.run + ON_NODE))
+        begin = int(np.searchsorted(nodes.x, edge.position + POSITION_TOLERANCE)) - 1
+        end = int(np.searchsorted(nodes.x, edge.position + edge.run + POSITION_TOLERANCE))
         if begin >= 0 and end < len(nodes.x):
             found.append(Piece(1 if edge.height > 0.0 else -1, begin, end))
     return found
@@ -247,7 +248,7 @@ def _bridged(found: ElevationMap, known: Whole, shared: float) -> Nodes:
         return Nodes(x, z, variance)
     # Occluded terrain: a drop is at its edge, a rise at its nearest possible position.
     run, rise = np.diff(x), np.diff(z)
-    jumps = breaks[np.abs(rise - run * around(rise / run))[breaks] > LEAST_FACE]
+    jumps = breaks[np.abs(rise - run * around(rise / run))[breaks] > FACE_HEIGHT_MIN]
     return Nodes(np.insert(x, jumps + 1, x[jumps] + 1e-4),
                  np.insert(z, jumps + 1, z[jumps + 1]),
                  np.insert(variance, jumps + 1, variance[jumps + 1]))
@@ -255,13 +256,14 @@ def _bridged(found: ElevationMap, known: Whole, shared: float) -> Nodes:
 
 def _below(nodes: Nodes, pieces: List[Piece], position: float) -> Tuple[float, float, float]:
     """Return height and slope of the ground below the ball, faces apart, and its variance."""
-    x, width = nodes.x, round(2.0 * BELOW / CELL)
+    x, width = nodes.x, round(2.0 * SLOPE_HALF_LENGTH / CELL)
     gaps = [max(x[piece.begin] - position, position - x[piece.end], 0.0)
             if piece.sign == 0 else math.inf for piece in pieces]
     nearest = int(np.argmin(gaps))
-    if gaps[nearest] < BELOW:
+    if gaps[nearest] < SLOPE_HALF_LENGTH:
         first, behind = _inside(pieces, nearest)
-        begin = max(first, min(int(np.searchsorted(x, position - BELOW)), behind - width))
+        left = int(np.searchsorted(x, position - SLOPE_HALF_LENGTH))
+        begin = max(first, min(left, behind - width))
         end = min(begin + width, behind)
         if end - begin >= 6:
             z, slope, _, variance = line(x, nodes.z, nodes.variance, begin, end, position)
@@ -288,8 +290,8 @@ def _assemble(nodes: Nodes, pieces: List[Piece], edges: Sequence[Piece], datum: 
             put(face.position + face.run, *high)
             known = any(edge.sign == piece.sign and piece.begin <= edge.begin
                         and edge.end <= piece.end for edge in edges)
-            if piece.sign * excess > LEAST_FACE if known else abs(face.height) > max(
-                    LEAST_FACE, CERTAIN * math.sqrt(low[1] + high[1])):
+            if piece.sign * excess > FACE_HEIGHT_MIN if known else abs(face.height) > max(
+                    FACE_HEIGHT_MIN, FACE_SIGMAS * math.sqrt(low[1] + high[1])):
                 faces.append(face)
             continue
         if number == 0:
@@ -348,11 +350,11 @@ def _aside(nodes: Nodes, pieces: List[Piece], number: int, at: float, ahead: boo
         node = face.end if ahead else face.begin
         return _Side(float(nodes.z[node]), float(nodes.variance[node]), 0.0)
     begin, end = _inside(pieces, other)
-    if end - begin > ASIDE / CELL:
+    if end - begin > BESIDE_LENGTH / CELL:
         if ahead:
-            end = begin + round(ASIDE / CELL)
+            end = begin + round(BESIDE_LENGTH / CELL)
         else:
-            begin = end - round(ASIDE / CELL)
+            begin = end - round(BESIDE_LENGTH / CELL)
     z, slope, variance, _ = line(nodes.x, nodes.z, nodes.variance, begin, end, at)
     if end - begin < 4:
         # A cord or a groove: its mean would underestimate the observed height.
@@ -384,7 +386,7 @@ def _face(nodes: Nodes, pieces: List[Piece], number: int
     high = _aside(nodes, pieces, number, position + run, ahead=True)
     variance = low.variance + high.variance
     if not _is_seen_whole(pieces, number):
-        variance += UNSEEN_SD**2
+        variance += UNSEEN_END_SD**2
     excess = high.z - low.z - 0.5 * run * (low.slope + high.slope)
-    return (Face(0, position, high.z - low.z, PLACE_SD, math.sqrt(variance), run), excess,
+    return (Face(0, position, high.z - low.z, POSITION_SD, math.sqrt(variance), run), excess,
             (low.z, low.variance), (high.z, high.variance))

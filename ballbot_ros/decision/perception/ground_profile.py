@@ -7,13 +7,13 @@ from typing import List, Sequence, Tuple
 from ballbot_ros.decision.values import Profile
 
 # Least deviation of a bend of the ground between faces [m].
-UNEVEN = 0.004
+BEND_HEIGHT_MIN = 0.004
 # Distance from a face at which the ground is read [m]: its own points are not floor.
-ASIDE = 1e-4
+FACE_CLEARANCE = 1e-4
 # Bends that are kept between two faces.
-BENDS = 4
+BENDS_MAX = 4
 # Least length of the end of the polyline for a slope [m].
-END_LENGTH = 0.1
+END_LENGTH_MIN = 0.1
 
 
 class GroundProfile:
@@ -41,15 +41,15 @@ class GroundProfile:
             return self._slope
         (left, low), (right, high) = self._points[-2:]
         length = right - left
-        return (high - low) / length if length > END_LENGTH else self._slope
+        return (high - low) / length if length > END_LENGTH_MIN else self._slope
 
     def bends(self, begin: float, end: float) -> List[Tuple[float, float]]:
         """Return the positions of bends between two positions, and their height changes [m]."""
         inner = self._inner(begin, end)
         if len(inner) < 3:
             return []
-        found = simplified(inner, UNEVEN)[1:-1]
-        return [(x, z - inner[0][1]) for x, z in found] if len(found) <= BENDS else []
+        found = simplified(inner, BEND_HEIGHT_MIN)[1:-1]
+        return [(x, z - inner[0][1]) for x, z in found] if len(found) <= BENDS_MAX else []
 
     def rise(self, begin: float, end: float) -> float:
         """Return how much higher the ground is at a second place, faces at both left out [m]."""
@@ -58,9 +58,9 @@ class GroundProfile:
 
     def _inner(self, begin: float, end: float) -> List[Tuple[float, float]]:
         """Return the points from behind the first to before the second of two places."""
-        if end - begin < 2.0 * ASIDE:
+        if end - begin < 2.0 * FACE_CLEARANCE:
             return []
-        begin, end = begin + ASIDE, end - ASIDE
+        begin, end = begin + FACE_CLEARANCE, end - FACE_CLEARANCE
         inner = self._points[bisect_right(self._places, begin):bisect_left(self._places, end)]
         return [(begin, self._height(begin)), *inner, (end, self._height(end))]
 
@@ -80,7 +80,7 @@ class GroundProfile:
 def simplified(points: Sequence[Tuple[float, float]], error: float) -> List[Tuple[float, float]]:
     """Return the points that a polyline needs to stay within an error (Douglas, Peucker)."""
     (x, z), (end_x, end_z) = points[0], points[-1]
-    if len(points) < 3 or end_x - x < ASIDE:
+    if len(points) < 3 or end_x - x < FACE_CLEARANCE:
         return [points[0], points[-1]]
     steep = (end_z - z) / (end_x - x)
     away = [abs(point[1] - z - steep * (point[0] - x)) for point in points[1:-1]]

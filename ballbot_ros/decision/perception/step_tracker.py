@@ -14,7 +14,7 @@ from ballbot_ros.decision.tuning import DecisionTuning
 from ballbot_ros.decision.values import Face, FARTHEST, Reason, StepObservation
 
 # Window of the scatter estimate, and its minimum number of observations.
-KEPT, LEAST_KEPT = 25, 10
+SCATTER_WINDOW, SCATTER_COUNT_MIN = 25, 10
 
 
 class Scatter:
@@ -27,7 +27,7 @@ class Scatter:
     def __init__(self) -> None:
         """Start without a look."""
         self._last = math.nan
-        self._steps: Deque[float] = deque(maxlen=KEPT)
+        self._steps: Deque[float] = deque(maxlen=SCATTER_WINDOW)
 
     def add(self, value: float) -> None:
         """Add an observation [m]."""
@@ -38,7 +38,7 @@ class Scatter:
     @property
     def sd(self) -> float:
         """Return the standard deviation of an observation [m]; NaN for too few."""
-        if len(self._steps) < LEAST_KEPT:
+        if len(self._steps) < SCATTER_COUNT_MIN:
             return math.nan
         # Of Gaussian values, half of the differences are within 0.6745 sqrt(2) deviations.
         return median(self._steps) / 0.9539
@@ -46,24 +46,24 @@ class Scatter:
 
 # Minimum standard deviations: odometry and observation are never exactly simultaneous, and
 # odometry drifts during the approach.
-DISTANCE_FLOOR = 0.010   # [m]
-HEIGHT_FLOOR = 0.0001    # [m]
+POSITION_SD_MIN = 0.010   # [m]
+HEIGHT_SD_MIN = 0.0001    # [m]
 
 # Default standard deviations where the sensor reports none, before an estimate exists [m].
-DEFAULT_DISTANCE, DEFAULT_HEIGHT = 0.020, 0.005
+DEFAULT_POSITION_SD, DEFAULT_HEIGHT_SD = 0.020, 0.005
 
 # Maximum scatter of observations; above it they contradict each other [m].
-NOISE = 0.010
+SCATTER_MAX = 0.010
 
 # Maximum ratio of observed scatter to reported deviation; above it the scatter counts.
-TRUSTED_RATIO = 1.5
+SCATTER_RATIO_MAX = 1.5
 
 # A step may appear this far ahead of the centre when the ball has passed it.
-PASSED_SLACK = 0.02      # [m]
+PASSED_MARGIN = 0.02      # [m]
 
 # After an edge is passed, one at least this far beyond it is the next one.  A nearer one is the
 # same, displaced by odometry slip; treads are longer.
-NEXT_EDGE = 0.1          # [m]
+NEXT_EDGE_GAP_MIN = 0.1          # [m]
 
 
 class StepTracker:
@@ -135,10 +135,10 @@ class StepTracker:
         self._heights.add(observation.height)
         self._places.add(position + observation.distance)
         shown = Face(0, position + observation.distance, observation.height,
-                     _combined_sd(observation.distance_sd, self._places.sd, DEFAULT_DISTANCE,
-                                  DISTANCE_FLOOR),
-                     _combined_sd(observation.height_sd, self._heights.sd, DEFAULT_HEIGHT,
-                                  HEIGHT_FLOOR))
+                     _combined_sd(observation.distance_sd, self._places.sd, DEFAULT_POSITION_SD,
+                                  POSITION_SD_MIN),
+                     _combined_sd(observation.height_sd, self._heights.sd, DEFAULT_HEIGHT_SD,
+                                  HEIGHT_SD_MIN))
         edges, sigmas = self._edges, self._tuning.contradiction_sigma
         edge = edges.nearest(shown, [one for one in edges.edges if one.step is not None
                                      and not _is_passed(one, position)], self._radius)
@@ -162,7 +162,7 @@ class StepTracker:
             # Odometry slip displaces an edge that is passed; treads are longer.
             edge = edges.nearest(shown, [
                 one for one in edges.edges if one.step is not None and _is_passed(one, position)
-                and shown.position <= one.step.mean.position + NEXT_EDGE], math.inf) \
+                and shown.position <= one.step.mean.position + NEXT_EDGE_GAP_MIN], math.inf) \
                 or edges.nearest(shown, [one for one in edges.edges if one.step is None])
             if edge is None:
                 edge = edges.start(self._first)
@@ -189,7 +189,7 @@ class StepTracker:
                                  self._heights.sd / math.sqrt(trend.count)))
             height, height_sd = _average(
                 known.height, float(scatter), shown.height, shown.height_sd)
-            edge.step.mean = Face(0, place, height, max(place_sd, DISTANCE_FLOOR),
+            edge.step.mean = Face(0, place, height, max(place_sd, POSITION_SD_MIN),
                                   max(height_sd, bias))
         edge.step.trend.add(observation.distance, observation.height)
 
@@ -210,7 +210,7 @@ class StepTracker:
 
 def _is_passed(edge: TrackedEdge, position: float) -> bool:
     """Return whether the centre is beyond an edge that the step sensor has detected."""
-    return edge.step is not None and position > edge.step.mean.position - PASSED_SLACK
+    return edge.step is not None and position > edge.step.mean.position - PASSED_MARGIN
 
 
 def _fault(observation: StepObservation, position: float) -> str:
@@ -228,10 +228,10 @@ def _fault(observation: StepObservation, position: float) -> str:
 
 def _combined_sd(reported: float, scatter: float, default: float, floor: float) -> float:
     """Return the standard deviation of an observation, from the reported one and the scatter."""
-    scatter = min(scatter, NOISE) if math.isfinite(scatter) else math.nan
+    scatter = min(scatter, SCATTER_MAX) if math.isfinite(scatter) else math.nan
     if reported > 0.0:
         # Written so that an unknown scatter has no effect.
-        return max(scatter if scatter > TRUSTED_RATIO * reported else reported, floor)
+        return max(scatter if scatter > SCATTER_RATIO_MAX * reported else reported, floor)
     return max(scatter, floor) if math.isfinite(scatter) else default
 
 

@@ -19,17 +19,17 @@ from ballbot_ros.decision.values import FARTHEST, Profile, Reason, TerrainObserv
 from ballbot_ros.physics.model.terrain import Array
 
 # More points than a row of any camera are invalid.
-MOST_POINTS = 5000
+POINTS_MAX = 5000
 
 # A sensor with this range behind, and a smaller one ahead, is mounted backwards [m].
-FAR_BEHIND = 0.6
+BACKWARD_RANGE_MIN = 0.6
 
 # An offset of the floor from the bottom of the ball is subtracted as a mounting error up to this;
 # beyond, it is not the floor below the ball [m].
-LARGEST_OFFSET = 0.03
+FLOOR_OFFSET_MAX = 0.03
 
 # Largest height of a ball over an edge, or in the air, above previously observed ground [m].
-LARGEST_LIFT = 0.3
+LIFT_MAX = 0.3
 
 
 def fault(observation: TerrainObservation, frame: str) -> str:
@@ -50,8 +50,8 @@ def fault(observation: TerrainObservation, frame: str) -> str:
     if len(observation.z) != count or len(observation.z_sd) not in (0, count):
         return (f'{count} x have {len(observation.z)} z and {len(observation.z_sd)} standard '
                 'deviations')
-    if not 2 <= count <= MOST_POINTS:
-        return f'it has {count} points, 2 to {MOST_POINTS} are possible'
+    if not 2 <= count <= POINTS_MAX:
+        return f'it has {count} points, 2 to {POINTS_MAX} are possible'
     return _of_numbers(*arrays(observation),
                        np.array((observation.stamp, observation.x_min, observation.x_max)))
 
@@ -82,7 +82,7 @@ def _of_numbers(x: Array, z: Array, z_sd: Array, others: Array) -> str:
     if not low < high:
         return (f'it has seen from x_min {others[1]:g} to x_max {others[2]:g} m, and has points '
                 f'from {x[0]:g} to {x[-1]:g} m')
-    if high < -low and low < -FAR_BEHIND:
+    if high < -low and low < -BACKWARD_RANGE_MIN:
         return (f'it has seen {-low:.2f} m behind the ball and {high:.2f} m ahead: is the sensor '
                 'mounted backwards?')
     return ''
@@ -110,12 +110,12 @@ def misplaced(x: Array, z: Array, radius: float, known: bool) -> str:
         return (f'the ground is {1e3 * below:.0f} mm above the centre of the ball: is the '
                 'sensor upside down, or z not upwards?')
     clearance = float(np.hypot(x, z).min()) - radius
-    highest = LARGEST_LIFT if known else LARGEST_OFFSET
+    highest = LIFT_MAX if known else FLOOR_OFFSET_MAX
     if x[0] > 0.0:
         highest += float(x[0])  # the touch position is not observed
-    if not -LARGEST_OFFSET <= clearance <= highest:
+    if not -FLOOR_OFFSET_MAX <= clearance <= highest:
         return (f'the ground is {1e3 * clearance:.0f} mm from the ball that rests on it, '
-                f'{-1e3 * LARGEST_OFFSET:.0f} to {1e3 * highest:.0f} mm are possible: is the '
+                f'{-1e3 * FLOOR_OFFSET_MAX:.0f} to {1e3 * highest:.0f} mm are possible: is the '
                 'mounting of the sensor consistent with its frame?')
     return ''
 
