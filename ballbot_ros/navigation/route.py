@@ -45,6 +45,8 @@ REVERSAL, ALIGNMENT = 2.0, 2.0
 OFFSET_COST, TURN_COST = 10.0, 4.0
 # Largest cost of a start from which the ball may cross a step without driving first [s].
 ALIGNED_COST = 1.2
+# Largest angle between the ball, or the way out of a place where no state is, and its state [rad].
+DEVIATION = math.radians(23.0)
 # How far the ball backs out of a place where no state is [m], and how much nearer to a wall than
 # its radius the localisation may place it [m].
 ESCAPE, INACCURATE = 1.0, 0.08
@@ -504,7 +506,8 @@ class RoutePlanner:
         x, y = float(start[0]), float(start[1])
         states, costs = [], []
         near = math.hypot(*np.array(self._point(self._node((x, y)))) - (x, y)) + 1e-9
-        reach = near if not self._blocked.flat[self._node((x, y))] else ESCAPE
+        escapes = bool(self._blocked.flat[self._node((x, y))])
+        reach = ESCAPE if escapes else near
         row, column = divmod(self._node((x, y)), self._walls.shape[1])
         span = math.ceil(reach / self._size)
         for r in range(max(0, row - span), min(self._walls.shape[0], row + span + 1)):
@@ -517,11 +520,11 @@ class RoutePlanner:
                 for heading, angle in enumerate(HEADINGS):
                     turned = 0.0 if len(start) < 3 else abs(
                         math.remainder(angle - start[2], 2.0 * math.pi))
-                    if turned > math.radians(23.0):
-                        continue
                     # Along the heading the ball gets there, sideways it does not.
                     aside = abs(-math.sin(angle) * dx + math.cos(angle) * dy)
-                    if aside <= 1.01 * self._size:
+                    course = math.asin(min(1.0, aside / (math.hypot(dx, dy) or 1.0)))
+                    if max(turned, course if escapes else 0.0) <= DEVIATION \
+                            and aside <= 1.01 * self._size:
                         states.append((r * self._walls.shape[1] + c) * COUNT + heading)
                         costs.append(OFFSET_COST * aside + TURN_COST * turned
                                      + math.hypot(dx, dy) / BACKWARD_SPEED)
