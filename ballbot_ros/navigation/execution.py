@@ -20,7 +20,7 @@ from ballbot_ros.errors import RefusedError
 from ballbot_ros.floors.floor import distance_to_segment, Point
 from ballbot_ros.navigation.learned import Learned
 from ballbot_ros.navigation.route import CLEARANCE, Route, RoutePlanner, Segment
-from ballbot_ros.navigation.tracking import Path, SETTLING, Tracker
+from ballbot_ros.navigation.tracking import EDGE, EDGE_TIME, Path, SETTLING, Tracker
 
 # The ball rests when it is slower than this [m/s] for this time [s].
 RESTING, RESTS_AFTER = 0.03, 0.4
@@ -29,10 +29,8 @@ CLOSE, TOLERANCE = 0.03, 0.15
 # Deviations from a path with which it is planned again [m], [rad]; that at its start, up to ASIDE,
 # counts extra.
 ASIDE, TURNED = 0.15, math.radians(40.0)
-# Deviations from the line of a crossing with which it may begin [m], [rad].
-CROSS_ASIDE, CROSS_TURNED = 0.08, math.radians(6.0)
-# Alignments that are tried before a crossing begins with larger deviations, and distance that the
-# ball backs off for one: the errors decay twice, backward and forward [m].
+# Alignments that are tried before a crossing begins in any case, and distance that the ball backs
+# off for one: the errors decay twice, backward and forward [m].
 ALIGNMENTS, ALIGNING = 2, 2.0 * SETTLING
 # A localisation that moves farther than the ball between two percepts has jumped [m], [rad].
 JUMP, JUMP_TURN = 0.25, 0.5
@@ -46,8 +44,6 @@ EXPLAINED = 0.2
 FACE, HIGHER = 0.004, 0.004
 # The ball is stuck with less progress than this [m] in this time [s].
 PROGRESS, STUCK_AFTER = 0.03, 8.0
-# Before the edge, a crossing is not steered any more: distance [m], and time [s].
-EDGE, EDGE_TIME = 0.3, 0.8
 REPLANS = 12
 CROSSING_TIMEOUT = 90.0
 
@@ -355,11 +351,14 @@ class Navigator:
                         aside=min(abs(left), ASIDE))
         if segment.feature is None:
             return state
-        turned = abs(math.remainder(percept.heading - segment.heading, 2.0 * math.pi))
-        if (abs(left) > CROSS_ASIDE or turned > CROSS_TURNED) and state.alignments < ALIGNMENTS:
+        assert segment.crossing is not None
+        if state.alignments < ALIGNMENTS and not self.planner.aligned(
+                (percept.x, percept.y, percept.heading), (segment.points[0], segment.points[-1]),
+                self.planner.floor.features.index(segment.feature), segment.crossing):
+            turned = math.remainder(percept.heading - segment.heading, 2.0 * math.pi)
             return self._align(replace(
                 state, alignments=state.alignments + 1,
-                message=f'{left:+.2f} m and {math.degrees(turned):.0f} degrees off the line of '
+                message=f'{left:+.2f} m and {math.degrees(turned):+.0f} degrees off the line of '
                 f'the {segment.feature.label}'), segment, percept)
         return replace(state, status=NavStatus.CROSSING, crossing_start=percept.stamp,
                        alignments=0)

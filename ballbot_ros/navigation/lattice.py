@@ -158,8 +158,6 @@ class Problem(NamedTuple):
         States.
     start_costs : (n,) array
         [s]
-    aligned_cost : float
-        Starts that cost more are too far from the pose of the ball for a crossing [s].
     goal_cell, goal_heading : int
         A heading of -1 means any.
     slowness : (rows, columns) array
@@ -174,13 +172,14 @@ class Problem(NamedTuple):
         States that crossings lead from and to, sorted by start.
     arc_times, arc_levels : (m,) arrays
         Time [s] and risk level of each.
+    aligned : (m,) array of bool
+        Whether each can begin at the pose of the ball, where its state is a start.
     most_level : int
 
     """
 
     starts: NDArray[np.int64]
     start_costs: NDArray[np.float64]
-    aligned_cost: float
     goal_cell: int
     goal_heading: int
     slowness: NDArray[np.float64]
@@ -193,6 +192,7 @@ class Problem(NamedTuple):
     arc_ends: NDArray[np.int64]
     arc_times: NDArray[np.float64]
     arc_levels: NDArray[np.int64]
+    aligned: NDArray[np.bool_]
     most_level: int
 
 
@@ -272,11 +272,11 @@ def expand(problem: Problem, tree: SearchTree, firsts: NDArray[np.int32]) -> int
     Search by A* over (risk level, direction, heading, cell); return the node of the goal.
 
     `NONE` if there is no way, `FULL` if the arrays are too short.  The first node that is expanded
-    at a state is kept in `firsts`, which holds -1 before: it dominates all others of at least its
-    risk level that cost more by a change of direction.
+    at a state, and is not a start, is kept in `firsts`, which holds -1 before: it dominates all
+    others of at least its risk level that cost more by a change of direction.
     """
-    (starts, start_costs, aligned_cost, goal_cell, goal_heading, slowness, heuristic, ends, cells,
-     times, reversal, arc_starts, arc_ends, arc_times, arc_levels, most_level) = problem
+    (starts, start_costs, goal_cell, goal_heading, slowness, heuristic, ends, cells,
+     times, reversal, arc_starts, arc_ends, arc_times, arc_levels, aligned, most_level) = problem
     slots, keys, parents, moves, costs, closed, heap_costs, heap_nodes = tree
     rows, columns = slowness.shape
     states, per, mask = rows * columns * 16, len(times) // 16, len(slots) - 1
@@ -293,8 +293,6 @@ def expand(problem: Problem, tree: SearchTree, firsts: NDArray[np.int32]) -> int
             heading, base = state % 16, costs[expanded]
             first = np.searchsorted(arc_starts, state)
             number = per
-            if parents[expanded] < 0 and base > aligned_cost:
-                first = len(arc_starts)
             while first + number - per < len(arc_starts) \
                     and arc_starts[first + number - per] == state:
                 number += 1
@@ -322,7 +320,7 @@ def expand(problem: Problem, tree: SearchTree, firsts: NDArray[np.int32]) -> int
             else:
                 arc = first + item - per
                 new_level, new_direction = level + arc_levels[arc], 1
-                if new_level > most_level:
+                if new_level > most_level or parents[expanded] < 0 and not aligned[arc]:
                     continue
                 target, cost, move = arc_ends[arc], base + arc_times[arc], -2 - arc
             remaining = heuristic[target // 16]
@@ -379,7 +377,7 @@ def expand(problem: Problem, tree: SearchTree, firsts: NDArray[np.int32]) -> int
             return NONE
         closed[expanded] = 1
         state = keys[expanded] % states
-        if firsts[state] < 0 and (parents[expanded] >= 0 or costs[expanded] <= aligned_cost):
+        if firsts[state] < 0 and parents[expanded] >= 0:
             firsts[state] = expanded
         if state // 16 == goal_cell and (goal_heading < 0 or state % 16 == goal_heading):
             return expanded

@@ -26,6 +26,7 @@ from ballbot_ros.navigation.capability import Capability, CrossingPlan
 from ballbot_ros.navigation.lattice import (
     CELL_SHARE, COUNT, HEADINGS, LEVELS, Moves, primitives, Problem, Tree, VECTORS)
 from ballbot_ros.navigation.learned import Learned
+from ballbot_ros.navigation.tracking import steered
 from ballbot_ros.steering import curvature_limit, height_factor
 from ballbot_ros.steering.model import required_steering
 
@@ -43,8 +44,6 @@ ARC_SPEED, BACKWARD_SPEED, LARGEST_CELL = 0.25, 0.2, 0.12
 REVERSAL, ALIGNMENT = 2.0, 2.0
 # Time that a deviation of the start from its state costs [s/m], [s/rad].
 OFFSET_COST, TURN_COST = 10.0, 4.0
-# Largest cost of a start from which the ball may cross a step without driving first [s].
-ALIGNED_COST = 1.2
 # Largest angle between the ball, or the way out of a place where no state is, and its state [rad].
 DEVIATION = math.radians(23.0)
 # How far the ball backs out of a place where no state is [m], and how much nearer to a wall than
@@ -310,6 +309,64 @@ class RoutePlanner:
                                              elsewhere)
         return found
 
+    def aligned(self, pose: Sequence[float], line: Tuple[Point, Point], number: int,
+                crossing: CrossingPlan) -> bool:
+        """
+        Return whether a crossing may begin at a pose.
+
+        Parameters
+        ----------
+        pose : (float, float, float)
+            Position [m] and heading [rad].
+        line : ((float, float), (float, float))
+            Start and end of the crossing [m].
+        number : int
+            Of the feature.
+        crossing : CrossingPlan
+
+        Returns
+        -------
+        bool
+            Whether the ball, steered on the run-up and straight ahead from then on, finds free
+            floor, and the capability has a crossing at its angle to the edge; a ball that is
+            nearer to a wall than the clearance must not get nearer.
+
+        """
+        assert self._learned is not None
+        (x, y), distance = line[0], math.dist(*line)
+        course = math.atan2(line[1][1] - y, line[1][0] - x)
+        driven, left, turned = steered(
+            (pose[1] - y) * math.cos(course) - (pose[0] - x) * math.sin(course),
+            math.remainder(pose[2] - course, 2.0 * math.pi), crossing.run_up, crossing.speed)
+        heading, distance = course + turned, distance - driven
+        x += driven * math.cos(course) - left * math.sin(course)
+        y += driven * math.sin(course) + left * math.cos(course)
+        along = np.arange(0.0, distance + LONGEST, SAMPLE)
+        way = math.cos(heading), math.sin(heading)
+        xs, ys = x + along * way[0], y + along * way[1]
+        nodes = [self._node(place) for place in zip(xs, ys)]
+        for begin, end in self.floor.features[number].segments:
+            sign = _side((x, y), (x + distance * way[0], y + distance * way[1]), begin, end)
+            normal = math.atan2(end[0] - begin[0], begin[1] - end[1])
+            angle = math.remainder(heading - normal - (math.pi if sign < 0 else 0.0),
+                                   2.0 * math.pi)
+            if not sign or not height_factor(angle):
+                continue
+            clear = self._clear.flat[nodes]
+            blocked = np.logical_or.reduce([
+                clear < min(self.ball_radius + CLEARANCE, clear[0]),
+                self._near[number].flat[nodes] & (distance_to_segment(
+                    xs, ys, begin, end) >= self._keep[number] + self._size)] + [
+                near.flat[nodes] for other, near in enumerate(self._near) if other != number])
+            edge = ((begin[0] - x) * (end[1] - y) - (begin[1] - y) * (end[0] - x)) / (
+                way[0] * (end[1] - begin[1]) - way[1] * (end[0] - begin[0]))
+            feature = self._learned.corrected(number, self.floor.features[number])
+            faces = self._faces(feature, (x + edge * way[0], y + edge * way[1]), way, sign, angle)
+            free = float(along[int(np.argmax(blocked))] if blocked.any() else along[-1])
+            return free > distance and bool(self._capability.choices(
+                faces, feature.height_sd, crossing.run_up, free - edge - 0.5 * faces[-1][0]))
+        return False
+
     def _along(self, number: int, feature: Feature, line: Tuple[Point, Point], heading: int,
                sign: int, angle: float, others: NDArray[np.bool_]) -> List[_Arc]:
         """Return the crossings of a segment of a feature along a heading."""
@@ -448,7 +505,13 @@ class RoutePlanner:
         heading = -1 if len(goal) < 3 else min(range(COUNT), key=lambda item: abs(
             math.remainder(HEADINGS[item] - goal[2], 2.0 * math.pi)))
         far = csgraph.dijkstra(self._backward, directed=True, indices=last)
-        time, path = self._find(states, costs, last, heading, far)
+        aligned = np.isin(self._arc_arrays[0], states)
+        for item in np.flatnonzero(aligned if len(start) > 2 else []):
+            arc = self._offered[item]
+            aligned[item] = self.aligned(start, (
+                self._point(arc.start // COUNT), self._point(arc.end // COUNT)), arc.number,
+                arc.crossing)
+        time, path = self._find(states, costs, last, heading, far, aligned)
         shortest, passed = self._shortest(self._node(start), last)
         if not math.isfinite(time):
             self._refuse(shortest, passed, math.isfinite(far[states // COUNT].min()))
@@ -468,15 +531,21 @@ class RoutePlanner:
 
     def warm_up(self) -> None:
         """Compile the search, or load it."""
-        self._find(np.zeros(1, np.int64), np.zeros(1), 0, -1, np.zeros(self._blocked.size))
+        self._find(np.zeros(1, np.int64), np.zeros(1), 0, -1, np.zeros(self._blocked.size),
+                   np.zeros(len(self._offered), bool))
 
     def _find(self, states: NDArray[np.int64], costs: NDArray[np.float64], last: int, heading: int,
-              far: NDArray[np.float64]) -> Tuple[float, List[Tuple[int, int]]]:
-        """Search from states with their costs to a cell; `far` are distances to it [m]."""
+              far: NDArray[np.float64], aligned: NDArray[np.bool_]
+              ) -> Tuple[float, List[Tuple[int, int]]]:
+        """
+        Search from states with their costs to a cell.
+
+        `far` are distances to it [m]; crossings that are not `aligned` do not begin at the start.
+        """
         return self._tree.find(Problem(
-            states, costs, ALIGNED_COST, last, heading, self._slowness,
+            states, costs, last, heading, self._slowness,
             far / (OCTILE * self._tuning.cruise_speed), self._moves.ends, self._moves.cells,
-            self._moves.times, REVERSAL, *self._arc_arrays, LEVELS))
+            self._moves.times, REVERSAL, *self._arc_arrays, aligned, LEVELS))
 
     def _refuse(self, shortest: float, passed: List[Tuple[int, int]], point_gets_there: bool
                 ) -> None:

@@ -20,6 +20,8 @@ from ballbot_ros.steering import curvature_limit
 SETTLING, SETTLING_TIME = 0.35, 1.2
 # The lean follows later: the feedforward looks ahead by this time [s].
 LEAD = 0.6
+# Before the edge, a crossing is not steered any more: distance [m], and time [s].
+EDGE, EDGE_TIME = 0.3, 0.8
 # Speed is reduced this far before a turn, and kept this far behind it [m].
 EARLY, BEHIND = 0.2, 0.1
 # Deceleration towards the end of a path [m/s2], and time constant of the last part [s].
@@ -100,6 +102,35 @@ class Path(NamedTuple):
     def ahead(self, since: float, distance: float) -> NDArray[np.float64]:
         """Return the points of the part from `since` on [m]."""
         return self.points[(self.along >= since) & (self.along <= since + distance)]
+
+
+def steered(left: float, turned: float, run_up: float, speed: float
+            ) -> Tuple[float, float, float]:
+    """
+    Return where on a straight run-up the steering ends, and the errors of the ball there.
+
+    Parameters
+    ----------
+    left, turned : float
+        Errors at its begin: to the left of the path [m], and of the heading [rad].
+    run_up : float
+        [m]
+    speed : float
+        At its end [m/s].
+
+    Returns
+    -------
+    (float, float, float)
+        Distance from the begin [m], and errors as above; both poles are those of `Tracker`, and
+        the lean follows later.
+
+    """
+    settling = max(SETTLING, SETTLING_TIME * speed)
+    way = max(0.0, run_up - EDGE - (EDGE_TIME + LEAD) * speed)
+    rate = left / settling + math.tan(turned)
+    decayed = math.exp(-way / settling)
+    return way, (left + rate * way) * decayed, math.atan(
+        (math.tan(turned) - rate * way / settling) * decayed)
 
 
 class Tracker:

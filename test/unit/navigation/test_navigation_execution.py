@@ -11,7 +11,8 @@ from ballbot_ros.errors import RefusedError
 from ballbot_ros.floors import load_floor
 from ballbot_ros.navigation import RoutePlanner
 from ballbot_ros.navigation.execution import (
-    CommandKind, CrossingReport, NavigationState, Navigator, NavStatus, Percept)
+    CLOSE, CommandKind, CrossingReport, NavigationState, Navigator, NavStatus, Percept)
+from ballbot_ros.navigation.route import CLEARANCE
 from ballbot_ros.physics import load_robot
 
 KNOWLEDGE = Knowledge(load_robot('gimball'), load_curve('gimball_down'),
@@ -239,15 +240,14 @@ def test_a_ball_off_the_line_of_a_crossing_backs_off_and_returns_onto_it(navigat
     ball.run(60.0, until=lambda ball: (
         ball.state.segment and ball.state.segment.feature is None
         and ball.state.route.segments[ball.state.index + 1].feature is not None
-        and ball.state.path.length - ball.state.along < 0.05))
-    ball.heading += math.radians(12.0)
+        and ball.state.path.length - ball.state.along <= CLOSE))
+    ball.x += 0.25
     ball.run(10.0, until=lambda ball: ball.state.alignments == 1)
     there, back, crossing = ball.state.route.segments[ball.state.index:ball.state.index + 3]
     assert (there.direction, back.direction) == (-1, 1) and crossing.feature is not None
     assert there.points == back.points[::-1] and back.points[-1] == crossing.points[0]
     ball.run(30.0, until=lambda ball: ball.state.status is NavStatus.CROSSING)
-    turned = math.remainder(ball.heading - crossing.heading, 2.0 * math.pi)
-    assert abs(turned) < math.radians(6.0) and at_rest(ball)
+    assert at_rest(ball)
     assert math.dist((ball.x, ball.y), crossing.points[0]) < 0.1
 
 
@@ -262,3 +262,28 @@ def test_a_deviation_from_before_a_segment_is_no_cause_to_plan_again(navigator):
     ball.state = replace(ball.state, last=None)
     ball.step()
     assert ball.state.reason == 'off_path'
+
+
+@pytest.mark.parametrize(('degrees', 'aligned'), [(0.0, True), (-20.0, True), (50.0, False)])
+def test_planner_and_navigator_agree_whether_a_crossing_begins_at_the_ball(
+        navigator, planner, degrees, aligned):
+    route = planner.route((*KITCHEN, 1.57), BEDROOM)
+    index = next(index for index, segment in enumerate(route.segments) if segment.feature)
+    segment = route.segments[index]
+    pose = *segment.points[0], segment.heading + math.radians(degrees)
+    number = planner.floor.features.index(segment.feature)
+    assert planner.aligned(pose, segment.points, number, segment.crossing) is aligned
+    entered = navigator._enter(
+        NavigationState(route=route, goal=BEDROOM), index, Percept(0.0, *pose, 0.0))
+    assert (entered.status is NavStatus.CROSSING) is aligned
+
+
+def test_a_ball_closer_to_a_wall_than_the_clearance_crosses_only_away_from_it(planner):
+    place = 2.55, 3.7
+    number, = (number for number, feature in enumerate(planner.floor.features)
+               if feature.kind == 'cord')
+    crossing = next(item.crossing for item in planner.route((*KITCHEN, 1.57), BEDROOM).segments
+                    if item.feature is planner.floor.features[number])
+    assert planner._clear.flat[planner._node(place)] < planner.ball_radius + CLEARANCE
+    for turned, free in ((-0.1, True), (0.1, False)):
+        assert planner.aligned((*place, turned), (place, (3.4, 3.7)), number, crossing) is free

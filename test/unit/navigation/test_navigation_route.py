@@ -123,6 +123,19 @@ def test_joints_of_a_straight_step_do_not_change_the_route(joints, tmp_path):
     assert jointed == pytest.approx(straight, abs=0.2 / TUNING.cruise_speed)
 
 
+@pytest.mark.parametrize(('height', 'degrees', 'aligned'), [
+    (0.008, 30.0, True), (0.03, 30.0, False), (0.03, 5.0, True), (0.042, 30.0, False),
+    (0.042, 2.0, True)])
+def test_the_height_of_a_step_bounds_the_angle_at_which_its_crossing_begins(
+        height, degrees, aligned, tmp_path):
+    planner = planner_of(tmp_path, [
+        f'{{kind: step, line: [[2.2, 4.0], [2.2, 0.0]], height: {height}}}'])
+    segments = planner.route((0.8, 2.0), (3.3, 2.0)).segments
+    segment = next(item for item in segments if item.feature)
+    pose = *segment.points[0], segment.heading + math.radians(degrees)
+    assert planner.aligned(pose, segment.points, 0, segment.crossing) is aligned
+
+
 @settings(max_examples=25, deadline=None)
 @given(strategies.tuples(*[strategies.floats(0.3, 8.7), strategies.floats(0.3, 6.7)] * 2))
 @example((8.0, 4.25, 1.0, 1.0))
