@@ -29,7 +29,7 @@ import threading
 import time
 from typing import NamedTuple
 
-from ballbot_ros.bridge.battery import Battery
+from ballbot_ros.bridge.condition import Battery
 from ballbot_ros.bridge.drive_line import connector
 from ballbot_ros.bridge.hardware_file import load_hardware
 from ballbot_ros.bridge.loop import Loop

@@ -1,12 +1,282 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Heat and battery: derating of the torque, warnings, and reasons to engage the e-stop."""
-import math
-from typing import NamedTuple, Tuple
+r"""
+Heat and battery: derating of the torque, warnings, and reasons to engage the e-stop.
 
-from ballbot_ros.bridge.battery import BatteryWatch
-from ballbot_ros.bridge.derating import derating, warmed
-from ballbot_ros.bridge.hardware_file import Hardware
+The voltage of a battery drops under load.  So the thresholds apply to the open-circuit voltage,
+the measured voltage plus the drop over the internal resistance, smoothed; and the battery must
+stay below empty_voltage for a while before the torque fades.
+
+A winding warms with the square of its current and cools with a time constant.  Its warmth h, 1 at
+the continuous rating, follows the torque::
+
+    h' = ((torque / continuous torque)^2 - h) / time constant
+
+Under a constant torque the solution is an exponential, exact for any step.
+"""
+from dataclasses import dataclass
+import math
+from typing import NamedTuple, Optional, Tuple
+
+from ballbot_ros.config.fields import Checked, quantity, text
 from ballbot_ros.drives.contract import Telemetry
+from ballbot_ros.errors import ConfigurationError
+
+# Shortest duration of a warning [s].
+SEEN = 2.0
+# A low-battery warning ends this fraction above low_voltage.
+HYSTERESIS = 0.01
+
+TECHNOLOGIES = ('unknown', 'nimh', 'lion', 'lipo', 'life', 'nicd', 'limn')
+
+
+@dataclass(frozen=True)
+class Battery(Checked):
+    """Thresholds of the open-circuit voltage; a threshold that is not given is not monitored."""
+
+    technology: str = text(
+        'technology of the cells, as in sensor_msgs/BatteryState', default='unknown',
+        choices=TECHNOLOGIES)
+    full_voltage: Optional[float] = quantity(
+        'V', 'voltage at rest when full', above=0.0, maximum=1000.0, optional=True)
+    low_voltage: Optional[float] = quantity(
+        'V', 'voltage below which it should be charged: a warning', above=0.0, maximum=1000.0,
+        optional=True)
+    empty_voltage: Optional[float] = quantity(
+        'V', 'voltage below which, for empty_time, the torque fades and the e-stop engages',
+        above=0.0, maximum=1000.0, optional=True)
+    high_voltage: Optional[float] = quantity(
+        'V', 'voltage above which braking feeds back more than battery and brake resistor absorb: '
+        'a warning, to be set below the cut-off limit of the drive', above=0.0, maximum=1000.0,
+        optional=True)
+    resistance: float = quantity(
+        'ohm', 'resistance of battery and leads, through which the current lowers the voltage',
+        default=0.0, minimum=0.0, maximum=10.0)
+    smoothing: float = quantity(
+        's', 'time constant with which the voltage is smoothed', default=2.0, above=0.0,
+        maximum=600.0)
+    empty_time: float = quantity(
+        's', 'time for which it must be empty', default=5.0, minimum=0.0, maximum=600.0)
+    fade_time: float = quantity(
+        's', 'time in which the torque then fades, to lower the pendulum', default=2.0,
+        minimum=0.0, maximum=60.0)
+    capacity: Optional[float] = quantity(
+        'A h', 'charge when full', above=0.0, maximum=1e4, optional=True)
+
+    def __post_init__(self) -> None:
+        """Check each value, and that empty is below low, and so on."""
+        super().__post_init__()
+        given = [(name, value) for name, value in (
+            ('empty_voltage', self.empty_voltage), ('low_voltage', self.low_voltage),
+            ('full_voltage', self.full_voltage), ('high_voltage', self.high_voltage))
+            if value is not None]
+        for (lower, low), (upper, high) in zip(given, given[1:]):
+            if not low < high:
+                raise ConfigurationError(
+                    f'Battery: {lower} must be below {upper}, got {low:g} and {high:g} V',
+                    'inconsistent', lower)
+
+
+class BatteryWatch(NamedTuple):
+    """State of the battery monitor; each sample returns the next state."""
+
+    voltage: float = math.nan  # open-circuit, smoothed; NaN before the first reading [V]
+    time: float = -math.inf  # of the last sample [s]
+    low: bool = False
+    empty_since: float = math.inf  # start of the uninterrupted time below empty_voltage [s]
+    fading_since: float = math.inf  # start of the fade of the torque [s]
+    too_high_until: float = -math.inf  # end of the high_voltage warning [s]
+
+    def look(self, battery: Battery, voltage: Optional[float], current: Optional[float],
+             now: float) -> 'BatteryWatch':
+        """
+        Return the state after a sample of the drive.
+
+        Parameters
+        ----------
+        battery : Battery
+        voltage : float, optional
+            Of the supply [V]; NaN, or a value not above 0, is not a reading.
+        current : float, optional
+            From the battery, negative while it charges [A]; 0 if the drive does not report it.
+        now : float
+            [s]
+
+        """
+        if voltage is None or not (math.isfinite(voltage) and voltage > 0.0):
+            return self
+        drawn = current if current is not None and math.isfinite(current) else 0.0
+        rest, pause = voltage + battery.resistance * drawn, now - self.time
+        if math.isnan(self.voltage):
+            smooth = rest
+        else:
+            smooth = rest + (self.voltage - rest) * math.exp(
+                -max(pause, 0.0) / battery.smoothing)
+        low, empty, high = battery.low_voltage, battery.empty_voltage, battery.high_voltage
+        is_empty = empty is not None and smooth < empty
+        empty_since = min(self.empty_since, now) if is_empty else math.inf
+        fading = self.fading_since
+        if now - empty_since >= battery.empty_time:
+            fading = min(fading, now)
+        elif low is not None and smooth >= low:
+            fading = math.inf  # the battery was replaced or charged
+        elif low is None and not is_empty:
+            fading = math.inf
+        return BatteryWatch(
+            smooth, now,
+            low is not None and smooth < low * (1.0 + HYSTERESIS * self.low),
+            empty_since, fading,
+            now + SEEN if high is not None and voltage > high else self.too_high_until)
+
+    def part(self, battery: Battery, now: float) -> float:
+        """Return the available fraction of the torque: 1 until the fade, which ends at 0."""
+        if now < self.fading_since:
+            return 1.0
+        if battery.fade_time <= 0.0:
+            return 0.0
+        return max(0.0, 1.0 - (now - self.fading_since) / battery.fade_time)
+
+    def stop(self, battery: Battery, now: float) -> str:
+        """Return the reason to engage the e-stop, empty for none."""
+        if now < self.fading_since or self.part(battery, now) > 0.0:
+            return ''
+        return (f'the battery is empty: {self.voltage:.1f} V at rest, empty_voltage is '
+                f'{battery.empty_voltage:g} V; charge it'
+                + ('' if battery.low_voltage is None else f' above {battery.low_voltage:g} V'))
+
+    def warnings(self, now: float) -> Tuple[str, ...]:
+        """Return the names of the active warnings."""
+        return tuple(name for name, active in (
+            ('battery_empty', now >= self.fading_since), ('battery_low', self.low),
+            ('over_voltage', now < self.too_high_until)) if active)
+
+    def percentage(self, battery: Battery) -> float:
+        """Return the approximate charge, 0 to 1, from the voltage; NaN if it is unknown."""
+        if battery.full_voltage is None or battery.empty_voltage is None:
+            return math.nan
+        span = battery.full_voltage - battery.empty_voltage
+        part = (self.voltage - battery.empty_voltage) / span
+        return part if math.isnan(part) else min(max(part, 0.0), 1.0)
+
+
+# Warmth at which derating starts; it reaches the continuous torque at 1.
+WARM = 0.8
+
+
+@dataclass(frozen=True)
+class Thermal(Checked):
+    """Thermal limits of power stage and motor; a limit that is not given is not monitored."""
+
+    drive_warn_at: Optional[float] = quantity(
+        'degC', 'temperature of the power stage above which the torque is reduced',
+        minimum=0.0, maximum=200.0, optional=True)
+    drive_zero_at: Optional[float] = quantity(
+        'degC', 'temperature of the power stage at which the torque is zero; set it below the one '
+        'at which the drive cuts the torque', minimum=0.0,
+        maximum=200.0, optional=True)
+    motor_warn_at: Optional[float] = quantity(
+        'degC', 'temperature of the motor above which the torque is reduced', minimum=0.0,
+        maximum=300.0, optional=True)
+    motor_zero_at: Optional[float] = quantity(
+        'degC', 'temperature of the motor at which the torque is zero', minimum=0.0, maximum=300.0,
+        optional=True)
+    continuous_torque: Optional[float] = quantity(
+        'N m', 'continuous torque rating of the motor, at the pendulum', above=0.0,
+        maximum=1000.0, optional=True)
+    time_constant: float = quantity(
+        's', 'time constant with which the winding warms', default=30.0, above=0.0, maximum=1e4)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for part, warn_at, zero_at in (
+                ('drive', self.drive_warn_at, self.drive_zero_at),
+                ('motor', self.motor_warn_at, self.motor_zero_at)):
+            if (warn_at is None) != (zero_at is None):
+                raise ConfigurationError(
+                    f'Thermal: {part}_warn_at and {part}_zero_at belong together, got {warn_at} '
+                    f'and {zero_at} degC; give both or neither', 'missing', f'{part}_warn_at')
+            if warn_at is not None and zero_at is not None and not warn_at < zero_at:
+                raise ConfigurationError(
+                    f'Thermal: {part}_warn_at must be below {part}_zero_at, got {warn_at:g} and '
+                    f'{zero_at:g} degC', 'inconsistent', f'{part}_warn_at')
+
+
+class Derating(NamedTuple):
+    """Fraction of the torque limit after thermal derating, and the warnings."""
+
+    part: float = 1.0  # of torque_limit
+    warnings: Tuple[str, ...] = ()
+
+
+def left_at(temperature: Optional[float], warn_at: Optional[float],
+            zero_at: Optional[float]) -> float:
+    """
+    Return the fraction of the torque at a temperature: 1 up to `warn_at`, 0 from `zero_at`.
+
+    All in degrees Celsius; 1 for a temperature that is unknown or not monitored.
+    """
+    if temperature is None or warn_at is None or zero_at is None \
+            or not math.isfinite(temperature):
+        return 1.0
+    return min(max((zero_at - temperature) / (zero_at - warn_at), 0.0), 1.0)
+
+
+def warmed(warmth: float, load: float, seconds: float, time_constant: float) -> float:
+    """
+    Return the warmth of a winding after `seconds` under a constant load.
+
+    Parameters
+    ----------
+    warmth : float
+        At the start; 1 is the continuous rating of the winding.
+    load : float
+        Torque over continuous torque.
+    seconds, time_constant : float
+        [s]
+
+    """
+    return load**2 + (warmth - load**2) * math.exp(-max(seconds, 0.0) / time_constant)
+
+
+def left_by(warmth: float, continuous: float) -> float:
+    """
+    Return the fraction of the torque at a warmth.
+
+    Parameters
+    ----------
+    warmth : float
+    continuous : float
+        Continuous fraction of the torque, which remains at a warmth of 1.
+
+    """
+    if warmth <= WARM or continuous >= 1.0:
+        return 1.0
+    return 1.0 - (1.0 - continuous) * min((warmth - WARM) / (1.0 - WARM), 1.0)
+
+
+def derating(thermal: Thermal, temperature: Optional[float], motor_temperature: Optional[float],
+             warmth: float, torque_limit: float) -> Derating:
+    """
+    Return the derating by heat.
+
+    Parameters
+    ----------
+    thermal : Thermal
+    temperature, motor_temperature : float, optional
+        Of the power stage and the motor [degC].
+    warmth : float
+        See `warmed`.
+    torque_limit : float
+        Torque limit to derate [N m].
+
+    """
+    parts = {
+        'drive_hot': left_at(temperature, thermal.drive_warn_at, thermal.drive_zero_at),
+        'motor_hot': left_at(motor_temperature, thermal.motor_warn_at, thermal.motor_zero_at),
+        'motor_i2t': 1.0 if thermal.continuous_torque is None else left_by(
+            warmth, thermal.continuous_torque / torque_limit)}
+    return Derating(min(parts.values()), tuple(
+        name for name, part in parts.items() if part < 1.0))
+
 
 # Sampling period of voltage and temperatures [s]; a drive reports them no faster.
 LOOK_EVERY = 0.05
@@ -35,9 +305,8 @@ class ConditionMonitor:
 
     """
 
-    def __init__(self, hardware: Hardware):
-        self._battery, self._thermal = hardware.battery, hardware.thermal
-        self._torque_limit = hardware.limits.torque_limit
+    def __init__(self, battery: Battery, thermal: Thermal, torque_limit: float):
+        self._battery, self._thermal, self._torque_limit = battery, thermal, torque_limit
         self._watch, self.condition = BatteryWatch(), Condition()
         self._warmth, self._largest = 0.0, 0.0
         self._time, self._next = math.inf, -math.inf

@@ -1,22 +1,95 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Control of a drive: measure, arm, command, stop and reconnect."""
+"""Control of a drive: measure, arm, command, stop and reconnect, at the rate of the link."""
 from collections import Counter
 import logging
 import math
-from typing import Any, Callable, Generic, Optional, Protocol, Tuple, TypeVar
+from typing import Any, Callable, Generic, NamedTuple, Optional, Protocol, Tuple, TypeVar
 
 from ballbot_ros.bridge.condition import ConditionMonitor
 from ballbot_ros.bridge.drive_line import DriveLine, HANDSHAKE
 from ballbot_ros.bridge.hardware_file import Hardware
-from ballbot_ros.bridge.imu_watch import ImuWatch
 from ballbot_ros.bridge.motor_state import Event, LOST, MotorState, Power, SILENCE
 from ballbot_ros.bridge.observer import Level, SessionObserver
-from ballbot_ros.bridge.pacer import DECIDED, Pacer
+from ballbot_ros.bridge.sensing import ImuWatch
 from ballbot_ros.bridge.supervisor import PendulumMotion, Supervisor
 from ballbot_ros.drives.contract import Telemetry
 from ballbot_ros.drives.driver import Driver
 from ballbot_ros.errors import (
     BallbotError, DriveError, EstimateLostError, LinkError, MessageError, RefusedError)
+
+# The link carries one torque per period on average, at most one of them this early [periods].
+EARLY = 1.5
+# The reply time of the controller varies, so a period may have no command: after this time without
+# a torque [periods] the last one is repeated in each period until the next command.
+REPEAT = 1.5
+# Longest time between two decisions about the torque [periods].
+DECIDED = REPEAT + 1.0
+# Time between two attempts to arm a drive with `rearm` [s].
+ARM_AGAIN = 0.3
+# Pause after a drive disarmed by itself [s]: `ARM_AGAIN` at first, doubled each time up to
+# LONGEST_PAUSE; reset after the drive was armed for HELD.
+LONGEST_PAUSE, HELD = 20.0, 10.0
+# Time between two repetitions of an unconfirmed stop [s].
+STOP_AGAIN = 0.01
+
+
+class Pacer(NamedTuple):
+    """
+    Rate limits of the link: times of the next torque, stop and attempt to arm.
+
+    Each event at a time [s] returns the next state.
+    """
+
+    period: float
+    waiting: bool = False  # a command that was not sent
+    repeating: bool = False
+    torque_sent: float = -math.inf
+    next_torque: float = -math.inf  # by the average rate of the link
+    stop_sent: float = -math.inf
+    next_arm: float = -math.inf
+    pause: float = 0.0  # before `next_arm`
+
+    def commanded(self) -> 'Pacer':
+        """Record a command; if the rate limit delays it, the next tick sends it."""
+        # The constructor, here and below: `_replace` takes longer than the decision.
+        return self if self.waiting else Pacer(self.period, True, *self[2:])
+
+    def has_room(self, now: float) -> bool:
+        """Return whether a torque may be sent between two ticks."""
+        return now >= self.next_torque - EARLY * self.period
+
+    def is_torque_due(self, now: float) -> bool:
+        """Return whether a tick must send a torque."""
+        return (self.waiting or self.repeating
+                or now - self.torque_sent >= REPEAT * self.period)
+
+    def sent_torque(self, now: float) -> 'Pacer':
+        """Record a sent torque, new or repeated."""
+        due = self.next_torque if self.next_torque > now else now
+        return Pacer(self.period, False, not self.waiting, now, due + self.period, *self[5:])
+
+    def is_stop_due(self, now: float) -> bool:
+        """Return whether to repeat an unconfirmed stop."""
+        return now - self.stop_sent >= STOP_AGAIN
+
+    def sent_stop(self, now: float) -> 'Pacer':
+        """Record a sent stop and drop the waiting command."""
+        return self._replace(waiting=False, stop_sent=now)
+
+    def may_arm(self, now: float) -> bool:
+        """Return whether an attempt to arm is allowed."""
+        return now >= self.next_arm
+
+    def not_armed(self, now: float) -> 'Pacer':
+        """Record a failed attempt to arm."""
+        return self._replace(next_arm=now + ARM_AGAIN)
+
+    def tripped(self, now: float, since: float) -> 'Pacer':
+        """Record that the drive disarmed by itself; repeated trips lengthen the pause."""
+        before = self.pause if now - since < HELD else 0.0
+        pause = min(max(ARM_AGAIN, 2.0 * before), LONGEST_PAUSE)
+        return self._replace(next_arm=now + pause, pause=pause)
+
 
 LOG = logging.getLogger(__name__)
 
@@ -112,7 +185,8 @@ class DriveControl(Generic[Estimated]):
         self.supervisor = Supervisor(hardware.limits, DECIDED * period)
         self.sensing = sensing
         self.others: Tuple['DriveControl[Any]', ...] = ()
-        self.monitor = ConditionMonitor(hardware)
+        self.monitor = ConditionMonitor(
+            hardware.battery, hardware.thermal, hardware.limits.torque_limit)
         self.power, self._pacer = Power(), Pacer(period)
         self._period, self._watched, self._unconfirmed = period, -math.inf, 0.0
         self.counts: Counter[str] = Counter()

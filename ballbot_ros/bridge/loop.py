@@ -2,10 +2,9 @@
 """The control loop in its own thread: it runs, or stops the motor, if other threads block."""
 import threading
 from time import sleep
-from typing import Callable, Optional
+from typing import Callable, NamedTuple, Optional
 
 from ballbot_ros.bridge.observer import Level
-from ballbot_ros.bridge.pacer import Periods
 from ballbot_ros.bridge.realtime import Scheduling
 from ballbot_ros.bridge.session import Report, Session
 
@@ -15,6 +14,20 @@ JOIN = 3.0
 MISSED_MAX = 0.01
 # Longest time between two checks for the end of the loop [s].
 LONGEST_SLEEP = 0.02
+
+
+class Periods(NamedTuple):
+    """The periods of a loop: start of the next one, and number of missed ones."""
+
+    period: float
+    due: float
+    late: int = 0
+
+    def next(self, now: float) -> 'Periods':
+        """Return the periods after a tick; after a delayed tick they continue from now."""
+        period, due, late = self
+        due += period
+        return Periods(period, due, late) if due >= now else Periods(period, now, late + 1)
 
 
 class Loop:

@@ -18,12 +18,11 @@ from typing import Any, Callable, List, NamedTuple, Optional, Tuple
 from ballbot_ros.bridge.condition import Condition
 from ballbot_ros.bridge.drive_control import DriveControl, Estimated
 from ballbot_ros.bridge.hardware_file import Hardware
-from ballbot_ros.bridge.imu_watch import STEADY
 from ballbot_ros.bridge.lean import GroundTrack, LeanLaw, LeanSensing
 from ballbot_ros.bridge.motor_state import MotorState, SILENCE
 from ballbot_ros.bridge.observer import SessionObserver
 from ballbot_ros.bridge.onboard import OnBoard
-from ballbot_ros.bridge.sensing import Sensing
+from ballbot_ros.bridge.sensing import Sensing, STEADY
 from ballbot_ros.bridge.warm_up import warm_up
 from ballbot_ros.control import Mode, SetPoint
 from ballbot_ros.drives.contract import Identity, Setting, Telemetry

@@ -16,9 +16,8 @@ A robot at rest, with its encoder at 0 and gravity in its accelerometer:
 from ballbot_ros.estimation.encoder import EncoderReading
 from ballbot_ros.estimation.fusion import Fusion
 from ballbot_ros.estimation.imu import ImuMounting, ImuReading
-from ballbot_ros.estimation.kalman import Estimate, PendulumFilter
+from ballbot_ros.estimation.kalman import Estimate, FilterTuning, PendulumFilter
 from ballbot_ros.estimation.odometry import OdometryFilter, OdometryState, OdometryTuning
-from ballbot_ros.estimation.tuning import FilterTuning
 
 __all__ = [
     'EncoderReading', 'Estimate', 'FilterTuning', 'Fusion', 'ImuMounting', 'ImuReading',

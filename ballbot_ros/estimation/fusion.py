@@ -9,9 +9,8 @@ from ballbot_ros.control.signals import refuse_not_finite
 from ballbot_ros.errors import EstimateLostError, MessageError
 from ballbot_ros.estimation.encoder import Continuity, EncoderCheck, EncoderReading
 from ballbot_ros.estimation.imu import ImuMounting, ImuReading
-from ballbot_ros.estimation.kalman import Estimate, PendulumFilter
-from ballbot_ros.estimation.kernels import JOINT, PENDULUM_RATE
-from ballbot_ros.estimation.tuning import FilterTuning
+from ballbot_ros.estimation.kalman import (
+    Estimate, FilterTuning, JOINT, PENDULUM_RATE, PendulumFilter)
 from ballbot_ros.physics.model.robot import Robot
 
 # While the encoder is in doubt the angle is a prediction: valid for torque for `RELIED_ON`, and

@@ -20,8 +20,7 @@ from typing import NamedTuple, Optional, Tuple
 
 from ballbot_ros.config.fields import Checked, quantity
 from ballbot_ros.estimation.imu import ImuReading, turned
-from ballbot_ros.estimation.kalman import Estimate
-from ballbot_ros.estimation.kernels import BALL_RATE, JOINT, PENDULUM
+from ballbot_ros.estimation.kalman import BALL_RATE, Estimate, JOINT, PENDULUM
 from ballbot_ros.physics.model.robot import Robot
 
 # Correlation time of the slip and of the error of the accelerometer [s].

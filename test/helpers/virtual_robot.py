@@ -6,7 +6,7 @@ import math
 from pathlib import Path
 import tempfile
 
-from ballbot_ros.bridge.battery import Battery
+from ballbot_ros.bridge.condition import Battery
 from ballbot_ros.bridge.hardware_file import load_hardware, SteeringAxis
 from ballbot_ros.bridge.lean import GroundTrack
 from ballbot_ros.bridge.onboard import OnBoard

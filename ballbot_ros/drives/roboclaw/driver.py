@@ -11,7 +11,7 @@ import math
 from ballbot_ros.config.fields import count, quantity
 from ballbot_ros.drives.contract import bit_names, DriveOptions, Identity, Setting, WireBudget
 from ballbot_ros.drives.driver import Driver
-from ballbot_ros.drives.pending_requests import Match
+from ballbot_ros.drives.driver import Match
 from ballbot_ros.drives.roboclaw import codec
 from ballbot_ros.errors import DriveError
 

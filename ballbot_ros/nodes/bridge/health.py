@@ -3,8 +3,8 @@
 from typing import Mapping, Optional
 
 from ballbot_ros.bridge.hardware_file import Hardware
-from ballbot_ros.bridge.imu_watch import STEADY
 from ballbot_ros.bridge.loop import Loop
+from ballbot_ros.bridge.sensing import STEADY
 from ballbot_ros.bridge.session import Session
 from ballbot_ros.control import Authority
 from ballbot_ros.ros import diagnostics

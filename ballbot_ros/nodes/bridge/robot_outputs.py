@@ -5,7 +5,7 @@ import math
 from rclpy.node import Node
 from sensor_msgs.msg import BatteryState
 
-from ballbot_ros.bridge.battery import Battery
+from ballbot_ros.bridge.condition import Battery
 from ballbot_ros.bridge.condition import Condition
 from ballbot_ros.bridge.session import Report, Session
 from ballbot_ros.drives.contract import Telemetry

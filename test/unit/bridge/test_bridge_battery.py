@@ -5,7 +5,7 @@ import math
 from hypothesis import given, strategies as some
 import pytest
 
-from ballbot_ros.bridge.battery import Battery, BatteryWatch, SEEN
+from ballbot_ros.bridge.condition import Battery, BatteryWatch, SEEN
 from ballbot_ros.errors import ConfigurationError
 
 SIX_CELLS = Battery(full_voltage=25.2, low_voltage=21.6, empty_voltage=20.4, high_voltage=27.0,

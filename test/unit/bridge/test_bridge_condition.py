@@ -6,8 +6,8 @@ import pytest
 from refusals import refused
 from virtual_robot import VirtualRobot
 
-from ballbot_ros.bridge.battery import Battery
-from ballbot_ros.bridge.derating import Thermal
+from ballbot_ros.bridge.condition import Battery
+from ballbot_ros.bridge.condition import Thermal
 from ballbot_ros.errors import RefusedError
 
 

@@ -5,7 +5,7 @@ import math
 from hypothesis import given, strategies as some
 import pytest
 
-from ballbot_ros.bridge.derating import derating, left_at, left_by, Thermal, WARM, warmed
+from ballbot_ros.bridge.condition import derating, left_at, left_by, Thermal, WARM, warmed
 from ballbot_ros.errors import ConfigurationError
 
 THERMAL = Thermal(drive_warn_at=80.0, drive_zero_at=100.0, motor_warn_at=90.0,

@@ -4,7 +4,7 @@ import pytest
 from refusals import refused
 from virtual_robot import STEP, VirtualRobot
 
-from ballbot_ros.bridge.imu_watch import AHEAD, ImuWatch, MISSING_TIMEOUT, STEADY
+from ballbot_ros.bridge.sensing import AHEAD, ImuWatch, MISSING_TIMEOUT, STEADY
 from ballbot_ros.errors import MessageError, RefusedError
 from ballbot_ros.estimation import ImuReading
 from ballbot_ros.estimation.fusion import IMU_TIMEOUT
@@ -95,7 +95,7 @@ def test_an_imu_that_was_never_there_is_silent_and_no_fault():
 def test_an_imu_that_falls_silent_ends_the_torque_and_what_was_commanded(rearm):
     robot, _ = pulling(rearm=rearm)
     robot.torques.clear()
-    report = silence(robot, 0.1)
+    report = silence(robot, 0.13)
     assert any(robot.torques[:20]) and not any(robot.torques[28:])
     assert ('IMU timed out' in report.e_stop) is not rearm
     assert state_of(report) == ('no_imu' if rearm else 'e_stop')

@@ -2,7 +2,8 @@
 """When a loop is late, and when torques, stops and attempts to arm go out."""
 import pytest
 
-from ballbot_ros.bridge.pacer import DECIDED, Pacer, Periods
+from ballbot_ros.bridge.drive_control import DECIDED, Pacer
+from ballbot_ros.bridge.loop import Periods
 
 PERIOD = 0.002
 NEW = Pacer(PERIOD)

@@ -8,7 +8,7 @@ import pytest
 
 from ballbot_ros.drives.emulated_device import DriveSettings
 from ballbot_ros.drives.odrive.ascii import codec
-from ballbot_ros.drives.odrive.ascii.status import DriveStatus, MARKER, Properties
+from ballbot_ros.drives.odrive.ascii.driver import DriveStatus, MARKER, Properties
 from ballbot_ros.drives.odrive.firmware import (
     CLOSED_LOOP_CONTROL, GENERATION_5, GENERATION_6, GENERATIONS, hardware_name, IDLE, PASSTHROUGH,
     RESULT_6, TORQUE_CONTROL)

@@ -4,7 +4,7 @@ from drive_bench import Bench
 import pytest
 
 from ballbot_ros.drives.emulated_device import DriveSettings
-from ballbot_ros.drives.odrive.ascii.status import DriveStatus
+from ballbot_ros.drives.odrive.ascii.driver import DriveStatus
 from ballbot_ros.drives.odrive.firmware import (
     AXIS_5, AXIS_6, CONTROLLER_5, ENCODER_5, GENERATION_5, GENERATION_6, MOTOR_5, RESULT_6,
     SENSORLESS_5, STATE, SYSTEM_5)

@@ -3,7 +3,7 @@
 from drive_bench import Bench
 import pytest
 
-from ballbot_ros.drives.pending_requests import Match, PendingRequests
+from ballbot_ros.drives.driver import Match, PendingRequests
 
 PERIOD, TIMEOUT = 0.002, 0.05
 

@@ -7,7 +7,7 @@ import pytest
 from rclpy.node import Node
 from sensor_msgs.msg import BatteryState
 
-from ballbot_ros.bridge.battery import Battery
+from ballbot_ros.bridge.condition import Battery
 from ballbot_ros.bridge.condition import Condition
 from ballbot_ros.bridge.hardware_file import load_hardware
 from ballbot_ros.drives.contract import Telemetry
