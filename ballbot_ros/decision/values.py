@@ -94,7 +94,6 @@ class After(str, Enum):
 
     CRUISE = 'cruise'
     STOP = 'stop'
-    NEXT = 'next'  # the next edge, with the same plan
 
 
 @dataclass(frozen=True)

@@ -167,8 +167,6 @@ class ElevationMap:
         [m], [m2]; infinite variance where not observed.
     noise_sd : float
         Estimated noise of a node in one scan [m].
-    tilt_sd : float
-        Tilt noise between scans [rad].
     spacing : float
         Spacing of the observed points [m].
     reports_sd : bool
@@ -189,7 +187,6 @@ class ElevationMap:
         self._strikes = np.zeros(NODES)
         self.looks = 0
         self.noise_sd = DEFAULT_NOISE_SD
-        self.tilt_sd = 0.0
         self.spacing = CELL
         self.reports_sd = True
         self._residuals = self._rough = 0.0
@@ -232,7 +229,7 @@ class ElevationMap:
             return (f'the ground changed by {1e3 * residual[worst]:.0f} mm at '
                     f'{places[worst]:.2f} m, and by more than {self._sigmas:g} deviations at '
                     f'{np.count_nonzero(outside)} of {np.count_nonzero(common)} places')
-        self._learn(residual, variance, look, common, tilt)
+        self._learn(residual, variance, look, common)
         self._fuse(inside, look.z + shift + tilt * places, new_variance, residual, seen, outside)
         return ''
 
@@ -285,9 +282,8 @@ class ElevationMap:
         self.variance[inside] = np.where(seen, variance, np.inf)
         self.looks = 1
 
-    def _learn(self, residual: Array, variance: Array, look: Look, common: Flags,
-               tilt: float) -> None:
-        """EdgeEstimate noise and tilt of the scans from their residuals."""
+    def _learn(self, residual: Array, variance: Array, look: Look, common: Flags) -> None:
+        """Estimate the noise of the scans from their residuals."""
         even = common & (look.steep < 0.001)
         self.looks += 1
         weight = 1.0 / min(self.looks - 1, 50)
@@ -297,7 +293,6 @@ class ElevationMap:
             own = max(NOISE_SD_MIN**2, spread**2 - middle(variance[even]))
             self._residuals += weight * (own - self._residuals)
             self.noise_sd = math.sqrt(self._residuals)
-        self.tilt_sd = math.sqrt(self.tilt_sd**2 + weight * (tilt**2 - self.tilt_sd**2))
 
     def _fuse(self, inside: slice, new: Array, new_variance: Array, residual: Array,
               seen: Flags, outside: Flags) -> None:

@@ -223,7 +223,7 @@ def ground_of(found: ElevationMap, position: float,
     pieces = pieces_of(nodes, shared, known_edges)
     datum, slope, slope_variance = _below(nodes, pieces, position)
     points, sds, faces = _assemble(nodes, pieces, known_edges, datum)
-    slope_sd = math.sqrt(slope_variance + found.tilt_sd**2 + SLOPE_SD_MIN**2)
+    slope_sd = math.sqrt(slope_variance + SLOPE_SD_MIN**2)
     return GroundSeen(points, sds, faces, float(nodes.x[0]), float(nodes.x[-1]),
                       math.atan(slope), slope_sd)
 
