@@ -15,7 +15,7 @@ from ballbot_ros.physics.model.robot import Robot
 from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.view.frame import Frame
 from ballbot_ros.view.source import Source
-from ballbot_ros.view.stage import joined, Mesh, PATH_POINTS_MAX, PATH_SPACING, rgb, Stage
+from ballbot_ros.view.stage import joined, Mesh, Stage
 
 # Walls are cut at this height, so that the rooms are visible [m].
 WALL_HEIGHT = 0.5
@@ -70,31 +70,8 @@ class FloorStage(Stage):
         self._place_on_floor(source, frame, source.robot)
         self._draw_forces(frame, source.robot)
 
-    def draw_path(self, source: Source, frame: Frame) -> None:
-        """Draw the path of the centre up to a frame."""
-        if source.floor is None:
-            super().draw_path(source, frame)
-            return
-        if source.epoch != self._epoch:
-            self._epoch, self._path, self._path_since = source.epoch, [], -math.inf
-            self._points: List[Tuple[float, Place]] = []
-        for passed in source.history(self._path_since):
-            self._path_since = passed.time
-            point = place_of(source, passed)
-            if point is not None and (not self._points or math.dist(
-                    point, self._points[-1][1]) >= PATH_SPACING * source.robot.ball_radius):
-                self._points.append((passed.time, point))
-        del self._points[:-PATH_POINTS_MAX]
-        ends = np.array([point for time, point in self._points if time <= frame.time],
-                        np.float32).reshape(-1, 3)
-        pairs = np.stack([ends[:-1], ends[1:]], axis=1) if len(ends) > 1 else np.zeros(
-            (1, 2, 3), np.float32)
-        if 'path' in self._nodes:
-            self._nodes['path'].points = pairs
-        else:
-            self._nodes['path'] = self._scene.add_line_segments(
-                '/world/path', pairs, np.array(rgb(GREEN)),
-                thickness=0.06 * source.robot.ball_radius)
+    def _point(self, source: Source, frame: Frame) -> Optional[Place]:
+        return super()._point(source, frame) if source.floor is None else place_of(source, frame)
 
     def _place_on_floor(self, source: Source, frame: Frame, robot: Robot) -> None:
         """Move ball and pendulum to their poses, and the world below the camera."""

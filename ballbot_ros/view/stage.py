@@ -229,7 +229,7 @@ class Stage:
         self._terrain: Optional[Terrain] = None
         self._epoch = -1
         self._reach = (0.0, 0.0)
-        self._path: List[Tuple[float, float, float]] = []
+        self._path: List[Tuple[float, Point]] = []
         self._path_since = -math.inf
         self._nodes: dict[str, Any] = {}
 
@@ -250,24 +250,26 @@ class Stage:
         apart = PATH_SPACING * source.robot.ball_radius
         for passed in source.history(self._path_since):
             self._path_since = passed.time
-            if passed.x is None or passed.y is None:
-                continue
-            if not self._path or math.hypot(
-                    passed.x - self._path[-1][1], passed.y - self._path[-1][2]) >= apart:
-                self._path.append((passed.time, passed.x, passed.y))
+            point = self._point(source, passed)
+            if point is not None and (
+                    not self._path or math.dist(point, self._path[-1][1]) >= apart):
+                self._path.append((passed.time, point))
         del self._path[:-PATH_POINTS_MAX]
-        shown = [(x, 0.0, y) for time, x, y in self._path if time <= frame.time]
-        if frame.x is not None and frame.y is not None:
-            shown.append((frame.x, 0.0, frame.y))
-        ends = np.array(shown, dtype=np.float32).reshape(-1, 3)
+        shown = [point for time, point in self._path if time <= frame.time]
+        here = self._point(source, frame)
+        ends = np.array(shown if here is None else [*shown, here], np.float32).reshape(-1, 3)
         pairs = np.stack([ends[:-1], ends[1:]], axis=1) if len(ends) > 1 else np.zeros(
             (1, 2, 3), np.float32)
         if 'path' in self._nodes:
             self._nodes['path'].points = pairs
-        else:
+        else:  # a floor is seen from farther away
             self._nodes['path'] = self._scene.add_line_segments(
                 '/world/path', pairs, np.array(rgb(GREEN)),
-                thickness=0.03 * source.robot.ball_radius)
+                thickness=(0.03 if source.floor is None else 0.06) * source.robot.ball_radius)
+
+    def _point(self, source: Source, frame: Frame) -> Optional[Point]:
+        """Return the centre of the ball in the world, None where it is unknown [m]."""
+        return None if frame.x is None or frame.y is None else (frame.x, 0.0, frame.y)
 
     def _place(self, frame: Frame, robot: Robot) -> None:
         """Move ball and pendulum to their poses, and the world below the camera."""
