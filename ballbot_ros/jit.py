@@ -41,9 +41,11 @@ try:
         raise ImportError('compilation switched off by BALLBOT_UNCOMPILED')
     from llvmlite import binding as llvm, ir
     import numba
-    from numba.core import cgutils, compiler as numba_compiler, config as numba_config
+    from numba.core import (
+        cgutils, compiler as numba_compiler, config as numba_config, typed_passes, untyped_passes)
     from numba.core.caching import IndexDataCacheFile
     from numba.core.codegen import JITCodeLibrary
+    from numba.core.compiler_machinery import PassManager
     from numba.extending import intrinsic
 
     COMPILED = not numba_config.DISABLE_JIT
@@ -376,7 +378,7 @@ def _compile(function: F, nogil: bool = False, forceinline: bool = True) -> F:
     """
     if not COMPILED:
         return function
-    kernel = _dispatcher(function, nogil, forceinline)
+    kernel = _dispatcher(function, nogil, forceinline, pipeline_class=_Compiler)
     linked = FunctionType(function.__code__, function.__globals__, function.__name__,
                           function.__defaults__, function.__closure__)
     linked.__qualname__, linked.__module__ = f'{function.__qualname__}.linked', function.__module__
@@ -441,8 +443,54 @@ if COMPILED:
             self._ensure_finalized()
             return self.name, self._get_module_for_linking().as_bitcode()
 
-    class _LinkedCompiler(numba_compiler.Compiler):  # type: ignore[misc]
-        """The compiler of numba, for a kernel that other kernels call."""
+    class _Typing:
+        """
+        The typing context of numba with a memory of the operators on each set of types.
+
+        numba looks through all overloads of an operator at each of its uses, which takes longer
+        than all else that it infers.
+        """
+
+        def __init__(self, context: Any, known: Dict[Any, Any]) -> None:
+            self._context, self._known = context, known
+
+        def __getattr__(self, name: str) -> Any:
+            return getattr(self._context, name)
+
+        def resolve_function_type(self, function: Any, arguments: Any, named: Any) -> Any:
+            kernel = isinstance(function, numba.types.Type) and not isinstance(
+                function, numba.types.Function)
+            key = function, tuple(arguments)
+            if kernel or named or key not in self._known:
+                found = self._context.resolve_function_type(function, arguments, named)
+                if kernel or named or found is None:
+                    return found
+                self._known[key] = found
+            return self._known[key]
+
+    class _Compiler(numba_compiler.Compiler):  # type: ignore[misc]
+        """The compiler of numba, without the passes that change no kernel: most of the time."""
+
+        PASSES = (
+            untyped_passes.TranslateByteCode, untyped_passes.FixupArgs,
+            untyped_passes.IRProcessing, untyped_passes.GenericRewrites,
+            untyped_passes.ReconstructSSA, typed_passes.NopythonTypeInference,
+            typed_passes.PreLowerStripPhis, typed_passes.NopythonRewrites,
+            typed_passes.IRLegalization, typed_passes.AnnotateTypes, typed_passes.NativeLowering,
+            typed_passes.NoPythonBackend)
+        known: Dict[bool, Dict[Any, Any]] = {False: {}, True: {}}  # by whether `FUSED`
+
+        def define_pipelines(self) -> Any:
+            lean = PassManager('lean')
+            for item in self.PASSES:
+                lean.add_pass(item, item.__name__)
+            lean.finalize()
+            self.state.typingctx = _Typing(
+                self.state.typingctx, self.known[bool(self.state.flags.fastmath)])
+            return [lean]
+
+    class _LinkedCompiler(_Compiler):
+        """The compiler for a kernel that other kernels call."""
 
         def compile_extra(self, function: Any) -> Any:
             self.state.library = _Linked(self.state.targetctx.codegen(), function.__qualname__)

@@ -19,13 +19,15 @@ ROOT = Path(__file__).resolve().parent.parent
 
 # The second-order scheme in place of the fourth-order one of rk4.py.
 MIDPOINT = """\
-    stages, probe, contacts = workspace.stages, workspace.probe, workspace.mode.contacts
-    derivative(time, state, system, contacts, stages[0])
+    work, contacts = workspace.work, workspace.mode.contacts
+    probe, k1 = work[values.PROBE:], work[values.STAGES:]
+    k2 = work[values.STAGES + WIDTH:]
+    derivative(time, state, system, contacts, k1)
     for i in range(SIZE):
-        probe[i] = state[i] + 0.5 * size * stages[0, i]
-    derivative(time + 0.5 * size, probe, system, contacts, stages[1])
+        probe[i] = state[i] + 0.5 * size * k1[i]
+    derivative(time + 0.5 * size, probe, system, contacts, k2)
     for i in range(SIZE):
-        state[i] += size * stages[1, i]
+        state[i] += size * k2[i]
 """
 
 # The pair of Tsitouras, Comput. Math. Appl. 62 (2011) 770, in place of dormand_prince.py's.
@@ -92,7 +94,7 @@ def test_a_solver_is_a_file_and_a_line(house):
     house.copy('physics/solvers/rk4.py', 'physics/solvers/midpoint.py')
     house.change('physics/solvers/midpoint.py', (r'ORDER = 4', 'ORDER = 2'),
                  (r'EVALUATIONS = 4', 'EVALUATIONS = 2'),
-                 (r'    stages, probe, contacts.*?(?=\n\n\nadvance)', MIDPOINT.rstrip()))
+                 (r'    work, contacts, first = .*?(?=\n\n\nadvance)', MIDPOINT.rstrip()))
     house.change('physics/simulation/solver.py',
                  (r'import integrate,', 'import integrate, midpoint,'),
                  (r"    'rk4': ", "    'midpoint': Method(midpoint.advance, midpoint.ORDER,\n"

@@ -35,7 +35,8 @@ from ballbot_ros.physics.model.robot import (
 from ballbot_ros.physics.model.state import SIZE
 from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.simulation.solver import failure, Solver
-from ballbot_ros.physics.solvers.values import FINISHED, Output, Packed, unpacked, Workspace
+from ballbot_ros.physics.solvers.values import (
+    FINISHED, Output, Packed, unpack_workspace, Workspace)
 
 TOLERANCE = 1e-7  # of a step that is tried [m]
 NEVER = 2**62  # rows of output that would interrupt a run
@@ -63,7 +64,8 @@ def crossing_of(row: Array, ground: Array, desk: PackedDesk) -> Crossing:
     return Crossing(
         read_course(row, 0),
         System(read_parameters(row, PARAMETERS), ground, read_actuator(row, ACTUATOR)),
-        BUDGET, state, before, Output(rows, 0.0, 1.0, NEVER), unpacked(workspace), spent, last)
+        BUDGET, state, before, Output(rows, 0.0, 1.0, NEVER), unpack_workspace(workspace), spent,
+        last)
 
 
 @unlocked

@@ -6,8 +6,8 @@ Integration of the equations of motion: methods, step size control, events.
 
     advance(call) -> status
 
-``values.named(call)`` gives its status, end, state, system, options, output and workspace.  It
-advances `state`, a (13,) array at ``status.time``, to the time `end` in place; fills those rows
+``values.unpack_call(call)`` gives its status, end, state, system, options, output and workspace.
+It advances `state`, a (13,) array at ``status.time``, to the time `end` in place; fills those rows
 of `output` whose time it passes, starting with row ``status.filled``; and returns the reached
 time, with FINISHED or the reason of a failure.  After ``output.pause`` filled rows it returns
 PAUSED between two steps; called again with that status and the same arrays, it continues, and

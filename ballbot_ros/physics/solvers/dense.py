@@ -15,7 +15,7 @@ from ballbot_ros.physics.model.actuation import Actuator, actuator_torque
 from ballbot_ros.physics.model.state import SIZE
 from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.solvers import values
-from ballbot_ros.physics.solvers.values import MOTION, Output, sum_rows, Workspace
+from ballbot_ros.physics.solvers.values import MOTION, Output, sum_rows, WIDTH, Workspace
 
 COEFFICIENTS = 5  # of the dense output
 
@@ -59,28 +59,29 @@ def motion_at(theta: float, work: Array) -> None:
 def prepare_ledger(time: float, state: Array, step: float, system: System,
                    workspace: Workspace) -> None:
     """Compute the coefficients of the dense output of the ledger, behind those of the motion."""
-    work, dense = workspace.work, workspace.dense
+    work, first = workspace.work, values.DENSE
+    probe, rates = work[values.PROBE:], work[values.RIGHT:]
     for i in range(MOTION, SIZE):
-        dense[0, i] = state[i]
+        work[first + i] = state[i]
         for k in range(1, COEFFICIENTS):
-            dense[k, i] = 0.0
+            work[first + WIDTH * k + i] = 0.0
     for node in range(len(NODES)):
         sum_rows(work, values.PROBE, values.ZERO, 1.0, NODE_FACTORS, COEFFICIENTS * node,
                  values.DENSE, COEFFICIENTS)
-        mode_derivative(time + NODES[node] * step, workspace.probe, system, workspace.mode,
-                        workspace.rates)
+        mode_derivative(time + NODES[node] * step, probe, system, workspace.mode, rates)
         for k in range(1, COEFFICIENTS):
             for i in range(MOTION, SIZE):
-                dense[k, i] += step * INTEGRALS[k - 1, node] * workspace.rates[i]
+                work[first + WIDTH * k + i] += step * INTEGRALS[k - 1, node] * rates[i]
 
 
 @compiled
-def interpolate(theta: float, dense: Array, out: Array) -> None:
+def interpolate(theta: float, work: Array, out: Array) -> None:
     """Write the state at `theta` (0 to 1) of the last step, with its ledger, into `out`."""
     rest = 1.0 - theta
     for i in range(SIZE):
-        out[i] = dense[0, i] + theta * (dense[1, i] + rest * (
-            dense[2, i] + theta * (dense[3, i] + rest * dense[4, i])))
+        at = values.DENSE + i
+        out[i] = work[at] + theta * (work[at + WIDTH] + rest * (
+            work[at + 2 * WIDTH] + theta * (work[at + 3 * WIDTH] + rest * work[at + 4 * WIDTH])))
 
 
 @compiled
@@ -96,10 +97,11 @@ def write_row(output: Output, row: int, time: float, state: Array, actuator: Act
 def write_rows(output: Output, filled: int, time: float, step: float, reached: float,
                actuator: Actuator, workspace: Workspace) -> int:
     """Fill the rows whose time the last step has passed, and return how many are filled."""
+    probe = workspace.work[values.PROBE:]
     while (filled < len(output.rows)
            and output.begin + (filled + 1) * output.interval <= reached):
         moment = output.begin + (filled + 1) * output.interval
-        interpolate(min((moment - time) / step, 1.0), workspace.dense, workspace.probe)
-        write_row(output, filled, moment, workspace.probe, actuator)
+        interpolate(min((moment - time) / step, 1.0), workspace.work, probe)
+        write_row(output, filled, moment, probe, actuator)
         filled += 1
     return filled

@@ -311,7 +311,8 @@ def guard_at(theta: float, index: int, time: float, step: float, system: System,
     """
     motion_at(theta, workspace.work)
     kind, item = workspace.violated[index, 0], workspace.violated[index, 1]
-    guard = guard_of(kind, item, time + theta * step, workspace.probe, system, workspace.mode)
+    guard = guard_of(kind, item, time + theta * step, workspace.work[values.PROBE:], system,
+                     workspace.mode)
     if guard == 0.0 and not ends_at_zero(kind, item, workspace.mode, system.ground):
         return INSIDE
     return guard
@@ -373,8 +374,8 @@ def event_between(before: float, theta: float, time: float, step: float, feature
         if theta <= before:
             break
         motion_at(theta, workspace.work)
-        found = violated_guards(time + theta * step, workspace.probe, system, workspace.mode,
-                                first, behind, workspace.violated)
+        found = violated_guards(time + theta * step, workspace.work[values.PROBE:], system,
+                                workspace.mode, first, behind, workspace.violated)
         if found == 0:
             break
         event = theta
@@ -401,7 +402,8 @@ def most_acceleration(step: float, work: Array) -> float:
 def touch_within(time: float, step: float, first: int, behind: int, system: System,
                  workspace: Workspace) -> float:
     """Return theta of the last step where a ball in the air touches, infinity if it does not."""
-    work, probe, radius = workspace.work, workspace.probe, system.parameters.radius
+    work, radius = workspace.work, system.parameters.radius
+    probe = work[values.PROBE:]
     bend, done = most_acceleration(step, work), 0.0
     for _ in range(STEP_LOOKS):
         motion_at(done, work)
@@ -433,8 +435,9 @@ def first_event(time: float, step: float, first: int, behind: int, system: Syste
         before, theta = look / LOOKS, (look + 1) / LOOKS
         if before < touch < theta:
             theta = touch
-        if theta == touch or not mode_holds(time + theta * step, workspace.probe, first, behind,
-                                            system, workspace.mode):
+        if theta == touch or not mode_holds(
+                time + theta * step, workspace.work[values.PROBE:], first, behind, system,
+                workspace.mode):
             event = event_between(before, theta, time, step, (first, behind), system, workspace)
             if event < NO_EVENT:
                 return event

@@ -14,8 +14,8 @@ from ballbot_ros.physics.model.state import X, Y
 from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.solvers.dense import write_row
 from ballbot_ros.physics.solvers.values import (
-    EVALUATIONS, FINISHED, named, NOT_FINITE, Packed, packed, PAUSED, PENETRATED, Status, STEPS,
-    Workspace)
+    EVALUATIONS, FINISHED, NOT_FINITE, Packed, packed, PAUSED, PENETRATED, Status, STEPS,
+    unpack_call, Workspace)
 
 # ``step(time, state, size, system, workspace)`` advances a state in place.
 Step = Callable[[float, Array, float, System, Workspace], None]
@@ -53,7 +53,7 @@ def loop_of(step: Step, evaluations: int) -> Callable[[Packed], Packed]:
 
 def _advance(call: Packed) -> Packed:
     """Advance a state in place by the `step` of a method."""
-    status, end, state, system, options, output, workspace = named(call)
+    status, end, state, system, options, output, workspace = unpack_call(call)
     filled, size = status.filled, options.step
     # A row of the output ends each interval; without output there is one interval.
     start, count, steps = status.time, 1, int(math.floor((end - status.time) / size + 0.5))

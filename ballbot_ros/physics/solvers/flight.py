@@ -42,6 +42,7 @@ from ballbot_ros.physics.model.state import (
     BALL_ANGLE, BALL_RATE, CONTACT_LOSS, FRICTION_LOSS, JOINT_LOSS, MOTOR_WORK, PENDULUM_ANGLE,
     PENDULUM_RATE, ROLLING_LOSS, SIZE, VELOCITY_X, VELOCITY_Y, X, Y)
 from ballbot_ros.physics.model.terrain import Array
+from ballbot_ros.physics.solvers import values
 from ballbot_ros.physics.solvers.controller import smallest_step, time_width
 from ballbot_ros.physics.solvers.dense import write_row
 from ballbot_ros.physics.solvers.values import FLIGHTS, Output, Workspace
@@ -329,7 +330,8 @@ def fly_to_touch(time: float, state: Array, end: float, system: System, output: 
         Number of filled rows.
 
     """
-    parameters, actuator, later = system.parameters, system.actuator, workspace.probe
+    parameters, actuator = system.parameters, system.actuator
+    later = workspace.work[values.PROBE:]
     spin = spin_start(state, parameters, actuator)
     most = end - time
     wait = time_of_touch(state, most, 2.0 * time_width(time), spin, parameters, system.ground)
@@ -363,9 +365,10 @@ def fly_for(lasting: float, state: Array, spin: Spin, stored: float, system: Sys
 
     The energy in the spring of a contact [J] that would pull is lost as the ball leaves.
     """
-    fly(state, lasting, spin, system.parameters, workspace.probe)
+    later = workspace.work[values.PROBE:]
+    fly(state, lasting, spin, system.parameters, later)
     if ledger:
-        add_to_ledger(state, lasting, spin, system.parameters, system.actuator, workspace.probe)
+        add_to_ledger(state, lasting, spin, system.parameters, system.actuator, later)
     if stored > 0.0:
-        workspace.probe[CONTACT_LOSS] += stored - spring_energy(
-            workspace.probe, system.parameters, system.ground, workspace.mode.contacts)
+        later[CONTACT_LOSS] += stored - spring_energy(
+            later, system.parameters, system.ground, workspace.mode.contacts)

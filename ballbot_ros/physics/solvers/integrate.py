@@ -31,9 +31,9 @@ from ballbot_ros.physics.solvers.events import CROWD, first_event, LOOKS, rated,
 from ballbot_ros.physics.solvers.flight import (
     fly_to_touch, has_closed_form, is_let_go, SHORT_FLIGHT)
 from ballbot_ros.physics.solvers.values import (
-    AUTOMATIC, BUDGET_EXCEEDED, EVALUATIONS, EventRate, EVENTS, FINISHED, MOTION, named,
-    NOT_FINITE, NOTHING, Options, Output, Packed, packed, PAUSED, PENETRATED, REJECTED, SEARCH,
-    Status, STEP_TOO_SMALL, STEPS, WIDTH, Workspace)
+    AUTOMATIC, BUDGET_EXCEEDED, EVALUATIONS, EventRate, EVENTS, FINISHED, MOTION, NOT_FINITE,
+    NOTHING, Options, Output, Packed, packed, PAUSED, PENETRATED, REJECTED, SEARCH, Status,
+    STEP_TOO_SMALL, STEPS, unpack_call, WIDTH, Workspace)
 
 STAGES = dormand_prince.STAGES  # right-hand sides of an explicit step
 PASSED = 100.0      # tolerances that a step may begin otherwise than its rates say; most do by few
@@ -62,7 +62,8 @@ def skips_transient(used: float, smallest: float, tolerance: float, parameters: 
     for i in range(MOTION):
         work[values.ERROR + i] = (work[dense + WIDTH + i] + work[dense + 2 * WIDTH + i]
                                   - used * work[values.F0 + i])
-    if used <= smallest or error_length(workspace.error, parameters) <= PASSED * tolerance:
+    if used <= smallest or error_length(
+            work[values.ERROR:], parameters) <= PASSED * tolerance:
         return False
     statistics[STEPS] -= 1
     statistics[REJECTED] += 1
@@ -86,7 +87,7 @@ def write_end(theta: float, state: Array, number: int, workspace: Workspace,
     """Write the state at the end of a step, or at the event in it; return the valid data."""
     work = workspace.work
     if ledger:
-        interpolate(min(theta, 1.0), workspace.dense, state)
+        interpolate(min(theta, 1.0), work, state)
     if theta <= 1.0:
         motion_at(theta, work)
         for i in range(MOTION):
@@ -140,7 +141,7 @@ def integrate(status: Status, end: float, state: Array, system: System, options:
         number = chosen(controller, options.method, smooth_contacts(workspace.mode))
         stiffness, ready = step(number, time, state, used, ready, system, workspace)
         controller = stiffness_seen(controller, stiffness, number)
-        error = error_length(workspace.error, parameters)
+        error = error_length(workspace.work[values.ERROR:], parameters)
         if not (error <= options.tolerance or unavoidable(used, smallest, number, error)):
             statistics[REJECTED] += 1
             again, on_trial = True, controller.on_trial
@@ -182,4 +183,4 @@ def integrate(status: Status, end: float, state: Array, system: System, options:
 @outlined
 def advance(call: Packed) -> Packed:
     """Advance a state in place; see the contract in `solvers`."""
-    return packed(integrate(*named(call)))
+    return packed(integrate(*unpack_call(call)))

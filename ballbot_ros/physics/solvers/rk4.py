@@ -8,8 +8,9 @@ from ballbot_ros.jit import compiled
 from ballbot_ros.physics.mechanics.equations import derivative, System
 from ballbot_ros.physics.model.state import SIZE
 from ballbot_ros.physics.model.terrain import Array
+from ballbot_ros.physics.solvers import values
 from ballbot_ros.physics.solvers.fixed_step import loop_of
-from ballbot_ros.physics.solvers.values import Workspace
+from ballbot_ros.physics.solvers.values import WIDTH, Workspace
 
 ORDER = 4
 EVALUATIONS = 4  # of the right-hand side, for each step
@@ -18,8 +19,9 @@ EVALUATIONS = 4  # of the right-hand side, for each step
 @compiled
 def step(time: float, state: Array, size: float, system: System, workspace: Workspace) -> None:
     """Advance `state` in place by one step."""
-    stages, probe, contacts = workspace.stages, workspace.probe, workspace.mode.contacts
-    k1, k2, k3, k4 = stages[0], stages[1], stages[2], stages[3]
+    work, contacts, first = workspace.work, workspace.mode.contacts, values.STAGES
+    probe, k1, k2 = work[values.PROBE:], work[first:], work[first + WIDTH:]
+    k3, k4 = work[first + 2 * WIDTH:], work[first + 3 * WIDTH:]
     derivative(time, state, system, contacts, k1)
     for i in range(SIZE):
         probe[i] = state[i] + 0.5 * size * k1[i]

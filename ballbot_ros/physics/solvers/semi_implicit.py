@@ -8,6 +8,7 @@ from ballbot_ros.jit import compiled
 from ballbot_ros.physics.mechanics.equations import derivative, System
 from ballbot_ros.physics.model.state import COORDINATES, SIZE
 from ballbot_ros.physics.model.terrain import Array
+from ballbot_ros.physics.solvers import values
 from ballbot_ros.physics.solvers.fixed_step import loop_of
 from ballbot_ros.physics.solvers.values import Workspace
 
@@ -28,8 +29,9 @@ def apply_rates(state: Array, size: float, rates: Array, count: int) -> None:
 @compiled
 def step(time: float, state: Array, size: float, system: System, workspace: Workspace) -> None:
     """Advance `state` in place by one step."""
-    derivative(time, state, system, workspace.mode.contacts, workspace.rates)
-    apply_rates(state, size, workspace.rates, SIZE)
+    rates = workspace.work[values.RIGHT:]
+    derivative(time, state, system, workspace.mode.contacts, rates)
+    apply_rates(state, size, rates, SIZE)
 
 
 advance = loop_of(step, EVALUATIONS)

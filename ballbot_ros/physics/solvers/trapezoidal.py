@@ -25,11 +25,10 @@ from ballbot_ros.physics.solvers.controller import (
 from ballbot_ros.physics.solvers.dense import write_rows
 from ballbot_ros.physics.solvers.rodas5p import invert, solve
 from ballbot_ros.physics.solvers.values import (
-    BUDGET_EXCEEDED, EVALUATIONS, FINISHED, MOTION, named, NOT_FINITE, Packed, packed, PAUSED,
-    PENETRATED, REJECTED, Status, STEP_TOO_SMALL, STEPS, Workspace)
+    BUDGET_EXCEEDED, EVALUATIONS, FINISHED, MOTION, NOT_FINITE, Packed, packed, PAUSED, PENETRATED,
+    REJECTED, Status, STEP_TOO_SMALL, STEPS, unpack_call, WIDTH, Workspace)
 
-# Rows of the stages: f0, and that of the step before.
-F0, PREVIOUS = range(2)
+PREVIOUS = values.STAGES  # the row of the rates at the begin of the step before
 
 ITERATIONS = 8      # of Newton's method, before the step is shortened
 CONVERGED = 0.01    # of the tolerance: the last change of an iteration
@@ -46,17 +45,18 @@ def iterate(time: float, state: Array, step: float, tolerance: float, system: Sy
 
     Returns whether it converged; the rates are then f(Y).
     """
-    half, work, stages = 0.5 * step, workspace.work, workspace.stages
-    y_new, rates, error = workspace.y_new, workspace.rates, workspace.error
+    half, work = 0.5 * step, workspace.work
+    y_new, rates, error = work[values.END:], work[values.RIGHT:], work[values.ERROR:]
+    start = work[values.F0:]
     contacts, statistics = workspace.mode.contacts, workspace.statistics
     invert(workspace.jacobian, half, work)
     for i in range(SIZE):
-        y_new[i] = state[i] + step * stages[F0, i]
+        y_new[i] = state[i] + step * start[i]
     for _ in range(ITERATIONS):
         derivative(time + step, y_new, system, contacts, rates)
         statistics[EVALUATIONS] += 1
         for i in range(MOTION):
-            rates[i] += (state[i] - y_new[i]) / half + stages[F0, i]
+            rates[i] += (state[i] - y_new[i]) / half + start[i]
         solve(values.RIGHT, values.ERROR, work)
         for i in range(MOTION):
             y_new[i] += error[i]
@@ -64,7 +64,7 @@ def iterate(time: float, state: Array, step: float, tolerance: float, system: Sy
             derivative(time + step, y_new, system, contacts, rates)
             statistics[EVALUATIONS] += 1
             for i in range(MOTION, SIZE):  # the ledger, which changes nothing in the motion
-                y_new[i] = state[i] + half * (stages[F0, i] + rates[i])
+                y_new[i] = state[i] + half * (start[i] + rates[i])
             return True
     return False
 
@@ -82,11 +82,13 @@ def local_error(step: float, before: float, parameters: Parameters,
         the method of Euler, to be on the safe side.
 
     """
-    stages, error = workspace.stages, workspace.error
+    work = workspace.work
+    error, start, rates = work[values.ERROR:], work[values.F0:], work[values.RIGHT:]
+    earlier = work[PREVIOUS:]
     for i in range(SIZE):
-        bend = (workspace.rates[i] - stages[F0, i]) / step
+        bend = (rates[i] - start[i]) / step
         if before > 0.0:
-            bend -= (stages[F0, i] - stages[PREVIOUS, i]) / before
+            bend -= (start[i] - earlier[i]) / before
             error[i] = step**3 / 6.0 * bend / (step + before)
         else:
             error[i] = 0.5 * step * step * bend
@@ -96,15 +98,17 @@ def local_error(step: float, before: float, parameters: Parameters,
 @compiled
 def prepare_dense(state: Array, step: float, workspace: Workspace) -> None:
     """Compute the coefficients of the cubic through both states with their rates."""
-    dense = workspace.dense
+    work = workspace.work
+    start, rates = work[values.F0:], work[values.RIGHT:]
+    y_new, dense = work[values.END:], work[values.DENSE:]
     for i in range(SIZE):
-        change = workspace.y_new[i] - state[i]
-        bend = step * workspace.stages[F0, i] - change
-        dense[0, i] = state[i]
-        dense[1, i] = change
-        dense[2, i] = bend
-        dense[3, i] = change - step * workspace.rates[i] - bend
-        dense[4, i] = 0.0
+        change = y_new[i] - state[i]
+        bend = step * start[i] - change
+        dense[i] = state[i]
+        dense[WIDTH + i] = change
+        dense[2 * WIDTH + i] = bend
+        dense[3 * WIDTH + i] = change - step * rates[i] - bend
+        dense[4 * WIDTH + i] = 0.0
 
 
 @compiled
@@ -116,13 +120,15 @@ def factor(error: float, tolerance: float) -> float:
 @outlined
 def advance(call: Packed) -> Packed:
     """Advance a state in place; see the contract in `solvers`."""
-    status, end, state, system, options, output, workspace = named(call)
-    statistics, stages, tolerance = workspace.statistics, workspace.stages, options.tolerance
+    status, end, state, system, options, output, workspace = unpack_call(call)
+    statistics, work, tolerance = workspace.statistics, workspace.work, options.tolerance
+    start, earlier = work[values.F0:], work[PREVIOUS:]
+    rates, y_new = work[values.RIGHT:], work[values.END:]
     time, filled, controller, before = (
         status.time, status.filled, status.controller, status.before)
     outcome, known = FINISHED, False
     if not status.has_mode:
-        derivative(time, state, system, workspace.mode.contacts, stages[F0])
+        derivative(time, state, system, workspace.mode.contacts, start)
         statistics[EVALUATIONS] += 1
         before = 0.0
     if controller.step <= 0.0:
@@ -147,7 +153,7 @@ def advance(call: Packed) -> Packed:
             controller = with_step(controller, used * shrink)
             statistics[REJECTED] += 1
             if controller.step < smallest:
-                outcome = STEP_TOO_SMALL if is_finite(workspace.y_new) else NOT_FINITE
+                outcome = STEP_TOO_SMALL if is_finite(y_new) else NOT_FINITE
                 break
             continue
         statistics[STEPS] += 1
@@ -159,9 +165,9 @@ def advance(call: Packed) -> Packed:
         filled = write_rows(
             output, filled, time, used, reached + smallest, system.actuator, workspace)
         for i in range(SIZE):
-            state[i] = workspace.y_new[i]
-            stages[PREVIOUS, i] = stages[F0, i]
-            stages[F0, i] = workspace.rates[i]
+            state[i] = y_new[i]
+            earlier[i] = start[i]
+            start[i] = rates[i]
         before, known = used, False
         time = end if end - reached < smallest else reached
         if state[Y] <= ground_height(system.ground, state[X]):

@@ -4,7 +4,8 @@ Values of a solver: options, output, controller, status, workspace, and the rows
 
 An adaptive step works in rows of numbers.  A row holds a motion (four coordinates, four
 velocities) or its change, and room for the energy ledger behind it; all of them lie in one array,
-`Workspace.work`, each at its own place.  Their sums are half of the work of a step.
+`Workspace.work`, each at its own place: ``work[PROBE:]`` begins with that one.  Their sums are
+half of the work of a step.
 """
 from typing import Any, NamedTuple
 
@@ -27,7 +28,6 @@ STEPS, REJECTED, EVENTS, EVALUATIONS, FLIGHTS, SEARCH = range(6)
 AUTOMATIC = -1  # in place of the number of a step in `controller.STEP_METHODS`: choice by cost
 
 SMALLEST_STEP = 1e-14  # [s], relative to times above 1 s
-FIXED_STAGES = 4  # maximum of the fixed-step methods
 STABLE = 3.3  # step times rate of the fastest decay where explicit steps diverge
 
 # Content of the workspace at the start of a step: nothing, the rates F0, or F0 and the Jacobian.
@@ -134,26 +134,11 @@ def status_at(time: float) -> Status:
                   EventRate(0, 0, 0), False, NOTHING, True, 0.0)
 
 
-@compiled
-def views(work: Array) -> tuple[Array, Array, Array, Array, Array]:
-    """Return the views of `Workspace.work` that have names there."""
-    return (work[RIGHT:RIGHT + WIDTH], work[END:END + WIDTH],
-            work[ERROR:ERROR + WIDTH],
-            work[DENSE:COLUMNS].reshape(-1, WIDTH),
-            work[PROBE:PROBE + WIDTH])
-
-
 class Workspace(NamedTuple):
     """The arrays that solvers work in; one set for each thread."""
 
     mode: ContactMode
-    work: Array  # all rows of a step of the adaptive method, see above; of these are views:
-    rates: Array  # (16,)
-    y_new: Array  # (16,): the state at the end of the step
-    error: Array  # (16,): its estimated error
-    dense: Array  # (5, 16): coefficients of the dense output, see `dense.interpolate`
-    probe: Array  # (16,): a state within the step
-    stages: Array  # (4, 13), of other methods
+    work: Array  # all rows, see above
     jacobian: Array  # see `modes.write_jacobian`
     violated: IntArray  # kind and item of each violated guard
     statistics: IntArray  # (6,): counts since they were made
@@ -161,31 +146,16 @@ class Workspace(NamedTuple):
     @classmethod
     def of(cls, vertices: int) -> 'Workspace':
         """Return the workspace for a terrain with a number of vertices."""
-        work = np.zeros(ROWS)
-        # In Python: a kernel must not return arrays, see `compiled`.
-        rates, y_new, error, dense, probe = in_python(views)(work)
-        return cls(
-            ContactMode.of(vertices), work, rates, y_new, error, dense, probe,
-            np.zeros((FIXED_STAGES, SIZE)), jacobian_table(),
-            np.zeros((4 * vertices + 8, 2), dtype=np.int64),
-            np.zeros(6, dtype=np.int64))
+        return cls(ContactMode.of(vertices), np.zeros(ROWS), jacobian_table(),
+                   np.zeros((4 * vertices + 8, 2), dtype=np.int64), np.zeros(6, dtype=np.int64))
 
     @property
     def plain(self) -> Packed:
-        """Return it as a solver takes it: without the views, since each array costs time."""
-        return (self.mode[:], self.work, self.stages, self.jacobian, self.violated,
-                self.statistics)
+        """Return it as a solver takes it."""
+        return _pack_workspace(self)
 
 
-class Arrays(NamedTuple):
-    """A workspace without its views."""
-
-    mode: ContactMode
-    work: Array
-    stages: Array
-    jacobian: Array
-    violated: IntArray
-    statistics: IntArray
+_pack_workspace, unpack_workspace = in_python(packer(Workspace)), unpacker(Workspace)
 
 
 class Call(NamedTuple):
@@ -197,32 +167,8 @@ class Call(NamedTuple):
     system: System
     options: Options
     output: Output
-    arrays: Arrays
+    workspace: Workspace
 
 
-unpack_arrays, unpack_call = unpacker(Arrays), unpacker(Call)
-
-
-@compiled
-def workspace_of(arrays: Arrays) -> Workspace:
-    """Return a workspace with its views."""
-    rates, y_new, error, dense, probe = views(arrays.work)
-    return Workspace(arrays.mode, arrays.work, rates, y_new, error, dense, probe, arrays.stages,
-                     arrays.jacobian, arrays.violated, arrays.statistics)
-
-
-@compiled
-def unpacked(arrays: Packed) -> Workspace:
-    """Return the workspace that Python hands to a kernel; see `Workspace.plain`."""
-    return workspace_of(unpack_arrays(arrays))
-
-
-@compiled
-def named(plain: Packed) -> tuple[Status, float, Array, System, Options, Output, Workspace]:
-    """Return the arguments of a solver from Python with their names."""
-    call = unpack_call(plain)
-    return (call.status, call.end, call.state, call.system, call.options, call.output,
-            workspace_of(call.arrays))
-
-
+unpack_call = unpacker(Call)
 NO_OUTPUT = Output(np.zeros((0, 2 + SIZE)), 0.0, 1.0)

@@ -23,7 +23,8 @@ from ballbot_ros.physics.simulation.model import Model
 from ballbot_ros.physics.simulation.solver import failure, Solver
 from ballbot_ros.physics.solvers.integrate import integrate
 from ballbot_ros.physics.solvers.values import (
-    AUTOMATIC, FINISHED, NO_OUTPUT, Options, Output, Packed, status_at, unpacked, Workspace)
+    AUTOMATIC, FINISHED, NO_OUTPUT, Options, Output, Packed, status_at, unpack_workspace,
+    Workspace)
 from ballbot_ros.studies.evaluation.terrains import FACE_HEIGHT, FACE_SLOPE
 
 PERIOD = 0.002  # of control [s]
@@ -110,7 +111,7 @@ def advance_periods(call: Call) -> Tuple[int, int, float]:
     kp, kd, gravity_torque, most, stall, back, supply, maximum = drive
     parameters, ground = Parameters(*packed[0]), packed[1]
     options, output = Options(*solving), Output(*rows)
-    workspace = unpacked(arrays)
+    workspace = unpack_workspace(arrays)
     torque = 0.0
     for number in range(first, first + count):
         asked = position_torque(state[PENDULUM_ANGLE], state[PENDULUM_RATE],

@@ -15,7 +15,7 @@ from ballbot_ros.physics.mechanics.equations import System
 from ballbot_ros.physics.mechanics.modes import find_mode
 from ballbot_ros.physics.simulation.scene import read_scene
 from ballbot_ros.physics.simulation.solver import PRESETS
-from ballbot_ros.physics.solvers import rodas5p
+from ballbot_ros.physics.solvers import rodas5p, values
 from ballbot_ros.physics.solvers.dense import interpolate
 from ballbot_ros.physics.solvers.values import NOTHING, Workspace
 
@@ -47,8 +47,9 @@ def implicit_step(model, state, step, actuation=Actuation()):
     rodas5p.step(0.0, vector, step, NOTHING, system, workspace)
     rodas5p.prepare_dense(step, workspace)
     for row, theta in enumerate((0.25, 0.5, 0.75)):
-        interpolate(theta, workspace.dense, middle[row])
-    return workspace.y_new[:13].copy(), middle, workspace.error.copy()
+        interpolate(theta, workspace.work, middle[row])
+    end, error = (workspace.work[row:row + 13].copy() for row in (values.END, values.ERROR))
+    return end, middle, error
 
 
 def test_a_step_has_local_order_six_its_estimate_and_interpolation_five():

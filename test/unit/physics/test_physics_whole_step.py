@@ -8,6 +8,7 @@ from ballbot_ros.physics.mechanics import contact, modes
 from ballbot_ros.physics.mechanics.equations import System
 from ballbot_ros.physics.model.actuation import unsaturated_torque
 from ballbot_ros.physics.model.state import BALL_RATE, SIZE, VELOCITY_X, VELOCITY_Y, X, Y
+from ballbot_ros.physics.solvers import values
 from ballbot_ros.physics.solvers.dense import motion_at
 from ballbot_ros.physics.solvers.events import holds_throughout, least, most
 from ballbot_ros.physics.solvers.values import Workspace
@@ -16,6 +17,11 @@ from ballbot_ros.physics.solvers.values import Workspace
 GROUND = Terrain([[-1.0, 0.0], [0.0, 0.0], [0.5, 0.03], [0.9, 0.03], [0.901, 0.06], [1.3, 0.06],
                   [1.31, 0.09], [1.32, 0.06], [1.6, 0.06], [1.7, 0.02], [1.8, 0.06], [2.5, 0.06]])
 THETAS = np.linspace(0.0, 1.0, 97)
+
+
+def dense_of(workspace):
+    """Return the coefficients of the dense output, a row for each."""
+    return workspace.work[values.DENSE:values.COLUMNS].reshape(-1, values.WIDTH)
 
 
 def random_step(draw, model, workspace):
@@ -33,7 +39,7 @@ def random_step(draw, model, workspace):
     vector[BALL_RATE] = (slip - speed) / model.robot.ball_radius
     system = System(model.parameters, model.profile, Actuation().actuator(model.robot))
     modes.find_mode(0.0, vector, system, workspace.mode)
-    dense, scale = workspace.dense, 10.0**draw.uniform(-4.0, -1.5)
+    dense, scale = dense_of(workspace), 10.0**draw.uniform(-4.0, -1.5)
     dense[:, :8] = scale * draw.normal(size=(5, 8)) * draw.choice([0.1, 1.0], size=(5, 8))
     dense[0, :8] = vector[:8]
     return system
@@ -41,7 +47,7 @@ def random_step(draw, model, workspace):
 
 def says_so(system, workspace, step=1.0):
     """Return whether the mode is said to hold, with the features that a step looks at."""
-    dense, radius = workspace.dense, system.parameters.radius
+    dense, radius = dense_of(workspace), system.parameters.radius
     way = float(np.sum(np.abs(dense[1:, X])))
     first, behind = contact.features_within(dense[0, X], radius + way, system.ground)
     return holds_throughout(0.0, step, workspace.work, first, behind, system, workspace.mode)
@@ -51,8 +57,9 @@ def violated_within(system, workspace, step=1.0):
     """Return whether any guard is violated at any of many times within the step."""
     for theta in THETAS:
         motion_at(theta, workspace.work)
-        if modes.violated_guards(theta * step, workspace.probe, system, workspace.mode, 0,
-                                 2 * len(system.ground) - 3, workspace.violated):
+        if modes.violated_guards(
+                theta * step, workspace.work[values.PROBE:], system, workspace.mode, 0,
+                2 * len(system.ground) - 3, workspace.violated):
             return True
     return False
 
@@ -84,7 +91,7 @@ def test_it_has_much_to_say_of_small_steps():
     workspace, steps, said = Workspace.of(len(model.profile)), 0, 0
     for _ in range(1000):
         system = random_step(draw, model, workspace)
-        workspace.dense[1:, :8] *= 1e-3
+        dense_of(workspace)[1:, :8] *= 1e-3
         signs, count = workspace.mode.signs, modes.contact_count(workspace.mode)
         if count and np.all(signs[:count, contact.PRESSED] == 1):
             steps += 1
@@ -114,11 +121,11 @@ def test_of_a_motor_near_its_limit_it_says_nothing_that_is_not(actuation):
     plain = actuation.actuator(model.robot, 0.0, 0.1)
     for _ in range(3000):
         system = random_step(draw, model, workspace)
-        workspace.dense[1:, :8] *= 0.1
-        torque = unsaturated_torque(0.0, workspace.dense[0], plain)
+        dense_of(workspace)[1:, :8] *= 0.1
+        torque = unsaturated_torque(0.0, dense_of(workspace)[0], plain)
         limit = abs(torque) * draw.choice([0.9, 0.99, 1.01, 1.1, 1.5])
         system = system._replace(actuator=plain._replace(limit=limit))
-        modes.find_mode(0.0, workspace.dense[0], system, workspace.mode)
+        modes.find_mode(0.0, dense_of(workspace)[0], system, workspace.mode)
         if says_so(system, workspace, 1e-3):
             assert not violated_within(system, workspace, 1e-3)
             said[workspace.mode.signs[-1, modes.MOTOR]] += 1
@@ -130,7 +137,7 @@ def test_of_a_corner_it_says_nothing():
     model = Model(load_robot('gimball'), Terrain.flat())
     workspace = Workspace.of(len(model.profile))
     system = random_step(draw, model, workspace)
-    workspace.dense[1:] = 0.0
+    dense_of(workspace)[1:] = 0.0
     assert says_so(system, workspace)
     workspace.mode.signs[-1, modes.CORNERS] = 1
     assert not says_so(system, workspace)
