@@ -410,6 +410,8 @@ class Navigator:
         speed, yaw_rate = self._tracker.follow(
             path, along, left, percept.heading, percept.speed, self._tuning.cruise_speed
             if path.direction > 0 else 0.5 * self._tuning.cruise_speed)
+        if max(state.agreeing) > 0:
+            speed = 0.0  # until the obstacle is confirmed
         return state, Command(CommandKind.DRIVE, speed, yaw_rate)
 
     def _watch(self, state: NavigationState, percept: Percept) -> NavigationState:
