@@ -35,6 +35,7 @@ from ballbot_ros.ros.conversions import command_message, set_point_message
 from ballbot_ros.ros.endpoints import create_publisher, create_subscription
 from ballbot_ros.ros.rclpy_compat import new_executor
 
+START = 60.0  # longest start or end of an emulator [s]
 SETTLE, WINDOW = 2.0, 8.0  # wall time before and of the measurement [s]
 REPEATS = 3
 GEAR = 50.0 * 0.9  # torque at the pendulum per torque at the shaft
@@ -140,7 +141,11 @@ def emulated_apart(folder):
         yield None
     finally:
         process.send_signal(signal.SIGTERM)
-        process.wait()
+        try:
+            process.wait(START)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            raise
 
 
 @contextmanager
@@ -149,7 +154,10 @@ def emulated_robot(folder):
     with NodeProcesses(folder / 'robot', own_domain()) as nodes:
         nodes.start('emulated_robot', {
             'link': folder / 'motor', 'scene': 'flat', 'imu_rate': 200.0})
+        deadline = time.monotonic() + START
         while not (folder / 'motor').exists():
+            if time.monotonic() > deadline:
+                raise TimeoutError(f'the emulated robot has not started within {START:g} s')
             time.sleep(0.05)
         yield None
 

@@ -6,8 +6,7 @@ Tilt and yaw rate are not measured.  An observer, the lateral model under the me
 computes them; it starts from rest with each set-point after an idle time, so that its errors do
 not accumulate.
 """
-import math
-from typing import Callable, NamedTuple, Optional, Tuple
+from typing import Callable, NamedTuple, Optional
 
 from ballbot_ros.bridge.hardware_file import Hardware
 from ballbot_ros.bridge.sensing import AxisSensing
@@ -31,28 +30,6 @@ class LeanEstimate(NamedTuple):
 
     stamp: float
     readings: LeanReadings
-
-
-class GroundTrack(NamedTuple):
-    """Pose of a ball that turns, in the frame of its start; `after` returns the next."""
-
-    x: float = 0.0  # [m]
-    y: float = 0.0  # [m]
-    path: float = 0.0  # position of the odometry there [m]
-    lateral: LateralState = LateralState()
-
-    def after(self, path: float, lateral: LateralState, radius: float) -> 'GroundTrack':
-        """Return the pose at a later path length [m] and lateral state, by the midpoint rule."""
-        heading = 0.5 * (self.lateral.heading + lateral.heading)
-        forward, left = path - self.path, radius * (lateral.tilt - self.lateral.tilt)
-        return GroundTrack(self.x + forward * math.cos(heading) - left * math.sin(heading),
-                           self.y + forward * math.sin(heading) + left * math.cos(heading),
-                           path, lateral)
-
-    @property
-    def pose(self) -> Tuple[float, float, float]:
-        """Return x, y and heading [m], [rad]."""
-        return self.x, self.y, self.lateral.heading
 
 
 class LeanSensing(AxisSensing):

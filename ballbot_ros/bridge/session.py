@@ -18,7 +18,7 @@ from typing import Any, Callable, List, NamedTuple, Optional, Tuple
 from ballbot_ros.bridge.condition import Condition
 from ballbot_ros.bridge.drive_control import DriveControl, Estimated
 from ballbot_ros.bridge.hardware_file import Hardware
-from ballbot_ros.bridge.lean import GroundTrack, LeanLaw, LeanSensing
+from ballbot_ros.bridge.lean import LeanLaw, LeanSensing
 from ballbot_ros.bridge.motor_state import MotorState, SILENCE
 from ballbot_ros.bridge.observer import SessionObserver
 from ballbot_ros.bridge.onboard import OnBoard
@@ -31,7 +31,7 @@ from ballbot_ros.errors import (
     BallbotError, ConfigurationError, LinkError, MessageError, RefusedError)
 from ballbot_ros.estimation import Estimate, Fusion, ImuReading, OdometryState
 from ballbot_ros.physics.model.robot import Robot
-from ballbot_ros.steering import required_steering
+from ballbot_ros.steering import GroundTrack, required_steering
 
 
 # States of an axis in which the others may have power.

@@ -9,7 +9,7 @@ from ballbot_ros.physics.model.robot import Motor, Robot
 from ballbot_ros.physics.model.state import State
 from ballbot_ros.physics.simulation.scene import Scene
 from ballbot_ros.plant import Imu, ImuSample, Plant
-from ballbot_ros.steering import LateralState, pull
+from ballbot_ros.steering import GroundTrack, LateralState, pull
 
 
 def motor_of(robot: Robot) -> Motor:
@@ -68,6 +68,8 @@ class Ball:
     ----------
     lateral : LateralState
         Of a robot whose second motor leans the pendulum.
+    course : GroundTrack
+        Pose in the frame of the start.
 
     """
 
@@ -84,6 +86,7 @@ class Ball:
         # Both in one assignment: another thread may request a reading at any time.
         self._pair = (self.state._replace(time=self.state.time - self.plant.period), self.state)
         self.lateral = LateralState()
+        self.course = GroundTrack(x=self.state.x, path=self.state.x)
 
     @property
     def state(self) -> State:
@@ -126,6 +129,8 @@ class Ball:
             if abs(self.lateral.tilt) >= 0.5 * math.pi:
                 # The model is not valid beyond: a ball whose lean is not driven has rolled over.
                 self.lateral = LateralState(heading=self.lateral.heading)
+        self.course = self.course.after(
+            after.x, self.lateral, self.plant.model.robot.ball_radius)
         return after
 
     def reset(self) -> None:

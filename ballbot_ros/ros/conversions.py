@@ -60,7 +60,7 @@ def _joint_value(message: JointState, joint: str, values: Sequence[float], quant
     if joint not in message.name:
         raise MessageError(
             f'joint {joint!r} is missing, the message names '
-            f'{list(message.name)}', 'unknown_joint', joint)
+            f'{list(message.name)!s:.200}', 'unknown_joint', joint)
     if message.name.count(joint) > 1:
         raise MessageError(
             f'joint {joint!r} is named {message.name.count(joint)} times: name '
@@ -277,10 +277,14 @@ def motion(message: Odometry) -> Motion:
 
 
 def ball_state_message(state: State, torque: float, model: Model, frames: Frames = FRAMES,
-                       plant: Optional[Plant] = None) -> BallState:
-    """Return the complete message of a state; see `odometry_message`."""
-    lateral = LateralState() if plant is None else plant.lateral
-    position_x, position_y, heading = (state.x, 0.0, 0.0) if plant is None else plant.relative_pose
+                       lateral: LateralState = LateralState(),
+                       pose: Optional[Tuple[float, float, float]] = None) -> BallState:
+    """
+    Return the complete message of a state.
+
+    `pose` is x, y and heading in the frame odom [m], [rad]; on the x axis if None.
+    """
+    position_x, position_y, heading = (state.x, 0.0, 0.0) if pose is None else pose
     energies = model.energies(state)
     absent = None if model.robot.has_pendulum else math.nan
     message = BallState(

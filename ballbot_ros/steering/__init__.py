@@ -34,13 +34,13 @@ A step at an angle is lower for the ball by `height_factor`; it changes the cour
 from ballbot_ros.steering.law import law
 from ballbot_ros.steering.limits import curvature_limit, steady_turn, Turn, yaw_rate_limit
 from ballbot_ros.steering.model import (
-    follow, lateral_acceleration, lateral_speed, LateralState, pull, required_steering,
-    servo_torque, step)
+    follow, GroundTrack, lateral_acceleration, lateral_speed, LateralState, pull,
+    required_steering, servo_torque, step)
 from ballbot_ros.steering.oblique import (
     course_change, heading_change, height_factor, load_oblique_steps, ObliqueSteps)
 
 __all__ = [
-    'course_change', 'curvature_limit', 'follow', 'heading_change', 'height_factor',
-    'lateral_acceleration', 'lateral_speed', 'LateralState', 'law', 'load_oblique_steps',
-    'ObliqueSteps', 'pull', 'required_steering', 'servo_torque', 'steady_turn', 'step', 'Turn',
-    'yaw_rate_limit']
+    'course_change', 'curvature_limit', 'follow', 'GroundTrack', 'heading_change',
+    'height_factor', 'lateral_acceleration', 'lateral_speed', 'LateralState', 'law',
+    'load_oblique_steps', 'ObliqueSteps', 'pull', 'required_steering', 'servo_torque',
+    'steady_turn', 'step', 'Turn', 'yaw_rate_limit']

@@ -7,7 +7,7 @@ the pendulum in the ball, tilt of the axle (left end down), swing = lean - tilt 
 against the vertical, yaw.
 """
 import math
-from typing import NamedTuple
+from typing import NamedTuple, Tuple
 
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics.model.robot import Robot, Steering
@@ -25,6 +25,28 @@ class LateralState(NamedTuple):
     tilt_rate: float = 0.0  # [rad/s]
     yaw_rate: float = 0.0  # of axle and pendulum about the vertical [rad/s]
     heading: float = 0.0  # horizontal direction of travel at zero tilt rate [rad]
+
+
+class GroundTrack(NamedTuple):
+    """Pose of a ball that turns, in the frame of its start; `after` returns the next."""
+
+    x: float = 0.0  # [m]
+    y: float = 0.0  # [m]
+    path: float = 0.0  # position of the odometry there [m]
+    lateral: LateralState = LateralState()
+
+    def after(self, path: float, lateral: LateralState, radius: float) -> 'GroundTrack':
+        """Return the pose at a later path length [m] and lateral state, by the midpoint rule."""
+        heading = 0.5 * (self.lateral.heading + lateral.heading)
+        forward, left = path - self.path, radius * (lateral.tilt - self.lateral.tilt)
+        return GroundTrack(self.x + forward * math.cos(heading) - left * math.sin(heading),
+                           self.y + forward * math.sin(heading) + left * math.cos(heading),
+                           path, lateral)
+
+    @property
+    def pose(self) -> Tuple[float, float, float]:
+        """Return x, y and heading [m], [rad]."""
+        return self.x, self.y, self.lateral.heading
 
 
 class Accelerations(NamedTuple):

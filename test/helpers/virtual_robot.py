@@ -8,7 +8,6 @@ import tempfile
 
 from ballbot_ros.bridge.condition import Battery
 from ballbot_ros.bridge.hardware_file import load_hardware, SteeringAxis
-from ballbot_ros.bridge.lean import GroundTrack
 from ballbot_ros.bridge.onboard import OnBoard
 from ballbot_ros.bridge.session import Session
 from ballbot_ros.control import load_tuning, Supervision
@@ -23,7 +22,7 @@ from ballbot_ros.physics import load_robot
 from ballbot_ros.physics.model.state import State
 from ballbot_ros.physics.simulation.scene import read_scene
 from ballbot_ros.plant import Imu, Plant
-from ballbot_ros.steering import LateralState, pull
+from ballbot_ros.steering import GroundTrack, LateralState, pull
 
 STEP = 0.002
 # A reply is there a step later [s].

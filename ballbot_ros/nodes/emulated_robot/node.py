@@ -133,7 +133,8 @@ class EmulatedRobot(Node):
         here = state._replace(time=now)
         if self._number % TRUTH_EVERY == 0:
             self._truth.publish(ball_state_message(
-                here, self._emulator.pendulum_torque, self._model, self._frames))
+                here, self._emulator.pendulum_torque, self._model, self._frames,
+                self._emulator.ball.lateral, self._emulator.ball.course.pose))
         if self._odometry is not None and self._number % ODOM_EVERY == 0:
             self._odometry.publish(odometry_message(here, self._frames))
         if self._number % OBSERVATION_EVERY == 0:

@@ -150,7 +150,8 @@ class Outputs:
     def _publish_ball_state(self, state: State, torque: float) -> None:
         if has_subscribers(self._ball):
             self._ball.publish(ball_state_message(
-                state, torque, self._plant.model, self._odometry.frames, self._plant))
+                state, torque, self._plant.model, self._odometry.frames, self._plant.lateral,
+                self._plant.relative_pose))
 
 
 class PlaceOnMap:

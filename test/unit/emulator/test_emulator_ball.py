@@ -100,3 +100,14 @@ def test_a_lean_that_is_no_longer_driven_never_stops_the_ball(settings):
         ball.advance(0.0, torque)
         assert abs(ball.lateral.tilt) < 0.5 * math.pi
     assert all(map(math.isfinite, ball.lateral))
+
+
+def test_a_lean_turns_the_course_and_a_straight_ball_keeps_to_the_x_axis(settings):
+    ball, straight = Ball(scene(speed=0.4), settings), Ball(scene(speed=0.4), settings)
+    newton_metre = 1.0 / ball.pendulum_torque(1.0)
+    for _ in range(1000):
+        ball.advance(0.0, 0.05 * newton_metre)
+        straight.advance(0.0)
+    assert straight.course.pose == pytest.approx((straight.state.x, 0.0, 0.0))
+    assert ball.course.pose[2] == ball.lateral.heading != 0.0
+    assert ball.course.y * ball.lateral.heading > 0.0

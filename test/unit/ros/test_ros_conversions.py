@@ -266,3 +266,9 @@ def test_what_a_terrain_sensor_sees_is_stamped_and_in_the_level_frame():
     message = conversions.terrain_message(conversions.to_time(1.5), sight)
     assert conversions.terrain_observation(message) == decision.TerrainObservation(
         1.5, sight.x, sight.z, sight.z_sd, sight.x_min, sight.x_max)
+
+
+def test_names_of_any_length_make_a_short_error():
+    with pytest.raises(MessageError) as caught:
+        conversions.command_torque(joints(name=['x' * 100000], effort=[1.0]))
+    assert caught.value.reason == 'unknown_joint' and len(str(caught.value)) < 400
