@@ -212,7 +212,7 @@ class CubicPlanner:
         if pushing is not None:
             return pushing
         slope = situation.slope
-        steep = self._lines.steep(situation, previous)
+        steep = self._lines.steep(situation)
         if steep is not None and (
                 step is None or not self._lines.face_is_nearer(step, steep, motion.position)):
             return steep

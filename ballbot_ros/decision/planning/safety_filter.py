@@ -12,7 +12,7 @@ from typing import Optional
 from ballbot_ros.decision.planning.situation import Knowledge, Planner, Situation
 from ballbot_ros.decision.planning.stop_line import StopLines
 from ballbot_ros.decision.tuning import DecisionTuning
-from ballbot_ros.decision.values import Decision, Kind, Motion, Plan, Profile, Reason, Strategy
+from ballbot_ros.decision.values import Decision, Kind, Plan, Reason, Strategy
 from ballbot_ros.physics.model.robot import Robot
 
 # Hysteresis of the age limit of observations: fraction of the limit for a return to fresh.
@@ -72,27 +72,28 @@ def energy_bound(robot: Robot, speed: float, swing: float) -> float:
 
 def unusable(situation: Situation, previous: Optional[Decision],
              tuning: DecisionTuning) -> Optional[Decision]:
-    """
-    Return STOP for missing, stale, rejected or non-finite input, otherwise None.
-
-    Parameters
-    ----------
-    situation : Situation
-    previous : Decision or None
-        For the hysteresis of the age limit.
-    tuning : DecisionTuning
-
-    """
+    """Return STOP for missing, stale, rejected or non-finite input, otherwise None."""
     fault = meaningless(situation)
     if fault:
         return stop(Reason.BAD_OBSERVATION, f'Stopping: {fault}')
     motion, profile = situation.motion, situation.profile
     if profile is None:
         return stop(Reason.STALE, 'Stopping: nothing has been observed yet')
-    answer, face = _rejected(profile, motion, previous, tuning), profile.face
-    if answer is None or face is None:
-        return answer
-    return replace(answer, distance=face.position - motion.position, step=face.number)
+    age, allowed = motion.stamp - profile.stamp, tuning.observation_timeout
+    if previous is not None and previous.reason is Reason.STALE:
+        allowed *= YOUNG
+    if profile.rejection is not None:
+        answer = stop(profile.rejection,
+                      f'Stopping: the observation is rejected, {profile.explanation}')
+    elif not abs(age) <= allowed:  # also NaN, and a stamp from the future
+        when = f'{age:.2f} s old' if age >= 0.0 else f'{-age:.2f} s ahead of the clock'
+        answer = stop(Reason.STALE,
+                      f'Stopping: the last observation is {when}, {allowed:g} s is allowed')
+    else:
+        return None
+    face = profile.face
+    return answer if face is None else replace(
+        answer, distance=face.position - motion.position, step=face.number)
 
 
 def meaningless(situation: Situation) -> str:
@@ -103,23 +104,6 @@ def meaningless(situation: Situation) -> str:
     if situation.profile is not None and not situation.profile.sane:
         return 'the step is not finite, or out of range'
     return ''
-
-
-def _rejected(profile: Profile, motion: Motion, previous: Optional[Decision],
-              tuning: DecisionTuning) -> Optional[Decision]:
-    """Return STOP for a rejected or stale observation, otherwise None."""
-    if profile.rejection is not None:
-        return stop(profile.rejection,
-                    f'Stopping: the observation is rejected, {profile.explanation}')
-    age, allowed = motion.stamp - profile.stamp, tuning.observation_timeout
-    if previous is not None and previous.reason is Reason.STALE:
-        allowed *= YOUNG
-    # A NaN age counts as stale, and so does a stamp from the future.
-    if not abs(age) <= allowed:
-        when = f'{age:.2f} s old' if age >= 0.0 else f'{-age:.2f} s ahead of the clock'
-        return stop(Reason.STALE,
-                    f'Stopping: the last observation is {when}, {allowed:g} s is allowed')
-    return None
 
 
 def checked(decision: Decision, situation: Situation, knowledge: Knowledge) -> Decision:

@@ -13,7 +13,7 @@ from typing import Iterable, List, NamedTuple, Optional
 
 from ballbot_ros.crossing.rules import touch_distance
 from ballbot_ros.decision.perception.ground_profile import (
-    GroundProfile, SLOPE_HYSTERESIS, SLOPE_LENGTH_MIN)
+    GroundProfile, SLOPE_LENGTH_MIN)
 from ballbot_ros.decision.planning.braking import Braking
 from ballbot_ros.decision.planning.situation import Knowledge, Situation
 from ballbot_ros.decision.values import (
@@ -21,10 +21,6 @@ from ballbot_ros.decision.values import (
 
 # Between the centre at the line and a touch, an edge, or the end of the observed terrain [m].
 LINE_MARGIN = 0.03
-
-# Speed in parts of the distance to the end of the observed terrain [1/s]: a set speed is followed
-# within half a second.
-SIGHT_RATE = 1.0
 
 
 class StopLine(NamedTuple):
@@ -123,21 +119,16 @@ class StopLines:
         line = self.nearest(situation, ())
         speed = self._tuning.cruise_speed
         if line is not None:
-            room = line.position - situation.motion.position
-            speed = min(speed, max(0.0, room) * SIGHT_RATE,
-                        self.speed_before(line.position, situation))
+            speed = min(speed, self.speed_before(line.position, situation))
         return Decision(Kind.CLEAR, Reason.NOTHING_AHEAD, speed,
                         f'Nothing ahead: cruising at {speed:.2f} m/s',
                         plan=Plan(Strategy.CRUISE, situation.motion.position, speed))
 
-    def steep(self, situation: Situation, previous: Optional[Decision]) -> Optional[Decision]:
+    def steep(self, situation: Situation) -> Optional[Decision]:
         """Return the STOP that a slope below or ahead requires, if it is too steep to hold."""
         profile, motion, steepest = situation.profile, situation.motion, self.braking.steepest
         if profile is None:
             return None
-        if previous is not None and previous.kind is Kind.STOP \
-                and previous.reason is Reason.STEEP:
-            steepest *= SLOPE_HYSTERESIS
         below, seen = situation.slope, math.isfinite(profile.slope)
         doubt = profile.slope_sd if seen and math.isfinite(profile.slope_sd) else 0.0
         # Uphill only where the map shows it: the motion of the ball may show a step.

@@ -34,9 +34,7 @@ from ballbot_ros.decision.values import (
 
 # Maximum speed gain of a swing [m/s].
 KICK = 0.15
-# Hysteresis: the previous plan is kept down to this below the required probability.
-LOYALTY = 0.03
-CHECKED = 80  # rollouts for checking that
+CHECKED = 80  # rollouts for checking the present plan
 # Hypothetical run-up that separates "too little run-up" from "too high" [m].
 IMAGINED = 2.5
 # After a failure, a plan must touch faster by this [m/s] or swing further by this [rad].
@@ -103,7 +101,7 @@ def deliberate(task: Task, tuning: DecisionTuning, room_behind: float,
     if kept is not None:
         trial = Trial(kept)
         yield from confirm(trial, task, CHECKED, BEYOND)
-        if good(trial.many, task.required - LOYALTY, BEYOND):
+        if good(trial.many, task.required, BEYOND):
             return Choice(trial, Reason.RUN_UP if kept.back > 0.0 else Reason.LIKELY,
                           tally=trial.many)
     run_up = max(task.ahead.touch - position, 0.0)
@@ -194,8 +192,8 @@ HEIGHT_NEWS = 0.002
 SAME_PLACE = 0.06
 # Relevant increase of the clearance behind an edge [m].
 ROOM_NEWS = 0.1
-# Re-evaluation: period in decisions, rollouts, forgetting factor, and tally that it applies to.
-EVERY, ATTEMPTS, FADE, MEMORABLE = 10, 24, 0.9, 300
+# Re-evaluation: period in decisions, and rollouts.
+EVERY, ATTEMPTS = 10, 24
 # A plan is dropped when its probability is this far below the required one.
 LOST = 0.05
 # Maximum plan switches per face while the ball rolls.
@@ -343,9 +341,7 @@ class PlanSelector:
         if choice is None or choice.trial is None or self._answers % every:
             return
         trial = choice.trial
-        new = task.tally(trial, task.worlds.take(ATTEMPTS))
-        fade = FADE if choice.tally.attempts > MEMORABLE else 1.0
-        choice.tally = choice.tally.faded(fade) + new
+        choice.tally = choice.tally + task.tally(trial, task.worlds.take(ATTEMPTS))
         lost = LOST * (1 + self._changes)
         if braking_room > 0.0 and not good(
                 choice.tally, task.required - lost, BEYOND):
@@ -472,8 +468,6 @@ def weighing(ahead: Ahead, motion: Motion, tuning: DecisionTuning) -> Decision:
         step=face.number, distance=distance)
 
 
-# Faces beyond this distance are not evaluated yet [m].
-FAR = 3.5
 # The ball counts as on the step from this distance before the touch [m], for at most this [s].
 CONTACT, LONGEST_CONTACT = 0.005, 3.0
 # Clearance of a stop before a touch [m].
@@ -521,11 +515,11 @@ class RolloutPlanner:
         motion = situation.motion
         faces = faces_ahead(profile, motion.position)
         slope = situation.slope
-        steep = self._lines.steep(situation, previous)
+        steep = self._lines.steep(situation)
         if steep is not None and not (
                 faces and self._lines.face_is_nearer(faces[0], steep, motion.position)):
             return steep
-        if not faces or faces[0].position - motion.position > FAR:
+        if not faces:
             self._selector.forget()
             return self._alone(situation, previous)
         deviation = profile.slope_sd if math.isfinite(profile.slope_sd) else SLOPE_SD

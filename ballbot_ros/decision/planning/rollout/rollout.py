@@ -56,8 +56,7 @@ ROBOT = len(Parameters._fields)
 FLOOR_FRICTION = ROBOT  # coefficients of friction
 CORNER_FRICTION = ROBOT + 1
 SLOPE = ROBOT + 2      # added to the slope of the ground ahead [rad]
-DELAY = ROBOT + 3      # delay from measurement to motor torque [s]
-HEIGHT = ROBOT + 4     # deviations of the heights of the first faces [m], ...
+HEIGHT = ROBOT + 3     # deviations of the heights of the first faces [m], ...
 FACES = 4              # ... number of faces
 PLACE = HEIGHT + FACES  # and deviations of their positions [m]
 DRAW = PLACE + FACES
@@ -309,13 +308,13 @@ def reached_at(ground: Array, rough: int, radius: float) -> float:
 
 
 @compiled
-def order_of(plan: Array, late: float, after: float, drive: Drive) -> PlainOrder:
+def order_of(plan: Array, after: float, drive: Drive) -> PlainOrder:
     """
-    Return the order of the pilot for a plan that is executed with a position delay [m].
+    Return the order of the pilot for a plan.
 
     Behind the last edge the ball continues at `after` [m/s].
     """
-    return (plan[SPEED], 0.0, math.inf, plan[SWING_AT] + late, plan[SWING_ANGLE], plan[EDGE],
+    return (plan[SPEED], 0.0, math.inf, plan[SWING_AT], plan[SWING_ANGLE], plan[EDGE],
             after, drive.lean, drive.emergency_lean, drive.reaction)
 
 
@@ -376,8 +375,8 @@ def place(now: Rolling, robot: Parameters, ground: Array, state: Array) -> None:
 
 
 @outlined
-def climb(memory: SpeedState, plan: Array, draw: Array, robot: Parameters, drive: Drive,
-          scratch: Scratch, result: Array) -> int:
+def climb(memory: SpeedState, plan: Array, robot: Parameters, drive: Drive, scratch: Scratch,
+          result: Array) -> int:
     """Run the full model until the ball is over or not; its state is in the scratch."""
     state, ground = scratch.state, scratch.ground
     edge = int(plan[EDGE_AT])
@@ -388,8 +387,7 @@ def climb(memory: SpeedState, plan: Array, draw: Array, robot: Parameters, drive
     room = reached_at(ground, int(plan[NEXT_AT]), robot.radius)
     after = 0.0 if room - ground[edge, VERTEX_X] < TIGHT else min(plan[SPEED], drive.cruise)
     foot = ground[next_rough(ground, first_segment(ground, state[X])), VERTEX_X] - PROGRESS
-    # The command is delayed relative to its measurement.
-    order = order_of(plan, draw[DELAY] * state[VELOCITY_X], after, drive)
+    order = order_of(plan, after, drive)
     touch_x, until, time, set_angle = math.inf, LONGEST, 0.0, 0.0
     farthest, idle_from = -math.inf, 0.0
     for count in range(int(LONGEST / PERIOD)):
@@ -452,11 +450,11 @@ def run(start: Rolling, plan: Array, draw: Array, raised: float, drive: Drive, s
     rough = next_rough(ground, first_segment(ground, now.position))
     until = min(reached_at(ground, rough, robot.radius), plan[SWING_AT]) - EARLY
     now, memory = roll_until(
-        until, RISING, now, order_of(plan, 0.0, 0.0, drive), robot, drive, ground)
+        until, RISING, now, order_of(plan, 0.0, drive), robot, drive, ground)
     verdict = STUCK
     if now.position >= until:
         place(now, robot, ground, state)
-        verdict = climb(memory, plan, draw, robot, drive, scratch, result)
+        verdict = climb(memory, plan, robot, drive, scratch, result)
     result[VERDICT] = verdict
     return verdict
 

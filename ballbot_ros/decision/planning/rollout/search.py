@@ -158,8 +158,6 @@ def from_farther_back(ahead: Ahead, position: float, room: float, tuning: Decisi
 # Steps are raised by these multiples of their height deviation, to rank candidates.
 RAISED, MORE = 1.3, 2.3
 HIGHEST = 3
-# Spread between robots relative to the step height, added to the height deviation.
-ROBOTS = 0.04
 # Number of finalists, and of common worlds for comparing them.
 FINALISTS, FEW = 8, 16
 # Worlds for confirming a plan, and worlds before the first check.
@@ -224,17 +222,15 @@ def search(plans: Sequence[Candidate], task: Task, trials: List[Trial]) -> Steps
         Output: all evaluations, for reporting why candidates were rejected.
 
     """
-    ahead, worlds = task.ahead, task.worlds
     trials += [Trial(plan) for plan in plans]
-    spread = math.hypot(worlds.spread(), ROBOTS * abs(ahead.faces[0].height))
-    yield from _sort(trials, task, spread)
+    yield from _sort(trials, task)
     finalists = _finalists(trials, task.highest_speed)
     # The gentlest one is not compared if it is already sufficient.
     if finalists and finalists[0].level == HIGHEST:
         yield from confirm(finalists[0], task, MANY)
         if good(finalists[0].many, 0.5 * (task.required + 1.0)):
             return finalists[0]
-    few = worlds.first(FEW)
+    few = task.worlds.first(FEW)
     for trial in finalists:
         trial.few = task.tally(trial, few)
         yield
@@ -253,9 +249,9 @@ def search(plans: Sequence[Candidate], task: Task, trials: List[Trial]) -> Steps
     return None
 
 
-def _sort(trials: List[Trial], task: Task, spread: float) -> Generator[None, None, None]:
+def _sort(trials: List[Trial], task: Task) -> Generator[None, None, None]:
     """Rank trials by the raised steps they cross, from gentle to brisk, until enough do."""
-    middle = task.worlds.middle()
+    middle, spread = task.worlds.middle(), task.worlds.spread()
     trials.sort(key=lambda trial: trial.candidate.briskness)
     for begin in range(0, len(trials), HANDFUL):
         bundle = trials[begin:begin + HANDFUL]

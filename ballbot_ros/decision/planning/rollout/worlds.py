@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Sampled worlds, and rollouts of plans in them."""
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 import math
 from typing import Dict, Optional, Sequence, Tuple
 
@@ -10,15 +10,13 @@ from ballbot_ros.control.speed_law import SpeedLaw
 from ballbot_ros.decision.learning.particles import Particles
 from ballbot_ros.decision.planning.rollout.ahead import Ahead
 from ballbot_ros.decision.planning.rollout.rollout import (
-    CORNER_FRICTION, DELAY, DRAW, FACES, FALLS, FLOOR_FRICTION, HEIGHT, OVER, PLACE, PlainDrive,
+    CORNER_FRICTION, DRAW, FACES, FALLS, FLOOR_FRICTION, HEIGHT, OVER, PLACE, PlainDrive,
     PLAN, REST, RESULT, ROBOT, run_many, Scratch, SLOPE, Start, STUCK, TOUCH_SPEED, VERDICT)
 from ballbot_ros.decision.planning.situation import Knowledge
 from ballbot_ros.physics.model.terrain import Array
 
 # Number of worlds, drawn once and used cyclically.
 WORLDS = 1024
-# Maximum delay between decision and effect: the odometry period [s].
-LATENESS = 0.02
 
 
 @dataclass(frozen=True)
@@ -47,10 +45,6 @@ class Tally:
         return Tally(self.over + other.over, self.stuck + other.stuck, self.falls + other.falls,
                      self.touch_speed + other.touch_speed, self.touched + other.touched,
                      self.beyond + other.beyond)
-
-    def faded(self, part: float) -> 'Tally':
-        """Return it with each count times a part."""
-        return Tally(*(part * count for count in astuple(self)))
 
     @property
     def attempts(self) -> float:
@@ -97,7 +91,6 @@ class Worlds:
         seed = knowledge.seed
         random = np.random.default_rng(seed)
         self._normal = random.standard_normal((WORLDS, 2 * FACES + 1))
-        self._even = random.random(WORLDS)
         self._draws = np.zeros((WORLDS, DRAW))
         self._seed = seed
         self._particles: Optional[Particles] = None
@@ -135,7 +128,6 @@ class Worlds:
             draws[:, HEIGHT + index] -= np.sign(face.height) * self._bias
         draws[:, PLACE:PLACE + FACES] = normal[:, FACES:2 * FACES] * places
         draws[:, SLOPE] = normal[:, -1] * ahead.slope_sd
-        draws[:, DELAY] = LATENESS * (self._even - 0.5)
 
     def middle(self) -> Array:
         """Return the mean of all worlds, (1, DRAW)."""
