@@ -62,17 +62,13 @@ def table(found: Any, title: str) -> Iterator[str]:
     rows = [('model', 'source', *levels, 'largest deviation', 'cost of a height')]
     for curve in (found.full, *found.others):
         away = curve.heights - found.full.heights
+        ranges = (spans(found.speeds, abs(away) <= level) for level in DEVIATION_LEVELS)
         worst = away[abs(away).argmax()]
-        rows.append((curve.name, curve.source, *(
-            write_spans(spans(found.speeds, abs(away) <= level)) for level in DEVIATION_LEVELS),
+        rows.append((curve.name, curve.source, *(', '.join(
+            f'{low:.3g}' if low == high else f'{low:.3g} to {high:.3g}' for low, high in found_at)
+            or 'none' for found_at in ranges),
             f'{1e3 * worst:+.1f} mm', f'{1e6 * curve.cost:.3g} us' if curve.cost < 1e-3
             else f'{1e3 * curve.cost:.2g} ms'))
     widths = [max(map(len, column)) for column in zip(*rows)]
     heading, *lines = (table_row(row, widths) for row in rows)
     yield from (heading, table_rule(widths), *lines)
-
-
-def write_spans(ranges: list[Any]) -> str:
-    """Return ranges of speeds as text."""
-    return ', '.join(f'{low:.3g}' if low == high else f'{low:.3g} to {high:.3g}'
-                     for low, high in ranges) or 'none'

@@ -4,7 +4,6 @@ import argparse
 from pathlib import Path
 import signal
 import sys
-from typing import Any
 
 from ballbot_ros.cli.command import DONE, FAILED, print_error
 from ballbot_ros.cli.options import add_number, add_overwrite, add_seed
@@ -50,16 +49,31 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Emulate until interrupted."""
+    """
+    Emulate until interrupted.
+
+    Raises
+    ------
+    ConfigurationError
+        Naming the invalid scene, robot, protocol, firmware, quirk or link.
+
+    """
     from ballbot_ros.config.files import find_config
-    from ballbot_ros.emulator.control import Channel, obey
+    from ballbot_ros.emulator.ball import settings_for
+    from ballbot_ros.emulator.control import answer, Channel, obey
     from ballbot_ros.emulator.emulator import Emulator
+    from ballbot_ros.physics.simulation.scene import load_scene
     find_config('scenes', arguments.scene)
     if arguments.robot is not None:
         find_config('robots', arguments.robot)
     if arguments.log is not None:
         check_new_file(arguments.log, arguments.overwrite, '--log')
-    emulator = make_emulator(arguments, Emulator)
+    scene = load_scene(arguments.scene, robot=arguments.robot)
+    given = {} if arguments.watchdog is None else {'watchdog': arguments.watchdog}
+    settings = settings_for(scene.model.robot, firmware=arguments.firmware,
+                            quirks=tuple(arguments.quirk), **given)
+    emulator = Emulator(arguments.protocol, scene, arguments.baud, settings, arguments.link,
+                        arguments.seed, steering=arguments.steering)
     channel = None
     signal.signal(signal.SIGTERM, _interrupt)
     try:
@@ -69,7 +83,10 @@ def run(arguments: argparse.Namespace) -> int:
             channel = Channel(emulator, arguments.control)
         emulator.start()
         print(emulator.path, flush=True)
-        _take_lines(emulator)
+        for line in sys.stdin:
+            if line.strip():
+                print(answer(emulator, line), flush=True)
+        emulator.wait()  # for a signal, or the end of a run
     except KeyboardInterrupt:
         pass
     finally:
@@ -77,47 +94,15 @@ def run(arguments: argparse.Namespace) -> int:
             channel.close()
         emulator.stop()
         if arguments.log is not None:
-            write_log(emulator, arguments.log)
+            from ballbot_ros.results.files import write_text
+            # Time of the monotonic clock [s], and motor torque [N m].
+            write_text('time,torque\n' + ''.join(
+                f'{entry.time:.6f},{entry.torque:.9g}\n' for entry in emulator.log),
+                arguments.log)
     if emulator.failure is not None:
         print_error(str(emulator.failure))
         return FAILED
     return DONE
-
-
-def make_emulator(arguments: argparse.Namespace, make: Any) -> Any:
-    """
-    Return the emulator that the arguments describe, not started yet.
-
-    Raises
-    ------
-    ConfigurationError
-        Naming the invalid scene, robot, protocol, firmware, quirk or link.
-
-    """
-    from ballbot_ros.emulator.ball import settings_for
-    from ballbot_ros.physics.simulation.scene import load_scene
-    scene = load_scene(arguments.scene, robot=arguments.robot)
-    given = {} if arguments.watchdog is None else {'watchdog': arguments.watchdog}
-    settings = settings_for(scene.model.robot, firmware=arguments.firmware,
-                            quirks=tuple(arguments.quirk), **given)
-    return make(arguments.protocol, scene, arguments.baud, settings, arguments.link,
-                arguments.seed, steering=arguments.steering)
-
-
-def write_log(emulator: Any, path: Path) -> None:
-    """Write the changes of the torque: time of the monotonic clock [s], motor torque [N m]."""
-    from ballbot_ros.results.files import write_text
-    lines = (f'{entry.time:.6f},{entry.torque:.9g}\n' for entry in emulator.log)
-    write_text('time,torque\n' + ''.join(lines), path)
-
-
-def _take_lines(emulator: Any) -> None:
-    """Execute lines of standard input; without one wait for a signal, or the end of a run."""
-    from ballbot_ros.emulator.control import answer
-    for line in sys.stdin:
-        if line.strip():
-            print(answer(emulator, line), flush=True)
-    emulator.wait()
 
 
 def _interrupt(*_: object) -> None:

@@ -5,7 +5,7 @@ from dataclasses import replace
 import json
 from pathlib import Path
 from time import perf_counter
-from typing import Any, List, Tuple
+from typing import Any, Tuple
 
 from ballbot_ros.cli import options
 from ballbot_ros.cli.command import DONE, INTERRUPTED, print_error
@@ -110,20 +110,17 @@ def write(arguments: argparse.Namespace, run_of: Any, rows: Any,
     from ballbot_ros.studies.evaluation.report import report
     counted = report(run_of, rows)
     write_text(json.dumps(counted, indent=1), arguments.out / f'{NAME}.json')
-    command = ' '.join(['ballbot evaluate-decision', *given_options(arguments)])
+    values = {name: getattr(arguments, name.replace('-', '_')) for name in (
+        'approaches', 'compared', 'crossable', 'searched', 'seed', 'planners', 'kind', 'sensor',
+        'required-probability')}
+    command = ' '.join(['ballbot evaluate-decision', *(
+        f'--{name} {value}' for name, value in values.items() if value is not None)])
     write_text(page(counted, command), arguments.out / f'{NAME}.md')
     save_figure(evaluation(counted), arguments.out / 'figures', NAME, 'png')
     if not arguments.quiet:
         print(summary(counted))
         print(f'{arguments.out / NAME}.md, .json and figures/{NAME}.png written after '
               f'{spent:.0f} s')
-
-
-def given_options(arguments: argparse.Namespace) -> List[str]:
-    """Return the options that determine the approaches, as typed."""
-    return [f'--{name} {getattr(arguments, name.replace("-", "_"))}' for name in (
-        'approaches', 'compared', 'crossable', 'searched', 'seed', 'planners', 'kind', 'sensor',
-        'required-probability') if getattr(arguments, name.replace('-', '_')) is not None]
 
 
 def read_evaluation(arguments: argparse.Namespace) -> Any:

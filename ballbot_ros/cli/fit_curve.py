@@ -2,7 +2,6 @@
 """The verb ``fit-curve``: the height curve of a robot for the node ``obstacle_decision``."""
 import argparse
 from pathlib import Path
-from typing import Any, Optional
 
 from ballbot_ros.cli import options
 from ballbot_ros.cli.command import DONE
@@ -40,13 +39,29 @@ def run(arguments: argparse.Namespace) -> int:
             f'--out must end in .yaml, got {str(arguments.out)!r}', 'not_a_choice', 'out')
     robot = options.read_robot(arguments)
     from ballbot_ros.cli.output import watched
+    from ballbot_ros.decision.planning.curve import load_curve
+    from ballbot_ros.physics.model.uncertainty import uncertain
     from ballbot_ros.results.files import write_text
     from ballbot_ros.studies.curve_fit import curve_text, fit_curve, heights_for, Request
     speeds = read_range(arguments.speed, '--speed')
     options.warn_speeds('--speed', speeds)
-    request = Request(speeds[0], speeds[-1], len(speeds), arguments.accuracy,
-                      read_samples(arguments, robot), arguments.seed)
-    refuse_foreign(arguments.out)
+    samples = arguments.samples
+    if samples and not uncertain(robot):
+        raise ConfigurationError(
+            f'--samples {samples}: no parameter of {robot.name} has a range, so there is no '
+            'band; give a parameter of the robot file a range, or leave --samples out',
+            'inconsistent', 'samples')
+    if samples is None:
+        samples = 256 if uncertain(robot) else 0
+    request = Request(speeds[0], speeds[-1], len(speeds), arguments.accuracy, samples,
+                      arguments.seed)
+    try:
+        if arguments.out.exists():
+            load_curve(str(arguments.out))
+    except ConfigurationError:
+        raise ConfigurationError(
+            f'{arguments.out} exists and is not a height curve; move it away or choose another '
+            'file with --out', 'inconsistent', 'out') from None
     check_new_file(arguments.out, arguments.overwrite)
     wording = {'free': 'pendulum free, motor detached',
                'held': f'pendulum held at {arguments.angle_deg or 0.0:g} degrees by law (11)',
@@ -62,45 +77,3 @@ def run(arguments: argparse.Namespace) -> int:
         print(f'{arguments.out}: largest residual {1e3 * curve.residual:.3f} mm, rms '
               f'{1e3 * curve.rms:.3f} mm')
     return DONE
-
-
-def read_samples(arguments: argparse.Namespace, robot: Any) -> int:
-    """
-    Return the number of robots of the band.
-
-    Raises
-    ------
-    ConfigurationError
-        If robots are to be drawn, and no parameter of the robot has a range.
-
-    """
-    from ballbot_ros.physics.model.uncertainty import uncertain
-    given: Optional[int] = arguments.samples
-    if uncertain(robot):
-        return 256 if given is None else given
-    if given:
-        raise ConfigurationError(
-            f'--samples {given}: no parameter of {robot.name} has a range, so there is no band; '
-            'give a parameter of the robot file a range, or leave --samples out', 'inconsistent',
-            'samples')
-    return 0
-
-
-def refuse_foreign(path: Path) -> None:
-    """
-    Refuse to replace a file that is not a curve.
-
-    Raises
-    ------
-    ConfigurationError
-        Naming the file.
-
-    """
-    from ballbot_ros.decision.planning.curve import load_curve
-    try:
-        if path.exists():
-            load_curve(str(path))
-    except ConfigurationError:
-        raise ConfigurationError(
-            f'{path} exists and is not a height curve; move it away or choose another file with '
-            '--out', 'inconsistent', 'out') from None

@@ -2,7 +2,7 @@
 """The verb ``on-timeout``: motion of the ball after a command timeout."""
 import argparse
 import math
-from typing import Any, Iterator, List
+from typing import Any, Iterator
 
 from ballbot_ros.cli.command import DONE
 from ballbot_ros.cli.options import add_number, METAVAR, read_numbers, VALUES_HELP
@@ -36,13 +36,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Simulate and print row by row."""
-    from ballbot_ros.bridge.hardware_file import ON_TIMEOUT
+    from dataclasses import replace
+
+    from ballbot_ros.bridge.hardware_file import load_hardware, ON_TIMEOUT
     from ballbot_ros.studies.command_loss import lose_commands, scenarios, scene_of
-    hardware = read_hardware(arguments)
-    slopes = [math.radians(slope) for slope in read_slopes(
-        read_numbers(arguments.slopes_deg, '--slopes-deg'))]
-    limits = hardware.limits
-    planned = list(scenarios(arguments.speed, slopes, arguments.policy or ON_TIMEOUT))
+    hardware = load_hardware(arguments.hardware)
+    limits = replace(hardware.limits, **{
+        name: getattr(arguments, name) for name in ('damping', 'damping_time')
+        if getattr(arguments, name) is not None})
+    hardware = replace(hardware, limits=limits)
+    slopes = sorted(set(read_numbers(arguments.slopes_deg, '--slopes-deg')))
+    for slope in slopes:
+        if not 0.0 <= slope <= SLOPE_MAX:
+            raise ConfigurationError(
+                f'--slopes-deg must be at least 0 and at most {SLOPE_MAX:g} degrees, each is '
+                f'tried both ways, got {slope:g}', 'out_of_range', '--slopes-deg')
+    planned = list(scenarios(
+        arguments.speed, list(map(math.radians, slopes)), arguments.policy or ON_TIMEOUT))
     for scenario in planned:
         scene_of(hardware, scenario)  # raises its errors before anything is printed
     print(f'{hardware.name}: damping {limits.damping:g} N m s/rad for {limits.damping_time:g} s, '
@@ -51,42 +61,6 @@ def run(arguments: argparse.Namespace) -> int:
     for scenario in planned:
         print(row(lose_commands(hardware, scenario)), flush=True)
     return DONE
-
-
-def read_hardware(arguments: argparse.Namespace) -> Any:
-    """
-    Return the hardware with the changes of the command line.
-
-    Raises
-    ------
-    ConfigurationError
-        Naming the option, the value and the allowed range.
-
-    """
-    from dataclasses import replace
-    from ballbot_ros.bridge.hardware_file import load_hardware
-    hardware = load_hardware(arguments.hardware)
-    changes = {name: getattr(arguments, name) for name in ('damping', 'damping_time')
-               if getattr(arguments, name) is not None}
-    return replace(hardware, limits=replace(hardware.limits, **changes))
-
-
-def read_slopes(slopes: List[float]) -> List[float]:
-    """
-    Return the slopes in order, each once [degrees].
-
-    Raises
-    ------
-    ConfigurationError
-        For one out of range.
-
-    """
-    for slope in slopes:
-        if not 0.0 <= slope <= SLOPE_MAX:
-            raise ConfigurationError(
-                f'--slopes-deg must be at least 0 and at most {SLOPE_MAX:g} degrees, each is '
-                f'tried both ways, got {slope:g}', 'out_of_range', '--slopes-deg')
-    return sorted(set(slopes))
 
 
 def heading() -> Iterator[str]:

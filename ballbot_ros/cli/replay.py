@@ -29,7 +29,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_number(parser, '--before', 'SECONDS', quantity(
         's', 'time before the fault to draw, for a black box (default: '
         f'{TIME_BEFORE_FAULT:g})', above=0.0, maximum=600.0, optional=True))
-    add_bag_options(parser)
+    parser.add_argument('--scene', metavar='NAME',
+                        help='scene that was run, a name or a YAML file (default: that of '
+                        'the bag; flat for a real robot)')
+    parser.add_argument('--robot', metavar='NAME',
+                        help='robot that was run, a name or a YAML file (default: that of the bag '
+                        'or the scene)')
+    parser.add_argument('--set', action='append', metavar='NAME=VALUE',
+                        help='parameter of the simulator that the bag lacks; may be repeated')
+    parser.add_argument('--namespace', metavar='NAME',
+                        help='robot to replay from a bag with several')
+    parser.add_argument('--by', choices=(COMMANDS, TORQUES, SET_POINTS),
+                        help='source of the torque: commands, joint_commands; torques, '
+                        'joint_states; set-points, set_point and cmd_vel through the '
+                        'controllers on board')
+    parser.add_argument('--json', action='store_true', help='print the result for a bag as JSON')
     add_format(parser)
     add_overwrite(parser)
     add_quiet(parser)
@@ -69,18 +83,13 @@ def run_black_box(path: Path, arguments: argparse.Namespace) -> int:
     if not arguments.quiet:
         print(f'{path}\n\n{summary(recording)}')
     if arguments.out is not None:
+        from ballbot_ros.figures.black_box import around_fault
         files = [file.name for file in write_tables(recording, arguments.out)]
-        files += draw(recording, before, arguments)
+        files += save_figure(around_fault(recording, before), arguments.out, 'black_box',
+                             arguments.format)
         if not arguments.quiet:
             print(f'\nWritten to {arguments.out}: {", ".join(files)}')
     return FAILED if recording.damage else DONE
-
-
-def draw(recording: Any, before: float, arguments: argparse.Namespace) -> list[str]:
-    """Write the figure and return the names of its files."""
-    from ballbot_ros.figures.black_box import around_fault
-    return save_figure(around_fault(recording, before), arguments.out, 'black_box',
-                       arguments.format)
 
 
 class Replayed(NamedTuple):
@@ -132,25 +141,6 @@ def parameters_of(arguments: argparse.Namespace, known: dict[str, Any]) -> Any:
             'floor=NAME, and, if they are not the defaults, --robot NAME and --set NAME=VALUE for '
             'parameters of the simulator', 'missing', '--scene')
     return SimulatorSettings.from_mapping(given, 'parameters of the simulator')
-
-
-def add_bag_options(parser: argparse.ArgumentParser) -> None:
-    """Add values that a bag may lack."""
-    parser.add_argument('--scene', metavar='NAME',
-                        help='scene that was run, a name or a YAML file (default: that of '
-                        'the bag; flat for a real robot)')
-    parser.add_argument('--robot', metavar='NAME',
-                        help='robot that was run, a name or a YAML file (default: that of the bag '
-                        'or the scene)')
-    parser.add_argument('--set', action='append', metavar='NAME=VALUE',
-                        help='parameter of the simulator that the bag lacks; may be repeated')
-    parser.add_argument('--namespace', metavar='NAME',
-                        help='robot to replay from a bag with several')
-    parser.add_argument('--by', choices=(COMMANDS, TORQUES, SET_POINTS),
-                        help='source of the torque: commands, joint_commands; torques, '
-                        'joint_states; set-points, set_point and cmd_vel through the '
-                        'controllers on board')
-    parser.add_argument('--json', action='store_true', help='print the result for a bag as JSON')
 
 
 def run_bag(arguments: argparse.Namespace) -> int:
@@ -225,7 +215,8 @@ def replay_simulator(arguments: argparse.Namespace, run: Any, metadata: Any) -> 
 
     def again(by: str) -> Any:
         return rerun(plant_for(settings), run, source(by, run, settings, robot))
-    ways = [arguments.by] if arguments.by else ways_of(settings, run)
+    ways = [arguments.by] if arguments.by else [SET_POINTS] if settings.control == 'onboard' \
+        else [COMMANDS, TORQUES] if run.commands else [TORQUES]  # the best first
     found = [again(ways[0])]
     # With the motor torque a difference comes from the model, not from the timing of commands.
     if found[0].departure is not None:
@@ -248,13 +239,6 @@ def replay_simulator(arguments: argparse.Namespace, run: Any, metadata: Any) -> 
                   'departure': item.departure and vars(item.departure)} for item in found],
         'differences': [item._asdict() for item in numbers]})
     return Replayed('\n'.join(lines), content, series, identical)
-
-
-def ways_of(settings: Any, run: Any) -> list[str]:
-    """Return the possible sources of the torque, the best first."""
-    if settings.control == 'onboard':
-        return [SET_POINTS]
-    return [COMMANDS, TORQUES] if run.commands else [TORQUES]
 
 
 def source(by: str, run: Any, settings: Any, robot: Any) -> Any:
@@ -323,7 +307,14 @@ def replay_robot(arguments: argparse.Namespace, run: Any, metadata: Any) -> Repl
         commanded_torque, differences, driven_series, measured_columns, scene_content)
     from ballbot_ros.physics.simulation.scene import read_scene
     from ballbot_ros.results.summary import plain
-    refuse(arguments)
+    if arguments.set:
+        raise ConfigurationError(
+            f'--set is for a bag of the simulator; {arguments.file} is of a real robot',
+            'wrong_kind', '--set')
+    if arguments.by == SET_POINTS:
+        raise ConfigurationError(
+            '--by set-points is for a bag of the simulator with control:=onboard: a real robot '
+            'was driven by its own state estimate; use torques', 'wrong_kind', '--by')
     robot = arguments.robot or robot_of(metadata, arguments)
     columns = measured_columns(run)
     by = arguments.by or ('torques' if 'pendulum_torque' in columns else COMMANDS)
@@ -347,18 +338,6 @@ def replay_robot(arguments: argparse.Namespace, run: Any, metadata: Any) -> Repl
         'states': len(columns['time']), 'duration': float(columns['time'][-1]),
         'differences': [item._asdict() for item in numbers]}), series, None,
         {'recording.csv': columns, 'scene.yaml': content})
-
-
-def refuse(arguments: argparse.Namespace) -> None:
-    """Refuse options that only a bag of the simulator takes."""
-    if arguments.set:
-        raise ConfigurationError(
-            f'--set is for a bag of the simulator; {arguments.file} is of a real robot',
-            'wrong_kind', '--set')
-    if arguments.by == SET_POINTS:
-        raise ConfigurationError(
-            '--by set-points is for a bag of the simulator with control:=onboard: a real robot '
-            'was driven by its own state estimate; use torques', 'wrong_kind', '--by')
 
 
 def robot_of(metadata: Any, arguments: argparse.Namespace) -> str:

@@ -3,7 +3,7 @@
 import argparse
 from pathlib import Path
 from time import perf_counter
-from typing import Any, Mapping, Tuple
+from typing import Tuple
 
 from ballbot_ros.cli import options
 from ballbot_ros.cli.command import DONE, INTERRUPTED, print_error
@@ -49,6 +49,7 @@ def run(arguments: argparse.Namespace) -> int:
             'out')
     robot = options.read_robot(arguments)
     from ballbot_ros.cli.output import watched
+    from ballbot_ros.physics.model.robot import height_warnings
     from ballbot_ros.studies.parallel_map import worker_pool
     from ballbot_ros.studies.sweep import load_arrow, refuse_foreign, run_sweep
     from ballbot_ros.studies.sweep_plan import SweepPlan
@@ -64,7 +65,11 @@ def run(arguments: argparse.Namespace) -> int:
         arguments.accuracy, fixed,
         {name: values for name, values in varied.items() if isinstance(values, list)},
         {name: values for name, values in varied.items() if isinstance(values, tuple)})
-    question(arguments, robot, {**{name: [value] for name, value in fixed.items()}, **varied})
+    asked = {**{name: [value] for name, value in fixed.items()}, **varied}
+    if 'speed' in asked:
+        options.warn_speeds('speed', asked['speed'])
+    if 'height' in asked:
+        options.warn(height_warnings(robot, max(asked['height']), 'to be tried'))
     refuse_foreign(load_arrow(), arguments.out)
     check_new_file(arguments.out, arguments.overwrite)
     begin = perf_counter()
@@ -93,12 +98,3 @@ def given(word: str, option: str) -> Tuple[str, Values]:
             f'{option} {name}: angles are given in degrees here; write {in_degrees}=...',
             'inconsistent', name)
     return name, values
-
-
-def question(arguments: argparse.Namespace, robot: Any, values: Mapping[str, Values]) -> None:
-    """Warn about an implausible fastest speed or highest step."""
-    from ballbot_ros.physics.model.robot import height_warnings
-    if 'speed' in values:
-        options.warn_speeds('speed', values['speed'])
-    if 'height' in values:
-        options.warn(height_warnings(robot, max(values['height']), 'to be tried'))

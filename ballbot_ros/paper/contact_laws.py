@@ -7,13 +7,11 @@ import numpy as np
 from scipy.optimize import brentq
 
 from ballbot_ros.figures import canvas
-from ballbot_ros.paper.cases import Case, step_heights
+from ballbot_ros.paper.cases import Case, SPEEDS, step_heights
 from ballbot_ros.physics import load_robot
 from ballbot_ros.physics.model.robot import Robot
-from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.studies.progress import ignore, Progress
 
-SPEEDS: Array = np.linspace(0.2, 1.2, 21, dtype=np.float64)  # [m/s]
 IMPACT_SPEED = 0.6  # the speed at which both laws have the same restitution [m/s]
 
 

@@ -92,7 +92,7 @@ class FrameAssembly:
             self._state_at, message.x, message.y, message.ball_angle,
             known(message.pendulum_angle), message.velocity_x, message.velocity_y,
             message.ball_rate, known(message.pendulum_rate), known(message.pendulum_torque),
-            tuple(contact_force(contact) for contact in message.contacts),
+            tuple(map(ContactForce.of, message.contacts)),
             EnergyShares(message.kinetic_energy, message.potential_energy, message.contact_energy,
                          message.dissipated_energy, message.motor_work),
             self._decision, self._e_stop,
@@ -164,14 +164,6 @@ def decision_sign(message: Any) -> DecisionSign:
         known(message.distance) if ahead else None,
         touch if touch is not None else known(message.required_speed),
         known(message.height_margin), known(message.probability))
-
-
-def contact_force(contact: Any) -> ContactForce:
-    """Return a Contact as a force along x and y."""
-    normal, friction = contact.normal_force, contact.friction_force
-    return ContactForce(
-        contact.x, contact.y, normal * contact.normal_x + friction * contact.normal_y,
-        normal * contact.normal_y - friction * contact.normal_x, contact.penetration)
 
 
 def known(value: float) -> Optional[float]:

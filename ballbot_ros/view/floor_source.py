@@ -155,11 +155,7 @@ class FloorSource(Source):
     def _note(self) -> None:
         """Keep the present state as a frame."""
         plant, state, lateral = self._plant, self._plant.state, self._plant.lateral
-        contacts = tuple(ContactForce(
-            touch.x, touch.y,
-            touch.normal_force * touch.normal_x + touch.friction_force * touch.normal_y,
-            touch.normal_force * touch.normal_y - touch.friction_force * touch.normal_x,
-            touch.penetration) for touch in plant.model.touches(state))
+        contacts = tuple(map(ContactForce.of, plant.model.touches(state)))
         self._history.add(Frame(
             plant.time, state.x, state.y, state.ball_angle, state.pendulum_angle,
             state.velocity_x, state.velocity_y, state.ball_rate, state.pendulum_rate,

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """State of a robot at one time; unknown values are None."""
 from dataclasses import dataclass
-from typing import NamedTuple, Optional, Tuple
+from typing import Any, NamedTuple, Optional, Tuple
 
 
 class ContactForce(NamedTuple):
@@ -12,6 +12,14 @@ class ContactForce(NamedTuple):
     force_x: float  # normal force and friction together [N]
     force_y: float
     penetration: float  # [m]
+
+    @classmethod
+    def of(cls, contact: Any) -> 'ContactForce':
+        """Return the force of a `Touch` of the model, or of a message Contact."""
+        normal, friction = contact.normal_force, contact.friction_force
+        return cls(contact.x, contact.y,
+                   normal * contact.normal_x + friction * contact.normal_y,
+                   normal * contact.normal_y - friction * contact.normal_x, contact.penetration)
 
 
 class EnergyShares(NamedTuple):

@@ -103,11 +103,7 @@ class SceneRun:
     def frame(self) -> Frame:
         """Return the present moment."""
         state, model = self.state, self._model
-        contacts = tuple(ContactForce(
-            touch.x, touch.y,
-            touch.normal_force * touch.normal_x + touch.friction_force * touch.normal_y,
-            touch.normal_force * touch.normal_y - touch.friction_force * touch.normal_x,
-            touch.penetration) for touch in model.touches(state))
+        contacts = tuple(map(ContactForce.of, model.touches(state)))
         energies = model.energies(state)
         has = model.robot.has_pendulum
         return Frame(

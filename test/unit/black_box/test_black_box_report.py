@@ -140,7 +140,7 @@ def test_replay_of_a_damaged_file_gives_what_is_left_and_fails(file, capsys):
 @pytest.mark.parametrize('words, complaint', [
     (['{folder}/empty'], 'contains neither a file of a black box nor a bag'),
     (['{folder}/missing'], 'cannot be read'), (['{folder}/text'], 'is not a file of a black box'),
-    (['{file}', '--before', '0'], '--before must be above 0')])
+    (['{file}', '--before', '0'], '--before must be more than 0')])
 def test_replay_refuses_in_one_line(words, complaint, file, tmp_path, capsys):
     (tmp_path / 'empty').mkdir()
     (tmp_path / 'text').write_text('hello')

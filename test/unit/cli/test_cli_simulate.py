@@ -88,7 +88,7 @@ def test_unknown_scene_gets_the_nearest_name(error_of):
 
 @pytest.mark.parametrize('words, says', [
     (['--duration', '-1'], 'duration must be more than 0'),
-    (['--duration', 'nan'], 'duration must be more than 0'),
+    (['--duration', 'nan'], 'duration must be finite'),
     (['--step', '3e-4'], 'output_step must be a whole number of steps'),
     (['--method', 'rk5'], "did you mean 'rk4'"),
     (['--out', '/dev/null/here'], 'cannot be written')])
