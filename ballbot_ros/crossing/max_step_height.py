@@ -29,7 +29,7 @@ from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.jit import compiled, direct, row_reader, unlocked
 from ballbot_ros.physics.mechanics.contact import IntArray
 from ballbot_ros.physics.mechanics.equations import read_actuator, read_parameters, System
-from ballbot_ros.physics.model.actuation import Actuation, refuse_degrees
+from ballbot_ros.physics.model.actuation import Actuation, refuse_degrees, set_rate_for_speed
 from ballbot_ros.physics.model.robot import (
     ContactOptions, load_robot, Parameters, Robot, RobotLike)
 from ballbot_ros.physics.model.state import SIZE
@@ -348,7 +348,7 @@ def max_step_heights(robot: RobotLike, speeds: Sequence[float],
 def rolling(robot: Robot, actuation: Actuation = Actuation()) -> Callable[[float], Actuation]:
     """Return law (12) with the joint rate that rolls the ball at each speed."""
     return lambda speed: changed(
-        actuation, {'law': 'velocity', 'set_rate': speed / robot.ball_radius})
+        actuation, {'law': 'velocity', 'set_rate': set_rate_for_speed(robot, speed)})
 
 
 def cruising(robot: Robot, actuation: Actuation = Actuation()) -> Callable[[float], Actuation]:

@@ -161,7 +161,7 @@ class Actuation(Checked):
 
 def set_rate_for_speed(robot: Robot, speed: float) -> float:
     """Return the joint rate of eq. (12) that rolls the ball at `speed`, v / R [rad/s]."""
-    if not math.isfinite(speed):
+    if not np.all(np.isfinite(speed)):
         raise ConfigurationError(f'speed must be a finite number [m/s], got {speed!r}',
                                  'not_finite', 'speed')
     return speed / robot.ball_radius

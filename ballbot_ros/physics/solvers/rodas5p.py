@@ -205,46 +205,6 @@ def solve(right: int, out: int, work: Array) -> None:
 
 
 @compiled
-def begin_stage(stage: int, per_size: float, work: Array) -> None:
-    """
-    Write the start of a stage into END, and the terms of earlier ones in its right-hand side.
-
-    Parameters
-    ----------
-    stage : int
-        From 1.
-    per_size : float
-        One over the step [1/s].
-    work : array
-        See `rows`.
-
-    """
-    end, start, right, stages = values.END, values.START, values.RIGHT, values.STAGES
-    # One branch per stage makes factors and row counts compile-time constants.
-    if stage == 1:
-        sum_rows(work, end, start, 1.0, STARTS, 1 * OWN_START, stages, 1)
-        sum_rows(work, right, values.ZERO, per_size, COUPLINGS, 1 * COUPLED, stages, 1)
-    elif stage == 2:
-        sum_rows(work, end, start, 1.0, STARTS, 2 * OWN_START, stages, 2)
-        sum_rows(work, right, values.ZERO, per_size, COUPLINGS, 2 * COUPLED, stages, 2)
-    elif stage == 3:
-        sum_rows(work, end, start, 1.0, STARTS, 3 * OWN_START, stages, 3)
-        sum_rows(work, right, values.ZERO, per_size, COUPLINGS, 3 * COUPLED, stages, 3)
-    elif stage == 4:
-        sum_rows(work, end, start, 1.0, STARTS, 4 * OWN_START, stages, 4)
-        sum_rows(work, right, values.ZERO, per_size, COUPLINGS, 4 * COUPLED, stages, 4)
-    elif stage == 5:
-        sum_rows(work, end, start, 1.0, STARTS, 5 * OWN_START, stages, 5)
-        sum_rows(work, right, values.ZERO, per_size, COUPLINGS, 5 * COUPLED, stages, 5)
-    elif stage == 6:
-        sum_rows(work, end, end, 1.0, ALONE, 0, stages + 5 * WIDTH, 1)
-        sum_rows(work, right, values.ZERO, per_size, COUPLINGS, 6 * COUPLED, stages, 6)
-    elif stage == 7:
-        sum_rows(work, end, end, 1.0, ALONE, 0, stages + 6 * WIDTH, 1)
-        sum_rows(work, right, values.ZERO, per_size, COUPLINGS, 7 * COUPLED, stages, 7)
-
-
-@compiled
 def add_motion(time: float, work: Array, system: System, mode: ContactMode) -> None:
     """Add the rates at the end of a stage to the right-hand side of the next."""
     motion, right = work[values.END:values.END + MOTION], values.RIGHT
@@ -276,7 +236,7 @@ def step(time: float, state: Array, size: float, ready: int, system: System,
                                 work[values.F0:values.F0 + MOTION])
         workspace.statistics[EVALUATIONS] += 2  # these rates, and the Jacobian
     timed = jacobian[BALL, TIME] != 0.0
-    scale = GAMMA * size
+    scale, per_size = GAMMA * size, 1.0 / size
     invert(jacobian, scale, work)
     for i in range(MOTION):
         work[values.START + i] = work[values.END + i] = state[i]
@@ -284,7 +244,13 @@ def step(time: float, state: Array, size: float, ready: int, system: System,
     for stage in range(STAGES):
         row = values.STAGES + WIDTH * stage
         if stage > 0:
-            begin_stage(stage, 1.0 / size, work)
+            if stage <= OWN_START:
+                sum_rows(work, values.END, values.START, 1.0, STARTS, stage * OWN_START,
+                         values.STAGES, stage)
+            else:
+                sum_rows(work, values.END, values.END, 1.0, ALONE, 0, row - WIDTH, 1)
+            sum_rows(work, values.RIGHT, values.ZERO, per_size, COUPLINGS, stage * COUPLED,
+                     values.STAGES, stage)
             add_motion(time + NODES[stage] * size, work, system, workspace.mode)
         if timed and BY_TIME[stage] != 0.0:
             for i in range(VELOCITIES):
