@@ -188,13 +188,16 @@ class AxisSensing:
             return None
         before, self.stamp = self.stamp, max(telemetry.measured, self.stamp)
         stamp, commands, rate = self.stamp, self._commands, telemetry.velocity
-        ends = [when for when, _ in commands[1:]] + [math.inf]
         # The drive executes commands and requests in the order of their transmission, but any
         # command may have been delayed.
-        momentum = sum(torque * max(0.0, min(end, stamp) - max(when, before))
-                       for (when, torque), end in zip(commands, ends))
+        momentum, end = 0.0, stamp
+        for when, torque in reversed(commands):
+            start = max(when, before)
+            if start < end:
+                momentum, end = momentum + torque * (end - start), start
         torques = [torque for _, torque in commands]
-        self._commands = [sent for sent, end in zip(commands, ends) if end > stamp]
+        while len(commands) > 1 and commands[1][0] <= stamp:
+            del commands[0]
         return EncoderReading(
             stamp, self._joint.joint_angle(telemetry.position),
             momentum / (stamp - before) if -math.inf < before < stamp else torques[-1],
