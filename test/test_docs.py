@@ -72,12 +72,17 @@ def test_each_parameter_and_key_says_what_it_is_in_a_phrase_that_stands_alone(pa
 
 
 def test_files_that_a_document_names_exist():
-    folders = ('ballbot_ros', 'test', 'scripts', 'bench', 'launch', 'examples', 'extremes', 'docs')
-    files = [ROOT / 'setup.py']
+    folders = ('ballbot_ros', 'test', 'scripts', 'bench', 'launch', 'examples', 'extremes', 'docs',
+               'config', 'msg', 'srv', 'action', 'interfaces', 'requirements', 'foxglove',
+               'cmake_msgs')
+    files = list(ROOT.glob('*.*'))
     for folder in folders:
-        files += (ROOT / folder).rglob('*.py')
+        files += (ROOT / folder).rglob('*.*')
+    # A name without a folder may be a file of the user, unless it is a module.
     named = {(page.name, f'/{name}') for page in [*DOCS.glob('*.md'), ROOT / 'README.md']
-             for name in re.findall(r'`([\w/.-]+\.py)(?:::\w+)?`', page.read_text('utf-8'))}
+             for name in re.findall(
+                 r'`([\w/.-]+\.py|[\w-]+(?:/[\w-]+)+\.(?:yaml|json|md|txt|msg|srv|action|ipynb))'
+                 r'(?:::\w+)?`', page.read_text('utf-8'))}
     assert len(named) > 50
     assert not [(page, name) for page, name in sorted(named)
                 if not any(path.as_posix().endswith(name) for path in files)]
