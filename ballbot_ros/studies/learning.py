@@ -99,7 +99,7 @@ def outcome_of_attempt(touching: Touching, over: bool, passed: float) -> Outcome
         passed_speed=passed if over else None)
 
 
-def study(robot: Robot, robots: int, attempts: int, seed: int = 0, required: float = 0.9,
+def study(robot: Robot, robots: int, attempts: int, seed: int = 0,
           cases: Sequence[str] = tuple(CASES), particles: int = 256,
           progress: Callable[[float], None] = lambda done: None) -> List[SuccessRates]:
     """
@@ -114,8 +114,6 @@ def study(robot: Robot, robots: int, attempts: int, seed: int = 0, required: flo
     attempts : int
         Number of attempts per robot.
     seed : int
-    required : float
-        Minimum predicted success probability for an attempt.
     cases : sequence of str
         Of `CASES`.
     particles : int
@@ -123,7 +121,8 @@ def study(robot: Robot, robots: int, attempts: int, seed: int = 0, required: flo
         Called with the number of completed robots.
 
     """
-    learning = Learning()
+    learning, tuning = Learning(), DecisionTuning()
+    required = tuning.required_probability
     found: List[SuccessRates] = []
     for case in cases:
         factor, bias = CASES[case]
@@ -133,7 +132,7 @@ def study(robot: Robot, robots: int, attempts: int, seed: int = 0, required: flo
             true = replace(drawn, surface_friction=factor * drawn.surface_friction,
                            edge_friction=factor * drawn.edge_friction)
             truth = Truth(true, bias, random, learning)
-            prior = Particles.of(robot, DecisionTuning().height_bias_sd,
+            prior = Particles.of(robot, tuning.height_bias_sd,
                                  Prior(particles, seed=number))
             learner, tried = Learner(prior, learning), 0
             while tried < attempts:
@@ -151,8 +150,9 @@ def study(robot: Robot, robots: int, attempts: int, seed: int = 0, required: flo
     return found
 
 
-def report_lines(found: Sequence[SuccessRates], attempts: int, required: float = 0.9) -> List[str]:
+def report_lines(found: Sequence[SuccessRates], attempts: int) -> List[str]:
     """Return lines of a table: of all steps, and of those with a sufficient prediction."""
+    required = DecisionTuning().required_probability
     each = f'{"predicted":>9} {"observed":>8}'
     lines = [f'{"":30} {"all steps":^36}   predicted {required:g} or more',
              f'{"":30} {"at first":^18} {f"after {attempts}":^18}   {"at first":^24} '
