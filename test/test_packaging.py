@@ -13,6 +13,7 @@ import time
 import xml.etree.ElementTree as ElementTree
 
 import pytest
+from test_layers import defined_in
 
 ROOT = Path(__file__).resolve().parent.parent
 MANIFEST = ElementTree.parse(ROOT / 'package.xml').getroot()
@@ -79,11 +80,7 @@ def test_each_executable_names_a_function_that_exists(name, target):
     if not path.exists():
         path = path.with_suffix('') / '__init__.py'
     assert path.exists(), f'{name}: setup.py names {module}, which does not exist'
-    body = ast.parse(path.read_text()).body
-    defined = {getattr(item, 'asname', None) or item.name
-               for node in body + [inner for outer in body for inner in getattr(outer, 'body', [])
-                                   if isinstance(outer, ast.Try)]
-               for item in getattr(node, 'names', [node]) if hasattr(item, 'name')}
+    defined = defined_in(ast.parse(path.read_text()))
     assert function in defined, f'{name}: {module} has no {function}()'
 
 

@@ -76,7 +76,8 @@ def test_a_node_that_was_killed_and_started_again_is_followed(graph):
         found.name()
 
 
-def test_a_decision_uses_no_observations_of_two_nodes_and_names_both(make_node):
+def test_a_decision_uses_no_observations_of_two_nodes_and_names_both(make_node, monkeypatch):
+    monkeypatch.setattr(single_publisher, 'COUNT_PERIOD', 0.0)
     decision, answers = make_node(ObstacleDecision, planner='cubic'), []
     decision._decider.observe = answers.append
     decision._on_observation('step_observation', StepObservation())
