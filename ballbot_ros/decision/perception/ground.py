@@ -169,6 +169,10 @@ SLOPE_SD_MIN = 0.003
 UNSEEN_END_SD = 0.05
 
 
+# Longest apparent run of a vertical face [m].
+BLURRED_RUN_MAX = 0.05
+
+
 class GroundSeen(NamedTuple):
     """
     The ground of a map around the ball.
@@ -388,5 +392,7 @@ def _face(nodes: Nodes, pieces: List[Piece], number: int
     if not _is_seen_whole(pieces, number):
         variance += UNSEEN_END_SD**2
     excess = high.z - low.z - 0.5 * run * (low.slope + high.slope)
-    return (Face(0, position, high.z - low.z, POSITION_SD, math.sqrt(variance), run), excess,
+    # A face with an apparent run may be vertical, blurred by missing points.
+    position_sd = math.hypot(POSITION_SD, 0.3 * min(run, BLURRED_RUN_MAX))
+    return (Face(0, position, high.z - low.z, position_sd, math.sqrt(variance), run), excess,
             (low.z, low.variance), (high.z, high.variance))
