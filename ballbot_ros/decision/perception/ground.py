@@ -5,6 +5,7 @@ from typing import List, NamedTuple, Sequence, Tuple
 
 import numpy as np
 
+from ballbot_ros.decision.perception.edge_map import HEIGHT_EXIT
 from ballbot_ros.decision.perception.elevation import (
     around, CELL, ElevationMap, POSITION_SD, Whole)
 from ballbot_ros.decision.perception.kernels import line, middle, simplify
@@ -213,7 +214,7 @@ def ground_of(found: ElevationMap, position: float,
         Of the ball [m].
     edges : sequence of Face
         Known faces: they are measured at their positions, and only the test of
-        `FACE_HEIGHT_MIN` applies to them.
+        `HEIGHT_EXIT` applies to them.
 
     """
     known = np.flatnonzero(np.isfinite(found.variance))
@@ -294,7 +295,7 @@ def _assemble(nodes: Nodes, pieces: List[Piece], edges: Sequence[Piece], datum: 
             put(face.position + face.run, *high)
             known = any(edge.sign == piece.sign and piece.begin <= edge.begin
                         and edge.end <= piece.end for edge in edges)
-            if piece.sign * excess > FACE_HEIGHT_MIN if known else abs(face.height) > max(
+            if piece.sign * excess > HEIGHT_EXIT if known else abs(face.height) > max(
                     FACE_HEIGHT_MIN, FACE_SIGMAS * math.sqrt(low[1] + high[1])):
                 faces.append(face)
             continue
