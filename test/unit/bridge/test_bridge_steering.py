@@ -110,6 +110,16 @@ def test_each_fault_of_one_axis_ends_the_torque_of_both(turning, fault):
     assert states <= {MotorState.DISARMED, MotorState.DISCONNECTED}
 
 
+@pytest.mark.parametrize('velocity', [True, False])
+def test_a_lean_encoder_that_froze_is_found_from_a_low_yaw_rate_on(velocity):
+    robot = VirtualRobot('roboclaw', onboard='gentle', steering=True).ready()
+    robot.loop(1.5, SetPoint(Mode.SPEED, 0.5))
+    frozen(velocity, axis=1)(robot)
+    loop(robot, 0.3, SetPoint(Mode.SPEED, 0.5, yaw_rate=0.08))
+    assert robot.session.supervisor.e_stop
+    assert abs(robot.lateral.lean) < 1.5 * GIMBALL.steering.largest_lean
+
+
 @pytest.mark.parametrize('seed', [3, 8, 9])
 def test_late_commands_and_replies_are_no_fault_of_the_lean(seed):
     rng = random.Random(seed)
