@@ -158,7 +158,8 @@ class DriveError(_ErrorWithReason):
     ----------
     reason : str
         One word: ``'silent'``, ``'garbled'`` (bytes come, none make sense: wrong baud rate or
-        noise), ``'wrong_protocol'``, ``'firmware'``, ``'not_armed'``, ``'not_stopped'``.
+        noise), ``'wrong_protocol'``, ``'firmware'``, ``'not_armed'``, ``'not_stopped'``,
+        ``'not_clearable'`` (faults) or ``'no_voltage'`` (the supply voltage is unknown).
 
     """
 

@@ -338,5 +338,5 @@ def generation_of(version: Sequence[float], axis: int, port: str) -> Generation:
     if axis >= found[0].axes:
         raise DriveError(
             f'{port}: an ODrive with firmware {name} has one motor output, so axis must be 0, '
-            f'got {axis}', 'firmware', 'firmware')
+            f'got {axis}', 'firmware', 'axis')
     return found[0]

@@ -59,7 +59,7 @@ def test_the_parser_finds_records_after_any_noise_however_they_are_cut(frames, n
     CanFrame(0x800), CanFrame(-1), CanFrame(0x20000000, extended=True), CanFrame(1, b'123456789'),
     CanFrame(1, b'1', remote=True)])
 def test_what_is_no_frame_has_no_record(frame):
-    with pytest.raises(ValueError, match='no such CAN frame'):
+    with pytest.raises(ValueError):
         record(frame)
 
 
@@ -117,9 +117,9 @@ def test_what_was_sent_before_the_bus_was_opened_and_frames_of_can_fd_are_not_re
 def test_a_controller_that_left_the_bus_is_a_line_that_is_gone(pair):
     link, other = pair
     other.send(can.Message(arbitration_id=BUS_OFF, is_error_frame=True, dlc=8))
-    with pytest.raises(LinkError, match='120 ohm.*ip link set pair up') as raised:
+    with refused('gone', 'port', LinkError) as caught:
         link.read()
-    assert raised.value.reason == 'gone'
+    assert f'ip link set pair up type can bitrate {RATE}' in str(caught.value)
 
 
 def test_traffic_is_recorded_as_records(pair, tmp_path):
@@ -137,38 +137,38 @@ def test_traffic_is_recorded_as_records(pair, tmp_path):
     ('/dev/ttyNOWHERE', 'missing'), ('/', 'not_a_port'), ('socketcand:', 'bad_address'),
     ('nosuch:1', 'bad_address')])
 def test_a_bus_that_does_not_open_has_a_reason_and_names_the_port(port, reason):
-    with pytest.raises(LinkError, match=port) as raised:
+    with refused(reason, 'port', LinkError) as caught:
         CanLink(port, RATE)
-    assert raised.value.reason == reason
+    assert port in str(caught.value)
 
 
-@pytest.mark.parametrize('number, reason, words', [
+@pytest.mark.parametrize('number, reason, command', [
     (errno.ENODEV, 'missing', 'ip link'), (errno.EAFNOSUPPORT, 'missing', 'modprobe can'),
     (errno.ENETDOWN, 'gone', 'ip link set can0 up type can bitrate 1000000')])
 def test_the_kernel_s_refusals_come_with_the_command_that_remedies_them(
-        monkeypatch, number, reason, words):
+        monkeypatch, number, reason, command):
     def refuse(**_):
         raise OSError(number, 'planted')
     monkeypatch.setattr(can, 'Bus', refuse)
-    with pytest.raises(LinkError, match=words) as raised:
+    with refused(reason, 'port', LinkError) as caught:
         CanLink('can0', RATE)
-    assert raised.value.reason == reason
+    assert command in str(caught.value)
 
 
-@pytest.mark.parametrize('error, reason, words', [
-    (can.CanOperationError('no buffer', errno.ENOBUFS), 'stuck', 'acknowledgement'),
-    (can.CanOperationError('Transmit timed out'), 'stuck', 'acknowledgement'),
-    (OSError(errno.ENETDOWN, 'planted'), 'gone', 'ip link set'),
-    (OSError(errno.EIO, 'planted'), 'gone', 'plug')])
-def test_a_bus_that_takes_no_frame_says_why(pair, monkeypatch, error, reason, words):
+@pytest.mark.parametrize('error, reason, named', [
+    (can.CanOperationError('no buffer', errno.ENOBUFS), 'stuck', str(RATE)),
+    (can.CanOperationError('Transmit timed out'), 'stuck', str(RATE)),
+    (OSError(errno.ENETDOWN, 'planted'), 'gone', 'ip link set pair up'),
+    (OSError(errno.EIO, 'planted'), 'gone', 'planted')])
+def test_a_bus_that_takes_no_frame_says_why(pair, monkeypatch, error, reason, named):
     link, _ = pair
 
     def refuse(*_):
         raise error
     monkeypatch.setattr(link._bus, 'send', refuse)
-    with pytest.raises(LinkError, match=words) as raised:
+    with refused(reason, 'port', LinkError) as caught:
         link.write(record(CanFrame(1)))
-    assert raised.value.reason == reason
+    assert named in str(caught.value)
 
 
 def test_a_closed_bus_is_closed_for_every_use_and_closing_twice_is_no_error():
@@ -176,7 +176,7 @@ def test_a_closed_bus_is_closed_for_every_use_and_closing_twice_is_no_error():
     link.close()
     link.close()
     for use in (link.read, lambda: link.write(record(CanFrame(1))), lambda: link.wait(0.0)):
-        with pytest.raises(LinkError, match='closed'):
+        with refused('closed', 'port', LinkError):
             use()
 
 
@@ -272,7 +272,7 @@ def test_a_vesc_of_another_id_is_not_taken_for_ours_and_is_named():
     bench = Bench('vesc_can', can_id=7)
     status = record(vesc_can.packet(vesc_can.STATUS[0], 0, bytes(8)))
     bench.waiting.append((0.01, status))
-    with pytest.raises(DriveError, match='no VESC with id 7 answers .*have 0: set can_id'):
+    with refused('silent', 'can_id', DriveError):
         bench.driver.identify(0.2)
 
 
@@ -307,20 +307,18 @@ def test_a_serial_adapter_that_sends_what_is_no_frame_is_read_on():
             data += until(adapter.read)
         assert RecordParser().feed(data) == [CanFrame(0x77, b'x'), CanFrame(5, b'', True, True)]
         adapter.unplug()
-        with pytest.raises(LinkError) as raised:
+        with refused('gone', 'port', LinkError):
             for _ in range(3):
                 link.write(record(CanFrame(1)))
                 link.read()
-        assert raised.value.reason == 'gone'
-    with pytest.raises(LinkError, match='no port') as raised:
+    with refused('missing', 'port', LinkError):
         CanLink(adapter.path, RATE)
-    assert raised.value.reason == 'missing'
 
 
 def test_an_adapter_without_that_bit_rate_says_so():
-    with pytest.raises(LinkError, match='cannot do 1234') as raised:
+    with refused('bad_baud', 'baud', LinkError) as caught:
         CanLink(SlcanAdapter().path, 1234)
-    assert raised.value.reason == 'bad_baud'
+    assert '1234' in str(caught.value)
 
 
 @pytest.mark.parametrize('kind, frame', [

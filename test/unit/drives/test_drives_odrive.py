@@ -5,6 +5,7 @@ import math
 
 from drive_bench import Bench
 import pytest
+from refusals import refused
 
 from ballbot_ros.drives.emulated_device import DriveSettings
 from ballbot_ros.drives.odrive.ascii import codec
@@ -246,7 +247,7 @@ def test_commands_name_the_motor_output_in_use():
     bench, kept = Bench('odrive 0.5', axis=1), []
     bench.driver.identify()
     bench.to_drive = lambda data: kept.append(data) or data
-    with pytest.raises(DriveError, match='see axis1.controller'):
+    with refused('not_armed', 'axis1.controller.config.control_mode', DriveError):
         bench.driver.arm()
     bench.driver.feed()
     bench.driver.ask()
@@ -266,35 +267,33 @@ def test_a_firmware_of_another_generation_is_refused_and_named(version):
     bench = Bench('odrive 0.5')
     bench.device.properties.update(zip(
         ('fw_version_major', 'fw_version_minor', 'fw_version_revision'), version))
-    printed = '.'.join(map(str, version))
-    with pytest.raises(DriveError, match=f'must be 0.5 or 0.6, got {printed}: older') as raised:
+    with refused('firmware', 'firmware', DriveError) as caught:
         bench.driver.identify()
-    assert raised.value.reason == 'firmware'
+    assert '.'.join(map(str, version)) in str(caught.value)
 
 
 def test_a_drive_that_does_not_report_its_firmware_is_refused():
     bench = Bench('odrive 0.6')
     del bench.device.properties['fw_version_minor']
-    with pytest.raises(DriveError, match='got 0.nan.11'):
+    with refused('firmware', 'firmware', DriveError):
         bench.driver.identify()
 
 
 def test_a_second_axis_is_refused_where_there_is_none():
-    with pytest.raises(DriveError, match='one motor output, so axis must be 0, got 1'):
+    with refused('firmware', 'axis', DriveError):
         Bench('odrive 0.6', axis=1).driver.identify()
     assert Bench('odrive 0.5', axis=1).driver.identify().generation == '0.5'
 
 
 def test_an_emulated_drive_of_another_firmware_is_refused():
-    with pytest.raises(ConfigurationError, match="odrive must be 0.5 or 0.6, got '0.7'"):
-        Bench('odrive 0.7')
-    with pytest.raises(ConfigurationError, match="left out: all are alike, got '5'"):
-        Bench('roboclaw 5')
+    for kind in ('odrive 0.7', 'roboclaw 5'):
+        with refused('not_a_choice', 'firmware', ConfigurationError):
+            Bench(kind)
 
 
 # How it must be set
 
-def refused(bench):
+def unacceptable(bench):
     """Return the settings that are not acceptable."""
     return [item for item in bench.driver.read_settings() if not item.acceptable]
 
@@ -327,11 +326,11 @@ BOTH_WRONG = [
 def test_a_setting_that_is_not_safe_is_refused_and_set_right_by_its_remedy(kind, name, changes):
     bench = Bench(kind)
     bench.device.properties.update(changes)
-    wrong, = refused(bench)
+    wrong, = unacceptable(bench)
     assert wrong.name == name
     for line in wrong.remedy.split(', '):  # what a person types, without checksums
         bench.device.receive(f'{line}\n'.encode(), bench.now)
-    assert not refused(bench)
+    assert not unacceptable(bench)
 
 
 @pytest.mark.parametrize('kind, name, changes, reported', [
@@ -344,7 +343,7 @@ def test_an_encoder_that_is_not_ready_is_refused_and_its_state_is_named(
         kind, name, changes, reported):
     bench = Bench(kind)
     bench.device.properties.update(changes)
-    wrong, = refused(bench)
+    wrong, = unacceptable(bench)
     assert (wrong.name, wrong.value) == (name, reported)
     assert 'w axis0.requested_state 3 ' in wrong.remedy
 
@@ -357,7 +356,7 @@ def test_an_encoder_that_is_not_ready_is_refused_and_its_state_is_named(
 def test_a_property_that_the_drive_does_not_have_is_refused(kind, property_name):
     bench = Bench(kind)
     bench.to_drive = lambda data: data.replace(codec.read(property_name), codec.read('blahblah'))
-    wrong, = refused(bench)
+    wrong, = unacceptable(bench)
     assert wrong.value in ('unknown', 'off')
 
 
@@ -375,7 +374,7 @@ def test_a_torque_constant_that_bounds_nothing_is_no_limit(kind, constant):
     generation = GENERATIONS[KINDS.index(kind)]
     bench.device.properties.update({
         generation.torque_constant: constant, **dict.fromkeys(generation.torque_limits, 5.0)})
-    assert 'torque limit' in [item.name for item in refused(bench)]
+    assert 'torque limit' in [item.name for item in unacceptable(bench)]
 
 
 # Arming
@@ -396,7 +395,7 @@ def test_a_drive_that_does_not_report_its_errors_is_not_armed(kind):
     bench.driver.identify()
     bench.to_drive = lambda data: data.replace(
         codec.read(generation.errors), codec.read('blahblah'))
-    with pytest.raises(DriveError, match=f'has no {generation.errors}'):
+    with refused('not_armed', generation.errors, DriveError):
         bench.driver.arm()
     assert not bench.device.armed
 
@@ -405,7 +404,7 @@ def test_a_drive_that_does_not_enter_torque_control_is_not_armed():
     bench = Bench('odrive 0.6')
     bench.driver.identify()
     bench.to_drive = lambda data: b'' if b'control_mode 1' in data else data
-    with pytest.raises(DriveError, match='does not go into torque control'):
+    with refused('not_armed', 'axis0.controller.config.control_mode', DriveError):
         bench.driver.arm()
 
 
@@ -417,9 +416,9 @@ def test_a_drive_that_cannot_be_armed_says_why(kind, changes, reported):
     bench.driver.identify()
     bench.device.properties.update(changes)
     begin = bench.now
-    with pytest.raises(DriveError, match=reported) as raised:
+    with refused('not_armed', 'drive', DriveError) as caught:
         bench.driver.arm(timeout=0.2)
-    assert raised.value.reason == 'not_armed'
+    assert reported in str(caught.value)
     # 0.5 names an error immediately; 0.6 might still get there.
     assert bench.now - begin < 0.2 and (bench.now - begin > 0.1) is (kind == 'odrive 0.6')
 
@@ -441,9 +440,9 @@ def test_a_drive_that_stays_disarmed_names_result_and_reason(changes, reported):
             bench.device.properties.update(changes)
         return reply
     bench.device.receive = receive
-    with pytest.raises(DriveError) as raised:
+    with refused('not_armed', 'drive', DriveError) as caught:
         bench.driver.arm()
-    assert all(name in str(raised.value) for name in reported)
+    assert all(name in str(caught.value) for name in reported)
 
 
 @pytest.mark.parametrize('result, bits, reported', [
@@ -649,4 +648,4 @@ def test_0_6_with_default_settings_is_refused_until_it_is_set():
     bench.device.properties.update({
         'axis0.config.torque_soft_max': math.inf, 'axis0.config.torque_soft_min': -math.inf,
         'axis0.config.motor.current_soft_max': 70.0})
-    assert [item.name for item in refused(bench)] == ['torque limit', 'watchdog']
+    assert [item.name for item in unacceptable(bench)] == ['torque limit', 'watchdog']

@@ -65,7 +65,7 @@ def test_a_motor_that_does_not_obey_the_stop_is_not_confirmed_by_its_heartbeats(
     bench.driver.arm()
     bench.cycles(5, torque=0.05)
     bench.to_drive = without(codec.SET_AXIS_STATE)
-    with pytest.raises(DriveError, match='not confirm'):
+    with refused('not_stopped', 'drive', DriveError):
         bench.driver.stop(timeout=0.3)
     assert bench.device.armed and bench.device.torque() == 0.0
 
@@ -91,10 +91,9 @@ def test_arming_needs_a_heartbeat_that_says_so(kind):
     bench = Bench(kind)
     bench.driver.identify()
     bench.device.properties[bench.device.heartbeat_rate] = 0
-    with pytest.raises(DriveError, match='closed loop') as raised:
+    with refused('not_armed', 'drive', DriveError):
         bench.driver.arm()
-    assert raised.value.reason == 'not_armed'
-    with pytest.raises(DriveError, match='armed'):
+    with refused('not_armed', 'drive', DriveError):
         bench.driver.send_torque(0.01)
 
 
@@ -102,10 +101,10 @@ def test_an_encoder_that_is_not_ready_is_the_reason_why_it_does_not_arm():
     old, new = Bench(KINDS[0]), Bench(KINDS[1])
     old.device.properties['axis0.encoder.is_ready'] = 0
     new.device.properties['axis0.commutation_mapper.status'] = 6
-    with pytest.raises(DriveError, match='INVALID_STATE'):
-        old.driver.arm()
-    with pytest.raises(DriveError, match='NOT_CALIBRATED'):
-        new.driver.arm()
+    for bench, named in ((old, 'INVALID_STATE'), (new, 'NOT_CALIBRATED')):
+        with refused('not_armed', 'drive', DriveError) as caught:
+            bench.driver.arm()
+        assert named in str(caught.value)
 
 
 def test_to_a_0_5_each_frame_is_a_command_and_so_a_request_goes_with_no_torque():
@@ -235,9 +234,8 @@ def test_a_drive_as_from_the_factory_is_refused_for_all_that_is_wrong(kind):
 @both
 def test_another_node_is_not_taken_for_ours_and_is_named(kind):
     bench = Bench(kind, node_id=5)
-    with pytest.raises(DriveError, match='node_id 5 .* node 0') as raised:
+    with refused('silent', 'node_id', DriveError):
         bench.driver.identify(0.2)
-    assert raised.value.reason == 'silent'
 
 
 @both
@@ -262,9 +260,8 @@ def test_the_reason_of_a_0_6_stays_when_its_error_has_gone():
 def test_errors_are_cleared_without_power_and_only_then(kind):
     bench = Bench(kind)
     bench.driver.arm()
-    with pytest.raises(DriveError, match='under power') as raised:
+    with refused('not_clearable', 'motor', DriveError):
         bench.driver.clear_faults()
-    assert raised.value.reason == 'not_clearable'
     bench.device.over_current()
     assert bench.cycles(100, torque=0.0).faults
     bench.driver.stop()
@@ -323,9 +320,9 @@ def test_numbers_that_are_none_are_no_telemetry(kind):
 def test_an_unsupported_reported_version_is_refused(version):
     bench = Bench(KINDS[1])
     bench.device.names = replace(bench.device.names, version=version)
-    with pytest.raises(DriveError, match='.'.join(map(str, version))) as raised:
+    with refused('firmware', 'firmware', DriveError) as caught:
         bench.driver.identify()
-    assert raised.value.reason == 'firmware'
+    assert '.'.join(map(str, version)) in str(caught.value)
 
 
 def test_of_four_simultaneous_answers_a_0_5_loses_one():

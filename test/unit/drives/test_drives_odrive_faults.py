@@ -2,6 +2,7 @@
 """What an ODrive names when it takes the power off the motor, and how that is cleared."""
 from drive_bench import Bench
 import pytest
+from refusals import refused
 
 from ballbot_ros.drives.emulated_device import DriveSettings
 from ballbot_ros.drives.odrive.ascii.driver import DriveStatus
@@ -149,8 +150,9 @@ def test_a_motor_that_cannot_be_armed_names_the_part():
     bench.device.properties['config.enable_brake_resistor'] = 1
     bench.device.board._brake_armed = False
     bench.to_drive = lambda data: data.replace(b'sc ', b'xx ')  # which would arm it
-    with pytest.raises(DriveError, match='MOTOR_ERROR_BRAKE_RESISTOR_DISARMED'):
+    with refused('not_armed', 'drive', DriveError) as caught:
         bench.driver.arm(0.2)
+    assert 'MOTOR_ERROR_BRAKE_RESISTOR_DISARMED' in str(caught.value)
 
 
 @pytest.mark.parametrize('silent', ['axis0.motor.error', 'axis0.sensorless_estimator.error'])
@@ -159,9 +161,9 @@ def test_a_register_that_is_not_answered_does_not_hide_what_keeps_a_motor_from_b
     bench.driver.identify()
     bench.device.sensed = bench.device.sensed._replace(temperature=200.0)
     bench.to_drive = lambda data: b'' if f'r {silent} '.encode() in data else data
-    with pytest.raises(DriveError, match='MOTOR_FAILED') as raised:
+    with refused('not_armed', 'drive', DriveError) as caught:
         bench.driver.arm()
-    assert raised.value.reason == 'not_armed'
+    assert 'MOTOR_FAILED' in str(caught.value)
 
 
 # Clearing
@@ -184,9 +186,9 @@ def test_faults_of_a_motor_under_power_are_not_cleared(kind):
     bench = Bench(kind)
     bench.driver.arm()
     for _ in range(2):
-        with pytest.raises(DriveError, match='under power') as raised:
+        with refused('not_clearable', 'motor', DriveError):
             bench.driver.clear_faults()
-        assert raised.value.reason == 'not_clearable' and bench.device.armed
+        assert bench.device.armed
         bench.driver._armed = False  # another program did it
         bench.device.properties['axis0.config.enable_watchdog'] = 0
 

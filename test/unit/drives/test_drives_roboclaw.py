@@ -5,6 +5,7 @@ import math
 
 from drive_bench import Bench
 import pytest
+from refusals import refused
 
 from ballbot_ros.drives.contract import bit_names
 from ballbot_ros.drives.emulated_device import DriveSettings
@@ -162,9 +163,9 @@ def test_the_status_names_errors_and_warnings(sensed, faults, warnings):
 def test_faults_are_not_cleared_by_any_command_and_that_is_said(bench):
     assert bench.driver.clear_faults() == ()
     bench.device.over_current()
-    with pytest.raises(DriveError, match='M1_DRIVER_FAULT_ERROR, which go with their') as raised:
+    with refused('not_clearable', 'drive', DriveError) as caught:
         bench.driver.clear_faults()
-    assert raised.value.reason == 'not_clearable'
+    assert 'M1_DRIVER_FAULT_ERROR' in str(caught.value)
 
 
 @pytest.mark.parametrize('bits, name', [
@@ -188,8 +189,9 @@ def test_a_warning_does_not_keep_the_motor_from_being_armed():
     reply(bench, codec.GET_STATUS, 0x10000)
     bench.driver.arm()
     reply(bench, codec.GET_STATUS, 0x8000)
-    with pytest.raises(DriveError, match='0x8000'):
+    with refused('not_armed', 'drive', DriveError) as caught:
         bench.driver.arm()
+    assert '0x8000' in str(caught.value)
 
 
 @pytest.mark.parametrize('watchdog, tenths', [
@@ -237,7 +239,7 @@ def test_answers_to_a_lost_group_do_not_confirm_a_stop(bench):
     bench.to_drive = lambda data: data[6:]
     bench.driver.send_stop()
     bench.to_drive = lambda data: b''
-    with pytest.raises(DriveError, match='did not confirm'):
+    with refused('not_stopped', 'drive', DriveError):
         bench.driver.stop(timeout=0.1)
 
 

@@ -9,6 +9,7 @@ import threading
 import time
 
 import pytest
+from refusals import refused
 import serial
 
 from ballbot_ros.drives import transport
@@ -246,8 +247,9 @@ def test_a_device_that_has_hung_up_is_gone_and_one_that_is_silent_is_not():
     assert line.wait(0.0) and line.read() == b'abc' and line.read() == b''
     theirs.close()
     assert line.wait(1.0)
-    with pytest.raises(OSError, match='hung up'):
+    with pytest.raises(OSError) as raised:
         line.read()
+    assert raised.type is OSError and raised.value.errno is None  # no error of the system
     ours.close()
 
 
@@ -264,7 +266,7 @@ def test_a_closed_link_says_so(terminal):
     link = Link(terminal[1], 115200)
     link.close()
     link.close()
-    with pytest.raises(LinkError, match='has been closed'):
+    with refused('closed', 'port', LinkError):
         link.write(b'x')
 
 
@@ -311,13 +313,16 @@ def test_a_disk_that_is_full_at_the_end_of_a_recording_is_noted():
     assert 'No space' in recorder.failure
 
 
-@pytest.mark.parametrize('text, complaint', [
-    ('', 'is not a capture'), ('something else\n', 'is not a capture'),
-    ('# ballbot traffic 1\n0.1 ? 00\n', ':2: '), ('# ballbot traffic 1\n0.1 < 0g\n', ':2: ')])
-def test_a_file_that_is_no_capture_is_refused(tmp_path, text, complaint):
-    (tmp_path / 'traffic.txt').write_text(text)
-    with pytest.raises(ConfigurationError, match=complaint):
-        read_capture(tmp_path / 'traffic.txt')
+@pytest.mark.parametrize('text, reason, line', [
+    ('', 'wrong_kind', ''), ('something else\n', 'wrong_kind', ''),
+    ('# ballbot traffic 1\n0.1 ? 00\n', 'unreadable', ':2'),
+    ('# ballbot traffic 1\n0.1 < 0g\n', 'unreadable', ':2')])
+def test_a_file_that_is_no_capture_is_refused(tmp_path, text, reason, line):
+    path = tmp_path / 'traffic.txt'
+    path.write_text(text)
+    with refused(reason, str(path), ConfigurationError) as caught:
+        read_capture(path)
+    assert f'{path}{line}: ' in str(caught.value)
 
 
 def test_a_capture_that_was_cut_off_is_read_as_far_as_it_goes(tmp_path):

@@ -360,9 +360,10 @@ class ODrive(Driver):
         self._send(self._torque_message(0.0) + codec.CLEAR_ERRORS)
         self._status.forget_errors()
         if self._write(CONTROL_MODE, TORQUE_CONTROL, deadline) != TORQUE_CONTROL:
+            path = self._path(CONTROL_MODE)
             raise DriveError(
-                f'{self.line.port}: the ODrive does not go into torque control, see '
-                f'{self._path(CONTROL_MODE)}', 'not_armed', 'drive')
+                f'{self.line.port}: the ODrive does not go into torque control, see {path}',
+                'not_armed', path)
         self._refuse_faults(deadline)
         self._send(codec.write(self._path(REQUESTED_STATE), CLOSED_LOOP_CONTROL))
         while self._read(STATE, deadline) != CLOSED_LOOP_CONTROL:
@@ -378,9 +379,8 @@ class ODrive(Driver):
         """Raise `DriveError` if the axis has an error, or does not report it."""
         bits = self._read(self._generation.errors, deadline)
         if not math.isfinite(bits):
-            raise DriveError(
-                f'{self.line.port}: the ODrive has no {self._path(self._generation.errors)}',
-                'not_armed', 'drive')
+            path = self._path(self._generation.errors)
+            raise DriveError(f'{self.line.port}: the ODrive has no {path}', 'not_armed', path)
         if bits:
             raise DriveError(
                 f'{self.line.port}: the ODrive names {self._named()}; remove the cause',
@@ -403,7 +403,7 @@ class ODrive(Driver):
         if self._armed or self._read(STATE, deadline) != IDLE:
             raise DriveError(
                 f'{self.line.port}: the motor is under power; disable it first',
-                'not_clearable', 'drive')
+                'not_clearable', 'motor')
         self._send(codec.feed_watchdog(self.options.axis) + codec.CLEAR_ERRORS)
         self._status.forget_errors()
         return self._faults(deadline, False)

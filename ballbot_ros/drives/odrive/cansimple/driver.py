@@ -341,7 +341,7 @@ class ODriveCan(Driver):
         if self._armed or self.telemetry.armed:
             raise DriveError(
                 f'{self.line.port}: the motor is under power; stop it first',
-                'not_clearable', 'drive')
+                'not_clearable', 'motor')
         deadline = self.clock() + timeout
         self._known(deadline)
         self._clear_errors(deadline)
@@ -445,7 +445,8 @@ class ODriveCan(Driver):
             f'{self.line.port}: no ODrive with node_id {node} answers'
             + (f', but heartbeats of node {others} arrive: set node_id, or check the wiring'
                if others else '; is it powered, is its CAN protocol SIMPLE, '
-               'is the bit rate the same, are both ends closed by 120 ohm?'), 'silent', 'drive')
+               'is the bit rate the same, are both ends closed by 120 ohm?'),
+            'silent', 'node_id' if others else 'drive')
 
     # Replies
 

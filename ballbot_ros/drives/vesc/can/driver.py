@@ -71,7 +71,8 @@ class VescCan(Vesc):
         assert isinstance(self._parser, codec.PayloadParser)
         nodes_seen = ', '.join(map(str, sorted(self._parser.nodes_seen)))
         return DriveError(
-            f'{self.line.port}: no VESC with id {self.options.can_id} answers '
-            + (f'(those that send their status have {nodes_seen}: set can_id)' if nodes_seen else
+            f'{self.line.port}: no VESC with id {self.options.can_id} answers'
+            + (f' (those that send their status have {nodes_seen}: set can_id)' if nodes_seen else
                '; is it powered, is the id that of VESC Tool, App Settings, General: VESC ID, is '
-               'its CAN Mode VESC, and the bit rate the same?'), 'silent', 'drive')
+               'its CAN Mode VESC, and the bit rate the same?'),
+            'silent', 'can_id' if nodes_seen else 'drive')

@@ -102,7 +102,8 @@ class Vesc(Driver):
             if self.clock() >= deadline:
                 raise DriveError(f'{self.line.port}: the VESC ' + (
                     'reports that its timeout has expired, however often it is fed' if reported
-                    else 'does not report its state'), 'not_armed', 'drive')
+                    else 'does not report its state'),
+                    'not_armed', 'watchdog' if reported else 'drive')
             begin = self.clock()
 
     def clear_faults(self, timeout: float = 1.0) -> tuple[str, ...]:
