@@ -185,9 +185,10 @@ def run_demo(out: Path, real_time: bool = False, quiet: bool = False, timeout: f
             SIMULATOR, simulator, load_scene(act.scene, act.robot), decision)
         controller = {'robot': act.robot, 'tuning': act.tuning, 'rate': CONTROL_RATE,
                       'lockstep_set_point_period': lockstep_period}
-        nodes = {'controller': controller, 'obstacle_decision': decision, 'simulator': simulator}
         with recorded_graph(
-                folder, (*TOPICS, *TOOL_TOPICS), timeline, nodes, metadata, domain) as graph:
+                folder, (*TOPICS, *TOOL_TOPICS), timeline,
+                {'controller': controller, 'obstacle_decision': decision, 'simulator': simulator},
+                metadata, domain) as graph:
             simulation = RecordedSimulation(
                 graph.node, graph.bag, TOPICS, free_running=real_time or watched)
             wrong = graph.run(simulation.poll, timeout, act.longest, TOPICS)
@@ -214,7 +215,8 @@ def in_processes(works: Sequence[Callable[[], int]], together: bool) -> List[int
     processes: List[Forked] = []
 
     def begin(work: Callable[[], int]) -> Tuple[Forked, List[BinaryIO]]:
-        kept = [TemporaryFile() for _ in range(2)] if together and processes else []
+        kept: List[BinaryIO] = [
+            TemporaryFile() for _ in range(2)] if together and processes else []
 
         def work_alone() -> int:
             signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent sends SIGTERM instead
@@ -262,13 +264,14 @@ def check_bag(graph: RecordedGraph, rates: Mapping[str, float], quiet: bool) -> 
 def passages_of(scene: Scene, expected: Optional[Sequence[Expected]] = None) -> List[Passage]:
     """Return the faces of a scene, rounded edges included: a carpet is as high as it is thick."""
     faces = faces_of(scene.model.terrain, scene.model.robot.ball_radius)
+    dues: Sequence[Optional[Expected]] = expected or [None] * len(faces)
     return [Passage(float(face[0, 0]), float(face[-1, 1] - face[0, 1]), float(face[-1, 1]), due)
-            for face, due in zip(faces, expected or [None] * len(faces))]
+            for face, due in zip(faces, dues)]
 
 
 def perform(out: Path, act: Act, quiet: bool,
             play: Callable[[Path, Timeline], List[str]]) -> int:
-    """Run an act with a scene and return the exit code; the parameters are those of `conclude`."""
+    """Run an act with a scene and return the exit code; `play` takes folder and timeline."""
     scene = load_scene(act.scene, act.robot)
     marks: List[Mark] = []
 
@@ -293,11 +296,12 @@ def perform(out: Path, act: Act, quiet: bool,
 
     def draw() -> Figure:
         return strip(_trajectory(scene, timeline), 'as published on ball_state', marks)
-    return conclude(out, act.title, quiet, timeline, play, verdict_on, draw, 'crossing.png')
+    return conclude(out, act.title, quiet, timeline, partial(play, out, timeline), verdict_on,
+                    draw, 'crossing.png')
 
 
 def conclude(out: Path, title: str, quiet: bool, timeline: Timeline,
-             play: Callable[[Path, Timeline], List[str]], verdict_on: Callable[[], List[str]],
+             play: Callable[[], List[str]], verdict_on: Callable[[], List[str]],
              draw: Callable[[], Figure], picture: str) -> int:
     """
     Print the timeline of a run, draw its picture, and return the exit code.
@@ -311,7 +315,7 @@ def conclude(out: Path, title: str, quiet: bool, timeline: Timeline,
         Print only the verdict.
     timeline : Timeline
     play : callable
-        Runs the nodes with folder and timeline, and returns its errors.
+        Runs the nodes, and returns the errors of the run.
     verdict_on : callable
         Returns the deviations of the robot from the expected actions.
     draw : callable
@@ -325,7 +329,7 @@ def conclude(out: Path, title: str, quiet: bool, timeline: Timeline,
     if not quiet:
         print(f'\n{title}\n', flush=True)
     with ending_by_signal():
-        wrong = play(out, timeline)
+        wrong = play()
     wrong = wrong + (verdict_on() if timeline.states else ['no state of the ball was received'])
     if timeline.states:
         save(draw(), out / picture)

@@ -4,7 +4,7 @@ import os
 from pathlib import Path
 import sys
 import time
-from typing import List, Optional
+from typing import Any, Dict, List, Mapping, Optional
 
 from rclpy.node import Node
 from rclpy.task import Future
@@ -69,7 +69,7 @@ def run_hardware_demo(out: Path, protocol: str, firmware: str = '', serial_imu: 
         decision = {'curve': CURVE, 'control_tuning': TUNING,
                     'largest_swing': hardware.limits.angle_limit}
         metadata = bag_metadata(BRIDGE, bridge, decision=decision)
-        nodes = {
+        nodes: Dict[str, Mapping[str, Any]] = {
             'emulated_robot': {
                 'hardware': hardware.name, 'firmware': firmware, 'scene': TWO_STEPS.scene,
                 'link': link, 'imu_link': imu},

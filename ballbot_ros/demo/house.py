@@ -83,7 +83,7 @@ def run_house_demo(out: Path, real_time: bool = False, quiet: bool = False, time
         lambda *_: None) if quiet else print_event)
     arrived: List[Visit] = []
 
-    def play(folder: Path, timeline: HouseTimeline) -> List[str]:
+    def play() -> List[str]:
         rates = RATES if real_time else LOCKSTEP_RATES
         simulator = {
             'floor': FLOOR, 'start': ','.join(map(str, START)), 'robot': ROBOT,
@@ -93,7 +93,7 @@ def run_house_demo(out: Path, real_time: bool = False, quiet: bool = False, time
                       'lockstep_set_point_period': 0.0 if real_time else PERIOD}
         navigator = {'floor': FLOOR, 'robot': ROBOT, 'control_tuning': TUNING}
         with recorded_graph(
-                folder, (*LOCKSTEP_RATES, *OTHER_TOPICS, *TOOL_TOPICS), timeline,
+                out, (*LOCKSTEP_RATES, *OTHER_TOPICS, *TOOL_TOPICS), timeline,
                 {'controller': controller, 'navigator': navigator, 'simulator': simulator},
                 bag_metadata(SIMULATOR, simulator), domain) as graph:
             guide = TourGuide(graph, timeline, tour, arrived, RecordedSimulation(

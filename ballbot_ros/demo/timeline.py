@@ -182,7 +182,7 @@ class Timeline:
         """Return the distance from the front of the ball to the next face [m], NaN if none."""
         if self.next_step >= len(self.passages):
             return math.nan
-        return self.passages[self.next_step].x - message.x - self._robot.ball_radius
+        return float(self.passages[self.next_step].x - message.x - self._robot.ball_radius)
 
     def verdict(self) -> List[str]:
         """Return the deviations from the expected result; empty for a success."""

@@ -226,9 +226,9 @@ class SearchTree(NamedTuple):
     @classmethod
     def of(cls, count: int) -> 'SearchTree':
         """Return arrays for a number of nodes, a power of 2."""
-        return cls(np.empty(4 * count, np.int32), *(np.empty(count, np.int64) for _ in range(3)),
-                   np.empty(count), np.empty(count, np.uint8), np.empty(3 * count),
-                   np.empty(3 * count, np.int64))
+        keys, parents, moves = (np.empty(count, np.int64) for _ in range(3))
+        return cls(np.empty(4 * count, np.int32), keys, parents, moves, np.empty(count),
+                   np.empty(count, np.uint8), np.empty(3 * count), np.empty(3 * count, np.int64))
 
 
 class Tree:

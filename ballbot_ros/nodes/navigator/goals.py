@@ -21,6 +21,8 @@ try:
 except ImportError:
     from ballbot_ros.action import ComputePathToPose, NavigateToPose
 
+__all__ = ['ComputePathToPose', 'NavigateToPose', 'NavigationServers']
+
 FEEDBACK = 0.2  # period [s]
 FAILED = 9000  # error_code; error_msg begins with the reason code
 

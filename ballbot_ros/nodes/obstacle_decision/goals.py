@@ -10,7 +10,7 @@ from rclpy.node import Node
 
 from ballbot_ros.action import CrossStep, DriveTo
 from ballbot_ros.decision import (
-    CrossGoal, Decider, DriveGoal, Ending, GoalEnd, Knowledge)
+    CrossGoal, Decider, Decision, DriveGoal, Ending, GoalEnd, Knowledge, Motion)
 from ballbot_ros.errors import RefusedError
 from ballbot_ros.nodes.obstacle_decision.standstill import Standstill
 from ballbot_ros.ros.action_server import DeferredActionServer
@@ -53,8 +53,8 @@ class GoalServers:
             lambda handle: self._begin(self._cross, handle))
         node.create_timer(1.0, self._watch, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
-    def _check(self) -> Decider:
-        """Return the decider that can accept a goal."""
+    def _check(self) -> Motion:
+        """Return the motion from which a goal can begin; refuse a goal that cannot."""
         decider = self._decider()
         if self._standstill.standing:
             raise RefusedError(self._standstill.reason, 'standing', 'e_stop')
@@ -63,18 +63,18 @@ class GoalServers:
         if decider.motion is None or decider.planned is None:
             raise RefusedError(
                 'no odometry received yet: is a simulator or a bridge running?', 'missing', 'odom')
-        return decider
+        return decider.motion
 
     def _check_drive(self, request: DriveTo.Goal) -> None:
-        decider = self._check()
-        start = decider.motion
+        start = self._check()
         target = request.target + (start.position if request.relative else 0.0)
         self._goal = DriveGoal(
             start, target, request.speed_limit, request.tolerance, request.timeout,
-            self._knowledge.tuning, self._knowledge.robot.ball_radius, decider.free_from)
+            self._knowledge.tuning, self._knowledge.robot.ball_radius,
+            self._decider().free_from)
 
     def _check_cross(self, request: CrossStep.Goal) -> None:
-        self._goal = CrossGoal(self._check().motion, request.timeout)
+        self._goal = CrossGoal(self._check(), request.timeout)
 
     def _begin(self, server: DeferredActionServer, handle: ServerGoalHandle) -> None:
         self._decider().goals.begin(self._goal)
@@ -92,22 +92,24 @@ class GoalServers:
         """Update the goal; called after each decision."""
         if self._running is None:
             return
-        decider, handle = self._decider(), self._running[1]
+        decider, (server, handle) = self._decider(), self._running
         self._last_decision = time.monotonic()
         if decider.end is not None:
-            return self._finish(decider.end)
+            return self._finish(server, handle, decider.end)
         if handle.is_cancel_requested and not self._goal.canceled:
             self._goal.cancel()
-        now = decider.motion.stamp
-        if now - self._last_feedback >= FEEDBACK:
-            self._last_feedback = now
-            handle.publish_feedback(self._feedback(decider))
+        motion, planned = decider.motion, decider.planned
+        assert motion is not None and planned is not None  # there has been a decision
+        if motion.stamp - self._last_feedback >= FEEDBACK:
+            self._last_feedback = motion.stamp
+            handle.publish_feedback(self._feedback(motion, planned))
 
     def abort(self, why: str) -> None:
         """Abort the active goal, if any: the e-stop is engaged, or odometry is lost."""
         if self._running is not None:
             self._decider().goals.end()
-            self._finish(GoalEnd(Ending.E_STOP if self._standstill.engaged else Ending.LOST, why))
+            self._finish(*self._running, GoalEnd(
+                Ending.E_STOP if self._standstill.engaged else Ending.LOST, why))
 
     def close(self) -> None:
         """End the goal because the node ends, and send the result."""
@@ -119,8 +121,8 @@ class GoalServers:
         if self._running is not None and time.monotonic() - self._last_decision > SILENCE:
             self.abort(f'no odometry received for {SILENCE:g} s')
 
-    def _finish(self, end: GoalEnd) -> None:
-        server, handle = self._running
+    def _finish(self, server: DeferredActionServer, handle: ServerGoalHandle,
+                end: GoalEnd) -> None:
         self._running = None
         self._node.get_logger().info(f'{end.ending.value}: {end.message}')
         if end.ending in (Ending.REACHED, Ending.CROSSED):
@@ -143,11 +145,11 @@ class GoalServers:
             result.height = goal.height
         return result
 
-    def _feedback(self, decider: Decider) -> Any:
-        goal, motion, planned = self._goal, decider.motion, decider.planned
+    def _feedback(self, motion: Motion, planned: Decision) -> Any:
+        goal = self._goal
         kind = DriveTo.Feedback if isinstance(goal, DriveGoal) else CrossStep.Feedback
         feedback = kind(position=motion.position, speed=motion.speed)
-        feedback.decision, _, feedback.message = _in_force(decider)
+        feedback.decision, _, feedback.message = _in_force(self._decider())
         if isinstance(goal, CrossGoal):
             feedback.phase = getattr(kind, f'PHASE_{goal.phase.name}')
             feedback.distance, feedback.height = planned.distance, planned.height

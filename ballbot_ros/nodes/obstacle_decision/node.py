@@ -4,7 +4,7 @@ from collections import Counter
 from functools import partial
 import math
 import time
-from typing import Any, Dict, List, Optional, Tuple
+from typing import Any, Callable, Dict, List, Optional, Tuple
 
 from builtin_interfaces.msg import Time
 from nav_msgs.msg import Odometry
@@ -12,7 +12,7 @@ from rclpy.node import Node
 
 from ballbot_ros.control import load_tuning
 from ballbot_ros.decision import (
-    check_decision, Decider, Decision, Kind, Knowledge, load_curve, Reason)
+    check_decision, Decider, Decision, Kind, Knowledge, load_curve, Observation, Reason)
 from ballbot_ros.errors import MessageError
 from ballbot_ros.nodes.obstacle_decision.goals import GoalServers
 from ballbot_ros.nodes.obstacle_decision.outcomes import Experience
@@ -33,7 +33,8 @@ LONGEST_SILENCE = 0.025
 # Least time between two logged changes of the decision [s].
 LOG_PERIOD = 1.0
 
-OBSERVATIONS = {'step_observation': observation, 'terrain_observation': terrain_observation}
+OBSERVATIONS: Dict[str, Callable[[Any], Observation]] = {
+    'step_observation': observation, 'terrain_observation': terrain_observation}
 
 
 def load_knowledge(settings: DecisionSettings) -> Knowledge:
@@ -115,7 +116,7 @@ class ObstacleDecision(Node):
         self._decide_pending()
         # The ball is also driven between observations and after their end.
         if to_seconds(message.header.stamp) - self._outputs.time > LONGEST_SILENCE:
-            self._decide(message.header.stamp)
+            self._decide(message.header.stamp, message)
 
     def _forget(self, why: str) -> None:
         self._goals.abort(why)
@@ -134,16 +135,16 @@ class ObstacleDecision(Node):
         if self._observed is not None and self._odometry is not None \
                 and exact(self._odometry) >= exact(self._observed):
             stamp, self._observed = self._observed.header.stamp, None
-            self._decide(stamp)
+            self._decide(stamp, self._odometry)
 
-    def _decide(self, stamp: Time) -> None:
+    def _decide(self, stamp: Time, odometry: Odometry) -> None:
         """Publish a decision stamped like its observation, and the set-point for now."""
         if self._standstill.standing:
-            return self._outputs.rest(self._odometry.header.stamp)
+            return self._outputs.rest(odometry.header.stamp)
         decision = (answer := self._decider.decide()).decision
         self._experience.keep(self._decider.outcome)
         self._counts[decision.kind.value] += 1
-        self._outputs.decide(stamp, answer, self._odometry)
+        self._outputs.decide(stamp, answer, odometry)
         self._goals.step()
         self._log_change(decision)
 

@@ -6,6 +6,7 @@ import struct
 from typing import Any, Callable, Dict, List, NamedTuple, Optional, Tuple
 
 import numpy as np
+from numpy.typing import NDArray
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 
@@ -40,12 +41,11 @@ class Every(NamedTuple):
 
 def every(settings: SimulatorSettings) -> Every:
     """Return the period of each output; raise `ConfigurationError` for an invalid rate."""
-    periods = [periods_per(getattr(settings, name), settings.control_rate, name)
-               for name in ('odom_rate', 'ball_state_rate')]
-    clock = settings.clock_rate and periods_per(
-        settings.clock_rate, settings.control_rate, 'clock_rate')
-    return Every(int(clock), *periods, 1 if settings.control == 'direct' else periods_per(
-        settings.joint_state_rate, settings.control_rate, 'joint_state_rate'))
+    def period(name: str) -> int:
+        return periods_per(getattr(settings, name), settings.control_rate, name)
+    return Every(period('clock_rate') if settings.clock_rate else 0, period('odom_rate'),
+                 period('ball_state_rate'),
+                 1 if settings.control == 'direct' else period('joint_state_rate'))
 
 
 class Outputs:
@@ -174,7 +174,8 @@ class PlaceOnMap:
     def __init__(self, node: Node, plant: FloorPlant, settings: SimulatorSettings):
         """Publish the map; the initial error is zero."""
         self._plant, self.settings = plant, settings
-        self._error, self._at = np.zeros(3), 0.0
+        self._error: NDArray[np.float64] = np.zeros(3)
+        self._at = 0.0
         self._random = np.random.default_rng([settings.seed, 1])
         self._topic = create_publisher(node, 'map')  # kept: it is latched
         self._topic.publish(map_message(plant.floor, Frames.of(settings)))

@@ -4,6 +4,7 @@ The services and the action of simulation_interfaces, where that package is inst
 
 The state *stopped* means paused at the start of the scene.
 """
+from functools import partial
 import math
 import re
 from typing import Any, Optional, Tuple
@@ -178,13 +179,12 @@ class Interfaces:
         except Refusal as refusal:
             handle.abort()
             return self._steps.finish(handle, _refused(SimulateSteps.Result(), refusal))
-        self._goal = handle, self._plant.periods
-        self._scheduler.step(steps).add_done_callback(self._finish)
+        goal = self._goal = handle, self._plant.periods
+        self._scheduler.step(steps).add_done_callback(partial(self._finish, *goal))
 
-    def _finish(self, run: Future) -> None:
+    def _finish(self, handle: ServerGoalHandle, first: int, run: Future) -> None:
         """End the goal whose steps have run, or were ended."""
-        handle, _ = self._goal
-        self._publish_state()
+        self._publish_state(handle, first)
         self._goal = None
         if run.result():
             handle.succeed()
@@ -201,10 +201,9 @@ class Interfaces:
         if self._goal[0].is_cancel_requested:
             self._scheduler.pause()  # which ends the steps, and so the goal
         else:
-            self._publish_state()
+            self._publish_state(*self._goal)
 
-    def _publish_state(self) -> None:
-        handle, first = self._goal
+    def _publish_state(self, handle: ServerGoalHandle, first: int) -> None:
         completed = self._plant.periods - first
         handle.publish_feedback(SimulateSteps.Feedback(
             completed_steps=completed, remaining_steps=handle.request.steps - completed))

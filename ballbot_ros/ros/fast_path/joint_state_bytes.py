@@ -16,6 +16,7 @@ from rclpy.subscription import Subscription
 from sensor_msgs.msg import JointState
 
 from ballbot_ros.control import JointReadings
+from ballbot_ros.physics.model.state import State
 from ballbot_ros.ros.conversions import sec_nanosec
 from ballbot_ros.ros.endpoints import create_subscription
 from ballbot_ros.ros.frames import JOINTS, LATERAL, LEAN, PENDULUM
@@ -244,7 +245,7 @@ class JointStateBytes:
         message.header.frame_id = frame
         self._written, self._count = _Written(message), 2 if has_pendulum else 1
 
-    def of(self, stamp: float, readings: JointReadings, torque: float,
+    def of(self, stamp: float, readings: Union[JointReadings, State], torque: float,
            lateral: LateralState = LateralState()) -> bytes:
         """
         Return the bytes of a joint state.
@@ -253,7 +254,7 @@ class JointStateBytes:
         ----------
         stamp : float
             ROS time [s].
-        readings : JointReadings
+        readings : JointReadings or State
         torque : float
             Of the pendulum motor [N m].
         lateral : LateralState, optional
