@@ -12,6 +12,7 @@ import runpy
 import pytest
 from refusals import refused
 
+from ballbot_ros.cli.run import NODES
 from ballbot_ros.nodes.bridge.settings import BridgeSettings
 from ballbot_ros.nodes.controller.settings import ControllerSettings
 from ballbot_ros.nodes.imu.node import ImuSettings
@@ -20,8 +21,6 @@ from ballbot_ros.nodes.obstacle_decision.settings import DecisionSettings
 from ballbot_ros.nodes.simulator.settings import SimulatorSettings
 
 ROOT = Path(__file__).resolve().parent.parent
-EXECUTABLES = {path.parent.name
-               for path in (ROOT / 'ballbot_ros' / 'nodes').glob('*/__main__.py')}
 LAUNCH_FILES = sorted(ROOT.glob('launch/*.launch.py'))
 
 
@@ -41,7 +40,7 @@ def test_launch_files_start_nodes_that_exist_with_parameters_that_exist(path):
     nodes = list(started(path))
     assert nodes or path.stem in ('record.launch', 'two_robots.launch')
     for executable, names in nodes:
-        assert executable in EXECUTABLES
+        assert executable in NODES
         assert names <= {*known[executable].described(), 'use_sim_time'}
 
 

@@ -113,7 +113,7 @@ class NodeProcesses:
     def start(self, name: str, parameters: Optional[Mapping[str, Any]] = None,
               arguments: Sequence[str] = (), label: str = '') -> None:
         """
-        Start ``ballbot_ros.nodes.<name>``; a second start appends to the same log.
+        Start a node as its executable does; a second start appends to the same log.
 
         Parameters
         ----------
@@ -125,8 +125,8 @@ class NodeProcesses:
             Name of the process, if the same node is started twice.
 
         """
-        self.run(f'ballbot_ros.nodes.{name}',
-                 [*parameter_arguments(parameters or {}), *arguments], label or name)
+        self.run('ballbot_ros.nodes.start',
+                 [name, *parameter_arguments(parameters or {}), *arguments], label or name)
 
     def fork(self, name: str, parameters: Optional[Mapping[str, Any]] = None) -> None:
         """Start a node as a copy of this process, which must not have initialised ROS."""

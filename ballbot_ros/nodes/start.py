@@ -1,7 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Entry points of the nodes: during their imports, about a second, Ctrl-C ends them quietly."""
+"""
+Entry points of the nodes: during their imports, about a second, Ctrl-C ends them quietly.
+
+`demo.processes` runs this module as a program with the name of a node; a user has ``ballbot run``.
+"""
 from functools import partial
 from importlib import import_module
+import sys
 
 
 def start(name: str) -> int:
@@ -18,3 +23,6 @@ bridge, controller, emulated_robot, imu, navigator, obstacle_decision, simulator
     partial(start, name) for name in (
         'bridge', 'controller', 'emulated_robot', 'imu', 'navigator', 'obstacle_decision',
         'simulator'))
+
+if __name__ == '__main__':
+    sys.exit(start(sys.argv.pop(1)))

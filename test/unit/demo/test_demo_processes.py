@@ -66,8 +66,7 @@ def sleepers(tmp_path, monkeypatch):
     real = subprocess.Popen
 
     def start(command, **options):
-        name = command[2].rsplit('.', 1)[1]
-        return real([sys.executable, '-c', programs[name]], **options)
+        return real([sys.executable, '-c', programs[command[3]]], **options)
     monkeypatch.setattr(processes.subprocess, 'Popen', start)
     monkeypatch.setattr(processes, 'END_TIMEOUT', 2.0)
     with NodeProcesses(tmp_path / 'logs', 17) as nodes:

@@ -1,13 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """How a node ends, on the executor of today and on the one that older rclpy have."""
-from importlib import import_module
 import os
 import subprocess
 import sys
 
 import pytest
 
-from ballbot_ros.cli.run import NODES
 from ballbot_ros.ros.run import Stop
 
 NODE = """
@@ -263,8 +261,3 @@ def test_ctrl_c_while_a_node_is_imported_is_its_normal_end(name):
                f'sys.exit(nodes.start({name!r}))\n')
     done = subprocess.run([sys.executable, '-c', program], capture_output=True, text=True)
     assert (done.returncode, done.stderr) == (0, '')
-
-
-def test_import_of_the_main_module_of_a_node_starts_nothing():
-    for name in NODES:
-        import_module(f'ballbot_ros.nodes.{name}.__main__')

@@ -11,6 +11,7 @@ from types import SimpleNamespace
 import pytest
 import yaml
 
+from ballbot_ros.cli.run import NODES
 from ballbot_ros.config.fields import checked_values
 from ballbot_ros.nodes.bridge import service_manager
 from ballbot_ros.nodes.bridge.service_manager import ServiceManager, SIGNS
@@ -161,7 +162,7 @@ def test_the_units_are_well_formed_and_run_nodes_that_there_are(path):
     node = path.stem.split('-')[1]
     assert f'/lib/ballbot_ros/{node}"' in service['ExecStart']
     assert f'/etc/ballbot/{node}.yaml' in service['ExecStart']
-    assert (ROOT / 'ballbot_ros' / 'nodes' / node / '__main__.py').exists()
+    assert node in NODES
     if shutil.which('systemd-analyze'):
         done = subprocess.run(['systemd-analyze', 'verify', path], capture_output=True, text=True)
         assert 'Unknown' not in done.stderr, done.stderr
