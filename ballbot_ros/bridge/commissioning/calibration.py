@@ -193,7 +193,7 @@ class Calibrator:
                     f'stopped: the pendulum was at {math.degrees(angle):.0f} degrees and '
                     f'{rate:.1f} rad/s, more than {math.degrees(FURTHEST):.0f} degrees or '
                     f'{FASTEST:g} rad/s; is torque_limit too high, or the shell not held?',
-                    'failed', 'torque_limit')
+                    'failed', 'pendulum_angle' if abs(angle) > FURTHEST else 'pendulum_rate')
             if now - start > RAISE + SETTLE:
                 seen.append(angle)
         return float(np.mean(seen))

@@ -123,8 +123,9 @@ def test_a_bus_that_is_off_takes_the_drive_away_and_the_watchdog_its_torque(robo
 def test_a_file_without_confirmed_settings_is_refused_for_a_0_5():
     robot = VirtualRobot('odrive_can')
     robot.start()
-    with pytest.raises(ConfigurationError, match='odrivetool.*under confirmed'):
+    with refused('inconsistent', 'torque limit', ConfigurationError) as caught:
         robot.session.configure()
+    assert 'odrv0.axis0.motor.config.torque_lim = ' in str(caught.value)
     assert robot.lines == 0
 
 
@@ -137,4 +138,4 @@ def test_a_bus_that_is_too_slow_is_refused_with_a_bit_rate_that_the_drive_has(
     check_feasible(hardware, GIMBALL, GENTLE)
     with refused('inconsistent', 'loop_rate') as caught:
         check_feasible(hardware.at(baud=baud), GIMBALL, GENTLE)
-    assert f'set baud to {enough}' in str(caught.value)
+    assert str(enough) in str(caught.value)

@@ -3,6 +3,7 @@
 from types import SimpleNamespace
 
 import pytest
+from refusals import refused
 
 from ballbot_ros.bridge.drive_line import (
     connector, DriveLine, HANDSHAKE, handshake, LONGEST_HANDSHAKE, RETRY)
@@ -73,8 +74,10 @@ def test_a_drive_is_stopped_before_it_is_taken_over():
 
 def test_settings_that_are_not_safe_are_refused_with_all_of_them_and_the_line_is_closed():
     drive = Drive(settings=(GOOD, BAD, BAD._replace(name='limit', remedy='')))
-    with pytest.raises(ConfigurationError, match='watchdog is off.*turn it on.*limit is off'):
+    with refused('inconsistent', 'watchdog', ConfigurationError) as caught:
         handshake(lambda: drive, 0.5)
+    for named in ('watchdog', BAD.remedy, 'limit'):
+        assert named in str(caught.value)
     assert drive.asked[-1] == 'close'
 
 

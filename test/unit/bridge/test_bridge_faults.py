@@ -111,7 +111,7 @@ def test_the_e_stop_is_not_released_while_the_imu_is_not_plausible(fault, reason
     loop(robot, 2.0, set_point)
     assert robot.session.supervisor.e_stop == EXPLANATIONS[reason]
     assert robot.refused.reason == reason
-    with pytest.raises(RefusedError) as caught:
+    with refused('standing', 'imu', RefusedError) as caught:
         robot.session.release()
     assert EXPLANATIONS[reason] in str(caught.value)
 

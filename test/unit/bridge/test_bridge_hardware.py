@@ -70,18 +70,22 @@ def test_the_gear_is_that_of_the_robot(name):
     assert (joint.gear_ratio, joint.gear_efficiency) == (motor.gear_ratio, motor.gear_efficiency)
 
 
-@pytest.mark.parametrize('sections, complaint', [
-    ({'connection': {'protocol': 'oddrive'}}, "protocol must be one of .* did you mean 'odrive'"),
-    ({'connection': {'bauds': 3}}, "'bauds' is not known here; did you mean 'baud'"),
-    ({'limits': {'torque_limit': -1.0}}, 'limits: torque_limit must be more than 0'),
-    ({'limits': {'torque_limit': float('nan')}}, 'torque_limit'),
-    ({'limits': {'on_timeout': 'hope'}}, 'coast, brake, settle'),
-    ({'limits': {'torque_limit': {'value': 4.0, 'unit': 'Nm'}}}, "unit must be 'N m'"),
-    ({'joint': {'direction': 0}}, 'direction must be 1 or -1'),
-    ({'drive': {'axes': 1}}, 'axes'), ({'drive': {'axis': 7}}, 'axis')])
-def test_what_is_wrong_in_a_file_is_named(sections, complaint):
-    with pytest.raises(ConfigurationError, match=complaint):
+@pytest.mark.parametrize('sections, reason, field, proposed', [
+    ({'connection': {'protocol': 'oddrive'}}, 'not_a_choice', 'protocol', "'odrive'"),
+    ({'connection': {'bauds': 3}}, 'unknown_name', 'bauds', "'baud'"),
+    ({'limits': {'torque_limit': -1.0}}, 'out_of_range', 'torque_limit', ''),
+    ({'limits': {'torque_limit': float('nan')}}, 'not_finite', 'torque_limit', ''),
+    ({'limits': {'on_timeout': 'hope'}}, 'not_a_choice', 'on_timeout', 'coast, brake, settle'),
+    ({'limits': {'torque_limit': {'value': 4.0, 'unit': 'Nm'}}}, 'not_a_choice', 'torque_limit',
+     "'N m'"),
+    ({'joint': {'direction': 0}}, 'not_a_choice', 'direction', ''),
+    ({'drive': {'axes': 1}}, 'unknown_name', 'axes', "'axis'"),
+    ({'drive': {'axis': 7}}, 'out_of_range', 'axis', '')])
+def test_what_is_wrong_in_a_file_is_named(sections, reason, field, proposed):
+    with refused(reason, field, ConfigurationError) as caught:
         read_hardware(content(**sections), 'my.yaml')
+    assert str(caught.value).startswith(f'my.yaml: {next(iter(sections))}: ')
+    assert proposed in str(caught.value)
 
 
 # Section, what else it must have, field, the least and the most that it may be, and beyond.
@@ -105,13 +109,14 @@ RANGES = [
     (Connection, {'protocol': 'vesc', 'port': 'x'}, 'watchdog', (0.01, 1.0), (0.0099, 1.001))]
 
 
-@pytest.mark.parametrize('section, needs, field, allowed, refused', RANGES)
+@pytest.mark.parametrize('section, needs, field, allowed, beyond', RANGES)
 def test_each_value_may_be_what_is_safe_and_nothing_beyond(
-        section, needs, field, allowed, refused):
+        section, needs, field, allowed, beyond):
     for value in allowed:
         assert getattr(section(**needs, **{field: value}), field) == value
-    for value in refused:
-        with pytest.raises(ConfigurationError, match=field):
+    for value in beyond:
+        reason = 'not_a_choice' if (field, value) == ('direction', 0) else 'out_of_range'
+        with refused(reason, field, ConfigurationError):
             section(**needs, **{field: value})
 
 
@@ -132,16 +137,16 @@ def test_a_file_that_says_no_more_than_it_must_is_one_of_a_careful_bridge():
 def test_all_that_is_missing_in_any_section_is_named_together():
     with pytest.raises(ConfigurationError) as caught:
         read_hardware({'name': 'mine', 'connection': {'protocol': 'vesc'}}, 'my.yaml')
-    message = str(caught.value)
-    for words in ('my.yaml: robot is missing', 'connection: port is missing',
-                  'joint: gear_ratio is missing', 'limits: torque_limit is missing'):
-        assert words in message
+    assert [(problem.reason, problem.field) for problem in caught.value.problems] == [
+        ('missing', name) for name in ('robot', 'port', 'gear_ratio', 'torque_limit')]
+    for place in ('connection', 'joint', 'limits'):
+        assert f'my.yaml: {place}: ' in str(caught.value)
 
 
 @pytest.mark.parametrize('missing', ['name', 'robot'])
 def test_name_and_robot_must_be_text(missing):
     for value in (None, 7):
-        with pytest.raises(ConfigurationError, match=f'{missing} must be text'):
+        with refused('wrong_type', missing, ConfigurationError):
             read_hardware({**content(), missing: value}, 'my.yaml')
 
 
@@ -176,13 +181,14 @@ def test_the_section_drive_does_not_override_a_safety_setting(name):
 
 
 def test_a_setting_that_a_drive_does_not_have_is_refused_in_the_file():
-    with pytest.raises(ConfigurationError, match='drive'):
+    with refused('unknown_name', 'poles', ConfigurationError):
         replace(load_hardware('gimball_odrive'), drive={'poles': 7}).options()
 
 
 def test_a_file_that_does_not_exist_is_answered_with_those_that_do():
-    with pytest.raises(ConfigurationError, match="did you mean 'gimball_odrive'"):
+    with refused('unknown_name', 'hardware', ConfigurationError) as caught:
         load_hardware('gimball_oddrive')
+    assert "'gimball_odrive'" in str(caught.value)
 
 
 def test_the_joint_turns_shaft_into_pendulum_and_back():
@@ -197,9 +203,10 @@ def test_a_line_that_is_too_slow_is_refused_with_the_baud_that_does():
     assert budget.duration(921600) == pytest.approx(
         10.0 * (budget.bytes_out + budget.bytes_in) / 921600)
     top = int(budget.highest_rate(115200))
-    with pytest.raises(ConfigurationError, match=f'115200 baud carry {top} Hz at most .* set baud '
-                       f'to 921600, or set loop_rate to {top} Hz or less'):
+    with refused('inconsistent', 'loop_rate', ConfigurationError) as caught:
         check_feasible(changed(baud=115200), GIMBALL, GENTLE)
+    for value in ('115200 baud', f'{top} Hz', '921600'):
+        assert value in str(caught.value)
     for rate in (float(top), budget.highest_rate(115200)):
         check_feasible(changed(baud=115200, loop_rate=rate), GIMBALL, GENTLE)
     assert set(BAUD_RATES) <= set(serial.Serial.BAUDRATES)
@@ -211,16 +218,15 @@ def test_a_line_that_no_rate_of_these_gains_fits_is_refused_with_other_gains():
 
 
 def test_gains_that_diverge_at_the_rate_of_the_loop_are_refused():
-    with pytest.raises(UnstableLoopError, match='diverges .* at 500 Hz with 1 sample .* 548 Hz'):
+    with refused('unstable', 'loop_rate', UnstableLoopError) as caught:
         check_feasible(changed(), GIMBALL, PUBLISHED)
+    for value in ('500 Hz', '1 sample', '548 Hz'):
+        assert value in str(caught.value)
     check_feasible(changed(loop_rate=700.0), GIMBALL, PUBLISHED)
 
 
 def test_a_baud_rate_that_is_in_the_way_of_that_rate_is_named():
-    with pytest.raises(UnstableLoopError) as refusal:
-        check_feasible(changed(), GIMBALL, PUBLISHED)
-    assert 'raise baud' not in str(refusal.value)
-    with pytest.raises(UnstableLoopError, match='raise baud'):
+    with refused('unstable', 'baud', UnstableLoopError):
         check_feasible(changed(baud=115200, loop_rate=80.0), GIMBALL, PUBLISHED)
 
 
@@ -246,8 +252,10 @@ def test_the_published_gains_need_this_rate_on_board(name, lowest):
 
 
 def test_gains_that_diverge_on_board_are_refused_with_the_delay_in_milliseconds():
-    with pytest.raises(UnstableLoopError, match='at 500 Hz with 1.9 ms of delay; run it at 548'):
+    with refused('unstable', 'loop_rate', UnstableLoopError) as caught:
         check_feasible(changed(), GIMBALL, PUBLISHED, 0, onboard_lag(changed(), GIMBALL))
+    for value in ('500 Hz', '1.9 ms', '548 Hz'):
+        assert value in str(caught.value)
 
 
 def test_joint_states_come_at_most_at_the_rate_of_the_loop():

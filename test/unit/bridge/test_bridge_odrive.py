@@ -96,8 +96,9 @@ def test_a_drive_from_the_factory_drives_after_each_remedy_was_typed():
 @pytest.mark.parametrize('quirk, version', [('1d', '0.5.3'), ('no_sc', '0.5.1')])
 def test_old_firmware_is_refused_by_its_name(quirk, version):
     robot = robot_with('odrive 0.5', quirk)
-    with pytest.raises(DriveError, match=f'must be 0.5.4 or later, got {version}'):
+    with refused('firmware', 'firmware', DriveError) as caught:
         robot.session.configure()
+    assert version in str(caught.value)
     assert robot.lines == 0
 
 

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import pytest
+from refusals import refused
 from virtual_robot import VirtualRobot
 
 from ballbot_ros.drives.emulated_device import DriveSettings
@@ -37,8 +38,8 @@ def test_a_small_torque_limit_needs_no_other_drive_and_is_never_exceeded(protoco
 
 
 def test_a_drive_that_lets_more_through_than_the_file_says_is_refused():
-    with pytest.raises(ConfigurationError, match='torque limit'):
+    with refused('inconsistent', 'torque limit', ConfigurationError):
         with_drive_as_shipped('odrive 0.5', 1.05 * TORQUE).session.configure()
-    with pytest.raises(ConfigurationError, match='torque limit'):
+    with refused('inconsistent', 'torque limit', ConfigurationError):
         with_drive_as_shipped('odrive 0.5', torque_limit=0.3,
                               drive_torque_limit=0.0).session.configure()

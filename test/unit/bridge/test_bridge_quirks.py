@@ -4,6 +4,7 @@ from dataclasses import replace
 import math
 
 import pytest
+from refusals import refused
 from virtual_robot import STEP, VirtualRobot
 
 from ballbot_ros.bridge.motor_state import MotorState
@@ -50,14 +51,15 @@ def test_a_vesc_whose_kill_switch_is_pulled_has_no_torque_and_gets_none_by_itsel
 
 def test_a_vesc_with_old_firmware_is_refused_by_its_name():
     robot = with_quirks('vesc', 'firmware_5_02')
-    with pytest.raises(DriveError, match=r'must be 5\.03 to 7\.xx, got 5\.02: its values end'):
+    with refused('firmware', 'firmware', DriveError) as caught:
         robot.session.configure()
+    assert '5.02' in str(caught.value)
     assert robot.lines == 0
 
 
 def test_a_vesc_that_may_not_feed_back_would_not_brake_and_is_refused():
     robot = with_quirks('vesc', 'regen_limit')
-    with pytest.raises(ConfigurationError, match='braking power is 0.24 W, must be at least'):
+    with refused('inconsistent', 'braking power', ConfigurationError):
         robot.session.configure()
 
 
@@ -122,7 +124,7 @@ def test_the_serial_timeout_of_a_roboclaw_is_set_at_every_start():
 
 def test_a_roboclaw_without_a_serial_timeout_is_refused():
     robot = with_quirks('roboclaw', 'no_timeout')
-    with pytest.raises(ConfigurationError, match='watchdog is unknown, must be at most 0.1 s'):
+    with refused('inconsistent', 'watchdog', ConfigurationError):
         robot.session.configure()
 
 
