@@ -84,12 +84,13 @@ def test_the_four_ways_to_fail_to_open_are_distinguished(terminal, tmp_path):
     reasons = [reason('/dev/ttyNowhere')]
     with Link(path, 115200):
         reasons.append(reason(path))
-    (tmp_path / 'file').touch()
-    reasons.append(reason(str(tmp_path / 'file')))
+    file = tmp_path / 'file'
+    file.touch()
+    reasons.append(reason(str(file)))
     reasons.append(reason('nonsense://x'))
     assert [word for word, _ in reasons] == ['missing', 'busy', 'not_a_port', 'bad_address']
     assert all(name in text for (_, text), name in zip(reasons, (
-        '/dev/ttyNowhere', 'fuser', 'not a serial port', 'nonsense')))
+        '/dev/ttyNowhere', f'sudo fuser -v {path}', str(file), 'nonsense')))
 
 
 def test_no_permission_names_the_group(monkeypatch):
