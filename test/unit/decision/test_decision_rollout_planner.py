@@ -87,7 +87,7 @@ def test_without_room_it_says_that_a_longer_run_up_would_do_and_takes_it_where_i
 
 def test_when_it_has_backed_off_it_crosses():
     plan, here, decision = RolloutPlanner(KNOWLEDGE), -0.3 - RADIUS, None
-    for number in range(40):
+    for number in range(50):  # 1 s, for two searches
         motion = Motion(0.02 * number, here, 0.0)
         decision = plan(Situation(motion, seen(step(0.045)), (), -2.5), decision)
         if decision.kind is Kind.BACK_OFF:
