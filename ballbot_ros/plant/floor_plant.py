@@ -193,7 +193,7 @@ class FloorPlant(Plant):
     def _follow(self) -> None:
         """Cut the ground again if the ball has left the line of the cut."""
         there = self.state.x - self._cut_at[3]
-        near = np.min(np.abs(self._cut.vertices[:, 0] - there)) < self._radius + MARGIN
+        near = np.min(np.abs(self._vertices - there)) < self._radius + MARGIN
         if self._on(self._cut_at, ON_LINE if near else NEAR_LINE):
             return
         self._cut_again()
@@ -208,6 +208,8 @@ class FloorPlant(Plant):
         present = sum(before)
         self._cut_at = self._course()
         new = cut(self.floor, self._at, self._lateral.heading, self._level, self._radius, _climbed)
+        # Without those of a pit, out of which the ball rolls before the next cut.
+        self._vertices = new.vertices[:, 0]
         deepest = math.sqrt(max(before, default=0.0))
 
         def added(depth: float, left: float) -> float:

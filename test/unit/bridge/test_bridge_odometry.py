@@ -14,7 +14,7 @@ from ballbot_ros.physics import load_robot
 
 def take(sensing, time):
     """Give an answer of a drive whose motor stands."""
-    sensing.take(Telemetry(time=time, measured=time, position=0.0), 0.0)
+    sensing.take(Telemetry(time=time, measured=time, position=0.0))
 
 
 def test_a_ball_that_is_pushed_is_found_where_it_is():

