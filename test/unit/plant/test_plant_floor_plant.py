@@ -133,6 +133,14 @@ def test_a_turning_ball_climbs_and_keeps_the_level():
                                           abs=1e-3)
 
 
+def test_a_ball_that_turns_behind_an_edge_rolls_on_the_floor_again():
+    cord = {'kind': 'cord', 'line': [[8.0, 4.0], [8.0, 12.0]], 'height': 0.006, 'width': 0.006}
+    plant = FloorPlant(ROBOT, floor_of(cord), (7.5, 8.0, 0.1))
+    drive(plant, 0.4, 0.1, 4.0)
+    assert plant.pose[0] > 8.3
+    assert plant.state.y == pytest.approx(ROBOT.ball_radius - ROBOT.static_penetration, abs=2e-4)
+
+
 def test_backing_off_returns_to_the_start_and_a_run_up_crosses():
     high = {**STEP, 'height': 0.035}
     plant = FloorPlant(ROBOT, floor_of(high), (10.6, 8.0, 0.0))
