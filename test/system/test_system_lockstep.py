@@ -9,17 +9,17 @@ from sensor_msgs.msg import JointState
 from ballbot_ros.msg import BallState
 from ballbot_ros.ros.conversions import to_seconds
 
-# The ball rolls at a step that it crosses within the second.
+# The ball swings its pendulum and crosses a step.
 SCENE = """
 robot: gimball
 terrain:
   - flat: {length: 1.426}
   - step: {height: 0.031}
   - flat: {length: 3.0}
-initial: {x: 0.7, speed: 0.8}
-duration: 1.0
+initial: {x: 0.7}
+duration: 2.5
 """
-PERIODS = 600
+PERIODS = 1250
 NOISE = {'observation_distance_sd': 0.02, 'observation_height_sd': 0.001}
 KINDS = {'ball_state': BallState, 'joint_states': JointState, 'joint_commands': JointState}
 

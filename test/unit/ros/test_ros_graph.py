@@ -319,8 +319,8 @@ def test_an_unknown_node_and_a_missing_verb_of_recording_are_refused(capsys):
     for words, said in ((['run', 'simulatr'], "did you mean 'simulator'"),
                         (['record'], 'name the topics to record'),
                         (['record', '-a', 'odom'], 'name the topics to record'),
-                        (['echo', 'odom', '--timeout', '0'], '--timeout'),
-                        (['drive', '--step', '0'], '--step must be above 0'),
+                        (['echo', 'odom', '--timeout', '0'], '--timeout must be more than 0'),
+                        (['drive', '--step', '0'], '--step must be more than 0'),
                         (['drive', '--step', '0.7'], 'more than --max-speed')):
         assert main(words) == 2
         assert said in capsys.readouterr().err
