@@ -35,7 +35,8 @@ def scene(tmp_path):
 def start_all(graph, scene, together=False, **parameters):
     """Start the three nodes, and return what they publish when all are connected."""
     received = {topic: graph.subscribe(topic, kind) for topic, kind in KINDS.items()}
-    nodes = {'controller': {'lockstep_set_point_period': 0.02}, 'obstacle_decision': {'unseen_room': 1.0},
+    nodes = {'controller': {'lockstep_set_point_period': 0.02},
+             'obstacle_decision': {'unseen_room': 1.0},
              'simulator': {'scene': scene, 'lockstep': True, 'real_time_factor': 0.0,
                            'start_paused': True, **parameters}}
     if together:
