@@ -574,9 +574,9 @@ class RolloutPlanner:
         choice = selector.choice or Choice(None, Reason.NOT_LIKELY)
         if choice.trial is None and face.height < 0.0 and room < TOO_LATE \
                 and motion.speed > STANDING:
-            # The descent is certain and needs no search.
-            choice = Choice(Trial(Candidate(Strategy.CRUISE, self._tuning.cruise_speed)),
-                            Reason.COMMITTED)
+            # The descent is certain and needs neither a search nor more speed.
+            choice = Choice(Trial(Candidate(
+                Strategy.CRUISE, min(motion.speed, self._tuning.cruise_speed))), Reason.COMMITTED)
         if choice.trial is None:
             # There is time to look closer, and no need to say no yet.
             stand = face.position - self._robot.ball_radius - self._tuning.stop_gap
