@@ -112,7 +112,9 @@ class Timeline:
         return to_seconds(message.header.stamp) - to_seconds(self.states[0].header.stamp)
 
     def add_decision(self, message: StepDecision) -> None:
-        """Take a decision that answers one of the states so far; changes are reported."""
+        """Take a decision; changes since the first state are reported."""
+        if not self.states:
+            return
         time, index = self.time_of(message), self.next_step
         if index and message.decision == StepDecision.DECISION_CROSS and abs(
                 message.height - self.passages[index - 1].height) < SAME_HEIGHT:

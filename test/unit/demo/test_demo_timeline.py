@@ -135,6 +135,14 @@ def test_a_ball_above_the_face_but_not_up_has_not_crossed(timeline):
     assert timeline.next_step == 0
 
 
+def test_a_decision_counts_from_the_first_state_on(timeline):
+    timeline.add_decision(decided(999.9, CROSS))
+    timeline.add_state(ball(1000.0, 0.0))
+    assert marks(timeline) == []
+    timeline.add_decision(decided(1000.1, CROSS))
+    assert marks(timeline)[-1] == 'CROSS'
+
+
 def test_times_count_from_the_first_state(timeline):
     timeline.add_state(ball(1000.0, 0.0))
     assert timeline.now == 0.0
