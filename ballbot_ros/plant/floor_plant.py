@@ -26,9 +26,11 @@ from ballbot_ros.physics.simulation.solver import Solver
 from ballbot_ros.plant.plant import Plant
 from ballbot_ros.steering import height_factor, LateralState, step
 
-# Heading and place that still lie on the line of a cut where the ball is on or before a face, and
-# where the ground is level that far beyond its radius [rad], [m].
-ON_LINE, NEAR_LINE, MARGIN = 1e-6, 0.01, 0.1
+# Heading and place that still lie on the line of a cut where the ball is before a face, touches
+# an edge, and where the ground is level that far beyond its radius [rad], [m].
+ON_LINE, ON_EDGE, NEAR_LINE, MARGIN = 1e-6, 0.05, 0.01, 0.1
+# Distance of a contact with an edge from the centre, greater than on a slope of 5 degrees [m].
+EDGE_ASIDE = 0.02
 Line = Tuple[float, float, float, float]  # x, y, heading, and the path length there
 # Part of the squares of the penetrations that rounding adds in a new cut, and least [m2].
 ROUNDING = 1e-5, 1e-12
@@ -194,9 +196,18 @@ class FloorPlant(Plant):
         """Cut the ground again if the ball has left the line of the cut."""
         there = self.state.x - self._cut_at[3]
         near = np.min(np.abs(self._vertices - there)) < self._radius + MARGIN
-        if self._on(self._cut_at, ON_LINE if near else NEAR_LINE):
-            return
-        self._cut_again()
+        # A new cut would lose the force of an edge that carries the ball.
+        tolerance = ON_EDGE if near and self._on_edge() else ON_LINE if near else NEAR_LINE
+        if not self._on(self._cut_at, tolerance):
+            self._cut_again()
+
+    def _on_edge(self) -> bool:
+        """Return whether the ball touches ground that is not below its centre, nor a wall."""
+        behind, ahead = self._cut.walls
+        return any(
+            behind + SAME < touch.x - self._cut_at[3] < ahead - SAME
+            and abs(touch.x - self.state.x) > EDGE_ASIDE
+            for touch in self.model.touches(self.state))
 
     def _cut_again(self) -> None:
         """

@@ -136,7 +136,7 @@ def test_a_turning_ball_climbs_and_keeps_the_level():
 def test_a_ball_that_turns_behind_an_edge_rolls_on_the_floor_again():
     cord = {'kind': 'cord', 'line': [[8.0, 4.0], [8.0, 12.0]], 'height': 0.006, 'width': 0.006}
     plant = FloorPlant(ROBOT, floor_of(cord), (7.5, 8.0, 0.1))
-    drive(plant, 0.4, 0.1, 4.0)
+    drive(plant, 0.4, 0.1, 6.0)
     assert plant.pose[0] > 8.3
     assert plant.state.y == pytest.approx(ROBOT.ball_radius - ROBOT.static_penetration, abs=2e-4)
 
