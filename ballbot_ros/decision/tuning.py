@@ -101,6 +101,11 @@ class DecisionTuning(Checked):
                 f'({self.largest_lean:g} rad), got {self.emergency_lean:g} rad',
                 'inconsistent', 'emergency_lean')
 
+    def height_bias(self, reported: bool) -> float:
+        """Return the deviation of the constant error of heights with or without a reported one."""
+        return self.height_bias_sd if reported else max(
+            self.height_bias_sd, self.unreported_bias_sd)
+
 
 def load_decision_tuning(name_or_path: str) -> DecisionTuning:
     """

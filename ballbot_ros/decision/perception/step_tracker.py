@@ -176,8 +176,7 @@ class StepTracker:
         """Average a detection into an edge."""
         edge.contradictions = 0
         # Averaging does not reduce constant errors.
-        bias = self._tuning.height_bias_sd if observation.height_sd > 0.0 else max(
-            self._tuning.height_bias_sd, self._tuning.unreported_bias_sd)
+        bias = self._tuning.height_bias(observation.height_sd > 0.0)
         if edge.step is None:
             edge.step = EdgeEstimate(replace(shown, height_sd=max(shown.height_sd, bias)))
         else:

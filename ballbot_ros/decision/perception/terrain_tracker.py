@@ -289,8 +289,7 @@ class TerrainTracker:
     def _detect(self, ground: GroundSeen, position: float) -> float:
         """Update the edges with those of the map; return how far one has moved with the ball."""
         forward, self._position = math.copysign(1.0, position - self._position), position
-        bias = (self._tuning.height_bias_sd if self._map.reports_sd
-                else max(self._tuning.height_bias_sd, self._tuning.unreported_bias_sd))
+        bias = self._tuning.height_bias(self._map.reports_sd)
         missed = [edge for edge in self._edges.edges if edge.ground is not None]
         others = [edge for edge in self._edges.edges if edge.ground is None]
         for face in ground.faces:

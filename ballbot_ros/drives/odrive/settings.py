@@ -25,7 +25,6 @@ Read = Callable[[str], float]
 # highest speed.
 RUNAWAY = 1.5
 TOLERANCE = 1.2  # of the velocity limit, from the factory
-PRINTED = 1e-6  # resolution of printed numbers
 FULL_DUTY = 0.95  # of the brake resistor at most; low_level.cpp
 
 
