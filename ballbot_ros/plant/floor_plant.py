@@ -18,7 +18,7 @@ from ballbot_ros.floors.profile import Cut, cut, passed, SAME
 from ballbot_ros.physics.mechanics.contact import EDGE
 from ballbot_ros.physics.model.actuation import Actuation
 from ballbot_ros.physics.model.robot import Robot
-from ballbot_ros.physics.model.state import State
+from ballbot_ros.physics.model.state import State, Touch
 from ballbot_ros.physics.model.terrain import Terrain
 from ballbot_ros.physics.simulation.model import Model
 from ballbot_ros.physics.simulation.scene import Initial, Run, Scene
@@ -196,18 +196,13 @@ class FloorPlant(Plant):
         """Cut the ground again if the ball has left the line of the cut."""
         there = self.state.x - self._cut_at[3]
         near = np.min(np.abs(self._vertices - there)) < self._radius + MARGIN
+        if self._on(self._cut_at, ON_LINE if near else NEAR_LINE):
+            return
         # A new cut would lose the force of an edge that carries the ball.
-        tolerance = ON_EDGE if near and self._on_edge() else ON_LINE if near else NEAR_LINE
-        if not self._on(self._cut_at, tolerance):
-            self._cut_again()
-
-    def _on_edge(self) -> bool:
-        """Return whether the ball touches ground that is not below its centre, nor a wall."""
-        behind, ahead = self._cut.walls
-        return any(
-            behind + SAME < touch.x - self._cut_at[3] < ahead - SAME
-            and abs(touch.x - self.state.x) > EDGE_ASIDE
-            for touch in self.model.touches(self.state))
+        if near and self._on(self._cut_at, ON_EDGE) and any(
+                abs(touch.x - self.state.x) > EDGE_ASIDE for touch in self._ground_touches()):
+            return
+        self._cut_again()
 
     def _cut_again(self) -> None:
         """
@@ -241,8 +236,12 @@ class FloorPlant(Plant):
 
     def _penetrations(self) -> List[float]:
         """Return the squares of the penetrations of the ground, without walls [m2]."""
+        return [touch.penetration**2 for touch in self._ground_touches()]
+
+    def _ground_touches(self) -> List[Touch]:
+        """Return the contacts, without those of walls."""
         behind, ahead = self._cut.walls
-        return [touch.penetration**2 for touch in self.model.touches(self.state)
+        return [touch for touch in self.model.touches(self.state)
                 if behind + SAME < touch.x - self._cut_at[3] < ahead - SAME]
 
     def _move(self, before: State, after: State, lean_set_point: float) -> None:
