@@ -15,19 +15,12 @@ MANIFEST = ElementTree.parse(ROOT / 'package.xml')
 VERSION = MANIFEST.findtext('version')
 MAINTAINER = MANIFEST.find('maintainer')
 
-# The only table of executables. Each lands in lib/ballbot_ros, for `ros2 run`; those in ON_PATH
-# land in bin as well, and so become plain commands. pip supports bin only, installs no others: a
+# The executables; a node is a folder. Each lands in lib/ballbot_ros, for `ros2 run`; those in
+# ON_PATH land in bin as well, as plain commands. pip supports bin only, installs no others: a
 # node may lack rclpy there, and has too common a name; `ballbot run bridge` starts it.
-EXECUTABLES = {
-    'ballbot': 'ballbot_ros.cli:main',
-    'bridge': 'ballbot_ros.nodes.start:bridge',
-    'controller': 'ballbot_ros.nodes.start:controller',
-    'emulated_robot': 'ballbot_ros.nodes.start:emulated_robot',
-    'imu': 'ballbot_ros.nodes.start:imu',
-    'navigator': 'ballbot_ros.nodes.start:navigator',
-    'obstacle_decision': 'ballbot_ros.nodes.start:obstacle_decision',
-    'simulator': 'ballbot_ros.nodes.start:simulator',
-}
+EXECUTABLES = {'ballbot': 'ballbot_ros.cli:main', **{
+    path.parent.name: 'ballbot_ros.nodes.start:main'
+    for path in sorted(ROOT.glob(f'{NAME}/nodes/*/node.py'))}}
 ON_PATH = ('ballbot',)
 BY_PIP = bool({'bdist_wheel', 'dist_info', 'editable_wheel'} & set(sys.argv))
 

@@ -13,7 +13,6 @@ import time
 import xml.etree.ElementTree as ElementTree
 
 import pytest
-from test_layers import defined_in
 
 ROOT = Path(__file__).resolve().parent.parent
 MANIFEST = ElementTree.parse(ROOT / 'package.xml').getroot()
@@ -39,16 +38,10 @@ CONSUMER = {
     """,
 }
 
+NODES = {path.parent.name for path in ROOT.glob('ballbot_ros/nodes/*/node.py')}
+
 # In front of a command: runs it as a user does who has sourced the workspace he is in.
 SOURCED = ('bash', '-c', '. install/local_setup.sh && exec "$@"', 'bash')
-
-
-def table(name):
-    """Read a literal table of setup.py without running it."""
-    for node in ast.parse((ROOT / 'setup.py').read_text()).body:
-        if isinstance(node, ast.Assign) and node.targets[0].id == name:
-            return ast.literal_eval(node.value)
-    raise AssertionError(f'setup.py has no table {name}')
 
 
 def run(*command, **more):
@@ -72,17 +65,6 @@ def files_below(folder):
 
 
 # --- What the declarations say --------------------------------------------------------------
-
-@pytest.mark.parametrize('name, target', table('EXECUTABLES').items())
-def test_each_executable_names_a_function_that_exists(name, target):
-    module, function = target.split(':')
-    path = ROOT.joinpath(*module.split('.')).with_suffix('.py')
-    if not path.exists():
-        path = path.with_suffix('') / '__init__.py'
-    assert path.exists(), f'{name}: setup.py names {module}, which does not exist'
-    defined = defined_in(ast.parse(path.read_text()))
-    assert function in defined, f'{name}: {module} has no {function}()'
-
 
 def test_the_version_is_the_same_everywhere():
     text = (ROOT / 'ballbot_ros' / '__init__.py').read_text()
@@ -202,7 +184,7 @@ def prefix(workspace):
 @pytest.mark.slow
 def test_ros2_run_finds_all_executables(workspace):
     places = {path.name: path for path in (prefix(workspace) / 'lib' / 'ballbot_ros').iterdir()}
-    assert set(table('EXECUTABLES')) <= set(places)
+    assert NODES | {'ballbot'} <= set(places)
     assert all(os.access(path, os.X_OK) for path in places.values())
 
 
@@ -223,7 +205,7 @@ def test_each_node_starts_and_stops(workspace, tmp_path):
     def said(name):
         return (tmp_path / name).read_text()
     try:
-        for i, name in enumerate(sorted(set(table('EXECUTABLES')) - {'ballbot'})):
+        for i, name in enumerate(sorted(NODES)):
             with (tmp_path / name).open('w') as log:
                 started[name] = subprocess.Popen(
                     [*SOURCED, prefix(workspace) / 'lib' / 'ballbot_ros' / name], cwd=folder,

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Entry points of the nodes: during their imports, about a second, Ctrl-C ends them quietly.
+Entry point of the nodes: during their imports, about a second, Ctrl-C ends them quietly.
 
 `demo.processes` runs this module as a program with the name of a node; a user has ``ballbot run``.
 """
-from functools import partial
 from importlib import import_module
+from pathlib import Path
 import sys
 
 
@@ -19,10 +19,10 @@ def start(name: str) -> int:
     return code
 
 
-bridge, controller, emulated_robot, imu, navigator, obstacle_decision, simulator = (
-    partial(start, name) for name in (
-        'bridge', 'controller', 'emulated_robot', 'imu', 'navigator', 'obstacle_decision',
-        'simulator'))
+def main() -> int:
+    """Run the node that the executable is named after."""
+    return start(Path(sys.argv[0]).name)
+
 
 if __name__ == '__main__':
     sys.exit(start(sys.argv.pop(1)))

@@ -45,7 +45,7 @@ class SetPoints:
     """
 
     def __init__(self, node: Node, give: Callable[[SetPoint], None], refused: Counter,
-                 overhear: Callable[[SetPoint], None] = lambda _: None, steers: bool = False):
+                 overhear: Callable[[SetPoint], None], steers: bool):
         self._node, self._give, self._refused = node, give, refused
         self._overhear, self._steers = overhear, steers
         self.authority = Authority(AUTHORITY_TIMEOUT)

@@ -26,7 +26,7 @@ def robot(make_node, context):
     node, peers = make_node(Node, 'robot'), [make_node(Node, name) for name in 'ab']
     followed, refused = [], Counter()
     overheard.clear()
-    inputs = SetPoints(node, followed.append, refused, overhear=overheard.append)
+    inputs = SetPoints(node, followed.append, refused, overheard.append, steers=False)
     executor = new_executor(context)
     for one in (node, *peers):
         executor.add_node(one)
@@ -84,7 +84,7 @@ def test_the_type_of_the_publisher_of_speeds_is_followed(kinds, monkeypatch):
         rclpy.init(context=one, domain_id=231)
     node, peer = (Node(name, context=one) for name, one in zip(('robot', 'teleop'), contexts))
     followed, refused, executor = [], Counter(), new_executor(contexts[0])
-    SetPoints(node, followed.append, refused)
+    SetPoints(node, followed.append, refused, overheard.append, steers=False)
     executor.add_node(node)
     deadline = time.monotonic() + 40.0
     for kind in kinds:
