@@ -73,10 +73,9 @@ class Capability:
     """
 
     def __init__(self, knowledge: Knowledge):
-        self._tuning, self._radius = knowledge.tuning, knowledge.robot.ball_radius
-        self._worlds = Worlds(knowledge)
-        self._worlds.set_particles(knowledge.particles or Particles.of(
-            knowledge.robot, knowledge.tuning.height_bias_sd))
+        self._knowledge = knowledge
+        self._particles = knowledge.particles or Particles.of(
+            knowledge.robot, knowledge.tuning.height_bias_sd)
         self._file = _folder() / f'{_digest(knowledge)}.json'
         self._known: Dict[str, Optional[CrossingPlan]] = {}
         self._read()
@@ -141,22 +140,25 @@ class Capability:
 
     def _search(self, steps: Tuple[Tuple[float, float], ...], height_sd: float, run_up: float,
                 room: float) -> Optional[CrossingPlan]:
+        tuning, radius = self._knowledge.tuning, self._knowledge.robot.ball_radius
         faces = tuple(Face(number, at, height, PLACE_SD, height_sd)
                       for number, (at, height) in enumerate(steps))
         last = steps[-1][0]
-        seen_to = last + room + self._radius
+        seen_to = last + room + radius
         points = ((-run_up - 4.0, 0.0), (seen_to, sum(height for _, height in steps)))
         profile = Profile(0.0, faces, points, seen_to=seen_to, slope=0.0, slope_sd=SLOPE_SD)
         ahead = look_ahead(
-            profile, faces, -run_up - self._radius, 0.0, SLOPE_SD, self._radius, 0.0)
+            profile, faces, -run_up - radius, 0.0, SLOPE_SD, radius, 0.0)
         if not ahead.ends or ahead.ends[-1].faces < len(faces):
             return None
         start = (ahead.touch - run_up, 0.0, 0.0, 0.0)
-        self._worlds.see(ahead)
-        task = Task(start, ahead, self._worlds, self._tuning.required_probability,
-                    self._tuning.highest_speed)
+        # Worlds are used in turn; each entry begins with the first, and depends on its key alone.
+        worlds = Worlds(self._knowledge)
+        worlds.set_particles(self._particles)
+        worlds.see(ahead)
+        task = Task(start, ahead, worlds, tuning.required_probability, tuning.highest_speed)
         reachable = math.sqrt(2.0 * BRISK * run_up) + KICK
-        plans = [plan for plan in candidates(ahead, start[0], 0.0, self._tuning, reachable)
+        plans = [plan for plan in candidates(ahead, start[0], 0.0, tuning, reachable)
                  if plan.faces == len(faces)]
         trials: List[Trial] = []
         steps_of_search = search(plans, task, trials)
@@ -169,8 +171,8 @@ class Capability:
             return None
         plan, speed = chosen.candidate, max(chosen.many.speed, 0.1)
         # Uniform acceleration to the touch, then to the last edge, then a stop.
-        time = 2.0 * run_up / speed + (last + self._radius) / speed \
-            + speed / self._tuning.deceleration
+        time = 2.0 * run_up / speed + (last + radius) / speed \
+            + speed / tuning.deceleration
         return CrossingPlan(
             run_up, plan.speed, plan.swing, plan.angle, chosen.many.probability, time)
 

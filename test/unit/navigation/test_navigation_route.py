@@ -66,6 +66,14 @@ def test_a_table_is_kept_for_its_robot_and_heights_are_rounded_up(
     assert Capability(other).choices([(0.0, 0.02)], 0.001, 1.0, 1.0) == []
 
 
+def test_an_entry_does_not_depend_on_those_before_it(tmp_path, monkeypatch):
+    monkeypatch.setenv('XDG_CACHE_HOME', str(tmp_path))
+    after, alone = Capability(KNOWLEDGE), Capability(KNOWLEDGE)
+    after.choices([(0.0, 0.02)], 0.001, 0.5, 1.0)
+    assert after.choices([(0.0, 0.04)], 0.001, 1.0, 1.0) \
+        == alone.choices([(0.0, 0.04)], 0.001, 1.0, 1.0) != []
+
+
 def test_without_room_behind_nothing_is_crossed(capability):
     assert not capability.choices([(0.0, 0.02)], 0.001, 3.0, 0.2)
 
