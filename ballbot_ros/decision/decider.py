@@ -18,11 +18,8 @@ from ballbot_ros.decision.planning.situation import Knowledge, Planner, Situatio
 from ballbot_ros.decision.values import (
     Decision, Motion, Profile, StepObservation, TerrainObservation)
 
-# Rollouts per decision for learning from earlier outcomes.
-LESSON = 16
-
-# Length of an observation of a floor [m].
-FLOOR = tuple(0.02 * number - 0.2 for number in range(100))
+# For learning from earlier outcomes.
+LEARNING_ROLLOUTS_PER_DECISION = 16
 
 
 class Answer(NamedTuple):
@@ -153,7 +150,7 @@ class Decider:
         if self.motion is None:
             raise RuntimeError('decide was called before move')
         self.fuse()
-        motion, memory = self._pilot.feel(self.motion), self._memory
+        motion, memory = self._pilot.estimate(self.motion), self._memory
         profile = self._fusion.at(motion)
         memory.move(motion, profile, self._watch.attempt is not None)
         motion = replace(motion, slope=memory.slope)
@@ -165,7 +162,7 @@ class Decider:
         if self.outcome is not None:
             memory.take(self.outcome)
             self._learner.take(self.outcome)
-        self._learner.work(LESSON)
+        self._learner.work(LEARNING_ROLLOUTS_PER_DECISION)
         memory.watch(motion, decision)
         self.end = self.goals.update(planned, motion, self.outcome)
         return Answer(motion.stamp, decision, self._pilot.angle(
@@ -184,12 +181,13 @@ def warm_up(knowledge: Knowledge, planner: str) -> None:
     A simulated approach to a step, with an outcome.
     """
     rehearsal = Decider(knowledge, planner)
+    floor = tuple(0.02 * number - 0.2 for number in range(100))
     for number in range(3):
         now = 0.02 * number
         rehearsal.observe(StepObservation(now, True, 1.0, 0.01, 0.01, 0.001))
         rehearsal.observe(TerrainObservation(
-            now, FLOOR, tuple(-knowledge.robot.ball_radius + 0.01 * (x > 1.0) for x in FLOOR),
-            (), FLOOR[0], FLOOR[-1]))
+            now, floor, tuple(-knowledge.robot.ball_radius + 0.01 * (x > 1.0) for x in floor),
+            (), floor[0], floor[-1]))
         rehearsal.move(Motion(now, 0.0, 0.3))
         rehearsal.decide()
     braking = Braking(knowledge.robot, knowledge.tuning, knowledge.control)

@@ -78,8 +78,8 @@ class Pilot:
         self._angle = 0.0
         self._stand = math.inf
 
-    def feel(self, motion: Motion) -> Motion:
-        """Return the motion with pendulum state and slope estimate filled in."""
+    def estimate(self, motion: Motion) -> Motion:
+        """Return a motion with the modelled pendulum state and the estimated slope."""
         if self._state is None:
             return motion
         return replace(motion, pendulum_angle=self._state[3],

@@ -161,11 +161,22 @@ class EdgeMap:
     sigmas : float
         Number of standard deviations at which two positions or heights contradict.
 
+    Attributes
+    ----------
+    edges : list of TrackedEdge
+    faces : tuple of Face
+        The edges of the profile at the last `update`, from near to far.
+
     """
 
     def __init__(self, sigmas: float):
         self._sigmas, self._number = sigmas, 0
+        self.clear()
+
+    def clear(self) -> None:
+        """Remove all edges; their numbers are not used again."""
         self.edges: List[TrackedEdge] = []
+        self.faces: Tuple[Face, ...] = ()
 
     def start(self, certain: bool) -> TrackedEdge:
         """Add an edge without measurements; one that is `certain` is confirmed."""
@@ -189,18 +200,22 @@ class EdgeMap:
         found = min(candidates, key=gap, default=None)
         return found if found is not None and math.isfinite(gap(found)) else None
 
-    def clear(self, sensor: str) -> None:
-        """Remove what one sensor, `step` or `ground`, has detected."""
+    def clear_ground(self) -> None:
+        """Remove the detections of the terrain sensor."""
         for edge in self.edges:
-            setattr(edge, sensor, None)
-        self.drop()
+            edge.ground = None
+        self.update()
 
-    def drop(self) -> None:
-        """Remove edges that no sensor detects any more, and sort the others."""
-        self.edges = sorted(
-            (edge for edge in self.edges
-             if edge.exists.log_odds > 0.0 and (edge.step or edge.ground)),
-            key=lambda edge: self.face(edge).position)
+    def update(self) -> None:
+        """Remove edges that no sensor detects any more, and select the `faces` of the profile."""
+        found = sorted(((self.face(edge), edge) for edge in self.edges
+                        if edge.exists.log_odds > 0.0 and (edge.step or edge.ground)),
+                       key=lambda item: item[0].position)
+        self.edges = [edge for _, edge in found]
+        for face, edge in found:
+            edge.entered = edge.exists.confirmed and abs(face.height) > (
+                HEIGHT_EXIT if edge.entered else HEIGHT_ENTRY)
+        self.faces = tuple(face for face, edge in found if edge.entered)
 
     def move(self, distance: float) -> None:
         """Shift all edges, after a slip of the odometry [m]."""
@@ -224,15 +239,3 @@ class EdgeMap:
         sd = max(one.height_sd * other.height_sd / together,
                  min(one.height_sd, other.height_sd) / math.sqrt(2.0))
         return replace(one, height=one.height + part * apart, height_sd=sd)
-
-    @property
-    def faces(self) -> Tuple[Face, ...]:
-        """Return the edges of the profile, from near to far."""
-        found = []
-        for edge in self.edges:
-            face = self.face(edge)
-            edge.entered = edge.exists.confirmed and abs(face.height) > (
-                HEIGHT_EXIT if edge.entered else HEIGHT_ENTRY)
-            if edge.entered:
-                found.append(face)
-        return tuple(found)

@@ -48,7 +48,7 @@ class ProfileTracker:
 
     def reset(self) -> None:
         """Forget all, for a jump of time or place; the numbers of edges go on counting."""
-        self._edges.edges = []
+        self._edges.clear()
         self._steps.reset()
         self._terrain.reset()
         self._faces: Tuple[Face, ...] = ()
@@ -262,12 +262,11 @@ class GroundFusion:
         way = abs(motion.position - self._position_at(profile.stamp))
         more = POSITION_SD_PER_DISTANCE * way + POSITION_SD_RATE * age
         higher = HEIGHT_SD_RATE * age
-        faces = tuple(
+        return replace(profile, faces=tuple(
             replace(face, position_sd=math.hypot(face.position_sd, more),
                     height_sd=math.hypot(face.height_sd, higher))
             for face in profile.faces
-            if not profile.points or face.position + face.run > motion.position)
-        return replace(profile, faces=faces)
+            if not profile.points or face.position + face.run > motion.position))
 
     def _position_at(self, stamp: float) -> float:
         """Return the position at a time that odometry covers, or the nearest to it [m]."""

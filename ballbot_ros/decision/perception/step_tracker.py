@@ -203,7 +203,7 @@ class StepTracker:
             elif not edge.exists.confirmed or \
                     position + 1.5 * self._radius < edge.step.mean.position < seen_to:
                 edge.exists.add(False)
-        self._edges.drop()
+        self._edges.update()
         return None, ''
 
 

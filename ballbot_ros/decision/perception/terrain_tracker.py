@@ -230,14 +230,14 @@ class TerrainTracker:
                 return Reason.CONTRADICTORY, contradiction
             self._map.clear()
             self._map.add(look, position)
-            self._edges.clear('ground')
+            self._edges.clear_ground()
             self._steep = []
         self._strikes = 0
         ground = ground_of(self._map, position,
                            [edge.ground.mean for edge in self._edges.edges
                             if edge.ground is not None and edge.exists.confirmed])
         if not ground.points:
-            self._edges.clear('ground')
+            self._edges.clear_ground()
             self._steep = []
             self.profile = Profile(observation.stamp, seen_from=position, seen_to=position)
             return None, ''
@@ -314,5 +314,5 @@ class TerrainTracker:
             if edge.ground is not None and not \
                     ground.seen_from <= edge.ground.mean.position <= ground.seen_to:
                 edge.ground = None
-        self._edges.drop()
+        self._edges.update()
         return max((edge.drift for edge in self._edges.edges), default=0.0)

@@ -161,6 +161,7 @@ def test_an_edge_enters_at_one_height_and_leaves_at_a_lower_one():
 
     def entered(height):
         edge.ground = EdgeEstimate(Face(0, 1.0, height, 0.01, 0.0005))
+        edges.update()
         return bool(edges.faces)
     assert list(map(entered, (0.004, -0.004, -0.005, -0.004, 0.0035, 0.002))) == [
         False, False, True, True, True, False]
