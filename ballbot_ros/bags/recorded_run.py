@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple, Union
 
 from ballbot_ros.bags.opener import Bag, open_bag
-from ballbot_ros.bags.reader import joint_values, odometry_values
 from ballbot_ros.config.fields import suggestion
 from ballbot_ros.control import Mode, SetPoint
 from ballbot_ros.errors import ConfigurationError
@@ -19,6 +18,11 @@ BALL_STATE = ('x', 'y', 'ball_angle', 'pendulum_angle', 'velocity_x', 'velocity_
 LATERAL_STATE = {
     'position_x': 'm', 'position_y': 'm', 'heading': 'rad', 'yaw_rate': 'rad/s',
     'lean': 'rad', 'lean_rate': 'rad/s', 'tilt': 'rad', 'tilt_rate': 'rad/s'}
+
+# Names of angle and rate of each joint.
+JOINT_VALUES = {
+    'shell': ('ball_angle', 'ball_rate'), 'pendulum': ('joint_angle', 'joint_rate'),
+    'lean': ('lean', 'lean_rate'), 'tilt': ('tilt', 'tilt_rate'), 'yaw': ('heading', 'yaw_rate')}
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,7 +116,23 @@ def _namespace(path: Path, bag: Bag, namespace: Optional[str]) -> str:
     return wanted
 
 
-def _stamp(message: Any) -> int:
+def joint_values(message: Any) -> Dict[str, float]:
+    """Return angles, rates and torque of a sensor_msgs/JointState."""
+    values = {}
+    for place, joint in enumerate(message.name):
+        names = JOINT_VALUES.get(joint)
+        if names is None:
+            continue
+        for name, numbers in zip(names, (message.position, message.velocity)):
+            if place < len(numbers):
+                values[name] = float(numbers[place])
+        if joint == 'pendulum' and place < len(message.effort):
+            values['pendulum_torque'] = float(message.effort[place])
+    return values
+
+
+def stamp_of(message: Any) -> int:
+    """Return the stamp of a message with a header [ns]."""
     return int(message.header.stamp.sec) * 10**9 + int(message.header.stamp.nanosec)
 
 
@@ -128,12 +148,12 @@ def _takers(run: RecordedRun) -> Dict[
         torque = joint_values(message).get('pendulum_torque', math.nan)
         if math.isfinite(torque):
             # The first one counts; a terminated controller sends a final one with zero torque.
-            run.commands.setdefault(_stamp(message), torque)
-            run.leans.setdefault(_stamp(message), joint_values(message).get('lean', 0.0))
+            run.commands.setdefault(stamp_of(message), torque)
+            run.leans.setdefault(stamp_of(message), joint_values(message).get('lean', 0.0))
 
     def set_at(message: Any) -> float:
         """Return the time of a set-point [s]; without a stamp, that of the last joint states."""
-        own = _stamp(message) if hasattr(message, 'header') else 0
+        own = stamp_of(message) if hasattr(message, 'header') else 0
         return 1e-9 * (own or next(reversed(run.joints), 0))
 
     def speed(message: Any) -> None:
@@ -143,12 +163,13 @@ def _takers(run: RecordedRun) -> Dict[
 
     return {
         'joint_states': ('JointState', lambda message: state(
-            run.joints, _stamp(message), joint_values(message))),
-        'ball_state': ('BallState', lambda message: state(run.balls, _stamp(message), {
+            run.joints, stamp_of(message), joint_values(message))),
+        'ball_state': ('BallState', lambda message: state(run.balls, stamp_of(message), {
             name: float(getattr(message, name)) for name in (*BALL_STATE, *LATERAL_STATE)
             if hasattr(message, name)})),
-        'odom': ('Odometry', lambda message: run.odometry.setdefault(
-            _stamp(message), odometry_values(message))),
+        'odom': ('Odometry', lambda message: run.odometry.setdefault(stamp_of(message), {
+            'x': float(message.pose.pose.position.x),
+            'velocity_x': float(message.twist.twist.linear.x)})),
         'joint_commands': ('JointState', command),
         'set_point': ('JointState', lambda message: run.set_points.append(
             _set_point(message, set_at(message)))),

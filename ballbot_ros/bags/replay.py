@@ -280,25 +280,28 @@ def measured_columns(run: RecordedRun) -> Dict[str, Array]:
     Raises
     ------
     ConfigurationError
-        If there are fewer than 8 joint states with shell and pendulum.
+        If there are fewer than 8 joint states with shell and, if the robot has one, pendulum.
 
     """
+    names = JOINTS if any('joint_angle' in states[-1] for states in run.joints.values()) \
+        else JOINTS[:2]
     rows = [(stamp, states[-1]) for stamp, states in sorted(run.joints.items())
-            if all(math.isfinite(states[-1].get(name, math.nan)) for name in JOINTS)]
+            if all(math.isfinite(states[-1].get(name, math.nan)) for name in names)]
     seen = sorted(run.odometry)
     if seen:  # the position outside is unknown
         rows = [row for row in rows if seen[0] <= row[0] <= seen[-1]]
     if len(rows) < 8:
         raise ConfigurationError(
-            f'the recording has {len(rows)} joint states of shell and pendulum'
+            f'the recording has {len(rows)} complete joint states'
             f'{" during its odometry" if seen else ""}; 8 are needed', 'missing', 'joint_states')
     begin = rows[0][0]
     columns = {'time': np.array([1e-9 * (stamp - begin) for stamp, _ in rows])}
-    for name in JOINTS:
+    for name in names:
         columns[name] = np.array([values[name] for _, values in rows])
     turned = columns['ball_angle'][0]
     columns['ball_angle'] -= turned
-    columns['joint_angle'] += turned
+    if 'joint_angle' in columns:
+        columns['joint_angle'] += turned
     for name in ODOMETRY if seen else ():
         columns[name] = np.interp(
             columns['time'], [1e-9 * (stamp - begin) for stamp in seen],
@@ -332,8 +335,7 @@ def commanded_torque(run: RecordedRun, columns: Mapping[str, Array]) -> Array:
     return np.concatenate([held[:1], held[:-1]])
 
 
-def scene_content(scene: str, robot: str, columns: Mapping[str, Array],
-                  from_scene: bool) -> Dict[str, Any]:
+def scene_content(scene: str, robot: str, columns: Mapping[str, Array]) -> Dict[str, Any]:
     """
     Return the content of a scene file that starts as a recording does.
 
@@ -342,10 +344,8 @@ def scene_content(scene: str, robot: str, columns: Mapping[str, Array],
     scene, robot : str
         Names or files; an empty robot keeps that of the scene.
     columns : mapping
-        See `measured_columns`.
-    from_scene : bool
-        Whether the position counts from the start of the scene: odometry of a real robot starts
-        at 0 at any position.  Otherwise the x of the recording is that of the scene.
+        See `measured_columns`.  Their x is moved to the start of the scene, because odometry
+        starts at 0 at any position.
 
     """
     content = dict(read_yaml(find_config('scenes', scene)))
@@ -354,13 +354,13 @@ def scene_content(scene: str, robot: str, columns: Mapping[str, Array],
     initial = dict(content.get('initial') or {})
     x = float(initial.get('x', 0.0))
     if 'x' in columns:
-        if from_scene:
-            columns['x'][:] += x - columns['x'][0]
-        x = float(columns['x'][0])
+        columns['x'][:] += x - columns['x'][0]
     content['initial'] = {
-        'x': x, 'speed': float(columns['velocity_x'][0]) if 'velocity_x' in columns else 0.0,
-        'pendulum_angle_deg': math.degrees(columns['joint_angle'][0]),
-        'pendulum_rate': float(columns['joint_rate'][0] + columns['ball_rate'][0])}
+        'x': x, 'speed': float(columns['velocity_x'][0]) if 'velocity_x' in columns else 0.0}
+    if 'joint_angle' in columns:
+        content['initial'].update(
+            pendulum_angle_deg=math.degrees(columns['joint_angle'][0]),
+            pendulum_rate=float(columns['joint_rate'][0] + columns['ball_rate'][0]))
     for law in ('actuation', 'accuracy'):
         content.pop(law, None)
     content['duration'] = float(columns['time'][-1])

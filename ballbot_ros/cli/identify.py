@@ -46,8 +46,9 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.data.suffix in ('.csv', '.npz', '.parquet'):
         recording = Recording.of_columns(read_columns(arguments.data))
     else:
-        from ballbot_ros.bags.reader import read_bag
-        recording = read_bag(arguments.data)
+        from ballbot_ros.bags.recorded_run import read_run
+        from ballbot_ros.bags.replay import measured_columns
+        recording = Recording.of_columns(measured_columns(read_run(arguments.data)))
     if arguments.channels:
         recording = recording.only(arguments.channels)
     folder = result_folder(

@@ -324,7 +324,7 @@ def replay_robot(arguments: argparse.Namespace, run: Any, metadata: Any) -> Repl
         raise ConfigurationError(
             f'{arguments.file}: its joint_states have no effort; --by commands uses the '
             'commanded torque', 'missing', 'effort')
-    content = scene_content(arguments.scene or 'flat', robot, columns, from_scene=True)
+    content = scene_content(arguments.scene or 'flat', robot, columns)
     scene = read_scene(content, 'scene of the recording', 'recording')
     series = driven_series(scene, columns)
     numbers = differences(series)

@@ -13,7 +13,7 @@ from typing import Any, Dict, List, Optional, Tuple
 import numpy as np
 
 from ballbot_ros.bags.opener import open_bag
-from ballbot_ros.bags.recorded_run import read_run, RecordedRun
+from ballbot_ros.bags.recorded_run import read_run, RecordedRun, stamp_of
 from ballbot_ros.errors import ConfigurationError, RefusedError
 from ballbot_ros.experiments.file import Experiment, FILE, freeze, load_experiment, node_parameters
 from ballbot_ros.physics import Scene, Trajectory
@@ -250,12 +250,8 @@ def read_digests(path: Path, until: int) -> Digests:
     topics: Digests = {}
     with open_bag(path) as bag:
         for topic, message in bag.messages(list(bag.topics)):
-            header = getattr(message, 'header', None)
-            if header is None:
-                continue
-            stamp = int(header.stamp.sec) * 10**9 + int(header.stamp.nanosec)
-            if stamp <= until:
-                topics.setdefault(topic, {}).setdefault(stamp, digest(plain(message)))
+            if hasattr(message, 'header') and stamp_of(message) <= until:
+                topics.setdefault(topic, {}).setdefault(stamp_of(message), digest(plain(message)))
     return topics
 
 

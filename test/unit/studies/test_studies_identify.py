@@ -10,7 +10,8 @@ from refusals import refused
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
 
-from ballbot_ros.bags.reader import read_bag
+from ballbot_ros.bags.recorded_run import read_run
+from ballbot_ros.bags.replay import measured_columns
 from ballbot_ros.cli import main
 from ballbot_ros.physics.simulation.scene import read_scene
 from ballbot_ros.results import read_columns, read_units, write_csv
@@ -227,7 +228,7 @@ def write_bag(folder, run):
 def test_a_bag_says_what_its_run_was(tmp_path):
     run = TRUTH.simulate()
     write_bag(tmp_path / 'bag', run)
-    recording = read_bag(tmp_path / 'bag')
+    recording = Recording.of_columns(measured_columns(read_run(tmp_path / 'bag')))
     assert set(recording.channels) == {'ball_angle', 'ball_rate', 'joint_angle', 'joint_rate'}
     times, values = recording.channels['joint_angle']
     np.testing.assert_allclose(times, run['time'], atol=1e-6)
@@ -240,7 +241,7 @@ def test_what_is_no_bag_is_refused(tmp_path):
     (tmp_path / 'metadata.yaml').write_text('nonsense')
     for path in (tmp_path, tmp_path / 'none', tmp_path / 'metadata.yaml'):
         with refused('unreadable'):
-            read_bag(path)
+            read_run(path)
 
 
 def test_long_channels_are_thinned_out():
