@@ -7,6 +7,7 @@ from typing import Callable, NamedTuple, Optional
 from ballbot_ros.bridge.observer import Level
 from ballbot_ros.bridge.realtime import Scheduling
 from ballbot_ros.bridge.session import Report, Session
+from ballbot_ros.estimation import Estimate
 
 # Timeout of the join [s]; a handshake may be in progress.
 JOIN = 3.0
@@ -87,7 +88,8 @@ class Loop:
         self._thread.join(JOIN)
         self._session.close()
 
-    def _hand_on(self, report: Optional[Report]) -> None:
+    def _report(self, estimate: Optional[Estimate]) -> None:
+        report = self._session.report(estimate)
         if report is not None:
             for publish in self._publish:
                 publish(report)
@@ -97,15 +99,15 @@ class Loop:
         try:
             self._scheduling.enter()
             while True:
-                report = self._session.tick()
+                late, estimate = self._session.tick(), None
                 self._periods = self._periods.next(clock())
                 due = self._periods.due
-                if report is not None and report.estimate is not None:  # of a late reply
-                    self._hand_on(report)
-                    report = None
+                if late is not None:
+                    self._report(late)
                 while self._session.expecting and clock() < due:
-                    report = self._session.await_answer(due - clock()) or report
-                self._hand_on(report)
+                    estimate = self._session.await_answer(due - clock()) or estimate
+                if estimate is not None or late is None:
+                    self._report(estimate)
                 # A plain sleep takes half the CPU time of waiting for an event.
                 while not self._ending and (left := due - clock()) > 0.0:
                     sleep(left if left < LONGEST_SLEEP else LONGEST_SLEEP)

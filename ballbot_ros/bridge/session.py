@@ -47,7 +47,7 @@ class Wanted(Enum):
 
 
 class Report(NamedTuple):
-    """Result of a tick; times are of the session clock [s]."""
+    """Result of a period; times are of the session clock [s]."""
 
     time: float
     estimate: Optional[Estimate]  # None when there was no new measurement
@@ -389,12 +389,12 @@ class Session:
         """Return the odometry; None before the first measurement."""
         return self.sensing.steady_odometry()
 
-    def tick(self) -> Optional[Report]:
-        """Execute one period; None before `configure` and after `close`."""
+    def tick(self) -> Optional[Estimate]:
+        """Execute one period; return the estimate of a late reply, if there is one."""
         with self.lock:
-            if self._wanted is Wanted.CLOSED:
-                return None
             estimate = None
+            if self._wanted is Wanted.CLOSED:
+                return estimate
             for axis in self.axes:
                 ready = all(other.power.state in READY for other in axis.others)
                 found = axis.tick(self._wanted is Wanted.ACTIVE and ready)
@@ -402,16 +402,16 @@ class Session:
                 if axis.line.driver is None:  # the other axes wait until it is found
                     break
             self._couple()
-            return self._report(estimate)
+            return estimate
 
     @property
     def expecting(self) -> bool:
         """Return whether a reply of this period is outstanding."""
         return self.line.driver is not None and any(axis.sensing.expecting for axis in self.axes)
 
-    def await_answer(self, timeout: float) -> Optional[Report]:
+    def await_answer(self, timeout: float) -> Optional[Estimate]:
         """
-        Wait for a reply of the drive, and return its report if it is a measurement.
+        Wait for a reply of the drive, and return the estimate of a measurement.
 
         The timeout is in seconds; commands are accepted and sent meanwhile.
         """
@@ -427,15 +427,14 @@ class Session:
                 expecting.lose(waited, error)
                 self._couple()
             return None
-        report = None
+        estimate = None
         with self.lock:
             if expecting.line.driver is waited:
                 for axis in self.axes:
-                    estimate = self._answered(axis)
-                    if estimate is not None and axis is self.control:
-                        report = self._report(estimate)
+                    found = self._answered(axis)
+                    estimate = found if axis is self.control else estimate
                 self._couple()
-        return report
+        return estimate
 
     def _answered(self, axis: DriveControl[Estimated]) -> Optional[Estimated]:
         """Read the replies of an axis, send its torque, and return a new estimate."""
@@ -450,6 +449,11 @@ class Session:
         if estimate is not None and axis.answer(estimate) and self._wanted is Wanted.ACTIVE:
             axis.follow(self.clock())
         return estimate
+
+    def report(self, estimate: Optional[Estimate]) -> Optional[Report]:
+        """Return the result of a period, None before `configure` and after `close`."""
+        with self.lock:
+            return None if self._wanted is Wanted.CLOSED else self._report(estimate)
 
     def _report(self, estimate: Optional[Estimate]) -> Report:
         supervisor, driver, law = self.supervisor, self.line.driver, self.law

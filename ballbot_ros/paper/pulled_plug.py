@@ -79,7 +79,7 @@ class RecordedLine(MemoryLine):
         """Let the session tick, and command a swing once the e-stop is released."""
         while self.now < until:
             self.pass_time(PERIOD)
-            self.session.tick()
+            self.session.report(self.session.tick())
             if not self.session.supervisor.e_stop:
                 try:
                     self.session.command(

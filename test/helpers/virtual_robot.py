@@ -240,10 +240,14 @@ class VirtualRobot(MemoryLine):
         report = None
         for _ in range(round(seconds / STEP)):
             self.pass_time(STEP)
-            report = self.session.tick() or report
+            report = self.tick() or report
             if torque is not None:
                 self.session.command(torque, self.now)
         return report
+
+    def tick(self):
+        """Execute a period of the bridge; return its report."""
+        return self.session.report(self.session.tick())
 
     def loop(self, seconds, set_point=None):
         """Let the bridge tick and wait for answers as its loop does; set-points come at 50 Hz."""
@@ -252,8 +256,8 @@ class VirtualRobot(MemoryLine):
             if set_point is not None and number % 10 == 0:
                 self.session.give(set_point)
             start = self.now
-            report = self.session.tick() or report
-            report = self.session.await_answer(STEP) or report
+            late = self.session.tick()
+            report = self.session.report(self.session.await_answer(STEP) or late) or report
             if self.now == start:  # nothing was waited for
                 self.pass_time(STEP)
         return report

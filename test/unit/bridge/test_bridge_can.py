@@ -70,7 +70,7 @@ class BusRobot:
         end = time.monotonic() + seconds
         report = None
         while time.monotonic() < end and not (report and until(report)):
-            report = self.session.tick() or report
+            report = self.session.report(self.session.tick()) or report
             if torque is not None:
                 self.session.command(torque, time.monotonic())
             time.sleep(PERIOD)

@@ -126,7 +126,7 @@ def tripped(kind):
     robot.run(0.1, torque=0.1)
     robot.device.over_current()
     robot.run(0.2)
-    assert robot.session.supervisor.e_stop and robot.session.tick().telemetry.faults
+    assert robot.session.supervisor.e_stop and robot.tick().telemetry.faults
     return robot
 
 

@@ -39,7 +39,7 @@ def test_the_torque_of_an_estimate_goes_out_before_the_next_question():
     for _ in range(20):
         robot.session.tick()
         assert not sent  # the tick only asks
-        report = robot.session.await_answer(STEP)
+        report = robot.session.report(robot.session.await_answer(STEP))
         [(torque, ask)] = sent
         assert not ask and torque * GEAR == pytest.approx(report.torque)
         sent.clear()

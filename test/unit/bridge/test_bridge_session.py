@@ -140,8 +140,8 @@ def test_the_answer_to_the_question_of_a_period_arrives_within_it(protocol):
         robot.session.tick()
         asked = robot.now
         assert robot.session.expecting
-        report = robot.session.await_answer(STEP)
-        assert report.estimate.stamp == pytest.approx(asked) and not robot.session.expecting
+        estimate = robot.session.await_answer(STEP)
+        assert estimate.stamp == pytest.approx(asked) and not robot.session.expecting
         robot.session.command(0.5, robot.now)
         robot.pass_time(STEP)  # the rest of the period
     assert robot.motor == pytest.approx(0.5 / (50.0 * 0.9), rel=0.05)
@@ -360,11 +360,11 @@ def test_fifty_unplugs_leave_no_line_open_and_no_flood_in_the_log(caplog):
 def test_a_session_does_nothing_before_configure_and_after_close():
     robot = VirtualRobot()
     robot.session.deactivate()
-    assert robot.session.tick() is None and robot.session.await_answer(STEP) is None
+    assert robot.tick() is None and robot.session.await_answer(STEP) is None
     robot.ready()
-    assert robot.session.tick().state is MotorState.ARMED
+    assert robot.tick().state is MotorState.ARMED
     robot.session.close()
-    assert robot.session.tick() is None and robot.lines == 0
+    assert robot.tick() is None and robot.lines == 0
     assert not robot.session.expecting and robot.session.await_answer(STEP) is None
     robot.session.close()
 
@@ -580,7 +580,7 @@ def test_an_answer_that_breaks_off_is_a_lost_line():
     robot.plugged = False
     assert robot.session.await_answer(STEP) is None
     assert robot.session.line.driver is None and not robot.session.expecting
-    assert robot.session.tick().state is MotorState.DISCONNECTED
+    assert robot.tick().state is MotorState.DISCONNECTED
 
 
 def test_an_answer_that_does_not_come_is_waited_for_no_longer():
