@@ -9,7 +9,7 @@ import time
 from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple
 
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 import yaml
 
@@ -42,9 +42,8 @@ def offered_qos(node: Node, topic: str) -> List[Qos]:
     Discovery does not transmit the depth, which is therefore that of the table.
     """
     known = TOPICS.get(topic) or TOPICS.get(topic.rpartition('/')[2])
-    offered = {Qos(known.offered.depth if known is not None else max(one.qos_profile.depth, 1),
-                   one.qos_profile.reliability == ReliabilityPolicy.RELIABLE,
-                   one.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL)
+    offered = {qos.of(one.qos_profile, known.offered.depth if known is not None
+                      else max(one.qos_profile.depth, 1))
                for one in node.get_publishers_info_by_topic(topic)}
     return sorted(offered) or ([known.offered] if known is not None else [])
 
@@ -341,13 +340,14 @@ def also_recorded() -> Tuple[str, ...]:
     return found if find_spec('tf2_msgs') is None else (*found, '/tf', '/tf_static')
 
 
-def gaps(recorded: Mapping[str, Sequence[int]], rates: Mapping[str, float], end: int
-         ) -> List[str]:
+def verdict(bag: Path, recorded: Mapping[str, Sequence[int]], rates: Mapping[str, float],
+            end: int) -> Tuple[List[str], int]:
     """
-    Return a sentence for each topic of which messages are missing.
+    Return a sentence for each gap in a closed bag, and its number of messages.
 
     Parameters
     ----------
+    bag : Path
     recorded : mapping of str to sequence of int
         Stamps by topic [ns]; those of repeated messages count once.
     rates : mapping of str to float
@@ -363,21 +363,9 @@ def gaps(recorded: Mapping[str, Sequence[int]], rates: Mapping[str, float], end:
         if missing:
             found.append(f'bag: {topic} lacks {len(missing)} of {len(wanted)} messages, the first '
                          f'of t = {1e-9 * missing[0]:.3f} s')
-    return found
-
-
-def counted(bag: Path) -> int:
-    """Return the number of messages from the metadata of a bag."""
     with open(bag / 'metadata.yaml', encoding='utf-8') as file:
         count: int = yaml.safe_load(file)['rosbag2_bagfile_information']['message_count']
-    return count
-
-
-def verdict(bag: Path, recorded: Mapping[str, Sequence[int]], rates: Mapping[str, float],
-            end: int) -> Tuple[List[str], int]:
-    """Return the gaps in a closed bag, and its number of messages; see `gaps`."""
-    found, written = gaps(recorded, rates, end), sum(map(len, recorded.values()))
-    count = counted(bag)
+    written = sum(map(len, recorded.values()))
     if count != written:
         found.append(f'bag: {written} messages were recorded and {count} are in the file')
     return found, count

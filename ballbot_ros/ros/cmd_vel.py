@@ -84,7 +84,7 @@ def speed_message(kind: Any, speed: float) -> Union[Twist, TwistStamped]:
     return message
 
 
-def speed_set_point(message: Union[Twist, TwistStamped], steers: bool = False) -> SetPoint:
+def speed_set_point(message: Union[Twist, TwistStamped], steers: bool) -> SetPoint:
     """
     Return the forward speed as a set-point of the speed law, stamped 0 where it has no stamp.
 
@@ -94,7 +94,7 @@ def speed_set_point(message: Union[Twist, TwistStamped], steers: bool = False) -
     Parameters
     ----------
     message : Twist or TwistStamped
-    steers : bool, optional
+    steers : bool
         Whether the yaw rate is followed, too; within its limits, see `steering.law`.
 
     Raises

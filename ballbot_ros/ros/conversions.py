@@ -150,7 +150,7 @@ def readings(message: JointState) -> JointReadings:
         _joint_value(message, PENDULUM, message.velocity, 'velocity'))
 
 
-def set_point(message: JointState, steers: bool = False) -> SetPoint:
+def set_point(message: JointState, steers: bool) -> SetPoint:
     """
     Return the set-point of a joint state.
 
@@ -203,8 +203,7 @@ def set_point_message(stamp: Time, angle: float, yaw_rate: float = 0.0) -> Joint
     return message
 
 
-def odometry_message(state: State, frames: Frames = FRAMES,
-                     plant: Optional[Plant] = None) -> Odometry:
+def odometry_message(state: State, frames: Frames, plant: Optional[Plant] = None) -> Odometry:
     """
     Return the true pose and velocity of the level, non-rolling frame at the ball centre.
 
@@ -229,9 +228,8 @@ def _turn(message: Odometry, place: Tuple[float, float, float], lateral: Lateral
 
 
 def estimated_odometry_message(stamp: float, state: OdometryState, radius: float,
-                               frames: Frames = FRAMES,
-                               place: Optional[Tuple[float, float, float]] = None,
-                               lateral: LateralState = LateralState()) -> Odometry:
+                               frames: Frames, place: Optional[Tuple[float, float, float]],
+                               lateral: LateralState) -> Odometry:
     """
     Return pose and velocity of the same frame, estimated from encoder and IMU.
 
@@ -243,10 +241,10 @@ def estimated_odometry_message(stamp: float, state: OdometryState, radius: float
     radius : float
         Height of the centre above the start floor [m]; climbed height is not estimated.
     frames : Frames
-    place : (float, float, float), optional
+    place : (float, float, float) or None
         x, y and heading of a robot that steers, by its model [m], [rad]: their covariance is
         that of an unknown.
-    lateral : LateralState, optional
+    lateral : LateralState
         Of that robot.
 
     """
@@ -276,15 +274,14 @@ def motion(message: Odometry) -> Motion:
                   message.twist.twist.linear.x)
 
 
-def ball_state_message(state: State, torque: float, model: Model, frames: Frames = FRAMES,
-                       lateral: LateralState = LateralState(),
-                       pose: Optional[Tuple[float, float, float]] = None) -> BallState:
+def ball_state_message(state: State, torque: float, model: Model, frames: Frames,
+                       lateral: LateralState, pose: Tuple[float, float, float]) -> BallState:
     """
     Return the complete message of a state.
 
-    `pose` is x, y and heading in the frame odom [m], [rad]; on the x axis if None.
+    `pose` is x, y and heading in the frame odom [m], [rad].
     """
-    position_x, position_y, heading = (state.x, 0.0, 0.0) if pose is None else pose
+    position_x, position_y, heading = pose
     energies = model.energies(state)
     absent = None if model.robot.has_pendulum else math.nan
     message = BallState(
@@ -304,8 +301,8 @@ def ball_state_message(state: State, torque: float, model: Model, frames: Frames
     return message
 
 
-def observation_message(stamp: Time, sight: Sight, sensor: Sensor,
-                        frames: Frames = FRAMES) -> StepObservationMsg:
+def observation_message(stamp: Time, sight: Sight, sensor: Sensor, frames: Frames
+                        ) -> StepObservationMsg:
     """Return the observation of a step sensor."""
     message = StepObservationMsg(
         detected=sight.detected, distance=sight.distance, height=sight.height,
@@ -322,8 +319,7 @@ def observation(message: StepObservationMsg) -> StepObservation:
         message.distance_sd, message.height_sd)
 
 
-def terrain_message(stamp: Time, sight: TerrainSight,
-                    frames: Frames = FRAMES) -> TerrainObservationMsg:
+def terrain_message(stamp: Time, sight: TerrainSight, frames: Frames) -> TerrainObservationMsg:
     """Return the observation of a terrain sensor."""
     message = TerrainObservationMsg(
         x=sight.x, z=sight.z, z_sd=sight.z_sd, x_min=sight.x_min, x_max=sight.x_max)
@@ -340,7 +336,7 @@ def terrain_observation(message: TerrainObservationMsg) -> TerrainObservation:
 
 
 def scan_message(stamp: Time, plant: FloorPlant, beams: int, reach: float, noise: Variances,
-                 frames: Frames = FRAMES) -> LaserScan:
+                 frames: Frames) -> LaserScan:
     """
     Return the distances to walls all around, from behind over the right and the front to the left.
 
@@ -372,7 +368,7 @@ def scan_message(stamp: Time, plant: FloorPlant, beams: int, reach: float, noise
 _OCCUPANCY = np.array([0, -1, 100], np.int8)
 
 
-def map_message(floor: Floor, frames: Frames = FRAMES) -> OccupancyGrid:
+def map_message(floor: Floor, frames: Frames) -> OccupancyGrid:
     """Return the walls of a floor, as map_server publishes them."""
     rows, columns = floor.cells.shape
     message = OccupancyGrid(data=_OCCUPANCY[floor.cells].ravel())

@@ -10,17 +10,17 @@ from typing import Any, Callable, Deque, Iterator, List, NamedTuple, Optional
 import rclpy
 from rclpy.context import Context
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import QoSProfile
 from rclpy.signals import SignalHandlerOptions
 from std_srvs.srv import Trigger
 import yaml
 
 from ballbot_ros.config.fields import suggestion
 from ballbot_ros.errors import ConfigurationError
-from ballbot_ros.ros import discovery
+from ballbot_ros.ros import discovery, qos
 from ballbot_ros.ros.endpoints import create_subscription
 from ballbot_ros.ros.rclpy_compat import new_executor
-from ballbot_ros.ros.topics import message_class, plain
+from ballbot_ros.ros.topics import message_class, plain, Qos
 
 # Discovery is complete when the graph has not changed for the first time, at the latest after the
 # second one [s].  It takes less than half a second on an idle machine.
@@ -32,18 +32,14 @@ RATE_WINDOW = 10000
 
 class Observer:
     """
-    Node and executor of a command; use as a context manager.
+    Node, context and executor of a command; use as a context manager.
 
     Parameters
     ----------
     name : str
         Of the command; the node is named after it and the process.
-    context : Context, optional
-        An existing context; by default a new one, configured by `ros.discovery`.
     namespace : str, optional
         Of the node.
-    domain : int, optional
-        ROS domain, that of the environment by default.
 
     Raises
     ------
@@ -52,15 +48,10 @@ class Observer:
 
     """
 
-    def __init__(self, name: str, context: Optional[Context] = None, namespace: str = '',
-                 domain: Optional[int] = None):
-        self._own = context is None
-        if context is None:
-            discovery.apply(os.environ)
-            context = Context()
-            rclpy.init(context=context, args=[], domain_id=domain,
-                       signal_handler_options=SignalHandlerOptions.NO)
-        self._context = context
+    def __init__(self, name: str, namespace: str = ''):
+        discovery.apply(os.environ)
+        context = Context()
+        rclpy.init(context=context, args=[], signal_handler_options=SignalHandlerOptions.NO)
         try:
             self.node = Node(f'ballbot_{name}_{os.getpid()}', namespace=namespace,
                              context=context, use_global_arguments=False, enable_rosout=False,
@@ -83,8 +74,7 @@ class Observer:
         self._executor.remove_node(self.node)
         self.node.destroy_node()
         self._executor.shutdown()
-        if self._own:
-            rclpy.try_shutdown(context=self._context)
+        rclpy.try_shutdown(context=self.node.context)
 
     def spin(self, seconds: float = SPIN_TIMEOUT) -> None:
         """Process callbacks for at most a time [s]."""
@@ -152,14 +142,10 @@ class Observer:
 
     def profile(self, topic: str, depth: int = 1000) -> QoSProfile:
         """Return a profile that is compatible with all publishers."""
-        offered = [one.qos_profile for one in self.node.get_publishers_info_by_topic(topic)]
-        reliable = all(one.reliability == ReliabilityPolicy.RELIABLE for one in offered)
-        latched = all(one.durability == DurabilityPolicy.TRANSIENT_LOCAL for one in offered)
-        return QoSProfile(
-            history=HistoryPolicy.KEEP_LAST, depth=depth,
-            reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
-            durability=DurabilityPolicy.TRANSIENT_LOCAL if offered and latched
-            else DurabilityPolicy.VOLATILE)
+        offered = [qos.of(one.qos_profile, depth)
+                   for one in self.node.get_publishers_info_by_topic(topic)]
+        return qos.profile(Qos(depth, all(one.reliable for one in offered),
+                               bool(offered) and all(one.latched for one in offered)))
 
     def subscribe(self, topic: str, take: Callable[[Any], None], seconds: float,
                   waiting: Callable[[], None], raw: bool = False) -> None:
@@ -196,8 +182,8 @@ def topics(observer: Observer) -> List[GraphTopic]:
     return [topic for topic in found if topic.publishers + topic.subscribers]
 
 
-def echo(observer: Observer, topic: str, show: Callable[[Any], None], once: bool = False,
-         timeout: float = float('inf'), waiting: Callable[[], None] = lambda: None) -> int:
+def echo(observer: Observer, topic: str, show: Callable[[Any], None], once: bool, timeout: float,
+         waiting: Callable[[], None]) -> int:
     """
     Pass on the messages of a topic until interrupted, and return their number.
 

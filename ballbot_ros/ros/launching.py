@@ -132,7 +132,14 @@ class Given:
         """
         found: List[Any] = []
         if self.flag('robot_state_publisher'):
-            require_package('robot_state_publisher')
+            try:
+                get_package_prefix('robot_state_publisher')
+            except (PackageNotFoundError, OSError):  # OSError: no installation is sourced
+                raise ConfigurationError(
+                    'launch argument robot_state_publisher: the ROS package is not installed; '
+                    'install it (ros-$ROS_DISTRO-robot-state-publisher), or launch with '
+                    'robot_state_publisher:=false',
+                    'not_installed', 'robot_state_publisher') from None
             found.append(Node(
                 package='robot_state_publisher', executable='robot_state_publisher',
                 parameters=[typed({
@@ -150,17 +157,6 @@ class Given:
                 words += ['--namespace', self['namespace']]
             found.append(ExecuteProcess(cmd=words, output='screen'))
         return [SetParameter(name='use_sim_time', value=simulated), *found]
-
-
-def require_package(name: str) -> None:
-    """Raise `ConfigurationError` where a ROS package that a launch argument needs is missing."""
-    try:
-        get_package_prefix(name)
-    except (PackageNotFoundError, OSError):  # OSError: no installation is sourced
-        raise ConfigurationError(
-            f'launch argument {name}: the ROS package {name} is not installed; install it '
-            f'(ros-$ROS_DISTRO-{name.replace("_", "-")}), or launch with {name}:=false',
-            'not_installed', name) from None
 
 
 def typed(parameters: Mapping[str, Any]) -> Dict[str, Any]:

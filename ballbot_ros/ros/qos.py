@@ -16,6 +16,12 @@ def profile(wanted: Qos) -> QoSProfile:
         else DurabilityPolicy.VOLATILE)
 
 
+def of(profile: QoSProfile, depth: int) -> Qos:
+    """Return the quality of service of a profile from discovery, which transmits no depth."""
+    return Qos(depth, profile.reliability == ReliabilityPolicy.RELIABLE,
+               profile.durability == DurabilityPolicy.TRANSIENT_LOCAL)
+
+
 SENSOR, STATE, LATEST, LATCHED = map(
     profile, (topics.SENSOR, topics.STATE, topics.LATEST, topics.LATCHED))
 # Subscriptions of a recorder, deep enough for its delays.

@@ -61,8 +61,6 @@ class Spectator:
         Takes the name of a topic and a message; called in the thread.
     learn : callable
         Takes the name of a node and its parameters, likewise.
-    domain : int, optional
-        ROS domain, that of the environment by default.
 
     Raises
     ------
@@ -72,9 +70,9 @@ class Spectator:
     """
 
     def __init__(self, namespace: str, receive: Callable[[str, Any], None],
-                 learn: Callable[[str, Dict[str, Any]], None], domain: Optional[int] = None):
+                 learn: Callable[[str, Dict[str, Any]], None]):
         self._receive, self._learn = receive, learn
-        self._observer = Observer('view', namespace=namespace, domain=domain)
+        self._observer = Observer('view', namespace)
         self._node = self._observer.node
         self._jobs: 'Queue[Callable[[], None]]' = Queue()
         self._ending = Event()

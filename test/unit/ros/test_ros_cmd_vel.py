@@ -22,8 +22,8 @@ def stamped(twist):
 def test_both_types_give_the_forward_speed_and_the_stamp_that_they_have():
     twist = Twist()
     twist.linear.x = -0.4
-    assert speed_set_point(stamped(twist)) == SetPoint(Mode.SPEED, -0.4, 2.5)
-    assert speed_set_point(twist) == SetPoint(Mode.SPEED, -0.4, 0.0)
+    assert speed_set_point(stamped(twist), steers=False) == SetPoint(Mode.SPEED, -0.4, 2.5)
+    assert speed_set_point(twist, steers=False) == SetPoint(Mode.SPEED, -0.4, 0.0)
 
 
 @pytest.mark.parametrize('kind, axis, unit', OTHER_COMPONENTS)
@@ -34,10 +34,10 @@ def test_what_is_not_followed_is_refused_as_a_whole_above_what_a_stick_at_rest_s
     twist = Twist()
     twist.linear.x = 0.4
     setattr(getattr(twist, kind), axis, sign * DEAD_BAND)
-    assert speed_set_point(wrap(twist)).value == 0.4
+    assert speed_set_point(wrap(twist), steers=False).value == 0.4
     setattr(getattr(twist, kind), axis, sign * 0.02)
     with refused('other_axes', f'{kind}.{axis}') as caught:
-        speed_set_point(wrap(twist))
+        speed_set_point(wrap(twist), steers=False)
     assert f'{sign * 0.02:g} {unit}' in str(caught.value)
     assert ('steering' in str(caught.value)) == ((kind, axis) == ('angular', 'z'))
 
@@ -48,5 +48,5 @@ def test_what_is_no_number_is_refused_wherever_it_stands(kind, axis, value):
     twist = Twist()
     setattr(getattr(twist, kind), axis, value)
     with pytest.raises(MessageError) as refused:
-        speed_set_point(twist)
+        speed_set_point(twist, steers=False)
     assert refused.value.reason == 'not_finite'

@@ -23,7 +23,9 @@ from ballbot_ros.nodes.simulator.settings import SimulatorSettings
 from ballbot_ros.physics import load_robot, Model, State, Terrain
 from ballbot_ros.plant import TerrainSensor
 from ballbot_ros.ros import conversions
+from ballbot_ros.ros.frames import FRAMES
 from ballbot_ros.ros.parameters import describe
+from ballbot_ros.steering import LateralState
 
 GIMBALL = load_robot('gimball')
 
@@ -70,7 +72,7 @@ def test_nan_in_a_command_means_not_given():
     (joints(name=['pendulum']), Mode.IDLE, 0.0),
 ])
 def test_the_mode_of_a_set_point_is_what_is_given(message, mode, value):
-    found = conversions.set_point(message)
+    found = conversions.set_point(message, steers=False)
     assert (found.mode, found.value) == (mode, value)
 
 
@@ -81,7 +83,7 @@ def test_the_mode_of_a_set_point_is_what_is_given(message, mode, value):
 ])
 def test_a_set_point_that_is_none_is_refused(message):
     with pytest.raises(MessageError):
-        conversions.set_point(message)
+        conversions.set_point(message, steers=False)
 
 
 @given(some.builds(State, *[some.floats(-50, 50)] * 9))
@@ -96,7 +98,8 @@ def test_a_robot_without_a_pendulum_has_one_joint_and_nan_for_the_rest():
     model = Model(load_robot('shellball'), Terrain.flat())
     state = model.at_rest(0.0, 0.5)
     assert list(joint_state_message(state, 0.0, False).name) == ['shell']
-    message = conversions.ball_state_message(state, 0.0, model)
+    message = conversions.ball_state_message(
+        state, 0.0, model, FRAMES, LateralState(), (state.x, 0.0, 0.0))
     assert math.isnan(message.pendulum_angle) and math.isnan(message.pendulum_torque)
     assert len(message.contacts) == 1
     assert message.contacts[0].normal_force == pytest.approx(model.robot.weight)
@@ -133,7 +136,7 @@ def test_every_parameter_is_described_and_every_number_has_a_finite_range(cls):
 ])
 def test_a_set_point_that_says_nothing_finite_does_not_take_the_torque_away(message):
     with pytest.raises(MessageError) as caught:
-        conversions.set_point(message)
+        conversions.set_point(message, steers=False)
     assert caught.value.reason == 'not_finite'
 
 
@@ -148,7 +151,7 @@ def test_a_set_point_comes_back_as_it_was_sent(angle, stamp, yaw_rate):
 def test_a_robot_that_drives_straight_refuses_a_set_point_with_a_yaw_rate():
     message = conversions.set_point_message(conversions.to_time(1.0), 0.3, 0.2)
     with pytest.raises(MessageError) as caught:
-        conversions.set_point(message)
+        conversions.set_point(message, steers=False)
     assert (caught.value.reason, caught.value.field) == ('other_axes', 'velocity')
 
 
@@ -182,7 +185,7 @@ def test_readings_that_are_incomplete_are_refused(change, reason):
 
 @given(some.builds(State, *[some.floats(-50, 50)] * 9))
 def test_odometry_gives_back_place_and_speed(state):
-    message = conversions.odometry_message(state._replace(time=2.5))
+    message = conversions.odometry_message(state._replace(time=2.5), FRAMES)
     assert conversions.motion(message) == (
         type(conversions.motion(message))(2.5, state.x, state.velocity_x))
     assert message.pose.pose.position.z == state.y
@@ -191,7 +194,7 @@ def test_odometry_gives_back_place_and_speed(state):
 
 
 def test_odometry_of_the_simulator_is_marked_as_exact_and_not_as_unknown():
-    message = conversions.odometry_message(State())
+    message = conversions.odometry_message(State(), FRAMES)
     for covariance in (message.pose.covariance, message.twist.covariance):
         variances = covariance.reshape(6, 6).diagonal()
         assert all(variances > 0.0) and all(variances < 1e-9)
@@ -202,7 +205,8 @@ def test_estimated_odometry_says_how_well_the_way_is_known_and_what_is_not():
     estimate = PendulumFilter(GIMBALL).start(3.0, 0.0)
     state = OdometryFilter(GIMBALL).start(estimate)._replace(
         position=1.5, speed=-0.25, position_variance=0.04, speed_variance=0.01)
-    message = conversions.estimated_odometry_message(1e9, state, 0.226)
+    message = conversions.estimated_odometry_message(
+        1e9, state, 0.226, FRAMES, None, LateralState())
     motion = conversions.motion(message)
     assert (motion.stamp, motion.position, motion.speed) == (1e9, 1.5, -0.25)
     pose, twist = (covariance.reshape(6, 6).diagonal() for covariance in (
@@ -218,7 +222,8 @@ def test_estimated_odometry_says_how_well_the_way_is_known_and_what_is_not():
 def test_the_ball_state_holds_what_the_model_computes():
     model = Model(load_robot('gimball'), Terrain.step(0.05, at=0.226))
     state = model.at_rest(0.0, 0.3)._replace(time=1.25, motor_work=0.5, friction_loss=0.25)
-    message = conversions.ball_state_message(state, 0.75, model)
+    message = conversions.ball_state_message(
+        state, 0.75, model, FRAMES, LateralState(), (state.x, 0.0, 0.0))
     assert (message.x, message.y, message.velocity_x) == (state.x, state.y, state.velocity_x)
     assert message.pendulum_torque == 0.75 and message.motor_work == 0.5
     assert message.dissipated_energy == 0.25
@@ -263,7 +268,7 @@ def test_a_polyline_is_passed_on_as_it_is_for_the_tracker_to_judge(x, z, x_max, 
 
 def test_what_a_terrain_sensor_sees_is_stamped_and_in_the_level_frame():
     sight = TerrainSensor(Terrain.flat(), 3.0, 0.001).look(0.0, 0.226, 0)
-    message = conversions.terrain_message(conversions.to_time(1.5), sight)
+    message = conversions.terrain_message(conversions.to_time(1.5), sight, FRAMES)
     assert conversions.terrain_observation(message) == decision.TerrainObservation(
         1.5, sight.x, sight.z, sight.z_sd, sight.x_min, sight.x_max)
 

@@ -12,8 +12,6 @@ from mcap.reader import make_reader
 from nav_msgs.msg import Odometry
 import numpy as np
 import pytest
-import rclpy
-from rclpy.context import Context
 from rclpy.node import Node
 from refusals import refused
 from sensor_msgs.msg import JointState
@@ -34,20 +32,23 @@ from ballbot_ros.ros.topics import message_class, plain
 
 
 @pytest.fixture
-def look(context, monkeypatch):
+def look(monkeypatch):
     """Return an observer with short timeouts: here it discovers all nodes immediately."""
     monkeypatch.setattr(graph, 'DISCOVERY_QUIET_TIME', 0.05)
-    with Observer('test', context) as one:
+    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'OFF')
+    monkeypatch.setenv('ROS_DOMAIN_ID', '231')
+    with Observer('test') as one:
         yield one
 
 
 @pytest.fixture
-def robot(make_node, look):
+def robot(look):
     """Return a node on the executor of the observer, as another process would be."""
-    node = make_node(Node, 'robot')
+    node = Node('robot', context=look.node.context)
     look._executor.add_node(node)
     yield node
     look._executor.remove_node(node)
+    node.destroy_node()
 
 
 def publish_while(robot, kind, topic, message, profile=10):
@@ -77,10 +78,15 @@ def test_what_only_the_observer_has_is_no_topic_of_the_graph(look, robot):
     assert '/mine' not in [topic.name for topic in graph.topics(look)]
 
 
+def echo(observer, topic, show):
+    """Show the first message of a topic, and return the number of messages."""
+    return graph.echo(observer, topic, show, once=True, timeout=30.0, waiting=lambda: None)
+
+
 def test_echo_finds_the_type_and_prints_what_ros2_prints(look, robot):
     publish_while(robot, Odometry, 'odom', odometry())
     shown = []
-    assert graph.echo(look, 'odom', shown.append, once=True, timeout=30.0) == 1
+    assert echo(look, 'odom', shown.append) == 1
     text = as_yaml(shown[0])
     assert text.startswith('header:\n  stamp:\n    sec: 12\n    nanosec: 500000000\n'
                            '  frame_id: odom\nchild_frame_id:')
@@ -93,10 +99,10 @@ def test_echo_finds_the_type_and_prints_what_ros2_prints(look, robot):
 def test_echo_of_what_is_latched_gets_it_and_of_best_effort_too(look, robot):
     robot.create_publisher(Bool, 'e_stop', qos.LATCHED).publish(Bool(data=True))
     shown = []
-    graph.echo(look, 'e_stop', shown.append, once=True, timeout=30.0)
+    echo(look, 'e_stop', shown.append)
     assert shown[0].data is True
     publish_while(robot, String, 'loose', String(data='hello'), qos.SENSOR)
-    graph.echo(look, '/loose', shown.append, once=True, timeout=30.0)
+    echo(look, '/loose', shown.append)
     assert shown[1].data == 'hello'
 
 
@@ -104,18 +110,18 @@ def test_a_topic_that_is_not_there_is_waited_for_and_its_neighbour_named(look, r
     robot.create_publisher(Odometry, 'odom', 10)
     said = []
     with refused('unknown_name', 'topic') as caught:
-        graph.echo(look, 'odmo', print, timeout=0.2, waiting=lambda: said.append(1))
+        graph.echo(look, 'odmo', print, False, 0.2, lambda: said.append(1))
     assert '/odom' in str(caught.value)
     assert said == [1]
     with refused('wrong_type', 'topic'):
-        graph.echo(look, 'a b', print, timeout=0.2)
+        graph.echo(look, 'a b', print, False, 0.2, print)
 
 
 def test_a_topic_of_two_types_and_one_of_a_missing_package_are_refused(look, monkeypatch):
     # Not even DDS lets one process make both.
     monkeypatch.setattr(look, '_types', lambda name: ['std_msgs/msg/Bool', 'std_msgs/msg/String'])
     with refused('ambiguous', 'topic'):
-        graph.echo(look, 'torn', print, timeout=1.0)
+        graph.echo(look, 'torn', print, False, 1.0, print)
     with refused('missing', 'my_msgs/msg/Thing'):
         message_class('my_msgs/msg/Thing')
 
@@ -152,27 +158,18 @@ def test_a_recording_has_all_that_came_and_says_how_many(look, robot, tmp_path):
         record.record(look, tmp_path / 'bag', ['odom'], 1.0, said.append)
 
 
-def test_a_recording_keeps_the_parameters_of_the_one_simulator(tmp_path, monkeypatch):
-    # In a context of its own: nodes of other tests named bridge would be sources, too.
-    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'OFF')
-    context = Context()
-    rclpy.init(context=context, domain_id=231)
-    with Observer('test', context) as look:
-        simulator, other, robot = (
-            Node(name, namespace=namespace, context=context) for name, namespace in (
-                ('simulator', ''), ('simulator', 'other'), ('robot', '')))
-        simulator.declare_parameter('floor', 'apartment')
-        assert record.source_metadata(look) == {}  # of two, neither is the source
-        other.destroy_node()
-        assert look.wait(lambda: look.node.get_node_names().count('simulator') == 1, 30.0)
-        for node in (simulator, robot):
-            look._executor.add_node(node)
-        publish_while(robot, Odometry, 'odom', odometry())
-        record.record(look, tmp_path / 'bag', ['odom'], 0.5, lambda _: None)
-        for node in (simulator, robot):
-            look._executor.remove_node(node)
-            node.destroy_node()
-    rclpy.try_shutdown(context=context)
+def test_a_recording_keeps_the_parameters_of_the_one_simulator(look, robot, tmp_path):
+    simulator, other = (Node('simulator', namespace=namespace, context=look.node.context)
+                        for namespace in ('', 'other'))
+    simulator.declare_parameter('floor', 'apartment')
+    assert record.source_metadata(look) == {}  # of two, neither is the source
+    other.destroy_node()
+    assert look.wait(lambda: look.node.get_node_names().count('simulator') == 1, 30.0)
+    look._executor.add_node(simulator)
+    publish_while(robot, Odometry, 'odom', odometry())
+    record.record(look, tmp_path / 'bag', ['odom'], 0.5, lambda _: None)
+    look._executor.remove_node(simulator)
+    simulator.destroy_node()
     with open_bag(tmp_path / 'bag') as bag:
         found = BagMetadata.read(bag.metadata)
     assert found.source == 'simulator' and found.parameters == {'floor': 'apartment'}

@@ -205,9 +205,9 @@ SETTINGS = {'scene': 'fig7_top', 'robot': '', 'control_rate': 250.0, 'floor': ''
 class Robot:
     """A node with the name and the ends of a simulator, in a thread of its own."""
 
-    def __init__(self, domain, kind=TwistStamped):
+    def __init__(self, kind=TwistStamped):
         self.context = Context()
-        rclpy.init(context=self.context, domain_id=domain)
+        rclpy.init(context=self.context)
         self.node = Node('simulator', namespace='left', context=self.context)
         for name, value in SETTINGS.items():
             self.node.declare_parameter(name, value)
@@ -235,16 +235,16 @@ class Robot:
 
 @pytest.fixture
 def domain(monkeypatch):
-    """Return a domain of this process, on this machine."""
+    """Use a domain of this process, on this machine."""
     monkeypatch.setattr(discovery, 'apply', lambda _: '')
     monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-    return own_domain()
+    monkeypatch.setenv('ROS_DOMAIN_ID', str(own_domain()))
 
 
 @pytest.fixture
 def robot(domain):
     """Return a robot that has just started."""
-    robot = Robot(domain)
+    robot = Robot()
     yield robot
     robot.close()
 
@@ -253,7 +253,7 @@ def test_a_spectator_receives_learns_calls_and_drives_as_long_as_a_client_attend
         domain, robot, monkeypatch):
     monkeypatch.setattr(spectator, 'GRAPH_PERIOD', 0.1)
     received, learned = [], {}
-    looking = Spectator('left', lambda *words: received.append(words), learned.__setitem__, domain)
+    looking = Spectator('left', lambda *words: received.append(words), learned.__setitem__)
     looking.start()
     try:
         wait_for(lambda: learned and looking.presence.followers)
@@ -280,12 +280,12 @@ def test_a_spectator_receives_learns_calls_and_drives_as_long_as_a_client_attend
 
 
 def test_a_follower_of_twists_is_sent_one_also_where_that_is_found_out_late(domain):
-    looking = Spectator('left', lambda *_: None, lambda *_: None, domain)
+    looking = Spectator('left', lambda *_: None, lambda *_: None)
     looking.start()
     looking.attend()
     looking.hold_speed(0.4)
     wait_for(lambda: looking.attend() or looking._publisher is not None)  # without a follower yet
-    robot = Robot(domain, Twist)
+    robot = Robot(Twist)
     try:
         wait_for(lambda: looking.attend() or robot.speeds)
         assert robot.speeds[0] == Twist(linear=Vector3(x=0.4))
@@ -301,7 +301,7 @@ def test_a_page_that_hangs_never_slows_the_one_who_publishes(domain, robot):
         hangs.set()
         goes_on.wait()
 
-    looking = Spectator('left', receive, lambda *_: None, domain)
+    looking = Spectator('left', receive, lambda *_: None)
     looking.start()
     try:
         wait_for(lambda: robot.states.publish(state(0.0)) or hangs.is_set())
@@ -315,7 +315,7 @@ def test_a_page_that_hangs_never_slows_the_one_who_publishes(domain, robot):
 
 def test_a_namespace_that_is_none_is_refused(domain):
     with refused('wrong_type', '--namespace'):
-        Spectator('not a name', lambda *_: None, lambda *_: None, domain)
+        Spectator('not a name', lambda *_: None, lambda *_: None)
 
 
 def test_live_frames_are_kept_without_a_viewer(link, monkeypatch):

@@ -30,7 +30,8 @@ def published(monkeypatch):
 
 def publish(make_node, robot, state=STATE, **settings):
     """Publish odometry, the description and transforms of a state; return the topics."""
-    topics = OdometryTopics(make_node(Node, 'robot'), robot, SimulatorSettings(**settings))
+    topics = OdometryTopics(
+        make_node(Node, 'robot'), robot, SimulatorSettings(**settings), steers=False)
     topics.publish(lambda: odometry_message(state, topics.frames), state.ball_angle,
                    state.joint_angle)
     return topics
