@@ -4,11 +4,10 @@ from collections import Counter
 from functools import partial
 from pathlib import Path
 import time
-from typing import Any, Callable, Dict, List, Set
+from typing import Any, Callable, Dict, List
 
 from rclpy.parameter import parameter_value_to_python
 from rclpy.parameter_client import AsyncParameterClient
-from rclpy.qos import QoSProfile
 
 from ballbot_ros.bags.metadata import bag_metadata, BRIDGE, SIMULATOR
 from ballbot_ros.bags.writer import BagRecorder
@@ -24,74 +23,6 @@ GRAPH_TOPICS = ('/rosout', '/parameter_events')
 PARAMETERS_TIMEOUT = 2.0  # of the node that is the source, for its parameters [s]
 # Declared by rclpy in each node.
 RCLPY_PARAMETERS = ('use_sim_time', 'start_type_description_service')
-
-
-class GraphRecording:
-    """
-    Subscribes to topics as they appear, and counts written messages.
-
-    Parameters
-    ----------
-    observer : Observer
-    bag : BagRecorder
-    topics : list of str
-        Their names; empty for all.
-    say : callable
-        Receives messages about recorded topics, and about those that cannot be recorded.
-
-    Attributes
-    ----------
-    counts : Counter
-        Messages by topic.
-
-    """
-
-    def __init__(self, observer: Observer, bag: BagRecorder, topics: List[str],
-                 say: Callable[[str], None]):
-        self._observer, self._bag, self._say = observer, bag, say
-        self._wanted = {observer.resolve(topic) for topic in topics}
-        self._known: Set[str] = set()
-        self._look_at = 0.0
-        self.counts: Counter = Counter()
-
-    @property
-    def missing(self) -> List[str]:
-        """Return the requested topics that do not exist."""
-        return sorted(self._wanted - self._known)
-
-    def poll(self) -> None:
-        """Record received messages, and search for new topics; to be called often."""
-        self._bag.take_all()
-        if time.monotonic() >= self._look_at:
-            self._look_at = time.monotonic() + GRAPH_PERIOD
-            self._look()
-
-    def _look(self) -> None:
-        published: Dict[str, List[str]] = {
-            name: kinds for name, kinds in self._observer.node.get_topic_names_and_types()
-            if self._observer.node.count_publishers(name)}
-        for name, kinds in sorted(published.items()):
-            hidden = any(part.startswith('_') for part in name.split('/'))
-            if name in self._known or (name not in self._wanted if self._wanted else
-                                       hidden or name in GRAPH_TOPICS):
-                continue
-            self._known.add(name)
-            try:
-                self._subscribe(name, kinds)
-            except BallbotError as error:
-                self._say(f'not recorded: {name}: {error}')
-
-    def _subscribe(self, name: str, kinds: List[str]) -> None:
-        if len(kinds) > 1:
-            raise ConfigurationError(
-                f'it has several types, {" and ".join(kinds)}', 'ambiguous', 'topic')
-        profile: QoSProfile = self._observer.profile(name, QUEUE_DEPTH)
-        self._bag.subscribe(self._observer.node, name, partial(self._count, name),
-                            message_class(kinds[0]), profile)
-        self._say(f'recording {name} [{kinds[0]}]')
-
-    def _count(self, name: str, _: bytes) -> None:
-        self.counts[name] += 1
 
 
 def source_metadata(observer: Observer) -> Dict[str, str]:
@@ -126,7 +57,19 @@ def source_metadata(observer: Observer) -> Dict[str, str]:
 def record(observer: Observer, folder: Path, topics: List[str], duration: float,
            say: Callable[[str], None]) -> Counter:
     """
-    Record until Ctrl-C, or for a duration [s]; return the number of messages by topic.
+    Record topics as they appear, until Ctrl-C; return the number of messages by topic.
+
+    Parameters
+    ----------
+    observer : Observer
+    folder : Path
+        Of the bag.
+    topics : list of str
+        Their names; empty for all.
+    duration : float
+        [s]
+    say : callable
+        Receives messages about recorded topics, and about those that cannot be recorded.
 
     Raises
     ------
@@ -136,25 +79,47 @@ def record(observer: Observer, folder: Path, topics: List[str], duration: float,
     """
     check_new(folder)
     metadata = source_metadata(observer)
-    end = time.monotonic() + duration
-    with BagRecorder(folder, metadata) as bag:
-        recording = GraphRecording(observer, bag, topics, say)
+    node, counts, known = observer.node, Counter[str](), set()
+    wanted = {observer.resolve(topic) for topic in topics}
 
-        def complete() -> bool:
-            recording.poll()
-            return not recording.missing
-        observer.wait(complete, 1.0)
-        if recording.missing:
-            say(f'not published yet: {", ".join(recording.missing)}; recorded as soon as a node '
-                'publishes')
+    def count(name: str, _: bytes) -> None:
+        counts[name] += 1
+
+    def search() -> None:
+        for name, kinds in sorted(node.get_topic_names_and_types()):
+            hidden = any(part.startswith('_') for part in name.split('/'))
+            if name in known or not node.count_publishers(name) or (
+                    name not in wanted if wanted else hidden or name in GRAPH_TOPICS):
+                continue
+            known.add(name)
+            try:
+                if len(kinds) > 1:
+                    raise ConfigurationError(
+                        f'it has several types, {" and ".join(kinds)}', 'ambiguous', 'topic')
+                bag.subscribe(node, name, partial(count, name), message_class(kinds[0]),
+                              observer.profile(name, QUEUE_DEPTH))
+                say(f'recording {name} [{kinds[0]}]')
+            except BallbotError as error:
+                say(f'not recorded: {name}: {error}')
+
+    with BagRecorder(folder, metadata) as bag:
+        end = time.monotonic() + duration
+        search()
+        if wanted - known:
+            say(f'not published yet: {", ".join(sorted(wanted - known))}; recorded as soon as a '
+                'node publishes')
+        search_at = time.monotonic()
         try:
-            while time.monotonic() < end:
+            while (now := time.monotonic()) < end:
                 observer.spin()
-                recording.poll()
+                bag.take_all()
+                if now >= search_at + GRAPH_PERIOD:
+                    search_at = now
+                    search()
         except KeyboardInterrupt:
             pass
         bag.take_all()
-    return recording.counts
+    return counts
 
 
 def check_new(folder: Path) -> None:
