@@ -3,8 +3,8 @@
 Detect attempts at a step, and their outcomes, from motion and observations.
 
 Odometry slips: if the ball spins at the foot of a step, its odometry passes the step.  An attempt
-therefore succeeds only when a later observation confirms it: the face is behind the ball, and no
-face of the same height replaces it.  Without an observation there is no outcome.
+therefore succeeds only when a later observation confirms it: the map of edges no longer has the
+face ahead of the ball.  Without an observation there is no outcome.
 """
 from collections import deque
 from dataclasses import dataclass, replace
@@ -18,77 +18,6 @@ from ballbot_ros.physics.model.robot import Robot
 
 # Faces of one kind: their heights differ by no more, in part and in m.
 ALIKE, ALIKE_WITHIN = 0.3, 0.008
-# A face that reappears is not farther ahead than its touch position plus this [m].
-NEAR = 0.05
-# After this distance [m], a face must have moved by this fraction of it, or it is another face.
-LOOKED, MOVED = 0.05, 0.3
-
-
-@dataclass(frozen=True)
-class Doubt:
-    """
-    A face that may be a reappearance of the touched one.
-
-    Attributes
-    ----------
-    number : int
-    place : float
-        Position of the first detection [m].
-    odometry : float
-        Position of the ball at that time [m].
-    settled : bool
-        It is a different one.
-
-    """
-
-    number: int
-    place: float
-    odometry: float
-    settled: bool = False
-
-
-def come_up_again(touched: Face, known: Tuple[int, ...], doubt: Optional[Doubt],
-                  position: float, seen: Profile,
-                  radius: float) -> Tuple[Optional[Face], Optional[Doubt]]:
-    """
-    Search for a touched face that is still ahead.
-
-    Parameters
-    ----------
-    touched : Face
-    known : tuple of int
-        Numbers of the faces that were known at the touch; of these, only the touched one
-        can be it.
-    doubt : Doubt or None
-        The last result.
-    position : float
-        Of the centre [m].
-    seen : Profile
-    radius : float
-        Of the ball [m].
-
-    Returns
-    -------
-    face : Face or None
-        The face that is, or may be, the touched one.
-    doubt : Doubt or None
-
-    """
-    for item in seen.faces:
-        if item.position <= position:
-            continue
-        if item.number == touched.number:
-            return item, doubt
-        near = item.position - position < touch_distance(radius, touched.height) + NEAR
-        if item.number in known or not near or not alike(item, touched):
-            continue
-        if doubt is None or doubt.number != item.number:
-            doubt = Doubt(item.number, item.position, position)
-        rolled = position - doubt.odometry
-        if rolled > LOOKED and abs(item.position - doubt.place) < MOVED * rolled:
-            doubt = Doubt(item.number, item.position, position, settled=True)
-        return (None if doubt.settled else item), doubt
-    return None, doubt
 
 
 def alike(one: Face, other: Face) -> bool:
@@ -131,8 +60,6 @@ class Attempt:
     ----------
     face : Face
         Estimate at the touch; later observations update its position.
-    known : tuple of int
-        Numbers of the faces known at the touch; none of them can be a re-detection of this one.
     outcome : Outcome
         With the data known at the touch.
     touched, touch : float
@@ -143,19 +70,12 @@ class Attempt:
         Time at which the ball passed the face [s].
     passed_speed : float or None
         Speed at that time [m/s].
-    farthest : float
-        Maximum position of the centre so far [m].
-    again : Face or None
-        Possible re-detection of this face, after slip.
-    doubt : Doubt or None
-        Data association of `again`.
     lean, leans : float, int
         Sum and number of the pendulum angles in contact.
 
     """
 
     face: Face
-    known: Tuple[int, ...]
     outcome: Outcome
     touched: float
     touch: float
@@ -163,15 +83,12 @@ class Attempt:
     best_at: float
     passed: Optional[float] = None
     passed_speed: Optional[float] = None
-    farthest: float = -math.inf
-    again: Optional[Face] = None
-    doubt: Optional[Doubt] = None
     lean: float = 0.0
     leans: int = 0
 
     def along(self, position: float) -> float:
         """Return how far a position is past the face [m]."""
-        return position - (self.again or self.face).position
+        return position - self.face.position
 
 
 class AttemptWatch:
@@ -306,16 +223,14 @@ class AttemptWatch:
             slope=max(-1.0, min(1.0, slope)), distance=min(distance, 1000.0),
             probability=probability, robot=self._digest, plan=plan)
         along = motion.position - face.position
-        known = () if seen is None else tuple(item.number for item in seen.faces)
-        self._attempt = Attempt(face, known, outcome, motion.stamp, along, along, motion.stamp)
+        self._attempt = Attempt(face, outcome, motion.stamp, along, along, motion.stamp)
 
     def _go_on(self, attempt: Attempt, motion: Motion,
                seen: Optional[Profile]) -> Optional[Outcome]:
         """Update an attempt; return its outcome once it has ended."""
         attempt = self._attempt = self._followed(attempt, motion, seen)
         along, now = attempt.along(motion.position), motion.stamp
-        if along < attempt.touch - RETREAT if attempt.again is None \
-                else motion.position < attempt.farthest - RETREAT:
+        if along < attempt.touch - RETREAT:
             return self._end(Result.STUCK, motion)
         if attempt.passed is None:
             late = now - attempt.best_at > ATTEMPT_TIMEOUT
@@ -332,13 +247,9 @@ class AttemptWatch:
 
     def _followed(self, attempt: Attempt, motion: Motion, seen: Optional[Profile]) -> Attempt:
         """Return an attempt updated by motion and observation."""
-        if seen is not None:
-            again, doubt = come_up_again(attempt.face, attempt.known, attempt.doubt,
-                                         motion.position, seen, self._radius)
-            if again is not None and again.number == attempt.face.number:
-                attempt, again = replace(attempt, face=again, passed=None), None
-            attempt = replace(attempt, again=again, doubt=doubt,
-                              passed=attempt.passed if again is None else None)
+        for face in () if seen is None else seen.faces:
+            if face.number == attempt.face.number and face.position > motion.position:
+                attempt = replace(attempt, face=face, passed=None)
         along, now = attempt.along(motion.position), motion.stamp
         if along > attempt.best + PROGRESS:
             attempt = replace(attempt, best=along, best_at=now)
@@ -348,7 +259,7 @@ class AttemptWatch:
         if now - attempt.touched <= HELD:
             attempt = replace(attempt, lean=attempt.lean + motion.pendulum_angle,
                               leans=attempt.leans + 1)
-        return replace(attempt, farthest=max(attempt.farthest, motion.position))
+        return attempt
 
     def _drop_behind(self, attempt: Attempt, seen: Optional[Profile]) -> Optional[Face]:
         """Return the last observed drop behind the face of an attempt."""
@@ -386,8 +297,8 @@ class AttemptWatch:
         passed = next((item.stamp for item in self._motions if item.position > face.position),
                       math.inf)
         return seen.stamp >= passed and not any(
-            item.position > motion.position and alike(item, face)
-            and item.position - motion.position < NEAR for item in seen.faces)
+            item.position > motion.position and item.number == face.number
+            for item in seen.faces)
 
     def _end(self, result: Result, motion: Motion) -> Optional[Outcome]:
         """End the attempt and return its outcome."""
