@@ -150,10 +150,9 @@ class Decider:
         if self.motion is None:
             raise RuntimeError('decide was called before move')
         self.fuse()
-        motion, memory = self._pilot.estimate(self.motion), self._memory
-        profile = self._fusion.at(motion)
-        memory.move(motion, profile, self._watch.attempt is not None)
-        motion = replace(motion, slope=memory.slope)
+        motion = self._pilot.estimate(self.motion, self._watch.attempt is not None)
+        memory, profile = self._memory, self._fusion.at(motion)
+        memory.move(motion, profile)
         situation = Situation(motion, profile, memory.failures(profile), memory.free_from,
                               memory.obstruction, self._learner.particles)
         self.planned = planned = self._plan(situation, self.planned)

@@ -16,39 +16,30 @@ from ballbot_ros.decision.learning.outcomes import Outcome, Result
 from ballbot_ros.decision.values import Decision, Face, Kind, Motion, Plan, Profile, Strategy
 from ballbot_ros.physics.model.robot import Robot
 
-# Faces of one kind: their heights differ by no more, in part and in m.
-ALIKE, ALIKE_WITHIN = 0.3, 0.008
-
-
-def alike(one: Face, other: Face) -> bool:
-    """Return whether the heights of two faces agree within their uncertainty."""
-    return abs(one.height - other.height) <= max(ALIKE * abs(other.height), ALIKE_WITHIN)
-
-
 # A lower face is an uneven floor [m]; a slower touch than this is not an attempt [m/s].
-LOWEST_FACE, SLOWEST = 0.003, 0.05
-FASTEST = 10.0  # maximum speed in an outcome [m/s]
+FACE_HEIGHT_MIN, TOUCH_SPEED_MIN = 0.003, 0.05
+TOUCH_SPEED_MAX = 10.0  # maximum speed in an outcome [m/s]
 # The touch speed is taken this distance plus two standard deviations before the touch, at most
 # the second value [m].
-BEFORE, FARTHEST_BEFORE = 0.005, 0.04
+TOUCH_MARGIN_MIN, TOUCH_MARGIN_MAX = 0.005, 0.04
 # The ball is stuck if it rolls back this far from the touch [m], or makes less progress than this
 # [m] within this time [s], which is also the timeout for the observation behind the face.
-RETREAT, PROGRESS, ATTEMPT_TIMEOUT = 0.03, 0.005, 1.5
+RETREAT_MIN, PROGRESS_MIN, ATTEMPT_TIMEOUT = 0.03, 0.005, 1.5
 # Minimum distance past the face for a success [m].
-PAST = 0.1
+PASSED_DISTANCE_MIN = 0.1
 # Terrain behind the face that is lower than before by more than this is a fall [m].
-FALLEN = 0.03
+FALL_HEIGHT_MIN = 0.03
 # A drop this near behind an edge is measured from the ground before that [m]; the ball rests below
 # this speed [m/s], or has succeeded after this time [s].
-LANDING, RESTING, LANDED_AFTER = 1.0, 0.03, 5.0
+LANDING_LENGTH, REST_SPEED_MAX, LANDING_TIME_MAX = 1.0, 0.03, 5.0
 # Odometry restarts after a longer gap between messages [s], or a position jump that exceeds the
 # integrated speed by this [m].
-GAP, JUMP = 0.5, 0.06
+ODOMETRY_GAP_MAX, ODOMETRY_JUMP_MAX = 0.5, 0.06
 # Maximum age of the terrain estimate [s].
-VALID_FOR = 1.0
+PROFILE_AGE_MAX = 1.0
 # The pendulum angle is averaged over this time from the touch [s].
-HELD = 0.3
-KEPT_SPEEDS = 200
+ANGLE_TIME = 0.3
+MOTIONS_MAX = 200
 
 
 @dataclass(frozen=True)
@@ -109,7 +100,7 @@ class AttemptWatch:
 
     def reset(self) -> None:
         """Discard the attempt, after a jump in time or position."""
-        self._motions: Deque[Motion] = deque(maxlen=KEPT_SPEEDS)
+        self._motions: Deque[Motion] = deque(maxlen=MOTIONS_MAX)
         self._attempt: Optional[Attempt] = None
         self._left = True  # distance from the face at which the ball was stuck
         self._ahead: Optional[Face] = None  # next face, before it is touched
@@ -151,7 +142,7 @@ class AttemptWatch:
         if profile is not None and profile.rejection is None and profile.sane:
             self._profile = profile
         seen = self._profile
-        if seen is not None and not abs(motion.stamp - seen.stamp) <= VALID_FOR:
+        if seen is not None and not abs(motion.stamp - seen.stamp) <= PROFILE_AGE_MAX:
             seen = None
         if self._attempt is None:
             fall = self._fallen(motion, seen, decision)
@@ -166,13 +157,14 @@ class AttemptWatch:
         passed = motion.stamp - last.stamp
         moved = motion.position - last.position
         fastest = max(abs(motion.speed), abs(last.speed))
-        return not 0.0 <= passed <= GAP or abs(moved) > fastest * passed + JUMP
+        return not 0.0 <= passed <= ODOMETRY_GAP_MAX \
+            or abs(moved) > fastest * passed + ODOMETRY_JUMP_MAX
 
     def _approach(self, motion: Motion, seen: Optional[Profile],
                   decision: Optional[Decision]) -> None:
         """Track the next face, and begin an attempt when the ball touches it."""
         if seen is not None:
-            self._ahead = next((face for face in seen.faces if face.height > LOWEST_FACE
+            self._ahead = next((face for face in seen.faces if face.height > FACE_HEIGHT_MIN
                                 and face.position > motion.position), None)
         face = self._ahead
         if face is None:
@@ -182,11 +174,11 @@ class AttemptWatch:
         if crossing and (self._set_out is None or self._set_out[0] != face.number):
             self._set_out = face.number, motion.position
         before, self._run_up = self._run_up, self._distance_to_touch(face, motion.position)
-        self._left = self._left or self._run_up > RETREAT
+        self._left = self._left or self._run_up > RETREAT_MIN
         # A face that appears at the present position of the ball was not approached.
         if self._left and before > 0.0 >= self._run_up:
             speed, angle = self._before_touch(face)
-            if speed >= SLOWEST:
+            if speed >= TOUCH_SPEED_MIN:
                 self._touch(face, motion, seen, decision, speed, angle)
 
     def _distance_to_touch(self, face: Face, position: float) -> float:
@@ -195,7 +187,7 @@ class AttemptWatch:
 
     def _before_touch(self, face: Face) -> Tuple[float, float]:
         """Return speed and pendulum angle just before the touch."""
-        slack = min(BEFORE + 2.0 * face.position_sd, FARTHEST_BEFORE)
+        slack = min(TOUCH_MARGIN_MIN + 2.0 * face.position_sd, TOUCH_MARGIN_MAX)
         for motion in reversed(self._motions):
             if self._distance_to_touch(face, motion.position) >= slack:
                 return motion.speed, motion.pendulum_angle
@@ -218,7 +210,7 @@ class AttemptWatch:
         outcome = Outcome(
             stamp=max(0.0, motion.stamp), result=Result.STUCK.value, face=max(0, face.number),
             position=face.position, height=face.height, height_sd=min(face.height_sd, 0.2),
-            touch_speed=min(max(0.0, speed), FASTEST),
+            touch_speed=min(max(0.0, speed), TOUCH_SPEED_MAX),
             touch_angle=_wrapped(angle), held_angle=_wrapped(angle),
             slope=max(-1.0, min(1.0, slope)), distance=min(distance, 1000.0),
             probability=probability, robot=self._digest, plan=plan)
@@ -230,7 +222,7 @@ class AttemptWatch:
         """Update an attempt; return its outcome once it has ended."""
         attempt = self._attempt = self._followed(attempt, motion, seen)
         along, now = attempt.along(motion.position), motion.stamp
-        if along < attempt.touch - RETREAT:
+        if along < attempt.touch - RETREAT_MIN:
             return self._end(Result.STUCK, motion)
         if attempt.passed is None:
             late = now - attempt.best_at > ATTEMPT_TIMEOUT
@@ -238,11 +230,11 @@ class AttemptWatch:
         drop = self._drop_behind(attempt, seen)
         if drop is not None and motion.position > drop.position + 2.0 * drop.position_sd:
             return self._end(Result.FELL, motion) if self._agrees(drop, motion, seen) else None
-        if along < PAST or seen is None or seen.stamp < attempt.passed:
+        if along < PASSED_DISTANCE_MIN or seen is None or seen.stamp < attempt.passed:
             if now - attempt.passed > ATTEMPT_TIMEOUT:
                 self._attempt = None  # no observation of the outcome
             return None
-        resting = abs(motion.speed) < RESTING or now - attempt.passed > LANDED_AFTER
+        resting = abs(motion.speed) < REST_SPEED_MAX or now - attempt.passed > LANDING_TIME_MAX
         return self._end(Result.OVER, motion) if drop is None or resting else None
 
     def _followed(self, attempt: Attempt, motion: Motion, seen: Optional[Profile]) -> Attempt:
@@ -251,12 +243,12 @@ class AttemptWatch:
             if face.number == attempt.face.number and face.position > motion.position:
                 attempt = replace(attempt, face=face, passed=None)
         along, now = attempt.along(motion.position), motion.stamp
-        if along > attempt.best + PROGRESS:
+        if along > attempt.best + PROGRESS_MIN:
             attempt = replace(attempt, best=along, best_at=now)
         if attempt.passed is None and along > 0.0:
             attempt = replace(attempt, passed=now,
-                              passed_speed=min(max(0.0, motion.speed), FASTEST))
-        if now - attempt.touched <= HELD:
+                              passed_speed=min(max(0.0, motion.speed), TOUCH_SPEED_MAX))
+        if now - attempt.touched <= ANGLE_TIME:
             attempt = replace(attempt, lean=attempt.lean + motion.pendulum_angle,
                               leans=attempt.leans + 1)
         return attempt
@@ -268,7 +260,8 @@ class AttemptWatch:
             for face in seen.faces:
                 if face.position > attempt.face.position:
                     level += face.height
-                    if level < -FALLEN and face.position - attempt.face.position < LANDING:
+                    if level < -FALL_HEIGHT_MIN \
+                            and face.position - attempt.face.position < LANDING_LENGTH:
                         self._drop = face
         return self._drop
 
@@ -280,9 +273,9 @@ class AttemptWatch:
             if ahead is not None:
                 risen = self._risen
                 level = ahead.height
-                if risen is not None and ahead.position - risen.position < LANDING:
+                if risen is not None and ahead.position - risen.position < LANDING_LENGTH:
                     level += risen.height
-                self._drop = ahead if level < -FALLEN else None
+                self._drop = ahead if level < -FALL_HEIGHT_MIN else None
         drop = self._drop
         if drop is None or motion.position < drop.position + 2.0 * drop.position_sd \
                 or not self._agrees(drop, motion, seen):

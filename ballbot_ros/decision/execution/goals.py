@@ -8,7 +8,7 @@ Times are stamps of the motion.
 from dataclasses import dataclass, replace
 from enum import Enum
 import math
-from typing import Optional, Protocol, Tuple
+from typing import Optional, Tuple
 
 from ballbot_ros.decision.learning.outcomes import Outcome
 from ballbot_ros.decision.tuning import DecisionTuning
@@ -16,14 +16,14 @@ from ballbot_ros.decision.values import Decision, FARTHEST, Kind, Motion, Plan, 
 from ballbot_ros.errors import RefusedError
 
 # The ball rests when it is slower than this [m/s] for this time [s].
-RESTING, RESTS_AFTER = 0.03, 0.5
-# Debounce of decisions to stop, or without a step [s].
-SETTLED_AFTER = 1.5
+REST_SPEED_MAX, REST_TIME_MIN = 0.03, 0.5
+# A decision not to go on ends a goal after this time [s].
+REFUSAL_TIME_MIN = 1.5
 # The ball is stuck with less progress than this [m] within this time [s].
-PROGRESS, PROGRESS_TIMEOUT = 0.03, 6.0
-LONGEST = 3600.0  # timeout [s]
+PROGRESS_MIN, PROGRESS_TIMEOUT = 0.03, 6.0
+TIMEOUT_MAX = 3600.0  # [s]
 # Clearance behind an edge for stopping without rolling back over it [m].
-BEHIND = 0.5
+ROOM_BEHIND_EDGE_MIN = 0.5
 
 
 class Ending(str, Enum):
@@ -57,20 +57,6 @@ class GoalEnd:
     message: str
 
 
-class Goal(Protocol):
-    """Interface of a goal for `Goals`."""
-
-    def carry(self, planned: Decision, motion: Motion) -> Decision:
-        """Return the executed part of a decision."""
-
-    def update(self, planned: Decision, motion: Motion,
-               outcome: Optional[Outcome]) -> Optional[GoalEnd]:
-        """Return how the goal has ended, None as long as it has not."""
-
-    def cancel(self) -> None:
-        """Stop; the goal ends at rest."""
-
-
 def committed(decision: Decision) -> bool:
     """Return whether a decision crosses a step past its last braking point."""
     return decision.kind is Kind.CROSS and (
@@ -84,41 +70,64 @@ def stopping(planned: Decision, why: str, place: float = math.inf,
                    plan=Plan(Strategy.STOP, speed=speed, stop_position=place))
 
 
-class GoalWatch:
+class Goal:
     """
-    Monitors the ball for a goal: rest, progress, remaining time, and a stop on the way.
+    A goal: what it executes of each decision, and how it ends.
 
     Parameters
     ----------
     start : Motion
     timeout : float
+        [s]; 0 selects the default.
+    default : float
         [s]
 
     Attributes
     ----------
-    end : GoalEnd or None
-        End of the goal, effective as soon as the ball rests.
+    canceled : bool
+
+    Raises
+    ------
+    RefusedError
+        If the timeout is out of range.
 
     """
 
-    def __init__(self, start: Motion, timeout: float):
-        """Start monitoring."""
-        self._timeout, self._deadline = timeout, start.stamp + timeout
+    def __init__(self, start: Motion, timeout: float, default: float):
+        """Set out."""
+        if not 0.0 <= timeout <= TIMEOUT_MAX:
+            raise RefusedError(f'timeout must be 0 to {TIMEOUT_MAX:g} s, got {timeout:g}',
+                               'out_of_range', 'timeout')
+        self._timeout = timeout or default
+        self._deadline = start.stamp + self._timeout
         self._moving = self._going = start.stamp  # time of the last such state
         self._anchor = start.position, start.stamp
-        self.end: Optional[GoalEnd] = None
+        self._end: Optional[GoalEnd] = None  # effective as soon as the ball rests
+        self.canceled = False
 
     def cancel(self) -> None:
-        """Stop the ball and end the goal as cancelled."""
-        self.end = GoalEnd(Ending.CANCELED, 'canceled: the ball was stopped')
+        """Stop; the goal ends at rest."""
+        self.canceled = True
+        self._end = GoalEnd(Ending.CANCELED, 'canceled: the ball was stopped')
 
-    def carry(self, planned: Decision) -> Optional[Decision]:
-        """Return the active stop, or the committed crossing."""
+    def carry(self, planned: Decision, motion: Motion) -> Decision:
+        """Return the executed part of a decision."""
         if committed(planned):
             return planned
-        return None if self.end is None else stopping(planned, f'Stopping: {self.end.message}')
+        if self._end is not None:
+            return stopping(planned, f'Stopping: {self._end.message}')
+        return self._carry(planned, motion)
 
-    def update(self, going: bool, motion: Motion, aim: str) -> Optional[GoalEnd]:
+    def _carry(self, planned: Decision, motion: Motion) -> Decision:
+        """Return the executed part of a decision on the way."""
+        raise NotImplementedError
+
+    def update(self, planned: Decision, motion: Motion,
+               outcome: Optional[Outcome]) -> Optional[GoalEnd]:
+        """Return how the goal has ended, None as long as it has not."""
+        raise NotImplementedError
+
+    def _monitor(self, going: bool, motion: Motion, aim: str) -> Optional[GoalEnd]:
         """
         Return the end of the goal once the ball rests, else None.
 
@@ -132,35 +141,23 @@ class GoalWatch:
 
         """
         now = motion.stamp
-        if abs(motion.speed) > RESTING:
+        if abs(motion.speed) > REST_SPEED_MAX:
             self._moving = now
         if going:
             self._going = now
-        if abs(motion.position - self._anchor[0]) > PROGRESS:
+        if abs(motion.position - self._anchor[0]) > PROGRESS_MIN:
             self._anchor = motion.position, now
-        if self.end is None and now > self._deadline:
-            self.end = GoalEnd(Ending.TIMED_OUT, f'{aim} took more than {self._timeout:g} s')
-        return self.end if self.rests(motion) else None
+        if self._end is None and now > self._deadline:
+            self._end = GoalEnd(Ending.TIMED_OUT, f'{aim} took more than {self._timeout:g} s')
+        return self._end if self._rests(motion) else None
 
-    def rests(self, motion: Motion) -> bool:
+    def _rests(self, motion: Motion) -> bool:
         """Return whether the ball rests."""
-        return motion.stamp - self._moving >= RESTS_AFTER
+        return motion.stamp - self._moving >= REST_TIME_MIN
 
-    def refused(self, motion: Motion) -> bool:
+    def _refused(self, motion: Motion) -> bool:
         """Return whether the ball rests because the decision does not continue."""
-        return self.rests(motion) and motion.stamp - self._going >= SETTLED_AFTER
-
-    def stuck(self, motion: Motion) -> bool:
-        """Return whether the ball is stuck."""
-        return motion.stamp - self._anchor[1] >= PROGRESS_TIMEOUT
-
-
-def checked_timeout(timeout: float, default: float) -> float:
-    """Return the timeout of a goal [s]; 0 takes the default."""
-    if not 0.0 <= timeout <= LONGEST:
-        raise RefusedError(f'timeout must be 0 to {LONGEST:g} s, got {timeout:g}',
-                           'out_of_range', 'timeout')
-    return timeout or default
+        return self._rests(motion) and motion.stamp - self._going >= REFUSAL_TIME_MIN
 
 
 class Goals:
@@ -218,15 +215,15 @@ class Goals:
 
 
 # Minimum speed limit, and speed at which the ball returns after an overshoot [m/s].
-SLOWEST = 0.1
+SPEED_LIMIT_MIN = 0.1
 # Allowed tolerances, and the default [m].
-FINEST, COARSEST, USUAL = 0.01, 1.0, 0.05
+TOLERANCE_MIN, TOLERANCE_MAX, TOLERANCE = 0.01, 1.0, 0.05
 # Default timeout: this multiple of the travel time, plus a constant [s].
-TIMES, SPARE = 3.0, 20.0
+TIMEOUT_PER_TRAVEL_TIME, TIMEOUT_MIN = 3.0, 20.0
 ROUNDING = 1e-6  # [m/s]
 
 
-class DriveGoal:
+class DriveGoal(Goal):
     """
     Drive to a position and rest there; 0 selects the default limit, tolerance and timeout.
 
@@ -247,10 +244,6 @@ class DriveGoal:
     free_from : float
         Farthest position behind the ball that is known to be free [m].
 
-    Attributes
-    ----------
-    canceled : bool
-
     Raises
     ------
     RefusedError
@@ -264,47 +257,35 @@ class DriveGoal:
         if not abs(target) < FARTHEST:
             raise RefusedError(f'target must be finite and within {FARTHEST:g} m, got {target:g}',
                                'out_of_range', 'target')
-        if speed_limit and not SLOWEST <= speed_limit <= tuning.highest_speed:
-            raise RefusedError(f'speed_limit must be 0 or {SLOWEST:g} to {tuning.highest_speed:g} '
-                               f'm/s, the highest_speed of the tuning, got {speed_limit:g}',
-                               'out_of_range', 'speed_limit')
-        if tolerance and not FINEST <= tolerance <= COARSEST:
+        if speed_limit and not SPEED_LIMIT_MIN <= speed_limit <= tuning.highest_speed:
             raise RefusedError(
-                f'tolerance must be 0 or {FINEST:g} to {COARSEST:g} m, got {tolerance:g}',
-                'out_of_range', 'tolerance')
-        tolerance = tolerance or USUAL
+                f'speed_limit must be 0 or {SPEED_LIMIT_MIN:g} to {tuning.highest_speed:g} m/s, '
+                f'the highest_speed of the tuning, got {speed_limit:g}',
+                'out_of_range', 'speed_limit')
+        if tolerance and not TOLERANCE_MIN <= tolerance <= TOLERANCE_MAX:
+            raise RefusedError(f'tolerance must be 0 or {TOLERANCE_MIN:g} to {TOLERANCE_MAX:g} m, '
+                               f'got {tolerance:g}', 'out_of_range', 'tolerance')
+        tolerance = tolerance or TOLERANCE
         if target < start.position and target < free_from - tolerance:
             raise RefusedError(
                 f'target {target:.2f} m is behind the ball, where the ground is known to be free '
                 f'from {free_from:.2f} m on only; room_behind of the tuning says how much is free '
                 'at the start', 'out_of_range', 'target')
         way = abs(target - start.position)
-        speed = SLOWEST if target < start.position else min(
+        speed = SPEED_LIMIT_MIN if target < start.position else min(
             speed_limit or math.inf, tuning.cruise_speed)
+        super().__init__(start, timeout, TIMEOUT_PER_TRAVEL_TIME * way / speed + TIMEOUT_MIN)
         self.target, self._limit, self._tolerance = target, speed_limit or math.inf, tolerance
         self._radius = radius
-        self._watch = GoalWatch(start, checked_timeout(timeout, TIMES * way / speed + SPARE))
         self._backward = target < start.position
-        self.canceled = False
         self._fast = 0  # step that requires more than the limit
         self._obstacle = ''  # why the ball does not follow the decision
 
-    def cancel(self) -> None:
-        """Stop; the goal ends at rest."""
-        self.canceled = True
-        self._watch.cancel()
-
-    def carry(self, planned: Decision, motion: Motion) -> Decision:
-        """Return the executed part of a decision."""
+    def _carry(self, planned: Decision, motion: Motion) -> Decision:
         self._obstacle = ''
-        stop = self._watch.carry(planned)
-        if stop is not None:
-            return stop
         why = f'Driving to {self.target:.2f} m, {self.target - motion.position:.2f} m to go'
         speed = min(self._limit, planned.set_speed)
-        if self._backward or self.target < motion.position:
-            return stopping(planned, why, self.target, speed)
-        if planned.kind is Kind.CLEAR:
+        if self._backward or self.target < motion.position or planned.kind is Kind.CLEAR:
             return stopping(planned, why, self.target, speed)
         if planned.kind in (Kind.CROSS, Kind.BACK_OFF):
             return self._at_step(planned, motion, why, speed)
@@ -323,10 +304,10 @@ class DriveGoal:
         needed = max(plan.speed, planned.required_speed)
         if self.target <= before:
             return stopping(planned, why, self.target, speed)
-        if self.target < edge + BEHIND:
+        if self.target < edge + ROOM_BEHIND_EDGE_MIN:
             self._obstacle = (
-                f'{self.target:.2f} m is on the step at {face:.2f} m or less than {BEHIND:g} m '
-                'behind its edge, where the ball cannot stop')
+                f'{self.target:.2f} m is on the step at {face:.2f} m or less than '
+                f'{ROOM_BEHIND_EDGE_MIN:g} m behind its edge, where the ball cannot stop')
         elif self._fast == planned.step or needed > self._limit + ROUNDING:
             self._fast = planned.step  # also while a run-up for it is evaluated
             self._obstacle = (f'the step at {face:.2f} m takes {needed:.2f} m/s, and '
@@ -340,21 +321,20 @@ class DriveGoal:
         """Return how the goal has ended, None as long as it has not."""
         going = self._backward or not self._obstacle and planned.kind not in (
             Kind.STOP, Kind.GO_ROUND)
-        end = self._watch.update(going, motion, f'the way to {self.target:.2f} m')
+        end = self._monitor(going, motion, f'the way to {self.target:.2f} m')
         if end is not None:
             return end
-        if self._watch.end is None:
-            if self._watch.rests(motion) and abs(self.target - motion.position) \
-                    <= self._tolerance:
+        if self._end is None:
+            if self._rests(motion) and abs(self.target - motion.position) <= self._tolerance:
                 return GoalEnd(Ending.REACHED, f'at rest at {motion.position:.3f} m')
-            if self._watch.refused(motion):
+            if self._refused(motion):
                 return GoalEnd(Ending.BLOCKED, self._obstacle or planned.explanation)
-            if self._watch.stuck(motion):
-                self._watch.end = GoalEnd(Ending.BLOCKED, 'the ball does not get on')
+            if motion.stamp - self._anchor[1] >= PROGRESS_TIMEOUT:
+                self._end = GoalEnd(Ending.BLOCKED, 'the ball does not get on')
         return None
 
 
-USUAL_TIMEOUT = 60.0  # [s]
+CROSSING_TIMEOUT = 60.0  # default [s]
 
 
 class Phase(str, Enum):
@@ -365,7 +345,7 @@ class Phase(str, Enum):
     STOPPING = 'stopping'
 
 
-class CrossGoal:
+class CrossGoal(Goal):
     """
     Cross the step ahead and rest behind it.
 
@@ -380,27 +360,19 @@ class CrossGoal:
     phase : Phase
     height : float
         Of the step, NaN before one was seen [m].
-    canceled : bool
 
     """
 
     def __init__(self, start: Motion, timeout: float):
         """Set out."""
-        self._watch = GoalWatch(start, checked_timeout(timeout, USUAL_TIMEOUT))
+        super().__init__(start, timeout, CROSSING_TIMEOUT)
         self._edge: Optional[Tuple[float, int]] = None  # of the step, and its number
-        self.phase, self.height, self.canceled = Phase.APPROACHING, math.nan, False
+        self.phase, self.height = Phase.APPROACHING, math.nan
 
-    def cancel(self) -> None:
-        """Stop; the goal ends at rest."""
-        self.canceled = True
-        self._watch.cancel()
-
-    def carry(self, planned: Decision, motion: Motion) -> Decision:
-        """Return the executed part of a decision."""
-        stop = self._watch.carry(planned)
-        if stop is None and self._sees_none(planned):
+    def _carry(self, planned: Decision, motion: Motion) -> Decision:
+        if self._sees_none(planned):
             return stopping(planned, 'Standing: no step is in sight')
-        return stop or planned
+        return planned
 
     def _sees_none(self, planned: Decision) -> bool:
         return self._edge is None and planned.kind is Kind.CLEAR and planned.step == 0
@@ -411,17 +383,17 @@ class CrossGoal:
         self._note(planned, motion, outcome)
         none = self._sees_none(planned)
         going = not none and planned.kind not in (Kind.STOP, Kind.GO_ROUND)
-        end = self._watch.update(going, motion, 'the step')
+        end = self._monitor(going, motion, 'the step')
         if end is not None:
             return end
-        if self._watch.end is None and self._watch.refused(motion):
+        if self._end is None and self._refused(motion):
             return GoalEnd(Ending.NO_STEP, 'no step is in sight') if none \
                 else GoalEnd(Ending.REFUSED, planned.explanation)
         return None
 
     def _note(self, planned: Decision, motion: Motion, outcome: Optional[Outcome]) -> None:
         """Update the step, and the phase of its crossing."""
-        if planned.step and not math.isnan(planned.height) and self._watch.end is None \
+        if planned.step and not math.isnan(planned.height) and self._end is None \
                 and (self._edge is None or self._edge[1] == planned.step):
             self.height = planned.height  # behind the step, the next one is decided about
         if planned.kind is Kind.CROSS and (
@@ -430,10 +402,10 @@ class CrossGoal:
             self._edge = (plan.edge if plan is not None and math.isfinite(plan.edge)
                           else motion.position + planned.distance), planned.step
         over = outcome is not None and outcome.got_over
-        past = self._edge is not None and motion.position > self._edge[0] + BEHIND \
+        past = self._edge is not None and motion.position > self._edge[0] + ROOM_BEHIND_EDGE_MIN \
             and not (planned.kind is Kind.CROSS and planned.step == self._edge[1])
-        if (over or past) and self._watch.end is None:
-            self._watch.end = GoalEnd(
+        if (over or past) and self._end is None:
+            self._end = GoalEnd(
                 Ending.CROSSED, f'over the step of {1e3 * self.height:.0f} mm')
         self.phase = Phase.CROSSING if planned.contact_since is not None else (
-            Phase.STOPPING if self._watch.end is not None else Phase.APPROACHING)
+            Phase.STOPPING if self._end is not None else Phase.APPROACHING)

@@ -12,11 +12,14 @@ from ballbot_ros.decision.tuning import DecisionTuning
 from ballbot_ros.decision.values import After, Decision, Kind, Motion, Plan, Strategy
 
 # Speed at which the ball rolls back to its stop position, or to the start of a plan [m/s].
-CREEP, BACKING = 0.1, 0.3
+CREEP_SPEED, BACK_OFF_SPEED = 0.1, 0.3
 # Below this speed the ball rests [m/s]; without a position it stops within this distance [m].
-MOVING, FARTHEST = 0.05, 1.0
-# Longest step between odometry messages, also after a longer gap [s].
-SHORTEST, LONGEST = 1e-3, 0.1
+REST_SPEED_MAX, STOP_DISTANCE_MAX = 0.05, 1.0
+# Step between odometry messages, also after a longer gap [s].
+PERIOD_MIN, PERIOD_MAX = 1e-3, 0.1
+# An estimated slope counts as terrain, not as a step, once it lasts this long [s]; the estimate is
+# ignored for the same time after a touch.
+SLOPE_TIME_CONSTANT = 1.0
 
 
 def order_for(decision: Decision, tuning: DecisionTuning, stand: float,
@@ -38,10 +41,10 @@ def order_for(decision: Decision, tuning: DecisionTuning, stand: float,
     common = Order(lean=tuning.largest_lean, emergency_lean=tuning.emergency_lean,
                    reaction=tuning.reaction_time + tuning.actuation_delay)
     if decision.kind is Kind.BACK_OFF:
-        return common._replace(forward=CREEP, backward=BACKING, stop=plan.start)
+        return common._replace(forward=CREEP_SPEED, backward=BACK_OFF_SPEED, stop=plan.start)
     if decision.kind in (Kind.STOP, Kind.GO_ROUND):
         at_once = decision.set_speed == 0.0 and not math.isfinite(plan.stop_position)
-        return common._replace(forward=decision.set_speed, backward=CREEP,
+        return common._replace(forward=decision.set_speed, backward=CREEP_SPEED,
                                stop=-math.inf if at_once and abs(speed) > EASED else stand)
     if decision.kind is Kind.CROSS and decision.plan is not None:
         after = 0.0 if plan.after is After.STOP else min(plan.speed, tuning.cruise_speed)
@@ -72,19 +75,37 @@ class Pilot:
             knowledge.robot, knowledge.control.position_kd / knowledge.control.position_kp)
 
     def reset(self) -> None:
-        """Discard the state estimate."""
+        """Discard the state estimates."""
         self._state: Optional[SpeedState] = None
         self._stamp = 0.0
         self._angle = 0.0
         self._stand = math.inf
+        self._slope, self._estimated, self._touched = 0.0, math.nan, -math.inf
 
-    def estimate(self, motion: Motion) -> Motion:
-        """Return a motion with the modelled pendulum state and the estimated slope."""
-        if self._state is None:
-            return motion
-        return replace(motion, pendulum_angle=self._state[3],
-                       pendulum_rate=(self._angle - self._state[3]) / self.law.lag,
-                       slope=estimated_slope(self._state, self.law[:]))
+    def estimate(self, motion: Motion, touching: bool) -> Motion:
+        """
+        Return a motion with the modelled pendulum state and the estimated slope of the ground.
+
+        Parameters
+        ----------
+        motion : Motion
+        touching : bool
+            Whether the ball touches a step, which is not a slope.
+
+        """
+        if self._state is not None:
+            motion = replace(motion, pendulum_angle=self._state[3],
+                             pendulum_rate=(self._angle - self._state[3]) / self.law.lag,
+                             slope=estimated_slope(self._state, self.law[:]))
+        if motion.sane:
+            if touching:
+                self._touched = motion.stamp
+            passed = motion.stamp - self._estimated
+            if motion.stamp - self._touched > SLOPE_TIME_CONSTANT and passed > 0.0:
+                self._slope += (motion.slope - self._slope) * min(
+                    1.0, passed / SLOPE_TIME_CONSTANT)
+            self._estimated = motion.stamp
+        return replace(motion, slope=self._slope)
 
     def angle(self, decision: Decision, motion: Motion) -> float:
         """
@@ -101,16 +122,16 @@ class Pilot:
 
         """
         if not motion.sane:
-            self.reset()
+            self._state, self._angle, self._stand = None, 0.0, math.inf
             return 0.0
         if self._state is None:
             self._state = speed_law_start(
                 motion.speed, motion.pendulum_angle, motion.slope, self.law[:])
-            period = SHORTEST
+            period = PERIOD_MIN
         elif motion.stamp <= self._stamp:
             return self._angle
         else:
-            period = min(max(motion.stamp - self._stamp, SHORTEST), LONGEST)
+            period = min(max(motion.stamp - self._stamp, PERIOD_MIN), PERIOD_MAX)
         order = order_for(decision, self._tuning, self._standing(decision, motion),
                           motion.speed)
         self._stamp = motion.stamp
@@ -130,13 +151,13 @@ class Pilot:
             return math.inf
         given = math.inf if decision.plan is None else decision.plan.stop_position
         if not math.isfinite(given) and (
-                not math.isfinite(self._stand) or motion.speed > MOVING):
+                not math.isfinite(self._stand) or motion.speed > REST_SPEED_MAX):
             slope = 0.0 if self._state is None else estimated_slope(self._state, self.law[:])
             ahead = braking_distance(
                 abs(motion.speed), slope if motion.speed > 0.0 else -slope,
                 self._tuning.emergency_lean, self._tuning.reaction_time, self.law[:])
             # A ball that cannot brake in time stops as soon as possible.
-            given = motion.position + math.copysign(min(ahead, FARTHEST), motion.speed)
-        rests = math.isfinite(given) and abs(motion.speed) <= MOVING
+            given = motion.position + math.copysign(min(ahead, STOP_DISTANCE_MAX), motion.speed)
+        rests = math.isfinite(given) and abs(motion.speed) <= REST_SPEED_MAX
         self._stand = given if rests else min(self._stand, given)
         return self._stand

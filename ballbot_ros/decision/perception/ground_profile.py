@@ -4,6 +4,9 @@ from bisect import bisect_left, bisect_right
 import math
 from typing import List, Sequence, Tuple
 
+import numpy as np
+
+from ballbot_ros.decision.perception.kernels import simplify
 from ballbot_ros.decision.values import Profile
 
 # Least deviation of a bend of the ground between faces [m].
@@ -48,8 +51,12 @@ class GroundProfile:
         inner = self._inner(begin, end)
         if len(inner) < 3:
             return []
-        found = simplified(inner, BEND_HEIGHT_MIN)[1:-1]
-        return [(x, z - inner[0][1]) for x, z in found] if len(found) <= BENDS_MAX else []
+        x, z = np.array(inner).T
+        keep = np.zeros(len(x))
+        count = simplify(x, z, np.full(len(x), BEND_HEIGHT_MIN), keep, np.zeros((len(x), 2)))
+        bends = np.flatnonzero(keep)[1:-1]
+        return list(zip(x[bends].tolist(), (z[bends] - z[0]).tolist())) \
+            if count <= BENDS_MAX + 2 else []
 
     def rise(self, begin: float, end: float) -> float:
         """Return how much higher the ground is at a second place, faces at both left out [m]."""
@@ -75,19 +82,6 @@ class GroundProfile:
             return self._points[-1][1] + self._end_slope * (x - self._places[-1])
         (left, low), (right, high) = self._points[after - 1], self._points[after]
         return low + (high - low) * (x - left) / max(right - left, 1e-9)
-
-
-def simplified(points: Sequence[Tuple[float, float]], error: float) -> List[Tuple[float, float]]:
-    """Return the points that a polyline needs to stay within an error (Douglas, Peucker)."""
-    (x, z), (end_x, end_z) = points[0], points[-1]
-    if len(points) < 3 or end_x - x < FACE_CLEARANCE:
-        return [points[0], points[-1]]
-    steep = (end_z - z) / (end_x - x)
-    away = [abs(point[1] - z - steep * (point[0] - x)) for point in points[1:-1]]
-    worst = max(range(len(away)), key=away.__getitem__) + 1
-    if away[worst - 1] <= error:
-        return [points[0], points[-1]]
-    return [*simplified(points[:worst + 1], error)[:-1], *simplified(points[worst:], error)]
 
 
 # Slopes are those over such a length, or down to the shortest where a face ends the stretch [m].

@@ -29,10 +29,10 @@ def outcome(result='stuck', **changes):
         touch_speed=0.7, touch_angle=0.0, held_angle=0.0, plan=PLAN), **changes)
 
 
-def moved(memory, *positions, faces=(), since=0.0, touching=False, slope=0.0, speed=0.4):
+def moved(memory, *positions, faces=(), since=0.0):
     for index, position in enumerate(positions):
         now = since + 0.02 * index
-        memory.move(Motion(now, position, speed, slope=slope), Profile(now, faces), touching)
+        memory.move(Motion(now, position, 0.4), Profile(now, faces))
 
 
 def test_what_was_rolled_over_is_free_behind_and_nothing_else():
@@ -127,17 +127,6 @@ def test_a_ball_that_gets_on_is_not_stuck_and_what_it_passes_was_no_obstruction(
     assert memory.obstruction is not None
     moved(memory, 0.41, since=1.0)
     assert memory.obstruction is None
-
-
-def test_a_slope_estimate_at_a_step_is_no_slope():
-    memory = Memory(TUNING, RADIUS)
-    moved(memory, *[0.01 * index for index in range(300)], slope=0.03)
-    assert memory.slope == pytest.approx(0.03, abs=0.002)
-    moved(memory, *[3.0] * 50, since=6.0, touching=True, slope=0.3)
-    moved(memory, *[2.9] * 45, since=7.0, slope=-0.2)
-    assert memory.slope == pytest.approx(0.03, abs=0.002)
-    moved(memory, *[2.9] * 200, since=8.0, slope=-0.02)
-    assert memory.slope == pytest.approx(-0.02, abs=0.005)
 
 
 def test_where_it_did_not_get_on_it_backs_off_and_looks_for_another_way():

@@ -104,3 +104,15 @@ def test_the_same_stamp_gets_the_same_angle():
     pilot = Pilot(KNOWLEDGE)
     first = pilot.angle(CRUISE, Motion(0.02, 0.0, 0.0))
     assert pilot.angle(CRUISE, Motion(0.02, 0.0, 0.5)) == first
+
+
+def test_a_slope_estimate_at_a_step_is_no_slope():
+    pilot = Pilot(KNOWLEDGE)
+
+    def estimated(since, count, slope, touching=False):
+        return [pilot.estimate(Motion(since + 0.02 * index, 0.0, 0.4, slope=slope), touching).slope
+                for index in range(count)][-1]
+    assert estimated(0.0, 300, 0.03) == pytest.approx(0.03, abs=0.002)
+    estimated(6.0, 50, 0.3, touching=True)
+    assert estimated(7.0, 45, -0.2) == pytest.approx(0.03, abs=0.002)
+    assert estimated(8.0, 200, -0.02) == pytest.approx(-0.02, abs=0.005)
