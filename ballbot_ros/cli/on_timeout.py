@@ -12,7 +12,6 @@ from ballbot_ros.errors import ConfigurationError
 
 REPORT_TIMES = (1.0, 3.0, 10.0)  # at which distance and speed are printed [s]
 WIDTHS = (7, 6, 6, 18, 18, 19, 13, 16, 10)
-SLOPE_MAX = 45.0  # [degrees]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -45,16 +44,15 @@ def run(arguments: argparse.Namespace) -> int:
         name: getattr(arguments, name) for name in ('damping', 'damping_time')
         if getattr(arguments, name) is not None})
     hardware = replace(hardware, limits=limits)
-    slopes = sorted(set(read_numbers(arguments.slopes_deg, '--slopes-deg')))
-    for slope in slopes:
-        if not 0.0 <= slope <= SLOPE_MAX:
-            raise ConfigurationError(
-                f'--slopes-deg must be at least 0 and at most {SLOPE_MAX:g} degrees, each is '
-                f'tried both ways, got {slope:g}', 'out_of_range', '--slopes-deg')
+    slopes = sorted({abs(slope) for slope in read_numbers(arguments.slopes_deg, '--slopes-deg')})
     planned = list(scenarios(
         arguments.speed, list(map(math.radians, slopes)), arguments.policy or ON_TIMEOUT))
-    for scenario in planned:
-        scene_of(hardware, scenario)  # raises its errors before anything is printed
+    try:  # before anything is printed
+        for scenario in planned:
+            scene_of(hardware, scenario)
+    except ConfigurationError as error:
+        raise ConfigurationError(
+            f'--slopes-deg: {error}', error.reason, '--slopes-deg') from error
     print(f'{hardware.name}: damping {limits.damping:g} N m s/rad for {limits.damping_time:g} s, '
           f'command timeout {limits.command_timeout:g} s\n')
     print('\n'.join(heading()), flush=True)

@@ -2,7 +2,6 @@
 """Output of the verbs: JSON, tables, figures, folders, files, and progress on standard error."""
 from contextlib import contextmanager, suppress
 import json
-import os
 from pathlib import Path
 import sys
 from time import perf_counter
@@ -45,8 +44,8 @@ def result_folder(given: Optional[Path], default: Path, names: Sequence[str],
     """
     Return the folder that a verb writes to: without results in it, unless these are replaced.
 
-    The default folder is created, so that no other process chooses it; see
-    `empty_folders_removed`.  A given one is not created; one that is missing above it is reported.
+    The folder is created, so that no other process chooses it; see `empty_folders_removed`.
+    Missing folders above a given one are reported.
 
     Parameters
     ----------
@@ -69,41 +68,45 @@ def result_folder(given: Optional[Path], default: Path, names: Sequence[str],
 
     def there(folder: Path) -> list[str]:
         return [name for name in names if (folder / name).exists()]
-    folder = default if given is None else given
 
     def claim(folder: Path) -> bool:
+        check_writable(folder / names[0])
+        missing = [place for place in (folder, *folder.parents) if not place.exists()]
         try:
             folder.mkdir(parents=True)
         except FileExistsError:  # an empty one belongs to another run that has just started
             return any(folder.iterdir()) and not there(folder)
-        _claimed.append(folder)
+        except OSError as error:
+            raise ConfigurationError(
+                f'{folder}: cannot be created: {error.strerror}; choose another folder',
+                'not_writable', '--out') from error
+        _claimed.extend(missing)
         return True
 
-    check_writable(folder / names[0])
-    if given is None and not overwrite:
-        number = 1
-        while not claim(folder):
-            number += 1
-            folder = default.with_name(f'{default.name}_{number}')
-            check_writable(folder / names[0])
+    folder = default if given is None else given
+    if given is not None:
+        report_new_folders(folder)
+    number = 1
+    while not claim(folder) and given is None and not overwrite:
+        number += 1
+        folder = default.with_name(f'{default.name}_{number}')
     if there(folder) and not overwrite:
         raise ConfigurationError(
             f'{folder} contains results ({", ".join(there(folder)[:3])}); add --overwrite to '
             'replace them, or choose another folder with --out', 'exists', '--out')
-    if given is not None:
-        report_new_folders(folder)
     return folder
 
 
 @contextmanager
 def empty_folders_removed() -> Iterator[None]:
-    """Remove the default folders to which nothing is written, and empty ones above them."""
+    """Remove the created folders to which nothing is written."""
     try:
         yield
     finally:
-        while _claimed:
+        for folder in sorted(_claimed, reverse=True):
             with suppress(OSError):
-                os.removedirs(_claimed.pop())
+                folder.rmdir()
+        _claimed.clear()
 
 
 def report_new_folders(path: Path) -> None:

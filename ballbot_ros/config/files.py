@@ -74,7 +74,7 @@ def find_config(kind: str, name_or_path: Union[str, Path]) -> Path:
         If there is no such regular file; the message has the nearest name, or all of them.
 
     """
-    subject = kind.removesuffix('s')
+    subject = kind.removesuffix('s').replace('_', ' ')
     if not isinstance(name_or_path, (str, Path)):
         raise ConfigurationError(
             f'a {subject} is given by its name or the path of its file, got {name_or_path!r}',

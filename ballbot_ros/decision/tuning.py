@@ -117,7 +117,7 @@ def load_decision_tuning(name_or_path: str) -> DecisionTuning:
         Naming file, field, value and allowed range.
 
     """
-    return load_config(DecisionTuning, 'tunings', name_or_path)
+    return load_config(DecisionTuning, 'decision_tunings', name_or_path)
 
 
 def check_decision(robot: Robot, curve: HeightCurve, tuning: DecisionTuning) -> None:

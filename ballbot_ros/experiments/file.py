@@ -7,6 +7,7 @@ from typing import Any, Dict, Mapping, Tuple
 from ballbot_ros.config.fields import Checked, expect_mapping, quantity, section, text
 from ballbot_ros.config.files import check_file, find_config, is_path, read_yaml
 from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.ros.settings import config_folders
 
 FILE = 'experiment.yaml'
 NODES = ('simulator', 'controller', 'obstacle_decision')
@@ -19,8 +20,6 @@ RESERVED_PARAMETERS = {
     'control': 'in lockstep, joint_commands answer each state',
     'lockstep_set_point_period': 'it is the period of the observations',
     'outcome_log': 'a run that learns from the previous one is not repeatable'}
-# Parameters of nodes that name a file, and the folder of config it is in.
-FILE_PARAMETERS = {'tuning': 'tunings', 'control_tuning': 'tunings', 'curve': 'curves'}
 
 
 @dataclass(frozen=True)
@@ -86,13 +85,8 @@ def _place(folder: Path, name: str) -> str:
 def _nodes(plan: Experiment, path: Path, beside: Path
            ) -> Tuple[Dict[str, Dict[str, Any]], float]:
     """Return the parameters of each node, checked, and the period of the observations [s]."""
-    from ballbot_ros.nodes.controller.settings import ControllerSettings
-    from ballbot_ros.nodes.obstacle_decision.settings import DecisionSettings
-    from ballbot_ros.nodes.simulator.settings import SimulatorSettings
-    kinds: Dict[str, Any] = dict(zip(
-        NODES, (SimulatorSettings, ControllerSettings, DecisionSettings)))
     nodes: Dict[str, Dict[str, Any]] = {}
-    for name, kind in kinds.items():
+    for name, kind in _settings().items():
         given = getattr(plan, name)
         if given is None and name == 'obstacle_decision':
             continue
@@ -102,16 +96,16 @@ def _nodes(plan: Experiment, path: Path, beside: Path
             if key in entries:
                 raise ConfigurationError(
                     f'{place}: {key} cannot be set here: {why}', 'not_settable', key)
-        for key in set(FILE_PARAMETERS) & set(entries):
+        for key in config_folders(kind).keys() & entries:
             if isinstance(entries[key], str):
                 entries[key] = _place(beside, entries[key])
         kind.from_mapping(entries, place)
         nodes[name] = entries
-    simulator = nodes['simulator']
-    simulator.setdefault('control_rate', SimulatorSettings.control_rate)
-    simulator.setdefault('observation_rate', SimulatorSettings.observation_rate)
+    simulator, declared = nodes['simulator'], _settings()['simulator']
+    simulator.setdefault('control_rate', declared.control_rate)
+    simulator.setdefault('observation_rate', declared.observation_rate)
     simulator.setdefault(
-        'terrain_rate', 0.0 if simulator['observation_rate'] else SimulatorSettings.terrain_rate)
+        'terrain_rate', 0.0 if simulator['observation_rate'] else declared.terrain_rate)
     rates = [simulator[name] for name in ('terrain_rate', 'observation_rate') if simulator[name]]
     if 'obstacle_decision' not in nodes:
         return nodes, 0.0
@@ -146,18 +140,22 @@ def freeze(plan: Experiment) -> Dict[str, str]:
         'scene': keep('scenes', plan.scene), 'robot': keep('robots', robot),
         'duration': plan.duration, 'seeds': list(plan.seeds)}
     for name, entries in plan.nodes.items():
-        lines[name] = {key: keep(FILE_PARAMETERS[key], value) if key in FILE_PARAMETERS else value
-                       for key, value in {**_defaults(name), **entries}.items()}
+        kind = _settings()[name]
+        folders = {key: folder for key, folder in config_folders(kind).items()
+                   if key not in RESERVED_PARAMETERS}
+        values = {**{key: getattr(kind, key) for key in folders}, **entries}
+        lines[name] = {key: keep(folders[key], value) if key in folders else value
+                       for key, value in values.items()}
     import yaml
     return {FILE: yaml.safe_dump(lines, sort_keys=False), **dict(sorted(files.items()))}
 
 
-def _defaults(node: str) -> Dict[str, str]:
-    """Return the default files of a node."""
+def _settings() -> Dict[str, Any]:
+    """Return the parameters of each of the nodes."""
     from ballbot_ros.nodes.controller.settings import ControllerSettings
     from ballbot_ros.nodes.obstacle_decision.settings import DecisionSettings
-    kind: Any = {'controller': ControllerSettings, 'obstacle_decision': DecisionSettings}.get(node)
-    return {name: getattr(kind, name) for name in FILE_PARAMETERS if hasattr(kind, name)}
+    from ballbot_ros.nodes.simulator.settings import SimulatorSettings
+    return dict(zip(NODES, (SimulatorSettings, ControllerSettings, DecisionSettings)))
 
 
 def node_parameters(plan: Experiment, seed: int) -> Dict[str, Dict[str, Any]]:

@@ -10,9 +10,15 @@ S = TypeVar('S', bound='Settings')
 
 
 def file_in(folder: str, default: str, kind: str = '', doc: str = '') -> Any:
-    """Declare the name of a file in a folder of config."""
-    return text(f'name of a {kind or folder[:-1]} in config/{folder}, or a YAML file{doc}',
-                default=default)
+    """Declare the name of a file in a folder of config; `config_folders` returns the folder."""
+    return field(default=default, metadata={'folder': folder, **text(
+        f'name of a {kind or folder[:-1]} in config/{folder}, or a YAML file{doc}').metadata})
+
+
+def config_folders(cls: Type[Checked]) -> dict[str, str]:
+    """Return the parameters that name a file, and the folder of config of each."""
+    return {item.name: item.metadata['folder'] for item in fields(cls)
+            if 'folder' in item.metadata}
 
 
 def rate_of(topic: str, default: float, minimum: float = 1.0, maximum: float = 10000.0) -> Any:

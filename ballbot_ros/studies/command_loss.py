@@ -98,7 +98,7 @@ def held_angle(robot: Robot, slope: float, joint_rate: float) -> float:
     drag = robot.rolling_friction * joint_rate
     weight = robot.weight * robot.ball_radius
     sine = (weight * math.sin(slope) + drag) / robot.largest_gravity_torque
-    if not abs(sine) < 1.0:
+    if not abs(sine) < 1.0 or abs(slope) > 0.5 * math.pi:
         steepest = math.asin((robot.largest_gravity_torque - abs(drag)) / weight)
         raise ConfigurationError(
             f'slope must be within +-{math.degrees(steepest):.3g} degrees, got '

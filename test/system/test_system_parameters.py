@@ -40,7 +40,8 @@ REFUSED = {
     'not a number': {
         'simulator': ({'physics_step': '.nan'}, ('physics_step must be', 'nan')),
         'controller': ({'torque_limit': '.inf'}, ('torque_limit must be', 'inf')),
-        'obstacle_decision': ({'tuning': 'bold'}, ("no tuning named 'bold'", 'decision_default'))},
+        'obstacle_decision': (
+            {'tuning': 'bold'}, ("no decision tuning named 'bold'", 'decision_default'))},
     'a choice there is not, a loop that would diverge, another robot': {
         'simulator': ({'method': 'rk5'}, ('method must be one of', "did you mean 'rk4'?")),
         'controller': ({'rate': 100}, ('law (11)', 'diverges on gimball at 100 Hz',

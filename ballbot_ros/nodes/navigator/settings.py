@@ -16,7 +16,7 @@ class NavigatorSettings(Settings):
         'name or file of the floor', default='apartment'))
     robot: str = fixed(WHY, file_in('robots', 'gimball'))
     curve: str = fixed(WHY, file_in('curves', 'gimball_down', 'height curve'))
-    tuning: str = fixed(WHY, file_in('tunings', 'decision_default', 'decision tuning'))
+    tuning: str = fixed(WHY, file_in('decision_tunings', 'decision_default', 'decision tuning'))
     control_tuning: str = fixed(WHY, file_in(
         'tunings', 'published', doc=': gains of the control laws'))
     learned: str = fixed('it is read at the start', text(

@@ -18,7 +18,7 @@ class DecisionSettings(Settings):
     variant: str = live(text(
         'cubic of the curve: the best fit, or one that is nowhere above the simulation',
         default='fit', choices=('fit', 'conservative')))
-    tuning: str = live(file_in('tunings', 'decision_default', 'decision tuning'))
+    tuning: str = live(file_in('decision_tunings', 'decision_default', 'decision tuning'))
     control_tuning: str = live(file_in(
         'tunings', 'published', doc=': gains of the control laws'))
     outcome_log: str = fixed('it is read at the start', text(

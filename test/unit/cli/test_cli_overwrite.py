@@ -68,11 +68,17 @@ def test_runs_at_the_same_time_get_folders_of_their_own(tmp_path):
 
 
 def test_nothing_is_left_of_work_that_is_given_up(tmp_path, monkeypatch):
-    assert result_folder(tmp_path / 'b' / 'c', tmp_path, ('x',), False) == tmp_path / 'b' / 'c'
     monkeypatch.chdir(tmp_path)
+    Path('given').mkdir()
     with empty_folders_removed():
         assert result_folder(None, Path('a', 'b'), ('x',), False).is_dir()
-    assert list(tmp_path.iterdir()) == []
+        assert result_folder(Path('given', 'b', 'c'), Path('a'), ('x',), False).is_dir()
+    assert list(tmp_path.rglob('*')) == [tmp_path / 'given']
+
+
+def test_a_folder_that_cannot_be_created_is_refused_before_the_work():
+    with refused('not_writable', '--out'):
+        result_folder(Path('/proc/none'), Path('a'), ('x',), False)
 
 
 def test_a_file_that_is_there_is_refused_unless_it_may_go(tmp_path):
