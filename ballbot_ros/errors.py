@@ -91,12 +91,18 @@ class PlausibilityWarning(UserWarning):
     """A value is allowed but contradicts physics; names the unit that was likely meant."""
 
 
-class SimulationError(BallbotError, ArithmeticError):
+class SimulationError(_ErrorWithReason, ArithmeticError):
     """
     A simulation cannot continue.
 
     Attributes
     ----------
+    reason : str
+        ``'not_finite'``, ``'penetrated'`` (centre of the ball under the ground),
+        ``'step_too_small'``, ``'over_budget'``, ``'unbalanced'`` (energy), ``'unconfirmed'`` (no
+        other run agrees), ``'inaccurate'`` (steps too long) or ``'out_of_range'``.
+    field : str
+        State or setting concerned.
     time : float
         Simulated time of the failure [s].
     quantity : str
@@ -108,11 +114,11 @@ class SimulationError(BallbotError, ArithmeticError):
 
     """
 
-    reason = 'failed'
     trajectory: Any = None
 
-    def __init__(self, time: float, quantity: str, remedy: str):
-        super().__init__(f'simulation stopped at t = {time:.6g} s: {quantity}; {remedy}')
+    def __init__(self, time: float, quantity: str, remedy: str, reason: str, field: str):
+        super().__init__(
+            f'simulation stopped at t = {time:.6g} s: {quantity}; {remedy}', reason, field)
         self.time = time
         self.quantity = quantity
         self.remedy = remedy

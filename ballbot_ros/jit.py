@@ -20,6 +20,7 @@ numba are in this module.
 import ast
 from contextlib import suppress
 import fcntl
+import gc
 import hashlib
 from inspect import signature
 import json
@@ -475,10 +476,19 @@ if COMPILED:
             untyped_passes.TranslateByteCode, untyped_passes.FixupArgs,
             untyped_passes.IRProcessing, untyped_passes.GenericRewrites,
             untyped_passes.ReconstructSSA, typed_passes.NopythonTypeInference,
-            typed_passes.PreLowerStripPhis, typed_passes.NopythonRewrites,
-            typed_passes.IRLegalization, typed_passes.AnnotateTypes, typed_passes.NativeLowering,
-            typed_passes.NoPythonBackend)
+            typed_passes.PreLowerStripPhis, typed_passes.IRLegalization,
+            typed_passes.AnnotateTypes, typed_passes.NativeLowering, typed_passes.NoPythonBackend)
         known: Dict[bool, Dict[Any, Any]] = {False: {}, True: {}}  # by whether `FUSED`
+
+        def compile_extra(self, function: Any) -> Any:
+            # numba keeps what it makes: to look for garbage takes a tenth of the time.
+            collects = gc.isenabled()
+            gc.disable()
+            try:
+                return super().compile_extra(function)
+            finally:
+                if collects:
+                    gc.enable()
 
         def define_pipelines(self) -> Any:
             lean = PassManager('lean')

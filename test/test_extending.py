@@ -173,6 +173,40 @@ print(json.dumps(ends))
     assert "'own'" in house.run('drop.py', 'onw', fails=True)
 
 
+def test_a_parameter_of_the_robot_is_its_declaration_and_the_law_that_uses_it(house):
+    # In the middle of all others: nothing depends on their order.
+    house.change('physics/model/robot.py', (r'    contact_law: str', """\
+    rebound_damping: float = quantity(
+        'N s/m', 'damping of the shell that is added as it rebounds', minimum=0.0, default=0.0)
+    contact_law: str"""), (r'\n    damping: float', '\n    rebound: float\n    damping: float'),
+                 (r'robot.contact_damping,\n', 'robot.rebound_damping, robot.contact_damping,\n'))
+    house.change('physics/model/contact_laws/kelvin_voigt.py', (
+        r'    return parameters.damping \* velocity, 0.0, parameters.damping', """\
+    damping = parameters.damping + (parameters.rebound if velocity > 0.0 else 0.0)
+    return damping * velocity, 0.0, damping"""), (
+        '_fastest: float, _parameters(.*)    return 0.0\n',
+        'fastest: float, parameters: Parameters) -> float:\n'
+        '    return -parameters.rebound * max(fastest, 0.0)\n'))
+    program = house.folder / 'drop.py'
+    program.write_text("""
+import json
+import numpy as np
+from ballbot_ros.physics import *
+ends = []
+for damping in (0.0, 100.0):
+    robot = load_robot('gimball').replace(rebound_damping=damping)
+    model = Model(robot, Terrain.flat(), solver=Solver('adaptive', tolerance=1e-9))
+    start = State(y=robot.ball_radius + 1e-3, velocity_y=-0.5, pendulum_angle=0.3)
+    run = simulate(model, start, Actuation(), 0.1)
+    ends.append([run['contact_loss'][-1],
+                 np.max(np.abs(run.energy_residual)) / run.energy_in_play])
+print(json.dumps(ends))
+""", encoding='utf-8')
+    (less, _), (more, closed) = json.loads(house.run('drop.py'))
+    assert 0.0 < 1.05 * less < more
+    assert closed < 1e-6  # the energy balance closes
+
+
 @pytest.mark.parametrize('copied, protocol, classes', [
     ('uart', 'vesc', "'Vesc', 'VescDevice'"),
     ('can', 'vesc_can', "'VescCan', 'VescCanDevice', CAN")])

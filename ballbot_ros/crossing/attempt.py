@@ -20,8 +20,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ballbot_ros.jit import compiled, unlocked
-from ballbot_ros.physics.mechanics.contact import IntArray, slip_lever, spring_energy
-from ballbot_ros.physics.mechanics.equations import kinetic_energy, potential_energy, System
+from ballbot_ros.physics.mechanics.contact import IntArray, slip_lever
+from ballbot_ros.physics.mechanics.equations import energies, System
 from ballbot_ros.physics.model.actuation import FREE
 from ballbot_ros.physics.model.robot import Parameters
 from ballbot_ros.physics.model.state import (
@@ -133,8 +133,8 @@ def energy_to_spare(state: Array, parameters: Parameters, ground: Array,
     if goal > 0.0 and sine > 0.0:
         least += weight * ((goal * sine + parameters.radius * (1.0 - cosine)) / cosine
                            - 0.5 * weight / parameters.stiffness * (1.0 / cosine**2 - 1.0))
-    return (kinetic_energy(state, parameters) + potential_energy(state, parameters)
-            + spring_energy(state, parameters, ground, contacts) - least)
+    kinetic, potential, stored = energies(state, parameters, ground, contacts)
+    return kinetic + potential + stored - least
 
 
 @compiled

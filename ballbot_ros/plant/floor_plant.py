@@ -262,7 +262,8 @@ class FloorPlant(Plant):
                 raise SimulationError(
                     after.time, f'the axle tilts by {math.degrees(lateral.tilt):.0f} degrees, and '
                     'the lateral model holds below 90',
-                    'drive slower along edges, or cross them at right angles')
+                    'drive slower along edges, or cross them at right angles', 'out_of_range',
+                    'tilt')
         heading = 0.5 * (self._lateral.heading + lateral.heading)
         sideways = 0.5 * (tilt_rate + lateral.tilt_rate) * robot.ball_radius * self.period
         forward = after.x - before.x

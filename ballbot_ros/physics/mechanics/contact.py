@@ -279,11 +279,11 @@ def feature_guard(feature: int, x: float, y: float, radius: float, ground: Array
         if ground[segment + 1, TURN] > 0.0:
             return min(depth, -after_end, next_after)
         return min(depth, after_end, -next_after)
-    start_x, start_y = x - ground[segment, VERTEX_X], y - ground[segment, VERTEX_Y]
-    distance = start_y * tangent_x - start_x * tangent_y
+    distance = line_distance(segment, x, y, ground)
     guard = min(radius - distance, distance)
     if segment > 0:
-        guard = min(guard, start_x * tangent_x + start_y * tangent_y)
+        guard = min(guard, (x - ground[segment, VERTEX_X]) * tangent_x
+                    + (y - ground[segment, VERTEX_Y]) * tangent_y)
     if segment < last:
         guard = min(guard, -after_end)
     return guard
@@ -371,9 +371,8 @@ def meeting(feature: int, x: float, y: float,
     """
     segment = feature >> 1
     if feature & 1 == 0:
-        tangent_x, tangent_y = ground[segment, TANGENT_X], ground[segment, TANGENT_Y]
-        return (-tangent_y, tangent_x, (y - ground[segment, VERTEX_Y]) * tangent_x
-                - (x - ground[segment, VERTEX_X]) * tangent_y, ground[segment, SURFACE_FRICTION])
+        return (-ground[segment, TANGENT_Y], ground[segment, TANGENT_X],
+                line_distance(segment, x, y, ground), ground[segment, SURFACE_FRICTION])
     away_x, away_y = x - ground[segment + 1, VERTEX_X], y - ground[segment + 1, VERTEX_Y]
     square = away_x * away_x + away_y * away_y
     distance = math.sqrt(square)

@@ -30,7 +30,7 @@ from typing import NamedTuple
 
 from ballbot_ros.jit import compiled, row_reader
 from ballbot_ros.physics.mechanics.contact import (
-    Accelerations, Compliance, contact_loads, Loads, Response)
+    Accelerations, Compliance, contact_loads, Loads, Response, spring_energy)
 from ballbot_ros.physics.model.actuation import Actuator, actuator_torque
 from ballbot_ros.physics.model.robot import Parameters
 from ballbot_ros.physics.model.state import (
@@ -222,6 +222,14 @@ def potential_energy(state: Array, parameters: Parameters) -> float:
     return parameters.gravity * (
         parameters.mass * state[Y]
         - parameters.pendulum_moment * math.cos(state[PENDULUM_ANGLE]))
+
+
+@compiled
+def energies(state: Array, parameters: Parameters, ground: Array,
+             contacts: Array) -> tuple[float, float, float]:
+    """Return kinetic and potential energy, and that of the contacts [J]; see `derivative`."""
+    return (kinetic_energy(state, parameters), potential_energy(state, parameters),
+            spring_energy(state, parameters, ground, contacts))
 
 
 @compiled

@@ -196,9 +196,5 @@ class Model:
 
     def energies(self, state: State) -> Energies:
         """Return kinetic, potential and contact energy [J]."""
-        vector = np.array(state[1:])
-        return Energies(
-            float(equations.kinetic_energy(vector, self.parameters)),
-            float(equations.potential_energy(vector, self.parameters)),
-            float(contact.spring_energy(
-                vector, self.parameters, self.profile, self._contacts)))
+        return Energies(*map(float, equations.energies(
+            np.array(state[1:]), self.parameters, self.profile, self._contacts)))

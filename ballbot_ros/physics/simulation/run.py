@@ -231,9 +231,14 @@ def _to_accuracy(model: Model, accuracy: float, start: State, actuation: Actuati
                  progress: Optional[Callable[[float], None]] = None) -> Trajectory:
     """Simulate a model to an accuracy [m]."""
     runs = _Runs(model, start, actuation, duration, output_step, progress)
-    first, solver = (replace(item, work_budget=model.solver_in_use.work_budget,
-                             models=model.solver_in_use.models)
-                     for item in _resolving(model, *solvers_for(accuracy)))
+    robot, given = model.robot, model.solver_in_use
+    detail = min(RESOLVED_SLIP * robot.slip_threshold * MEMORY,
+                 RESOLVED_PENETRATION * robot.total_mass * EARTH / robot.contact_stiffness)
+    first, solver = solvers_for(accuracy)
+    finer = min(1.0, detail / first.tolerance)
+    first, solver = (replace(item, work_budget=given.work_budget, models=given.models,
+                             tolerance=max(FINEST_TOLERANCE, finer * item.tolerance))
+                     for item in (first, solver))
     coarse, needed = runs.run(first), 1
     if coarse is not None and runs.interrupted:
         return coarse
@@ -255,19 +260,10 @@ def _to_accuracy(model: Model, accuracy: float, start: State, actuation: Actuati
         elif fine is not None and finest:
             raise SimulationError(
                 start.time, 'only the finest tolerance keeps the energy: nothing confirms the run',
-                'use a larger slip_threshold, a softer contact_stiffness or softer gains')
+                'use a larger slip_threshold, a softer contact_stiffness or softer gains',
+                'unconfirmed', 'tolerance')
         coarse = fine
         solver = replace(solver, tolerance=max(FINEST_TOLERANCE, REFINEMENT * solver.tolerance))
-
-
-def _resolving(model: Model, first: Solver, second: Solver) -> tuple[Solver, Solver]:
-    """Return the solvers, finer where they would not see how a robot slips or sinks in."""
-    robot = model.robot
-    detail = min(RESOLVED_SLIP * robot.slip_threshold * MEMORY,
-                 RESOLVED_PENETRATION * robot.total_mass * EARTH / robot.contact_stiffness)
-    finer = min(1.0, detail / first.tolerance)
-    return (replace(first, tolerance=max(FINEST_TOLERANCE, finer * first.tolerance)),
-            replace(second, tolerance=max(FINEST_TOLERANCE, finer * second.tolerance)))
 
 
 class _Runs:
@@ -320,13 +316,11 @@ def _agree(assured: Assurance) -> bool:
 
 def _compare(coarse: Trajectory, fine: Trajectory, accuracy: float) -> Assurance:
     """Return the assurance that follows from the difference of two runs."""
-    samples = min(len(coarse), len(fine))
-    gap = np.hypot(*(centres(coarse)[:samples] - centres(fine)[:samples]).T)
-    times = fine.rows[:samples, 0]
+    gap = _apart(coarse, fine)
     beyond = np.flatnonzero(~(gap <= accuracy))
-    good = int(beyond[0]) if len(beyond) else samples
+    good = int(beyond[0]) if len(beyond) else len(gap)
     estimate = float(np.max(gap[:good])) if good else math.nan
-    return Assurance(accuracy, estimate, float(times[max(good - 1, 0)]), good == len(fine),
+    return Assurance(accuracy, estimate, float(fine.rows[max(good - 1, 0), 0]), good == len(fine),
                      fine.model.solver_in_use.tolerance, 2)
 
 
@@ -352,7 +346,11 @@ def check_steps(run: Trajectory, actuation: Actuation, duration: float,
     path = float(np.sum(np.hypot(*np.diff(centres(run), axis=0).T)))
     bound = STEP_BOUND * max(run.model.robot.ball_radius, path)
     try:
-        exact = _adaptive(run, start, actuation, duration, output_step, CHECK * bound)
+        # Within about the work that the run took.
+        model = replace(run.model, solver=replace(solver, method='adaptive', work_budget=min(
+            solver.work_budget, max(LEAST_WORK, run.effort.evaluations))))
+        exact = _to_accuracy(model, min(max(CHECK * bound, SMALLEST), LARGEST), start, actuation,
+                             duration, output_step)
         gap, horizon = _apart(run, exact), exact.assurance.horizon if exact.assurance else 0.0
         # Beyond the horizon the comparison means nothing.
         gap = gap[run.rows[:len(gap), 0] <= horizon]
@@ -368,7 +366,7 @@ def check_steps(run: Trajectory, actuation: Actuation, duration: float,
         error = TooLongSteps(
             float(run.rows[beyond[0], 0]),
             f'steps of {solver.step:g} s are stable, but the ball is {gap[beyond[0]]:.3g} m from '
-            'where shorter ones have it', remedy)
+            'where shorter ones have it', remedy, 'inaccurate', 'step')
         error.trajectory = replace(run, rows=run.rows[:1 + int(beyond[0])])
         raise error
 
@@ -384,16 +382,6 @@ def _apart(run: Trajectory, other: Trajectory) -> Array:
     count = min(len(run), len(other))
     gap: Array = np.hypot(*(centres(run)[:count] - centres(other)[:count]).T)
     return gap
-
-
-def _adaptive(run: Trajectory, start: State, actuation: Actuation, duration: float,
-              output_step: float, accuracy: float) -> Trajectory:
-    """Return the run of the adaptive method, within about the work that the run took."""
-    solver = run.model.solver_in_use
-    work = min(solver.work_budget, max(LEAST_WORK, run.effort.evaluations))
-    model = replace(run.model, solver=replace(solver, method='adaptive', work_budget=work))
-    return _to_accuracy(model, min(max(accuracy, SMALLEST), LARGEST), start, actuation, duration,
-                        output_step)
 
 
 def _halved(run: Trajectory, start: State, actuation: Actuation, duration: float,
@@ -415,4 +403,4 @@ def _halved(run: Trajectory, start: State, actuation: Actuation, duration: float
     except (SimulationError, ConfigurationError) as error:
         raise TooLongSteps(
             start.time, f'nothing confirms steps of {solver.step:g} s: with half of it {error}',
-            _shorter(solver.step)) from error
+            _shorter(solver.step), 'unconfirmed', 'step') from error

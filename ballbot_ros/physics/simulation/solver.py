@@ -14,8 +14,8 @@ from ballbot_ros.config.fields import Checked, count, quantity, text
 from ballbot_ros.errors import ConfigurationError, SimulationError
 from ballbot_ros.jit import compiled, direct
 from ballbot_ros.physics.mechanics.contact import (
-    contact_table, first_segment, ground_height, spring_energy)
-from ballbot_ros.physics.mechanics.equations import kinetic_energy, potential_energy
+    contact_table, first_segment, ground_height)
+from ballbot_ros.physics.mechanics.equations import energies
 from ballbot_ros.physics.model.actuation import Actuator
 from ballbot_ros.physics.model.robot import Parameters
 from ballbot_ros.physics.model.state import CONTACT_LOSS, JOINT_LOSS, MOTOR_WORK, X, Y
@@ -167,25 +167,24 @@ NAMES = ('ball_angle', 'pendulum_angle', 'x', 'y', 'ball_rate', 'pendulum_rate',
          'motor_work')
 
 
-# Terms of the energy balance [J]: kinetic and potential energy, that in the springs of the
-# contacts; lost to dampers and frictions, and work of the motor, since the start.  A plain tuple:
-# it goes to Python and back, see `solvers.values.Packed`.
-Energy = tuple[float, float, float, float, float]
-
-
 @compiled
-def energy_of(state: Array, values: tuple[float, ...], ground: Array, contacts: Array) -> Energy:
-    """Return the energy of a state; `values` of the parameters, `contacts` to work in."""
-    parameters = Parameters(*values)
+def balance_of(state: Array, parameters: Parameters, ground: Array,
+               contacts: Array) -> tuple[float, float, float, float, float]:
+    """
+    Return the terms of the energy balance [J].
+
+    Kinetic and potential energy, that in the springs of the contacts; lost to dampers and
+    frictions, and work of the motor, since the start.
+    """
+    kinetic, potential, contact = energies(state, parameters, ground, contacts)
     lost = 0.0
     for item in range(CONTACT_LOSS, JOINT_LOSS + 1):
         lost += state[item]
-    return (kinetic_energy(state, parameters), potential_energy(state, parameters),
-            spring_energy(state, parameters, ground, contacts), lost, state[MOTOR_WORK])
+    return kinetic, potential, contact, lost, state[MOTOR_WORK]
 
 
 @compiled
-def worst_gap(states: Array, first: Energy, play: float, values: tuple[float, ...],
+def worst_gap(states: Array, start: Array, play: float, values: tuple[float, ...],
               ground: Array, contacts: Array) -> tuple[float, int, float]:
     """
     Return the largest gap of the ledger over the energy in play, where, and that energy.
@@ -193,22 +192,24 @@ def worst_gap(states: Array, first: Energy, play: float, values: tuple[float, ..
     Parameters
     ----------
     states : (n, 13) array
-    first : Energy
-        At the start of the run.
+    start : (13,) array
+        State at the start of the run.
     play : float
         Largest energy that has been in play so far [J]; see `Trajectory.energy_in_play`.
     values : tuple of float
         Of the parameters: recognised sooner than a named tuple.
 
     """
-    worst, where = 0.0, 0
+    worst, where, parameters = 0.0, 0, Parameters(*values)
+    first = balance_of(start, parameters, ground, contacts)
     kinetic0, potential0, contact0, lost0, work0 = first
     floor = 0.0
     for part in first:
         floor += ROUNDING * abs(part)
+    play = max(play, kinetic0, abs(contact0))
     for row in range(len(states)):
-        kinetic, potential, contact, lost, work = energy_of(
-            states[row], values, ground, contacts)
+        kinetic, potential, contact, lost, work = balance_of(
+            states[row], parameters, ground, contacts)
         play = max(play, kinetic, abs(potential - potential0), abs(contact), abs(lost - lost0),
                    abs(work - work0))
         gap = abs(kinetic + potential + contact + lost - work
@@ -239,8 +240,7 @@ class Ledger:
     def __init__(self, parameters: Parameters, ground: Array, state: Array) -> None:
         """Open it."""
         self._fixed = parameters[:], ground, contact_table(len(ground))
-        self._first = energy_of(state, *self._fixed)
-        self._play = max(self._first[0], abs(self._first[2]))
+        self._start, self._play = state.copy(), 0.0
 
     def missing(self, states: Array) -> tuple[float, int]:
         """
@@ -256,7 +256,7 @@ class Ledger:
         """
         # Copied, for a contiguous state has the type that the solvers have compiled.
         worst, where, self._play = worst_gap(
-            np.ascontiguousarray(states), self._first, self._play, *self._fixed)
+            np.ascontiguousarray(states), self._start, self._play, *self._fixed)
         return float(worst), int(where)
 
 
@@ -271,7 +271,8 @@ def out_of_balance(time: float, missing: float, solver: Solver) -> OutOfBalance:
               f'use a smaller tolerance than {solver.tolerance:g} m')
     return OutOfBalance(
         time, f'the energy ledger misses {100.0 * missing:.3g} % of the energy in play',
-        f'{remedy} or softer gains, a softer contact_stiffness or a larger slip_threshold')
+        f'{remedy} or softer gains, a softer contact_stiffness or a larger slip_threshold',
+        'unbalanced', 'step' if METHODS[solver.method].fixed else 'tolerance')
 
 
 def check_start(time: float, state: Array, radius: float, ground: Array) -> None:
@@ -289,7 +290,8 @@ def check_start(time: float, state: Array, radius: float, ground: Array) -> None
         raise SimulationError(
             time, f'the centre of the ball starts under the ground at x = {state[X]:.4g} m, with '
             f'y = {state[Y]:.4g} m', 'raise y of the start (initial): with y = '
-            f'{below + radius / slope[TANGENT_X]:.9g} m the ball touches the ground there')
+            f'{below + radius / slope[TANGENT_X]:.9g} m the ball touches the ground there',
+            'out_of_range', 'y')
 
 
 def check_work(solver: Solver, steps: int) -> None:
@@ -317,20 +319,21 @@ def failure(outcome: int, time: float, vector: Array, solver: Solver) -> Simulat
     if outcome == PENETRATED:
         return SimulationError(
             time, f'the centre of the ball is under the ground at x = {vector[X]:.4g} m',
-            f'raise contact_stiffness, lower the speed of the impact, or {shorter}softer gains')
+            f'raise contact_stiffness, lower the speed of the impact, or {shorter}softer gains',
+            'penetrated', 'y')
     if outcome == STEP_TOO_SMALL:
         return SimulationError(
             time, 'the adaptive step became too small to continue',
             f'raise the tolerance above {solver.tolerance:g} m, use softer gains or a '
-            'larger slip_threshold')
+            'larger slip_threshold', 'step_too_small', 'tolerance')
     if outcome == BUDGET_EXCEEDED:
         return SimulationError(
             time, f'the work budget of {solver.work_budget} function evaluations is used up',
             'raise work_budget (solver), take steps of one length (rk4), raise the tolerance '
             f'above {solver.tolerance:g} m, or use a larger slip_threshold, softer gains '
             'or a softer contact_stiffness; where the ball sinks in deep, raise '
-            'contact_stiffness instead')
+            'contact_stiffness instead', 'over_budget', 'work_budget')
     names = [name for name, value in zip(NAMES, vector) if not math.isfinite(value)]
     return SimulationError(
         time, f'{" and ".join(names) or "the state"} stopped being finite',
-        f'{shorter}softer gains')
+        f'{shorter}softer gains', 'not_finite', names[0] if names else '')

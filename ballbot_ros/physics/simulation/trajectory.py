@@ -14,8 +14,8 @@ from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.jit import compiled
 from ballbot_ros.physics.mechanics.contact import (
     contact_force, contact_table, CORNER, EDGE, find_contacts, KIND, NORMAL_X, NORMAL_Y,
-    PENETRATION, spring_energy)
-from ballbot_ros.physics.mechanics.equations import kinetic_energy, potential_energy
+    PENETRATION)
+from ballbot_ros.physics.mechanics.equations import energies
 from ballbot_ros.physics.model.robot import Parameters
 from ballbot_ros.physics.model.state import SIZE, State, X, Y
 from ballbot_ros.physics.model.terrain import Array
@@ -35,37 +35,51 @@ UNITS: Mapping[str, str] = {
     'motor_work': 'J',
 }
 
-# Columns that evaluate_rows computes from a state.
-_DERIVED = (
-    'kinetic_energy', 'potential_energy', 'contact_energy', 'surface_normal_force',
-    'surface_friction_force', 'edge_normal_force', 'edge_friction_force', 'contact_force_x',
-    'contact_force_y', 'penetration', 'slip_velocity')
+
+class Derived(NamedTuple):
+    """The columns that are computed from a state."""
+
+    kinetic_energy: float
+    potential_energy: float
+    contact_energy: float
+    surface_normal_force: float
+    surface_friction_force: float
+    edge_normal_force: float
+    edge_friction_force: float
+    contact_force_x: float
+    contact_force_y: float
+    penetration: float
+    slip_velocity: float
 
 
 @compiled
-def evaluate_rows(states: Array, parameters: Parameters, ground: Array, contacts: Array,
+def derived(state: Array, parameters: Parameters, ground: Array, contacts: Array) -> Derived:
+    """Return the columns that are computed from a state; `contacts` to work in."""
+    kinetic, potential, stored = energies(state, parameters, ground, contacts)
+    surface_normal = surface_friction = edge_normal = edge_friction = 0.0
+    force_x = force_y = penetration = slip_velocity = 0.0
+    for item in range(find_contacts(state[X], state[Y], parameters.radius, ground, contacts)):
+        normal, friction, slip = contact_force(state, parameters, contacts, item)
+        if contacts[item, KIND] == EDGE:
+            edge_normal += normal
+            edge_friction += friction
+        else:
+            surface_normal += normal
+            surface_friction += friction
+        force_x += normal * contacts[item, NORMAL_X] + friction * contacts[item, NORMAL_Y]
+        force_y += normal * contacts[item, NORMAL_Y] - friction * contacts[item, NORMAL_X]
+        if contacts[item, KIND] != CORNER and contacts[item, PENETRATION] > penetration:
+            penetration, slip_velocity = contacts[item, PENETRATION], slip
+    return Derived(kinetic, potential, stored, surface_normal, surface_friction, edge_normal,
+                   edge_friction, force_x, force_y, penetration, slip_velocity)
+
+
+@compiled
+def write_derived(states: Array, parameters: Parameters, ground: Array, contacts: Array,
                   out: Array) -> None:
-    """Fill `out`, one row per state, with the columns named in `_DERIVED`."""
-    for index in range(len(states)):
-        state, row = states[index], out[index]
-        row[:] = 0.0
-        row[0] = kinetic_energy(state, parameters)
-        row[1] = potential_energy(state, parameters)
-        row[2] = spring_energy(state, parameters, ground, contacts)
-        count = find_contacts(state[X], state[Y], parameters.radius, ground, contacts)
-        for item in range(count):
-            normal, friction, slip = contact_force(state, parameters, contacts, item)
-            if contacts[item, KIND] == EDGE:
-                row[5] += normal
-                row[6] += friction
-            else:
-                row[3] += normal
-                row[4] += friction
-            row[7] += normal * contacts[item, NORMAL_X] + friction * contacts[item, NORMAL_Y]
-            row[8] += normal * contacts[item, NORMAL_Y] - friction * contacts[item, NORMAL_X]
-            if contacts[item, KIND] != CORNER and contacts[item, PENETRATION] > row[9]:
-                row[9] = contacts[item, PENETRATION]
-                row[10] = slip
+    """Fill `out`, one row per state, with the fields of `Derived`."""
+    for row in range(len(states)):
+        out[row, :] = derived(states[row], parameters, ground, contacts)
 
 
 class Effort(NamedTuple):
@@ -256,12 +270,12 @@ class Trajectory:
         """Return all columns by name; their units are in `UNITS`."""
         found = {name: self.rows[:, index] for index, name in enumerate(State._fields)}
         found['pendulum_torque'] = self.rows[:, -1]
-        derived = np.empty((len(self.rows), len(_DERIVED)))
+        table = np.empty((len(self.rows), len(Derived._fields)))
         # Contiguous and writable, as the type that the solvers have compiled.
         states = np.ascontiguousarray(self.rows[:, 1:1 + SIZE])
-        evaluate_rows(states, self.model.parameters, self.model.profile,
-                      contact_table(len(self.model.profile)), derived)
-        found.update(zip(_DERIVED, _read_only(derived).T))
+        write_derived(states, self.model.parameters, self.model.profile,
+                      contact_table(len(self.model.profile)), table)
+        found.update(zip(Derived._fields, _read_only(table).T))
         return {name: found[name] for name in UNITS}
 
     @property

@@ -8,14 +8,12 @@ import math
 from typing import Callable
 
 from ballbot_ros.jit import compiled, outlined, with_globals
-from ballbot_ros.physics.mechanics.contact import ground_height
-from ballbot_ros.physics.mechanics.equations import is_finite, System
-from ballbot_ros.physics.model.state import X, Y
+from ballbot_ros.physics.mechanics.equations import System
 from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.solvers.dense import write_row
 from ballbot_ros.physics.solvers.values import (
-    EVALUATIONS, FINISHED, NOT_FINITE, Packed, packed, PAUSED, PENETRATED, Status, STEPS,
-    unpack_call, Workspace)
+    EVALUATIONS, FINISHED, outcome_of, Packed, packed, PAUSED, Status, STEPS, unpack_call,
+    Workspace)
 
 # ``step(time, state, size, system, workspace)`` advances a state in place.
 Step = Callable[[float, Array, float, System, Workspace], None]
@@ -26,14 +24,6 @@ def moved(status: Status, outcome: int, time: float, filled: int) -> Packed:
     """Return the status of a run that has come to another time."""
     return packed(Status(outcome, time, filled, status.controller, status.rate, status.has_mode,
                          status.ready, status.may_fly, status.before))
-
-
-@compiled
-def outcome_of(state: Array, system: System) -> int:
-    """Return whether a run can continue from a state, FINISHED if so."""
-    if not is_finite(state):
-        return NOT_FINITE
-    return PENETRATED if state[Y] <= ground_height(system.ground, state[X]) else FINISHED
 
 
 def loop_of(step: Step, evaluations: int) -> Callable[[Packed], Packed]:
@@ -67,7 +57,7 @@ def _advance(call: Packed) -> Packed:
             return moved(status, PAUSED, begin, filled)
         for done in range(steps):
             step(begin + done * size, state, size, system, workspace)  # type: ignore  # noqa: F821
-            outcome = outcome_of(state, system)
+            outcome = outcome_of(state, system.ground)
             if outcome != FINISHED:
                 return moved(status, outcome, begin + (done + 1) * size, filled)
         workspace.statistics[STEPS] += steps

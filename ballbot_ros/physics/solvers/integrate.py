@@ -14,12 +14,12 @@ form, the ball flies to its next touch in one step without error (`flight`).
 import math
 
 from ballbot_ros.jit import compiled, outlined
-from ballbot_ros.physics.mechanics.contact import features_within, ground_height
-from ballbot_ros.physics.mechanics.equations import is_finite, System
+from ballbot_ros.physics.mechanics.contact import features_within
+from ballbot_ros.physics.mechanics.equations import System
 from ballbot_ros.physics.mechanics.modes import (
     contact_count, ContactMode, find_mode, smooth_contacts)
 from ballbot_ros.physics.model.robot import Parameters
-from ballbot_ros.physics.model.state import X, Y
+from ballbot_ros.physics.model.state import X
 from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.solvers import dormand_prince, values
 from ballbot_ros.physics.solvers.controller import (
@@ -32,7 +32,7 @@ from ballbot_ros.physics.solvers.flight import (
     fly_to_touch, has_closed_form, is_let_go, SHORT_FLIGHT)
 from ballbot_ros.physics.solvers.values import (
     AUTOMATIC, BUDGET_EXCEEDED, EVALUATIONS, EventRate, EVENTS, FINISHED, MOTION, NOT_FINITE,
-    NOTHING, Options, Output, Packed, packed, PAUSED, PENETRATED, REJECTED, SEARCH, Status,
+    NOTHING, Options, outcome_of, Output, Packed, packed, PAUSED, REJECTED, SEARCH, Status,
     STEP_TOO_SMALL, STEPS, unpack_call, WIDTH, Workspace)
 
 STAGES = dormand_prince.STAGES  # right-hand sides of an explicit step
@@ -100,16 +100,6 @@ def write_end(theta: float, state: Array, number: int, workspace: Workspace,
 
 
 @compiled
-def outcome_of(rate: EventRate, state: Array, ground: Array) -> int:
-    """Return whether a run can continue after a step, FINISHED if so."""
-    if rate.stuck > STUCK:
-        return STEP_TOO_SMALL
-    if not is_finite(state):
-        return NOT_FINITE
-    return PENETRATED if state[Y] <= ground_height(ground, state[X]) else FINISHED
-
-
-@compiled
 def integrate(status: Status, end: float, state: Array, system: System, options: Options,
               output: Output, workspace: Workspace) -> Status:
     """Do the same as `advance`, inlined in the calling kernel without unused parts."""
@@ -170,7 +160,7 @@ def integrate(status: Status, end: float, state: Array, system: System, options:
         ready = write_end(theta, state, number, workspace, options.ledger)
         if rate.crowded > CROWD:  # a long step does not resolve the events
             controller = with_step(controller, 0.5 * used)
-        outcome = outcome_of(rate, state, ground)
+        outcome = outcome_of(state, ground) if rate.stuck <= STUCK else STEP_TOO_SMALL
         time = end if end - reached < smallest else reached
         if outcome == FINISHED and theta <= 1.0:
             count = find_mode(time, state, system, workspace.mode)

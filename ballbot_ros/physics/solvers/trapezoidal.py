@@ -13,11 +13,10 @@ Simulink, SIAM Review 41 (1999) 538-552, section 3.
 import math
 
 from ballbot_ros.jit import compiled, outlined
-from ballbot_ros.physics.mechanics.contact import ground_height
 from ballbot_ros.physics.mechanics.equations import derivative, is_finite, System, turned_by
 from ballbot_ros.physics.mechanics.modes import find_mode, write_jacobian
 from ballbot_ros.physics.model.robot import Parameters
-from ballbot_ros.physics.model.state import PENDULUM_ANGLE, SIZE, X, Y
+from ballbot_ros.physics.model.state import PENDULUM_ANGLE, SIZE
 from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.solvers import values
 from ballbot_ros.physics.solvers.controller import (
@@ -25,7 +24,7 @@ from ballbot_ros.physics.solvers.controller import (
 from ballbot_ros.physics.solvers.dense import write_rows
 from ballbot_ros.physics.solvers.rodas5p import invert, solve
 from ballbot_ros.physics.solvers.values import (
-    BUDGET_EXCEEDED, EVALUATIONS, FINISHED, MOTION, NOT_FINITE, Packed, packed, PAUSED, PENETRATED,
+    BUDGET_EXCEEDED, EVALUATIONS, FINISHED, MOTION, NOT_FINITE, outcome_of, Packed, packed, PAUSED,
     REJECTED, Status, STEP_TOO_SMALL, STEPS, unpack_call, WIDTH, Workspace)
 
 PREVIOUS = values.STAGES  # the row of the rates at the begin of the step before
@@ -133,7 +132,7 @@ def advance(call: Packed) -> Packed:
         before = 0.0
     if controller.step <= 0.0:
         controller = with_step(controller, FIRST_STEP)
-    while time < end:
+    while time < end and outcome == FINISHED:
         if filled >= output.pause or statistics[EVALUATIONS] >= options.budget:
             outcome = PAUSED if filled >= output.pause else BUDGET_EXCEEDED
             break
@@ -170,9 +169,7 @@ def advance(call: Packed) -> Packed:
             start[i] = rates[i]
         before, known = used, False
         time = end if end - reached < smallest else reached
-        if state[Y] <= ground_height(system.ground, state[X]):
-            outcome = PENETRATED
-            break
+        outcome = outcome_of(state, system.ground)
     return packed(Status(
         outcome, time, filled, controller, status.rate, True, status.ready, status.may_fly,
         before))

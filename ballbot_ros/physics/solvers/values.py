@@ -12,14 +12,23 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ballbot_ros.jit import compiled, in_python, packer, row_sum, unpacker
-from ballbot_ros.physics.mechanics.contact import IntArray
-from ballbot_ros.physics.mechanics.equations import System
+from ballbot_ros.physics.mechanics.contact import ground_height, IntArray
+from ballbot_ros.physics.mechanics.equations import is_finite, System
 from ballbot_ros.physics.mechanics.modes import ContactMode, jacobian_table
-from ballbot_ros.physics.model.state import SIZE
+from ballbot_ros.physics.model.state import SIZE, X, Y
 from ballbot_ros.physics.model.terrain import Array
 
 # The outcome of a run.
 FINISHED, NOT_FINITE, PENETRATED, STEP_TOO_SMALL, BUDGET_EXCEEDED, PAUSED = range(6)
+
+
+@compiled
+def outcome_of(state: Array, ground: Array) -> int:
+    """Return whether a run can continue from a state, FINISHED if so."""
+    if not is_finite(state):
+        return NOT_FINITE
+    return PENETRATED if state[Y] <= ground_height(ground, state[X]) else FINISHED
+
 
 # Counters of `Workspace.statistics`: steps, rejected steps, events, right-hand sides, flights in
 # closed form, and the right-hand sides that the search among many features of the ground costs.

@@ -222,15 +222,13 @@ def test_malformed_frictions_of_a_profile_are_refused(name, values, words):
         assert word in str(caught.value)
 
 
-@pytest.mark.parametrize('section, words', [
-    ({}, ['vertices is missing']), ([], ['list of pieces', '[]']), (None, ['None']),
-    ({'vertexes': []}, ["'vertexes'", "did you mean 'vertices'"]),
-    ([{'flat': {'length': 1}, 'step': {'height': 1}}], ['piece 1', 'one name'])])
-def test_malformed_terrain_sections_are_refused(section, words):
-    with pytest.raises(ConfigurationError, match='here: terrain') as caught:
+@pytest.mark.parametrize('section, reason, field', [
+    ({}, 'missing', 'vertices'), ([], 'wrong_type', 'terrain'), (None, 'wrong_type', 'terrain'),
+    ({'vertexes': []}, 'unknown_name', 'vertexes'),
+    ([{'flat': {'length': 1}, 'step': {'height': 1}}], 'wrong_type', 'terrain')])
+def test_malformed_terrain_sections_are_refused(section, reason, field):
+    with refused(reason, field):
         read_terrain(section, 'here: terrain')
-    for word in words:
-        assert word in str(caught.value)
 
 
 def test_output_step_that_is_no_multiple_names_two_that_are(tmp_path):
@@ -328,10 +326,12 @@ def test_round_pieces_are_as_high_and_wide_as_they_say():
 
 
 def test_a_constant_of_a_checked_class_is_checked_too():
-    for make, word in ((lambda: Solver(step=-1.0), 'step'), (lambda: Actuation(law='x'), 'law'),
-                       (lambda: ContactOptions(slip_lever='R'), 'slip_lever'),
-                       (lambda: Actuation(torque=math.nan), 'torque')):
-        with pytest.raises(ConfigurationError, match=word):
+    for make, reason, field in (
+            (lambda: Solver(step=-1.0), 'out_of_range', 'step'),
+            (lambda: Actuation(law='x'), 'not_a_choice', 'law'),
+            (lambda: ContactOptions(slip_lever='R'), 'not_a_choice', 'slip_lever'),
+            (lambda: Actuation(torque=math.nan), 'not_finite', 'torque')):
+        with refused(reason, field):
             make()
 
 

@@ -12,6 +12,7 @@ from ballbot_ros.crossing import held_at, max_step_height, max_step_heights
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics import Actuation, load_robot, load_scene, Model, Solver, Terrain
 from ballbot_ros.physics.simulation.scene import read_scene
+from ballbot_ros.physics.simulation.trajectory import UNITS
 from ballbot_ros.results import write_trajectory
 
 GIMBALL = load_robot('gimball')
@@ -114,7 +115,7 @@ def test_a_table_says_its_units_or_what_is_missing(trajectory, monkeypatch):
 def test_a_duration_may_be_given_alone_and_a_column_that_is_unknown_is_named_with_the_known_ones():
     run = load_scene('flat').simulate(0.01)
     assert run['x'][-1] == run.columns['x'][-1] and run['time'][-1] == pytest.approx(0.01)
-    with pytest.raises(KeyError, match="'pendulum_angel' is not a column; did you mean "):
+    with pytest.raises(KeyError, match='pendulum_angle'):
         run['pendulum_angel']
-    with pytest.raises(KeyError, match='There are time, x, y, '):
+    with pytest.raises(KeyError, match=', '.join(UNITS)):
         run['%']

@@ -104,7 +104,7 @@ def test_what_is_refused_while_it_runs_reaches_its_caller(source):
 
 def test_a_run_that_cannot_go_on_says_so_and_begins_again_after_a_reset(source, monkeypatch):
     def fail(periods):
-        raise SimulationError(0.1, 'x is not finite', 'take a smaller step')
+        raise SimulationError(0.1, 'x is not finite', 'take a smaller step', 'not_finite', 'x')
     with monkeypatch.context() as patched:
         patched.setattr(source._run, 'advance', fail)
         source.apply('step', 0.1)
