@@ -117,14 +117,12 @@ def test_a_bag_that_cannot_be_written_is_reported(make_node, tmp_path):
     assert 'No space left' in str(bag.failure)
 
 
-def test_a_bag_keeps_the_offered_quality_of_service_for_its_replay(make_node, tmp_path):
+def test_a_bag_keeps_the_offered_quality_of_service_for_its_replay(
+        make_node, spinner, tmp_path):
     source, sink = make_node(Node, 'source'), make_node(Node, 'sink')
     publisher = source.create_publisher(String, 'notes', qos.LATCHED)
     source.create_publisher(JointState, 'joint_states', qos.SENSOR)
-    deadline = time.monotonic() + 20.0
-    while not (sink.count_publishers('notes') and sink.count_publishers('joint_states')):
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
+    spinner.until(lambda: sink.count_publishers('notes') and sink.count_publishers('joint_states'))
     publisher.publish(String())
     with BagRecorder(tmp_path / 'bag') as bag:
         bag.subscribe(sink, 'notes', None, String, qos.LATCHED)

@@ -1,14 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """However a bridge ends, the last word on its e-stop is that it is engaged."""
-import time
-
 import pytest
 from rclpy.node import Node
 from std_msgs.msg import Bool
 
 from ballbot_ros.nodes.bridge.node import Bridge
 from ballbot_ros.ros import qos
-from ballbot_ros.ros.rclpy_compat import new_executor
 
 
 @pytest.fixture
@@ -20,27 +17,24 @@ def bridge(make_node, tmp_path):
     return node
 
 
-def received_late(make_node, context):
-    """Return what a new subscriber receives."""
-    peer, received = make_node(Node, 'late'), []
-    peer.create_subscription(Bool, 'e_stop', received.append, qos.LATCHED)
-    executor = new_executor(context)
-    executor.add_node(peer)
-    deadline = time.monotonic() + 20.0
-    while not received:
-        assert time.monotonic() < deadline
-        executor.spin_once(timeout_sec=0.01)
-    executor.shutdown()
-    return received[-1].data
+@pytest.fixture
+def received_late(make_node, spinner):
+    """Return a function that returns what a new subscriber receives."""
+    def receive():
+        peer, received = make_node(Node, 'late'), []
+        peer.create_subscription(Bool, 'e_stop', received.append, qos.LATCHED)
+        spinner.add(peer)
+        return spinner.until(lambda: received)[-1].data
+    return receive
 
 
-def test_a_released_one_is_published_as_such(bridge, make_node, context):
-    assert received_late(make_node, context) is False
+def test_a_released_one_is_published_as_such(bridge, received_late):
+    assert received_late() is False
 
 
 @pytest.mark.parametrize('end', ['shutdown', 'cleanup', 'error'])
 def test_after_shutdown_cleanup_and_an_error_the_e_stop_is_published_as_engaged(
-        bridge, make_node, context, end):
+        bridge, received_late, end):
     if end == 'error':
         def fail():
             raise RuntimeError('an unexpected error')
@@ -48,7 +42,7 @@ def test_after_shutdown_cleanup_and_an_error_the_e_stop_is_published_as_engaged(
         bridge.trigger_configure()
     else:
         getattr(bridge, f'on_{end}')(None)
-    assert received_late(make_node, context) is True
+    assert received_late() is True
     assert bridge._session.supervisor.e_stop == 'the bridge was shut down'
     bridge._look_after()
-    assert received_late(make_node, context) is True
+    assert received_late() is True

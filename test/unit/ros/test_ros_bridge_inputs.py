@@ -8,7 +8,6 @@ from sensor_msgs.msg import Imu, JointState
 
 from ballbot_ros.nodes.bridge.inputs import RELEASE_DELAY
 from ballbot_ros.nodes.bridge.node import Bridge
-from ballbot_ros.ros.rclpy_compat import new_executor
 from ballbot_ros.ros.set_points import REFUSED_PAUSE
 
 FLOOD = 100
@@ -48,13 +47,12 @@ def test_a_flood_of_messages_that_are_not_finite(
 
 
 def test_a_release_before_its_own_message_of_the_e_stop_has_arrived_is_too_early(
-        make_node, context, tmp_path, monkeypatch):
+        make_node, spinner, tmp_path, monkeypatch):
     node = make_node(Bridge, autostart=False, black_box='', port=str(tmp_path / 'nowhere'))
     now, why = [time.monotonic()], []
     monkeypatch.setattr(node._session, 'clock', lambda: now[0])
     monkeypatch.setattr(node._session, 'release', why.append)
-    executor = new_executor(context)
-    executor.add_node(node)
+    spinner.add(node)
     node._session.supervisor.reset(now[0])
     node._outputs.publish_e_stop(False)
     node._session.supervisor.trigger('test')
@@ -62,9 +60,4 @@ def test_a_release_before_its_own_message_of_the_e_stop_has_arrived_is_too_early
     now[0] = node._outputs.engaged_at + 1.1 * RELEASE_DELAY
     node._inputs._release()
     assert why.pop()
-    deadline = time.monotonic() + 20.0
-    while not (why and not why[-1]):
-        assert time.monotonic() < deadline
-        executor.spin_once(timeout_sec=0.01)
-        node._inputs._release()
-    executor.shutdown()
+    spinner.until(lambda: why and not why[-1], node._inputs._release)

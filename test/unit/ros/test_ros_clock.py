@@ -1,11 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """No stamp is ahead of /clock, and in one graph there is one time, however many simulators."""
-import time
 
 from nav_msgs.msg import Odometry
 import pytest
 from rclpy.node import Node
-from rclpy.parameter import Parameter
 from rclpy.serialization import serialize_message
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
@@ -19,39 +17,24 @@ from ballbot_ros.plant import Plant
 from ballbot_ros.ros import qos
 from ballbot_ros.ros.conversions import to_seconds, to_time
 from ballbot_ros.ros.endpoints import mismatches
-from ballbot_ros.ros.rclpy_compat import new_executor
 
 TOPICS = (('joint_states', JointState), ('odom', Odometry), ('ball_state', BallState),
           ('terrain_observation', TerrainObservation))
 
 
 @pytest.fixture
-def simulators(context):
+def simulators(make_node, spinner):
     """Return a function that makes simulators by namespace, and one that spins until something."""
-    executor, made = new_executor(context), []
-
     def make(namespace='', **parameters):
         # A subscription that the executor has not collected yet has no order of arrival.
-        executor.spin_once(timeout_sec=0.01)
-        parameters = {'scene': 'flat', **parameters}
-        node = Simulator(context=context, namespace=namespace, parameter_overrides=[
-            Parameter(name, value=value) for name, value in parameters.items()])
-        made.append(node)
-        executor.add_node(node)
+        spinner.executor.spin_once(timeout_sec=0.01)
+        node = make_node(Simulator, namespace=namespace, **{'scene': 'flat', **parameters})
+        spinner.add(node)
         return node
 
-    def until(condition):
-        deadline = time.monotonic() + 30.0
-        while not condition():
-            assert time.monotonic() < deadline
-            executor.spin_once(timeout_sec=0.01)
-    make.listener = Node('listener', context=context)
-    made.append(make.listener)
-    executor.add_node(make.listener)
-    yield make, until
-    executor.shutdown()
-    for node in made:
-        node.destroy_node()
+    make.listener = make_node(Node, 'listener')
+    spinner.add(make.listener)
+    return make, spinner.until
 
 
 class Arrivals:

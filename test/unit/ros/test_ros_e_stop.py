@@ -15,7 +15,6 @@ from ballbot_ros.nodes.obstacle_decision.node import ObstacleDecision
 from ballbot_ros.nodes.simulator.node import Simulator
 from ballbot_ros.ros import qos
 from ballbot_ros.ros.endpoints import mismatches
-from ballbot_ros.ros.rclpy_compat import new_executor
 
 NODES = {
     Simulator: ({'control': 'onboard', 'start_paused': True},
@@ -28,23 +27,16 @@ NODES = {
 
 @pytest.mark.parametrize('cls', list(NODES))
 @pytest.mark.parametrize('profile', [qos.LATEST, qos.LATCHED], ids=['volatile', 'latched'])
-def test_a_stop_request_of_any_publisher_engages_the_e_stop(cls, profile, make_node, context):
+def test_a_stop_request_of_any_publisher_engages_the_e_stop(cls, profile, make_node, spinner):
     parameters, is_engaged = NODES[cls]
     node, person = make_node(cls, **parameters), make_node(Node, 'person')
     if cls is Bridge:
         node._session.supervisor.reset(100.0)
     publisher = person.create_publisher(Bool, 'e_stop', profile)
-    executor = new_executor(context)
-    executor.add_node(node)
-    deadline = time.monotonic() + 20.0
+    spinner.add(node)
     assert not is_engaged(node)
-    while not is_engaged(node):
-        assert time.monotonic() < deadline
-        publisher.publish(Bool(data=True))
-        executor.spin_once(timeout_sec=0.02)
+    spinner.until(lambda: is_engaged(node), lambda: publisher.publish(Bool(data=True)))
     assert not mismatches(node)
-    executor.remove_node(node)
-    executor.shutdown()
     getattr(node, 'make_safe', lambda: None)()
 
 

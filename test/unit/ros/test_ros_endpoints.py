@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
 """Nodes that cannot understand each other are reported by name, with what does not match."""
-import time
 from types import SimpleNamespace
 
 from geometry_msgs.msg import Twist
@@ -14,16 +13,8 @@ from ballbot_ros.ros.endpoints import mismatches
 
 @pytest.fixture
 def pair(make_node):
-    """Return two nodes, and a function that returns what one of them finds, once it does."""
-    robot, other = make_node(Node, 'robot'), make_node(Node, 'other')
-
-    def reported(node):
-        deadline = time.monotonic() + 20.0
-        while not (found := mismatches(node)):
-            assert time.monotonic() < deadline
-            time.sleep(0.01)  # for discovery, which has a thread of its own
-        return found
-    return robot, other, reported
+    """Return two nodes."""
+    return make_node(Node, 'robot'), make_node(Node, 'other')
 
 
 def endpoint(name, kind):
@@ -49,22 +40,22 @@ def test_another_type_of_a_topic_is_reported_with_both_types(own, published):
         f'subscribed to as {kinds[0]}'])
 
 
-def test_a_profile_that_does_not_match_is_reported(pair):
-    robot, other, reported = pair
+def test_a_profile_that_does_not_match_is_reported(pair, spinner):
+    robot, other = pair
     robot.create_subscription(Twist, 'cmd_vel', print, 1)
     other.create_publisher(Twist, 'cmd_vel', QoSProfile(
         depth=1, reliability=ReliabilityPolicy.BEST_EFFORT))
-    found, = reported(robot)
+    found, = spinner.until(lambda: mismatches(robot))
     assert found.startswith('/robot cannot receive /cmd_vel from /other: ')
     assert 'reliab' in found.lower()
 
 
-def test_a_second_publisher_of_the_clock_names_the_first(pair, make_node):
-    robot, other, reported = pair
+def test_a_second_publisher_of_the_clock_names_the_first(pair, make_node, spinner):
+    robot, other = pair
     robot.create_publisher(Clock, '/clock', 1)
     assert not mismatches(robot)
     other.create_publisher(Clock, '/clock', 1)
-    found, = reported(robot)
+    found, = spinner.until(lambda: mismatches(robot))
     assert found.startswith('/other ') and 'publish_clock:=false' in found
     listener = make_node(Node, 'listener')
     listener.create_subscription(Clock, '/clock', print, 1)

@@ -7,7 +7,6 @@ from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 
 from ballbot_ros.nodes.obstacle_decision.gain_watch import GainWatch
-from ballbot_ros.ros.rclpy_compat import new_executor
 
 
 @pytest.fixture
@@ -45,19 +44,14 @@ def test_gains_of_others_other_parameters_and_the_same_tuning_are_nothing_to_say
     assert 'other gains' not in capfd.readouterr().err
 
 
-def test_it_receives_what_a_node_changes(decision, make_node, context, monkeypatch):
+def test_it_receives_what_a_node_changes(decision, make_node, spinner, monkeypatch):
     received = []
     monkeypatch.setattr(GainWatch, 'on_event', lambda _, message: received.append(message))
     GainWatch(decision, 'set_point')
     other = make_node(Node, 'other')
     other.declare_parameter('gains.position_kp', 40.0)
-    executor = new_executor(context)
-    executor.add_node(decision)
+    spinner.add(decision)
     other.set_parameters([Parameter('gains.position_kp', value=30.0)])
-    for _ in range(200):
-        executor.spin_once(timeout_sec=0.1)
-        if any(one.changed_parameters for one in received):
-            break
-    executor.shutdown()
+    spinner.until(lambda: any(one.changed_parameters for one in received))
     assert [one.changed_parameters[0].name for one in received if one.changed_parameters] == [
         'gains.position_kp']

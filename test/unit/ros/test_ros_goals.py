@@ -1,7 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
 """The actions over real topics: a client, the decision, and the simulator in lockstep."""
-import time
-
 from action_msgs.msg import GoalStatus
 from nav_msgs.msg import Odometry
 import pytest
@@ -16,52 +14,38 @@ from ballbot_ros.nodes.controller.node import Controller
 from ballbot_ros.nodes.obstacle_decision.node import ObstacleDecision
 from ballbot_ros.nodes.simulator.node import Simulator
 from ballbot_ros.ros import qos
-from ballbot_ros.ros.rclpy_compat import new_executor
-
-TIMEOUT = 120.0  # for a machine that is busy; nothing waits this long on a quiet one [s]
 
 
 class Graph:
     """Simulator, controller and decision in lockstep, as fast as it goes, and a client."""
 
-    def __init__(self, context, make_node, scene, planner):
+    def __init__(self, spinner, make_node, scene, planner):
         """Start them; the ball stands until there is a goal."""
         self.node = make_node(Client)
         self.simulator = make_node(
             Simulator, scene=scene, lockstep=True, real_time_factor=0.0, lockstep_timeout=60.0)
         self.decision = make_node(ObstacleDecision, planner=planner, wait_for_goal=True)
         controller = make_node(Controller, lockstep_set_point_period=0.02)
-        self.executor = new_executor(context)
-        for node in (self.node, self.simulator, self.decision, controller):
-            self.executor.add_node(node)
-        self.wait(lambda: self.node.odometry is not None, 'odometry comes')
-        self.wait(lambda: self.decision._decider.planned is not None, 'it decides')
+        spinner.add(self.node, self.simulator, self.decision, controller)
+        self.wait = spinner.until
+        self.wait(lambda: self.node.odometry is not None)
+        self.wait(lambda: self.decision._decider.planned is not None)
 
-    def wait(self, condition, what):
-        """Return what a condition returns as soon as that is true."""
-        deadline = time.monotonic() + TIMEOUT
-        while not (found := condition()):
-            assert time.monotonic() < deadline, f'waited in vain until {what}'
-            self.executor.spin_once(timeout_sec=0.05)
-        return found
-
-    def done(self, future, what):
-        """Return the result of a future."""
-        self.wait(future.done, what)
+    def done(self, future):
+        self.wait(future.done)
         return future.result()
 
     def send(self, kind, **fields):
         """Send a goal and return its handle; feedback is noted."""
         client = self.node.clients_of[kind]
-        self.wait(client.server_is_ready, 'the server is there')
+        self.wait(client.server_is_ready)
         self.node.feedback.clear()
         return self.done(client.send_goal_async(
-            kind.Goal(**fields), lambda message: self.node.feedback.append(message.feedback)),
-            'the goal is answered')
+            kind.Goal(**fields), lambda message: self.node.feedback.append(message.feedback)))
 
     def result(self, handle):
         """Return status and result of a goal when it has ended."""
-        answer = self.done(handle.get_result_async(), 'the goal ends')
+        answer = self.done(handle.get_result_async())
         return answer.status, answer.result
 
     @property
@@ -87,15 +71,9 @@ class Client(Node):
 
 
 @pytest.fixture
-def start(context, make_node):
-    graphs = []
-
-    def start(scene='doorstep', planner='cubic'):
-        graphs.append(Graph(context, make_node, scene, planner))
-        return graphs[-1]
-    yield start
-    for graph in graphs:
-        graph.executor.shutdown()
+def start(spinner, make_node):
+    """Return a function that starts the graph."""
+    return lambda scene='doorstep', planner='cubic': Graph(spinner, make_node, scene, planner)
 
 
 @pytest.fixture
@@ -127,8 +105,8 @@ def test_a_step_is_crossed_and_the_next_one_of_80_mm_refused(start, two_steps):
 def test_a_canceled_goal_ends_in_rest(start):
     graph = start('flat')
     handle = graph.send(DriveTo, target=5.0, relative=True, speed_limit=0.3)
-    graph.wait(lambda: graph.speed > 0.2, 'it drives')
-    graph.done(handle.cancel_goal_async(), 'the cancel is answered')
+    graph.wait(lambda: graph.speed > 0.2)
+    graph.done(handle.cancel_goal_async())
     status, result = graph.result(handle)
     assert (status, result.outcome) == (GoalStatus.STATUS_CANCELED, result.OUTCOME_CANCELED)
     assert abs(graph.speed) < 0.05 and 0.0 < result.position < 4.0
@@ -138,7 +116,7 @@ def test_a_canceled_goal_ends_in_rest(start):
 def test_an_e_stop_during_a_goal_aborts_it_and_none_is_taken_until_the_robot_may_go_on(start):
     graph = start('flat')
     handle = graph.send(DriveTo, target=5.0, relative=True)
-    graph.wait(lambda: graph.speed > 0.1, 'it drives')
+    graph.wait(lambda: graph.speed > 0.1)
     graph.node.e_stop.publish(Bool(data=True))
     status, result = graph.result(handle)
     assert (status, result.outcome) == (GoalStatus.STATUS_ABORTED, result.OUTCOME_E_STOP)
@@ -146,8 +124,8 @@ def test_an_e_stop_during_a_goal_aborts_it_and_none_is_taken_until_the_robot_may
     assert not graph.send(DriveTo, target=1.0, relative=True).accepted
     graph.node.e_stop.publish(Bool(data=False))
     resume = graph.node.create_client(Trigger, 'obstacle_decision/resume')
-    graph.wait(resume.service_is_ready, 'the service is there')
-    graph.wait(lambda: graph.done(resume.call_async(Trigger.Request()), 'answer').success,
+    graph.wait(resume.service_is_ready)
+    graph.wait(lambda: graph.done(resume.call_async(Trigger.Request())).success,
                'it may go on')
     assert graph.send(DriveTo, target=1.0, relative=True).accepted
 

@@ -8,7 +8,6 @@ import pytest
 from rclpy.node import Node
 
 from ballbot_ros.ros.lifecycle import Autostart, FAILURE, ManagedNode, SUCCESS
-from ballbot_ros.ros.rclpy_compat import new_executor
 
 # What a client may ask for, shutdown left out; and what no client ever should.
 TRANSITIONS = (Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_CLEANUP,
@@ -26,22 +25,19 @@ class Machine(ManagedNode):
 
 
 @pytest.fixture
-def machine(make_node, context):
+def machine(make_node, spinner):
     """Return a node, and a function that asks it for a transition and returns the answer."""
     node, peer = make_node(Machine, 'machine'), make_node(Node, 'peer')
-    executor = new_executor(context)
-    executor.add_node(node)
-    executor.add_node(peer)
+    spinner.add(node, peer)
     client = peer.create_client(ChangeState, 'machine/change_state')
     assert client.wait_for_service(10.0)
 
     def ask(number, label=''):
         future = client.call_async(
             ChangeState.Request(transition=Transition(id=number, label=label)))
-        executor.spin_until_future_complete(future, timeout_sec=10.0)
+        spinner.until(future.done)
         return future.result().success
-    yield node, ask
-    executor.shutdown()
+    return node, ask
 
 
 def test_three_hundred_random_transitions_end_nothing(machine):

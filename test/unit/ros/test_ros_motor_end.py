@@ -8,27 +8,21 @@ from rclpy.node import Node
 from ballbot_ros.msg import MotorStatus
 from ballbot_ros.nodes.bridge.motor import Clocks, MotorOutputs
 from ballbot_ros.ros import qos
-from ballbot_ros.ros.rclpy_compat import new_executor
 
 
 @pytest.mark.parametrize('unconfirmed', ['', 'the stop was not confirmed: the cable is out'])
 @pytest.mark.parametrize('state', [MotorStatus.STATE_OFF, MotorStatus.STATE_ENDED])
 def test_the_last_status_is_received_and_says_what_the_motor_was_left_with(
-        make_node, context, state, unconfirmed):
+        make_node, spinner, state, unconfirmed):
     node, peer = make_node(Node, 'bridge'), make_node(Node, 'peer')
     received = []
     peer.create_subscription(MotorStatus, 'motor_status', received.append, qos.STATE)
     outputs = MotorOutputs(node, Clocks(), 10.0, 0.0)
-    executor = new_executor(context)
-    executor.add_node(peer)
-    while not node.count_subscribers('motor_status'):
-        executor.spin_once(timeout_sec=0.01)
+    spinner.add(peer)
+    spinner.until(lambda: node.count_subscribers('motor_status'))
     outputs.publish_end(state, SimpleNamespace(
         supervisor=SimpleNamespace(e_stop='asked for'),
         control=SimpleNamespace(unconfirmed=unconfirmed)))
-    while not received:
-        executor.spin_once(timeout_sec=0.01)
-    executor.shutdown()
-    last, = received
+    last, = spinner.until(lambda: received)
     assert (last.state, last.torque, last.e_stop) == (state, 0.0, 'asked for')
     assert list(last.warnings) == ([unconfirmed] if unconfirmed else [])

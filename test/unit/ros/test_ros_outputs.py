@@ -13,7 +13,6 @@ from ballbot_ros.physics import load_scene
 from ballbot_ros.plant import Plant
 from ballbot_ros.ros import qos
 from ballbot_ros.ros.endpoints import create_subscription
-from ballbot_ros.ros.rclpy_compat import new_executor
 
 MADE = {'ball_state_message': BallState, 'odometry_message': Odometry}
 
@@ -31,24 +30,18 @@ def run(make_node, monkeypatch):
             make_node(Node, 'listener'))
 
 
-def listen(node, kind, topic):
-    """Subscribe, wait until that is known, and return what comes and a function to receive it."""
-    found = []
-    create_subscription(node, topic, found.append, kind, qos.STATE)
-    executor = new_executor(node.context)
-    executor.add_node(node)
+@pytest.fixture
+def listen(run, spinner):
+    """Return a function that subscribes to a topic, and returns one that returns its messages."""
+    node = run[-1]
+    spinner.add(node)
 
-    def receive(number):
-        for _ in range(400):
-            if len(found) >= number:
-                break
-            executor.spin_once(timeout_sec=0.01)
-        return found
-    for _ in range(400):
-        if node.count_publishers(topic):
-            break
-        executor.spin_once(timeout_sec=0.01)
-    return receive
+    def subscribe(kind, topic):
+        found = []
+        create_subscription(node, topic, found.append, kind, qos.STATE)
+        spinner.until(lambda: node.count_publishers(topic))
+        return lambda: spinner.until(lambda: found)
+    return subscribe
 
 
 def test_alone_no_message_is_made(run):
@@ -61,30 +54,30 @@ def test_alone_no_message_is_made(run):
 
 
 @pytest.mark.parametrize('kind, topic', [(BallState, 'ball_state'), (Odometry, 'odom')])
-def test_a_message_is_made_for_whom_it_would_reach(run, kind, topic):
-    published, plant, made, node = run
-    receive = listen(node, kind, topic)
+def test_a_message_is_made_for_whom_it_would_reach(run, listen, kind, topic):
+    published, plant, made, _ = run
+    receive = listen(kind, topic)
     published.publish(everything=True)
-    found = receive(1)
+    found = receive()
     assert [(MADE[name], stamp) for name, stamp in made] == [(kind, 0.0)]
     assert len(found) == 1
 
 
-def test_what_was_not_made_at_its_time_is_repeated_with_its_time(run):
-    published, plant, made, node = run
+def test_what_was_not_made_at_its_time_is_repeated_with_its_time(run, listen):
+    published, plant, made, _ = run
     published.publish(everything=True)
     for _ in range(3):  # odometry is due each fifth period
         plant.advance(0.0)
         published.publish()
-    receive = listen(node, Odometry, 'odom')
+    receive = listen(Odometry, 'odom')
     published.repeat()
-    assert [one.header.stamp.nanosec for one in receive(1)] == [0]
+    assert [one.header.stamp.nanosec for one in receive()] == [0]
     assert made[-1] == ('odometry_message', 0.0)
 
 
-def test_a_subscriber_of_the_clock_receives_it(run):
-    published, plant, _, node = run
-    receive = listen(node, Clock, '/clock')
+def test_a_subscriber_of_the_clock_receives_it(run, listen):
+    published, plant, *_ = run
+    receive = listen(Clock, '/clock')
     plant.advance(0.0)
     published.publish(everything=True)
-    assert [(one.clock.sec, one.clock.nanosec) for one in receive(1)] == [(0, 2000000)]
+    assert [(one.clock.sec, one.clock.nanosec) for one in receive()] == [(0, 2000000)]

@@ -21,24 +21,14 @@ overheard = []
 
 
 @pytest.fixture
-def robot(make_node, context):
+def robot(make_node, spinner):
     """Return what is followed, what is refused, two peers, and a function that lets time pass."""
     node, peers = make_node(Node, 'robot'), [make_node(Node, name) for name in 'ab']
     followed, refused = [], Counter()
     overheard.clear()
     inputs = SetPoints(node, followed.append, refused, overheard.append, steers=False)
-    executor = new_executor(context)
-    for one in (node, *peers):
-        executor.add_node(one)
-
-    def until(condition, act):
-        deadline = time.monotonic() + 20.0
-        while not condition():
-            assert time.monotonic() < deadline
-            act()
-            executor.spin_once(timeout_sec=0.01)
-    yield inputs, followed, refused, peers, until
-    executor.shutdown()
+    spinner.add(node, *peers)
+    return inputs, followed, refused, peers, spinner.until
 
 
 def test_the_first_is_followed_until_it_is_silent_for_long_enough(robot):

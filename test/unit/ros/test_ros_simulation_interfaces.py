@@ -4,9 +4,9 @@ import math
 
 import pytest
 from rclpy.action import ActionClient
+from rclpy.node import Node
 
 from ballbot_ros.nodes.simulator.node import Simulator
-from ballbot_ros.ros.rclpy_compat import new_executor
 
 srv = pytest.importorskip('simulation_interfaces.srv')
 msg = pytest.importorskip('simulation_interfaces.msg')
@@ -25,18 +25,9 @@ OK, UNSUPPORTED, NOT_FOUND, FAILED = (
 class Client:
     """A client in the process of the simulator."""
 
-    def __init__(self, context, simulator, node):
-        self.executor, self.node = new_executor(context), node
-        self.executor.add_node(simulator)
-        self.executor.add_node(node)
-        self.clients = {}
-
-    def wait(self, condition):
-        for _ in range(3000):
-            if condition():
-                return
-            self.executor.spin_once(timeout_sec=0.01)
-        raise AssertionError('waited in vain')
+    def __init__(self, spinner, simulator, node):
+        spinner.add(simulator, node)
+        self.node, self.wait, self.clients = node, spinner.until, {}
 
     def done(self, future):
         self.wait(future.done)
@@ -67,11 +58,8 @@ def simulator(make_node):
 
 
 @pytest.fixture
-def client(context, make_node, simulator):
-    from rclpy.node import Node
-    client = Client(context, simulator, make_node(Node, 'client'))
-    yield client
-    client.executor.shutdown()
+def client(spinner, make_node, simulator):
+    return Client(spinner, simulator, make_node(Node, 'client'))
 
 
 def test_features_are_those_that_are_served(client):
