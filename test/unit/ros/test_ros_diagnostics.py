@@ -9,20 +9,6 @@ from ballbot_ros.ros import diagnostics
 from ballbot_ros.ros.conversions import to_time
 
 
-class Left(Simulator):
-    """A simulator in a namespace."""
-
-    def __init__(self, **kwargs):
-        super().__init__(namespace='left', **kwargs)
-
-
-class Right(Simulator):
-    """A simulator in another namespace."""
-
-    def __init__(self, **kwargs):
-        super().__init__(namespace='right', **kwargs)
-
-
 @pytest.fixture
 def published(monkeypatch):
     """Return what is published on /diagnostics."""
@@ -33,8 +19,9 @@ def published(monkeypatch):
 
 
 def test_two_robots_differ_in_name_and_hardware_id(make_node, published):
-    for cls, robot in ((Left, 'gimball'), (Right, 'shellball')):
-        make_node(cls, start_paused=True, robot=robot)._diagnostics.publish()
+    for namespace, robot in (('left', 'gimball'), ('right', 'shellball')):
+        make_node(Simulator, namespace=namespace, start_paused=True,
+                  robot=robot)._diagnostics.publish()
     found = [array.status[0] for array in published]
     assert [one.hardware_id for one in found] == ['left/gimball', 'right/shellball']
     assert [one.name for one in found] == [
