@@ -360,8 +360,7 @@ class Navigator:
                 state, alignments=state.alignments + 1,
                 message=f'{left:+.2f} m and {math.degrees(turned):+.0f} degrees off the line of '
                 f'the {segment.feature.label}'), segment, percept)
-        return replace(state, status=NavStatus.CROSSING, crossing_start=percept.stamp,
-                       alignments=0)
+        return replace(state, status=NavStatus.CROSSING, crossing_start=percept.stamp)
 
     def _align(self, state: NavigationState, crossing: Segment, percept: Percept
                ) -> NavigationState:
@@ -475,11 +474,13 @@ class Navigator:
     def _crossing(self, state: NavigationState, percept: Percept
                   ) -> Tuple[NavigationState, Command]:
         segment = state.segment
-        assert segment is not None and segment.feature is not None and state.path is not None
+        path = state.path
+        assert segment is not None and segment.feature is not None and path is not None
+        assert segment.crossing is not None
         number = self.planner.floor.features.index(segment.feature)
         report = percept.crossing
         if report is not None:
-            learned = state.learned
+            learned, state = state.learned, replace(state, alignments=0)
             if report.crossed or report.touched:
                 learned = learned.with_outcome(number, self._sign(segment), report.crossed)
             if report.crossed:
@@ -498,13 +499,19 @@ class Navigator:
             return self._stop(replace(state, learned=state.learned.with_outcome(
                 number, self._sign(segment), False)), 'timed_out', (
                     f'the {segment.feature.label} took more than {CROSSING_TIMEOUT:g} s')), REST
-        path = state.path
+        if abs(percept.speed) < RESTING and state.along < segment.crossing.run_up:
+            # The decision has backed off for another attempt, which begins at another pose.
+            entered = self._enter(state, state.index, percept)
+            if entered.status is not NavStatus.CROSSING:
+                return entered, REST
         along, left = path.project(percept.x, percept.y, state.along)
         state = replace(state, along=along)
+        if percept.speed < 0.0:
+            path, along, left = Path.of(segment.points[::-1], -1), path.length - along, -left
         to_edge = min(float(distance_to_segment(percept.x, percept.y, *piece))
                       for piece in segment.feature.segments)
         yaw_rate = 0.0
-        if to_edge > EDGE + EDGE_TIME * percept.speed > EDGE:
+        if percept.speed < 0.0 or to_edge > EDGE + EDGE_TIME * percept.speed:
             yaw_rate = self._tracker.yaw_rate(path, along, left, percept.heading,
                                               percept.speed)
         return state, Command(CommandKind.CROSS, 0.0, yaw_rate)

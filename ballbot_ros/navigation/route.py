@@ -38,6 +38,8 @@ COMFORT, CLOSE = 0.15, 1.3
 SAMPLE, LONGEST = 0.05, 3.0
 # Largest angle between a crossing and the normal of the step: half the spacing of headings.
 OBLIQUE = math.radians(13.5)
+# Standard deviation of the heading at the edge of a crossing, as driven in random houses [rad].
+HEADING_SD = 0.05
 # Speeds on arcs and backward [m/s]; largest cell of the lattice [m].
 ARC_SPEED, BACKWARD_SPEED, LARGEST_CELL = 0.25, 0.2, 0.12
 # Time to stop and change direction, and to align and set out for a crossing [s].
@@ -251,23 +253,27 @@ class RoutePlanner:
             self._clear < self.ball_radius + COMFORT, CLOSE, 1.0))
         self._graph = _grid_graph(self._slowness, self._size)
         limit = -math.log(self._tuning.required_probability)
-        arcs: List[Tuple[_Arc, int]] = []
+        arcs: List[Tuple[_Arc, int, float]] = []
         for items in self._arcs.values():
             for arc in items:
-                probability = self._probability(arc)
+                probability, crossing = self._probability(arc), arc.crossing
+                # A failed attempt costs the way back to its begin and another one.
+                attempt = ALIGNMENT + crossing.time
+                time = attempt + (1.0 / probability - 1.0) * (
+                    attempt + 2.0 * REVERSAL + crossing.run_up / BACKWARD_SPEED)
                 begin, end = self._point(arc.start // COUNT), self._point(arc.end // COUNT)
                 level = math.ceil(-math.log(probability) / limit * LEVELS - 1e-9)
                 if level <= LEVELS and not (len(obstacles) and (distance_to_segment(
                         obstacles[:, 0], obstacles[:, 1], begin, end)
                         < self.ball_radius + CLEARANCE).any()):
-                    arcs.append((arc, level))
+                    arcs.append((arc, level, time))
         arcs.sort(key=lambda item: item[0].start)
-        self._offered = [arc for arc, _ in arcs]
+        self._offered = [arc for arc, _, _ in arcs]
         self._arc_arrays = (
-            np.array([arc.start for arc, _ in arcs], np.int64),
-            np.array([arc.end for arc, _ in arcs], np.int64),
-            np.array([arc.crossing.time + ALIGNMENT for arc, _ in arcs], float),
-            np.array([level for _, level in arcs], np.int64))
+            np.array([arc.start for arc, _, _ in arcs], np.int64),
+            np.array([arc.end for arc, _, _ in arcs], np.int64),
+            np.array([time for _, _, time in arcs], float),
+            np.array([level for _, level, _ in arcs], np.int64))
         starts, ends, times, _ = self._arc_arrays
         # From the goal backward.
         self._backward = self._graph + self._graph.T + sparse.csr_matrix(
@@ -389,7 +395,7 @@ class RoutePlanner:
             share = float(ahead[row, column])
             middle = (float(self._x[0, column]) + share * step_x,
                       float(self._y[row, 0]) + share * step_y)
-            faces = self._faces(feature, middle, way, sign, angle)
+            faces = self._faces(feature, middle, way, sign, abs(angle) + HEADING_SD)
             half = 0.5 * faces[-1][0]
             touch = touch_distance(self.ball_radius, max(faces[0][1], 0.0)) + half
             run_up = self._free(middle, (-way[0], -way[1]), others) - touch
@@ -645,7 +651,7 @@ class RoutePlanner:
                 target = self._point(arc.end // COUNT)
                 segments.append(Segment(
                     (at, target), self.floor.features[arc.number], arc.crossing,
-                    arc.crossing.time + ALIGNMENT, 1, HEADINGS[state % COUNT]))
+                    float(self._arc_arrays[2][-2 - move]), 1, HEADINGS[state % COUNT]))
                 points, direction, time = [target], 0, 0.0
                 continue
             item = self._rows[move]

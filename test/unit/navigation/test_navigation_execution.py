@@ -251,6 +251,31 @@ def test_a_ball_off_the_line_of_a_crossing_backs_off_and_returns_onto_it(navigat
     assert math.dist((ball.x, ball.y), crossing.points[0]) < 0.1
 
 
+@pytest.mark.parametrize(('degrees', 'begins'), [(3.0, True), (50.0, False)])
+def test_another_attempt_begins_only_where_a_crossing_may_begin(navigator, degrees, begins):
+    ball = Ball(navigator, *KITCHEN, 1.57)
+    ball.crosses = lambda segment: None
+    ball.begin(STUDY)
+    ball.run(60.0, until=lambda ball: ball.state.status is NavStatus.CROSSING)
+    ball.heading += math.radians(degrees)
+    ball.state = replace(ball.state, last=None)
+    ball.step()
+    assert (ball.state.status is NavStatus.CROSSING) is begins
+    assert ball.state.alignments == (0 if begins else 1)
+
+
+@pytest.mark.parametrize('speed', [0.05, -0.05])
+def test_run_up_and_way_back_are_steered_towards_the_line(navigator, speed):
+    ball = Ball(navigator, *KITCHEN, 1.57)
+    ball.crosses = lambda segment: None
+    ball.begin(STUDY)
+    ball.run(60.0, until=lambda ball: ball.state.status is NavStatus.CROSSING)
+    ball.heading += 0.1
+    _, turns = navigator.advance(
+        replace(ball.state, last=None), ball.percept()._replace(speed=speed))
+    assert turns.kind is CommandKind.CROSS and turns.yaw_rate < -0.01
+
+
 def test_a_deviation_from_before_a_segment_is_no_cause_to_plan_again(navigator):
     ball = Ball(navigator, *KITCHEN, math.pi / 2.0)
     ball.begin((1.7, 2.2))

@@ -104,6 +104,22 @@ def test_times_and_probabilities_add_up(flat):
         assert one.points[-1] == pytest.approx(two.points[0])
 
 
+@pytest.mark.parametrize('degrees', [-2.0, 2.0])
+def test_crossings_are_planned_for_the_accuracy_of_the_heading(flat, degrees):
+    segments = flat.route(KITCHEN, BEDROOM).segments
+    for segment in (item for item in segments if item.feature):
+        pose = *segment.points[0], segment.heading + math.radians(degrees)
+        number = flat.floor.features.index(segment.feature)
+        assert flat.aligned(pose, segment.points, number, segment.crossing)
+
+
+def test_the_time_of_a_crossing_contains_that_of_further_attempts(flat):
+    segment = next(item for item in flat.route(KITCHEN, BEDROOM).segments
+                   if item.feature and item.crossing.probability < 0.99)
+    once, failing = segment.crossing.time, 1.0 - segment.crossing.probability
+    assert segment.time > once * (1.0 + failing)
+
+
 def test_a_route_back_descends_the_steps(flat):
     names = [segment.feature.name for segment in flat.route(BATH, KITCHEN).segments
              if segment.feature]
