@@ -521,10 +521,10 @@ class _Walls(Checked):
 
 
 def distance_to_segment(x: Any, y: Any, begin: Point, end: Point) -> Any:
-    """Return the distance of points to a segment; all in m, `x` and `y` may be arrays."""
+    """Return the distance of points to a segment; all in m, arrays broadcast."""
     dx, dy = end[0] - begin[0], end[1] - begin[1]
     along = np.clip(((x - begin[0]) * dx + (y - begin[1]) * dy)
-                    / max(dx * dx + dy * dy, 1e-12), 0.0, 1.0)
+                    / np.maximum(dx * dx + dy * dy, 1e-12), 0.0, 1.0)
     return np.hypot(x - begin[0] - along * dx, y - begin[1] - along * dy)
 
 

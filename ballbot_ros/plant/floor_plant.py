@@ -7,18 +7,18 @@ heading leaves the cut.
 """
 from dataclasses import replace
 import math
-from typing import List, Optional, Tuple
+from typing import Optional, Tuple
 
 import numpy as np
 
 from ballbot_ros.errors import ConfigurationError, SimulationError
-from ballbot_ros.floors.floor import Floor, Point
+from ballbot_ros.floors.floor import distance_to_segment, Floor, Point
 from ballbot_ros.floors.levels import level
-from ballbot_ros.floors.profile import Cut, cut, passed, SAME
+from ballbot_ros.floors.profile import Cut, cut, passed
 from ballbot_ros.physics.mechanics.contact import EDGE
 from ballbot_ros.physics.model.actuation import Actuation
 from ballbot_ros.physics.model.robot import Robot
-from ballbot_ros.physics.model.state import State, Touch
+from ballbot_ros.physics.model.state import State
 from ballbot_ros.physics.model.terrain import Terrain
 from ballbot_ros.physics.simulation.model import Model
 from ballbot_ros.physics.simulation.scene import Initial, Run, Scene
@@ -26,14 +26,12 @@ from ballbot_ros.physics.simulation.solver import Solver
 from ballbot_ros.plant.plant import Plant
 from ballbot_ros.steering import height_factor, LateralState, step
 
-# Heading and place that still lie on the line of a cut where the ball is before a face, touches
-# an edge, and where the ground is level that far beyond its radius [rad], [m].
-ON_LINE, ON_EDGE, NEAR_LINE, MARGIN = 1e-6, 0.05, 0.01, 0.1
-# Distance of a contact with an edge from the centre, greater than on a slope of 5 degrees [m].
-EDGE_ASIDE = 0.02
+# Heading and place that still lie on the line of a cut where an edge or a wall is this near to the
+# ball, and elsewhere [rad], [m].
+ON_LINE, NEAR_LINE, MARGIN = 1e-6, 0.01, 0.1
+# Work of a cut that rounding alone does [J].
+ROUNDING = 1e-9
 Line = Tuple[float, float, float, float]  # x, y, heading, and the path length there
-# Part of the squares of the penetrations that rounding adds in a new cut, and least [m2].
-ROUNDING = 1e-5, 1e-12
 # Largest angle to an edge at which its push to the side is known, see `steering.oblique` [rad].
 STEEPEST = math.radians(45.0)
 
@@ -79,6 +77,9 @@ class FloorPlant(Plant):
                 f'start pose {tuple(pose)} must lie on the map, which is x {left:g} to {right:g} '
                 f'm, y {bottom:g} to {top:g} m', 'out_of_range', 'pose')
         self.floor, self._radius = floor, robot.ball_radius
+        self._edges = np.array([
+            segment for feature in floor.features if feature.kind != 'keep_out'
+            for segment in feature.segments]).reshape(-1, 2, 2).transpose(1, 2, 0)
         self._level = 0.0
         self._seen: Optional[Terrain] = None
         self._seen_at: Line = (0.0, 0.0, 0.0, 0.0)
@@ -136,7 +137,6 @@ class FloorPlant(Plant):
             If a robot without steering should lean.
 
         """
-        self._follow()
         before, applied = self.state, self.torque
         after = super().advance(torque, lean_set_point)
         try:
@@ -144,7 +144,7 @@ class FloorPlant(Plant):
         except SimulationError:
             self.state, self.torque, self.periods = before, applied, self.periods - 1
             raise
-        return after
+        return self.state
 
     def reset(self, time: bool = False) -> State:
         """Return to the start pose, and to time 0 where `time` is true."""
@@ -156,9 +156,9 @@ class FloorPlant(Plant):
         super().put(state)
         if pose is not None:
             self._place(pose)
-        self._seen, self._cut, self._cut_at = None, self._exact(), self._course()
-        self.model = replace(self.model, terrain=self._cut.terrain(state.x))
-        self._cut_again()
+        self._seen = None
+        self._take(cut(self.floor, self._at, self._lateral.heading, self._level, self._radius))
+        self._cut_again(0.0)  # without the crest of an edge that the ball touches already
         return self.state
 
     def profile(self) -> Terrain:
@@ -192,57 +192,29 @@ class FloorPlant(Plant):
         self._level = level(self.floor, self._at)
         return (*self._at, self._lateral.heading)
 
-    def _follow(self) -> None:
-        """Cut the ground again if the ball has left the line of the cut."""
-        there = self.state.x - self._cut_at[3]
-        near = np.min(np.abs(self._vertices - there)) < self._radius + MARGIN
-        if self._on(self._cut_at, ON_LINE if near else NEAR_LINE):
-            return
-        # A new cut would lose the force of an edge that carries the ball.
-        if near and self._on(self._cut_at, ON_EDGE) and any(
-                abs(touch.x - self.state.x) > EDGE_ASIDE for touch in self._ground_touches()):
-            return
-        self._cut_again()
+    def _take(self, ground: Cut) -> None:
+        self._cut, self._cut_at = ground, self._course()
+        self.model = replace(self.model, terrain=ground.terrain(self.state.x))
 
-    def _cut_again(self) -> None:
+    def _cut_again(self, most: float) -> float:
         """
-        Cut the ground, which adds no energy to the springs of its contacts.
+        Cut the ground, unless that does more work on the springs of the contacts than `most` [J].
 
-        Walls push back a ball that moves sideways into them.
+        Returns
+        -------
+        float
+            The work, infinite if the cut remains [J].
+
         """
-        state, before = self.state, self._penetrations()
-        present = sum(before)
-        self._cut_at = self._course()
-        new = cut(self.floor, self._at, self._lateral.heading, self._level, self._radius, _climbed)
-        # Without those of a pit, out of which the ball rolls before the next cut.
-        self._vertices = new.vertices[:, 0]
-        deepest = math.sqrt(max(before, default=0.0))
-
-        def added(depth: float, left: float) -> float:
-            self._cut = new.with_room((0.0, state.y), self._radius, depth, left)
-            self.model = replace(self.model, terrain=self._cut.terrain(state.x))
-            return sum(self._penetrations()) - present
-
-        # The edges of the pits keep the present force as far as that adds no energy.
-        rounding = ROUNDING[0] * present + ROUNDING[1]
-        most = added(deepest, deepest)
-        if most > rounding:
-            least = added(deepest, 0.0)
-            if least > rounding:
-                added(0.0, 0.0)
-            elif added(deepest, deepest * math.sqrt(
-                    max(0.0, -least) / (most - least))) > rounding:
-                added(deepest, 0.0)
-
-    def _penetrations(self) -> List[float]:
-        """Return the squares of the penetrations of the ground, without walls [m2]."""
-        return [touch.penetration**2 for touch in self._ground_touches()]
-
-    def _ground_touches(self) -> List[Touch]:
-        """Return the contacts, without those of walls."""
-        behind, ahead = self._cut.walls
-        return [touch for touch in self.model.touches(self.state)
-                if behind + SAME < touch.x - self._cut_at[3] < ahead - SAME]
+        kept = self._cut, self._cut_at, self.model
+        present = self.model.energies(self.state).contact
+        self._take(cut(self.floor, self._at, self._lateral.heading, self._level, self._radius,
+                       _climbed))
+        work = self.model.energies(self.state).contact - present
+        if work > most + ROUNDING or self.model.terrain.height(self.state.x) >= self.state.y:
+            self._cut, self._cut_at, self.model = kept
+            return math.inf
+        return work
 
     def _move(self, before: State, after: State, lean_set_point: float) -> None:
         """Move pose and lateral state on by a period in which the planar state changed."""
@@ -264,38 +236,46 @@ class FloorPlant(Plant):
                     'the lateral model holds below 90',
                     'drive slower along edges, or cross them at right angles', 'out_of_range',
                     'tilt')
-        heading = 0.5 * (self._lateral.heading + lateral.heading)
-        sideways = 0.5 * (tilt_rate + lateral.tilt_rate) * robot.ball_radius * self.period
-        forward = after.x - before.x
-        there = (self._at[0] + forward * math.cos(heading) - sideways * math.sin(heading),
-                 self._at[1] + forward * math.sin(heading) + sideways * math.cos(heading))
-        if lateral is not self._lateral:
-            there, lateral = self._beside_walls(there, lateral)
-        self._level += passed(self.floor, self._at, there)
+        kept, level = self._lateral.heading, self._level
+        begin, forward = self._at, after.x - before.x
+        straight = _ahead(begin, kept, forward)
+        there = _ahead(begin, 0.5 * (kept + lateral.heading), forward, 0.5 * (
+            tilt_rate + lateral.tilt_rate) * robot.ball_radius * self.period)
+        # Walls and ground beside the ball stop a turn without a rebound.
+        if lateral is not self._lateral \
+                and self._clearance(there) < min(0.0, self._clearance(straight)):
+            there, lateral = straight, _stopped(lateral, kept)
+        self._level = level + passed(self.floor, begin, there)
         self._at, self._lateral = there, lateral
+        if self._on(self._cut_at, ON_LINE) or (
+                self._on(self._cut_at, NEAR_LINE) and not self._near()):
+            return
+        # The speed pays for the work of a new cut; the ball stays on its line if it cannot.
+        kinetic = self.model.energies(after).kinetic
+        work = self._cut_again(kinetic)
+        if math.isinf(work):
+            x, y, heading, path = self._cut_at
+            self._at = _ahead((x, y), heading, after.x - path)
+            self._lateral = _stopped(lateral, heading)
+            self._level = level + passed(self.floor, begin, self._at)
+        elif work > 0.0:
+            share = math.sqrt(max(0.0, 1.0 - work / kinetic))
+            self.state = after._replace(
+                ball_rate=share * after.ball_rate, pendulum_rate=share * after.pendulum_rate,
+                velocity_x=share * after.velocity_x, velocity_y=share * after.velocity_y)
 
-    def _beside_walls(self, place: Point, lateral: LateralState) -> Tuple[Point, LateralState]:
-        """
-        Return place and lateral state of a ball that a wall beside it stops without a rebound.
+    def _near(self) -> bool:
+        """Return whether the ground is uneven, or a wall or an edge is near in any direction."""
+        return (self.floor.heights is not None or self._clearance(self._at) < MARGIN
+                or distance_to_segment(*self._at, *self._edges).min(initial=math.inf)
+                < self._radius + MARGIN)
 
-        The planar physics has the part of the contact along the heading.
-        """
+    def _clearance(self, place: Point) -> float:
+        """Return the distance of the ball from the nearest wall, negative inside it [m]."""
         walls = self.floor.walls
-        if not len(walls):
-            return place, lateral
         away = place - walls[:, :2]
         away -= np.clip(away, -walls[:, 2:], walls[:, 2:])
-        distances = np.hypot(*away.T)
-        nearest = int(np.argmin(distances))
-        distance = float(distances[nearest])
-        if not 0.0 < distance < self._radius:
-            return place, lateral
-        left = (-math.sin(lateral.heading), math.cos(lateral.heading))
-        outward = float(away[nearest] @ left) / distance
-        moved = outward * (self._radius - distance)
-        if lateral.tilt_rate * outward < 0.0:
-            lateral = lateral._replace(tilt_rate=0.0)
-        return (place[0] + moved * left[0], place[1] + moved * left[1]), lateral
+        return float(np.hypot(*away.T).min(initial=math.inf)) - self._radius
 
     def _edge_angle(self, state: State) -> float:
         """Return the angle of the edge that the ball is on to the path, 0 on none [rad]."""
@@ -312,3 +292,14 @@ def _climbed(angle: float) -> float:
     """Return the part of its head-on height that the ball climbs at an angle to an edge [rad]."""
     # Nothing was measured beyond the table: the energy of the speed across the edge.
     return height_factor(angle) or math.cos(angle)**2
+
+
+def _ahead(place: Point, heading: float, forward: float, left: float = 0.0) -> Point:
+    """Return the place at a distance ahead of another, and to the left of it [m]."""
+    return (place[0] + forward * math.cos(heading) - left * math.sin(heading),
+            place[1] + forward * math.sin(heading) + left * math.cos(heading))
+
+
+def _stopped(lateral: LateralState, heading: float) -> LateralState:
+    """Return a lateral state without motion of the ball to the side."""
+    return lateral._replace(tilt_rate=0.0, yaw_rate=0.0, heading=heading)

@@ -3,7 +3,7 @@
 from dataclasses import replace
 import math
 
-from hypothesis import example, given, settings, strategies as st
+from hypothesis import assume, example, given, settings, strategies as st
 import numpy as np
 import pytest
 
@@ -210,6 +210,7 @@ def test_what_lies_ahead_is_seen_along_the_heading():
 @example('step', -0.015, 0.2, 0.0, 0.0)
 @example('cord', 0.005, math.radians(0.5), 0.0, 0.0)
 def test_a_ball_nearly_parallel_to_an_edge_gains_no_energy(kind, aside, turned, speed, lean):
+    assume(aside == 0.0 or abs(aside) > 1e-9)  # a start within rounding of a face is refused
     feature = {'kind': kind, 'line': [[8.0, 4.0], [8.0, 12.0]], 'height': 0.02,
                **({} if kind == 'step' else {'width': 0.03})}
     plant = FloorPlant(ROBOT, floor_of(feature), (8.0 + aside, 8.0, 0.5 * math.pi + turned))
@@ -217,7 +218,60 @@ def test_a_ball_nearly_parallel_to_an_edge_gains_no_energy(kind, aside, turned, 
     first = plant.model.energies(plant.state).total
     for _ in range(150):
         plant.advance(0.0, lean)
-        assert plant.model.energies(plant.state).total < first + 0.01
+        assert plant.model.energies(plant.state).total < first + 1e-6
+
+
+@pytest.mark.parametrize('kind, aside, heading, speed, turns', [
+    ('step', -0.09, 0.0, 0.0, True), ('step', -0.02, 0.0, -0.1, True),
+    ('step', 0.09, 0.0, 0.1, True), ('threshold', -0.02, 0.0, -0.1, True),
+    ('step', -0.02, 0.5 * math.pi, 0.1, False), ('threshold', 0.02, 0.0, 0.0, False)])
+def test_a_turn_on_an_edge_neither_adds_energy_nor_lets_the_ball_sink(
+        monkeypatch, kind, aside, heading, speed, turns):
+    monkeypatch.setattr(
+        'ballbot_ros.plant.floor_plant.step', lambda robot, lateral, *rest: lateral._replace(
+            yaw_rate=0.8, heading=lateral.heading + 0.8 * plant.period))
+    # The floor rises towards +x.
+    feature = {'kind': kind, 'line': [[8.0, 12.0], [8.0, 4.0]], 'height': 0.02,
+               **({} if kind == 'step' else {'width': 0.03})}
+    plant = FloorPlant(ROBOT, floor_of(feature), (8.0 + aside, 8.0, heading))
+    plant.put(plant.state._replace(velocity_x=speed, ball_rate=-speed / ROBOT.ball_radius))
+    first, deepest = plant.model.energies(plant.state).total, 0.0
+    for _ in range(1000):
+        plant.advance(0.0, 0.1)
+        assert plant.model.energies(plant.state).total < first + 1e-6
+        deepest = max(deepest, ROBOT.ball_radius - plant.state.y
+                      + float(plant.profile().height(plant.state.x)))
+    # Where the speed does not pay for the turn, the ball does not turn on the spot.
+    assert (plant.pose[2] - heading > 0.5 * math.pi) == turns
+    assert deepest < 4.0 * ROBOT.static_penetration
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.tuples(st.floats(1.0, 3.5), st.floats(1.0, 2.3)), st.floats(-math.pi, math.pi),
+       st.floats(-1.0, 1.0), st.floats(-1.0, 1.0), st.booleans())
+@example((1.672, 2.14), 0.5, 0.22, -0.24, True)
+@example((2.0, 2.27), 0.0, 1.0, 1.0, False)
+def test_a_turning_ball_at_walls_gains_no_energy_and_stays_outside(
+        place, heading, speed, yaw_rate, driven):
+    pillar, side = (slice(28, 30), slice(30, 32)), (slice(40, 44), slice(None))
+    floor = floor_of(walls=[pillar, side, (slice(None), slice(64, 66))])
+
+    def clearance():
+        away = np.array(plant.pose[:2]) - floor.walls[:, :2]
+        away -= np.clip(away, -floor.walls[:, 2:], floor.walls[:, 2:])
+        return np.hypot(*away.T).min() - ROBOT.ball_radius
+
+    plant = FloorPlant(ROBOT, floor, (*place, heading))
+    assume(clearance() > 0.0)
+    plant.put(plant.state._replace(velocity_x=speed, ball_rate=-speed / ROBOT.ball_radius))
+    first = plant.model.energies(plant.state).total
+    for _ in range(400):
+        lean = law(ROBOT, plant.lateral, plant.state.velocity_x, yaw_rate)
+        plant.advance(torque_for(plant, speed) if driven else 0.0, lean)
+        state = plant.state
+        assert plant.model.energies(state).total - state.motor_work < first + 1e-6
+        # The speed of the ball, and of its pendulum, compresses the contact that far.
+        assert clearance() > -0.015
 
 
 def test_an_axle_that_tilts_too_far_ends_the_run_at_the_last_valid_state(monkeypatch):
