@@ -30,7 +30,7 @@ def python(version, **facts):
             'headers': True, 'rclpy': None, **facts}
 
 
-def test_all_missing_tools_are_named_at_once_with_one_command(host, monkeypatch):
+def test_all_missing_tools_are_named_together_with_one_command(host, monkeypatch):
     monkeypatch.setattr(host.shutil, 'which', lambda name: None)
     with pytest.raises(host.Problem) as caught:
         host.check_tools(python((3, 12), venv=False, headers=False))
@@ -51,7 +51,7 @@ def test_an_unsupported_python_gives_way_to_one_on_the_path(host, monkeypatch, v
     assert host.choose_python('')['version'] == [3, 12]
 
 
-def test_without_any_supported_python_the_message_says_what_to_install(host, monkeypatch):
+def test_without_a_supported_python_the_message_names_one_to_install(host, monkeypatch):
     monkeypatch.setattr(host, 'describe', lambda: python((3, 8)))
     monkeypatch.setattr(host, 'describe_other', lambda path: None)
     with pytest.raises(host.Problem) as caught:

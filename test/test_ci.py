@@ -32,7 +32,7 @@ def test_the_workflow_tests_every_python_that_make_setup_accepts(workflow):
     assert pythons == [f'3.{minor}' for minor in range(OLDEST[1], NEWEST[1] + 1)]
 
 
-def test_the_workflow_calls_nothing_but_what_is_there(workflow):
+def test_the_workflow_calls_only_existing_files(workflow):
     commands = [step['run'] for job in workflow['jobs'].values() for step in job['steps']
                 if 'run' in step]
     assert '.ci/run' in commands
@@ -51,7 +51,7 @@ def test_every_step_of_the_workflow_runs_or_uses_something(workflow):
 @pytest.mark.skipif(not (ROOT / '.venv' / 'bin' / 'python').exists(), reason='no .venv here')
 @pytest.mark.parametrize('hook', read('.pre-commit-config.yaml')['repos'][0]['hooks'],
                          ids=lambda hook: hook['id'])
-def test_a_hook_calls_a_tool_that_is_there_and_refuses_what_lint_refuses(hook, tmp_path):
+def test_a_hook_calls_an_installed_tool_and_refuses_as_lint_does(hook, tmp_path):
     def ends_well(text):
         path = tmp_path / 'changed.py'
         path.write_text(text, encoding='utf-8')
@@ -79,7 +79,7 @@ def test_a_skip_for_a_reason_that_is_not_listed_fails_the_run(tmp_path):
         assert (f'test_some: {reason}' in done.stdout) is bool(code)
 
 
-def test_the_changelog_is_well_formed_and_has_a_place_for_what_comes():
+def test_the_changelog_is_well_formed_and_has_a_section_for_the_next_release():
     core = pytest.importorskip('docutils.core')
     text = (ROOT / 'CHANGELOG.rst').read_text(encoding='utf-8')
     tree = core.publish_doctree(text, settings_overrides={'report_level': 5})

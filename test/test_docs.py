@@ -61,7 +61,7 @@ def test_every_name_in_the_glossary_of_symbols_is_one_of_the_code():
 
 
 @pytest.mark.parametrize('page', ['files.md', 'nodes.md', 'robot.md', 'hardware.md'])
-def test_each_parameter_and_key_says_what_it_is_in_a_phrase_that_stands_alone(page):
+def test_each_parameter_and_key_is_described_in_a_complete_phrase(page):
     """They stand in descriptions of parameters, too, where there is no line before."""
     rows = re.findall(r'^\| `.*\|$', (DOCS / page).read_text(encoding='utf-8'), re.M)
     cells = [cell for row in rows for cell in re.split(r' *(?<!\\)\| *', row)[2:]]

@@ -334,7 +334,7 @@ for publisher, message in node._outputs._sensors.look(everything=True):
     assert "did you mean 'inclination_rate'" in house.run('refused.py', fails=True)
 
 
-def test_the_documents_name_what_is_copied_and_where_the_line_goes():
+def test_the_documents_name_the_copied_file_and_the_table():
     text = (ROOT / 'docs' / 'architecture.md').read_text(encoding='utf-8')
     rows = re.findall(r'^\| an? .*\|$', text, re.M)
     assert len(rows) == 11

@@ -23,7 +23,7 @@ def begin(*words, **options):
         **{'stderr': subprocess.PIPE, **options})
 
 
-def test_ctrl_c_keeps_what_was_done_and_the_exit_code_reports_it(tmp_path):
+def test_ctrl_c_keeps_completed_cases_and_the_exit_code_reports_it(tmp_path):
     found = tmp_path / 'found.json'
     words = ['--class', 'slope', '--cases', str(ENOUGH), '--jobs', '1', '--json', str(found)]
     with begin(*words) as process:
@@ -41,7 +41,7 @@ def test_ctrl_c_keeps_what_was_done_and_the_exit_code_reports_it(tmp_path):
     assert 'Traceback' not in err
 
 
-def test_progress_is_a_line_for_each_part_and_what_is_done_is_judged(tmp_path):
+def test_progress_is_a_line_for_each_part_and_completed_cases_have_verdicts(tmp_path):
     found = tmp_path / 'found.json'
     with begin('--class', 'slope', '--cases', '30', '--jobs', '1', '--json',
                str(found)) as process:
@@ -54,7 +54,7 @@ def test_progress_is_a_line_for_each_part_and_what_is_done_is_judged(tmp_path):
     assert out.splitlines()[-1].split()[:2] == ['all', '30']
 
 
-def test_what_a_file_holds_is_not_run_again(tmp_path):
+def test_recorded_cases_are_not_repeated(tmp_path):
     kept = tmp_path / 'kept'
     words = ['--class', 'slope', '--jobs', '1', '--resume', str(kept)]
     with begin(*words, '--cases', '3') as process:

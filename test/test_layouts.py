@@ -63,7 +63,7 @@ def test_rviz_shows_topics_of_their_types():
         assert type_of(topic['Value']) == kind
 
 
-def test_rviz_receives_what_was_published_once():
+def test_rviz_receives_latched_messages():
     _, shown = displays()
     assert shown['RobotModel']['Description Topic']['Durability Policy'] == 'Transient Local'
     assert shown['MarkerArray']['Topic']['Durability Policy'] == 'Volatile'

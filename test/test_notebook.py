@@ -22,7 +22,7 @@ def test_a_cell_shows_its_last_expression_and_keeps_its_names():
 
 @pytest.mark.slow
 @pytest.mark.parametrize('path', NOTEBOOKS, ids=lambda path: path.name)
-def test_a_notebook_runs_and_prints_what_is_kept_in_it(path, monkeypatch):
+def test_a_notebook_runs_and_prints_its_saved_output(path, monkeypatch):
     monkeypatch.setitem(sys.modules, 'ipywidgets', None)  # sliders are for people
     cells = json.loads(path.read_text(encoding='utf-8'))['cells']
     drawn = 0

@@ -32,7 +32,7 @@ def test_a_complete_manifest_with_a_dated_section_is_ready():
     ({'repository': 'https://b.invalid/c'}, DATED, 'repository'),
     ({}, 'Forthcoming\n-----------\n', 'CHANGELOG'),
     ({}, DATED.replace('1.2.0', '1.1.0'), 'CHANGELOG')])
-def test_what_is_missing_is_named(fields, changelog, named):
+def test_a_missing_package_is_named(fields, changelog, named):
     found, = problems(manifest(**fields), changelog)
     assert named in found
 

@@ -86,7 +86,7 @@ def press(tab, label):
     tab.get_by_role('button', name=label).dispatch_event('click')
 
 
-def test_the_page_says_what_it_shows(tab):
+def test_the_page_describes_its_content(tab):
     assert tab.locator('#ballbot-title').inner_text() == 'Scene fig7_middle'
     assert tab.locator('#ballbot-state').inner_text() == 'paused'
 

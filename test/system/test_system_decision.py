@@ -127,7 +127,7 @@ def test_on_three_degrees_downhill_it_does_not_hit_the_step_that_it_goes_round(r
 @pytest.mark.parametrize('sensor, tuning', [
     # What is not seen is floor only as far as the tuning takes it for granted.
     (SEES_STEPS, {'unseen_room': 0.25}), (SEES_TERRAIN, None)])
-def test_it_does_not_fall_off_what_lies_behind_a_step(ride, sensor, tuning):
+def test_it_does_not_fall_off_the_edge_behind_a_step(ride, sensor, tuning):
     seen = ride([flat(1.2), step(0.02), flat(0.3), step(-0.1), flat(2.0)], 10.0, tuning=tuning,
                 **sensor)
     assert max(seen.x) < 1.5
@@ -138,7 +138,7 @@ def test_it_is_not_thrown_against_a_wall_behind_a_step(ride):
     assert seen.speed_at(1.6) < HIT
 
 
-def test_what_failed_is_not_tried_again_in_the_same_way(ride):
+def test_a_failed_plan_is_not_repeated(ride):
     # The sensor sees the step half as high as it is: it is tried, in vain.
     seen = ride([flat(1.2), step(0.06), flat(2.0)], 20.0, sensor_scale=-0.5, **SEES_STEPS)
     touches, away = [], True
@@ -173,7 +173,7 @@ def test_a_ramp_is_seen_before_the_ball_is_on_it(ride, angle_deg):
 
 @pytest.mark.parametrize('sensor', [
     {'observation_height_sd': 0.003, **SEES_STEPS}, {'terrain_height_sd': 0.003, **SEES_TERRAIN}])
-def test_unreported_noise_is_no_reason_to_hit_a_step(ride, sensor):
+def test_unreported_noise_does_not_hit_a_step(ride, sensor):
     seen = ride([flat(1.0), step(0.055), flat(1.0)], 8.0, sensor_reported_sd=0.0, **sensor)
     if StepDecision.DECISION_CROSS not in seen.kinds:
         assert seen.speed_at(1.0) < HIT

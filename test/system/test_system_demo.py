@@ -183,7 +183,7 @@ def test_demo_that_is_interrupted_leaves_nothing_running(demo, tmp_path, number,
     assert not any(Path('/proc', str(number)).exists() for number in nodes.values())
 
 
-def test_demo_whose_robot_cannot_do_it_fails_and_says_what_was_missing(domain, tmp_path):
+def test_a_demo_of_an_unable_robot_fails_and_names_the_shortfall(domain, tmp_path):
     # The first step is 60 mm: too high, so that nothing is crossed and nothing ever ends.
     scene = tmp_path / 'too_high.yaml'
     scene.write_text('robot: gimball\nterrain:\n  - flat: {length: 1.4}\n'

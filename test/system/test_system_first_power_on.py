@@ -269,7 +269,7 @@ def command(item, begin):
     return found.group(1) or found.group(2)
 
 
-def test_the_page_lists_what_is_tried_here():
+def test_the_page_lists_the_additions_of_this_file():
     assert [phrase for item in items() for phrase, _ in STEPS if phrase in item] == [
         phrase for phrase, _ in STEPS]
     assert len(items()) == len(STEPS), 'an item of the page is not tried'

@@ -46,7 +46,7 @@ def test_a_simulator_on_board_takes_the_e_stop_and_the_decision_goes_on_only_whe
     graph.wait(lambda: abs(wanted[-1].position[0]) > 0.05, 'it drives on')
 
 
-def test_what_makes_no_sense_on_board_is_refused_with_words(graph):
+def test_inconsistent_settings_of_the_laws_on_board_are_refused(graph):
     graph.start('simulator', control='onboard', lockstep=True)
     assert graph.processes.wait('simulator', 30.0) == 2
     assert 'lockstep waits for the joint_commands' in graph.log('simulator')

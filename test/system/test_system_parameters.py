@@ -83,7 +83,7 @@ def files(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize('case', REFUSED)
-def test_refused_with_one_line_that_says_what_to_do(graph, files, case):
+def test_a_refusal_is_one_line_with_the_remedy(graph, files, case):
     for name, (parameters, _) in REFUSED[case].items():
         graph.start(name, **parameters)
     for name, (_, sayings) in REFUSED[case].items():
@@ -131,7 +131,7 @@ controller:
     graph.wait_for_log('obstacle_decision', "robot 'gimball'")
 
 
-def test_no_service_changes_what_was_checked_to_what_diverges(graph):
+def test_no_service_sets_gains_that_diverge(graph):
     graph.start('controller', tuning='gentle', rate=100)
     graph.wait_for_log('controller', 'these gains need joint states at 22 Hz or more')
 

@@ -124,7 +124,7 @@ def at_rest(states):
 
 
 @pytest.mark.parametrize('victim', ['controller', 'obstacle_decision'])
-def test_what_is_ended_by_a_signal_lets_the_pendulum_down(graph, victim):
+def test_a_signal_lowers_the_pendulum_before_the_end(graph, victim):
     commands = graph.subscribe('joint_commands', JointState)
     points = graph.subscribe('set_point', JointState)
     graph.start('controller')

@@ -66,7 +66,7 @@ def recorded(make_node, tmp_path):
     return record
 
 
-def test_what_has_no_time_is_given_that_of_the_last_message_that_has(recorded):
+def test_a_message_without_a_stamp_takes_the_last_stamp(recorded):
     bag, found = recorded(
         String(data='robot'), stamped(JointState, 0.0), stamped(DiagnosticArray, 1.7e9),
         stamped(JointState, 2.0), stamped(JointState, 0.0), String(), MarkerArray(),
@@ -83,8 +83,7 @@ def test_where_nothing_has_a_time_it_is_that_of_the_wall(recorded):
     assert found[0][0] == '/String' and abs(found[0][1] - time.time_ns()) < 3600 * 10**9
 
 
-def test_a_recorder_with_its_own_thread_misses_nothing_without_an_executor(
-        make_node, tmp_path):
+def test_a_recorder_with_its_own_thread_misses_nothing_without_an_executor(make_node, tmp_path):
     source, sink = make_node(Node, 'source'), make_node(Node, 'sink')
     publisher = source.create_publisher(JointState, 'states', qos.STATE)
     received = []
@@ -117,8 +116,7 @@ def test_a_bag_that_cannot_be_written_is_reported(make_node, tmp_path):
     assert 'No space left' in str(bag.failure)
 
 
-def test_a_bag_keeps_the_offered_quality_of_service_for_its_replay(
-        make_node, spinner, tmp_path):
+def test_a_bag_keeps_the_offered_quality_of_service_for_its_replay(make_node, spinner, tmp_path):
     source, sink = make_node(Node, 'source'), make_node(Node, 'sink')
     publisher = source.create_publisher(String, 'notes', qos.LATCHED)
     source.create_publisher(JointState, 'joint_states', qos.SENSOR)

@@ -81,14 +81,13 @@ def test_a_bag_says_which_scene_and_robot_it_was_made_with(tmp_path):
     assert other.digests['scene'] == metadata.digests['scene']
 
 
-def test_what_a_bag_does_not_say_is_left_out():
+def test_missing_metadata_of_a_bag_is_left_out():
     assert BagMetadata.read({}) == BagMetadata()
     for damaged in ('{broken', '[]', '1', '{"parameters": 1}'):
         assert BagMetadata.read({KEY: damaged}) == BagMetadata()
 
 
-def test_where_rosbags_is_missing_the_bags_of_a_ros_installation_are_used(
-        monkeypatch, tmp_path):
+def test_where_rosbags_is_missing_the_bags_of_a_ros_installation_are_used(monkeypatch, tmp_path):
     only(monkeypatch, 'rosbag2_py')
     fake = FakeRosbag2()
     monkeypatch.setitem(__import__('sys').modules, 'rosbag2_py', fake)
@@ -109,7 +108,7 @@ def test_where_rosbags_is_missing_the_bags_of_a_ros_installation_are_used(
 
 @pytest.mark.parametrize('present, reason', [
     ((), 'not_installed'), (('rosbag2_py',), 'not_writable')])
-def test_without_anything_that_writes_bags_it_is_said_what_to_install(
+def test_without_a_library_for_bags_the_error_names_one_to_install(
         monkeypatch, tmp_path, present, reason):
     only(monkeypatch, *present)
     monkeypatch.setitem(__import__('sys').modules, 'rosbag2_py', FakeRosbag2(broken=True))

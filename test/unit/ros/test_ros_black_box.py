@@ -22,7 +22,7 @@ def test_the_default_folder_is_that_of_ros(folder, home, found, monkeypatch):
     assert resolve_folder(folder) == found
 
 
-def test_what_the_bridge_logs_is_kept_when_it_is_logged_and_not_when_it_is_printed(
+def test_log_records_of_the_bridge_are_recorded_when_logged_not_when_printed(
         tmp_path, monkeypatch):
     monkeypatch.setattr('atexit.register', lambda act: act)
     logger = logging.getLogger(LOGGER)

@@ -29,7 +29,7 @@ def test_both_types_give_the_forward_speed_and_the_stamp_that_they_have():
 @pytest.mark.parametrize('kind, axis, unit', OTHER_COMPONENTS)
 @pytest.mark.parametrize('wrap', [stamped, lambda twist: twist])
 @pytest.mark.parametrize('sign', [-1.0, 1.0])
-def test_what_is_not_followed_is_refused_as_a_whole_above_what_a_stick_at_rest_sends(
+def test_components_that_are_not_followed_refuse_the_message_above_the_dead_band(
         kind, axis, unit, wrap, sign):
     twist = Twist()
     twist.linear.x = 0.4
@@ -44,7 +44,7 @@ def test_what_is_not_followed_is_refused_as_a_whole_above_what_a_stick_at_rest_s
 
 @pytest.mark.parametrize('kind, axis', [('linear', 'x'), ('linear', 'y'), ('angular', 'z')])
 @pytest.mark.parametrize('value', [math.nan, math.inf])
-def test_what_is_no_number_is_refused_wherever_it_stands(kind, axis, value):
+def test_a_value_that_is_not_finite_is_refused_in_each_component(kind, axis, value):
     twist = Twist()
     setattr(getattr(twist, kind), axis, value)
     with pytest.raises(MessageError) as refused:

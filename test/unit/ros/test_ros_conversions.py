@@ -71,7 +71,7 @@ def test_nan_in_a_command_means_not_given():
     (joints(name=['pendulum'], position=[math.nan], velocity=[2.0]), Mode.DRIVE, 2.0),
     (joints(name=['pendulum']), Mode.IDLE, 0.0),
 ])
-def test_the_mode_of_a_set_point_is_what_is_given(message, mode, value):
+def test_the_mode_of_a_set_point_is_that_of_its_field(message, mode, value):
     found = conversions.set_point(message, steers=False)
     assert (found.mode, found.value) == (mode, value)
 
@@ -201,7 +201,7 @@ def test_odometry_of_the_simulator_is_marked_as_exact_and_not_as_unknown():
         assert covariance.sum() == variances.sum()
 
 
-def test_estimated_odometry_says_how_well_the_way_is_known_and_what_is_not():
+def test_estimated_odometry_has_variances_of_the_path_and_of_unknown_quantities():
     estimate = PendulumFilter(GIMBALL).start(3.0, 0.0)
     state = OdometryFilter(GIMBALL).start(estimate)._replace(
         position=1.5, speed=-0.25, position_variance=0.04, speed_variance=0.01)
@@ -246,7 +246,7 @@ def test_an_observation_is_passed_on_as_it_is_for_the_tracker_to_judge(
     assert found.detected == detected
 
 
-def test_a_decision_without_a_step_has_height_0_and_nan_for_what_is_not_known():
+def test_a_decision_without_a_step_has_height_0_and_nan_for_unknown_values():
     message = conversions.decision_message(
         conversions.to_time(3.0), Decision(Kind.CLEAR, Reason.NOTHING_AHEAD, 0.4, 'free'))
     assert message.height == 0.0 and message.speed == 0.4
@@ -266,7 +266,7 @@ def test_a_polyline_is_passed_on_as_it_is_for_the_tracker_to_judge(x, z, x_max, 
         2.5, tuple(x), tuple(z), tuple(z), -1.0, x_max, frame))
 
 
-def test_what_a_terrain_sensor_sees_is_stamped_and_in_the_level_frame():
+def test_terrain_observations_are_stamped_and_in_the_level_frame():
     sight = TerrainSensor(Terrain.flat(), 3.0, 0.001).look(0.0, 0.226, 0)
     message = conversions.terrain_message(conversions.to_time(1.5), sight, FRAMES)
     assert conversions.terrain_observation(message) == decision.TerrainObservation(

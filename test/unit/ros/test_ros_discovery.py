@@ -69,7 +69,7 @@ def test_a_node_that_was_not_opened_receives_from_this_machine_only(monkeypatch)
     {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET'}, {'ROS_STATIC_PEERS': '192.0.2.7'},
     {'ROS_LOCALHOST_ONLY': '0'}, {'ROS_DISCOVERY_SERVER': '192.0.2.7:11811'},
     {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST', 'ROS_STATIC_PEERS': '192.0.2.7'}])
-def test_what_the_user_has_chosen_stays_and_is_named(choice):
+def test_the_discovery_range_of_the_user_stays_and_is_named(choice):
     environment = dict(choice)
     said = discovery.apply(environment)
     assert environment == choice

@@ -60,7 +60,7 @@ def test_a_program_that_shows_compilations_gets_their_number_and_no_warning(pati
     assert not caplog.records
 
 
-def test_what_is_kept_is_not_said_to_compile(patient, caplog):
+def test_cached_kernels_are_not_reported_as_compiled(patient, caplog):
     patient()(1.0)
     caplog.clear()
     compiled._notice._warned = False
@@ -98,7 +98,7 @@ def test_how_much_was_compiled_is_reported_when_it_is_ready(kernel, start):
 
 
 @pytest.mark.parametrize('kept, how', [(False, 'compiled'), (True, 'read from the disk')])
-def test_what_is_first_called_when_the_node_is_ready_is_a_warning(kernel, start, kept, how):
+def test_the_first_call_of_a_kernel_after_the_start_is_a_warning(kernel, start, kept, how):
     if kept:
         kernel()(1.0)
     start[0].ready()

@@ -25,7 +25,7 @@ def event(node, **changed):
         for name, value in changed.items()])
 
 
-def test_other_gains_of_the_one_that_drives_are_said_with_what_to_do(decision, capfd):
+def test_other_gains_of_the_controller_are_logged_with_the_remedy(decision, capfd):
     watch = GainWatch(decision, 'set_point')
     watch.on_event(event('/controller', gains__position_kp=30.0))
     said = capfd.readouterr().err
@@ -35,8 +35,7 @@ def test_other_gains_of_the_one_that_drives_are_said_with_what_to_do(decision, c
     assert '(tuning gentle)' in capfd.readouterr().err
 
 
-def test_gains_of_others_other_parameters_and_the_same_tuning_are_nothing_to_say(
-        decision, capfd):
+def test_gains_of_others_other_parameters_and_the_same_tuning_are_nothing_to_say(decision, capfd):
     watch = GainWatch(decision, 'set_point')
     watch.on_event(event('/left/controller', gains__position_kp=30.0))
     watch.on_event(event('/controller', state_timeout=0.2))
@@ -44,7 +43,7 @@ def test_gains_of_others_other_parameters_and_the_same_tuning_are_nothing_to_say
     assert 'other gains' not in capfd.readouterr().err
 
 
-def test_it_receives_what_a_node_changes(decision, make_node, spinner, monkeypatch):
+def test_parameter_events_of_other_nodes_are_received(decision, make_node, spinner, monkeypatch):
     received = []
     monkeypatch.setattr(GainWatch, 'on_event', lambda _, message: received.append(message))
     GainWatch(decision, 'set_point')

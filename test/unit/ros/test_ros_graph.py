@@ -73,7 +73,7 @@ def test_topics_are_listed_with_types_and_who_has_them(look, robot):
     assert found['/odom'] == ('/odom', ['nav_msgs/msg/Odometry'], 1, 1)
 
 
-def test_what_only_the_observer_has_is_no_topic_of_the_graph(look, robot):
+def test_topics_of_the_observer_alone_are_not_listed(look, robot):
     look.node.create_publisher(Bool, 'mine', 1)
     assert '/mine' not in [topic.name for topic in graph.topics(look)]
 
@@ -83,7 +83,7 @@ def echo(observer, topic, show):
     return graph.echo(observer, topic, show, once=True, timeout=30.0, waiting=lambda: None)
 
 
-def test_echo_finds_the_type_and_prints_what_ros2_prints(look, robot):
+def test_echo_finds_the_type_and_prints_as_ros2_does(look, robot):
     publish_while(robot, Odometry, 'odom', odometry())
     shown = []
     assert echo(look, 'odom', shown.append) == 1
@@ -96,7 +96,7 @@ def test_echo_finds_the_type_and_prints_what_ros2_prints(look, robot):
     assert len(content['pose']['covariance']) == 36
 
 
-def test_echo_of_what_is_latched_gets_it_and_of_best_effort_too(look, robot):
+def test_echo_receives_latched_and_best_effort_topics(look, robot):
     robot.create_publisher(Bool, 'e_stop', qos.LATCHED).publish(Bool(data=True))
     shown = []
     echo(look, 'e_stop', shown.append)
@@ -223,7 +223,7 @@ def test_an_e_stop_is_called_by_the_name_of_its_node_and_a_refusal_handed_on(loo
         graph.trigger(look, 'bridge', 'engage_e_stop', 0.2)
 
 
-def test_who_drives_has_a_name_and_sees_the_robot(look, robot):
+def test_a_driver_has_a_name_and_receives_the_state_of_the_robot(look, robot):
     came = []
     robot.create_subscription(TwistStamped, 'cmd_vel', came.append, 10)
     publish_while(robot, Odometry, 'odom', odometry())
@@ -245,7 +245,7 @@ def test_who_drives_has_a_name_and_sees_the_robot(look, robot):
     assert driver.followers == 1 and driver.decision == 'GO ROUND'
 
 
-def test_who_drives_sends_the_type_that_is_followed(look, robot):
+def test_a_driver_sends_the_type_that_is_followed(look, robot):
     came = []
     robot.create_subscription(Twist, 'cmd_vel', came.append, 10)
     driver = RobotDriver(look, 'bridge')
@@ -253,7 +253,7 @@ def test_who_drives_sends_the_type_that_is_followed(look, robot):
     assert came[0] == Twist(linear=Vector3(x=0.3)) and driver.followers == 1
 
 
-def test_the_e_stop_of_who_drives_is_that_of_the_bridge_or_else_the_topic(look, robot):
+def test_the_e_stop_of_a_driver_is_that_of_the_bridge_or_else_the_topic(look, robot):
     received = []
     robot.create_subscription(Bool, 'e_stop', received.append, qos.LATCHED)
     driver = RobotDriver(look, 'bridge')
@@ -323,7 +323,7 @@ def test_an_unknown_node_and_a_missing_verb_of_recording_are_refused(capsys):
         assert said in capsys.readouterr().err
 
 
-def test_without_ros_the_verbs_say_what_to_do(monkeypatch, capsys):
+def test_without_ros_the_error_names_the_remedy(monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, 'ballbot_ros.ros.graph', None)
     for words in (['topics'], ['echo', '/odom'], ['release-e-stop']):
         assert main(words) == 2

@@ -122,7 +122,7 @@ class Source:
         """Do nothing."""
 
 
-def test_health_says_what_is_wrong_and_has_every_value_of_the_table(
+def test_health_names_the_failure_and_has_every_value_of_the_table(
         make_node, published, monkeypatch):
     source = Source()
     output = output_of(make_node, source, monkeypatch)
@@ -154,7 +154,7 @@ def test_an_error_in_the_thread_is_the_nodes_failure(make_node, published, monke
 @pytest.mark.parametrize('parameters, reason', [
     ({'axes': 'x y -z'}, 'inconsistent'), ({'rate': 150}, 'not_a_choice'),
     ({'baud': 9600}, 'inconsistent'), ({'bandwidth': 99}, 'not_a_choice')])
-def test_what_cannot_work_is_refused_at_the_start(make_node, parameters, reason):
+def test_impossible_settings_are_refused_at_the_start(make_node, parameters, reason):
     with refused(reason, *parameters):
         make_node(ImuNode, port='/dev/null', **parameters)
 

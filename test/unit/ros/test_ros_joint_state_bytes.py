@@ -25,7 +25,8 @@ BYTES = JointStateBytes()
 
 
 @given(strategies.floats(0.0, 2.0**31 - 1.0), numbers, numbers, numbers, numbers, numbers)
-def test_what_goes_out_is_what_the_message_would_be(stamp, ball, joint, ball_rate, joint_rate,
+def test_written_joint_states_are_those_of_the_middleware(
+        stamp, ball, joint, ball_rate, joint_rate,
                                                     torque):
     readings = JointReadings(3.0, ball, joint, ball_rate, joint_rate)
     expected = JointState(
@@ -63,7 +64,7 @@ def test_without_a_pendulum_there_is_one_joint():
 
 
 @given(numbers, strategies.integers(0, 2**31 - 1), strategies.integers(0, 10**9 - 1))
-def test_a_command_is_what_the_message_would_be(torque, sec, nanosec):
+def test_written_commands_are_those_of_the_middleware(torque, sec, nanosec):
     stamp = Time(sec=sec, nanosec=nanosec)
     written = CommandBytes().of(stamp, torque)
     assert deserialize_message(written, JointState) == command_message(
@@ -95,7 +96,7 @@ def messages(draw):
 
 
 @given(strategies.lists(messages(), min_size=1, max_size=6))
-def test_what_is_read_in_place_is_what_the_middleware_reads(given_messages):
+def test_reading_in_place_equals_reading_by_the_middleware(given_messages):
     reader = JointStateReader()
     for message in given_messages * 2:
         assert same(reader.read(bytes(serialize_message(message))), message)
@@ -134,7 +135,7 @@ def test_a_message_of_the_same_length_and_another_form_is_not_taken_for_the_one_
 
 
 @given(strategies.binary(max_size=120))
-def test_what_is_no_joint_state_is_refused_or_read_as_the_middleware_does(data):
+def test_bytes_of_another_message_are_refused_or_read_as_the_middleware_does(data):
     reader = JointStateReader()
     for start in (b'', b'\0\1\0\0'):
         try:

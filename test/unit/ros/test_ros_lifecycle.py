@@ -48,7 +48,7 @@ def test_three_hundred_random_transitions_end_nothing(machine):
     assert not ask(0, 'no such label')
 
 
-def test_a_refusal_says_what_is_possible(machine, capfd):
+def test_a_refusal_names_the_possible_transitions(machine, capfd):
     node, ask = machine
     assert not ask(Transition.TRANSITION_ACTIVATE)
     assert ask(Transition.TRANSITION_UNCONFIGURED_SHUTDOWN)

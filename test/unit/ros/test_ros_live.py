@@ -70,7 +70,7 @@ def source(link):
     return source
 
 
-def test_what_comes_is_shown_and_what_has_been_can_be_sought(source):
+def test_new_frames_are_shown_and_old_ones_can_be_sought(source):
     assert source.shown.time == pytest.approx(5.01) and source.health.running
     source.apply('seek', 5.0)
     assert source.shown.x == 5.0 and source.controls['pause'].value is True
@@ -116,7 +116,7 @@ def test_a_bridge_is_not_paused_but_looked_at_standing_still():
             source.apply(name, value)
 
 
-def test_an_e_stop_lets_go_first_and_a_refused_release_is_said_in_the_words_of_the_bridge():
+def test_an_e_stop_releases_the_set_point_and_a_refused_release_shows_the_message_of_the_bridge():
     link = Link(nodes=('bridge',))
     source = LiveSource(link=link)
     source.apply('law', 'speed')
@@ -134,7 +134,7 @@ def test_the_e_stop_of_a_bridge_is_shown():
     assert source.controls['e_stop'].value is True and source.shown.e_stop is True
 
 
-def test_a_law_is_held_and_let_go(source, link):
+def test_a_law_is_held_and_released(source, link):
     with refused('unavailable', 'set_point'):
         source.apply('set_point', 0.3)
     source.apply('law', 'speed')
@@ -163,7 +163,7 @@ def test_the_page_drives_neither_against_another_nor_without_a_follower(link, sa
 @pytest.mark.parametrize('nodes, says', [
     ((), 'Waiting for a simulator or a bridge'), (('bridge',), 'waits for its drive'),
     (('simulator',), 'paused, or waits')])
-def test_it_says_what_it_waits_for(nodes, says):
+def test_health_names_the_missing_input(nodes, says):
     source = LiveSource('left', link=Link(nodes=nodes))
     assert says in source.health.notes[-1] and not source.health.running
     assert source.shown is None and source.title.startswith('Live: ')

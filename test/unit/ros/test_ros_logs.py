@@ -5,7 +5,7 @@ import logging
 from ballbot_ros.ros.logs import DeferredLogs
 
 
-def test_what_is_logged_while_a_node_is_being_made_is_not_lost():
+def test_log_records_from_the_creation_of_a_node_are_not_lost():
     above, name = logging.getLogger('deferred'), 'deferred.below'
     taken = []
 

@@ -75,7 +75,7 @@ def test_the_words_stand_above_the_ball_in_the_colour_of_the_answer():
 
 @pytest.mark.parametrize('numbers', [{}, {'distance': math.nan, 'height': 0.03},
                                      {'distance': 3.0, 'height': 0.0}], ids=str)
-def test_what_is_not_known_is_not_drawn(numbers):
+def test_unknown_values_are_not_drawn(numbers):
     drawn = decided(**numbers)
     assert drawn['step'].action == drawn['height_limit'].action == Marker.DELETE
 

@@ -12,7 +12,7 @@ from ballbot_ros.ros import qos
 
 @pytest.mark.parametrize('unconfirmed', ['', 'the stop was not confirmed: the cable is out'])
 @pytest.mark.parametrize('state', [MotorStatus.STATE_OFF, MotorStatus.STATE_ENDED])
-def test_the_last_status_is_received_and_says_what_the_motor_was_left_with(
+def test_the_last_status_is_received_and_names_an_unconfirmed_stop(
         make_node, spinner, state, unconfirmed):
     node, peer = make_node(Node, 'bridge'), make_node(Node, 'peer')
     received = []

@@ -114,7 +114,7 @@ def test_simulated_time_for_the_node_that_makes_it_is_reported_and_does_no_harm(
     assert node.get_parameter('use_sim_time').value
 
 
-def test_a_simulator_that_runs_refuses_to_go_by_the_time_that_it_makes(start):
+def test_a_running_simulator_refuses_use_sim_time(start):
     node = start(Simulator)
     assert refuses(node, use_sim_time=True)
     assert changed(node, use_sim_time=False, odom_rate=50.0) == ''
@@ -137,7 +137,7 @@ def test_a_controller_refuses_gains_that_diverge_and_names_the_rate_that_works(s
     assert node.get_parameter('gains.position_kd').value == 10.0
 
 
-def test_a_decision_takes_other_margins_but_none_that_contradict_or_rest_on_what_was_seen(start):
+def test_a_decision_takes_other_margins_unless_they_contradict_or_need_old_observations(start):
     node = start(ObstacleDecision)
     pilot = node._decider._pilot
     assert changed(node, required_probability=0.8, cruise_speed=0.5) == ''
@@ -174,7 +174,7 @@ def test_an_emulated_robot_measures_worse_from_now_on(start):
 
 @pytest.mark.slow
 @pytest.mark.parametrize('cls', [Simulator, Controller, ObstacleDecision])
-def test_a_node_that_is_destroyed_leaves_the_graph_at_once(start, make_node, cls):
+def test_a_destroyed_node_leaves_the_graph_immediately(start, make_node, cls):
     onlooker = make_node(Node, 'onlooker')
     gc.collect()  # what other tests have left
     gc.disable()

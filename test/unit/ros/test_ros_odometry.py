@@ -70,7 +70,8 @@ def test_the_transforms_lead_to_where_odometry_has_the_robot(make_node, gimball,
         (1.5, 0.3 - gimball.ball_radius, 0.0))
 
 
-def test_what_moves_has_the_stamp_of_odometry_and_hangs_from_it(make_node, gimball, published):
+def test_moving_frames_have_the_stamp_of_odometry_and_descend_from_it(
+        make_node, gimball, published):
     publish(make_node, gimball)
     stamps = [transform.header.stamp for transform in published['/tf'].transforms]
     assert stamps == [published['odom'].header.stamp] * 3

@@ -44,7 +44,7 @@ def test_without_a_log_nothing_changes():
     assert experience.knowledge is KNOWLEDGE and logger.said[1:] == [] and experience.problem == {}
 
 
-def test_what_is_kept_is_learned_from_at_the_next_start(tmp_path):
+def test_recorded_outcomes_are_learned_from_at_the_next_start(tmp_path):
     path = tmp_path / 'outcomes.jsonl'
     log = OutcomeLog(path, GIMBALL.digest)
     for stamp in (1.0, 20.0, 40.0):
@@ -59,7 +59,7 @@ def test_what_is_kept_is_learned_from_at_the_next_start(tmp_path):
     experience.close()
 
 
-def test_a_log_that_is_no_log_is_reported_and_left_alone(tmp_path):
+def test_a_file_that_is_not_a_log_is_reported_and_unchanged(tmp_path):
     path, logger = tmp_path / 'outcomes.jsonl', Logger()
     path.write_text('not an outcome\nnor this\n')
     experience = Experience(str(path), KNOWLEDGE, 'cubic', logger)

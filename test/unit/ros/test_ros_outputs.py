@@ -63,7 +63,7 @@ def test_a_message_is_made_for_whom_it_would_reach(run, listen, kind, topic):
     assert len(found) == 1
 
 
-def test_what_was_not_made_at_its_time_is_repeated_with_its_time(run, listen):
+def test_a_message_that_was_not_made_in_time_is_repeated_with_its_stamp(run, listen):
     published, plant, made, _ = run
     published.publish(everything=True)
     for _ in range(3):  # odometry is due each fifth period

@@ -39,7 +39,7 @@ def started(make_node, tmp_path, monkeypatch):
     return start
 
 
-def test_what_a_section_for_many_nodes_gives_may_be_for_another_one(started, capfd):
+def test_an_unknown_name_in_a_section_for_many_nodes_is_ignored(started, capfd):
     settings = started()
     assert (settings.rate, settings.tuning) == (400.0, 'gentle')
     warning, = [line for line in capfd.readouterr().err.splitlines() if 'WARN' in line]
@@ -52,13 +52,13 @@ def test_one_that_is_like_a_parameter_is_reported_with_it(started, capfd):
     assert "'tunning'" in warning and "'tuning'" in warning
 
 
-def test_what_a_section_for_this_node_gives_is_meant_for_it(started):
+def test_an_unknown_name_in_a_section_for_this_node_is_refused(started):
     with refused('unknown_name', 'tunning') as caught:
         started(one='tunning')
     assert "'tuning'" in str(caught.value)
 
 
 @pytest.mark.parametrize('argument', ['frequency:=1', 'controller:frequency:=1'])
-def test_what_the_command_line_gives_is_meant_for_it_despite_files(started, argument):
+def test_an_unknown_name_on_the_command_line_is_refused_despite_files(started, argument):
     with refused('unknown_name', 'frequency'):
         started('-p', argument)

@@ -74,6 +74,6 @@ def test_a_parameter_refused_at_the_start_is_named_with_value_and_range(
     assert all(one in str(caught.value) for one in (name, *names))
 
 
-def test_a_real_motor_follows_no_set_point_for_ever():
+def test_a_real_motor_follows_no_set_point_indefinitely():
     with refused('out_of_range', 'set_point_timeout'):
         BridgeSettings(set_point_timeout=0.0)

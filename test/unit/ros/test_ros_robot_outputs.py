@@ -126,7 +126,7 @@ def test_a_current_that_is_drawn_is_negative_and_braking_charges():
 
 @pytest.mark.parametrize('warning, health', [
     ('battery_low', 'GOOD'), ('battery_empty', 'DEAD'), ('over_voltage', 'OVERVOLTAGE')])
-def test_what_is_wrong_with_a_battery_is_its_health(warning, health):
+def test_the_health_of_a_battery_names_its_failure(warning, health):
     message = battery_message(1.0, Battery(), Telemetry(bus_voltage=24.0),
                               Condition(warnings=(warning,)))
     assert message.power_supply_health == getattr(BatteryState, f'POWER_SUPPLY_HEALTH_{health}')

@@ -35,8 +35,7 @@ sys.exit(run.run(Failing, []))
 
 
 @pytest.mark.parametrize('executor', ['newest', 'older'])
-def test_a_node_that_fails_is_made_safe_and_says_so_in_one_line(
-        executor, monkeypatch):
+def test_a_node_that_fails_is_made_safe_and_says_so_in_one_line(executor, monkeypatch):
     monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'OFF')
     done = subprocess.run([sys.executable, '-c', NODE, executor], capture_output=True, text=True,
                           timeout=60)
@@ -64,7 +63,7 @@ sys.exit(run.run(make, []))
 """
 
 
-def test_a_node_that_was_refused_ends_also_where_the_middleware_does_not_let_go(monkeypatch):
+def test_a_refused_node_ends_even_if_the_middleware_blocks(monkeypatch):
     monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'OFF')
     done = subprocess.run([sys.executable, '-c', STUCK], capture_output=True, text=True,
                           timeout=60)
@@ -148,8 +147,7 @@ sys.exit(run.run(Slow, []))
 
 
 @pytest.mark.parametrize('signal', ['SIGINT', 'SIGTERM'])
-def test_a_node_that_is_still_being_made_ends_immediately_on_a_stop(
-        signal, monkeypatch, tmp_path):
+def test_a_node_that_is_still_being_made_ends_immediately_on_a_stop(signal, monkeypatch, tmp_path):
     monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'OFF')
     (tmp_path / 'slow_node.py').write_text(SLOW)
     monkeypatch.setenv('PYTHONPATH', str(tmp_path), prepend=os.pathsep)

@@ -76,7 +76,8 @@ def test_real_time_passes_with_the_clock_and_catches_up_so_far(clock):
 @pytest.mark.parametrize('parameters', [
     {}, {'real_time_factor': 50.0}, {'real_time_factor': 0.0}])
 @pytest.mark.parametrize('periods', [1, 3, 17])
-def test_a_step_is_so_many_periods_even_where_more_are_due(clock, monkeypatch, parameters,
+def test_a_step_is_the_requested_number_of_periods_even_where_more_are_due(
+        clock, monkeypatch, parameters,
                                                            periods):
     around = scheduled(start_paused=True, **parameters)
     done = around.scheduler.step(periods)
@@ -159,7 +160,7 @@ def test_missing_commands_are_logged_once_each_time(clock):
     assert 'no command for 0.01 s at t = 0.05' in around.log[0]
 
 
-def test_a_step_counts_down_and_then_pauses_and_what_interrupts_it_leaves_it_incomplete():
+def test_a_step_counts_down_and_then_pauses_and_an_interruption_leaves_it_incomplete():
     control = RunControl(paused=True)
     assert control.paused and not control.running
     done = control.step(2)

@@ -10,7 +10,7 @@ from ballbot_ros.nodes.simulator.settings import SimulatorSettings
 @pytest.mark.parametrize('given, named', [
     ({'observation_rate': 50.0}, 'terrain_rate'), ({'sensor_latency': 0.1}, 'sensor_latency'),
     ({'sensor_dropout': 0.1}, 'sensor_dropout')])
-def test_in_lockstep_an_observation_comes_once_at_once_and_always(given, named):
+def test_in_lockstep_each_observation_comes_once_and_immediately(given, named):
     with refused('inconsistent', named):
         check_lockstep(SimulatorSettings(lockstep=True, **given))
 

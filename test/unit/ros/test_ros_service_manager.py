@@ -110,7 +110,7 @@ def test_a_bridge_that_has_failed_is_not_alive(systemd):
     assert 'WATCHDOG=1' not in look(systemd, service, 20.0, failure=ValueError())
 
 
-def test_a_drive_that_is_not_there_yet_is_no_reason_to_be_killed(systemd):
+def test_a_missing_drive_does_not_stop_the_watchdog_messages(systemd):
     service = ServiceManager(systemd.environment)
     found = look(systemd, service, 30.0, beats=False, loop=None)
     assert found.count('WATCHDOG=1') >= 10
@@ -133,7 +133,7 @@ def test_the_status_says_why_the_motor_has_no_power_and_only_when_it_changes(
 @pytest.mark.parametrize('changes', (
     {'WATCHDOG_USEC': ''}, {'WATCHDOG_USEC': '0'}, {'WATCHDOG_USEC': 'never'},
     {'WATCHDOG_USEC': '-5'}, {'WATCHDOG_PID': '1'}))
-def test_who_is_not_watched_sends_no_sign_of_life(systemd, changes):
+def test_a_process_without_a_watchdog_sends_no_watchdog_message(systemd, changes):
     service = ServiceManager({**systemd.environment, **changes})
     assert 'WATCHDOG=1' not in look(systemd, service, 20.0)
 

@@ -132,7 +132,7 @@ def test_masses_inertia_and_limits_are_those_of_the_robot_file(gimball):
     assert float(limit.get('velocity')) == pytest.approx(9.6)
 
 
-def test_a_motor_without_an_idle_speed_is_no_infinite_number_in_the_description(gimball):
+def test_a_motor_without_an_idle_speed_has_a_finite_limit_in_the_description(gimball):
     endless = replace(gimball, motor=replace(gimball.motor, speed_constant=0.0))
     limit = described(endless).find('joint[@name="pendulum"]/limit')
     assert math.isfinite(float(limit.get('velocity')))
