@@ -7,7 +7,6 @@ from time import process_time
 import numpy as np
 
 from ballbot_ros.decision import Face, Knowledge, load_curve, load_decision_tuning, Motion, Profile
-from ballbot_ros.decision.learning.particles import Particles
 from ballbot_ros.decision.planning.rollout.ahead import look_ahead
 from ballbot_ros.decision.planning.rollout.planner import RolloutPlanner
 from ballbot_ros.decision.planning.rollout.search import Candidate
@@ -27,7 +26,6 @@ HEIGHTS = (0.012, 0.020, 0.028, 0.036, 0.044, 0.052, 0.060)
 def attempts(height, speed, swing, count=400):
     """Return the time of an attempt, many times [us]."""
     worlds = Worlds(KNOWLEDGE)
-    worlds.set_particles(Particles.of(GIMBALL, TUNING.height_bias_sd))
     face = Face(1, 0.0, height, 0.01, 0.001)
     ahead = look_ahead(Profile(0.0, (face,)), (face,), -1.4, 0.0, 0.003, GIMBALL.ball_radius,
                        TUNING.unseen_room)

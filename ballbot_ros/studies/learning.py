@@ -12,10 +12,11 @@ from typing import Callable, List, Sequence, Tuple
 
 import numpy as np
 
-from ballbot_ros.decision.learning.chances import Learning, probability, score_of, Touching
+from ballbot_ros.decision.learning.chances import (
+    probability, score_of, SPEED_SD, Touching)
 from ballbot_ros.decision.learning.learner import Learner
 from ballbot_ros.decision.learning.outcomes import Outcome, Result
-from ballbot_ros.decision.learning.particles import Particles, Prior
+from ballbot_ros.decision.learning.particles import Particles
 from ballbot_ros.decision.tuning import DecisionTuning
 from ballbot_ros.physics.model.robot import Robot
 from ballbot_ros.physics.model.terrain import Array
@@ -60,25 +61,6 @@ class SuccessRates:
     after: Array
 
 
-class Truth:
-    """The true outcome of an attempt."""
-
-    def __init__(self, robot: Robot, bias: float, random: np.random.Generator,
-                 learning: Learning):
-        """Set the robot and its sensor bias [m]."""
-        self._robot, self._bias, self._random = robot, bias, random
-        self._learning = learning
-
-    def attempt(self, touching: Touching) -> Tuple[bool, float]:
-        """Return the success, and the odometry speed past the face [m/s]."""
-        noise = self._random.standard_normal(3)
-        height = touching.height - self._bias + touching.height_sd * noise[0]
-        speed = touching.speed + self._learning.speed_sd * noise[1]
-        score, passed = score_of(self._robot, touching._replace(
-            height=max(height, 1e-3), speed=speed))
-        return score > 0.0, max(0.0, passed + ODOMETRY_SD * noise[2])
-
-
 def demanding(robot: Robot, random: np.random.Generator) -> Touching:
     """Draw a step that is nearly as high as a robot crosses."""
     while True:
@@ -90,13 +72,14 @@ def demanding(robot: Robot, random: np.random.Generator) -> Touching:
             return touching
 
 
-def outcome_of_attempt(touching: Touching, over: bool, passed: float) -> Outcome:
-    """Return the outcome of an attempt."""
-    return Outcome(
-        stamp=0.0, result=(Result.OVER if over else Result.STUCK).value, face=1, position=0.0,
-        height=touching.height, height_sd=touching.height_sd, touch_speed=touching.speed,
-        touch_angle=touching.angle, held_angle=touching.set_angle,
-        passed_speed=passed if over else None)
+def attempted(robot: Robot, bias: float, touching: Touching,
+              random: np.random.Generator) -> Tuple[bool, float]:
+    """Return the success of a robot with a sensor bias [m], and its speed past the face [m/s]."""
+    noise = random.standard_normal(3)
+    height = touching.height - bias + touching.height_sd * noise[0]
+    score, passed = score_of(robot, touching._replace(
+        height=max(height, 1e-3), speed=touching.speed + SPEED_SD * noise[1]))
+    return score > 0.0, max(0.0, passed + ODOMETRY_SD * noise[2])
 
 
 def study(robot: Robot, robots: int, attempts: int, seed: int = 0,
@@ -121,8 +104,7 @@ def study(robot: Robot, robots: int, attempts: int, seed: int = 0,
         Called with the number of completed robots.
 
     """
-    learning, tuning = Learning(), DecisionTuning()
-    required = tuning.required_probability
+    tuning = DecisionTuning()
     found: List[SuccessRates] = []
     for case in cases:
         factor, bias = CASES[case]
@@ -131,20 +113,25 @@ def study(robot: Robot, robots: int, attempts: int, seed: int = 0,
             random = np.random.default_rng([seed, number])
             true = replace(drawn, surface_friction=factor * drawn.surface_friction,
                            edge_friction=factor * drawn.edge_friction)
-            truth = Truth(true, bias, random, learning)
-            prior = Particles.of(robot, tuning.height_bias_sd,
-                                 Prior(particles, seed=number))
-            learner, tried = Learner(prior, learning), 0
+            prior = Particles.of(robot, tuning.height_bias_sd, particles, number)
+            learner, tried = Learner(prior), 0
             while tried < attempts:
-                touching = demanding(robot, random)
-                if probability(learner.particles, touching, learning) >= required:
-                    learner.take(outcome_of_attempt(touching, *truth.attempt(touching)))
-                    learner.work()
-                    tried += 1
+                step = demanding(robot, random)
+                if probability(learner.particles, step) < tuning.required_probability:
+                    continue
+                over, passed = attempted(true, bias, step, random)
+                learner.take(Outcome(
+                    stamp=0.0, result=(Result.OVER if over else Result.STUCK).value, face=1,
+                    position=0.0, height=step.height, height_sd=step.height_sd,
+                    touch_speed=step.speed, touch_angle=step.angle, held_angle=step.set_angle,
+                    passed_speed=passed if over else None))
+                learner.work()
+                tried += 1
             for step in (demanding(robot, random) for _ in range(TESTS)):
-                observed = np.mean([truth.attempt(step)[0] for _ in range(REPEATS)])
-                rows.append((float(observed), probability(prior, step, learning),
-                             probability(learner.particles, step, learning)))
+                observed = np.mean([attempted(true, bias, step, random)[0]
+                                    for _ in range(REPEATS)])
+                rows.append((float(observed), probability(prior, step),
+                             probability(learner.particles, step)))
             progress(len(found) * robots + number + 1)
         found.append(SuccessRates(case, *np.array(rows).T))
     return found

@@ -10,13 +10,11 @@ one.  With the standard deviations of height and speed the score gives a probabi
 A likely success contains little information.  The speed past the face measures the reserve: the
 score is the square of a speed, which is compared with it.
 """
-from dataclasses import dataclass
 import math
 from typing import NamedTuple, Optional, Tuple
 
 import numpy as np
 
-from ballbot_ros.config.fields import Checked, quantity
 from ballbot_ros.crossing.attempt import attempt, Course, Crossing, LEAST
 from ballbot_ros.crossing.rules import held_at, Site
 from ballbot_ros.decision.learning.outcomes import Outcome
@@ -41,20 +39,12 @@ SLOWEST = 0.1
 SLIP = 0.4
 
 
-@dataclass(frozen=True)
-class Learning(Checked):
-    """Uncertainties of an outcome."""
-
-    outliers: float = quantity(
-        '1', 'part of the outcomes that nothing here explains: a person pushed the ball, or the '
-        'sensor took something else for the step', above=0.0, maximum=0.5, default=0.05)
-    speed_sd: float = quantity(
-        'm/s', 'standard deviation of the speed at touch', minimum=0.0, default=0.02)
-    model_sd: float = quantity(
-        'm', 'standard deviation of the highest step of a robot whose numbers are all known',
-        above=0.0, default=0.0005)
-    passed_sd: float = quantity(
-        'm/s', 'standard deviation of the speed past the face', above=0.0, default=0.04)
+# Part of the outcomes that the model does not explain: a person pushed the ball, or the sensor
+# took another object for the step.
+OUTLIERS = 0.05
+# Standard deviations: speeds at the touch and past the face [m/s], and the maximum step height of
+# a robot with known parameters [m].
+SPEED_SD, PASSED_SD, MODEL_SD = 0.02, 0.04, 0.0005
 
 
 class Touching(NamedTuple):
@@ -125,14 +115,12 @@ class Chances:
     ----------
     particles : Particles
     touching : Touching
-    learning : Learning
 
     """
 
-    def __init__(self, particles: Particles, touching: Touching,
-                 learning: Learning = Learning()):
+    def __init__(self, particles: Particles, touching: Touching):
         """Set up; the attempts come with `work`."""
-        self._learning, self._touching = learning, touching
+        self._touching = touching
         mean = particles.weights @ particles.rows
         friction = np.column_stack([particles.column(name)
                                     for name in (SURFACE_FRICTION, EDGE_FRICTION)])
@@ -149,11 +137,6 @@ class Chances:
         self._crossings = [_crossing(particles.robot, touching, touching.speed * factor)
                            for factor in (1.0, 1.0 + FASTER, 1.0 - FASTER)]
 
-    @property
-    def left(self) -> int:
-        """Return how many attempts are still to be made."""
-        return len(self._scores) - self._done
-
     def work(self, attempts: Optional[int] = None) -> bool:
         """Make some attempts, all by default; return whether all are made."""
         number = len(self._scores)
@@ -169,26 +152,28 @@ class Chances:
 
     def probabilities(self) -> Array:
         """Return (N,) the probability of getting over, of each particle; after all `work`."""
-        return _normal(self._scores[:-4, 0] / self._deviation)
+        sigmas = self._scores[:-4, 0] / self._deviation
+        over = [0.5 * math.erfc(-value / math.sqrt(2.0)) for value in sigmas.tolist()]
+        return np.nan_to_num(np.array(over), nan=0.5)  # of an attempt that failed
 
     def likelihood(self, outcome: Outcome) -> Array:
         """Return (N,) the likelihood of an outcome under each particle; after all `work`."""
-        odd, over = self._learning.outliers, self.probabilities()
+        over = self.probabilities()
         if not outcome.got_over:
-            return (1.0 - odd) * (1.0 - over) + 0.5 * odd
+            return (1.0 - OUTLIERS) * (1.0 - over) + 0.5 * OUTLIERS
         if outcome.passed_speed is None:
-            return (1.0 - odd) * over + 0.5 * odd
+            return (1.0 - OUTLIERS) * over + 0.5 * OUTLIERS
         # Squares of speeds, as scores are; where an attempt failed, any up to that at the touch.
         scores, speeds = self._scores[:-4].T
         anything = 1.0 / max(self._touching.speed, SLOWEST)**2
         # Slip makes odometry faster than the ball; the standard deviation grows with it.
         slip = speeds - np.sqrt(np.maximum(scores, 0.0))
-        sd = np.hypot(self._learning.passed_sd, SLIP * slip)
+        sd = np.hypot(PASSED_SD, SLIP * slip)
         spread = np.sqrt(self._deviation**2 + (2.0 * speeds * sd)**2 + sd**4)
         density = np.exp(-0.5 * ((outcome.passed_speed**2 - speeds**2) / spread)**2) / (
             spread * math.sqrt(2.0 * math.pi))
         explained = np.where((scores > 0.0) & np.isfinite(density), density, anything)
-        likelihood: Array = (1.0 - odd) * over * explained + odd * anything
+        likelihood: Array = (1.0 - OUTLIERS) * over * explained + OUTLIERS * anything
         return likelihood
 
     @property
@@ -198,8 +183,8 @@ class Chances:
         per_height = (lower - higher) / (self._heights[-4] - self._heights[-3])
         per_speed = (faster - slower) / (2.0 * FASTER * self._touching.speed)
         return max(math.hypot(
-            per_height * math.hypot(self._touching.height_sd, self._learning.model_sd),
-            per_speed * self._learning.speed_sd), LEAST)
+            per_height * math.hypot(self._touching.height_sd, MODEL_SD),
+            per_speed * SPEED_SD), LEAST)
 
 
 def _crossing(robot: Robot, touching: Touching, speed: float) -> Crossing:
@@ -222,15 +207,8 @@ def score_of(robot: Robot, touching: Touching) -> Tuple[float, float]:
     return float(scores[0, 0]), float(scores[0, 1])
 
 
-def _normal(values: Array) -> Array:
-    """Return the cumulative normal distribution; NaN, an attempt that failed, as one half."""
-    return np.array([0.5 if math.isnan(value) else 0.5 * math.erfc(-value / math.sqrt(2.0))
-                     for value in values.tolist()])
-
-
-def probability(particles: Particles, touching: Touching,
-                learning: Learning = Learning()) -> float:
+def probability(particles: Particles, touching: Touching) -> float:
     """Return the probability of crossing a step, as for learning from the outcome."""
-    chances = Chances(particles, touching, learning)
+    chances = Chances(particles, touching)
     chances.work()
     return float(particles.weights @ chances.probabilities())

@@ -5,7 +5,7 @@ from typing import Deque, Iterable, Optional, Tuple
 
 import numpy as np
 
-from ballbot_ros.decision.learning.chances import Chances, Learning, SLOWEST, Touching
+from ballbot_ros.decision.learning.chances import Chances, SLOWEST, Touching
 from ballbot_ros.decision.learning.outcomes import Outcome
 from ballbot_ros.decision.learning.particles import Particles
 
@@ -23,14 +23,12 @@ class Learner:
     ----------
     particles : Particles
         As known beforehand.
-    learning : Learning
 
     """
 
-    def __init__(self, particles: Particles, learning: Learning = Learning()):
+    def __init__(self, particles: Particles):
         """Start with nothing learned."""
         self.particles = particles
-        self._learning = learning
         self._waiting: Deque[Outcome] = deque(maxlen=WAITING)
         self._current: Optional[Tuple[Outcome, Chances]] = None
 
@@ -57,8 +55,7 @@ class Learner:
         while self._current or self._waiting:
             if self._current is None:
                 outcome = self._waiting.popleft()
-                self._current = outcome, Chances(
-                    self.particles, Touching.of(outcome), self._learning)
+                self._current = outcome, Chances(self.particles, Touching.of(outcome))
             outcome, chances = self._current
             if not chances.work(attempts):
                 return changed
@@ -69,10 +66,9 @@ class Learner:
         return changed
 
 
-def learned(particles: Particles, outcomes: Iterable[Outcome],
-            learning: Learning = Learning()) -> Particles:
+def learned(particles: Particles, outcomes: Iterable[Outcome]) -> Particles:
     """Return particles after outcomes, in their order; those that teach nothing are left out."""
-    learner = Learner(particles, learning)
+    learner = Learner(particles)
     for outcome in outcomes:
         if learner.take(outcome):
             learner.work()

@@ -2,7 +2,7 @@
 """
 Weighted particles: samples of the robot parameters and of the sensor bias.
 
-The prior (`Prior`) has the ranges of the derived parameters of the robot file, friction in a range
+The prior has the ranges of the derived parameters of the robot file, friction in a range
 around its coefficients, since published values are for one floor (unless the file has a range),
 and a constant error of the measured heights.  The motor has the values of the robot file: its
 ranges span different motors, and the data sheet of the motor gives the actual values.  Outcomes of
@@ -15,7 +15,6 @@ from typing import Mapping, Tuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ballbot_ros.config.fields import Checked, count, quantity
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics.model.robot import Robot
 from ballbot_ros.physics.model.terrain import Array
@@ -32,45 +31,13 @@ FEWEST = 1.0 / 3.0
 JITTER = 0.25
 # Fraction redrawn from the prior at resampling: floors change, sensors get displaced.
 REDRAWN = 0.1
+# Assumed friction of a floor, over that of the robot file.
+FRICTION_RANGE = (0.6, 1.3)
+# Assumed part of the sensors that are bent, or calibrated for another mounting, and standard
+# deviation of the constant error of their heights [m].
+SENSORS_OFF, OFF_SD = 0.2, 0.004
 # The height bias is truncated at this many standard deviations of the worse sensors.
 FARTHEST = 3.0
-
-
-@dataclass(frozen=True)
-class Prior(Checked):
-    """
-    Assumed uncertainties of a robot and its sensor before the first attempt.
-
-    Raises
-    ------
-    ConfigurationError
-        If a value is out of range, or the friction range is empty.
-
-    """
-
-    particles: int = count('robots that are counted with', minimum=8, maximum=4096, default=256)
-    lowest_friction: float = quantity(
-        '1', 'least friction of this floor, over that of the robot file; assumed',
-        above=0.0, default=0.6)
-    highest_friction: float = quantity(
-        '1', 'most friction of this floor, over that of the robot file; assumed',
-        above=0.0, default=1.3)
-    sensors_off: float = quantity(
-        '1', 'part of the sensors that are worse than they should be: bent, or calibrated for '
-        'another mounting; assumed', minimum=0.0, maximum=0.5, default=0.2)
-    off_sd: float = quantity(
-        'm', 'standard deviation of the constant error of their heights; assumed',
-        minimum=0.0, maximum=0.05, default=0.004)
-    seed: int = count('seed of the draw', default=0)
-
-    def __post_init__(self) -> None:
-        """Check each value, then the range."""
-        super().__post_init__()
-        if self.lowest_friction > self.highest_friction:
-            raise ConfigurationError(
-                f'Prior: lowest_friction must be at most highest_friction '
-                f'({self.highest_friction:g}), got {self.lowest_friction:g}',
-                'inconsistent', 'lowest_friction')
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,7 +77,8 @@ class Particles:
     outcomes: int = 0
 
     @classmethod
-    def of(cls, robot: Robot, height_bias_sd: float, prior: Prior = Prior()) -> 'Particles':
+    def of(cls, robot: Robot, height_bias_sd: float, number: int = 256,
+           seed: int = 0) -> 'Particles':
         """
         Draw robots; the same for the same seed, all of the same weight.
 
@@ -119,7 +87,9 @@ class Particles:
         robot : Robot
         height_bias_sd : float
             Of most sensors, see `DecisionTuning` [m].
-        prior : Prior
+        number : int
+            Of particles.
+        seed : int
 
         Raises
         ------
@@ -129,21 +99,25 @@ class Particles:
         """
         known = ranges(robot)
         drawn = {**independent(uncertain(robot)), **{
-            name: known.get(name, (prior.lowest_friction * getattr(robot, name),
-                                   prior.highest_friction * getattr(robot, name)))
+            name: known.get(name, tuple(part * getattr(robot, name) for part in FRICTION_RANGE))
             for name in GROUND}}
         for name, ends in drawn.items():
             for end in ends:
                 changed(robot, {name: end})  # refuses inconsistent values
-        number = prior.particles
-        reach = FARTHEST * max(prior.off_sd, height_bias_sd)
+        reach = FARTHEST * max(OFF_SD, height_bias_sd)
         lows = np.array([low for low, _ in drawn.values()] + [-reach])
         highs = np.array([high for _, high in drawn.values()] + [reach])
-        points = spread_points(len(lows), number, prior.seed)
+        points = spread_points(len(lows), number, seed)
         # Not in the order of the sequence: every n-th of its points are no even sample.
-        points = points[np.random.default_rng(prior.seed).permutation(number)]
+        points = points[np.random.default_rng(seed).permutation(number)]
         values = lows + points * (highs - lows)
-        values[:, -1] = np.clip(_biases(points[:, -1], height_bias_sd, prior), -reach, reach)
+        # Quantiles of a mixture of two normal distributions.
+        part = points[:, -1]
+        off = part < SENSORS_OFF
+        quantiles = np.where(off, part / SENSORS_OFF, (part - SENSORS_OFF) / (1.0 - SENSORS_OFF))
+        values[:, -1] = np.clip(np.where(off, OFF_SD, height_bias_sd) * np.array([
+            NormalDist().inv_cdf(one) for one in np.clip(quantiles, 1e-9, 1.0 - 1e-9)]),
+            -reach, reach)
         names = (*drawn, HEIGHT_BIAS)
         return cls(robot, names, _fixed(values), _fixed(np.full(number, 1.0 / number)),
                    _fixed(lows), _fixed(highs), _fixed(values),
@@ -242,15 +216,6 @@ class Particles:
         values[redrawn] = self.first[redrawn]
         return replace(self, values=_fixed(values), rows=_rows(self.robot, self.names, values),
                        weights=_fixed(np.full(len(self), 1.0 / len(self))))
-
-
-def _biases(points: Array, height_bias_sd: float, prior: Prior) -> Array:
-    """Return height errors [m] at quantiles 0 to 1 of a mixture of two normal distributions."""
-    normal, off = NormalDist().inv_cdf, prior.sensors_off
-    within = [(prior.off_sd, point / off) if point < off else
-              (height_bias_sd, (point - off) / (1.0 - off)) for point in points.tolist()]
-    return np.array([
-        deviation * normal(min(max(part, 1e-9), 1.0 - 1e-9)) for deviation, part in within])
 
 
 def _rows(robot: Robot, names: Tuple[str, ...], values: Array) -> Array:

@@ -9,7 +9,7 @@ import pytest
 from refusals import refused
 
 from ballbot_ros.config.fields import Provenance
-from ballbot_ros.decision.learning.particles import Particles, Prior
+from ballbot_ros.decision.learning.particles import Particles
 from ballbot_ros.physics import load_robot
 from ballbot_ros.physics.model.robot import ContactOptions, Parameters
 
@@ -112,14 +112,6 @@ def test_a_value_cannot_be_changed():
     for array in (PARTICLES.values, PARTICLES.weights, PARTICLES.rows):
         with pytest.raises(ValueError):
             array[0] = 0.0
-
-
-@pytest.mark.parametrize('reason, change', [
-    ('inconsistent', {'lowest_friction': 1.4}), ('out_of_range', {'particles': 4}),
-    ('out_of_range', {'off_sd': 0.1})])
-def test_a_prior_that_makes_no_sense_is_refused(reason, change):
-    with refused(reason, next(iter(change))):
-        Prior(**change)
 
 
 def test_a_range_that_contradicts_the_robot_is_refused():
