@@ -177,7 +177,8 @@ class EstimateLostError(_ErrorWithReason, ArithmeticError):
     Attributes
     ----------
     reason : str
-        ``'runaway'``, ``'jumps'``, ``'velocity'`` or ``'torque'``: what contradicts the estimate.
+        ``'diverged'``, ``'encoder_jumps'``, ``'encoder_velocity'`` or ``'joint_torque'``: what
+        contradicts the estimate.
     field : str
         ``'encoder'`` or ``'pendulum_angle'``.
 

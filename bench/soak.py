@@ -109,7 +109,7 @@ def run(folder, arguments):
         while time.monotonic() - begin < arguments.seconds:
             bench.spin(0.1)
             if bench.status is not None and bench.status.e_stop:
-                stops[bench.status.e_stop] += 1
+                stops[bench.status.e_stop_reason] += 1
                 bench.release(timeout=60.0)
         end = time.monotonic()
         used = 100.0 * (processor_time(bench.process) - used) / (end - begin)
@@ -132,8 +132,7 @@ def main():
         times = [when for when, _ in applied(folder / 'log.csv', begin, end)]
     print(f'{end - begin:.0f} s, {arguments.control}, {arguments.busy} busy processes, real-time '
           f'priority {arguments.realtime}: {used:.1f} % of a core')
-    print(f'e-stops: {sum(stops.values())}, of these runaways: '
-          f'{sum(count for reason, count in stops.items() if reason.startswith("runaway"))}')
+    print(f'e-stops: {sum(stops.values())}')
     for reason, count in stops.most_common():
         print(f'{count:6}  {reason}')
     print(f'torques in the drive: {line_of(periods_of(times))}')

@@ -19,7 +19,7 @@ from mcap.opcode import Opcode
 
 from ballbot_ros.bridge.motor_state import MotorState
 from ballbot_ros.bridge.observer import Level, SessionObserver
-from ballbot_ros.bridge.supervisor import Supervisor
+from ballbot_ros.bridge.supervisor import EStop, StopReason, Supervisor
 from ballbot_ros.control import Mode, SetPoint
 from ballbot_ros.drives.contract import Telemetry
 from ballbot_ros.errors import MessageError
@@ -129,10 +129,9 @@ class BlackBox(SessionObserver):
         self._block, self._at, self._block_start = bytearray(BLOCK), 0, clock()
         self._fault: Optional[Tuple[float, str]] = None
         self._slow_at = -math.inf
-        self._e_stop: Optional[str] = None
+        self._e_stop: Optional[EStop] = None
         self._state: Tuple[object, ...] = ()
         self._recorded = -math.inf
-        self._requested = ''
         self._faults: Tuple[str, ...] = ()
         self._refusals: Dict[str, Tuple[float, int]] = {}
 
@@ -162,10 +161,10 @@ class BlackBox(SessionObserver):
             self._faults = telemetry.faults
             self.event('faults of the drive: ' + (', '.join(telemetry.faults) or 'none'))
         if e_stop != self._e_stop:
-            known, self._e_stop = self._e_stop, e_stop
-            if e_stop and known is not None:
-                self.event(f'e-stop: {e_stop}',
-                           Level.EVENT if e_stop == self._requested else Level.FAULT)
+            self._e_stop = e_stop
+            if e_stop is not None and e_stop.reason is not StopReason.START:
+                self.event(f'e-stop: {e_stop.text}',
+                           Level.FAULT if e_stop.reason.is_fault else Level.EVENT)
         if states != self._state:
             before, self._state = self._state or (0, False, False, False), states
             if states[2] and not before[2]:
@@ -211,10 +210,6 @@ class BlackBox(SessionObserver):
         self._refusals[key] = now, 0
         more = f' ({number} more since the last line of this kind)' if number else ''
         self.event(f'{what} refused: {error}{more}')
-
-    def requested_stop(self, reason: str) -> None:
-        """Keep the reason of an e-stop that is not a fault."""
-        self._requested = reason
 
     def _put(self, channel: int, now: float, *values: float, tail: bytes = b'') -> None:
         """Append a message."""

@@ -11,7 +11,7 @@ from ballbot_ros.bridge.hardware_file import Hardware
 from ballbot_ros.bridge.motor_state import Event, LOST, MotorState, Power, SILENCE
 from ballbot_ros.bridge.observer import Level, SessionObserver
 from ballbot_ros.bridge.sensing import ImuWatch
-from ballbot_ros.bridge.supervisor import PendulumMotion, Supervisor
+from ballbot_ros.bridge.supervisor import EStop, PendulumMotion, StopReason, Supervisor
 from ballbot_ros.drives.contract import Telemetry
 from ballbot_ros.drives.driver import Driver
 from ballbot_ros.errors import (
@@ -223,8 +223,7 @@ class DriveControl(Generic[Estimated]):
             return self.sensing.take(driver.poll())
         except EstimateLostError as error:
             # Require a release by a person: the next estimate assumes a robot at rest.
-            self.counts[error.reason] += 1
-            self.supervisor.trigger(str(error))
+            self.supervisor.trigger(EStop(StopReason(error.reason), str(error)))
             LOG.warning('%s', error)
             return None
 
@@ -296,10 +295,10 @@ class DriveControl(Generic[Estimated]):
     def lose(self, driver: Driver, error: BallbotError) -> None:
         """Continue without the drive; no effect if it is disconnected already."""
         if self.line.driver is driver:
-            why = f'the line was lost: {error}'
-            self._change(Event.LOST, why)
+            cause = EStop(StopReason.LOST, f'the line was lost: {error}')
+            self._change(Event.LOST, cause)
             if not self._hardware.limits.rearm:
-                self.supervisor.trigger(why)  # otherwise it would arm after the reconnection
+                self.supervisor.trigger(cause)  # otherwise it would arm after the reconnection
             self.line.lose(error)
 
     def _watch(self, telemetry: Telemetry, now: float) -> None:
@@ -309,9 +308,9 @@ class DriveControl(Generic[Estimated]):
             raise DriveError(f'the drive has not answered for {LOST:g} s', 'silent', 'drive')
         observed = self.power.observe(telemetry, silence, self._status_age(telemetry, now))
         if observed is not None and self.line.driver is not None:
-            if observed[0] is Event.HAZARD:  # arming again does not clear it
-                self.supervisor.trigger(observed[1])
-            self._begin_stop(self.line.driver, *observed)
+            if observed.reason is StopReason.HAZARD:  # arming again does not clear it
+                self.supervisor.trigger(observed)
+            self._begin_stop(self.line.driver, Event(observed.reason.value), observed)
 
     def _status_age(self, telemetry: Telemetry, now: float) -> float:
         """
@@ -336,7 +335,7 @@ class DriveControl(Generic[Estimated]):
                 and self.power.state is MotorState.ARMED):
             return
         if pulled and not self._hardware.limits.rearm:
-            supervisor.trigger(IMU_SILENT)
+            supervisor.trigger(EStop(StopReason.IMU_SILENT, IMU_SILENT))
         if pulled:
             LOG.warning('%s', IMU_SILENT)
             self._observer.event(IMU_SILENT, Level.FAULT)
@@ -354,7 +353,7 @@ class DriveControl(Generic[Estimated]):
         condition = self.monitor.look(telemetry, self.supervisor.torque, now)
         self.supervisor.derating = condition.part
         if condition.stop and not self.supervisor.e_stop:
-            self.supervisor.trigger(condition.stop)
+            self.supervisor.trigger(EStop(StopReason.BATTERY_EMPTY, condition.stop))
             LOG.error('%s', condition.stop)
 
     def _act(self, driver: Driver, now: float, allowed: bool) -> None:
@@ -394,7 +393,7 @@ class DriveControl(Generic[Estimated]):
         except DriveError as error:
             self._pacer = self._pacer.not_armed(self._clock())
             refusal = f'cannot arm: {error}'
-            self._begin_stop(driver, Event.NOT_ARMED, refusal)
+            self._begin_stop(driver, Event.NOT_ARMED, EStop(StopReason.NOT_ARMED, refusal))
             self.refusal = refusal
             return
         self.refusal = ''
@@ -418,23 +417,23 @@ class DriveControl(Generic[Estimated]):
                 self.lose(driver, error)
         self.sensing.restart(now)
 
-    def _begin_stop(self, driver: Driver, event: Event, why: str = '') -> None:
+    def _begin_stop(self, driver: Driver, event: Event, cause: Optional[EStop] = None) -> None:
         """Write a stop; it is repeated until the drive confirms it."""
-        self._change(event, why)
+        self._change(event, cause)
         self._pacer = self._pacer.sent_stop(self.power.since)
         try:
             driver.send_stop()
         except LinkError as error:
             self.lose(driver, error)
 
-    def _change(self, event: Event, why: str = '') -> None:
-        """Change the state of the motor and drop earlier commands."""
-        is_fault = self.power.is_fault(event)
+    def _change(self, event: Event, cause: Optional[EStop] = None) -> None:
+        """Change the state of the motor and drop earlier commands; a fault has a cause."""
+        is_fault, why = self.power.is_fault(event), '' if cause is None else cause.text
         self._observer.event(f'{event.in_words}{why and ": "}{why}',
                            Level.FAULT if is_fault or event is Event.LOST else Level.EVENT)
-        if is_fault:
+        if is_fault and cause is not None:
             if not self._hardware.limits.rearm:
-                self.supervisor.trigger(why)
+                self.supervisor.trigger(cause)
             elif event not in (Event.NOT_ARMED, Event.LOST):  # not caused by the drive
                 self._pacer = self._pacer.tripped(self._clock(), self.power.since)
             if why != self.refusal:  # repeated attempts are logged once

@@ -9,6 +9,7 @@ from enum import auto, Enum
 from types import MappingProxyType
 from typing import Mapping, NamedTuple, Optional, Tuple
 
+from ballbot_ros.bridge.supervisor import EStop, StopReason
 from ballbot_ros.drives.contract import Telemetry
 
 # Largest age of a measurement for torque [s].
@@ -90,9 +91,9 @@ class Power(NamedTuple):
         return TRANSITIONS[self.state, event].fault
 
     def observe(self, telemetry: Telemetry, silence: float, status_age: float
-                ) -> Optional[Tuple[Event, str]]:
+                ) -> Optional[EStop]:
         """
-        Return the event that the drive caused by itself and its text, or None.
+        Return the fault of an armed drive, or None; its reason is the value of an `Event`.
 
         Parameters
         ----------
@@ -106,15 +107,17 @@ class Power(NamedTuple):
         if self.state is not MotorState.ARMED:
             return None
         if silence > SILENCE:
-            return Event.SILENT, f'no reply of the drive for {SILENCE:g} s'
+            return EStop(StopReason.SILENT, f'no reply of the drive for {SILENCE:g} s')
         if status_age > STATUS_TIMEOUT:
-            return Event.UNCONFIRMED, (
-                f'the drive has not reported its armed state for {STATUS_TIMEOUT:g} s, or its '
-                f'measurements are older than {SILENCE:g} s')
+            return EStop(
+                StopReason.UNCONFIRMED, 'the drive has not reported its armed state for '
+                f'{STATUS_TIMEOUT:g} s, or its measurements are older than {SILENCE:g} s')
         if telemetry.hazards:
-            return Event.HAZARD, ', '.join(telemetry.hazards)
+            settings, texts = zip(*telemetry.hazards)
+            return EStop(StopReason.HAZARD, ', '.join(texts), settings)
         is_new = telemetry.status_time is not None and telemetry.status_time > self.since
         if is_new and (telemetry.faults or telemetry.armed is False):
-            return Event.DISARMED_BY_DRIVE, 'the drive disarmed the motor: ' + (
-                ', '.join(telemetry.faults) or 'no reason given')
+            return EStop(
+                StopReason.DISARMED_BY_DRIVE, 'the drive disarmed the motor: '
+                + (', '.join(telemetry.faults) or 'no reason given'), telemetry.faults)
         return None

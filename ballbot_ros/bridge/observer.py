@@ -43,6 +43,3 @@ class SessionObserver:
 
     def refused(self, what: str, error: MessageError) -> None:
         """Receive a refused message with the reason."""
-
-    def requested_stop(self, reason: str) -> None:
-        """Receive the reason of an e-stop that a person requests: it is not a fault."""

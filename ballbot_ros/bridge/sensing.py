@@ -212,8 +212,6 @@ class Sensing(AxisSensing):
     Attributes
     ----------
     fusion : Fusion
-    imu_fault : str
-        Reason why the IMU is implausible; empty while it is plausible.
     odometry : OdometryState or None
         Of the last estimate; continues after a lost link.
 
@@ -223,7 +221,7 @@ class Sensing(AxisSensing):
         super().__init__(hardware)
         self._imu_required = hardware.connection.imu_required
         self.fusion = Fusion(robot, hardware.imu, hardware.estimate, hardware.joint.encoder_zero)
-        self._plausibility, self.imu_fault = ImuPlausibility(), ''
+        self._plausibility = ImuPlausibility()
         self._gravity = robot.gravity
         self._largest_swing = 2.0 * hardware.limits.angle_limit + SWING_OVERSHOOT
         self._rolling = OdometryFilter(robot, hardware.odometry)
@@ -289,6 +287,11 @@ class Sensing(AxisSensing):
         angle, _, rate, ball_rate, _ = estimate.mean.tolist()
         return PendulumMotion(angle, rate, rate - ball_rate)
 
+    @property
+    def imu_fault(self) -> str:
+        """Return why the IMU is implausible, a key of `EXPLANATIONS`; empty while plausible."""
+        return self._plausibility.fault
+
     def imu(self, reading: ImuReading, now: float) -> None:
         """
         Accept an IMU reading.
@@ -305,10 +308,9 @@ class Sensing(AxisSensing):
         self._plausibility = self._plausibility.after(
             reading.stamp, reading.turn_rate, reading.forward, reading.upward, self._gravity,
             None if estimate is None else estimate.readings.joint_angle, self._largest_swing)
-        fault = self._plausibility.fault
-        self.imu_fault = EXPLANATIONS[fault] if fault else ''
+        fault = self.imu_fault
         if fault:
-            raise MessageError(self.imu_fault, fault, 'imu')
+            raise MessageError(EXPLANATIONS[fault], fault, 'imu')
         self.fusion.imu(reading)
         self.imu_watch.reading_received(reading.stamp, now)
 

@@ -23,6 +23,7 @@ from ballbot_ros.bridge.motor_state import MotorState, SILENCE
 from ballbot_ros.bridge.observer import SessionObserver
 from ballbot_ros.bridge.onboard import OnBoard
 from ballbot_ros.bridge.sensing import Sensing, STEADY
+from ballbot_ros.bridge.supervisor import EStop, StopReason
 from ballbot_ros.bridge.warm_up import warm_up
 from ballbot_ros.control import Mode, SetPoint
 from ballbot_ros.drives.contract import Identity, Setting, Telemetry
@@ -30,6 +31,7 @@ from ballbot_ros.drives.driver import Driver
 from ballbot_ros.errors import (
     BallbotError, ConfigurationError, LinkError, MessageError, RefusedError)
 from ballbot_ros.estimation import Estimate, Fusion, ImuReading, OdometryState
+from ballbot_ros.imus.plausibility import EXPLANATIONS
 from ballbot_ros.physics.model.robot import Robot
 from ballbot_ros.steering import GroundTrack, required_steering
 
@@ -54,7 +56,7 @@ class Report(NamedTuple):
     torque: float  # at the pendulum, in force [N m]
     telemetry: Telemetry
     state: MotorState
-    e_stop: str
+    e_stop: Optional[EStop]
     timed_out: bool  # commands or set-points have timed out
     commanded: bool  # a fresh command or set-point is active
     set_point: Optional[SetPoint] = None  # of onboard control; None in direct control
@@ -171,7 +173,7 @@ class Session:
                 axis.withdraw()
             for axis in self.axes:
                 axis.stop()
-            self.engage('deactivated')
+            self.engage('deactivated', StopReason.DEACTIVATED)
 
     def close(self) -> None:
         """Stop the motor, close the link, engage the e-stop; raises nothing."""
@@ -181,7 +183,7 @@ class Session:
                 axis.withdraw()
             for axis in self.axes:
                 axis.close()
-            self.engage('the bridge was shut down')
+            self.engage('the bridge was shut down', StopReason.CLOSED)
 
     def command(self, torque: float, stamp: float) -> None:
         """
@@ -236,20 +238,16 @@ class Session:
             try:
                 self.sensing.imu(reading, self.clock())
             finally:
-                if self.sensing.imu_fault and not self.supervisor.e_stop:
-                    self._stop(self.sensing.imu_fault)
+                fault = self.sensing.imu_fault
+                if fault:
+                    self.engage(EXPLANATIONS[fault], StopReason(fault))
 
-    def engage(self, reason: str) -> None:
-        """Engage the e-stop, which disables motor power immediately."""
+    def engage(self, text: str, reason: StopReason = StopReason.REQUESTED) -> None:
+        """Engage the e-stop of all axes, which disables their power immediately."""
         with self.lock:
-            self.observer.requested_stop(reason)
-            self._stop(reason)
-
-    def _stop(self, reason: str) -> None:
-        """Engage the e-stop of all axes and disable their power."""
-        for axis in self.axes:
-            axis.supervisor.trigger(reason)
-            axis.withdraw()
+            for axis in self.axes:
+                axis.supervisor.trigger(EStop(reason, text))
+                axis.withdraw()
 
     def release(self, too_early: str = '') -> None:
         """
@@ -290,7 +288,7 @@ class Session:
             if axis.power.state is MotorState.STOPPING:
                 return 'the drive has not confirmed the stop yet', 'motor'
         if self.sensing.imu_fault:
-            return self.sensing.imu_fault, 'imu'
+            return EXPLANATIONS[self.sensing.imu_fault], 'imu'
         if self.sensing.needs_imu(now):
             return (f'no IMU readings, or not yet for {STEADY:g} s without a gap, '
                     'and without them the pendulum angle is unreliable; publish imu, or set '
@@ -368,17 +366,15 @@ class Session:
         """Apply the e-stop of one axis to all, and disconnect all if one is lost."""
         if len(self.axes) == 1:
             return
-        reason = next((axis.supervisor.e_stop for axis in self.axes if axis.supervisor.e_stop), '')
         if any(axis.line.driver is None for axis in self.axes):
             # Requests to one axis could feed the watchdog of another that cannot be stopped.
             for axis in self.axes:
                 if axis.line.driver is not None:
                     axis.lose(axis.line.driver, LinkError(
                         f'another axis was lost ({self._trouble(axis)})', 'closed', 'port'))
-            reason = reason or next(
-                (axis.supervisor.e_stop for axis in self.axes if axis.supervisor.e_stop), '')
-        if reason and any(not axis.supervisor.e_stop for axis in self.axes):
-            self._stop(reason)
+        stops = [axis.supervisor.e_stop for axis in self.axes if axis.supervisor.e_stop]
+        if 0 < len(stops) < len(self.axes):
+            self.engage(stops[0].text, stops[0].reason)
 
     @staticmethod
     def _trouble(axis: DriveControl[Any]) -> str:

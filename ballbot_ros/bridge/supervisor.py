@@ -10,8 +10,9 @@ against the rate of the joint (``brake``), or against the absolute rate of the p
 docs/hardware_bridge.md has the results.
 """
 from collections import Counter
+from enum import Enum
 import math
-from typing import NamedTuple, Optional
+from typing import NamedTuple, Optional, Tuple
 
 from ballbot_ros.bridge.hardware_file import Limits
 from ballbot_ros.control.command_gate import CommandGate
@@ -23,6 +24,47 @@ QUIET = 0.5
 NOTHING = 1e-6
 # Runaway: speed above this multiple of the speed limit for this time [s].
 RUNAWAY, RUNAWAY_TIME = 1.5, 0.02
+
+
+class StopReason(str, Enum):
+    """Code of the cause of an e-stop; messages and diagnostics contain the values."""
+
+    START = 'start'  # before the first release
+    REQUESTED = 'requested'  # by a person or a node
+    DEACTIVATED = 'deactivated'
+    CLOSED = 'closed'
+    # Events of the motor, see `motor_state.Event`.
+    NOT_ARMED = 'not_armed'
+    SILENT = 'silent'
+    UNCONFIRMED = 'unconfirmed'
+    DISARMED_BY_DRIVE = 'disarmed_by_drive'
+    HAZARD = 'hazards'
+    LOST = 'links_lost'
+    # Of this module, the battery and the IMU.
+    RUNAWAY = 'runaway'
+    BATTERY_EMPTY = 'battery_empty'
+    IMU_SILENT = 'imu_silent'
+    IMU_FROZEN = 'imu_frozen'
+    IMU_GRAVITY = 'imu_gravity'
+    IMU_TURN_RATE = 'imu_turn_rate'
+    # Of the estimate, see `EstimateLostError`.
+    DIVERGED = 'diverged'
+    ENCODER_JUMPS = 'encoder_jumps'
+    ENCODER_VELOCITY = 'encoder_velocity'
+    JOINT_TORQUE = 'joint_torque'
+
+    @property
+    def is_fault(self) -> bool:
+        """Return whether it is a fault; else a program or a person requested the e-stop."""
+        return self not in (self.START, self.REQUESTED, self.DEACTIVATED, self.CLOSED)
+
+
+class EStop(NamedTuple):
+    """Cause of an engaged e-stop."""
+
+    reason: StopReason
+    text: str
+    names: Tuple[str, ...] = ()  # of the faults or the changed settings of the drive
 
 
 class PendulumMotion(NamedTuple):
@@ -49,8 +91,8 @@ class Supervisor:
         The last decision, and its value before the limits [N m].
     derating : float
         Available fraction of the torque limit by heat and battery; set by the owner.
-    e_stop : str
-        Reason of the engaged e-stop; empty while it is released.
+    e_stop : EStop or None
+        Cause of the engaged e-stop; None while it is released.
     counts : Counter
         ``timeouts``, ``limited_torque``, ``limited_rate``, ``limited_angle``,
         ``limited_speed``, ``e_stops``.
@@ -69,7 +111,7 @@ class Supervisor:
         self._decided: Optional[float] = None
         self._fast_since = math.inf
         self._since: Optional[float] = None  # time of the command timeout
-        self.e_stop = 'engaged at start'
+        self.e_stop: Optional[EStop] = EStop(StopReason.START, 'engaged at start')
         self.counts: Counter[str] = Counter()
 
     @property
@@ -92,11 +134,11 @@ class Supervisor:
         if math.isfinite(torque) and abs(torque) > NOTHING:
             self._pushed = now
 
-    def trigger(self, reason: str) -> None:
-        """Engage the e-stop; the first reason is kept."""
-        if not self.e_stop:
+    def trigger(self, cause: EStop) -> None:
+        """Engage the e-stop; the first cause is kept."""
+        if self.e_stop is None:
             self.counts['e_stops'] += 1
-            self.e_stop = reason
+            self.e_stop = cause
         self.quiet()
 
     def reset(self, now: float, inhibit: str = '', field: str = '') -> None:
@@ -116,7 +158,7 @@ class Supervisor:
 
     def release(self) -> None:
         """Release the e-stop without the checks of `reset`, which another axis has made."""
-        self.e_stop = ''
+        self.e_stop = None
         self.quiet()
 
     def quiet(self) -> None:
@@ -156,9 +198,9 @@ class Supervisor:
         fast = abs(motion.joint_rate) > RUNAWAY * limits.speed_limit
         self._fast_since = min(self._fast_since, now) if fast else math.inf
         if fast and now - self._fast_since >= RUNAWAY_TIME:
-            self.trigger(
-                f'runaway: the joint rotates at {motion.joint_rate:.1f} rad/s, but speed_limit is '
-                f'{limits.speed_limit:g} rad/s')
+            self.trigger(EStop(
+                StopReason.RUNAWAY, f'runaway: the joint rotates at {motion.joint_rate:.1f} rad/s,'
+                f' but speed_limit is {limits.speed_limit:g} rad/s'))
             return 0.0
         torque = self._cut('torque', wanted, limits.torque_limit * self.derating)
         before = self.torque

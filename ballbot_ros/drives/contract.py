@@ -105,6 +105,13 @@ def bit_names(bits: int, names: Mapping[int, str]) -> tuple[str, ...]:
     return (*known, hex(rest)) if rest else known
 
 
+class Hazard(NamedTuple):
+    """Reason to stop an armed motor although the drive reports no fault."""
+
+    setting: str  # that has changed; empty for commands of another sender
+    text: str
+
+
 class Telemetry(NamedTuple):
     """
     Values that the drive has reported; None if not reported, or not supported.
@@ -127,9 +134,7 @@ class Telemetry(NamedTuple):
     armed: Optional[bool] = None  # the motor is under power
     faults: tuple[str, ...] = ()  # names that the maker gives them; the motor has no power
     warnings: tuple[str, ...] = ()  # likewise, that the drive gives before it limits
-    # Reasons to stop an armed motor although the drive reports no fault: commands of another
-    # sender, changed settings.
-    hazards: tuple[str, ...] = ()
+    hazards: tuple[Hazard, ...] = ()
 
 
 @dataclass(frozen=True)

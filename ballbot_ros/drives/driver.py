@@ -19,7 +19,7 @@ import time
 from typing import Any, Callable, ClassVar, NamedTuple, Optional, Type
 
 from ballbot_ros.drives.contract import (
-    DriveOptions, Identity, SerialLine, Setting, StreamParser, Telemetry, WireBudget)
+    DriveOptions, Hazard, Identity, SerialLine, Setting, StreamParser, Telemetry, WireBudget)
 from ballbot_ros.errors import DriveError, MessageError
 
 LARGEST_NUMBER = 1000  # of pending requests
@@ -435,11 +435,11 @@ class Driver(ABC):
             dict.update(self.counts, self._parser.counts)
         self.counts['lost'] += self._pending.take_lost(now)
 
-    def _add_hazard(self, text: str) -> None:
+    def _add_hazard(self, setting: str, text: str) -> None:
         """Report why an armed motor must be stopped; each reason once."""
-        if self._armed and text not in self.telemetry.hazards:
-            self.telemetry = self.telemetry._replace(
-                hazards=(*self.telemetry.hazards, text))
+        hazard, known = Hazard(setting, text), self.telemetry.hazards
+        if self._armed and hazard not in known:
+            self.telemetry = self.telemetry._replace(hazards=(*known, hazard))
 
     def _match(self, kind: object, now: float) -> Match:
         """Return the request that a reply answers; see `PendingRequests`."""

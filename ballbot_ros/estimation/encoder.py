@@ -274,7 +274,7 @@ class EncoderCheck(NamedTuple):
                 raise EstimateLostError(
                     'the encoder contradicts the velocity that the drive reports: it is frozen, '
                     'reversed or slips; check its cable, its magnet and the settings of the '
-                    'drive for it; let the robot come to rest', 'velocity', 'encoder')
+                    'drive for it; let the robot come to rest', 'encoder_velocity', 'encoder')
         return EncoderCheck(reading, pause, latency, rate, velocity, self.torque)
 
     def moved(self, torque: float, largest_torque: float) -> 'EncoderCheck':
@@ -308,5 +308,5 @@ class EncoderCheck(NamedTuple):
                 f'{after.difference / SMOOTHING:.2f} N m are unexplained, so encoder or IMU '
                 'are frozen, reversed or in other units, or the joint is blocked; look at both '
                 'sensors, the coupling and `direction` of the hardware file; let the robot come '
-                'to rest', 'torque', 'encoder')
+                'to rest', 'joint_torque', 'encoder')
         return EncoderCheck(*self[:5], after)

@@ -177,7 +177,7 @@ class Fusion:
             raise EstimateLostError(
                 'the estimate of the pendulum angle has run away: readings contradict each other '
                 'or the model for too long; let the robot come to rest',
-                'runaway', 'pendulum_angle')
+                'diverged', 'pendulum_angle')
         return estimate
 
     def _in_doubt(self, estimate: Estimate) -> Estimate:
@@ -190,7 +190,7 @@ class Fusion:
                 raise EstimateLostError(
                     f'for {GIVEN_UP:g} s the encoder has jumped, and no two readings agree on '
                     'where it is: look at its cable and its supply; let the robot come to rest',
-                    'jumps', 'encoder')
+                    'encoder_jumps', 'encoder')
             return estimate
         self.rezeroed += 1
         self.last_jump = doubt.jump
@@ -200,7 +200,7 @@ class Fusion:
             raise EstimateLostError(
                 f'the encoder has jumped {MOST_JUMPS} times within {JUMPS_WITHIN:g} s, the last '
                 f'time by {doubt.jump:.3f} rad at the joint: look at its cable and its magnet; '
-                'let the robot come to rest', 'jumps', 'encoder')
+                'let the robot come to rest', 'encoder_jumps', 'encoder')
         return estimate._replace(encoder_zero=estimate.encoder_zero + doubt.jump)
 
 

@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
 """A graph with a bridge that is made to pull, and the emulated motor that it pulls with."""
-import math
 import time
 
 from graph import TIMEOUT
@@ -8,20 +7,16 @@ import pytest
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
-from ballbot_ros.bridge.motor_state import MotorState, Power
-from ballbot_ros.drives.contract import Telemetry
+from ballbot_ros.bridge.supervisor import StopReason
 from ballbot_ros.msg import MotorStatus
 from ballbot_ros.ros.conversions import command_message
 
 TORQUE = 0.6  # at the pendulum [N m]
 WATCHDOG = 0.5  # of the drive: a busy machine may hold the bridge up for as long [s]
 
-# Reasons of an e-stop that a machine busy for longer than WATCHDOG explains, or their beginnings.
-_armed = Power(MotorState.ARMED)
-HELD_UP = (_armed.observe(Telemetry(), math.inf, 0.0)[1],
-           _armed.observe(Telemetry(), 0.0, math.inf)[1],
-           _armed.observe(Telemetry(status_time=1.0, armed=False), 0.0, 0.0)[1].split(':')[0],
-           'the line was lost')
+# Reasons of an e-stop that a machine busy for longer than WATCHDOG explains.
+HELD_UP = (StopReason.SILENT, StopReason.UNCONFIRMED, StopReason.DISARMED_BY_DRIVE,
+           StopReason.LOST)
 
 
 class Driving:
@@ -55,10 +50,8 @@ class Driving:
         return bool(self.status) and self.status[-1].state in ('waiting', 'following')
 
     def not_armed(self):
-        """Return why arming failed, if a machine that is held up while it waits explains that."""
-        reason = self.status[-1].e_stop if self.status else ''
-        held_up = any(word in reason for word in ('not report', 'not answer', 'WATCHDOG'))
-        return reason if 'cannot arm' in reason and held_up else ''
+        """Return why arming failed, which a machine that is held up while it waits explains."""
+        return self.stopped_by(StopReason.NOT_ARMED)
 
     def pull(self):
         """Command a torque until the motor makes it, and forget earlier reports."""
@@ -74,8 +67,12 @@ class Driving:
 
     def held_up(self):
         """Return the reason of an e-stop that a machine busy for longer than WATCHDOG explains."""
-        reason = self.status[-1].e_stop if self.status else ''
-        return reason if reason.startswith(HELD_UP) else ''
+        return self.stopped_by(*HELD_UP)
+
+    def stopped_by(self, *reasons):
+        """Return the text of an e-stop with one of these reasons."""
+        status = self.status[-1] if self.status else MotorStatus()
+        return status.e_stop if status.e_stop_reason in reasons else ''
 
     def wait_until_reported(self, state):
         """Wait until the bridge has reported a state since the motor pulled."""

@@ -68,7 +68,7 @@ def test_unplugging_ends_in_a_stop_and_service_comes_back(driving, motor):
     run.graph.wait_for_health('bridge', diagnostics.ERROR, 'looking for the drive')
     obey(motor, 'plug')
     run.graph.wait(lambda: run.status[-1].state == MotorStatus.STATE_E_STOP, 'the drive is back')
-    assert 'line was lost' in run.status[-1].e_stop
+    assert run.status[-1].e_stop_reason == 'links_lost'
     refusal = run.graph.call('bridge/release_e_stop', Trigger)
     run.release() if not refusal.success else None
     run.pull()

@@ -39,7 +39,7 @@ def test_a_vesc_is_released_each_time_and_its_kill_switch_is_reported(graph, ves
         assert not run.status[-1].e_stop
         run.pull()
         obey(vesc, 'stop_switch')
-        graph.wait(lambda: 'KILL_SW_ACTIVE' in run.status[-1].e_stop, 'it reports the switch')
+        graph.wait(lambda: 'KILL_SW_ACTIVE' in run.status[-1].faults, 'it reports the switch')
         run.wait_for_nothing()
         assert list(run.status[-1].faults) == ['KILL_SW_ACTIVE']
         obey(vesc, 'stop_switch 0')

@@ -281,7 +281,7 @@ class RoboClaw(Driver):
             self.telemetry = last._replace(temperature=values[0] / 10.0)
         elif number == codec.GET_TIMEOUT:
             if values[0] != self._tenths:
-                self._add_hazard(f'serial timeout is {values[0] * TIMEOUT_UNIT:g} s, '
+                self._add_hazard('timeout', f'serial timeout is {values[0] * TIMEOUT_UNIT:g} s, '
                                  f'was {self._tenths * TIMEOUT_UNIT:g} s')
         elif number == codec.GET_MAX_CURRENT[axis]:
             self._check_limit(values[0] / 100.0)
@@ -295,4 +295,6 @@ class RoboClaw(Driver):
         """Report a current limit of the drive that has been raised."""
         torque, limit = current * self.options.torque_constant, self.options.own_limit
         if torque > 1.01 * limit:
-            self._add_hazard(f'torque limit is {torque:.4g} N m, must be at most {limit:g} N m')
+            self._add_hazard(
+                'torque_limit',
+                f'torque limit is {torque:.4g} N m, must be at most {limit:g} N m')

@@ -6,6 +6,7 @@ from ballbot_ros.bridge.hardware_file import Hardware
 from ballbot_ros.bridge.loop import Loop
 from ballbot_ros.bridge.sensing import STEADY
 from ballbot_ros.bridge.session import Session
+from ballbot_ros.bridge.supervisor import StopReason
 from ballbot_ros.control import Authority
 from ballbot_ros.ros import diagnostics
 
@@ -16,6 +17,7 @@ VALUES: Mapping[str, str] = {
     'firmware': 'firmware of the drive; empty before it was found',
     'serial_number': 'serial number of the drive; empty where it reports none',
     'e_stop': 'why the e-stop is engaged; empty when it is not',
+    'e_stop_reason': 'its code: ' + ', '.join(f'`{reason.value}`' for reason in StopReason),
     'faults': 'faults that the drive reports; empty for none, or while it is away',
     'torque': 'torque applied at the pendulum [N m]',
     'warnings': 'warnings of drive, battery and heat, published before the torque is reduced',
@@ -74,7 +76,7 @@ def health(session: Session, loop: Optional[Loop], hardware: Hardware,
     """
     supervisor, fusion = session.supervisor, session.fusion
     driver, identity = session.line.driver, session.line.identity
-    sensing, now = session.sensing, session.clock()
+    sensing, now, e_stop = session.sensing, session.clock(), supervisor.e_stop
     imu, has_imu = sensing.imu_watch, sensing.imu_watch.has(now)
     # Without power most drives report their watchdog; arming clears that.
     faults = ', '.join(driver.telemetry.faults) if driver else ''
@@ -88,7 +90,9 @@ def health(session: Session, loop: Optional[Loop], hardware: Hardware,
         'port': hardware.connection.port, 'protocol': hardware.connection.protocol,
         'firmware': identity.firmware if identity else '',
         'serial_number': identity.serial_number if identity else '',
-        'e_stop': supervisor.e_stop, 'faults': faults, 'torque': f'{supervisor.torque:.4f}',
+        'e_stop': e_stop.text if e_stop else '',
+        'e_stop_reason': e_stop.reason.value if e_stop else '', 'faults': faults,
+        'torque': f'{supervisor.torque:.4f}',
         'warnings': warnings, 'derating': f'{condition.part:.3f}',
         'battery_voltage': f'{condition.voltage:.2f}', 'motor_warmth': f'{condition.warmth:.3f}',
         'imu': ('silent' if not has_imu else
@@ -115,9 +119,9 @@ def health(session: Session, loop: Optional[Loop], hardware: Hardware,
     delayed = loop.delayed()
     if driver is None:
         return diagnostics.ERROR, f'looking for the drive: {session.line.trouble}', values
-    if supervisor.e_stop:
+    if e_stop:
         return diagnostics.WARN, '; '.join(
-            filter(None, (f'e-stop: {supervisor.e_stop}', delayed))), values
+            filter(None, (f'e-stop: {e_stop.text}', delayed))), values
     if faults:
         return diagnostics.ERROR, f'the drive reports {faults}', values
     if session.control.refusal:

@@ -4,7 +4,7 @@ import logging
 import math
 import threading
 import time
-from typing import Optional
+from typing import Dict, Optional
 
 from rclpy.node import Node
 from sensor_msgs.msg import Imu
@@ -12,6 +12,7 @@ from std_msgs.msg import Bool
 
 from ballbot_ros.bridge.motor_state import MotorState
 from ballbot_ros.bridge.session import Report, Session
+from ballbot_ros.bridge.supervisor import EStop
 from ballbot_ros.control import Mode
 from ballbot_ros.errors import MessageError
 from ballbot_ros.estimation import Estimate, ImuReading
@@ -181,7 +182,7 @@ class MotorOutputs:
         """Publish the end of the loop and the state of the motor; wait for delivery."""
         e_stop, unconfirmed = session.supervisor.e_stop, session.control.unconfirmed
         message = MotorStatus(
-            state=state, e_stop=e_stop, derating=1.0,
+            state=state, **_cause(e_stop), derating=1.0,
             warnings=[unconfirmed] if unconfirmed else [],
             control=(MotorStatus.CONTROL_ONBOARD if self._joint_period
                      else MotorStatus.CONTROL_DIRECT),
@@ -196,7 +197,7 @@ class MotorOutputs:
     def _motor_status(self, report: Report, state: str) -> MotorStatus:
         estimate, drive, law = self._estimate, report.telemetry, report.set_point
         message = MotorStatus(
-            state=state, e_stop=report.e_stop, torque=report.torque,
+            state=state, **_cause(report.e_stop), torque=report.torque,
             pendulum_angle=estimate.readings.pendulum_angle if estimate else math.nan,
             pendulum_angle_sd=estimate.angle_sd if estimate else math.nan,
             pendulum_rate_sd=estimate.rate_sd if estimate else math.nan,
@@ -229,6 +230,10 @@ def state_of(report: Report) -> str:
     if report.timed_out:
         return MotorStatus.STATE_TIMED_OUT
     return MotorStatus.STATE_FOLLOWING if report.commanded else MotorStatus.STATE_WAITING
+
+
+def _cause(e_stop: Optional[EStop]) -> Dict[str, str]:
+    return {} if e_stop is None else {'e_stop': e_stop.text, 'e_stop_reason': e_stop.reason.value}
 
 
 def _number(value: Optional[float]) -> float:

@@ -99,5 +99,5 @@ def _status(session: Session, loop: Optional[Loop]) -> str:
     if line.driver is None:
         return f'looking for the drive: {line.trouble}'
     if supervisor.e_stop:
-        return f'e-stop: {supervisor.e_stop}'
+        return f'e-stop: {supervisor.e_stop.text}'
     return 'commands timed out' if supervisor.timed_out else 'running'

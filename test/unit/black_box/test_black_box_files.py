@@ -20,6 +20,7 @@ from ballbot_ros.bridge.loop import Loop
 from ballbot_ros.bridge.motor_state import MotorState
 from ballbot_ros.bridge.observer import Level
 from ballbot_ros.bridge.session import Session
+from ballbot_ros.bridge.supervisor import EStop, StopReason
 from ballbot_ros.control import Mode, SetPoint
 from ballbot_ros.drives.capture import ShownToAll
 from ballbot_ros.drives.contract import Telemetry
@@ -230,7 +231,8 @@ def test_a_drive_that_is_lost_without_power_is_one_too():
 
 def test_a_runaway_is_one():
     robot = RecordedRobot().ready()
-    robot.session.supervisor.trigger('runaway: the joint rotates at 99 rad/s')
+    robot.session.supervisor.trigger(
+        EStop(StopReason.RUNAWAY, 'runaway: the joint rotates at 99 rad/s'))
     robot.run(0.1)
     assert robot.box.take_fault()[1] == 'e-stop: runaway: the joint rotates at 99 rad/s'
 

@@ -8,6 +8,7 @@ from virtual_robot import VirtualRobot
 
 from ballbot_ros.bridge.condition import Battery
 from ballbot_ros.bridge.condition import Thermal
+from ballbot_ros.bridge.supervisor import StopReason
 from ballbot_ros.errors import RefusedError
 
 
@@ -54,7 +55,7 @@ def test_an_empty_battery_lets_the_pendulum_down_before_it_stops_and_stays_stopp
     assert 0.0 < faded.estimate.readings.pendulum_angle < 0.7 * angle
     assert abs(faded.estimate.readings.pendulum_rate) < 2.0  # it comes down, and does not drop
     stopped = found.run(0.6, torque=1.0)
-    assert 'the battery is empty' in stopped.e_stop
+    assert stopped.e_stop.reason is StopReason.BATTERY_EMPTY
     found.bus_voltage = 21.5  # it recovers without load
     found.run(2.0)
     with refused('standing', 'battery', RefusedError):

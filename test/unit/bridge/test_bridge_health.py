@@ -85,7 +85,7 @@ def test_a_drive_that_is_away_is_an_error_with_the_reason_even_under_e_stop():
     level, message, found = described(robot)
     assert level == diagnostics.ERROR
     assert message == 'looking for the drive: the cable is out'
-    assert 'the line was lost' in found['e_stop'] and found['links_lost'] == 1
+    assert found['e_stop_reason'] == 'links_lost' and found['links_lost'] == 1
     assert not any(name.startswith('wire_') for name in found)
 
 
@@ -97,7 +97,7 @@ def test_the_e_stop_is_a_warning_with_its_reason():
     robot = driving()
     robot.session.engage('button')
     assert described(robot)[:2] == (diagnostics.WARN, 'e-stop: button')
-    assert values(robot)['e_stop'] == 'button' and values(robot)['e_stops'] == 1
+    assert values(robot)['e_stop_reason'] == 'requested' and values(robot)['e_stops'] == 1
 
 
 def test_faults_of_the_drive_are_an_error_where_no_e_stop_says_more():
@@ -158,7 +158,7 @@ def test_every_count_is_there_from_the_start_and_is_zero():
     assert set(found) == fixed
     counted = fixed - {'port', 'protocol', 'firmware', 'serial_number', 'e_stop', 'faults',
                        'torque', 'imu', 'commander', 'control', 'law', 'set_value', 'warnings',
-                       'derating', 'battery_voltage', 'motor_warmth'}
+                       'derating', 'battery_voltage', 'motor_warmth', 'e_stop_reason'}
     assert {found[key] for key in counted} == {0}
 
 

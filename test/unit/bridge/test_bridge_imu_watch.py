@@ -5,6 +5,7 @@ from refusals import refused
 from virtual_robot import STEP, VirtualRobot
 
 from ballbot_ros.bridge.sensing import AHEAD, ImuWatch, MISSING_TIMEOUT, STEADY
+from ballbot_ros.bridge.supervisor import StopReason
 from ballbot_ros.errors import MessageError, RefusedError
 from ballbot_ros.estimation import ImuReading
 from ballbot_ros.estimation.fusion import IMU_TIMEOUT
@@ -97,7 +98,8 @@ def test_an_imu_that_falls_silent_ends_the_torque_and_what_was_commanded(rearm):
     robot.torques.clear()
     report = silence(robot, 0.13)
     assert any(robot.torques[:20]) and not any(robot.torques[28:])
-    assert ('IMU timed out' in report.e_stop) is not rearm
+    assert (None if rearm else StopReason.IMU_SILENT) == (
+        report.e_stop and report.e_stop.reason)
     assert state_of(report) == ('no_imu' if rearm else 'e_stop')
 
 

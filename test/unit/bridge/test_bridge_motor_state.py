@@ -7,7 +7,9 @@ import pytest
 
 from ballbot_ros.bridge.motor_state import (
     Event, MotorState, Power, SILENCE, STATUS_TIMEOUT, TRANSITIONS)
+from ballbot_ros.bridge.supervisor import StopReason
 from ballbot_ros.drives.contract import Telemetry
+from ballbot_ros.imus.plausibility import EXPLANATIONS
 
 DISCONNECTED, DISARMED, ARMED, STOPPING = MotorState
 # What a drive, or the lack of one, may do at any moment.
@@ -73,7 +75,7 @@ WELL = Telemetry(status_time=11.0, armed=True)
 def observed(silence=0.0, state=ARMED, status_age=0.0, **telemetry):
     """Return the event that a power since 10 s observes, None for none."""
     found = Power(state, 10.0).observe(WELL._replace(**telemetry), silence, status_age)
-    return None if found is None else found[0]
+    return None if found is None else Event(found.reason.value)
 
 
 def test_a_drive_that_answers_and_says_that_all_is_well_has_done_nothing():
@@ -108,7 +110,11 @@ def test_without_power_there_is_nothing_to_lose(state):
 
 
 def test_the_faults_are_named_and_their_lack_too():
-    def why(**telemetry):
-        return Power(ARMED).observe(WELL._replace(armed=False, **telemetry), 0.0, 0.0)[1]
-    assert 'HOT, OVER_CURRENT' in why(faults=('HOT', 'OVER_CURRENT'))
-    assert why() != why(faults=('HOT',)) and why().strip(': ') == why()
+    def names(**telemetry):
+        return Power(ARMED).observe(WELL._replace(armed=False, **telemetry), 0.0, 0.0).names
+    assert names(faults=('HOT', 'OVER_CURRENT')) == ('HOT', 'OVER_CURRENT') and names() == ()
+
+
+def test_each_fault_of_motor_and_imu_has_a_code():
+    faults = {event.value for (_, event), after in TRANSITIONS.items() if after.fault}
+    assert all(StopReason(reason).is_fault for reason in (*faults, *EXPLANATIONS))

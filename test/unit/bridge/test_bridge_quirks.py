@@ -8,6 +8,7 @@ from refusals import refused
 from virtual_robot import STEP, VirtualRobot
 
 from ballbot_ros.bridge.motor_state import MotorState
+from ballbot_ros.bridge.supervisor import StopReason
 from ballbot_ros.errors import ConfigurationError, DriveError
 
 
@@ -36,11 +37,11 @@ def test_a_vesc_whose_kill_switch_is_pulled_has_no_torque_and_gets_none_by_itsel
     assert robot.motor > 0.0
     robot.stop_switch = 1.0
     report = robot.run(0.05, torque=0.5)
-    assert robot.motor == 0.0 and 'KILL_SW_ACTIVE' in report.e_stop
+    assert robot.motor == 0.0 and report.e_stop.reason is StopReason.DISARMED_BY_DRIVE
     assert report.telemetry.faults == ('KILL_SW_ACTIVE',)
     robot.run(0.6, torque=0.0)
     robot.session.release()
-    assert 'cannot arm' in robot.run(0.1).e_stop
+    assert robot.run(0.1).e_stop.reason is StopReason.NOT_ARMED
     robot.stop_switch = 0.0
     robot.torques.clear()
     assert robot.run(0.6, torque=0.0).state is MotorState.DISARMED and not any(robot.torques)
@@ -98,7 +99,8 @@ def test_a_roboclaw_whose_e_stop_is_pressed_names_it():
     assert robot.motor > 0.0
     robot.stop_switch = 1.0
     report = robot.run(0.1, torque=0.5)
-    assert 'E_STOP' in report.e_stop and report.state is not MotorState.ARMED
+    assert report.e_stop.reason is StopReason.DISARMED_BY_DRIVE
+    assert 'E_STOP' in report.e_stop.names and report.state is not MotorState.ARMED
     robot.stop_switch = 0.0
     robot.run(0.6, torque=0.0)
     assert robot.motor == 0.0
@@ -158,7 +160,8 @@ def test_an_encoder_that_goes_on_jumping_takes_the_torque_away_and_then_the_powe
         report = robot.run(STEP, torque=0.8)
         off = min(off, robot.now - begin) if robot.motor == 0.0 else math.inf
     assert off <= 0.03
-    assert 'encoder has jumped' in report.e_stop and report.state is not MotorState.ARMED
+    assert report.e_stop.reason is StopReason.ENCODER_JUMPS
+    assert report.state is not MotorState.ARMED
 
 
 @pytest.mark.parametrize('protocol', ['vesc', 'roboclaw'])

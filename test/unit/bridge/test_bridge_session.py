@@ -8,6 +8,7 @@ from refusals import refused
 from virtual_robot import STEP, VirtualRobot
 
 from ballbot_ros.bridge.motor_state import MotorState
+from ballbot_ros.bridge.supervisor import EStop, StopReason
 from ballbot_ros.control import load_tuning, Mode, PendulumController, SetPoint
 from ballbot_ros.drives.emulated_device import DriveSettings
 from ballbot_ros.errors import (
@@ -153,7 +154,7 @@ def test_a_bridge_that_was_held_up_does_not_take_the_drive_for_silent():
     robot.session.await_answer(STEP)
     robot.now += 0.25
     robot.session.tick()
-    assert 'silent' not in robot.session.supervisor.e_stop
+    assert robot.session.control.counts['silent'] == 0 and not robot.session.supervisor.e_stop
 
 
 @pytest.mark.parametrize('error', [
@@ -169,7 +170,7 @@ def test_a_command_that_cannot_be_sent_is_a_lost_line_and_no_error_of_who_gave_i
     robot.session.tick()  # which only asks
     robot.session.command(0.5, robot.now)
     assert robot.session.line.driver is None and robot.session.control.counts['links_lost'] == 1
-    assert robot.session.supervisor.e_stop == 'the line was lost: planted'
+    assert robot.session.supervisor.e_stop.reason is StopReason.LOST
 
 
 def test_an_e_stop_while_the_line_breaks_is_a_lost_line_under_its_own_reason():
@@ -177,14 +178,14 @@ def test_an_e_stop_while_the_line_breaks_is_a_lost_line_under_its_own_reason():
     robot.plugged = False
     robot.session.engage('button')
     assert robot.session.line.driver is None
-    assert robot.session.supervisor.e_stop == 'button'
+    assert robot.session.supervisor.e_stop.reason is StopReason.REQUESTED
 
 
 def test_a_line_that_breaks_during_a_stop_is_lost_once():
     robot = VirtualRobot().ready()
     robot.run(0.1, torque=0.5)
     robot.session.line.driver.poll = lambda: robot.session.line.driver.telemetry
-    robot.session.supervisor.trigger('button')
+    robot.session.supervisor.trigger(EStop(StopReason.REQUESTED, 'button'))
     robot.plugged = False  # noticed when the stop is written
     robot.session.tick()
     assert robot.session.line.driver is None and robot.session.control.counts['links_lost'] == 1
@@ -312,7 +313,7 @@ def test_a_drive_that_disarms_by_itself_is_noticed(protocol):
     robot.run(0.2, torque=0.5)
     robot.device.over_current()
     robot.run(0.3, torque=0.5)
-    assert 'the drive disarmed the motor' in robot.session.supervisor.e_stop
+    assert robot.session.supervisor.e_stop.reason is StopReason.DISARMED_BY_DRIVE
     assert robot.session.control.counts['disarmed_by_drive'] == 1
 
 
@@ -388,7 +389,7 @@ def test_after_deactivate_it_measures_on_and_has_to_be_activated_and_released_ag
         robot.session.release()
     robot.session.activate()
     report = robot.run(0.6)
-    assert report.state is MotorState.DISARMED and report.e_stop == 'deactivated'
+    assert report.state is MotorState.DISARMED and report.e_stop.reason is StopReason.DEACTIVATED
     robot.session.release()
     assert robot.run(0.1).state is MotorState.ARMED
 
@@ -396,7 +397,7 @@ def test_after_deactivate_it_measures_on_and_has_to_be_activated_and_released_ag
 def test_after_close_by_any_caller_the_e_stop_is_engaged():
     robot = VirtualRobot().ready()
     robot.session.close()
-    assert robot.session.supervisor.e_stop == 'the bridge was shut down'
+    assert robot.session.supervisor.e_stop.reason is StopReason.CLOSED
 
 
 def test_without_a_drive_it_cannot_be_activated_and_says_why():
@@ -435,7 +436,7 @@ def test_an_e_stop_of_the_supervisor_itself_takes_the_power_away():
     robot.run(0.05, torque=0.1)
     robot.plant.state = robot.plant.state._replace(pendulum_rate=6.0)
     report = robot.run(0.1, torque=0.1)
-    assert 'runaway' in report.e_stop
+    assert report.e_stop.reason is StopReason.RUNAWAY
     assert report.state is MotorState.DISARMED and not robot.device.armed
 
 
@@ -443,10 +444,10 @@ def test_an_estimate_that_ran_away_engages_the_e_stop_even_where_it_rearms(caplo
     robot = VirtualRobot(rearm=True).ready()
 
     def fail(*_):
-        raise EstimateLostError('planted', 'runaway', 'encoder')
+        raise EstimateLostError('planted', 'diverged', 'pendulum_angle')
     robot.session.fusion.encoder = fail
     report = robot.run(0.1, torque=0.5)
-    assert report.e_stop == 'planted' and 'planted' in caplog.messages
+    assert report.e_stop.reason is StopReason.DIVERGED and 'planted' in caplog.messages
     assert report.state is MotorState.DISARMED and report.estimate is None
 
 
@@ -472,7 +473,7 @@ def test_engaging_it_twice_stops_once():
     robot.session.engage('first')
     sent = robot.session.line.driver.counts['sent']
     robot.session.engage('second')
-    assert robot.session.supervisor.e_stop == 'first'
+    assert robot.session.supervisor.e_stop.text == 'first'
     assert robot.session.line.driver.counts['sent'] == sent
 
 

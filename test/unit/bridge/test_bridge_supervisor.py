@@ -7,11 +7,13 @@ import pytest
 from refusals import refused
 
 from ballbot_ros.bridge.hardware_file import Limits
-from ballbot_ros.bridge.supervisor import PendulumMotion as Motion, Supervisor
+from ballbot_ros.bridge.supervisor import (
+    EStop, PendulumMotion as Motion, StopReason, Supervisor)
 from ballbot_ros.errors import MessageError, RefusedError
 
 PERIOD = 0.002
 STILL = Motion(0.0, 0.0, 0.0)
+BUTTON = EStop(StopReason.REQUESTED, 'button')
 
 
 def released(**limits):
@@ -80,7 +82,7 @@ def test_what_follows_a_timeout_is_chosen_and_ends(policy, motion, expected):
 
 def test_the_e_stop_is_engaged_at_start_and_says_so():
     supervisor = Supervisor(Limits(torque_limit=4.0), PERIOD)
-    assert supervisor.e_stop == 'engaged at start'
+    assert supervisor.e_stop.reason is StopReason.START
     assert follow(supervisor, 1.0, 0.0, 0.1) == 0.0
 
 
@@ -111,15 +113,15 @@ def test_an_inhibit_keeps_the_e_stop_with_its_reason():
 
 def test_the_first_reason_of_an_e_stop_stays():
     supervisor = released()
-    supervisor.trigger('button')
-    supervisor.trigger('line lost')
-    assert supervisor.e_stop == 'button' and supervisor.counts['e_stops'] == 1
+    supervisor.trigger(BUTTON)
+    supervisor.trigger(EStop(StopReason.LOST, 'line lost'))
+    assert supervisor.e_stop is BUTTON and supervisor.counts['e_stops'] == 1
 
 
 def test_a_command_from_before_an_e_stop_is_not_followed_after_it():
     supervisor = released()
     follow(supervisor, 1.0, 0.0, 0.05)
-    supervisor.trigger('button')
+    supervisor.trigger(BUTTON)
     supervisor.reset(1.0)
     assert supervisor.decide(0.06, STILL) == 0.0
 
@@ -156,7 +158,7 @@ def test_a_runaway_engages_the_e_stop():
     follow(supervisor, 1.0, 0.0, 0.01, Motion(0.0, 19.0, 19.0))
     assert not supervisor.e_stop  # one wrong reading is none
     assert follow(supervisor, 1.0, 0.01, 0.02, Motion(0.0, 19.0, 19.0)) == 0.0
-    assert 'runaway' in supervisor.e_stop
+    assert supervisor.e_stop.reason is StopReason.RUNAWAY
 
 
 def test_without_knowing_how_the_robot_moves_there_is_no_torque():
@@ -166,13 +168,11 @@ def test_without_knowing_how_the_robot_moves_there_is_no_torque():
 def test_of_reasons_for_the_e_stop_the_first_stays_and_is_counted_once():
     supervisor = released()
     follow(supervisor, 1.0, 0.0, 0.1)
-    supervisor.trigger('first')
-    supervisor.trigger('second')
-    assert supervisor.e_stop == 'first' and supervisor.counts['e_stops'] == 1
+    supervisor.trigger(BUTTON)
     assert supervisor.torque == 0.0 and not supervisor.commanded
     started = Supervisor(Limits(torque_limit=4.0), PERIOD)
-    started.trigger('again')
-    assert started.e_stop == 'engaged at start' and not started.counts
+    started.trigger(BUTTON)
+    assert started.e_stop.reason is StopReason.START and not started.counts
 
 
 def test_half_a_second_of_commands_of_zero_releases_and_next_to_nothing_is_zero():
@@ -323,7 +323,7 @@ def test_torque_is_finite_limited_and_only_after_a_fresh_command(events, policy)
             except MessageError:
                 pass
         elif what == 'trigger':
-            supervisor.trigger('test')
+            supervisor.trigger(BUTTON)
         elif what == 'reset':
             try:
                 supervisor.reset(now)

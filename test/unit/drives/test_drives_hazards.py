@@ -29,7 +29,7 @@ def armed(kind, settings=None, **options):
 def test_torque_frames_of_another_sender_are_a_hazard_under_power(kind, frame):
     bench = armed(kind)
     bench.waiting.append((bench.now, record(frame)))
-    assert bench.cycles(2, torque=0.01).hazards == ('another sender commands the drive',)
+    assert bench.cycles(2, torque=0.01).hazards[0].setting == ''
     bench.driver.stop()
     bench.driver.arm()
     assert bench.driver.poll().hazards == ()
@@ -42,17 +42,16 @@ def test_torque_frames_of_another_sender_are_a_hazard_under_power(kind, frame):
     ('0.6', 'axis0.controller.config.control_mode', 2)])
 def test_a_setting_of_an_odrive_that_changes_under_power_is_a_hazard(firmware, name, value):
     bench = armed(f'odrive {firmware}')
-    before = bench.device.properties[name]
     bench.device.properties[name] = value
-    telemetry = bench.cycles(2500, torque=0.01)
-    assert telemetry.hazards == (f'{name} is {value:g}, was {before:g}',)
+    hazard, = bench.cycles(2500, torque=0.01).hazards
+    assert hazard.setting == name
 
 
 def test_a_current_limit_of_a_roboclaw_that_is_raised_under_power_is_a_hazard():
     bench = armed('roboclaw')
     bench.device.settings = DriveSettings(torque_limit=1.0, current_limit=40.0)
     hazard, = bench.cycles(200, torque=0.01).hazards
-    assert hazard == 'torque limit is 1 N m, must be at most 0.1 N m'
+    assert hazard.setting == 'torque_limit'
 
 
 @pytest.mark.parametrize('boot_time', [0.005, 0.03, 0.09])

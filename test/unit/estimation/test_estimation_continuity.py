@@ -161,7 +161,7 @@ def test_the_angle_is_relied_on_for_20_ms_and_given_up_after_100():
         for number in range(1, 100):
             fusion.encoder(EncoderReading(PERIOD * number, 0.5 * (-1) ** number, 0.0, 0.0))
             relied_on[number] = fusion.is_relied_on()
-    assert raised.value.reason == 'jumps'
+    assert raised.value.reason == 'encoder_jumps'
     assert [number for number, good in relied_on.items() if good] == list(range(1, 12))
     assert max(relied_on) == 51
     assert fusion.estimate is None and not fusion.is_relied_on()
@@ -173,7 +173,7 @@ def test_an_encoder_that_jumps_three_times_in_5_s_is_given_up():
         for number in range(2000):
             angle += TWO_TURNS if number % 500 == 100 else 0.0
             fusion.encoder(EncoderReading(PERIOD * number, angle, 0.0, 0.0))
-    assert raised.value.reason == 'jumps'
+    assert raised.value.reason == 'encoder_jumps'
     assert number == 1109 and fusion.rezeroed == 3
     for number in range(2000, 6000):  # one in 4 s is gone on from
         angle += TWO_TURNS if number % 2000 == 100 else 0.0

@@ -237,7 +237,7 @@ def test_an_estimate_that_runs_away_is_given_up_and_begins_again_at_rest(torque)
     with pytest.raises(EstimateLostError) as caught:
         for number in range(2, 100):
             fusion.encoder(EncoderReading(0.002 * number, 3.0, torque))
-    assert caught.value.reason == 'runaway'
+    assert caught.value.reason == 'diverged'
     assert fusion.estimate is None and fusion.jumps > 0
     again = fusion.encoder(EncoderReading(0.5, 3.3))
     assert again.readings.pendulum_angle == 0.0 and again.encoder_zero == 3.3

@@ -4,6 +4,7 @@ import pytest
 from rclpy.node import Node
 from std_msgs.msg import Bool
 
+from ballbot_ros.bridge.supervisor import StopReason
 from ballbot_ros.nodes.bridge.node import Bridge
 from ballbot_ros.ros import qos
 
@@ -43,6 +44,6 @@ def test_after_shutdown_cleanup_and_an_error_the_e_stop_is_published_as_engaged(
     else:
         getattr(bridge, f'on_{end}')(None)
     assert received_late() is True
-    assert bridge._session.supervisor.e_stop == 'the bridge was shut down'
+    assert bridge._session.supervisor.e_stop.reason is StopReason.CLOSED
     bridge._look_after()
     assert received_late() is True

@@ -6,6 +6,7 @@ import time
 import pytest
 from sensor_msgs.msg import Imu, JointState
 
+from ballbot_ros.bridge.supervisor import EStop, StopReason
 from ballbot_ros.nodes.bridge.inputs import RELEASE_DELAY
 from ballbot_ros.nodes.bridge.node import Bridge
 from ballbot_ros.ros.set_points import REFUSED_PAUSE
@@ -55,7 +56,7 @@ def test_a_release_before_its_own_message_of_the_e_stop_has_arrived_is_too_early
     spinner.add(node)
     node._session.supervisor.reset(now[0])
     node._outputs.publish_e_stop(False)
-    node._session.supervisor.trigger('test')
+    node._session.supervisor.trigger(EStop(StopReason.REQUESTED, 'test'))
     node._outputs.publish_e_stop(True)
     now[0] = node._outputs.engaged_at + 1.1 * RELEASE_DELAY
     node._inputs._release()

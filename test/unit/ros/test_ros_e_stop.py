@@ -52,7 +52,7 @@ def test_a_release_that_was_requested_before_the_e_stop_engaged_is_refused(make_
     outputs.publish_e_stop(True)
     with pytest.raises(RefusedError):
         inputs._release()
-    assert session.supervisor.e_stop == 'test'
+    assert session.supervisor.e_stop.text == 'test'
     time.sleep(1.1 * RELEASE_DELAY)
     inputs._on_e_stop(True)  # its own message, which takes less time
     assert inputs._release() and not session.supervisor.e_stop

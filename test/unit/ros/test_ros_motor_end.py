@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import pytest
 from rclpy.node import Node
 
+from ballbot_ros.bridge.supervisor import EStop, StopReason
 from ballbot_ros.msg import MotorStatus
 from ballbot_ros.nodes.bridge.motor import Clocks, MotorOutputs
 from ballbot_ros.ros import qos
@@ -21,8 +22,9 @@ def test_the_last_status_is_received_and_names_an_unconfirmed_stop(
     spinner.add(peer)
     spinner.until(lambda: node.count_subscribers('motor_status'))
     outputs.publish_end(state, SimpleNamespace(
-        supervisor=SimpleNamespace(e_stop='asked for'),
+        supervisor=SimpleNamespace(e_stop=EStop(StopReason.REQUESTED, 'asked for')),
         control=SimpleNamespace(unconfirmed=unconfirmed)))
     last, = spinner.until(lambda: received)
-    assert (last.state, last.torque, last.e_stop) == (state, 0.0, 'asked for')
+    assert (last.state, last.torque, last.e_stop, last.e_stop_reason) == (
+        state, 0.0, 'asked for', 'requested')
     assert list(last.warnings) == ([unconfirmed] if unconfirmed else [])

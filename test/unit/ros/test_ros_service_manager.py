@@ -11,6 +11,7 @@ from types import SimpleNamespace
 import pytest
 import yaml
 
+from ballbot_ros.bridge.supervisor import EStop, StopReason
 from ballbot_ros.cli.run import NODES
 from ballbot_ros.config.fields import checked_values
 from ballbot_ros.nodes.bridge import service_manager
@@ -61,7 +62,8 @@ def session(e_stop='', trouble='', driver=True, timed_out=False):
     """Return what is looked at of a session."""
     return SimpleNamespace(
         line=SimpleNamespace(trouble=trouble, driver=LOOP if driver else None),
-        supervisor=SimpleNamespace(e_stop=e_stop, timed_out=timed_out))
+        supervisor=SimpleNamespace(
+            e_stop=e_stop and EStop(StopReason.REQUESTED, e_stop), timed_out=timed_out))
 
 
 def look(systemd, service, seconds, beats=True, loop=LOOP, failure=None):

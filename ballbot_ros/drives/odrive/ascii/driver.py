@@ -557,7 +557,8 @@ class ODrive(Driver):
         before = self._settings.setdefault(name, value) if self._armed else value
         self._settings[name] = before
         if value != before:
-            self._add_hazard(f'{self._path(name)} is {value:g}, was {before:g}')
+            path = self._path(name)
+            self._add_hazard(path, f'{path} is {value:g}, was {before:g}')
 
     def _note(self, name: str, value: Optional[float], now: float) -> None:
         """Put the value of a property into the telemetry."""

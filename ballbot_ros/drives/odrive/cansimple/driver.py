@@ -401,7 +401,7 @@ class ODriveCan(Driver):
                 continue
             before = self._settings.setdefault(name, value)
             if value != before and not math.isnan(value + before):
-                self._add_hazard(f'{name} is {value:g}, was {before:g}')
+                self._add_hazard(name, f'{name} is {value:g}, was {before:g}')
 
     def _send(self, data: bytes) -> None:
         # Any frame feeds the watchdog of a 0.5: it would keep an old torque alive, of any sender.
@@ -459,7 +459,7 @@ class ODriveCan(Driver):
             return
         if frame.remote or command in codec.COMMANDS:
             self.counts['of_others'] += 1
-            self._add_hazard('another sender commands the drive')
+            self._add_hazard('', 'another sender commands the drive')
             return
         self._replies[command] = frame.data
         if command == codec.HEARTBEAT:

@@ -51,7 +51,7 @@ class VescCan(Vesc):
         before = self.counts['of_others']
         super()._take(data, now)
         if self.counts['of_others'] > before:
-            self._add_hazard('another sender commands the drive')
+            self._add_hazard('', 'another sender commands the drive')
 
     def _send(self, data: bytes) -> None:
         super()._send(self._on_bus(data))

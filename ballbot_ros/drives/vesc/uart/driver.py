@@ -189,11 +189,12 @@ class Vesc(Driver):
         limits = settings.parse_limits(payload, settings.layout_of(version)) or {}
         for name, value in limits.items():
             if value != self._limits[name] and not math.isnan(self._limits[name]):
-                self._add_hazard(f'{name} is {value:g}, was {self._limits[name]:g}')
+                self._add_hazard(
+                    name, f'{name} is {value:g}, was {self._limits[name]:g}')
         application = settings.parse_application(payload, version) or before
         for name, now, then in zip(application._fields, application, before):
             if now != then:
-                self._add_hazard(f'{name.replace("_", " ")} is {now}, was {then}')
+                self._add_hazard(name, f'{name.replace("_", " ")} is {now}, was {then}')
 
     def _note(self, values: codec.Values, now: float) -> None:
         """Update the telemetry; the tag of a reply names its request."""
