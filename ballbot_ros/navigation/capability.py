@@ -24,13 +24,14 @@ from ballbot_ros.decision.planning.rollout.planner import KICK
 from ballbot_ros.decision.planning.rollout.search import BRISK, candidates, search, Task, Trial
 from ballbot_ros.decision.planning.rollout.worlds import Worlds
 
-# Run-ups from rest to the touch, and rooms for the centre behind the last edge, to try [m].
+# Run-ups from rest to the touch to try, and longest room behind the last edge that is used [m].
 RUN_UPS = (0.2, 0.35, 0.5, 0.75, 1.0, 1.4, 1.8, 2.4)
-ROOMS = (0.4, 0.65, 1.0, 1.5, 2.5)
+LONGEST_ROOM = 2.5
 # A longer run-up must raise the probability by this to be a separate choice.
 BETTER = 0.005
-# Heights, standard deviations of heights, and widths are rounded up to multiples of this [m].
-HEIGHT, HEIGHT_SD, WIDTH = 0.0025, 0.001, 0.01
+# Heights, standard deviations of heights, and widths are rounded up to multiples of this, rooms
+# down [m].
+HEIGHT, HEIGHT_SD, WIDTH, ROOM = 0.0025, 0.001, 0.01, 0.1
 # Standard deviation of the place of a step when the ball crosses it, and of a level floor's slope.
 PLACE_SD, SLOPE_SD = 0.01, 0.003
 
@@ -119,11 +120,11 @@ class Capability:
             Empty if no run-up up to `run_up` reaches the required probability.
 
         """
-        rooms = [item for item in ROOMS if item <= room]
+        room = round(math.floor(min(room, LONGEST_ROOM) / ROOM + 1e-6) * ROOM, 6)
         found: List[CrossingPlan] = []
-        for item in RUN_UPS if rooms else ():
-            crossing = self._crossing(tuple(faces), height_sd, item, rooms[-1]) \
-                if item <= run_up else None
+        for item in RUN_UPS:
+            crossing = self._crossing(tuple(faces), height_sd, item, room) \
+                if item <= run_up and room > 0.0 else None
             if crossing is not None and (
                     not found or crossing.probability > found[-1].probability + BETTER):
                 found.append(crossing)
