@@ -9,6 +9,7 @@ Measure the structure of ``ballbot_ros/``: size, fan-in, import cycles and readi
 import argparse
 import ast
 from collections import Counter
+from functools import cache
 import io
 import json
 import os
@@ -87,6 +88,12 @@ def modules(root=ROOT):
     return found
 
 
+@cache
+def tree_of(path):
+    """Return the syntax tree of a file."""
+    return ast.parse(path.read_text(encoding='utf-8'))
+
+
 def imports(module, text, is_package=False):
     """
     Yield (line, dotted name) of each import at any depth: module, or module and name in it.
@@ -115,8 +122,7 @@ def edges(root=ROOT):
     found = modules(root)
     graph = {}
     for module, path in found.items():
-        names = (name for _, name in imports(module, path.read_text(encoding='utf-8'),
-                                             path.name == '__init__.py')
+        names = (name for _, name in imports(module, tree_of(path), path.name == '__init__.py')
                  if (module, name) not in LATE)
         # A name out of a module counts as an import of the module.
         ours = {name if name in found else name.rpartition('.')[0] for name in names}

@@ -14,7 +14,7 @@ from test_lint import project_files
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT / 'scripts'))
 
-from structure import cycles, edges, imports, LATE, modules  # noqa: E402, I100, I202
+from structure import cycles, edges, imports, LATE, modules, tree_of  # noqa: E402, I100, I202
 
 # Each layer, bottom to top, and the layers that it may import. Its own modules it always may.
 LAYERS = {
@@ -75,11 +75,6 @@ ROS_LAYERS = {'ros', 'nodes', 'demo', 'bags', 'experiments'}
 # Serial port and CAN bus have one owner each, so that the exception families of each are converted
 # in one place.
 OWNERS = {'serial': 'ballbot_ros.drives.transport', 'can': 'ballbot_ros.drives.can_transport'}
-
-
-def tree_of(path):
-    """Return the syntax tree of a file."""
-    return ast.parse(path.read_text(encoding='utf-8'))
 
 
 def layer_of(module):

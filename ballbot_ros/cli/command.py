@@ -13,6 +13,7 @@ from difflib import get_close_matches
 from importlib import import_module
 import logging
 import os
+from pathlib import Path
 import re
 import signal
 import sys
@@ -94,11 +95,37 @@ def load_verb(name: str) -> Any:
     return getattr(found, part) if part else found
 
 
+def _number(word: str) -> float:
+    try:
+        return float(word)
+    except ValueError:
+        point = re.fullmatch(r'-?[0-9]+,[0-9]+', word)
+        raise argparse.ArgumentTypeError(f'must be a number, got {word!r}' + (
+            f': a decimal comma; write {word.replace(",", ".")}' if point else '')) from None
+
+
+def _whole_number(word: str) -> int:
+    if not re.fullmatch('[-+]?[0-9]+', word):
+        raise argparse.ArgumentTypeError(f'must be a whole number, got {word!r}')
+    return int(word)
+
+
+def _path(word: str) -> Path:
+    if not word:  # an unset variable of a shell; pathlib reads it as the present folder
+        raise argparse.ArgumentTypeError('must be the name of a file or folder, got no text')
+    return Path(word)
+
+
 class Parser(argparse.ArgumentParser):
     """A parser that raises instead of printing its usage and ending the program."""
 
     words: Sequence[str] = ()  # of the command line
     of_verb: Optional['Parser'] = None
+
+    def __init__(self, **options: Any):
+        super().__init__(**options)
+        for kind, read in ((float, _number), (int, _whole_number), (Path, _path)):
+            self.register('type', kind, read)
 
     def parse_args(self, *words: Any) -> argparse.Namespace:  # type: ignore[override]
         """Return the values of the options; refuse a number out of its declared range."""
@@ -119,9 +146,6 @@ class Parser(argparse.ArgumentParser):
         hints = [f'{word}: did you mean {near[0]}?' for word in dict.fromkeys(words)
                  if word.startswith('--') and word not in known
                  and (near := get_close_matches(word, known, n=1))]
-        number = re.search(r"invalid (?:float|int) value: '(-?[0-9]+,[0-9]+)'", message)
-        if number:
-            hints.append(f'a decimal comma; write {number[1].replace(",", ".")}')
         raise ConfigurationError(
             '; '.join([message, *hints, f'see {(self.of_verb or self).prog} --help']), 'usage',
             next(iter(re.findall(r'--[\w-]+|(?<=required: )[\w-]+', message)), ''))

@@ -74,10 +74,12 @@ def run(arguments: argparse.Namespace) -> int:
             f'the demo needs ROS 2, and {error.name or error} cannot be imported; source '
             '/opt/ros/jazzy/setup.bash, or run "make demo" in a checkout.  "ballbot simulate" '
             'works without ROS', 'not_installed', 'ROS') from error
+    from ballbot_ros.results.files import check_writable
     folder = 'demo_hardware' if arguments.hardware else (
         'demo_house' if arguments.house else 'demo')
     picture = 'house.png' if arguments.house else 'crossing.png'
     default = Path('ballbot_output') / folder
+    check_writable((arguments.out or default) / picture)  # before scenes are loaded
     acts = [] if arguments.hardware or arguments.house else own_acts(
         arguments.scene, arguments.robot, arguments.curve, arguments.tuning, arguments.duration,
         arguments.planner or 'rollout')

@@ -2,7 +2,6 @@
 """The verb ``drive``: the robot from a keyboard or a gamepad."""
 import argparse
 from contextlib import contextmanager
-from dataclasses import dataclass
 from importlib import import_module
 import math
 import os
@@ -25,6 +24,10 @@ STATUS_PERIOD = 0.1  # of the status line [s]
 # Keyboards wait up to 0.66 s before the first repetition, and less after that.
 FIRST_REPEAT_TIMEOUT, REPEAT_TIMEOUT = 0.75, 0.25
 
+# Keys that stop the robot, and their further requests.
+STOPPING_KEYS = {'space': '', 's': '', '0': '', 'e': 'engage', 'E': 'engage', 'R': 'release',
+                 'q': 'quit', 'Q': 'quit', 'interrupt': 'quit'}
+
 HELP = ('up/down faster, slower   space stop   e e-stop   R release it   q quit')
 HOLD_HELP = ('hold up/down to drive   space stop   e e-stop   R release it   q quit')
 
@@ -38,7 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help='drive at the speed --step, only while a key is held down')
     parser.add_argument('--gamepad', action='store_true',
                         help='drive with a gamepad (left stick: speed; A: stop; B: e-stop); needs '
-                        'evdev or pygame')
+                        'the package evdev')
     parser.add_argument('--node', default='bridge', metavar='NAME',
                         help='node whose e-stop is engaged and released (default: %(default)s)')
 
@@ -50,7 +53,7 @@ def run(arguments: argparse.Namespace) -> int:
                                  f'{arguments.max_speed:g}', 'inconsistent', '--step')
     from ballbot_ros.cli.graph import from_ros, note
     keyboard = Keyboard()
-    gamepad = open_gamepad() if arguments.gamepad else None
+    gamepad = Gamepad() if arguments.gamepad else None
     graph, driver = from_ros(), from_ros('ballbot_ros.ros.robot_driver')
     note('looking for the robot ...')
     with ended_by_exception(), graph.Observer('drive') as observer:
@@ -73,7 +76,7 @@ def drive(arguments: argparse.Namespace, observer: Any, robot: Any, keyboard: An
     observer : Observer
     robot : RobotDriver
     keyboard : Keyboard
-    gamepad : EvdevGamepad or PygameGamepad, optional
+    gamepad : Gamepad, optional
 
     Returns
     -------
@@ -96,12 +99,10 @@ def drive(arguments: argparse.Namespace, observer: Any, robot: Any, keyboard: An
                 driving.stick(reading.stick)
             for key in pressed:
                 request = driving.press(key, time.monotonic())
-                if request.engage:
-                    robot.engage()
-                if request.release:
-                    robot.release()
-                if request.quit:
+                if request == 'quit':
                     return DONE
+                if request:
+                    getattr(robot, request)()
             if (now := time.monotonic()) >= next_time:
                 robot.publish(driving.at(now))
                 # Missed set-points are not repeated.
@@ -141,15 +142,6 @@ def ended_by_exception() -> Iterator[None]:
             signal.signal(number, handler)
 
 
-@dataclass(frozen=True)
-class KeyRequest:
-    """Request of a key other than a speed."""
-
-    engage: bool = False
-    release: bool = False
-    quit: bool = False
-
-
 class Driving:
     """
     Turns keys into a speed.
@@ -176,22 +168,13 @@ class Driving:
         self._until = math.inf
         self._last = ''
 
-    def press(self, key: str, now: float) -> KeyRequest:
-        """Handle a key at a time [s]; return its request other than a speed."""
+    def press(self, key: str, now: float) -> str:
+        """Handle a key at a time [s]; return its request: engage, release, quit or none."""
         if key in ('up', 'down', 'left', 'right'):
             self._drive(1.0 if key in ('up', 'right') else -1.0, key, now)
-        elif key in ('space', 's', '0'):
+        elif key in STOPPING_KEYS:
             self.stop()
-        elif key in ('e', 'E'):
-            self.stop()
-            return KeyRequest(engage=True)
-        elif key == 'R':
-            self.stop()
-            return KeyRequest(release=True)
-        elif key in ('q', 'Q', 'interrupt'):
-            self.stop()
-            return KeyRequest(quit=True)
-        return KeyRequest()
+        return STOPPING_KEYS.get(key, '')
 
     def _drive(self, sign: float, key: str, now: float) -> None:
         if self.hold:
@@ -332,9 +315,6 @@ class Keyboard:
 
 # Positions of a released stick, as part of its range.
 DEAD_ZONE = 0.1
-MISSING = ('a gamepad is read with the Python package evdev or pygame, and neither is installed: '
-           'pip install evdev')
-NO_GAMEPAD = 'no gamepad is connected, or this user may not open it: sudo usermod -aG input $USER'
 
 
 class StickReading(NamedTuple):
@@ -344,42 +324,24 @@ class StickReading(NamedTuple):
     keys: list[str]
 
 
-def open_gamepad() -> Any:
+class Gamepad:
     """
-    Return the first gamepad, which has a method ``read``.
+    The first gamepad.
 
     Raises
     ------
     ConfigurationError
-        If no gamepad or no package to read it is available.
+        If no gamepad, or the package evdev to read it, is available.
 
     """
-    for module, reader in (('evdev', EvdevGamepad), ('pygame', PygameGamepad)):
+
+    def __init__(self) -> None:
         try:
-            return reader(import_module(module))
-        except ImportError:
-            continue
-    raise ConfigurationError(MISSING, 'not_installed', 'evdev')
-
-
-def centred(part: float) -> float:
-    """Return a position of a stick without its dead zone, still from -1 to 1."""
-    if abs(part) <= DEAD_ZONE:
-        return 0.0
-    return (abs(part) - DEAD_ZONE) / (1.0 - DEAD_ZONE) * (1.0 if part > 0.0 else -1.0)
-
-
-class EvdevGamepad:
-    """
-    A gamepad read by evdev.
-
-    Parameters
-    ----------
-    evdev : module
-
-    """
-
-    def __init__(self, evdev: Any):
+            evdev: Any = import_module('evdev')
+        except ImportError as error:
+            raise ConfigurationError(
+                'a gamepad is read with the Python package evdev, which is not installed: '
+                'pip install evdev', 'not_installed', 'evdev') from error
         codes = self._codes = evdev.ecodes
         for path in evdev.list_devices():
             device = evdev.InputDevice(path)
@@ -388,7 +350,9 @@ class EvdevGamepad:
                     and codes.BTN_SOUTH in able.get(codes.EV_KEY, ()):
                 break
         else:
-            raise ConfigurationError(NO_GAMEPAD, 'unavailable', 'gamepad')
+            raise ConfigurationError(
+                'no gamepad is connected, or this user may not open it: sudo usermod -aG input '
+                '$USER', 'unavailable', 'gamepad')
         self._device = device
         # A: stop, B: e-stop.  The button to release it is a key on purpose.
         self._buttons = {codes.BTN_SOUTH: 'space', codes.BTN_EAST: 'e'}
@@ -405,35 +369,7 @@ class EvdevGamepad:
             elif event.type == self._codes.EV_KEY and event.value == 1 \
                     and event.code in self._buttons:
                 keys.append(self._buttons[event.code])
-        part = (2.0 * self._value - self._low - self._high) / (self._high - self._low)
-        return StickReading(centred(-part), keys)  # forward is towards low
-
-
-class PygameGamepad:
-    """
-    A gamepad read by pygame.
-
-    Parameters
-    ----------
-    pygame : module
-
-    """
-
-    def __init__(self, pygame: Any):
-        self._pygame = pygame
-        pygame.display.init()  # its events need that, not a window
-        pygame.joystick.init()
-        if not pygame.joystick.get_count():
-            raise ConfigurationError(NO_GAMEPAD, 'unavailable', 'gamepad')
-        self._stick = pygame.joystick.Joystick(0)
-        self._stick.init()
-
-    def read(self) -> StickReading:
-        """Return stick and keys since the last call; raise OSError if unplugged."""
-        keys = []
-        for event in self._pygame.event.get():
-            if event.type == self._pygame.JOYBUTTONDOWN and event.button in (0, 1):
-                keys.append(('space', 'e')[event.button])
-            if event.type == self._pygame.JOYDEVICEREMOVED:
-                raise OSError('the gamepad was unplugged')
-        return StickReading(centred(-self._stick.get_axis(1)), keys)
+        # Forward is towards low.
+        part = (self._low + self._high - 2.0 * self._value) / (self._high - self._low)
+        beyond = max(0.0, abs(part) - DEAD_ZONE) / (1.0 - DEAD_ZONE)
+        return StickReading(math.copysign(beyond, part), keys)

@@ -76,10 +76,6 @@ def result_folder(given: Optional[Path], default: Path, names: Sequence[str],
             folder.mkdir(parents=True)
         except FileExistsError:  # an empty one belongs to another run that has just started
             return any(folder.iterdir()) and not there(folder)
-        except OSError as error:
-            raise ConfigurationError(
-                f'{folder}: cannot be created: {error.strerror}; choose another folder',
-                'not_writable', '--out') from error
         _claimed.extend(missing)
         return True
 

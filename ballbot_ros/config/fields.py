@@ -20,6 +20,7 @@ from dataclasses import dataclass, Field, field, fields, MISSING, replace
 from difflib import get_close_matches
 import math
 from numbers import Real
+from textwrap import shorten
 from types import MappingProxyType
 from typing import Any, Iterable, Iterator, Mapping, Optional, Type, TypeVar
 
@@ -112,11 +113,11 @@ def allowed(metadata: Mapping[str, Any]) -> str:
     unit = '' if metadata['unit'] == '1' else f' {metadata["unit"]}'
     lows = []
     if metadata['above'] > -math.inf:
-        lows.append(f'more than {metadata["above"]:g}')
+        lows.append(f'more than {metadata["above"]:.10g}')
     if metadata['minimum'] > -math.inf:
-        lows.append(f'at least {metadata["minimum"]:g}')
+        lows.append(f'at least {metadata["minimum"]:.10g}')
     if metadata['maximum'] < math.inf:
-        lows.append(f'at most {metadata["maximum"]:g}')
+        lows.append(f'at most {metadata["maximum"]:.10g}')
     return (' and '.join(lows) or 'any finite number') + unit
 
 
@@ -365,8 +366,9 @@ def refuse_missing(parts: Iterable[tuple[Type[Checked], Mapping[str, Any], str]]
 def expect_mapping(value: Any, where: str) -> Mapping[str, Any]:
     """Return `value` if it is a mapping with text keys; raise `ConfigurationError` if not."""
     if not isinstance(value, dict) or not all(isinstance(key, str) for key in value):
+        found = 'nothing' if value is None else shorten(repr(value), 60)
         raise ConfigurationError(
-            f'{where}: expected a mapping of names to values, got {value!r}', 'wrong_type',
+            f'{where}: expected a mapping of names to values, got {found}', 'wrong_type',
             where.rsplit(': ', 1)[-1])
     return value
 

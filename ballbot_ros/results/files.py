@@ -9,6 +9,7 @@ import csv
 import os
 from pathlib import Path
 import re
+from tempfile import TemporaryFile
 from typing import Any, BinaryIO, Iterator, Mapping, Union
 import zipfile
 
@@ -73,11 +74,14 @@ def check_writable(path: PathLike) -> None:
 
     """
     target = Path(path).absolute()
-    folder = next(place for place in target.parents if place.exists())
-    problem = ('it is a folder' if target.is_dir()
-               else f'{folder} is not a folder' if not folder.is_dir()
-               else '' if os.access(folder, os.W_OK | os.X_OK)
-               else f'no permission for {folder}')
+    try:
+        folder = next(place for place in target.parents if place.exists())
+        problem = ('it is a folder' if target.is_dir()
+                   else f'{folder} is not a folder' if not folder.is_dir() else '')
+        if not problem:
+            TemporaryFile(dir=folder).close()  # /proc and full disks have permissions, too
+    except OSError as error:
+        problem = f'{error.filename or folder}: {error.strerror}'
     if problem:
         raise ConfigurationError(
             f'{path}: cannot be written: {problem}; choose another', 'not_writable', str(path))

@@ -1,11 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """A floor in three dimensions: rooms at their levels, walls and features."""
 import math
-from typing import Dict, Iterator, List, NamedTuple, Optional, Tuple
+from typing import Dict, Iterator, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 from numpy.typing import NDArray
+from trimesh import creation, Trimesh
+from trimesh.convex import convex_hull
+from trimesh.util import concatenate
 import viser
+from viser.transforms import SO3
 
 from ballbot_ros.figures.canvas import BLUE, GREEN, GREY, INK, ORANGE, SKY, VERMILION
 from ballbot_ros.floors.floor import Feature, Floor, inside, OCCUPIED, Point, rectangles
@@ -15,7 +19,7 @@ from ballbot_ros.physics.model.robot import Robot
 from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.view.frame import Frame
 from ballbot_ros.view.source import Source
-from ballbot_ros.view.stage import joined, Mesh, Stage
+from ballbot_ros.view.stage import Mesh, Stage
 
 # Walls are cut at this height, so that the rooms are visible [m].
 WALL_HEIGHT = 0.5
@@ -29,7 +33,6 @@ GROUND, WALLS = '#EAE6DF', '#B9B2A6'
 
 
 Place = Tuple[float, float, float]
-Quaternion = Tuple[float, float, float, float]
 
 
 class FloorStage(Stage):
@@ -81,14 +84,14 @@ class FloorStage(Stage):
             return
         heading = source.start_pose[2] + frame.place[2]
         place = self._nodes['place']
-        place.position, place.wxyz = point, about((0.0, 0.0, 1.0), heading)
+        place.position, place.wxyz = point, SO3.from_z_radians(heading).wxyz
         if frame.ball_angle is not None:
-            self._nodes['ball'].wxyz = product(
-                about((-1.0, 0.0, 0.0), frame.tilt), about((0.0, -1.0, 0.0), frame.ball_angle))
+            self._nodes['ball'].wxyz = (
+                SO3.from_x_radians(-frame.tilt) @ SO3.from_y_radians(-frame.ball_angle)).wxyz
         if 'pendulum' in self._nodes and frame.pendulum_angle is not None:
-            self._nodes['pendulum'].wxyz = product(
-                about((0.0, -1.0, 0.0), frame.pendulum_angle),
-                about((1.0, 0.0, 0.0), frame.lean - frame.tilt))
+            self._nodes['pendulum'].wxyz = (
+                SO3.from_y_radians(-frame.pendulum_angle)
+                @ SO3.from_x_radians(frame.lean - frame.tilt)).wxyz
         self._world.position = (-point[0], -point[1], robot.ball_radius - point[2])
         self._nodes['shadow'].position = (point[0], point[1], point[2] - robot.ball_radius + 0.004)
 
@@ -132,20 +135,6 @@ def place_of(source: Source, frame: Frame) -> Optional[Place]:
             y + math.sin(heading) * frame.place[0] + math.cos(heading) * frame.place[1], frame.y)
 
 
-def about(axis: Place, angle: float) -> Quaternion:
-    """Return the quaternion (w, x, y, z) of an angle about a unit axis [rad]."""
-    sine = math.sin(0.5 * angle)
-    return math.cos(0.5 * angle), sine * axis[0], sine * axis[1], sine * axis[2]
-
-
-def product(one: Quaternion, two: Quaternion) -> Quaternion:
-    """Return the product of two quaternions: the second rotation first."""
-    w, x, y, z = one
-    v, i, j, k = two
-    return (w * v - x * i - y * j - z * k, w * i + x * v + y * k - z * j,
-            w * j - x * k + y * v + z * i, w * k + x * j - y * i + z * v)
-
-
 class Part(NamedTuple):
     """A mesh with its colour, and its label at a place."""
 
@@ -170,13 +159,13 @@ def floor_parts(floor: Floor) -> Iterator[Part]:
             grounds += [box(x - wide, y - high, x + wide, y + high, value - SLAB_DEPTH, value)
                         for x, y, wide, high in rectangles(
                             mask, floor.resolution, floor.origin).tolist()]
-        yield Part('ground', joined(grounds), GROUND)
+        yield Part('ground', concatenate(grounds), GROUND)
     else:
         yield Part('ground', _uneven(floor), GROUND)
     walls = [box(x - wide, y - high, x + wide, y + high, -SLAB_DEPTH, WALL_HEIGHT)
              for x, y, wide, high in floor.walls.tolist()]
     if walls:
-        yield Part('walls', joined(walls), WALLS)
+        yield Part('walls', concatenate(walls), WALLS)
     counts: Dict[str, int] = {}
     for feature in floor.features:
         number = counts[feature.kind] = counts.get(feature.kind, 0) + 1
@@ -185,26 +174,18 @@ def floor_parts(floor: Floor) -> Iterator[Part]:
         x, y = points.mean(axis=0) if feature.polygon else points[[0, -1]].mean(axis=0)
         yield Part(f'{feature.kind}_{number}', mesh, COLOURS[feature.kind],
                    0.6 if feature.kind in ('friction', 'keep_out') else None,
-                   _label(feature), (float(x), float(y), float(mesh.points[:, 2].max()) + 0.1))
+                   _label(feature), (float(x), float(y), float(mesh.vertices[:, 2].max()) + 0.1))
 
 
 def box(left: float, bottom: float, right: float, top: float, low: float, high: float) -> Mesh:
     """Return a box along the axes [m]."""
-    return prism([(left, bottom), (right, bottom), (right, top), (left, top)],
-                 np.full(4, low), np.full(4, high))
+    return creation.box(bounds=[[left, bottom, low], [right, top, high]])
 
 
-def prism(outline: List[Point], low: Array, high: Array) -> Mesh:
+def prism(outline: Sequence[Point], low: Array, high: Array) -> Mesh:
     """Return a body over a convex outline, from one height to another at each corner [m]."""
-    count, corners = len(outline), np.array(outline)
-    points = np.vstack([np.column_stack([corners, low]), np.column_stack([corners, high])])
-    triangles = []
-    for index in range(count):
-        other = (index + 1) % count
-        triangles += [[index, other, count + index], [other, count + other, count + index]]
-    for index in range(1, count - 1):
-        triangles += [[0, index + 1, index], [count, count + index, count + index + 1]]
-    return Mesh(points, np.array(triangles))
+    return convex_hull(np.vstack([np.column_stack([outline, low]),
+                                  np.column_stack([outline, high])]))
 
 
 def _feature(floor: Floor, feature: Feature) -> Mesh:
@@ -220,7 +201,7 @@ def _feature(floor: Floor, feature: Feature) -> Mesh:
             faces.append(prism([begin, end, (end[0] + right[0], end[1] + right[1]),
                                 (begin[0] + right[0], begin[1] + right[1])],
                                np.full(4, low - SLAB_DEPTH), np.full(4, low + size + PAINT_DEPTH)))
-        return joined(faces)
+        return concatenate(faces)
     parts = []
     for outline in polygons(feature):
         middle = np.mean(outline, axis=0)
@@ -235,8 +216,8 @@ def _feature(floor: Floor, feature: Feature) -> Mesh:
                            else base + feature.height)
         else:
             high = np.full(count, base + max(feature.height, PAINT_DEPTH))
-        parts.append(prism(list(outline), np.minimum(high, base) - SLAB_DEPTH, high))
-    return joined(parts)
+        parts.append(prism(outline, np.minimum(high, base) - SLAB_DEPTH, high))
+    return concatenate(parts)
 
 
 def _base(floor: Floor, place: Point) -> float:
@@ -269,8 +250,8 @@ def _uneven(floor: Floor) -> Mesh:
     number = np.arange(len(points)).reshape(len(y), len(x))
     here, beside = number[:-1, :-1].ravel(), number[:-1, 1:].ravel()
     above, across = number[1:, :-1].ravel(), number[1:, 1:].ravel()
-    return Mesh(points, np.vstack([np.column_stack([here, beside, across]),
-                                   np.column_stack([here, across, above])]))
+    return Trimesh(points, np.vstack([np.column_stack([here, beside, across]),
+                                      np.column_stack([here, across, above])]), process=False)
 
 
 def _label(feature: Feature) -> str:

@@ -13,7 +13,7 @@ from threading import Lock
 from types import MappingProxyType
 from typing import Any, List, Mapping, NamedTuple, Optional, Sequence, Tuple, Union
 
-from ballbot_ros.config.fields import suggestion
+from ballbot_ros.config.fields import check_value, suggestion
 from ballbot_ros.decision.planning.curve import HeightCurve
 from ballbot_ros.errors import BallbotError, ConfigurationError
 from ballbot_ros.floors.floor import Floor
@@ -298,38 +298,17 @@ def checked(controls: Mapping[str, Control], name: str, value: Any) -> Value:
     control, kind = controls[name], CONTROLS[name][0]
     if control.refusal:
         raise ConfigurationError(f'{name}: {control.refusal}', 'unavailable', name)
-    if kind is bool:
-        if not isinstance(value, bool):
-            raise ConfigurationError(
-                f'{name} must be true or false, got {value!r}', 'wrong_type', name)
-        return value
-    if kind is str:
-        if value not in control.choices:
-            raise ConfigurationError(
-                f'{name} must be one of {", ".join(control.choices)}, got {value!r}',
-                'not_a_choice', name)
-        return str(value)
     if kind is tuple:
         if len(value) != 2 or not all(map(math.isfinite, value)):
             raise ConfigurationError(
                 f'{name} must be two finite numbers, got {value!r}', 'not_finite', name)
         return float(value[0]), float(value[1])
-    return _number(control, name, value)
-
-
-def _number(control: Control, name: str, value: Any) -> float:
-    """Return a number within the range of a control."""
-    unit = f' {control.unit}' if control.unit else ''
-    parts = [f'{words} {bound:g}' for words, bound in (
-        ('at least', control.lowest), ('at most', control.highest)) if bound is not None]
-    number = (float(value) if isinstance(value, (int, float)) and not isinstance(value, bool)
-              else float('nan'))
-    low = float('-inf') if control.lowest is None else control.lowest
-    high = float('inf') if control.highest is None else control.highest
     # A slider rounds; its ends must not be refused for this.
-    slack = 1e-9 * max(1.0, abs(number))
-    if not low - slack <= number <= high + slack or abs(number) == float('inf'):
-        raise ConfigurationError(
-            f'{name} must be {" and ".join(parts) or "a finite number"}{unit}, got '
-            f'{value!r}', 'out_of_range', name)
-    return min(max(number, low), high)
+    ends = [end for end in (control.lowest, control.highest) if end is not None]
+    if isinstance(value, float):
+        value = next((end for end in ends if math.isclose(value, end, abs_tol=1e-9)), value)
+    checked_value: Value = check_value(name, value, {
+        'kind': kind, 'choices': control.choices, 'unit': control.unit or '1', 'above': -math.inf,
+        'minimum': -math.inf if control.lowest is None else control.lowest,
+        'maximum': math.inf if control.highest is None else control.highest}, '')
+    return checked_value

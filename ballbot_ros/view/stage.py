@@ -1,11 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """The robot on its ground, from the side, in three dimensions."""
 import math
-from typing import Any, Iterable, List, Mapping, NamedTuple, Optional, Tuple
+from typing import Any, List, Mapping, Optional, Tuple
 
 import numpy as np
-from numpy.typing import NDArray
+from trimesh import creation, Trimesh
+from trimesh.util import concatenate
 import viser
+from viser.transforms import SE3, SO3
 
 from ballbot_ros.figures.canvas import BLUE, GREEN, GREY, INK, ORANGE, SKY, VERMILION
 from ballbot_ros.figures.drawing import ground_line
@@ -39,6 +41,7 @@ HALF_WIDTH_MIN = 0.45  # least distance shown by half of the width [m]
 TARGET_HEIGHT = 0.2  # of the camera target there, relative to the centre of the ball [m]
 # Below this width-to-height ratio, the panels leave this part of the width.
 TABLET_ASPECT, VISIBLE_WIDTH_SHARE = 1.0, 1 / 3
+Mesh = Any  # a Trimesh; some functions of trimesh declare its base class
 Colour = Tuple[int, int, int]
 Point = Tuple[float, float, float]
 
@@ -69,91 +72,44 @@ def rgb(colour: str) -> Colour:
     return int(colour[1:3], 16), int(colour[3:5], 16), int(colour[5:7], 16)
 
 
-Triangles = NDArray[np.int64]
-
-
-class Mesh(NamedTuple):
-    """Triangles over points."""
-
-    points: Array  # (n, 3) [m]
-    triangles: Triangles  # (m, 3)
-
-
-def turned(angle: float) -> Tuple[float, float, float, float]:
-    """Return the quaternion (w, x, y, z) of an angle of the model, counter-clockwise [rad]."""
-    return math.cos(0.5 * angle), 0.0, -math.sin(0.5 * angle), 0.0
-
-
-def joined(parts: Iterable[Mesh]) -> Mesh:
-    """Return several meshes as one."""
-    points: List[Array] = []
-    triangles: List[Triangles] = []
-    count = 0
-    for part in parts:
-        points.append(part.points)
-        triangles.append(part.triangles + count)
-        count += len(part.points)
-    return Mesh(np.vstack(points), np.vstack(triangles))
-
-
-def tube(radius: float, thickness: float, begin: float = 0.0, end: float = 2.0 * math.pi,
-         depth: float = 0.0) -> Mesh:
+def quarter_ring(radius: float, thickness: float, begin: float) -> Mesh:
     """
-    Return a part of a ring about the axis of the ball.
+    Return a quarter of a ring about the axis of the ball.
 
     Parameters
     ----------
     radius, thickness : float
         Of the ring, and of its tube [m].
-    begin, end : float
+    begin : float
         Counter-clockwise from straight down, as the angles of the model [rad].
-    depth : float
-        Along the axis [m].
 
     """
-    along, around = max(2, math.ceil(32 * (end - begin) / math.pi)), 10
-    turn = np.linspace(begin, end, along + 1)[:, None]
-    roll = np.linspace(0.0, 2.0 * math.pi, around, endpoint=False)[None, :]
-    reach = radius + thickness * np.cos(roll)
-    points = np.stack([
-        reach * np.sin(turn), depth + thickness * np.sin(roll) + 0.0 * turn,
-        -reach * np.cos(turn)], axis=-1).reshape(-1, 3)
-    return Mesh(points, _grid(along + 1, around))
+    roll = np.linspace(0.0, 2.0 * math.pi, 11)
+    profile = np.column_stack([radius + thickness * np.cos(roll), thickness * np.sin(roll)])
+    ring = creation.revolve(profile, angle=0.5 * math.pi, sections=16)
+    turn = SO3.from_y_radians(0.5 * math.pi - begin) @ SO3.from_x_radians(0.5 * math.pi)
+    return ring.apply_transform(SE3.from_rotation(turn).as_matrix())
 
 
 def rod(length: float, thickness: float) -> Mesh:
     """Return a rod that hangs down from the origin [m]."""
-    around = 14
-    roll = np.linspace(0.0, 2.0 * math.pi, around, endpoint=False)
-    ring = np.column_stack([thickness * np.cos(roll), thickness * np.sin(roll),
-                            np.zeros(around)])
-    return Mesh(np.vstack([ring, ring - [0.0, 0.0, length]]), _grid(2, around))
+    return creation.cylinder(thickness, segment=[[0.0, 0.0, 0.0], [0.0, 0.0, -length]])
 
 
 def bob(radius: float, width: float, length: float) -> Mesh:
     """Return a disk about the axis of the ball, `length` below the origin [m]."""
-    around = 36
-    roll = np.linspace(0.0, 2.0 * math.pi, around, endpoint=False)
-    rim = np.column_stack([radius * np.cos(roll), np.zeros(around),
-                           radius * np.sin(roll) - length])
-    front, back = rim - [0.0, 0.5 * width, 0.0], rim + [0.0, 0.5 * width, 0.0]
-    middles = np.array([[0.0, -0.5 * width, -length], [0.0, 0.5 * width, -length]])
-    fans = []
-    for index in range(around):
-        other = (index + 1) % around
-        fans += [[2 * around, index, other], [2 * around + 1, around + other, around + index]]
-    return Mesh(np.vstack([front, back, middles]),
-                np.vstack([_grid(2, around), np.array(fans)]))
+    return creation.cylinder(
+        radius, segment=[[0.0, -0.5 * width, -length], [0.0, 0.5 * width, -length]])
 
 
-def _grid(rows: int, columns: int) -> Triangles:
-    """Return triangles between rings of points."""
-    found = []
-    for row in range(rows - 1):
-        for column in range(columns):
-            here, there = row * columns + column, row * columns + (column + 1) % columns
-            found += [[here, there, here + columns], [there, there + columns, here + columns]]
-    return np.array(found)
+def ribbon(line: Array, near: float, far: float) -> Mesh:
+    """Return the surface along a line of (x, y), between two distances across [m]."""
+    count, index = len(line), np.arange(len(line) - 1)
+    points = np.vstack([
+        np.column_stack([line[:, 0], np.full(count, side), line[:, 1]]) for side in (near, far)])
+    return Trimesh(points, np.vstack([
+        np.column_stack([index, index + 1, index + count]),
+        np.column_stack([index + 1, index + count + 1, index + count])]), process=False)
 
 
 def tiles(line: Array, half_width: float, size: float) -> Mesh:
@@ -164,42 +120,8 @@ def tiles(line: Array, half_width: float, size: float) -> Mesh:
         inside = line[(line[:, 0] > begin) & (line[:, 0] < end)]
         ends = [[x, np.interp(x, line[:, 0], line[:, 1])] for x in (begin, end)]
         part = np.vstack([ends[:1], inside, ends[1:]]) + [0.0, 5e-4]
-        low, high = (-half_width, 0.0) if number % 2 else (0.0, half_width)
-        rows = [np.column_stack([part[:, 0], np.full(len(part), side), part[:, 1]])
-                for side in (low, high)]
-        parts.append(Mesh(np.vstack(rows), _strip(len(part))))
-    return joined(parts)
-
-
-def disk(radius: float) -> Mesh:
-    """Return a level disk about the origin [m]."""
-    roll = np.linspace(0.0, 2.0 * math.pi, 40, endpoint=False)
-    rim = np.column_stack([radius * np.cos(roll), radius * np.sin(roll), np.zeros(40)])
-    return Mesh(np.vstack([rim, np.zeros((1, 3))]),
-                np.array([[40, index, (index + 1) % 40] for index in range(40)]))
-
-
-def ground_top(line: Array, half_width: float) -> Mesh:
-    """Return the surface of the ground along a line of (x, y), to both sides of the plane [m]."""
-    near = np.column_stack([line[:, 0], np.full(len(line), -half_width), line[:, 1]])
-    far = near * [1.0, -1.0, 1.0]
-    return Mesh(np.vstack([near, far]), _strip(len(line)))
-
-
-def ground_front(line: Array, half_width: float, bottom: float) -> Mesh:
-    """Return the section of the ground that faces the camera, down to `bottom` [m]."""
-    above = np.column_stack([line[:, 0], np.full(len(line), -half_width), line[:, 1]])
-    below = above.copy()
-    below[:, 2] = bottom
-    return Mesh(np.vstack([below, above]), _strip(len(line)))
-
-
-def _strip(count: int) -> Triangles:
-    """Return triangles between two lines of as many points."""
-    index = np.arange(count - 1)
-    return np.vstack([
-        np.column_stack([index, index + 1, index + count]),
-        np.column_stack([index + 1, index + count + 1, index + count])])
+        parts.append(ribbon(part, *((-half_width, 0.0) if number % 2 else (0.0, half_width))))
+    return concatenate(parts)
 
 
 class Stage:
@@ -281,9 +203,9 @@ class Stage:
             return
         place.position = (frame.x, 0.0, frame.y)
         if frame.ball_angle is not None:
-            self._nodes['ball'].wxyz = turned(frame.ball_angle)
+            self._nodes['ball'].wxyz = SO3.from_y_radians(-frame.ball_angle).wxyz
         if 'pendulum' in self._nodes and frame.pendulum_angle is not None:
-            self._nodes['pendulum'].wxyz = turned(frame.pendulum_angle)
+            self._nodes['pendulum'].wxyz = SO3.from_y_radians(-frame.pendulum_angle).wxyz
         self._world.position = (-frame.x, 0.0, robot.ball_radius - frame.y)
         shadow = self._nodes['shadow']
         if shadow.visible is not (self._terrain is not None):
@@ -311,7 +233,7 @@ class Stage:
     def _mesh(self, name: str, mesh: Mesh, colour: str, opacity: Optional[float] = None,
               flat: bool = False) -> Any:
         return self._scene.add_mesh_simple(
-            name, mesh.points.astype(np.float32), mesh.triangles.astype(np.uint32),
+            name, mesh.vertices.astype(np.float32), mesh.faces.astype(np.uint32),
             color=rgb(colour), opacity=opacity, flat_shading=flat, side='double')
 
     def _build_robot(self, robot: Robot) -> None:
@@ -326,23 +248,23 @@ class Stage:
         self._nodes['ball'] = self._scene.add_frame('/world/place/ball', show_axes=False)
         self._scene.add_icosphere('/world/place/ball/shell', radius, rgb(SKY), subdivisions=4,
                                   opacity=0.22, cast_shadow=False)
-        thick, quarter = 0.028 * radius, 0.5 * math.pi
+        thick = 0.028 * radius
         # Two quarters of the rim are dark, to show the rotation at any speed.
-        for colour, first in ((BLUE, 0.0), (INK, quarter)):
-            self._mesh(f'/world/place/ball/rim_{first:.0f}', joined(
-                tube(radius, thick, begin, begin + quarter)
-                for begin in (first, first + math.pi)), colour)
-        self._mesh('/world/place/ball/mark', joined([
+        for colour, first in ((BLUE, 0.0), (INK, 0.5 * math.pi)):
+            self._mesh(f'/world/place/ball/rim_{first:.0f}', concatenate([
+                quarter_ring(radius, thick, begin) for begin in (first, first + math.pi)]), colour)
+        self._mesh('/world/place/ball/mark', concatenate([
             rod(radius, 0.35 * thick), bob(0.07 * radius, 0.05 * radius, 0.88 * radius)]), GREY)
         if robot.has_pendulum:
             self._nodes['pendulum'] = self._scene.add_frame(
                 '/world/place/pendulum', show_axes=False)
-            self._mesh('/world/place/pendulum/arm', joined([
+            self._mesh('/world/place/pendulum/arm', concatenate([
                 rod(robot.pendulum_length, 0.04 * radius),
                 bob(0.16 * radius, 0.3 * radius, robot.pendulum_length),
                 bob(0.06 * radius, 0.3 * radius, 0.0)]), VERMILION)
         self._nodes['shadow'] = self._mesh(
-            '/world/shadow', disk(SHADOW_RADIUS * radius), INK, opacity=0.25, flat=True)
+            '/world/shadow', creation.cylinder(SHADOW_RADIUS * radius, 1e-4), INK, opacity=0.25,
+            flat=True)
         self._nodes['forces'] = self._scene.add_arrows(
             '/world/place/forces', np.zeros((1, 2, 3), np.float32), rgb(ORANGE),
             shaft_radius=0.035 * radius, head_radius=0.09 * radius, head_length=0.2 * radius,
@@ -362,12 +284,13 @@ class Stage:
         self._nodes['ground'] = self._scene.add_frame('/world/ground', show_axes=False)
         line, width = ground_line(terrain, left, right), 2.6 * radius
         near = ground_line(terrain, min(ends[0], x) - 1.0, max(ends[1], x) + 1.0)
-        self._mesh('/world/ground/top', ground_top(line, width), GROUND_COLOUR, flat=True)
+        self._mesh('/world/ground/top', ribbon(line, -width, width), GROUND_COLOUR, flat=True)
         self._mesh('/world/ground/squares', tiles(near, width, SQUARE_SIZE), SQUARE_COLOUR,
                    flat=True)
         bottom = float(min(line[:, 1].min(), near[:, 1].min() - SECTION_DEPTH))
-        self._mesh('/world/ground/front', ground_front(line, width, bottom), SECTION_COLOUR,
-                   flat=True)
+        front = ribbon(line, -width, -width)
+        front.vertices[:len(line), 2] = bottom
+        self._mesh('/world/ground/front', front, SECTION_COLOUR, flat=True)
         self._draw_scale(terrain, left, right, width)
         for number, face in enumerate(terrain.faces(
                 LEAST_SLOPE, LEAST_HEIGHT, SHORT * radius, endless=False)):

@@ -16,8 +16,7 @@ import pytest
 from refusals import refused
 
 from ballbot_ros.cli.drive import (
-    centred, drive, Driving, FIRST_REPEAT_TIMEOUT, Keyboard, keys_of, line, NO_GAMEPAD,
-    open_gamepad, REPEAT_TIMEOUT)
+    drive, Driving, FIRST_REPEAT_TIMEOUT, Gamepad, Keyboard, keys_of, line, REPEAT_TIMEOUT)
 
 UNUSED = 60  # numbers of terminals that other tests do not come to
 OPTIONS = argparse.Namespace(step=0.1, max_speed=0.6, hold=False, node='bridge')
@@ -175,12 +174,12 @@ def test_a_dead_man_stops():
 def test_an_e_stop_also_takes_back_what_was_asked_for():
     driving = Driving(0.1, 0.6)
     driving.press('up', 0.0)
-    assert driving.press('e', 0.0).engage and driving.speed == 0.0
+    assert driving.press('e', 0.0) == 'engage' and driving.speed == 0.0
     driving.press('up', 0.0)
-    assert driving.press('R', 0.0).release and driving.speed == 0.0
+    assert driving.press('R', 0.0) == 'release' and driving.speed == 0.0
     driving.press('up', 0.0)
     assert driving.press('r', 0.0) == driving.press('x', 0.0) and driving.speed == 0.1
-    assert driving.press('interrupt', 0.0).quit and driving.speed == 0.0
+    assert driving.press('interrupt', 0.0) == 'quit' and driving.speed == 0.0
 
 
 def test_keys_are_distinguished_and_unknown_ones_ignored():
@@ -221,7 +220,7 @@ def event(kind, code, value):
 def test_a_stick_and_two_buttons_are_read_by_evdev(monkeypatch):
     monkeypatch.setitem(sys.modules, 'evdev', fake_evdev(
         [event(3, 1, 0), event(1, 305, 1), event(1, 305, 0), event(1, 304, 1), event(3, 0, 9)]))
-    gamepad = open_gamepad()
+    gamepad = Gamepad()
     assert gamepad.read() == (1.0, ['e', 'space'])
     assert gamepad.read() == (1.0, [])
     driving = Driving(0.1, 0.6)
@@ -231,38 +230,24 @@ def test_a_stick_and_two_buttons_are_read_by_evdev(monkeypatch):
 
 def test_an_untouched_stick_commands_nothing(monkeypatch):
     monkeypatch.setitem(sys.modules, 'evdev', fake_evdev([event(3, 1, 131)]))
-    assert open_gamepad().read() == (0.0, [])
-    assert centred(0.1) == 0.0 == centred(-0.1)
-    assert centred(1.0) == pytest.approx(1.0) and centred(-1.0) == pytest.approx(-1.0)
+    assert Gamepad().read() == (0.0, [])
+
+
+@pytest.mark.parametrize('value, part', [
+    (0, 1.0), (20, 1.0 - 0.2 / 0.9), (80, 0.1 / 0.9), (90, 0.0), (110, 0.0), (200, -1.0)])
+def test_a_stick_has_a_dead_zone_and_keeps_its_range(value, part, monkeypatch):
+    monkeypatch.setitem(sys.modules, 'evdev', fake_evdev([event(3, 1, value)], high=200))
+    assert Gamepad().read().stick == pytest.approx(part)
 
 
 @pytest.mark.parametrize('devices, keys', [((), (304,)), (('/dev/input/event1',), (30,))])
 def test_no_gamepad_is_distinguished_from_none_that_may_be_read(devices, keys, monkeypatch):
     monkeypatch.setitem(sys.modules, 'evdev', fake_evdev([], devices=devices, keys=keys))
     with refused('unavailable', 'gamepad'):
-        open_gamepad()
-    assert 'input' in NO_GAMEPAD
-    for name in ('evdev', 'pygame'):
-        monkeypatch.setitem(sys.modules, name, None)
-    with refused('not_installed', 'evdev'):
-        open_gamepad()
-
-
-def test_pygame_does_where_evdev_is_not(monkeypatch):
-    events = [SimpleNamespace(type='down', button=1), SimpleNamespace(type='down', button=7)]
-    stick = SimpleNamespace(init=lambda: None, get_axis=lambda axis: -1.0)
-    pygame = SimpleNamespace(
-        display=SimpleNamespace(init=lambda: None), JOYBUTTONDOWN='down', JOYDEVICEREMOVED='gone',
-        joystick=SimpleNamespace(init=lambda: None, get_count=lambda: 1,
-                                 Joystick=lambda number: stick),
-        event=SimpleNamespace(get=lambda: events))
+        Gamepad()
     monkeypatch.setitem(sys.modules, 'evdev', None)
-    monkeypatch.setitem(sys.modules, 'pygame', pygame)
-    gamepad = open_gamepad()
-    assert gamepad.read() == (1.0, ['e'])
-    events[:] = [SimpleNamespace(type='gone')]
-    with pytest.raises(OSError, match='unplugged'):
-        gamepad.read()
+    with refused('not_installed', 'evdev'):
+        Gamepad()
 
 
 def test_a_gamepad_that_is_unplugged_ends_the_drive(terminal, capsys):

@@ -77,7 +77,7 @@ def test_nothing_is_left_of_work_that_is_given_up(tmp_path, monkeypatch):
 
 
 def test_a_folder_that_cannot_be_created_is_refused_before_the_work():
-    with refused('not_writable', '--out'):
+    with refused('not_writable', '/proc/none/x'):
         result_folder(Path('/proc/none'), Path('a'), ('x',), False)
 
 

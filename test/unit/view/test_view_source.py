@@ -20,9 +20,9 @@ def test_an_allowed_value_is_passed_on(name, value):
 
 @pytest.mark.parametrize('name, value, reason, words', [
     ('speed', 5.0, 'out_of_range', 'at least 0.1 and at most 4'),
-    ('speed', float('nan'), 'out_of_range', 'at least'),
-    ('speed', float('inf'), 'out_of_range', 'at least'),
-    ('speed', 'fast', 'out_of_range', "'fast'"), ('speed', True, 'out_of_range', 'True'),
+    ('speed', float('nan'), 'not_finite', 'at least'),
+    ('speed', float('inf'), 'not_finite', 'at least'),
+    ('speed', 'fast', 'wrong_type', "'fast'"), ('speed', True, 'wrong_type', 'True'),
     ('pause', 1.0, 'wrong_type', 'true or false'), ('law', 'swim', 'not_a_choice', 'free, hold'),
     ('step_height', 0.5, 'out_of_range', 'at most 0.2 m'),
     ('reset', True, 'unavailable', 'cannot start again'), ('seek', 1.0, 'unknown_name', "'seek'")])
