@@ -1,93 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """The node ``navigator`` on real topics: actions, goal_pose, cancellation, preemption, e-stop."""
 import math
-import time
 
-from geometry_msgs.msg import PoseStamped, TwistStamped
-from nav_msgs.msg import Odometry, Path
+from navigator_graph import Graph, START
 import pytest
-import rclpy
-from rclpy.action import ActionClient
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.parameter import Parameter
-from sensor_msgs.msg import LaserScan
 from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
 from ballbot_ros.navigation.execution import NavStatus
-from ballbot_ros.nodes.navigator.goals import ComputePathToPose, NavigateToPose
-from ballbot_ros.nodes.navigator.node import NavigatorNode
+from ballbot_ros.nodes.navigator.goals import ComputePathToPose
 from ballbot_ros.nodes.navigator.outputs import stamped_pose
-from ballbot_ros.ros import qos
 from ballbot_ros.ros.conversions import to_time
-
-START = (1.7, 1.4, 0.0)
-
-
-class Graph:
-    """The node, a client, and a robot that follows cmd_vel exactly."""
-
-    def __init__(self, **parameters):
-        rclpy.init()
-        self.node = NavigatorNode(parameter_overrides=[
-            Parameter(name, value=value) for name, value in {
-                'localized': False, **parameters}.items()])
-        self.client = rclpy.create_node('client')
-        self.executor = SingleThreadedExecutor()
-        for node in (self.node, self.client):
-            self.executor.add_node(node)
-        self.navigate = ActionClient(self.client, NavigateToPose, 'navigate_to_pose')
-        self.compute = ActionClient(self.client, ComputePathToPose, 'compute_path_to_pose')
-        self.odometry = self.client.create_publisher(Odometry, 'odom', 10)
-        self.goals = self.client.create_publisher(PoseStamped, 'goal_pose', 1)
-        self.e_stops = self.client.create_publisher(Bool, 'e_stop', 1)
-        self.scans = self.client.create_publisher(LaserScan, 'scan', 5)
-        self.plans, self.feedback = [], []
-        self.speed, self.yaw_rate, self.time = 0.0, 0.0, 1.0
-        self.pose = list(START)
-        self.client.create_subscription(TwistStamped, 'cmd_vel', self.on_speed, 10)
-        self.client.create_subscription(Path, 'plan', self.plans.append, qos.LATCHED)
-
-    def on_speed(self, message):
-        self.speed, self.yaw_rate = message.twist.linear.x, message.twist.angular.z
-
-    def spin(self, seconds, until=lambda: False):
-        """Move the robot on, publish its odometry, and serve the callbacks."""
-        end = time.monotonic() + seconds
-        while time.monotonic() < end and not until():
-            x, y, heading = self.pose
-            self.pose = [x + 0.02 * self.speed * math.cos(heading),
-                         y + 0.02 * self.speed * math.sin(heading),
-                         heading + 0.02 * self.yaw_rate]
-            self.time += 0.02
-            message = Odometry()
-            message.header.stamp = to_time(self.time)
-            message.pose.pose = stamped_pose('odom', to_time(0.0), *self.pose).pose
-            message.twist.twist.linear.x = self.speed
-            self.odometry.publish(message)
-            for _ in range(4):
-                self.executor.spin_once(timeout_sec=0.002)
-        return until()
-
-    def wait(self, future, seconds=30.0):
-        assert self.spin(seconds, future.done)
-        return future.result()
-
-    def scan(self, age, *ranges):
-        """Publish a scan straight ahead."""
-        message = LaserScan(ranges=ranges, range_max=8.0, angle_increment=0.01)
-        message.header.stamp = to_time(self.time - age)
-        self.scans.publish(message)
-
-    def send(self, x, y, heading=0.0, frame='map'):
-        goal = NavigateToPose.Goal(pose=stamped_pose(frame, to_time(0.0), x, y, heading))
-        return self.wait(self.navigate.send_goal_async(
-            goal, feedback_callback=lambda one: self.feedback.append(one.feedback)))
-
-    def close(self):
-        for node in (self.node, self.client):
-            node.destroy_node()
-        rclpy.shutdown()
 
 
 @pytest.fixture

@@ -1,0 +1,89 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Invalid places, localisation and maps end the goal of the node ``navigator`` at rest."""
+import math
+
+from navigator_graph import Graph, START
+import numpy as np
+from PIL import Image
+import pytest
+from std_srvs.srv import Trigger
+
+from ballbot_ros.navigation.execution import NavStatus
+from ballbot_ros.nodes.navigator.outputs import stamped_pose
+from ballbot_ros.ros.conversions import to_time
+
+
+@pytest.fixture(scope='module')
+def room(tmp_path_factory):
+    """Return a localised robot on a floor with a step, stairs and unknown space."""
+    folder = tmp_path_factory.mktemp('room')
+    shades = np.full((80, 140), 255, np.uint8)
+    shades[:, 120:] = 128
+    image, path = Image.fromarray(shades), folder / 'floor.yaml'
+    image.save(folder / 'plan.pgm')
+    (folder / 'plan.yaml').write_text('image: plan.pgm\nresolution: 0.05\n'
+                                      'origin: [0.0, 0.0, 0.0]\n')
+    path.write_text('map: plan.yaml\nfeatures:\n'
+                    '  - {kind: step, line: [[3.0, 4.0], [3.0, 0.0]], height: 0.015}\n'
+                    '  - {kind: stairs, polygon: [[4.5, 3.4], [5.5, 3.4], [5.5, 4.0]]}\n')
+    graph = Graph(floor=str(path), localized=True)
+    assert graph.spin(30.0, lambda: graph.node.percept is not None
+                      and graph.navigate.server_is_ready())
+    graph.folder, graph.image = folder, image
+    yield graph
+    graph.close()
+
+
+@pytest.fixture
+def at_start(room):
+    room.pose, room.offset, room.speed, room.yaw_rate = list(START), [0.0, 0.0], 0.0, 0.0
+    room.spin(0.5)
+    return room
+
+
+@pytest.mark.parametrize('place, reason', [
+    ((3.0, 1.4), 'feature'), ((5.2, 3.6), 'feature'), ((6.5, 1.4), 'unknown'),
+    ((99.0, 1.4), 'off_map'), ((2.0, 0.05), 'wall'), ((2.0, math.nan), 'not_finite')])
+def test_goals_where_no_ball_can_be_are_refused_from_action_and_topic(at_start, place, reason):
+    refused = at_start.node.servers.refused
+    before = refused[reason]
+    assert not at_start.send(*place).accepted and refused[reason] == before + 1
+    at_start.goals.publish(stamped_pose('map', to_time(0.0), *place, 0.0))
+    assert at_start.spin(10.0, lambda: refused[reason] == before + 2)
+    assert at_start.speed == 0.0 and at_start.node.state.status.ended
+
+
+@pytest.mark.parametrize('offset, reason', [
+    ((1.3, 0.0), 'feature'), ((50.0, 0.0), 'off_map'), ((4.8, 0.0), 'unknown'),
+    ((math.nan, 0.0), 'not_finite')])
+def test_a_start_where_no_ball_can_be_ends_the_goal(at_start, offset, reason):
+    at_start.offset = list(offset)
+    at_start.spin(0.5)
+    assert at_start.fails(at_start.send(2.4, 2.4)) == reason
+
+
+@pytest.mark.parametrize('goal', [(2.6, 2.6), (4.5, 1.4)], ids=['driving', 'crossing'])
+def test_a_jump_of_the_localisation_stops_the_ball(at_start, goal):
+    handle, node = at_start.send(*goal), at_start.node
+    assert at_start.spin(60.0, lambda: node.state.status is NavStatus.CROSSING if goal[0] > 3.0
+                         else abs(at_start.speed) > 0.1)
+    at_start.offset = [0.0, 1.0]
+    assert at_start.spin(10.0, lambda: node.state.reason == 'localisation_jump')
+    assert at_start.spin(10.0, lambda: at_start.speed == 0.0)
+    handle.cancel_goal_async()
+    assert at_start.fails(handle) == 'canceled'
+
+
+def test_a_map_with_a_wall_at_the_goal_ends_it_while_the_ball_drives(at_start):
+    reload = at_start.client.create_client(Trigger, 'navigator/reload')
+
+    def replace(shades):
+        Image.fromarray(shades).save(at_start.folder / 'plan.pgm')
+        assert at_start.wait(reload.call_async(Trigger.Request())).success
+    handle = at_start.send(2.5, 2.6)
+    assert at_start.spin(20.0, lambda: abs(at_start.speed) > 0.1)
+    shades = np.array(at_start.image)
+    shades[24:32, 44:56] = 0
+    replace(shades)
+    assert at_start.fails(handle) == 'wall'
+    replace(np.array(at_start.image))
