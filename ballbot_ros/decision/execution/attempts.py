@@ -16,9 +16,8 @@ from ballbot_ros.decision.learning.outcomes import Outcome, Result
 from ballbot_ros.decision.values import Decision, Face, Kind, Motion, Plan, Profile, Strategy
 from ballbot_ros.physics.model.robot import Robot
 
-# A lower face is an uneven floor [m]; a slower touch than this is not an attempt [m/s].
-FACE_HEIGHT_MIN, TOUCH_SPEED_MIN = 0.003, 0.05
-TOUCH_SPEED_MAX = 10.0  # maximum speed in an outcome [m/s]
+# A slower touch is not an attempt, a faster one is recorded as this [m/s].
+TOUCH_SPEED_MIN, TOUCH_SPEED_MAX = 0.05, 10.0
 # The touch speed is taken this distance plus two standard deviations before the touch, at most
 # the second value [m].
 TOUCH_MARGIN_MIN, TOUCH_MARGIN_MAX = 0.005, 0.04
@@ -164,7 +163,7 @@ class AttemptWatch:
                   decision: Optional[Decision]) -> None:
         """Track the next face, and begin an attempt when the ball touches it."""
         if seen is not None:
-            self._ahead = next((face for face in seen.faces if face.height > FACE_HEIGHT_MIN
+            self._ahead = next((face for face in seen.faces if face.height > 0.0
                                 and face.position > motion.position), None)
         face = self._ahead
         if face is None:
@@ -227,7 +226,7 @@ class AttemptWatch:
         if attempt.passed is None:
             late = now - attempt.best_at > ATTEMPT_TIMEOUT
             return self._end(Result.STUCK, motion) if late else None
-        drop = self._drop_behind(attempt, seen)
+        drop = self._next_drop(motion, seen, attempt.face)
         if drop is not None and motion.position > drop.position + 2.0 * drop.position_sd:
             return self._end(Result.FELL, motion) if self._agrees(drop, motion, seen) else None
         if along < PASSED_DISTANCE_MIN or seen is None or seen.stamp < attempt.passed:
@@ -253,30 +252,22 @@ class AttemptWatch:
                               leans=attempt.leans + 1)
         return attempt
 
-    def _drop_behind(self, attempt: Attempt, seen: Optional[Profile]) -> Optional[Face]:
-        """Return the last observed drop behind the face of an attempt."""
-        if seen is not None:
-            level = attempt.face.height
-            for face in seen.faces:
-                if face.position > attempt.face.position:
-                    level += face.height
-                    if level < -FALL_HEIGHT_MIN \
-                            and face.position - attempt.face.position < LANDING_LENGTH:
-                        self._drop = face
+    def _next_drop(self, motion: Motion, seen: Optional[Profile],
+                   crossed: Optional[Face]) -> Optional[Face]:
+        """Return the next face, or the last one seen, if it is a drop behind a crossed face."""
+        faces = () if seen is None else seen.faces
+        ahead = next((face for face in faces if face.position > motion.position), None)
+        if ahead is not None:
+            level = ahead.height
+            if crossed is not None and 0.0 < ahead.position - crossed.position < LANDING_LENGTH:
+                level += crossed.height
+            self._drop = ahead if level < -FALL_HEIGHT_MIN else None
         return self._drop
 
     def _fallen(self, motion: Motion, seen: Optional[Profile],
                 decision: Optional[Decision]) -> Optional[Outcome]:
         """Return the outcome of a ball that passed a drop without a step before it."""
-        if seen is not None:
-            ahead = next((face for face in seen.faces if face.position > motion.position), None)
-            if ahead is not None:
-                risen = self._risen
-                level = ahead.height
-                if risen is not None and ahead.position - risen.position < LANDING_LENGTH:
-                    level += risen.height
-                self._drop = ahead if level < -FALL_HEIGHT_MIN else None
-        drop = self._drop
+        drop = self._next_drop(motion, seen, self._risen)
         if drop is None or motion.position < drop.position + 2.0 * drop.position_sd \
                 or not self._agrees(drop, motion, seen):
             return None

@@ -15,9 +15,9 @@ from ballbot_ros.decision.values import (
 # no more than this part and this amount [m].
 FAILURE_DISTANCE_MAX, HEIGHT_RATIO_MAX, HEIGHT_DIFFERENCE_MAX = 0.15, 0.3, 0.008
 FAILURES_MAX = 20
-# A face of this height that was passed is a drop, or a step, for a ball that rolls back, which
-# keeps this distance to it [m].
-EDGE_HEIGHT_MIN, EDGE_CLEARANCE = 0.005, 0.05
+# A face that was passed is a drop, or a step, for a ball that rolls back, which keeps this distance
+# to it [m].
+EDGE_CLEARANCE = 0.05
 # The ball is stuck with less progress than this [m] within this time [s], at a commanded speed of
 # at least the third value [m/s].
 PROGRESS_MIN, PROGRESS_TIMEOUT, COMMANDED_SPEED_MIN = 0.05, 2.5, 0.1
@@ -93,7 +93,7 @@ class Memory:
             # The estimate of a face may move from before the ball to behind it.
             moved = face.position <= motion.position + EDGE_CLEARANCE and all(
                 face.number != other.number for other in ahead)
-            if abs(face.height) > EDGE_HEIGHT_MIN and (face.position <= motion.position or moved):
+            if face.position <= motion.position or moved:
                 # After a step down, the way back is a step up, which the ball touches earlier.
                 self._edge_behind = face.position + EDGE_CLEARANCE + touch_distance(
                     self._radius, -face.height)
