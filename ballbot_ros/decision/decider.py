@@ -137,10 +137,6 @@ class Decider:
         self.motion = motion
         self._fusion.move(motion)
 
-    def fuse(self) -> Optional[float]:
-        """Fuse observations for which there is odometry; return the stamp of the last one [s]."""
-        return self._fusion.fuse()
-
     def decide(self) -> Answer:
         """
         Return the decision for the newest odometry; `move` must have been called.
@@ -149,7 +145,7 @@ class Decider:
         """
         if self.motion is None:
             raise RuntimeError('decide was called before move')
-        self.fuse()
+        self._fusion.fuse()
         motion = self._pilot.estimate(self.motion, self._watch.attempt is not None)
         memory, profile = self._memory, self._fusion.at(motion)
         memory.move(motion, profile)

@@ -186,19 +186,18 @@ class GroundFusion:
             self._stamps.popleft()
             self._positions.popleft()
 
-    def fuse(self) -> Optional[float]:
-        """Fuse observations with matching odometry; return the stamp of the last one [s]."""
-        fused, waiting = None, []
-        for observation in self._pending if self._stamps else ():
+    def fuse(self) -> None:
+        """Fuse the observations for which there is odometry that is not older."""
+        if not self._stamps:
+            return
+        waiting: Deque[Observation] = deque(maxlen=PENDING_COUNT_MAX)
+        for observation in self._pending:
             age = self._stamps[-1] - observation.stamp
             if -CLOCK_OFFSET_MAX <= age < 0.0:
                 waiting.append(observation)
-                continue
-            fused = observation.stamp
-            self.profile = self._fused(observation, age)
-        if self._stamps:
-            self._pending = deque(waiting, maxlen=PENDING_COUNT_MAX)
-        return fused
+            else:
+                self.profile = self._fused(observation, age)
+        self._pending = waiting
 
     def _fused(self, observation: Observation, age: float) -> Profile:
         """Return the profile after an observation of some age [s]."""

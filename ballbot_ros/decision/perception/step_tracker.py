@@ -79,7 +79,8 @@ class StepTracker:
     `contradiction_sigma` deviations is reported, not averaged in; after `forget_after` consecutive
     contradictions the newest replaces the average.  A detection elsewhere is another edge.  An
     edge is missed by observations that show the ground beyond it, except within 1.5 radii, where
-    a sensor may look over it.
+    a sensor may look over it.  A sensor that does not report how far it sees is believed as far as
+    it has detected an edge.
 
     Parameters
     ----------
@@ -101,7 +102,7 @@ class StepTracker:
 
     def reset(self) -> None:
         """Forget the noise of the sensor."""
-        self._first, self.seen_to = True, math.inf
+        self._first, self.seen_to, self._range = True, math.inf, 0.0
         self._heights, self._places = Scatter(), Scatter()
 
     def update(self, observation: StepObservation, position: float) -> Rejection:
@@ -130,7 +131,8 @@ class StepTracker:
                                               f'{1e3 * observation.height:.0f} mm')
             limited = observation.distance > 0.0
             self.seen_to = position + observation.distance if limited else math.inf
-            return self._accept(math.inf, position, None)
+            return self._accept(
+                position + (observation.distance or self._range), position, None)
         # Rejected observations count for the scatter, too.
         self._heights.add(observation.height)
         self._places.add(position + observation.distance)
@@ -169,6 +171,8 @@ class StepTracker:
             else:
                 edge.exists.add(True)
         self._average(edge, shown, observation)
+        if edge.exists.confirmed:
+            self._range = max(self._range, observation.distance)
         self.seen_to = math.inf
         return self._accept(shown.position, position, edge)
 
@@ -201,7 +205,7 @@ class StepTracker:
             if _is_passed(edge, position):
                 edge.step = None
             elif not edge.exists.confirmed or \
-                    position + 1.5 * self._radius < edge.step.mean.position < seen_to:
+                    position + 1.5 * self._radius < edge.step.mean.position <= seen_to:
                 edge.exists.add(False)
         self._edges.update()
         return None, ''

@@ -10,7 +10,7 @@ import numpy as np
 from ballbot_ros.decision.perception.edge_map import (
     EdgeEstimate, EdgeMap, Existence, Rejection)
 from ballbot_ros.decision.perception.elevation import (
-    CELL, ElevationMap, Flags, resample)
+    around, CELL, ElevationMap, Flags, resample)
 from ballbot_ros.decision.perception.ground import ground_of, GroundSeen
 from ballbot_ros.decision.perception.ground_profile import (
     SLOPE_HYSTERESIS, SLOPE_LENGTH, steep_stretches)
@@ -251,10 +251,7 @@ class TerrainTracker:
 
     def _without_outliers(self, x: Array, z: Array, position: float) -> Flags:
         """Return the points to keep: all except isolated ones that earlier observations lack."""
-        if len(x) < 7:
-            return np.ones(len(x), dtype=bool)
-        windows = np.lib.stride_tricks.sliding_window_view(np.pad(z, 2, mode='edge'), 5)
-        off = z - np.partition(windows, 2, axis=1)[:, 2]
+        off = z - around(z)
         lone: Flags = np.abs(off) > OUTLIER_HEIGHT
         if not lone.any():
             return ~lone

@@ -65,6 +65,19 @@ def test_passed_step_is_forgotten():
     assert tracking.update(nothing(0.1), 0.49).face is None
 
 
+def test_a_step_beyond_the_range_of_its_sensor_is_not_missed():
+    """The sensor sees 1 m far, and does not say so when it detects nothing."""
+    tracking = tracker()
+    for index, position in enumerate([*np.arange(0.0, 0.8, 0.01), *np.arange(0.8, -0.5, -0.01)]):
+        distance, stamp = 1.5 - float(position), 0.02 * index
+        profile = tracking.update(
+            seen(stamp, distance) if distance < 1.0 else nothing(stamp), float(position))
+    assert profile.face.number == 1
+    for index in range(40):  # it is gone
+        profile = tracking.update(nothing(6.0 + 0.02 * index), 0.7)
+    assert profile.face is None
+
+
 @pytest.mark.parametrize('second', [
     seen(0.1, distance=0.8), seen(0.1, height=0.06),
     StepObservation(0.1, False, height=0.03)])
