@@ -15,8 +15,7 @@ from ballbot_ros.decision.values import (
 # no more than this part and this amount [m].
 FAILURE_DISTANCE_MAX, HEIGHT_RATIO_MAX, HEIGHT_DIFFERENCE_MAX = 0.15, 0.3, 0.008
 FAILURES_MAX = 20
-# A face that was passed is a drop, or a step, for a ball that rolls back, which keeps this distance
-# to it [m].
+# A ball that rolls back keeps this distance to a face that it passed, a step down or up there [m].
 EDGE_CLEARANCE = 0.05
 # The ball is stuck with less progress than this [m] within this time [s], at a commanded speed of
 # at least the third value [m/s].

@@ -3,7 +3,7 @@
 from collections import deque
 from dataclasses import dataclass, replace
 import math
-from typing import Deque, List, Optional, Tuple
+from typing import Deque, List, Optional
 
 import numpy as np
 
@@ -32,39 +32,26 @@ FLOOR_OFFSET_MAX = 0.03
 LIFT_MAX = 0.3
 
 
-def fault(observation: TerrainObservation, frame: str) -> str:
+def fault(x: Array, z: Array, z_sd: Array, observation: TerrainObservation, frame: str) -> str:
     """
     Return the reason why an observation is invalid, or an empty string.
 
     Parameters
     ----------
+    x, z, z_sd : (n,) arrays
+        Of the observation, unchecked [m].
     observation : TerrainObservation
-        Unchecked, but made of floats.
     frame : str
         In which it must be.
 
     """
-    count = len(observation.x)
     if observation.frame != frame:
         return f'it is in frame {observation.frame[:40]!r}, not in {frame!r}'
-    if len(observation.z) != count or len(observation.z_sd) not in (0, count):
-        return (f'{count} x have {len(observation.z)} z and {len(observation.z_sd)} standard '
-                'deviations')
-    if not 2 <= count <= POINTS_MAX:
-        return f'it has {count} points, 2 to {POINTS_MAX} are possible'
-    return _of_numbers(*arrays(observation),
-                       np.array((observation.stamp, observation.x_min, observation.x_max)))
-
-
-def arrays(observation: TerrainObservation) -> Tuple[Array, Array, Array]:
-    """Return x, z and standard deviations, each of shape (n,); 0 for those that are unknown."""
-    x, z = np.array(observation.x, dtype=float), np.array(observation.z, dtype=float)
-    known = np.array(observation.z_sd, dtype=float) if observation.z_sd else np.zeros(len(x))
-    return x, z, known
-
-
-def _of_numbers(x: Array, z: Array, z_sd: Array, others: Array) -> str:
-    """Return the reason why arrays of one length are invalid, or an empty string."""
+    if not len(x) == len(z) == len(z_sd):
+        return f'{len(x)} x have {len(z)} z and {len(z_sd)} standard deviations'
+    if not 2 <= len(x) <= POINTS_MAX:
+        return f'it has {len(x)} points, 2 to {POINTS_MAX} are possible'
+    others = np.array((observation.stamp, observation.x_min, observation.x_max))
     largest = [float(np.abs(numbers).max()) for numbers in (x, z, z_sd, others)]
     if not np.isfinite(largest).all():
         return 'a number of it is not finite'
@@ -191,12 +178,14 @@ class TerrainTracker:
         explanation : str
 
         """
-        wrong = fault(observation, self._frame)
+        x, z = np.array(observation.x, dtype=float), np.array(observation.z, dtype=float)
+        # Unknown deviations are 0.
+        z_sd = np.array(observation.z_sd or (0.0,) * len(x), dtype=float)
+        wrong = fault(x, z, z_sd, observation, self._frame)
         if not wrong and not abs(position) < FARTHEST:
             wrong = f'the odometry is at {position:g} m'
         if wrong:
             return Reason.BAD_OBSERVATION, wrong
-        x, z, z_sd = arrays(observation)
         inside = (x >= observation.x_min - 1e-9) & (x <= observation.x_max + 1e-9)
         x, z, z_sd = x[inside], z[inside], z_sd[inside]
         kept = self._without_outliers(x, z, position)
