@@ -79,8 +79,8 @@ class StepTracker:
     `contradiction_sigma` deviations is reported, not averaged in; after `forget_after` consecutive
     contradictions the newest replaces the average.  A detection elsewhere is another edge.  An
     edge is missed by observations that show the ground beyond it, except within 1.5 radii, where
-    a sensor may look over it.  A sensor that does not report how far it sees is believed as far as
-    it has detected an edge.
+    a sensor may look over it.  Without a reported range, that is the largest distance at
+    which the sensor has detected an edge.
 
     Parameters
     ----------
