@@ -82,3 +82,12 @@ def test_the_sixth_step_finds_the_joint_friction_again(folder):
     printed = follow(folder, 6)
     found = float(re.search(r'joint_friction\s+[\d.]+\s+([\d.]+)', printed).group(1))
     assert found == pytest.approx(0.05, rel=0.02)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(importlib.util.find_spec('rclpy') is None, reason='rclpy is not installed')
+def test_the_seventh_step_drives_through_a_house(folder):
+    if not (folder / 'tumbler_down.yaml').is_file():
+        pytest.skip('needs the curve of the third step')
+    printed = follow(folder, 7)
+    assert re.search(r'crosses .*kitchen threshold(.*\n)*.*arrives', printed)

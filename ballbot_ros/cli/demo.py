@@ -32,6 +32,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         'link, in real time')
     parser.add_argument('--house', action='store_true',
                         help='drive from room to room on the floor apartment, with the navigator')
+    parser.add_argument('--goal', nargs=2, type=float, action='append', default=[],
+                        metavar=('X', 'Y'),
+                        help='place to drive to with --house, instead of its rooms; may be '
+                        'repeated [m]')
     parser.add_argument('--protocol', choices=tuple(DRIVES),
                         help='protocol of that motor controller (default: odrive)')
     parser.add_argument('--firmware', default='', metavar='GENERATION',
@@ -94,8 +98,10 @@ def run(arguments: argparse.Namespace) -> int:
                 **common, protocol=arguments.protocol or 'odrive', firmware=arguments.firmware,
                 serial_imu=arguments.serial_imu)
         elif arguments.house:
-            code = run_house_demo(**common, real_time=arguments.real_time,
-                                  longest=arguments.duration, watched=arguments.view)
+            code = run_house_demo(
+                **common, real_time=arguments.real_time, longest=arguments.duration,
+                watched=arguments.view, robot=arguments.robot, curve=arguments.curve,
+                goals=arguments.goal)
         else:
             code = run_demo(**common, real_time=arguments.real_time, acts=acts,
                             watched=arguments.view)
@@ -111,14 +117,16 @@ def check(arguments: argparse.Namespace) -> None:
     if arguments.serial_imu and not arguments.hardware:
         raise ConfigurationError(
             '--serial-imu requires --hardware', 'inconsistent', '--serial-imu')
+    if arguments.goal and not arguments.house:
+        raise ConfigurationError('--goal requires --house', 'inconsistent', '--goal')
     if arguments.hardware and arguments.house:
         raise ConfigurationError(
             '--house goes without --hardware, which drives straight only', 'inconsistent',
             '--house')
     for option in (*FILE_OPTIONS, 'planner', 'duration'):
         for own in ('hardware', 'house'):
-            if getattr(arguments, option) is not None and getattr(arguments, own) and (
-                    own, option) != ('house', 'duration'):
+            if getattr(arguments, option) is not None and getattr(arguments, own) and not (
+                    own == 'house' and option in ('robot', 'curve', 'duration')):
                 raise ConfigurationError(
                     f'--{option} goes without --{own}, whose demo has its own scene',
                     'inconsistent', f'--{option}')

@@ -54,7 +54,8 @@ TOUR = (Visit('bedroom', 5.5, 5.5), Visit('bathroom', 8.1, 5.5))
 
 def run_house_demo(out: Path, real_time: bool = False, quiet: bool = False, timeout: float = 60.0,
                    longest: Optional[float] = None, watched: bool = False,
-                   tour: Sequence[Visit] = TOUR) -> int:
+                   robot: Optional[str] = None, curve: Optional[str] = None,
+                   goals: Sequence[Sequence[float]] = ()) -> int:
     """
     Drive through the shipped flat with the node navigator.
 
@@ -64,7 +65,10 @@ def run_house_demo(out: Path, real_time: bool = False, quiet: bool = False, time
         See `run_demo`.
     longest : float, optional
         End of the run, in simulated time [s].
-    tour : sequence of Visit
+    robot, curve : str, optional
+        Names or files, see `find_config`; those of GimBall if not given.
+    goals : sequence of (float, float), optional
+        Places to drive to, instead of those of `TOUR` [m].
 
     Returns
     -------
@@ -72,26 +76,28 @@ def run_house_demo(out: Path, real_time: bool = False, quiet: bool = False, time
         0 if every room was reached, 1 if not.
 
     """
-    floor, robot = load_floor(FLOOR), load_robot(ROBOT)
+    floor, robot = load_floor(FLOOR), robot or ROBOT
+    ball, tour = load_robot(robot), [Visit('room', x, y) for x, y in goals] or TOUR
     prepare(('simulator', 'controller', 'decision', 'navigator'))
     import_nodes(('simulator', 'controller', 'navigator'))
     domain = own_domain()
     if not quiet:
         print(f'Three nodes on ROS domain {domain}, {lockstep_note(real_time, watched)}.',
               flush=True)
-    timeline = HouseTimeline(floor, robot, START, (
+    timeline = HouseTimeline(floor, ball, START, (
         lambda *_: None) if quiet else print_event)
     arrived: List[Visit] = []
 
     def play() -> List[str]:
         rates = RATES if real_time else LOCKSTEP_RATES
         simulator = {
-            'floor': FLOOR, 'start': ','.join(map(str, START)), 'robot': ROBOT,
+            'floor': FLOOR, 'start': ','.join(map(str, START)), 'robot': robot,
             'control_rate': CONTROL_RATE, 'lockstep': not real_time,
             'real_time_factor': 1.0 if real_time or watched else 0.0, 'start_paused': True}
-        controller = {'robot': ROBOT, 'tuning': TUNING, 'rate': CONTROL_RATE,
+        controller = {'robot': robot, 'tuning': TUNING, 'rate': CONTROL_RATE,
                       'lockstep_set_point_period': 0.0 if real_time else PERIOD}
-        navigator = {'floor': FLOOR, 'robot': ROBOT, 'control_tuning': TUNING}
+        navigator = {'floor': FLOOR, 'robot': robot, 'control_tuning': TUNING,
+                     **({'curve': curve} if curve else {})}
         with recorded_graph(
                 out, (*LOCKSTEP_RATES, *OTHER_TOPICS, *TOOL_TOPICS), timeline,
                 {'controller': controller, 'navigator': navigator, 'simulator': simulator},
@@ -106,7 +112,7 @@ def run_house_demo(out: Path, real_time: bool = False, quiet: bool = False, time
 
     def draw() -> Figure:
         return driven_figure(floor, f'{floor.name}: {timeline.now:.0f} s', timeline.plans,
-                             timeline.driven, [visit[1:] for visit in tour], robot.ball_radius)
+                             timeline.driven, [visit[1:] for visit in tour], ball.ball_radius)
     title = f'The ball drives from the kitchen to the {" and the ".join(v.room for v in tour)}.'
     return max(in_processes([partial(
         conclude, out, title, quiet, timeline, play, verdict_on, draw, 'house.png')], False))

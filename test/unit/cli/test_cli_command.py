@@ -159,8 +159,12 @@ def test_demo_passes_its_options_on(replace_demo, tmp_path):
                     'timeout': 60.0, 'serial_imu': False}
     given.clear()
     assert main(['demo', '--house', '--out', str(tmp_path / 'flat'), '--duration', '5']) == 9
-    assert given == {'out': tmp_path / 'flat', 'real_time': False, 'quiet': False, 'timeout': 60.0,
-                     'longest': 5.0, 'watched': False}
+    house = {'out': tmp_path / 'flat', 'real_time': False, 'quiet': False, 'timeout': 60.0,
+             'longest': 5.0, 'watched': False, 'robot': None, 'curve': None, 'goals': []}
+    assert given == house
+    assert main(['demo', '--house', '--out', str(tmp_path / 'flat'), '--duration', '5', '--robot',
+                 'gimball', '--goal', '5', '2']) == 9
+    assert given == {**house, 'robot': 'gimball', 'goals': [[5.0, 2.0]]}
 
 
 def test_demo_without_ros_is_refused(refuses, monkeypatch):

@@ -51,6 +51,7 @@ def test_a_file_that_is_no_curve_is_not_overwritten(tmp_path, error_of):
     (['demo', '--protocol', 'vesc'], 'inconsistent', '--protocol'),
     (['demo', '--house', '--hardware'], 'inconsistent', '--house'),
     (['demo', '--house', '--scene', 'flat'], 'inconsistent', '--scene'),
+    (['demo', '--goal', '1', '1'], 'inconsistent', '--goal'),
     (['demo', '--firmware', '0.6'], 'not_a_choice', '--firmware'),
     (['demo', '--hardware', '--protocol', 'roboclaw', '--firmware', '0.6'], 'not_a_choice',
      '--firmware'),
