@@ -24,10 +24,16 @@ import random
 import signal
 import sys
 import time
+import warnings
+
+if __name__ == '__main__':
+    signal.signal(signal.SIGINT, signal.SIG_DFL)  # while it loads, to end without a traceback
 
 from cases import BY_NAME, CLASSES
 from judge import CHAOTIC, GOOD, judge, REFUSED, Verdict, WRONG
 from remedies import refusal, remedy, report as report_remedies
+
+from ballbot_ros.errors import PlausibilityWarning
 
 INTERRUPTED = 130  # exit code, as of the shell for a program that Ctrl-C ended
 PARTS = 10  # progress lines of a whole run, where it is not a person who looks on
@@ -36,6 +42,7 @@ PARTS = 10  # progress lines of a whole run, where it is not a person who looks 
 def main():
     """Run what is asked for; return the exit code."""
     parser = argparse.ArgumentParser(description=__doc__.strip().splitlines()[0])
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     parser.add_argument('--cases', type=int, default=20_000, metavar='N', help='how many in all')
     parser.add_argument('--seed', type=int, default=0, metavar='S', help='where seeds begin')
     parser.add_argument('--class', dest='only_class', choices=sorted(BY_NAME), metavar='NAME',
@@ -62,11 +69,7 @@ def main():
         name, _, seed = arguments.only.partition(':')
         if name not in BY_NAME or not seed.isdigit():
             parser.error(f'--only takes CLASS:SEED, for instance slope:17, got {arguments.only}')
-        try:
-            found = judge(name, int(seed))
-        except KeyboardInterrupt:
-            print('interrupted', file=sys.stderr)
-            return INTERRUPTED
+        found = judge(name, int(seed))
         print(f'{name}:{seed}  {found.verdict}  {found.why}\n'
               f'ledger {found.ledger:.2g}, {found.seconds:.2f} s')
         return int(found.verdict == WRONG)
@@ -112,7 +115,7 @@ def run_all(jobs, processes, kept=None):
                     file.write(json.dumps(asdict(found)) + '\n')
             report(verdicts, len(jobs), time.monotonic() - begin)
     except KeyboardInterrupt:
-        pass
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # another one would interrupt the end
     finally:
         if pool is not None:
             pool.terminate()
@@ -159,10 +162,15 @@ def make_pool(processes):
     # Ignored from the first moment of each process: a terminal signals all of them.
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
-        return multiprocessing.get_context('spawn').Pool(
-            processes, signal.signal, (signal.SIGINT, signal.SIG_IGN))
+        return multiprocessing.get_context('spawn').Pool(processes, prepare)
     finally:
         signal.signal(signal.SIGINT, before)
+
+
+def prepare():
+    """Prepare a process: it leaves Ctrl-C to the first one, and its cases are implausible."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    warnings.simplefilter('ignore', PlausibilityWarning)
 
 
 def report(verdicts, total, seconds):
@@ -201,4 +209,8 @@ def table(verdicts):
 
 
 if __name__ == '__main__':
-    sys.exit(main())
+    try:
+        sys.exit(main())
+    except KeyboardInterrupt:
+        print('interrupted', file=sys.stderr)
+        sys.exit(INTERRUPTED)
