@@ -154,8 +154,9 @@ class Rig:
         end = time.monotonic() + timeout
         while not condition():
             if time.monotonic() > end:
-                reason = self.session.supervisor.e_stop if self.session else ''
-                raise TimeoutError(f'waited in vain until {description}: {reason}')
+                cause = self.session.supervisor.e_stop if self.session else None
+                raise TimeoutError(
+                    f'waited in vain until {description}: {cause.text if cause else ""}')
             time.sleep(0.005)
 
     def zero_at(self):

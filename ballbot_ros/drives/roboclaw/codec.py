@@ -14,6 +14,7 @@ it has no commands 14 and 15, and a status of 16 bits.
 """
 from binascii import crc_hqx
 from collections import Counter
+from functools import lru_cache
 import struct
 from typing import NamedTuple, Optional, Sequence
 
@@ -102,11 +103,17 @@ def set_timeout(address: int, tenths: int) -> bytes:
     return command(address, SET_TIMEOUT, bytes((tenths,)))
 
 
+@lru_cache
+def crc_of_request(address: int, number: int) -> int:
+    """Return the checksum of a request, with which that of its answer starts."""
+    return crc_hqx(ask(address, number), 0)
+
+
 def answer(address: int, number: int, *values: int, text: str = '') -> bytes:
     """Return the answer to a request, as the firmware makes it."""
     form = ANSWERS[number]
     data = form.pack(*values) if form is not None else text.encode('ascii') + b'\0'
-    return data + crc_hqx(data, crc_hqx(ask(address, number), 0)).to_bytes(2, 'big')
+    return data + crc_hqx(data, crc_of_request(address, number)).to_bytes(2, 'big')
 
 
 def answer_length(number: int) -> int:
@@ -182,7 +189,7 @@ class ReplyParser:
         if len(buffer) < end + 2:
             return None, -1
         data = buffer[place:end]
-        crc = crc_hqx(data, crc_hqx(ask(self._address, number), 0))
+        crc = crc_hqx(data, crc_of_request(self._address, number))
         if crc != int.from_bytes(buffer[end:end + 2], 'big') or not (form or data.isascii()):
             return None, 0
         if form is not None:

@@ -18,8 +18,8 @@ from ballbot_ros.errors import RefusedError
 PROTOCOLS = ('odrive 0.5', 'odrive_can 0.6', 'vesc', 'roboclaw')
 
 
-@pytest.mark.parametrize('protocol', PROTOCOLS)
-@pytest.mark.parametrize('tuning', ['gentle', 'published'])
+@pytest.mark.parametrize('protocol, tuning', [
+    *((protocol, 'gentle') for protocol in PROTOCOLS), ('odrive 0.5', 'published')])
 @pytest.mark.parametrize('fault', [frozen(True), frozen(False), reversed_encoder(False)],
                          ids=['frozen', 'frozen with its velocity', 'reversed'])
 def test_an_encoder_that_contradicts_the_torque_engages_the_e_stop(protocol, tuning, fault):
@@ -45,7 +45,8 @@ def test_an_encoder_that_contradicts_the_velocity_of_the_drive_engages_the_e_sto
 
 
 @pytest.mark.parametrize('protocol', ['odrive', 'vesc', 'roboclaw'])
-@pytest.mark.parametrize('seed', [0, 1, 3])
+@pytest.mark.parametrize('seed', [
+    0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (1, 3))])
 def test_a_busy_machine_causes_no_e_stop(protocol, seed):
     rng = random.Random(seed)
     robot = VirtualRobot(protocol, onboard='gentle').ready()
@@ -146,7 +147,8 @@ def test_an_imu_upside_down_inhibits_the_release_where_the_encoder_has_a_zero(pr
     assert not any(robot.torques)
 
 
-@pytest.mark.parametrize('torque', [0.35, 0.05])  # below that of a check of the torque
+@pytest.mark.parametrize('torque', [  # below that of a check of the torque
+    0.35, pytest.param(0.05, marks=pytest.mark.slow)])
 @pytest.mark.parametrize('fault, turn', [
     (frozen(False), 4.5), (reversed_encoder(False), 2.3), (upside_down, 2.3)])
 def test_sensors_that_contradict_each_other_stop_slow_motion_within_a_part_of_a_turn(

@@ -34,12 +34,15 @@ def robot(request):
 @pytest.fixture
 def turning(robot):
     """Return a robot in a turn."""
-    robot.loop(1.0, TURN)
+    robot.loop(0.5, TURN)
     assert any(robot.torques[-50:]) and any(robot.leans[-50:])
     return robot
 
 
-@pytest.mark.parametrize('speed, yaw_rate', [(0.3, 0.15), (0.5, -0.3), (-0.4, 0.2), (0.7, 0.1)])
+@pytest.mark.parametrize('robot, speed, yaw_rate', [
+    ('roboclaw', 0.3, 0.15), ('odrive 0.5', 0.5, -0.3),
+    pytest.param('vesc_can', -0.4, 0.2, marks=pytest.mark.slow),
+    pytest.param('odrive_can 0.6', 0.7, 0.1, marks=pytest.mark.slow)], indirect=['robot'])
 def test_it_turns_at_the_commanded_yaw_rate(robot, speed, yaw_rate):
     robot.loop(5.0, SetPoint(Mode.SPEED, speed, yaw_rate=yaw_rate))
     heading = robot.lateral.heading
@@ -51,13 +54,13 @@ def test_it_turns_at_the_commanded_yaw_rate(robot, speed, yaw_rate):
 
 def test_odometry_has_the_course_of_the_turn(robot):
     for yaw_rate in (0.3, -0.2, 0.0):
-        robot.loop(2.5, SetPoint(Mode.SPEED, 0.4, yaw_rate=yaw_rate))
+        robot.loop(1.5, SetPoint(Mode.SPEED, 0.4, yaw_rate=yaw_rate))
     assert robot.session.course.pose == pytest.approx(robot.course.pose, abs=0.02)
     assert abs(robot.course.y) > 0.2
     robot.session.engage('test')
-    robot.loop(3.0)
+    robot.loop(1.5)
     robot.session.release()
-    robot.loop(1.0, SetPoint(Mode.SPEED, 0.4))
+    robot.loop(0.5, SetPoint(Mode.SPEED, 0.4))
     assert robot.session.course.pose == pytest.approx(robot.course.pose, abs=0.05)
 
 
@@ -68,7 +71,7 @@ def test_without_a_yaw_rate_it_drives_straight(robot):
 
 def test_the_lean_stays_within_the_limit_of_the_robot(robot):
     leans = []
-    for _ in range(200):
+    for _ in range(75):
         robot.loop(0.02, SetPoint(Mode.SPEED, 0.5, yaw_rate=3.0))
         leans.append(abs(robot.lateral.lean))
     assert 0.2 < max(leans) < 1.1 * GIMBALL.steering.largest_lean
