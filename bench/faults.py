@@ -213,7 +213,7 @@ FAULTS = (
     Fault('IMU silent', put(imu=False), 'IMU_TIMEOUT 0.05 s and a period'),
     Fault('stamps of all senders an hour ahead', put(shift=HOUR), 'IMU_TIMEOUT 0.05 s'),
     Fault('unplugged', emulator_command('unplug'), DRIVE),
-    Fault('drive silent', emulator_command('silence 1'), 'SILENCE 0.1 s and a period'),
+    Fault('drive silent', emulator_command('silence 1'), 'MEASUREMENT_AGE_MAX 0.1 s and a period'),
     Fault('drive takes no bytes', emulator_command('slow_reader 0'), DRIVE),
     Fault('drive reboots', emulator_command('reboot'), 'the drive, immediately'),
     Fault('over-current in the drive', emulator_command('over_current'), 'the drive, immediately'),

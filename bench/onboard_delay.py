@@ -34,7 +34,7 @@ DRIVES = ('odrive', 'vesc', 'roboclaw')
 class Ride:
     """A session on an emulated drive, and the delays of its torques."""
 
-    def __init__(self, hardware, at_once):
+    def __init__(self, hardware, immediately):
         """Start the loop and drive back and forth."""
         robot = load_robot(hardware.robot)
         self.session = Session(
@@ -50,7 +50,7 @@ class Ride:
                 self.delays.append(1e3 * (self.session.clock() - estimate.stamp))
             send(driver, now, ask)
         control._send_torque = note
-        if not at_once:
+        if not immediately:
             def wait(now):
                 control._pacer = control._pacer.commanded()
             control.follow = wait
@@ -84,7 +84,7 @@ class Ride:
         return self.delays[20:]
 
 
-def delays(protocol, at_once):
+def delays(protocol, immediately):
     """Return delays over an emulated drive [ms]."""
     hardware = load_hardware(f'gimball_{protocol}')
     with tempfile.TemporaryDirectory() as folder:
@@ -99,7 +99,7 @@ def delays(protocol, at_once):
             hardware = replace(
                 hardware, limits=replace(hardware.limits, rearm=True),
                 connection=replace(hardware.connection, port=str(link), imu_required=False))
-            return Ride(hardware, at_once).run(SECONDS)
+            return Ride(hardware, immediately).run(SECONDS)
         finally:
             process.send_signal(signal.SIGTERM)
             process.wait()
@@ -110,9 +110,9 @@ def measure():
     for protocol in DRIVES:
         hardware = load_hardware(f'gimball_{protocol}')
         lag = 1e3 * onboard_lag(hardware, load_robot(hardware.robot))
-        for at_once, how in ((True, 'immediately'), (False, 'with the next question')):
-            found = delays(protocol, at_once)
-            target = lag if at_once else None
+        for immediately, how in ((True, 'immediately'), (False, 'with the next question')):
+            found = delays(protocol, immediately)
+            target = lag if immediately else None
             yield f'{protocol}: question to torque, {how}, median', 'ms', [
                 quantile(found, 0.5)], target
             yield f'{protocol}: the same, p99', 'ms', [quantile(found, 0.99)], None

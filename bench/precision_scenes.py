@@ -5,7 +5,7 @@ import math
 from typing import NamedTuple
 
 from ballbot_ros.crossing import held_at
-from ballbot_ros.crossing.rules import LEAD, touch_distance
+from ballbot_ros.crossing.rules import START_LEAD, touch_distance
 from ballbot_ros.physics import Actuation, load_robot, load_scene, Model, Solver, Terrain
 from ballbot_ros.physics.model.state import State
 from ballbot_ros.physics.model.terrain import read_terrain
@@ -35,7 +35,7 @@ def shipped(name):
 def _collision(name, robot, speed, height, actuation=Actuation(), angle=0.0, duration=1.0):
     """Return a ball that starts just before it touches a step."""
     model = Model(robot, Terrain.step(height))
-    x = -LEAD - touch_distance(robot.ball_radius, height, robot.static_penetration)
+    x = -START_LEAD - touch_distance(robot.ball_radius, height, robot.static_penetration)
     return Case(name, model, model.at_rest(x, speed, angle), actuation, duration)
 
 

@@ -24,7 +24,7 @@ def to_accuracy(scene, level):
     after = work()
     with contextlib.ExitStack() as without:
         for where, what, instead in (
-                (run, 'SAFETY', 1.0), (run, 'RUNAWAY', math.inf),
+                (run, 'AGREEMENT_FACTOR', 1.0), (run, 'RUNAWAY', math.inf),
                 (run._Runs, 'confirmed', lambda _, fine, assured: assured)):
             without.enter_context(mock.patch.object(where, what, instead))
         return work(), after

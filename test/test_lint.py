@@ -154,7 +154,8 @@ def test_no_discouraged_word_is_used():
     words = yaml.safe_load((ROOT / 'test' / 'vocabulary.yaml').read_text(encoding='utf-8'))
     found = []
     for path in project_files('.py', '.md', '.yaml', '.msg', '.srv', '.action'):
-        text = path.read_text(encoding='utf-8').lower()
+        # Names are words, too.
+        text = path.read_text(encoding='utf-8').lower().replace('_', ' ')
         for word, instead in words.items() if path.name != 'vocabulary.yaml' else ():
             # A look at the letter before in the expression itself would be five times as slow.
             found += [f'{path.relative_to(ROOT)}:{text.count(chr(10), 0, match.start()) + 1}: '

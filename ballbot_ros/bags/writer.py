@@ -202,7 +202,7 @@ def stamp_of_first(data: bytes) -> int:
     return stamp_of(data, CDR_HEADER_SIZE + CDR_COUNT_SIZE) if count else 0
 
 
-def no_stamp(data: bytes) -> int:
+def unstamped(data: bytes) -> int:
     """Return 0: the message has the time of its arrival."""
     return 0
 
@@ -216,12 +216,12 @@ def stamp_reader(kind: Any) -> StampOf:
     """
     first = next(iter(kind.get_fields_and_field_types().values()), '')
     if kind.__name__ in WALL_TIME_MESSAGES:
-        return no_stamp
+        return unstamped
     if first in STAMPED:
         return stamp_of
     if first in SEQUENCES:
         return stamp_of_first
-    return no_stamp
+    return unstamped
 
 
 def bag_writer(folder: Path, metadata: Mapping[str, str]) -> Any:

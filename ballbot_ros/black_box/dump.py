@@ -27,7 +27,7 @@ LOG = logging.getLogger(__name__)
 LIBRARY = 'ballbot_ros black box'
 ENDING, NAME = '.mcap', 'ballbot-%Y%m%dT%H%M%S.%fZ'
 # The file covers this time after a fault, too [s].
-AFTERMATH = 1.0
+TIME_AFTER_FAULT = 1.0
 # Time between two files [s]; doubled each time that the fault is the same again.
 SHORTEST_PAUSE = 10.0
 # The oldest file is deleted when there are more.
@@ -51,7 +51,7 @@ class BlackBoxFiles:
     about : mapping of str to str
         Metadata for a reader: hardware, robot, protocol.
     shortest_pause, aftermath : float
-        See `SHORTEST_PAUSE` and `AFTERMATH` [s].
+        See `SHORTEST_PAUSE` and `TIME_AFTER_FAULT` [s].
 
     Attributes
     ----------
@@ -63,7 +63,7 @@ class BlackBoxFiles:
     """
 
     def __init__(self, box: BlackBox, folder: Path, about: Mapping[str, str],
-                 shortest_pause: float = SHORTEST_PAUSE, aftermath: float = AFTERMATH):
+                 shortest_pause: float = SHORTEST_PAUSE, aftermath: float = TIME_AFTER_FAULT):
         self._box, self._folder, self._about = box, folder.expanduser(), about
         self._shortest_pause, self._aftermath = shortest_pause, aftermath
         self._reason, self._last, self._pause = '', -SPAN, shortest_pause

@@ -159,7 +159,7 @@ class BatteryWatch(NamedTuple):
 
 
 # Warmth at which derating starts; it reaches the continuous torque at 1.
-WARM = 0.8
+DERATING_START = 0.8
 
 
 @dataclass(frozen=True)
@@ -248,9 +248,9 @@ def left_by(warmth: float, continuous: float) -> float:
         Continuous fraction of the torque, which remains at a warmth of 1.
 
     """
-    if warmth <= WARM or continuous >= 1.0:
+    if warmth <= DERATING_START or continuous >= 1.0:
         return 1.0
-    return 1.0 - (1.0 - continuous) * min((warmth - WARM) / (1.0 - WARM), 1.0)
+    return 1.0 - (1.0 - continuous) * min((warmth - DERATING_START) / (1.0 - DERATING_START), 1.0)
 
 
 def derating(thermal: Thermal, temperature: Optional[float], motor_temperature: Optional[float],
@@ -279,9 +279,9 @@ def derating(thermal: Thermal, temperature: Optional[float], motor_temperature: 
 
 
 # Sampling period of voltage and temperatures [s]; a drive reports them no faster.
-LOOK_EVERY = 0.05
+SAMPLE_PERIOD = 0.05
 # Time constant of the peak torque [s], from which a fade starts.
-OF_LATE = 1.0
+PEAK_TORQUE_TIME = 1.0
 
 
 class Condition(NamedTuple):
@@ -331,11 +331,11 @@ class ConditionMonitor:
         fading = now >= self._watch.fading_since
         if not fading:
             self._largest = max(abs(torque), self._largest * (
-                1.0 - min(max(now - self._time, 0.0) / OF_LATE, 1.0)))
+                1.0 - min(max(now - self._time, 0.0) / PEAK_TORQUE_TIME, 1.0)))
         self._time = now
         if now < self._next:
             return self.condition
-        self._next = now + LOOK_EVERY
+        self._next = now + SAMPLE_PERIOD
         heat = derating(thermal, telemetry.temperature, telemetry.motor_temperature,
                         self._warmth, self._torque_limit)
         self._watch = watch = self._watch.look(

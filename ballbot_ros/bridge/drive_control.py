@@ -8,7 +8,8 @@ from typing import Any, Callable, Generic, NamedTuple, Optional, Protocol, Tuple
 from ballbot_ros.bridge.condition import ConditionMonitor
 from ballbot_ros.bridge.drive_line import DriveLine, HANDSHAKE
 from ballbot_ros.bridge.hardware_file import Hardware
-from ballbot_ros.bridge.motor_state import Event, LOST, MotorState, Power, SILENCE
+from ballbot_ros.bridge.motor_state import (
+    Event, MEASUREMENT_AGE_MAX, MotorState, Power, RECONNECT_TIMEOUT)
 from ballbot_ros.bridge.observer import Level, SessionObserver
 from ballbot_ros.bridge.sensing import ImuWatch
 from ballbot_ros.bridge.supervisor import EStop, PendulumMotion, StopReason, Supervisor
@@ -18,12 +19,12 @@ from ballbot_ros.errors import (
     BallbotError, DriveError, EstimateLostError, LinkError, MessageError, RefusedError)
 
 # The link carries one torque per period on average, at most one of them this early [periods].
-EARLY = 1.5
+SEND_LEAD = 1.5
 # The reply time of the controller varies, so a period may have no command: after this time without
 # a torque [periods] the last one is repeated in each period until the next command.
 REPEAT = 1.5
 # Longest time between two decisions about the torque [periods].
-DECIDED = REPEAT + 1.0
+TORQUE_INTERVAL_MAX = REPEAT + 1.0
 # Time between two attempts to arm a drive with `rearm` [s].
 ARM_AGAIN = 0.3
 # Pause after a drive disarmed by itself [s]: `ARM_AGAIN` at first, doubled each time up to
@@ -56,7 +57,7 @@ class Pacer(NamedTuple):
 
     def has_room(self, now: float) -> bool:
         """Return whether a torque may be sent between two ticks."""
-        return now >= self.next_torque - EARLY * self.period
+        return now >= self.next_torque - SEND_LEAD * self.period
 
     def is_torque_due(self, now: float) -> bool:
         """Return whether a tick must send a torque."""
@@ -182,7 +183,7 @@ class DriveControl(Generic[Estimated]):
         self._hardware, self._clock, self.law = hardware, clock, law
         period = 1.0 / hardware.connection.loop_rate
         self.line = DriveLine(connect, clock)
-        self.supervisor = Supervisor(hardware.limits, DECIDED * period)
+        self.supervisor = Supervisor(hardware.limits, TORQUE_INTERVAL_MAX * period)
         self.sensing = sensing
         self.others: Tuple['DriveControl[Any]', ...] = ()
         self.monitor = ConditionMonitor(
@@ -304,8 +305,9 @@ class DriveControl(Generic[Estimated]):
     def _watch(self, telemetry: Telemetry, now: float) -> None:
         """Detect a drive that stopped answering or disarmed the motor by itself."""
         silence = self.sensing.silence(now)
-        if silence > LOST:
-            raise DriveError(f'the drive has not answered for {LOST:g} s', 'silent', 'drive')
+        if silence > RECONNECT_TIMEOUT:
+            raise DriveError(f'the drive has not answered for {RECONNECT_TIMEOUT:g} s', 'silent',
+                             'drive')
         observed = self.power.observe(telemetry, silence, self._status_age(telemetry, now))
         if observed is not None and self.line.driver is not None:
             if observed.reason is StopReason.HAZARD:  # arming again does not clear it
@@ -320,9 +322,9 @@ class DriveControl(Generic[Estimated]):
         """
         confirmed = max(telemetry.status_time or 0.0, self.power.since)
         estimate = self.sensing.estimate
-        if estimate is not None and now - estimate.stamp > SILENCE:
+        if estimate is not None and now - estimate.stamp > MEASUREMENT_AGE_MAX:
             confirmed = -math.inf  # replies arrive, but are too old
-        elapsed = min(now - self._watched, DECIDED * self._period)
+        elapsed = min(now - self._watched, TORQUE_INTERVAL_MAX * self._period)
         self._unconfirmed = 0.0 if confirmed > self._watched else self._unconfirmed + elapsed
         self._watched = now
         return self._unconfirmed

@@ -10,7 +10,7 @@ from ballbot_ros.bridge.session import Report, Session
 from ballbot_ros.estimation import Estimate
 
 # Timeout of the join [s]; a handshake may be in progress.
-JOIN = 3.0
+JOIN_TIMEOUT = 3.0
 # Larger fractions of missed periods are reported.
 MISSED_MAX = 0.01
 # Longest time between two checks for the end of the loop [s].
@@ -85,7 +85,7 @@ class Loop:
     def end(self) -> None:
         """Stop the motor, close the link and end the thread; a second call has no effect."""
         self._ending = True
-        self._thread.join(JOIN)
+        self._thread.join(JOIN_TIMEOUT)
         self._session.close()
 
     def _report(self, estimate: Optional[Estimate]) -> None:

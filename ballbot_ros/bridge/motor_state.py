@@ -13,11 +13,11 @@ from ballbot_ros.bridge.supervisor import EStop, StopReason
 from ballbot_ros.drives.contract import Telemetry
 
 # Largest age of a measurement for torque [s].
-SILENCE = 0.1
+MEASUREMENT_AGE_MAX = 0.1
 # Timeout of the confirmed status of an armed drive, after which the e-stop engages [s].
 STATUS_TIMEOUT = 0.2
 # Timeout of a reply, after which the link reconnects [s]: the drive may have lost power.
-LOST = 0.3
+RECONNECT_TIMEOUT = 0.3
 
 
 class MotorState(Enum):
@@ -106,12 +106,13 @@ class Power(NamedTuple):
         """
         if self.state is not MotorState.ARMED:
             return None
-        if silence > SILENCE:
-            return EStop(StopReason.SILENT, f'no reply of the drive for {SILENCE:g} s')
+        if silence > MEASUREMENT_AGE_MAX:
+            return EStop(StopReason.SILENT, f'no reply of the drive for {MEASUREMENT_AGE_MAX:g} s')
         if status_age > STATUS_TIMEOUT:
             return EStop(
                 StopReason.UNCONFIRMED, 'the drive has not reported its armed state for '
-                f'{STATUS_TIMEOUT:g} s, or its measurements are older than {SILENCE:g} s')
+                f'{STATUS_TIMEOUT:g} s, or its measurements are older than '
+                f'{MEASUREMENT_AGE_MAX:g} s')
         if telemetry.hazards:
             settings, texts = zip(*telemetry.hazards)
             return EStop(StopReason.HAZARD, ', '.join(texts), settings)

@@ -12,7 +12,7 @@ from typing import Callable
 from ballbot_ros.control import (
     ControlTuning, JointReadings, Mode, PendulumController, SetPoint, SupervisedController,
     Supervision)
-from ballbot_ros.control.command_gate import SKEW
+from ballbot_ros.control.command_gate import CLOCK_SKEW_MAX
 from ballbot_ros.errors import MessageError
 from ballbot_ros.physics.model.robot import Robot
 
@@ -80,7 +80,7 @@ class OnBoard:
 
         """
         self.controller.on_e_stop(e_stop)
-        if set_point.stamp > now + SKEW:
+        if set_point.stamp > now + CLOCK_SKEW_MAX:
             raise MessageError(
                 f'the set-point is stamped {set_point.stamp:.3f} s and it is '
                 f'{now:.3f} s here: does the sender use another clock?',

@@ -12,7 +12,7 @@ import math
 from typing import List, Optional, Tuple
 
 from ballbot_ros.bridge.hardware_file import Hardware
-from ballbot_ros.bridge.motor_state import SILENCE
+from ballbot_ros.bridge.motor_state import MEASUREMENT_AGE_MAX
 from ballbot_ros.bridge.supervisor import PendulumMotion
 from ballbot_ros.drives.contract import Telemetry
 from ballbot_ros.errors import EstimateLostError, MessageError
@@ -26,9 +26,9 @@ from ballbot_ros.physics.model.robot import Robot
 AHEAD = 0.01
 # Grace period after the timeout of the IMU, without torque [s]: after a preemption of this
 # process, queued readings are read within it; they may be as late as replies of the drive.
-MISSING_TIMEOUT = SILENCE - IMU_TIMEOUT
+MISSING_TIMEOUT = MEASUREMENT_AGE_MAX - IMU_TIMEOUT
 # Time of readings without a gap before an IMU is usable again after a timeout [s].
-STEADY = 0.5
+IMU_RECOVERY_TIME = 0.5
 
 
 class ImuWatch:
@@ -38,7 +38,7 @@ class ImuWatch:
     Attributes
     ----------
     silent : bool
-        Whether it timed out or never sent, and has not sent for `STEADY` since.
+        Whether it timed out or never sent, and has not sent for `IMU_RECOVERY_TIME` since.
     silences : int
         Number of timeouts after a first reading.
 
@@ -105,7 +105,7 @@ class ImuWatch:
         """
         if self.has(now):
             self._missing_since = math.inf
-            self.silent = self.silent and now - self._steady_since < STEADY
+            self.silent = self.silent and now - self._steady_since < IMU_RECOVERY_TIME
             return False
         if now < self._missing_since:
             self._missing_since, self._pulling = now, pulling
@@ -121,7 +121,7 @@ LOG = logging.getLogger(__name__)
 # Sum of the overshoots of the pendulum beyond its angle limits [rad].
 SWING_OVERSHOOT = 0.8
 # Age above which a newer estimate replaces the odometry of the last IMU reading [s].
-FELT_LONG_AGO = 0.03
+ODOMETRY_AGE_MAX = 0.03
 
 
 class AxisSensing:
@@ -172,7 +172,7 @@ class AxisSensing:
     def is_stale(self, now: float) -> bool:
         """Return whether the last reply, or its measurement, is too old for torque."""
         # Replies may continue without new estimates, when the time of the measurement is unknown.
-        return now - self._answered > SILENCE or now - self.stamp > SILENCE
+        return now - self._answered > MEASUREMENT_AGE_MAX or now - self.stamp > MEASUREMENT_AGE_MAX
 
     def new_measurement(self, telemetry: Telemetry) -> Optional[EncoderReading]:
         """
@@ -274,14 +274,15 @@ class Sensing(AxisSensing):
         impacts.
         """
         newest, felt = self.odometry, self._felt
-        if newest is not None and felt is not None and newest.stamp - felt.stamp < FELT_LONG_AGO:
+        if newest is not None and felt is not None \
+                and newest.stamp - felt.stamp < ODOMETRY_AGE_MAX:
             return felt
         return newest
 
     def motion(self, now: float) -> Optional[PendulumMotion]:
         """Return the motion of the robot, None if the estimate is too old for torque."""
         estimate = self.fusion.estimate
-        if estimate is None or self.is_stale(now) or now - estimate.stamp > SILENCE \
+        if estimate is None or self.is_stale(now) or now - estimate.stamp > MEASUREMENT_AGE_MAX \
                 or self.needs_imu(now) or not self.fusion.is_relied_on():
             return None
         angle, _, rate, ball_rate, _ = estimate.mean.tolist()

@@ -19,10 +19,10 @@ from ballbot_ros.bridge.condition import Condition
 from ballbot_ros.bridge.drive_control import DriveControl, Estimated
 from ballbot_ros.bridge.hardware_file import Hardware
 from ballbot_ros.bridge.lean import LeanLaw, LeanSensing
-from ballbot_ros.bridge.motor_state import MotorState, SILENCE
+from ballbot_ros.bridge.motor_state import MEASUREMENT_AGE_MAX, MotorState
 from ballbot_ros.bridge.observer import SessionObserver
 from ballbot_ros.bridge.onboard import OnBoard
-from ballbot_ros.bridge.sensing import Sensing, STEADY
+from ballbot_ros.bridge.sensing import IMU_RECOVERY_TIME, Sensing
 from ballbot_ros.bridge.supervisor import EStop, StopReason
 from ballbot_ros.bridge.warm_up import warm_up
 from ballbot_ros.control import Mode, SetPoint
@@ -281,7 +281,7 @@ class Session:
                         'drive')
             if self._wanted is not Wanted.ACTIVE:
                 return 'the bridge is not active; activate it first', 'state'
-            if now - (driver.telemetry.time or 0.0) > SILENCE:
+            if now - (driver.telemetry.time or 0.0) > MEASUREMENT_AGE_MAX:
                 return 'the drive does not report the motor position', 'encoder'
             if axis.monitor.condition.stop:
                 return axis.monitor.condition.stop, 'battery'
@@ -290,7 +290,7 @@ class Session:
         if self.sensing.imu_fault:
             return EXPLANATIONS[self.sensing.imu_fault], 'imu'
         if self.sensing.needs_imu(now):
-            return (f'no IMU readings, or not yet for {STEADY:g} s without a gap, '
+            return (f'no IMU readings, or not yet for {IMU_RECOVERY_TIME:g} s without a gap, '
                     'and without them the pendulum angle is unreliable; publish imu, or set '
                     'imu_required: false in the hardware file for a level floor', 'imu')
         estimate, limit = self.fusion.estimate, self.hardware.limits.angle_limit
@@ -351,7 +351,7 @@ class Session:
     def _speed(self) -> Optional[float]:
         """Return the speed of the ball [m/s], None while its estimate is too old."""
         estimate = self.fusion.estimate
-        if estimate is None or self.clock() - estimate.stamp > SILENCE:
+        if estimate is None or self.clock() - estimate.stamp > MEASUREMENT_AGE_MAX:
             return None
         return -self.robot.ball_radius * estimate.readings.ball_rate
 

@@ -19,7 +19,7 @@ from ballbot_ros.control.command_gate import CommandGate
 from ballbot_ros.errors import RefusedError
 
 # Time without a nonzero command before the e-stop may be released [s].
-QUIET = 0.5
+COMMAND_GAP = 0.5
 # Torque below this counts as zero [N m].
 NOTHING = 1e-6
 # Runaway: speed above this multiple of the speed limit for this time [s].
@@ -149,10 +149,11 @@ class Supervisor:
         """
         if inhibit:
             raise RefusedError(f'the e-stop remains engaged: {inhibit}', 'standing', field)
-        if now - self._pushed < QUIET:
+        if now - self._pushed < COMMAND_GAP:
             raise RefusedError(
                 'the e-stop remains engaged: commands other than zero are arriving, and the robot '
-                f'would jump; let the controller command zero (no set-point) for {QUIET:g} s',
+                'would jump; let the controller command zero (no set-point) for '
+                f'{COMMAND_GAP:g} s',
                 'refused', 'set_point')
         self.release()
 

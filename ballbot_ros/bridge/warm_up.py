@@ -10,7 +10,7 @@ from ballbot_ros.physics.model.robot import Robot
 LOG = logging.getLogger(__name__)
 
 # Loading cached machine code takes less than this [s].
-SHORT = 0.5
+CACHED_LOAD_TIME = 0.5
 
 
 def warm_up(robot: Robot) -> float:
@@ -28,6 +28,6 @@ def warm_up(robot: Robot) -> float:
         fusion.imu(ImuReading(stamp, 0.0, 0.0, robot.gravity))
         fusion.encoder(EncoderReading(stamp, 0.0))
     spent = time.monotonic() - begin
-    if spent > SHORT:
+    if spent > CACHED_LOAD_TIME:
         LOG.info('filter and laws were compiled in %.1f s, cached for the next start', spent)
     return spent

@@ -8,7 +8,7 @@ from ballbot_ros.errors import ConfigurationError, MessageError
 
 # Clocks of sender and receiver may differ by this much before a stamp counts as "from the
 # future" [s].
-SKEW = 0.05
+CLOCK_SKEW_MAX = 0.05
 
 
 class CommandGate:
@@ -91,7 +91,7 @@ class CommandGate:
                 f'the command answers a state of {stamp:.3f} s and it is {now:.3f} s: '
                 f'older than {self.timeout:g} s; stamp commands with the stamp of the '
                 'joint_states they answer', 'stale', 'stamp')
-        if age < -SKEW:
+        if age < -CLOCK_SKEW_MAX:
             raise MessageError(
                 f'the command is stamped {stamp:.3f} s and it is {now:.3f} s '
                 'here: does the sender use wall time instead of simulated time?',

@@ -7,7 +7,7 @@ import math
 from ballbot_ros.errors import MessageError
 
 # A set-point closer to 0 than this is rest [rad, rad/s, m/s].
-STANDING = 1e-3
+REST_MAX = 1e-3
 
 
 class Mode(str, Enum):
@@ -72,7 +72,7 @@ class SetPoint:
     @property
     def is_rest(self) -> bool:
         """Return whether it is rest: idle, a hanging pendulum, or a speed of 0."""
-        return self.mode is Mode.IDLE or abs(self.value) < STANDING
+        return self.mode is Mode.IDLE or abs(self.value) < REST_MAX
 
     @property
     def in_words(self) -> str:

@@ -14,15 +14,15 @@ from ballbot_ros.errors import MessageError
 LOG = logging.getLogger(__name__)
 
 # A set-point stamped further ahead of the joint states than this has another clock [s].
-SKEW = 1.0
+CLOCK_SKEW_MAX = 1.0
 # Tolerance of measured rates.
 RATE_SLACK = 0.98
 # Number of joint states before the rate is checked: one lost at the start must not stop the robot.
-JUDGED = 11
+RATE_CHECK_SAMPLES = 11
 # Excessive resistance of the speed law is logged after this time [s]: pushes are shorter.
-PUSH = 1.0
+RESISTANCE_TIME = 1.0
 # After an e-stop, set-points other than rest are accepted after a gap of this time [s].
-QUIET = 0.5
+SET_POINT_GAP = 0.5
 # Tolerance for stamps rounded to the nanosecond; far below any period [s].
 ROUNDING = 1e-6
 
@@ -59,7 +59,7 @@ class SupervisedController:
     All time is that of the stamps.
 
     While the e-stop is engaged it is idle.  A release alone starts no motion: set-points other
-    than rest are refused until a rest set-point, or no set-point for `QUIET`.
+    than rest are refused until a rest set-point, or no set-point for `SET_POINT_GAP`.
 
     Attributes
     ----------
@@ -77,7 +77,7 @@ class SupervisedController:
     def __init__(self, controller: PendulumController, supervision: Supervision):
         self._controller = controller
         self.expected = supervision
-        self._rate = RateMonitor(least=JUDGED)
+        self._rate = RateMonitor(least=RATE_CHECK_SAMPLES)
         self._newest: Optional[JointReadings] = None
         self._waiting: Optional[JointReadings] = None
         self._held_at = -math.inf
@@ -122,7 +122,7 @@ class SupervisedController:
 
         """
         ahead = set_point.stamp - self.time
-        if self._newest is not None and ahead > SKEW:
+        if self._newest is not None and ahead > CLOCK_SKEW_MAX:
             raise MessageError(
                 f'set-point of {set_point.stamp:.3f} s refused: the joint '
                 f'states are of {self.time:.3f} s; is one of them stamped with wall time?',
@@ -156,8 +156,8 @@ class SupervisedController:
 
     @property
     def asked(self) -> Optional[SetPoint]:
-        """Return the last set-point other than rest within `QUIET`, None without one."""
-        return self._asked if self.time - self._asked_at < QUIET else None
+        """Return the last set-point other than rest within `SET_POINT_GAP`, None without one."""
+        return self._asked if self.time - self._asked_at < SET_POINT_GAP else None
 
     def _check_e_stop(self, set_point: SetPoint) -> None:
         """Refuse set-points other than rest while the e-stop is engaged, or right after."""
@@ -170,7 +170,7 @@ class SupervisedController:
             raise MessageError(f'set-point of {set_point.in_words} refused: ' + (
                 'the e-stop is engaged' if self.e_stop else
                 'it was requested while the e-stop was engaged; request rest first, or '
-                f'nothing for {QUIET:g} s'), 'e_stop', 'e_stop')
+                f'nothing for {SET_POINT_GAP:g} s'), 'e_stop', 'e_stop')
         self._rest_first = False
 
     def take(self, readings: JointReadings) -> None:
@@ -223,7 +223,7 @@ class SupervisedController:
         """Log when the resistance exceeds that held by the pendulum."""
         if not self._controller.overcome or stamp < self._held_at:
             self._held_at, self.overcome = stamp, False
-        elif stamp - self._held_at > PUSH and not self.overcome:
+        elif stamp - self._held_at > RESISTANCE_TIME and not self.overcome:
             self.overcome = True
             LOG.warning(
                 f'the set speed of {self.set_point.value:g} m/s is not reached: resistance of '

@@ -36,10 +36,10 @@ OVER, BACK, UNDECIDED = range(3)
 # A ball that is this much farther from the step than where it touched has rolled back [m].
 RETREAT = 0.004
 # Simulated between two looks at the ball [s]; a doubtful block is run again in halves.
-BLOCK = 0.04
+BLOCK_TIME = 0.04
 SHORTEST_BLOCK = 1e-6
 # Loss of a ball on level ground, as a slope; for scores only.
-DRAG = 0.02
+SCORE_SLOPE = 0.02
 LEAST = 1e-12  # size of a score: none is 0 [m2/s2]
 # Vertices of the ground of a step: its foot and its edge, and an end each way.
 VERTICES, EDGE_VERTEX, END_VERTEX = 4, 2, 3
@@ -156,10 +156,10 @@ def shortfall(nearest: float, farthest: float, falling: float, goal: float,
     if goal <= 0.0:
         return min(-falling * nearest**2, -LEAST)
     ground = crossing.system.ground
-    steep = max(ground[EDGE_VERTEX, TANGENT_Y] / ground[EDGE_VERTEX, TANGENT_X], 0.0) + DRAG
+    steep = max(ground[EDGE_VERTEX, TANGENT_Y] / ground[EDGE_VERTEX, TANGENT_X], 0.0) + SCORE_SLOPE
     missing = goal - min(max(farthest, 0.0), goal)
     before = falling * min(nearest, 0.0)**2 if farthest <= 0.0 else 0.0
-    if farthest <= 0.0 and steep == DRAG:
+    if farthest <= 0.0 and steep == SCORE_SLOPE:
         missing = 0.0  # behind the edge it is driven on
     return min(-before - 2.0 * falling * crossing.system.parameters.radius * steep * missing,
                -LEAST)
@@ -219,7 +219,7 @@ def run_to_verdict(height: float, tolerance: float,
     doubt = 10.0 * tolerance * parameters.mass * parameters.gravity
     options = Options(tolerance, 0.0, AUTOMATIC, crossing.budget, False, False)
     status = status_at(0.0)
-    nearest, farthest, passed, block = -math.inf, -math.inf, 0.0, BLOCK
+    nearest, farthest, passed, block = -math.inf, -math.inf, 0.0, BLOCK_TIME
     while status.time < course.time_limit:
         for i in range(SIZE):
             before[i] = state[i]
@@ -239,7 +239,7 @@ def run_to_verdict(height: float, tolerance: float,
             status = Status(FINISHED, status.time, 0, status.controller, status.rate, False,
                             NOTHING, True, 0.0)
             continue
-        status, block = later, BLOCK
+        status, block = later, BLOCK_TIME
         early, late = weight_ahead(before, parameters), weight_ahead(state, parameters)
         nearest, farthest = max(nearest, late), max(farthest, top)
         if steep > 0.0:
@@ -302,7 +302,7 @@ REFINEMENT = 0.03  # of the tolerances, where both do not agree
 FINEST = 1e-13  # tolerance that still means something [m]
 
 # Extrapolated from the scores, slightly higher: the closest step that fails is searched.
-BEYOND = 1.02
+EXTRAPOLATION_FACTOR = 1.02
 HIGHEST = 4.0  # step that is tried, over the radius
 TOO_FAST = -1  # outcome of a search that finds no step too high, beside those of a run
 
@@ -380,7 +380,7 @@ def climb(low: float, above: float, stride: float, tolerance: float,
             return low, high, above, score, outcome
         if high >= highest:
             return low, high, above, score, TOO_FAST
-        aimed = BEYOND * stride * score / max(above - score, LEAST)
+        aimed = EXTRAPOLATION_FACTOR * stride * score / max(above - score, LEAST)
         low, above = high, score
         stride = max(min(aimed, 4.0 * stride), least)
         least *= 4.0

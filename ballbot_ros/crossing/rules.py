@@ -30,7 +30,7 @@ from ballbot_ros.physics.model.terrain import Array, Terrain
 
 # Of the start before the touch, in programs that cannot start with the touch itself [m]; too
 # short for a free ball to change its speed, and for a driven one to change it much.
-LEAD = 0.002
+START_LEAD = 0.002
 
 STEEPEST = math.radians(80.0)
 

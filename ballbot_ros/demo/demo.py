@@ -378,7 +378,7 @@ RESET_PERIOD = 0.2
 # A response that has not arrived for this time is lost [s].
 LONGEST_ANSWER = 5.0
 # Simulated time of one advance in lockstep [s].
-ADVANCE = 1.0
+ADVANCE_TIME = 1.0
 
 
 class RecordedSimulation:
@@ -424,7 +424,7 @@ class RecordedSimulation:
             if self._answer.done() and not self._answer.result().success:
                 return f'the simulator has stopped: {self._answer.result().message}'
             # A response may be lost while services are discovered: the recorded stamps count.
-            end = round(1e9 * self._advances * ADVANCE)
+            end = round(1e9 * self._advances * ADVANCE_TIME)
             if self._bag.reached(dict.fromkeys(self._topics, end)):
                 self._run()
         return None
@@ -445,4 +445,4 @@ class RecordedSimulation:
     def _run(self) -> None:
         self._advances += 1
         self._answer = self._resume.call_async(Trigger.Request()) if self._free_running else \
-            self._step.call_async(Step.Request(periods=round(ADVANCE * CONTROL_RATE)))
+            self._step.call_async(Step.Request(periods=round(ADVANCE_TIME * CONTROL_RATE)))

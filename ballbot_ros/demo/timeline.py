@@ -12,7 +12,7 @@ from ballbot_ros.ros.conversions import to_seconds
 # The ball is at rest when it has been slower than this [m/s] for this time [s].
 REST_SPEED, REST_TIME = 0.02, 1.0
 # Maximum distance between a face and a contact with its edge [m].
-NEAR = 0.01
+CONTACT_DISTANCE_MAX = 0.01
 
 # Minimum distance from the start of a ball that has been driven [m].
 DRIVEN = 0.2
@@ -148,7 +148,7 @@ class Timeline:
     def _follow(self, passage: Passage, message: BallState, before: BallState) -> None:
         """Report when the ball touches a step, and when it has crossed it."""
         if passage.touched is None and any(
-                touch.kind == Contact.KIND_EDGE and abs(touch.x - passage.x) < NEAR
+                touch.kind == Contact.KIND_EDGE and abs(touch.x - passage.x) < CONTACT_DISTANCE_MAX
                 for touch in message.contacts):
             passage.touched, passage.touch_speed = self.now, before.velocity_x
             good = '' if math.isnan(self._limit) else (

@@ -174,7 +174,7 @@ class CanLink:
                 try:
                     message = message or bus.recv(0.0)
                 except Exception as error:
-                    if not _is_no_frame(error):
+                    if not _is_malformed(error):
                         raise
                     bus.flush()
                     continue
@@ -248,7 +248,7 @@ def _converted(port: str, baud: int, opening: bool = False) -> Iterator[None]:
         raise _failure(port, baud, error, opening) from error
 
 
-def _is_no_frame(error: Exception) -> bool:
+def _is_malformed(error: Exception) -> bool:
     """Return whether a serial adapter sent an invalid frame."""
     return isinstance(error, (ValueError, IndexError)) or isinstance(error.__cause__, ValueError)
 

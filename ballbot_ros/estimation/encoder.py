@@ -35,7 +35,7 @@ Interval = Tuple[float, float]
 Increments = Tuple[float, float, float, float]
 
 # Tolerance of a step about its expected value, the sum of: this [rad],
-NEAR = 0.03
+STEP_TOLERANCE = 0.03
 # this times the time since the previous reading, for an impact between two readings [rad/s],
 UNKNOWN_RATE = 5.0
 # the same for the change of a rate as old as the previous reading [rad/s],
@@ -189,7 +189,8 @@ def _restarted(last: EncoderReading, reading: EncoderReading, innovation: float)
 
 def _near(error: float, pause: float, rate: float, late: float,
           unknown: float = UNKNOWN_RATE) -> bool:
-    return abs(error) <= NEAR + unknown * pause + late * min(abs(rate), HIGHEST_JOINT_RATE)
+    return abs(error) <= STEP_TOLERANCE + unknown * pause + late * min(
+        abs(rate), HIGHEST_JOINT_RATE)
 
 
 class IncrementCheck(NamedTuple):

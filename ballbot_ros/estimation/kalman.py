@@ -77,7 +77,7 @@ SIZE = 5
 # A longer prediction is divided into several steps [s].
 LONGEST_STEP = 0.005
 # Stamps closer than this are the same [s].
-SAME = 1e-9
+STAMP_TOLERANCE = 1e-9
 # Correlation time of the error of the forward specific force [s].
 STRAY_TIME = 0.1
 
@@ -203,7 +203,7 @@ def predicted(before: Tuple[float, Array, Array], stamp: float, torque: float, s
     """
     now, mean_before, covariance_before = before
     take_over(mean_before, covariance_before, mean, covariance)
-    while stamp > now + SAME:
+    while stamp > now + STAMP_TOLERANCE:
         step = min(stamp - now, LONGEST_STEP)
         step_on(mean, covariance, step, torque, support, numbers[0], numbers[1])
         now += step
@@ -254,7 +254,7 @@ def with_joint_angle(before: Tuple[Array, Array], innovation: float, variance: f
 
 
 @compiled
-def with_felt(before: Tuple[Array, Array], felt: Quad, period: float, trust: Trust, mean: Array,
+def with_force(before: Tuple[Array, Array], felt: Quad, period: float, trust: Trust, mean: Array,
               covariance: Array) -> None:
     """
     Write the estimate corrected by an IMU reading; see `PendulumFilter.with_imu`.
@@ -394,7 +394,7 @@ class PendulumFilter:
             The latest, at the ball centre.
 
         """
-        if not stamp > estimate.stamp + SAME:
+        if not stamp > estimate.stamp + STAMP_TOLERANCE:
             return estimate
         mean, covariance = np.empty(SIZE), np.empty((SIZE, SIZE))
         return Estimate(
@@ -443,7 +443,7 @@ class PendulumFilter:
 
         """
         mean, covariance = np.empty(SIZE), np.empty((SIZE, SIZE))
-        with_felt(
+        with_force(
             estimate[1:3], (imu.turn_rate, imu.forward, imu.upward, imu.turn_acceleration), period,
             self._trust, mean, covariance)
         return Estimate(estimate.stamp, mean, covariance, estimate.encoder_zero)

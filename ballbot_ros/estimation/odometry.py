@@ -24,15 +24,15 @@ from ballbot_ros.estimation.kalman import BALL_RATE, Estimate, JOINT, PENDULUM
 from ballbot_ros.physics.model.robot import Robot
 
 # Correlation time of the slip and of the error of the accelerometer [s].
-STRAY_TIME = 0.1
+CORRELATION_TIME = 0.1
 # Two IMU readings within this time miss no impact [s].
-FELT = 0.01
+IMPACT_INTERVAL_MAX = 0.01
 # A longer pause between two IMU readings has no measurement of the force [s].
 LONGEST_PAUSE = 0.1
 # A larger change of the ball angle in a step than predicted is a new zero, not a correction [rad].
-RECOUNTED = 0.2
+ZERO_CHANGE_MIN = 0.2
 # Standard deviation of the position after a lost estimate [m].
-LOST_WAY = 1.0
+LOST_POSITION_SD = 1.0
 
 
 @dataclass(frozen=True)
@@ -112,7 +112,7 @@ class OdometryFilter:
         """Return the odometry after a lost estimate, with an increased variance."""
         slide = before.slide
         return before._replace(ball_angle=math.nan, slide=slide._replace(
-            way_variance=slide.way_variance + LOST_WAY**2))
+            way_variance=slide.way_variance + LOST_POSITION_SD**2))
 
     def advance(self, before: OdometryState, estimate: Estimate,
                 imu: Optional[ImuReading] = None) -> OdometryState:
@@ -142,7 +142,7 @@ class OdometryFilter:
         angle, rate = _ball(estimate)
         turned_by, expected = angle - before.ball_angle, 0.5 * step * (rate + before.ball_rate)
         slide, lost = before.slide, 0.0
-        if not abs(turned_by - expected) <= RECOUNTED:
+        if not abs(turned_by - expected) <= ZERO_CHANGE_MIN:
             # The angle counts from another zero; only the rate gives the distance.
             turned_by, lost = expected, (self._radius * expected)**2
         slide = Slide(
@@ -153,7 +153,7 @@ class OdometryFilter:
         if estimate.stamp - before.felt_stamp > LONGEST_PAUSE:
             part = self._tuning.slip_unseen
             slide = slide._replace(slip_variance=slide.slip_variance + step * (
-                part * self._radius * rate)**2 / STRAY_TIME)
+                part * self._radius * rate)**2 / CORRELATION_TIME)
             slide = self._rolling(slide, step, rate, part)
         return self._result(estimate, before.rolled - self._radius * turned_by, slide,
                           before.start_variance, before.felt_stamp, before.felt_rate)
@@ -168,13 +168,14 @@ class OdometryFilter:
             shock = abs(math.hypot(imu.forward, imu.upward) - self._gravity)
             faster = period * forward + self._radius * (rate - before.felt_rate)
             # An IMU reading may have been lost, and an impact with it.
-            unfelt = max(0.0, period - FELT) * (
-                tuning.slip_unseen * self._radius * rate)**2 / STRAY_TIME
+            unfelt = max(0.0, period - IMPACT_INTERVAL_MAX) * (
+                tuning.slip_unseen * self._radius * rate)**2 / CORRELATION_TIME
             slide = slide._replace(
                 # The slip changes linearly over the period.
                 way=slide.way + 0.5 * period * faster, slip=slide.slip + faster,
                 slip_variance=slide.slip_variance + unfelt + period * (
-                    tuning.force_sd**2 * STRAY_TIME + (tuning.shock_part * shock)**2 * period))
+                    tuning.force_sd**2 * CORRELATION_TIME
+                    + (tuning.shock_part * shock)**2 * period))
             if shock <= tuning.contact_gate:
                 slide = self._rolling(slide, period, rate, tuning.slip_part)
         return self._result(estimate, before.rolled, slide, before.start_variance, imu.stamp,
@@ -184,13 +185,13 @@ class OdometryFilter:
         """Return the slide corrected by zero slip, with a deviation of a part of the speed."""
         # The measurements within the correlation time count as one.
         sd = self._tuning.slip_at_rest + part * abs(self._radius * rate)
-        total = slide.slip_variance + sd**2 * max(1.0, STRAY_TIME / step)
+        total = slide.slip_variance + sd**2 * max(1.0, CORRELATION_TIME / step)
         way_gain, gain = slide.covariance / total, slide.slip_variance / total
         return Slide(
             slide.way - way_gain * slide.slip, slide.slip - gain * slide.slip,
             # The accelerometer may be correct nevertheless.
             slide.way_variance - way_gain * slide.covariance
-            + 2.0 * step * STRAY_TIME * slide.slip**2,
+            + 2.0 * step * CORRELATION_TIME * slide.slip**2,
             slide.covariance - gain * slide.covariance,
             slide.slip_variance - gain * slide.slip_variance)
 

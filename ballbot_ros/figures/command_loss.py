@@ -16,9 +16,9 @@ SPEED = 0.6  # [m/s]
 # Columns: title, slope [degrees], speed [m/s].
 COLUMNS = (('held on 5 degrees', -5.0, 0.0), ('0.6 m/s, level', 0.0, SPEED),
            ('0.6 m/s down 2 degrees', -2.0, SPEED), ('0.6 m/s up 2 degrees', 2.0, SPEED))
-LONG = 60.0  # damping_time of the dotted line [s]
+DAMPING_TIME = 60.0  # damping_time of the dotted line [s]
 POLICIES = (('coast', None, canvas.VERMILION, '-'), ('brake', None, canvas.BLUE, '-'),
-            ('brake', LONG, canvas.BLUE, ':'), ('settle', None, canvas.GREEN, '-'))
+            ('brake', DAMPING_TIME, canvas.BLUE, ':'), ('settle', None, canvas.GREEN, '-'))
 
 
 def on_timeout(progress: Progress = ignore, hardware: str = 'gimball_odrive') -> Figure:

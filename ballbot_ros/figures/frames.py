@@ -13,10 +13,10 @@ from ballbot_ros.results.faces import meet_faces
 ROW = 17.0  # travel in one row at most
 TURN = 0.5  # travel back that begins a new row
 LEAST_GAP = 0.55  # between two outlines
-NEAR = 1.2  # of the centre from a step that the ball climbs
+STEP_DISTANCE = 1.2  # of the centre from a step that the ball climbs
 
 # Outlines along the longest row at most, if the ball touches no step.
-OUTLINES = 13
+OUTLINES_MAX = 13
 # Factor of the distance between outlines away from the touched steps.
 SPARSE = 2.0
 
@@ -51,11 +51,11 @@ def lay_out(run: Trajectory) -> Layout:
     shown = _window(run, parts)
     longest = max(float(np.hypot(np.diff(run['x'][part]), np.diff(run['y'][part])).sum())
                   for part in shown)
-    least, even = LEAST_GAP * radius, longest / (OUTLINES - 1)
+    least, even = LEAST_GAP * radius, longest / (OUTLINES_MAX - 1)
     touched = [met.x for met in meet_faces(run) if met.touch_time is not None]
     gaps: Array = np.full(len(run), max(least, even))
     if touched and even > least:
-        near = np.min(np.abs(run['x'][:, None] - touched), axis=1) < NEAR * radius
+        near = np.min(np.abs(run['x'][:, None] - touched), axis=1) < STEP_DISTANCE * radius
         gaps = np.where(near, least, SPARSE * even)
     return Layout(tuple(Row(part, _frames(run, part, gaps[part])) for part in shown),
                   float(gaps.min()), len(parts))

@@ -13,7 +13,7 @@ from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.simulation.trajectory import Trajectory
 
 # Numbers beyond are those of a run that diverged, and would only spoil the scales.
-SANE = 1e9
+PLOTTED_VALUE_MAX = 1e9
 
 _WIDTH = 9.0
 _LEFT, _RIGHT, _TOP, _BOTTOM, _GAP = 0.85, 1.75, 0.62, 0.55, 0.16  # [in]
@@ -43,7 +43,7 @@ def sane(trajectory: Trajectory) -> Trajectory:
     """Return a trajectory without the rows that are not finite, or out of all bounds."""
     rows = trajectory.rows
     with np.errstate(invalid='ignore'):
-        good = np.all(np.abs(rows[:, 1:]) < SANE, axis=1, keepdims=True)[:, 0]
+        good = np.all(np.abs(rows[:, 1:]) < PLOTTED_VALUE_MAX, axis=1, keepdims=True)[:, 0]
     good[0] = True
     return trajectory if good.all() else replace(trajectory, rows=rows[good])
 

@@ -24,9 +24,9 @@ REOPEN_PERIOD = 0.5
 # Between two commands to a sensor [s].
 COMMAND_PERIOD = 0.02
 # Of `ArrivalClock`: largest rise of its line per period, in periods, for a slow clock of a sensor;
-DRIFT = 0.01
+CLOCK_DRIFT_MAX = 0.01
 # a delay of more periods than this means lost readings: the line restarts at the arrival.
-LOST = 4.0
+LOST_PERIODS = 4.0
 AXES = {'x': 0, 'y': 1, 'z': 2}
 AXES_EXAMPLE = "three of x, y, z and their opposites, such as 'x y z' or '-y x z'"
 
@@ -142,10 +142,10 @@ class ArrivalClock:
         """
         expected = self._last + self._period
         late = arrival - expected
-        if late > LOST * self._period:
+        if late > LOST_PERIODS * self._period:
             self._last = arrival
         else:
-            self._last = max(expected + min(late, DRIFT * self._period), self._last)
+            self._last = max(expected + min(late, CLOCK_DRIFT_MAX * self._period), self._last)
         return self._last
 
 

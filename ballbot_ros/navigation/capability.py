@@ -20,15 +20,16 @@ import numpy as np
 from ballbot_ros.decision import Face, Knowledge, Profile
 from ballbot_ros.decision.learning.particles import Particles
 from ballbot_ros.decision.planning.rollout.ahead import look_ahead
-from ballbot_ros.decision.planning.rollout.planner import KICK
-from ballbot_ros.decision.planning.rollout.search import BRISK, candidates, search, Task, Trial
+from ballbot_ros.decision.planning.rollout.planner import SWING_GAIN_MAX
+from ballbot_ros.decision.planning.rollout.search import (
+    candidates, LEAN_ACCELERATION, search, Task, Trial)
 from ballbot_ros.decision.planning.rollout.worlds import Worlds
 
 # Run-ups from rest to the touch to try, and longest room behind the last edge that is used [m].
 RUN_UPS = (0.2, 0.35, 0.5, 0.75, 1.0, 1.4, 1.8, 2.4)
 LONGEST_ROOM = 2.5
 # A longer run-up must raise the probability by this to be a separate choice.
-BETTER = 0.005
+PROBABILITY_GAIN_MIN = 0.005
 # Heights, standard deviations of heights, and widths are rounded up to multiples of this, rooms
 # down [m].
 HEIGHT, HEIGHT_SD, WIDTH, ROOM = 0.0025, 0.001, 0.01, 0.1
@@ -126,7 +127,8 @@ class Capability:
             crossing = self._crossing(tuple(faces), height_sd, item, room) \
                 if item <= run_up and room > 0.0 else None
             if crossing is not None and (
-                    not found or crossing.probability > found[-1].probability + BETTER):
+                    not found
+                    or crossing.probability > found[-1].probability + PROBABILITY_GAIN_MIN):
                 found.append(crossing)
         return found
 
@@ -158,7 +160,7 @@ class Capability:
         worlds.set_particles(self._particles)
         worlds.see(ahead)
         task = Task(start, ahead, worlds, tuning.required_probability, tuning.highest_speed)
-        reachable = math.sqrt(2.0 * BRISK * run_up) + KICK
+        reachable = math.sqrt(2.0 * LEAN_ACCELERATION * run_up) + SWING_GAIN_MAX
         plans = [plan for plan in candidates(ahead, start[0], 0.0, tuning, reachable)
                  if plan.faces == len(faces)]
         trials: List[Trial] = []

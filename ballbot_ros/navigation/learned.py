@@ -9,9 +9,9 @@ from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.floors.floor import Feature, Point
 
 # Attempts whose weight the predicted probability of a crossing has, beside learned outcomes.
-PRIOR = 5.0
+PRIOR_ATTEMPTS = 5.0
 # Obstacles nearer to each other than this are one [m].
-SAME = 0.08
+SAME_DISTANCE = 0.08
 VERSION = 1
 
 
@@ -48,7 +48,7 @@ class Learned:
         """Return the mean of the beta distribution with the prediction as its prior."""
         for feature, direction, crossed, failed in self.outcomes:
             if (feature, direction) == (number, sign):
-                return (PRIOR * predicted + crossed) / (PRIOR + crossed + failed)
+                return (PRIOR_ATTEMPTS * predicted + crossed) / (PRIOR_ATTEMPTS + crossed + failed)
         return predicted
 
     def with_height(self, number: int, height: float) -> 'Learned':
@@ -60,7 +60,7 @@ class Learned:
         """Return this with further obstacles [m]."""
         known = list(self.obstacles)
         for x, y in points:
-            if not any(abs(x - a) < SAME and abs(y - b) < SAME for a, b in known):
+            if not any(max(abs(x - a), abs(y - b)) < SAME_DISTANCE for a, b in known):
                 known.append((x, y))
         return replace(self, obstacles=tuple(known))
 

@@ -17,7 +17,7 @@ from ballbot_ros.navigation.route import RoutePlanner
 # Types of nav2_msgs/CostmapFilterInfo: keep-out zones, and speed limits in percent.
 KEEP_OUT, SPEED_PERCENT = 0, 1
 # Distance in which the speed limit rises to 100 % of the cruise speed [m].
-FADE = 1.0
+LIMIT_RISE_DISTANCE = 1.0
 
 
 def write_masks(planner: RoutePlanner, folder: Path) -> List[Path]:
@@ -54,7 +54,7 @@ def write_masks(planner: RoutePlanner, folder: Path) -> List[Path]:
             keep_out |= distance < max(floor.resolution, 0.5 * feature.width)
         if feature.kind in ('drop', 'stairs'):
             keep_out |= distance < planner.drop_distance
-            beyond = np.clip((distance - planner.drop_distance) / FADE, 0.1, 1.0)
+            beyond = np.clip((distance - planner.drop_distance) / LIMIT_RISE_DISTANCE, 0.1, 1.0)
             percent = np.minimum(percent, 100.0 * beyond)
         elif feature.kind in ('carpet', 'level'):
             keep_out |= distance < floor.resolution

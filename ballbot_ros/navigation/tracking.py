@@ -19,11 +19,11 @@ from ballbot_ros.steering import curvature_limit
 # Distance of both poles of the errors: at least, and per speed [m], [s].
 SETTLING, SETTLING_TIME = 0.35, 1.2
 # The lean follows later: the feedforward looks ahead by this time [s].
-LEAD = 0.6
+LEAN_LEAD = 0.6
 # Before the edge, a crossing is not steered any more: distance [m], and time [s].
 EDGE, EDGE_TIME = 0.3, 0.8
 # Speed is reduced this far before a turn, and kept this far behind it [m].
-EARLY, BEHIND = 0.2, 0.1
+SLOWDOWN_BEFORE, SLOWDOWN_BEHIND = 0.2, 0.1
 # Deceleration towards the end of a path [m/s2], and time constant of the last part [s].
 BRAKING, LAST = 0.15, 0.7
 # Part of the curvature limit that the path may use; feedback has the rest.
@@ -126,7 +126,7 @@ def steered(left: float, turned: float, run_up: float, speed: float
 
     """
     settling = max(SETTLING, SETTLING_TIME * speed)
-    way = max(0.0, run_up - EDGE - (EDGE_TIME + LEAD) * speed)
+    way = max(0.0, run_up - EDGE - (EDGE_TIME + LEAN_LEAD) * speed)
     rate = left / settling + math.tan(turned)
     decayed = math.exp(-way / settling)
     return way, (left + rate * way) * decayed, math.atan(
@@ -179,9 +179,9 @@ class Tracker:
             [m/s]
 
         """
-        ahead = path.along >= along - BEHIND
+        ahead = path.along >= along - SLOWDOWN_BEHIND
         # Braking ends a delay before a turn begins.
-        room = np.maximum(path.along[ahead] - along - EARLY, 0.0)
+        room = np.maximum(path.along[ahead] - along - SLOWDOWN_BEFORE, 0.0)
         turns = self.speeds_for(path.curvatures[ahead])
         remaining = max(path.length - along, 0.0)
         lost = BRAKING * LAST
@@ -198,7 +198,7 @@ class Tracker:
         course = heading if path.direction > 0 else heading + math.pi
         error = math.remainder(course - float(np.interp(along, path.along, path.courses)),
                                2.0 * math.pi)
-        feedforward = float(np.interp(along + LEAD * abs(speed), path.along, path.curvatures))
+        feedforward = float(np.interp(along + LEAN_LEAD * abs(speed), path.along, path.curvatures))
         curvature = feedforward - left / settling**2 - 2.0 * math.sin(error) / settling
         limit = self.limit(speed)
         return abs(speed) * min(max(curvature, -limit), limit)

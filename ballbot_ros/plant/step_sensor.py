@@ -13,7 +13,7 @@ from ballbot_ros.plant.sensor_faults import SensorFaults
 # Minimum height [m] and slope of a detected step: 2 mm and 45 degrees.
 LEAST_HEIGHT, LEAST_SLOPE = 0.002, 1.0
 # A less steep segment shorter than this belongs to the step, as on a rounded edge [m].
-SHORT = 0.005
+SEGMENT_LENGTH_MIN = 0.005
 
 # Minimum reported standard deviations [m]; 0 means unknown.
 DISTANCE_RESOLUTION, HEIGHT_RESOLUTION = 0.001, 0.0005
@@ -46,7 +46,7 @@ def faces(terrain: Terrain) -> Tuple[Tuple[float, float], ...]:
 
     At the x of its foot, or of its upper edge where it drops.
     """
-    found = terrain.faces(LEAST_SLOPE, LEAST_HEIGHT, SHORT)
+    found = terrain.faces(LEAST_SLOPE, LEAST_HEIGHT, SEGMENT_LENGTH_MIN)
     return tuple((float(face[0, 0]), float(face[-1, 1] - face[0, 1])) for face in found)
 
 

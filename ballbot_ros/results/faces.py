@@ -18,7 +18,7 @@ LEAST_HEIGHT = 1e-3
 LEAST_SLOPE = math.tan(math.radians(30.0))
 
 # A shallow piece shorter than this many radii, as on top of a round cord, belongs to the face.
-SHORT = 0.05
+PIECE_LENGTH_MIN = 0.05
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ def faces_of(terrain: Terrain, radius: float, endless: bool = True) -> list[Arra
 
     Pieces that are short relative to the radius [m] of the ball are not slopes.
     """
-    return terrain.faces(LEAST_SLOPE, LEAST_HEIGHT, SHORT * radius, endless=endless)
+    return terrain.faces(LEAST_SLOPE, LEAST_HEIGHT, PIECE_LENGTH_MIN * radius, endless=endless)
 
 
 def rising_faces(terrain: Terrain, radius: float) -> list[Array]:

@@ -137,7 +137,7 @@ class Spectator:
         goal.pose.orientation.w = 1.0
         self._goal = goal
 
-    def let_go(self) -> None:
+    def release_set_point(self) -> None:
         """Stop publishing set-points."""
         self._held = None
 

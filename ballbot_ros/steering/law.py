@@ -8,7 +8,8 @@ from ballbot_ros.steering.model import LateralState, required_steering
 
 DAMPING_RATIO = 0.7  # of the nutation at rest; with the speed it becomes faster, not less damped
 STANDSTILL = 0.02  # below this speed the pendulum hangs straight [m/s]
-SLOW = 0.06  # below this speed the feedback fades, as a tilt turns the ball less and less [m/s]
+# Below this speed the feedback fades, as a tilt turns the ball less and less [m/s].
+FADE_SPEED = 0.06
 
 
 def law(robot: Robot, state: LateralState, speed: float, yaw_rate: float) -> float:
@@ -51,7 +52,7 @@ def law(robot: Robot, state: LateralState, speed: float, yaw_rate: float) -> flo
                 curvature_limit(robot, speed), yaw_rate / speed))
         # The vertical angular momentum of the state stays, so the tilt follows from it.
         missing = vertical / (robot.ball_inertia * rolling) * (turn.yaw_rate - state.yaw_rate)
-        lean = turn.lean - turn.tilt + min(abs(speed) / SLOW, 1.0) * math.atan(
+        lean = turn.lean - turn.tilt + min(abs(speed) / FADE_SPEED, 1.0) * math.atan(
             math.tan(state.tilt) + missing)
     lean -= (2.0 * DAMPING_RATIO * math.sqrt(inertia / (first * robot.gravity))
              * state.tilt_rate)

@@ -6,7 +6,7 @@ import numpy as np
 
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics.model.terrain import Array, Terrain
-from ballbot_ros.results.faces import LEAST_HEIGHT, LEAST_SLOPE, SHORT
+from ballbot_ros.results.faces import LEAST_HEIGHT, LEAST_SLOPE, PIECE_LENGTH_MIN
 
 # Without a step ahead, a new one is placed at this distance from the centre of the ball [m].
 NEW_STEP_DISTANCE = 1.0
@@ -72,7 +72,7 @@ def with_step(terrain: Terrain, x: float, radius: float, height: float) -> Terra
 
 
 def _faces(terrain: Terrain, radius: float) -> list[Array]:
-    return terrain.faces(LEAST_SLOPE, LEAST_HEIGHT, SHORT * radius, endless=False)
+    return terrain.faces(LEAST_SLOPE, LEAST_HEIGHT, PIECE_LENGTH_MIN * radius, endless=False)
 
 
 def _new_step(terrain: Terrain, x: float, height: float) -> Terrain:

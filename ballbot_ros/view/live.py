@@ -205,7 +205,7 @@ class LiveSource(MessageSource):
         elif self._law == 'position':
             self._link.hold_angle(math.radians(self._set_point))
         else:
-            self._link.let_go()
+            self._link.release_set_point()
 
     def _set_goal(self, place: Tuple[float, float]) -> None:
         self._link.go_to(*place, str(self._parameters.get('map_frame', 'map')))
@@ -213,5 +213,5 @@ class LiveSource(MessageSource):
     def _set_e_stop(self, engaged: bool) -> None:
         if engaged:
             self._law = 'free'
-            self._link.let_go()
+            self._link.release_set_point()
         self._link.trigger('bridge/engage_e_stop' if engaged else 'bridge/release_e_stop')

@@ -90,15 +90,15 @@ class SceneRun:
 
         """
         # A law that depends on the state at the start of a period is evaluated once per period.
-        at_once = 1 if self.law.sampled and not self.e_stop else periods
-        for _ in range(periods // at_once):
+        chunk = 1 if self.law.sampled and not self.e_stop else periods
+        for _ in range(periods // chunk):
             actuator = self._actuator()
-            steps = at_once * self._steps
+            steps = chunk * self._steps
             after = self._model.advance(self.state, actuator, steps)
-            after = after._replace(time=(self._periods + at_once) * self.period)
+            after = after._replace(time=(self._periods + chunk) * self.period)
             if self._monitor:
                 self._monitor.advance(after, actuator, steps)
-            self.state, self._periods = after, self._periods + at_once
+            self.state, self._periods = after, self._periods + chunk
 
     def frame(self) -> Frame:
         """Return the present moment."""

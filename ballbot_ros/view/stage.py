@@ -13,7 +13,7 @@ from ballbot_ros.figures.canvas import BLUE, GREEN, GREY, INK, ORANGE, SKY, VERM
 from ballbot_ros.figures.drawing import ground_line
 from ballbot_ros.physics.model.robot import Robot
 from ballbot_ros.physics.model.terrain import Array, Terrain
-from ballbot_ros.results.faces import LEAST_HEIGHT, LEAST_SLOPE, SHORT
+from ballbot_ros.results.faces import LEAST_HEIGHT, LEAST_SLOPE, PIECE_LENGTH_MIN
 from ballbot_ros.view.frame import Frame
 from ballbot_ros.view.source import Source
 
@@ -293,7 +293,7 @@ class Stage:
         self._mesh('/world/ground/front', front, SECTION_COLOUR, flat=True)
         self._draw_scale(terrain, left, right, width)
         for number, face in enumerate(terrain.faces(
-                LEAST_SLOPE, LEAST_HEIGHT, SHORT * radius, endless=False)):
+                LEAST_SLOPE, LEAST_HEIGHT, PIECE_LENGTH_MIN * radius, endless=False)):
             height = 1e3 * float(face[-1, 1] - face[0, 1])
             self._scene.add_label(
                 f'/world/ground/step_{number}', f'step {height:+.0f} mm',

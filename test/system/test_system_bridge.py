@@ -114,7 +114,7 @@ def test_the_services_of_a_lifecycle_node_take_and_give_the_power(graph, motor, 
     assert 'there is no port' in graph.log('bridge')
 
 
-def test_what_cannot_work_is_refused_at_start(graph, hardware):
+def test_impossible_settings_are_refused_at_start(graph, hardware):
     graph.start('bridge', hardware=hardware(), baud=19200)
     assert graph.processes.wait('bridge', 30.0) == 2
     assert 'set baud to' in graph.log('bridge')

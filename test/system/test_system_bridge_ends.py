@@ -32,7 +32,7 @@ def test_transitions_that_are_not_possible_are_answered_and_end_nothing(graph, m
     assert graph.end('bridge', signal.SIGINT) == 0
 
 
-def test_who_asks_for_a_transition_while_it_starts_by_itself_is_obeyed(graph, motor, hardware):
+def test_a_requested_transition_ends_the_autostart(graph, motor, hardware):
     graph.client('bridge/change_state', ChangeState)
     obey(motor, 'unplug')
     graph.start('bridge', hardware=hardware(), port=motor.path)

@@ -31,7 +31,7 @@ PERIOD, RAISE, SETTLE, LOOK = 0.01, 1.0, 1.5, 0.5
 # Smallest accepted turn by hand, as a fraction of the requested one.
 LEAST_TURN = 0.3
 # Relative deviations from the file that are reported.
-NOTEWORTHY = 0.1
+REPORTED_DEVIATION = 0.1
 SMALLEST_TURN, LARGEST_TURN = 6.0, 400.0  # by hand [degrees]
 
 
@@ -125,7 +125,7 @@ class Calibrator:
                 f'{math.degrees(expected):.0f} were expected: is the encoder connected, does the '
                 'pinion engage, is gear_ratio right?', 'failed', 'gear_ratio')
         scale = turned / abs(moved)
-        if abs(scale * expected / turned - 1.0) > NOTEWORTHY:
+        if abs(scale * expected / turned - 1.0) > REPORTED_DEVIATION:
             say(f'That is {scale:.5f} joint turns per turn of the drive; the file said '
                 f'{turned / expected:.5f}.  If you turned it by {math.degrees(turned):.0f} '
                 'degrees, the file was wrong.')

@@ -6,7 +6,7 @@ from typing import Optional
 
 from ballbot_ros.control.speed_law import (
     braking_distance, estimated_slope, speed_law_start, SpeedLaw, SpeedState)
-from ballbot_ros.decision.execution.pilot_law import EASED, Order, pilot_step
+from ballbot_ros.decision.execution.pilot_law import EASING_SPEED, Order, pilot_step
 from ballbot_ros.decision.planning.situation import Knowledge
 from ballbot_ros.decision.tuning import DecisionTuning
 from ballbot_ros.decision.values import After, Decision, Kind, Motion, Plan, Strategy
@@ -43,9 +43,9 @@ def order_for(decision: Decision, tuning: DecisionTuning, stand: float,
     if decision.kind is Kind.BACK_OFF:
         return common._replace(forward=CREEP_SPEED, backward=BACK_OFF_SPEED, stop=plan.start)
     if decision.kind in (Kind.STOP, Kind.GO_ROUND):
-        at_once = decision.set_speed == 0.0 and not math.isfinite(plan.stop_position)
+        now = decision.set_speed == 0.0 and not math.isfinite(plan.stop_position)
         return common._replace(forward=decision.set_speed, backward=CREEP_SPEED,
-                               stop=-math.inf if at_once and abs(speed) > EASED else stand)
+                               stop=-math.inf if now and abs(speed) > EASING_SPEED else stand)
     if decision.kind is Kind.CROSS and decision.plan is not None:
         after = 0.0 if plan.after is After.STOP else min(plan.speed, tuning.cruise_speed)
         return common._replace(forward=plan.speed, swing=plan.swing_position,

@@ -17,14 +17,14 @@ from ballbot_ros.jit import compiled
 PlainOrder = tuple[float, float, float, float, float, float, float, float, float, float]
 
 # Lean in excess of that which holds a slope, to move the ball on it [rad].
-BEYOND_HOLDING = 0.3
+EXCESS_LEAN = 0.3
 
 # Above the speed that stops in time by more than this, braking uses the full lean [m/s].
 TOO_FAST = 0.03
 
 
 # A ball that brakes as hard as it can eases off below this speed [m/s].
-EASED = 0.3
+EASING_SPEED = 0.3
 
 
 class Order(NamedTuple):
@@ -57,7 +57,7 @@ def enough_lean(position: float, speed: float, slope: float, order: Order,
             else stopping_speed(-gap, -slope, order.lean, order.reaction, law)
         if abs(speed) > towards + TOO_FAST:
             return order.emergency_lean
-    return min(max(order.lean, abs(holding) + BEYOND_HOLDING), order.emergency_lean)
+    return min(max(order.lean, abs(holding) + EXCESS_LEAN), order.emergency_lean)
 
 
 @compiled
@@ -87,7 +87,7 @@ def pilot_step(state: SpeedState, position: float, speed: float, pendulum_angle:
     if own.stop == -math.inf:
         later, set_angle = speed_law_step(
             state, speed, pendulum_angle, 0.0, own.emergency_lean, period, law)
-        if abs(speed) > EASED:
+        if abs(speed) > EASING_SPEED:
             # Full lean, without the estimated slope: at an edge the estimate is wrong.
             wanted, numbers = -math.copysign(own.emergency_lean, speed), SpeedLaw(*law)
             lead = max(numbers.lag / numbers.swing_time - 1.0, 0.0)

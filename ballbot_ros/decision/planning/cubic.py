@@ -41,7 +41,7 @@ SMALLEST_DROP = 0.005
 SILL_LENGTH = 0.65
 
 # Least observed ground behind an edge [m].
-GLIMPSE = 0.1
+LANDING_OBSERVED_MIN = 0.1
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ def beyond(profile: Profile, face: Face, radius: float, passable: float,
     edge, level = face.position + max(0.0, face.run), face.height
     known = profile.seen_to if profile.points else -math.inf
     # If a part is observed, an obstacle ends the observed part.
-    taken = edge + tuning.unseen_room if known < edge + GLIMPSE else known
+    taken = edge + tuning.unseen_room if known < edge + LANDING_OBSERVED_MIN else known
     end, trouble = taken, ''
     for other in profile.faces:
         if other.position <= face.position or other.number == face.number:
@@ -106,7 +106,7 @@ def beyond(profile: Profile, face: Face, radius: float, passable: float,
             # A drop directly behind, as at a sill: cross both as one obstacle.
             if other.height < -SMALLEST_DROP and other.position - edge < SILL_LENGTH:
                 edge = other.position + touch_distance(radius, -other.height)
-                end = known if known >= edge + GLIMPSE else edge + tuning.unseen_room
+                end = known if known >= edge + LANDING_OBSERVED_MIN else edge + tuning.unseen_room
             continue
         if at < end:
             end, trouble = at, what
@@ -181,10 +181,10 @@ FASTER, FASTER_PLAN, MOST_FAILURES = 1.1, 1.05, 3
 DOUBTFUL = (Reason.STALE, Reason.CONTRADICTORY, Reason.BAD_OBSERVATION)
 
 # Changes that cause a rejected step to be re-evaluated: height, and clearance behind it [m].
-HEIGHT_NEWS, ROOM_NEWS = 0.003, 0.1
+HEIGHT_CHANGE, ROOM_CHANGE = 0.003, 0.1
 
 # Past the last braking point, a step is crossed at this success probability.
-HOPE = 0.5
+PROBABILITY_MIN = 0.5
 
 # Where backing off ends [m], and steps that are taken with any speed behind another one [m].
 ARRIVED, PASSABLE = 0.03, 0.002
@@ -241,7 +241,8 @@ class CubicPlanner:
         if known is None or previous is None or previous.kind not in (Kind.STOP, Kind.GO_ROUND) \
                 or previous.step != step.number or previous.reason in DOUBTFUL \
                 or known[0] != step.number or known[3] != news[3] \
-                or abs(known[1] - news[1]) > HEIGHT_NEWS or abs(known[2] - news[2]) > ROOM_NEWS \
+                or abs(known[1] - news[1]) > HEIGHT_CHANGE \
+                or abs(known[2] - news[2]) > ROOM_CHANGE \
                 or (standing and previous.kind is Kind.STOP) \
                 or (refusal and previous.kind is answer.kind):
             self._refused = news if refusal else None
@@ -326,7 +327,7 @@ class CubicPlanner:
                      f'braking, the curve ends at {self._curve.highest_speed:.2f} m/s'),
                 **numbers(answer))
         # Too late to stop: during a crossing, or within the expected braking distance.
-        hopeful = found.probability >= HOPE and step.height < self._radius and (
+        hopeful = found.probability >= PROBABILITY_MIN and step.height < self._radius and (
             late or found.run_up < self._lines.braking.expected_distance(motion.speed, slope))
         around = None if hopeful else self._forbidden(step, found, failed)
         land = beyond(profile, step, self._radius, PASSABLE, self._tuning)

@@ -16,7 +16,7 @@ from ballbot_ros.decision.values import Decision, Kind, Plan, Reason, Strategy
 from ballbot_ros.physics.model.robot import Robot
 
 # Hysteresis of the age limit of observations: fraction of the limit for a return to fresh.
-YOUNG = 0.9
+AGE_HYSTERESIS = 0.9
 
 ROUNDING = 1e-9  # [m/s], [m]
 
@@ -81,7 +81,7 @@ def unusable(situation: Situation, previous: Optional[Decision],
         return stop(Reason.STALE, 'Stopping: nothing has been observed yet')
     age, allowed = motion.stamp - profile.stamp, tuning.observation_timeout
     if previous is not None and previous.reason is Reason.STALE:
-        allowed *= YOUNG
+        allowed *= AGE_HYSTERESIS
     if profile.rejection is not None:
         answer = stop(profile.rejection,
                       f'Stopping: the observation is rejected, {profile.explanation}')

@@ -28,7 +28,7 @@ TORQUE_CONTROL = 1  # control mode
 PASSTHROUGH = 1  # input mode
 
 # The drive truncates a value to nine characters; a value of nine digits may be incomplete.
-CUT = 9
+VALUE_LENGTH_MAX = 9
 
 
 class Register(NamedTuple):
@@ -50,7 +50,7 @@ class Register(NamedTuple):
         if self.counts:
             return (self.names.get(number, str(number)),) if number else ()
         known = sum(self.names)
-        if len(str(number)) < CUT or not number & ~known:
+        if len(str(number)) < VALUE_LENGTH_MAX or not number & ~known:
             return tuple(self.prefix + name for name in bit_names(number, self.names))
         for count in (1, 2):
             found = [bits for bits in map(sum, combinations(self.names, count))
@@ -226,7 +226,7 @@ class Generation:
                 BUS_CURRENT: 'bus_current'}
 
     @property
-    def inquest(self) -> tuple[str, ...]:
+    def fault_properties(self) -> tuple[str, ...]:
         """Return the properties to read before a loss of power is reported."""
         reason = (self.reason,) if self.reason else ()
         return (self.errors, STATE, *reason, *(item.path for item in self.details))

@@ -25,7 +25,7 @@ BITS = {name: bit for bit, name in codec.STATUS.items()}
 BRAKING = BITS['E_STOP'] | BITS['MAIN_VOLTAGE_HIGH_WARNING']
 POWERLESS = codec.ERRORS | BITS['MAIN_VOLTAGE_LOW_WARNING'] \
     | BITS['MAIN_VOLTAGE_HIGH_WARNING']
-WARM = 15.0  # below the highest temperature the current is reduced [K]
+LIMIT_MARGIN = 15.0  # below the highest temperature the current is reduced [K]
 VOLTAGES = (100, 340)  # of the supply, least and most [0.1 V]
 # Commands -> bytes of data before their CRC.
 COMMANDS = {codec.SET_TIMEOUT: 1, codec.SET_DUTY[0]: 2, codec.SET_DUTY[1]: 2}
@@ -99,7 +99,7 @@ class RoboClawDevice(Device):
         current = (duty * self.sensed.bus_voltage
                    - settings.speed_constant * self._measured[axis].velocity) / settings.resistance
         limit = self.settings.largest_current * min(max(
-            (settings.highest_temperature - self.sensed.temperature) / WARM, 0.0), 1.0)
+            (settings.highest_temperature - self.sensed.temperature) / LIMIT_MARGIN, 0.0), 1.0)
         return settings.torque_constant * min(max(current, -limit), limit)
 
     def tick(self, now: float) -> None:
@@ -111,7 +111,7 @@ class RoboClawDevice(Device):
         sensed, hottest = self.sensed, self.settings.highest_temperature
         here = {'E_STOP': sensed.stop_switch > 0.0,
                 'TEMPERATURE_ERROR': sensed.temperature >= hottest,
-                'TEMPERATURE_WARNING': sensed.temperature >= hottest - WARM,
+                'TEMPERATURE_WARNING': sensed.temperature >= hottest - LIMIT_MARGIN,
                 'MAIN_VOLTAGE_LOW_WARNING': sensed.bus_voltage < 0.1 * VOLTAGES[0],
                 'MAIN_VOLTAGE_HIGH_WARNING': sensed.bus_voltage > 0.1 * VOLTAGES[1],
                 self._driver_fault: self._broken}

@@ -155,7 +155,7 @@ def _name(names: tuple[str, ...], number: int) -> str:
 # Period of the thread that checks the timeout (timeout.c) [s].
 THREAD = 0.01
 # With `l_temp_accel_dec` 1, driving is cut from this temperature on [degC].
-COLD = 25.0
+CURRENT_CUT_TEMPERATURE = 25.0
 UNKNOWN = Application(math.nan, math.nan, 'unknown', 'unknown')
 MOTOR, GENERAL = 'VESC Tool, Motor Settings', 'VESC Tool, App Settings, General'
 
@@ -204,7 +204,7 @@ def judge(application: Optional[Application], limits: Mapping[str, float],
 def cut_from(limits: Mapping[str, float], part: str) -> float:
     """Return the temperature above which driving torque is cut [degC]; part fet or motor."""
     start = limits[f'l_temp_{part}_start']
-    return start + limits['l_temp_accel_dec'] * (COLD - start)
+    return start + limits['l_temp_accel_dec'] * (CURRENT_CUT_TEMPERATURE - start)
 
 
 class FullTorqueRange(NamedTuple):

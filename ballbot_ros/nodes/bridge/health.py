@@ -4,7 +4,7 @@ from typing import Mapping, Optional
 
 from ballbot_ros.bridge.hardware_file import Hardware
 from ballbot_ros.bridge.loop import Loop
-from ballbot_ros.bridge.sensing import STEADY
+from ballbot_ros.bridge.sensing import IMU_RECOVERY_TIME
 from ballbot_ros.bridge.session import Session
 from ballbot_ros.bridge.supervisor import StopReason
 from ballbot_ros.control import Authority
@@ -130,7 +130,8 @@ def health(session: Session, loop: Optional[Loop], hardware: Hardware,
         return diagnostics.WARN, authority.contest, values
     if sensing.needs_imu(now):
         return diagnostics.ERROR, (
-            f'no IMU, and no torque until readings arrive for {STEADY:g} s without a gap'), values
+            'no IMU, and no torque until readings arrive for '
+            f'{IMU_RECOVERY_TIME:g} s without a gap'), values
     if delayed:
         return diagnostics.WARN, delayed, values
     if supervisor.timed_out:

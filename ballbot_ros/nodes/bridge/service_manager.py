@@ -15,7 +15,7 @@ from ballbot_ros.bridge.loop import Loop
 from ballbot_ros.bridge.session import Report, Session
 
 # Watchdog messages per watchdog timeout of systemd.
-SIGNS = 4.0
+MESSAGES_PER_TIMEOUT = 4.0
 
 
 class ServiceManager:
@@ -42,7 +42,7 @@ class ServiceManager:
         if address:
             self._socket = socket.socket(
                 socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK)
-        self._every, self._next = _watchdog(found) / SIGNS, 0.0
+        self._every, self._next = _watchdog(found) / MESSAGES_PER_TIMEOUT, 0.0
         self._beats = self._seen = 0
         self._status = ''
 

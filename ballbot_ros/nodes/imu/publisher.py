@@ -30,7 +30,7 @@ VALUES: Mapping[str, str] = {
 # Timeout of the thread for bytes [s], and of the wait for its end.
 READ_TIMEOUT, JOIN = 0.05, 2.0
 # Warn below this fraction of the requested rate.
-SLOW = 0.9
+RATE_FRACTION_MIN = 0.9
 
 
 class ImuOutput:
@@ -110,7 +110,7 @@ class ImuOutput:
         values = {'port': self._port.port, 'rate': f'{self._rate:.1f}', **counts}
         if self.source.trouble:
             return diagnostics.ERROR, self.source.trouble, values
-        if self._rate < SLOW * self._port.rate:
+        if self._rate < RATE_FRACTION_MIN * self._port.rate:
             return diagnostics.WARN, (
                 f'{self._rate:.0f} readings a second, {self._port.rate} were requested'), values
         return diagnostics.OK, 'running', values

@@ -42,7 +42,7 @@ CHUNK = 500
 FIRST_TOLERANCE = 1e-2  # times the accuracy, for the first, coarser run
 REFINEMENT = 0.03
 # Two runs may have the same error: they have to agree better than the requested accuracy.
-SAFETY = 0.1
+AGREEMENT_FACTOR = 0.1
 # A tolerance resolves the slip threshold of friction and the penetration of the ball to these
 # fractions: runs that do not resolve them share an error, even with different methods.  In a hard
 # contact the ball vibrates by less than the penetration, which long implicit steps damp.
@@ -311,7 +311,7 @@ def centres(run: Trajectory) -> Array:
 
 def _agree(assured: Assurance) -> bool:
     """Return whether two runs agree closely enough."""
-    return assured.complete and assured.estimate <= SAFETY * assured.accuracy
+    return assured.complete and assured.estimate <= AGREEMENT_FACTOR * assured.accuracy
 
 
 def _compare(coarse: Trajectory, fine: Trajectory, accuracy: float) -> Assurance:

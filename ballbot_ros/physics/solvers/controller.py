@@ -23,9 +23,9 @@ from ballbot_ros.physics.solvers.values import AUTOMATIC, Options, SMALLEST_STEP
 
 FIRST_STEP = 1e-4       # [s]
 LONGEST_STEP = 0.25     # [s]: does not skip a motion that starts from rest ...
-CALM_GROWTH = 1.5       # ... nor later: growth limit of steps longer than that
+LONG_STEP_GROWTH = 1.5       # ... nor later: growth limit of steps longer than that
 LARGEST_DISTANCE = 0.25  # of the radius per step, more on empty ground: skips no feature
-FAR = 1e6               # radii: on an endless floor
+UNLIMITED_DISTANCE = 1e6               # radii: on an endless floor
 
 CONTACT_STEP = 1.0      # of the time a contact lasts, over 2 pi: the first step after an event
 REPEATED = 0.9          # of the step that would do after all, where one was rejected
@@ -35,7 +35,7 @@ MEMORY = 0.01           # [s]: an error of velocity counts at least with this
 
 AT_LIMIT = 0.6          # of the longest stable explicit step: it is stability that limits it
 STEADY = 1.0            # of that: it grows no further, for then it would be rejected
-SUSPICION = 8           # of a step at that limit; the half of it, of a step half as long
+STIFFNESS_COUNT = 8           # of a step at that limit; the half of it, of a step half as long
 # Explicit steps that an implicit one costs; with 0.5 runs took 3 % less time, and three more of
 # 200,011 extreme ones were wrong.
 IMPLICIT_COST = 1.4
@@ -87,7 +87,7 @@ def time_width(time: float) -> float:
 @compiled
 def clear_distance(x: float, parameters: Parameters, ground: Array) -> float:
     """Return how far along its ground the ball may move in a step, overlooking nothing [m]."""
-    nearest = FAR * parameters.radius
+    nearest = UNLIMITED_DISTANCE * parameters.radius
     segment = first_segment(ground, x)
     if segment > 0:
         nearest = x - ground[segment, VERTEX_X]
@@ -174,9 +174,9 @@ def stiffness_seen(now: StepController, stiffness: float, number: int) -> StepCo
     """
     if DAMPS[number]:
         return now
-    suspicion = SUSPICION if stiffness > AT_LIMIT else 0
+    suspicion = STIFFNESS_COUNT if stiffness > AT_LIMIT else 0
     if 0.0 < stiffness <= AT_LIMIT:  # a number, that is
-        suspicion = int(SUSPICION * stiffness / AT_LIMIT)
+        suspicion = int(STIFFNESS_COUNT * stiffness / AT_LIMIT)
     return StepController(now.step, now.implicit, now.on_trial, now.explicit_step,
                           now.stiff_steps + suspicion, now.trial_after)
 
@@ -239,7 +239,7 @@ def next_step(now: StepController, used: float, grow: float) -> float:
     """Return the step to try after one that was accepted [s]."""
     # A step shortened by the end, or by the limit, contains little information about the next one.
     step = max(now.step, used * grow) if used < now.step else used * grow
-    return min(step, max(LONGEST_STEP, CALM_GROWTH * used))
+    return min(step, max(LONGEST_STEP, LONG_STEP_GROWTH * used))
 
 
 @compiled

@@ -303,7 +303,7 @@ def time_of_touch(state: Array, most: float, width: float, spin: Spin, parameter
 
 
 @compiled
-def is_let_go(mode: ContactMode, parameters: Parameters) -> bool:
+def is_released(mode: ContactMode, parameters: Parameters) -> bool:
     """
     Return whether the ground exerts no force in a mode: no contact, or one that would pull.
 
@@ -319,7 +319,7 @@ def is_let_go(mode: ContactMode, parameters: Parameters) -> bool:
 def fly_to_touch(time: float, state: Array, end: float, system: System, output: Output,
                  filled: int, ledger: bool, workspace: Workspace) -> tuple[float, int]:
     """
-    Advance a state that `is_let_go` in place until the ground pushes again.
+    Advance a state that `is_released` in place until the ground pushes again.
 
     Returns
     -------

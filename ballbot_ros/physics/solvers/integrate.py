@@ -29,7 +29,7 @@ from ballbot_ros.physics.solvers.controller import (
 from ballbot_ros.physics.solvers.dense import interpolate, motion_at, prepare_ledger, write_rows
 from ballbot_ros.physics.solvers.events import CROWD, first_event, LOOKS, rated, STUCK
 from ballbot_ros.physics.solvers.flight import (
-    fly_to_touch, has_closed_form, is_let_go, SHORT_FLIGHT)
+    fly_to_touch, has_closed_form, is_released, SHORT_FLIGHT)
 from ballbot_ros.physics.solvers.values import (
     AUTOMATIC, BUDGET_EXCEEDED, EVALUATIONS, EventRate, EVENTS, FINISHED, MOTION, NOT_FINITE,
     NOTHING, Options, outcome_of, Output, Packed, packed, PAUSED, REJECTED, SEARCH, Status,
@@ -114,7 +114,7 @@ def integrate(status: Status, end: float, state: Array, system: System, options:
             break
         if not has_mode:
             count = find_mode(time, state, system, workspace.mode)
-            if flies and may_fly and is_let_go(workspace.mode, parameters):
+            if flies and may_fly and is_released(workspace.mode, parameters):
                 landed, filled = fly_to_touch(
                     time, state, end, system, output, filled, options.ledger, workspace)
                 if landed > time or count == 0:
@@ -166,7 +166,7 @@ def integrate(status: Status, end: float, state: Array, system: System, options:
             count = find_mode(time, state, system, workspace.mode)
             controller = after_event(controller, used, count, options.method, parameters)
             may_fly = may_fly or count > 0
-            has_mode = not (flies and may_fly and is_let_go(workspace.mode, parameters))
+            has_mode = not (flies and may_fly and is_released(workspace.mode, parameters))
     return Status(outcome, time, filled, controller, rate, has_mode, ready, may_fly, 0.0)
 
 

@@ -20,7 +20,7 @@ from ballbot_ros.studies.evaluation.search import limit_at, set_robots
 from ballbot_ros.studies.evaluation.sensors import draw_sensor, SensorModel
 from ballbot_ros.studies.evaluation.terrains import draw_shape, Ground, lay, Shape, STEEPEST
 
-SLIPPERY = 0.2             # part of the floors with the lowest friction
+SLIPPERY_SHARE = 0.2             # part of the floors with the lowest friction
 UNSEEN_ROOM = 1.0          # floor behind each edge, where the user grants it [m]
 CROSSABLE_ROOM = (0.15, 2.5)    # front of the ball to the step [m]
 CROSSABLE_HEIGHT = (0.008, 0.06)  # [m]
@@ -71,7 +71,7 @@ def draw_robot(robot: Robot, random: np.random.Generator) -> Robot:
     parts = random.random(len(free))
     drawn = changed(robot, {name: low + part * (high - low)
                             for part, (name, (low, high)) in zip(parts, free.items())})
-    slippery = random.random() < SLIPPERY
+    slippery = random.random() < SLIPPERY_SHARE
     share = random.uniform(0.3, 0.6) if slippery else random.uniform(0.6, 1.3)
     return with_parameters(drawn, {
         'surface_friction': float(robot.surface_friction * share),

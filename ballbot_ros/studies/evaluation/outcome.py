@@ -43,10 +43,10 @@ PENETRATION = 0.003        # of a ball into the ground that it rolls on, at most
 HIT, BUMP = 0.1, 0.008     # [m/s], [m]
 CANCELLED = 0.1            # a crossing counts for this time after its cancellation [s]
 RESTING, STANDING, WAITING = 0.01, 1.0, 4.0  # [m/s], [s], [s]
-ASTRAY, RACING = 0.25, 1.5  # [m], over the highest speed
+POSITION_ERROR_MAX, SPEED_EXCESS_MAX = 0.25, 1.5  # [m], over the highest speed
 SAME_FACE = 0.06           # position error of a face [m]
-BACK = 0.03                # an attempt has failed this far before its touch [m]
-AFTERMATH = 2.0            # a crossing may still end badly for this time [s]
+RETREAT_MIN = 0.03                # an attempt has failed this far before its touch [m]
+OUTCOME_DELAY = 2.0            # a crossing may still end badly for this time [s]
 
 
 @dataclass
@@ -276,7 +276,7 @@ class OutcomeMonitor:
         attempt = self.verdict.attempts[-1]
         if state.x > max(attempt.edge, attempt.face) + 0.5 * self._radius:
             attempt.over = True
-        elif state.x < attempt.x - BACK:
+        elif state.x < attempt.x - RETREAT_MIN:
             attempt.over = False
         else:
             return
@@ -291,8 +291,8 @@ class OutcomeMonitor:
         if state.x > goal + GOAL_MARGIN:
             verdict.outcome = 'over'
             return True
-        if (state.x < -self._approach.room_behind - ASTRAY
-                or abs(state.velocity_x) > RACING * self._tuning.highest_speed):
+        if (state.x < -self._approach.room_behind - POSITION_ERROR_MAX
+                or abs(state.velocity_x) > SPEED_EXCESS_MAX * self._tuning.highest_speed):
             verdict.outcome = 'ran away'
             return True
         if abs(state.velocity_x) > RESTING:
@@ -317,6 +317,6 @@ class OutcomeMonitor:
             last = verdict.attempts[-1]
             # A ball that stays between the edges of its plan has not got over.
             bad = (verdict.outcome in ('fell', 'hit')
-                   and (last.over is None or verdict.time < last.settled + AFTERMATH))
+                   and (last.over is None or verdict.time < last.settled + OUTCOME_DELAY))
             beyond = verdict.x > max(last.edge, last.face)
             last.over = (beyond if last.over is None else last.over) and not bad

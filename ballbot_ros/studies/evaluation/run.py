@@ -22,7 +22,7 @@ OBSERVATION_PERIODS = 10  # control periods between two observations
 ODOMETRY_PERIODS = 5      # between two odometry messages
 TIME_LIMIT = 16.0         # of an approach, without the time for a long obstacle [s]
 SLOWEST = 0.2             # speed that the time limit allows over a long obstacle [m/s]
-NEWS_TIME = 0.3           # a decision may change for this time after news [s]
+REACTION_TIME = 0.3           # a decision may change for this time after news [s]
 ARRIVED, AT_REST = 0.05, 0.05  # a ball is at the start of its run-up [m], [m/s]
 LOG_PERIOD = 0.5          # longest time between two lines of the log [s]
 
@@ -93,7 +93,7 @@ class DecisionChanges:
             monitor.news = now
         selected = (decision.kind, decision.plan.strategy if decision.plan else None)
         if (self._last is not None and selected != self._last
-                and now > monitor.news + NEWS_TIME):
+                and now > monitor.news + REACTION_TIME):
             self.count += 1
         self._last = selected
         self._target = (

@@ -21,7 +21,7 @@ from ballbot_ros.plant.floor_plant import FloorPlant
 from ballbot_ros.steering import law
 
 CONTROL_RATE = 500  # [Hz]
-TICK = 10  # control periods between two commands
+PERIODS_PER_COMMAND = 10  # control periods between two commands
 LOOK = 5  # commands between two looks of the sensors while the ball drives freely
 RAYS, RAY_STEP = 96, 0.04  # of the planar laser, all around, and distance between its samples [m]
 LASER_REACH, TERRAIN_REACH = 3.0, 3.0  # [m]
@@ -124,10 +124,10 @@ class FloorLoop:
         self.ticks += 1
 
     def _advance(self) -> None:
-        plant, decay = self.plant, math.exp(-TICK / CONTROL_RATE / CORRELATION)
+        plant, decay = self.plant, math.exp(-PERIODS_PER_COMMAND / CONTROL_RATE / CORRELATION)
         lean = law(self._nominal, plant.lateral, plant.state.velocity_x,
                    self._controller.set_point.yaw_rate)
-        for _ in range(TICK):
+        for _ in range(PERIODS_PER_COMMAND):
             state = plant.state
             plant.advance(self._controller.torque(JointReadings(
                 plant.time, state.ball_angle, state.joint_angle, state.ball_rate,

@@ -36,7 +36,7 @@ BLOCK, FOLDER = 2, 'goals'
 TIME_LIMIT = 400.0  # of a drive [s]
 CONTACT = 0.003  # distance at which the ball touches a wall [m]
 HIT = 0.1  # slowest contact with a wall that is counted [m/s]
-NEAR = 0.3  # largest distance from the goal at the end [m]
+GOAL_DISTANCE = 0.3  # largest distance from the goal at the end [m]
 
 Row = Dict[str, Any]
 
@@ -211,7 +211,8 @@ def report(rows: Sequence[Row]) -> Dict[str, Dict[str, Any]]:
     found = {}
     for planner in dict.fromkeys(row['planner'] for row in rows):
         mine = [row for row in rows if row['planner'] == planner]
-        arrived = [row for row in mine if row['outcome'] == 'succeeded' and row['away'] <= NEAR]
+        arrived = [row for row in mine
+                   if row['outcome'] == 'succeeded' and row['away'] <= GOAL_DISTANCE]
         impossible = [row for row in mine if row['expected'] is None
                       and row['outcome'] in ('failed', 'refused')]
         ratios = [row['time'] / row['expected'] for row in arrived if row['expected']]

@@ -198,7 +198,7 @@ def test_threads_do_not_spoil_each_others_records(tmp_path):
     assert all(len(set(item.data)) <= 1 for item in found.traffic)
 
 
-def test_a_person_who_engages_the_e_stop_is_no_fault(tmp_path):
+def test_a_manual_e_stop_is_not_a_fault(tmp_path):
     robot = RecordedRobot().ready()
     robot.run(0.1, 0.2)
     robot.session.engage('asked for by service')

@@ -50,13 +50,13 @@ def test_where_the_current_is_not_known_a_short_sag_is_smoothed_away():
 
 
 @pytest.mark.parametrize('nothing', (None, math.nan, math.inf, -math.inf, 0.0, -3.0))
-def test_what_is_no_reading_changes_nothing(nothing):
+def test_a_malformed_reading_changes_nothing(nothing):
     before = watch(24.0, 1.0)
     assert watch(nothing, 20.0, before=before, begin=1.0) == before
 
 
 @pytest.mark.parametrize('nothing', (None, math.nan, math.inf, -math.inf))
-def test_a_current_that_is_no_reading_is_none(nothing):
+def test_an_invalid_current_is_none(nothing):
     assert watch(24.0, 1.0, nothing) == watch(24.0, 1.0)
 
 

@@ -6,7 +6,8 @@ from hypothesis import given, strategies as some
 import pytest
 from refusals import refused
 
-from ballbot_ros.bridge.condition import derating, left_at, left_by, Thermal, WARM, warmed
+from ballbot_ros.bridge.condition import (
+    derating, DERATING_START, left_at, left_by, Thermal, warmed)
 from ballbot_ros.errors import ConfigurationError
 
 THERMAL = Thermal(drive_warn_at=80.0, drive_zero_at=100.0, motor_warn_at=90.0,
@@ -54,9 +55,9 @@ def test_a_motor_that_is_always_asked_for_all_ends_at_what_it_bears(warmth, cont
 
 
 def test_a_cool_winding_leaves_all_and_a_warm_one_what_it_bears_for_good():
-    assert left_by(WARM, 0.5) == 1.0
+    assert left_by(DERATING_START, 0.5) == 1.0
     assert left_by(1.0, 0.5) == left_by(7.0, 0.5) == 0.5
-    assert left_by(0.5 + 0.5 * WARM, 0.5) == pytest.approx(0.75)
+    assert left_by(0.5 + 0.5 * DERATING_START, 0.5) == pytest.approx(0.75)
     assert left_by(5.0, 1.5) == 1.0
 
 

@@ -4,7 +4,7 @@ import pytest
 from refusals import refused
 from virtual_robot import STEP, VirtualRobot
 
-from ballbot_ros.bridge.sensing import AHEAD, ImuWatch, MISSING_TIMEOUT, STEADY
+from ballbot_ros.bridge.sensing import AHEAD, IMU_RECOVERY_TIME, ImuWatch, MISSING_TIMEOUT
 from ballbot_ros.bridge.supervisor import StopReason
 from ballbot_ros.errors import MessageError, RefusedError
 from ballbot_ros.estimation import ImuReading
@@ -63,21 +63,21 @@ def test_it_is_silent_once_it_is_missing_for_longer_than_a_hold_up_and_until_it_
     assert watch.look(missing + 1.1 * MISSING_TIMEOUT, False)
     assert not watch.look(missing + 2.0, False) and watch.silent and watch.silences == 1
     now = begin = missing + 3.0
-    while now < begin + 0.95 * STEADY:
+    while now < begin + 0.95 * IMU_RECOVERY_TIME:
         watch.reading_received(now, now)
         watch.look(now, False)
         assert not watch.usable(now)
         now += 0.01
     watch.look(now + 2.0 * IMU_TIMEOUT, False)
     begin = now = now + 2.0 * IMU_TIMEOUT  # a gap, and it counts again from 0
-    while now < begin + 1.05 * STEADY:
+    while now < begin + 1.05 * IMU_RECOVERY_TIME:
         watch.reading_received(now, now)
         watch.look(now, False)
-        assert watch.usable(now) is (now >= begin + STEADY)
+        assert watch.usable(now) is (now >= begin + IMU_RECOVERY_TIME)
         now += 0.01
 
 
-def test_what_came_while_the_process_was_held_up_is_no_silence():
+def test_messages_during_a_stall_of_the_process_are_not_a_timeout():
     watch = ImuWatch()
     watch.reading_received(1.0, 1.0)
     watch.look(1.0, True)
@@ -108,7 +108,7 @@ def test_with_rearm_torque_returns_only_to_an_imu_that_is_steady_and_a_fresh_com
     silence(robot, 0.3)
     robot._imu = imu
     robot.torques.clear()
-    report = robot.run(0.9 * STEADY, torque=0.5)
+    report = robot.run(0.9 * IMU_RECOVERY_TIME, torque=0.5)
     assert not any(robot.torques) and state_of(report) == 'no_imu'
     report = robot.run(0.3)  # the IMU is steady, but there are no commands
     assert not any(robot.torques) and state_of(report) == 'waiting'
@@ -120,10 +120,10 @@ def test_without_rearm_the_e_stop_is_released_only_with_an_imu_that_is_steady():
     robot, imu = pulling()
     silence(robot, 0.3)
     robot._imu = imu
-    robot.run(0.9 * STEADY, torque=0.0)
+    robot.run(0.9 * IMU_RECOVERY_TIME, torque=0.0)
     with refused('standing', 'imu', RefusedError):
         robot.session.release()
-    robot.run(0.2 * STEADY, torque=0.0)
+    robot.run(0.2 * IMU_RECOVERY_TIME, torque=0.0)
     robot.session.release()
     robot.run(0.2, torque=0.5)
     assert robot.motor > 0.0

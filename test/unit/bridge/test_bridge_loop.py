@@ -123,7 +123,7 @@ def test_its_end_closes_the_session_and_a_second_time_does_no_harm():
 
 
 def test_a_tick_that_hangs_does_not_keep_the_session_open(monkeypatch):
-    monkeypatch.setattr(loop_module, 'JOIN', 0.1)
+    monkeypatch.setattr(loop_module, 'JOIN_TIMEOUT', 0.1)
     session, released = FakeSession(), threading.Event()
     session.on_tick = lambda: released.wait(TIMEOUT)
     loop = Loop(session, RATE, lambda report: None)

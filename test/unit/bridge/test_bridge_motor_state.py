@@ -6,7 +6,7 @@ from hypothesis import given, strategies
 import pytest
 
 from ballbot_ros.bridge.motor_state import (
-    Event, MotorState, Power, SILENCE, STATUS_TIMEOUT, TRANSITIONS)
+    Event, MEASUREMENT_AGE_MAX, MotorState, Power, STATUS_TIMEOUT, TRANSITIONS)
 from ballbot_ros.bridge.supervisor import StopReason
 from ballbot_ros.drives.contract import Telemetry
 from ballbot_ros.imus.plausibility import EXPLANATIONS
@@ -94,9 +94,9 @@ def test_what_it_said_before_it_was_armed_does_not_count(status_time):
 
 
 def test_a_drive_that_owes_an_answer_for_long_is_silent_after_any_report():
-    assert observed(SILENCE) is None
-    assert observed(SILENCE + 1e-6) is Event.SILENT
-    assert observed(SILENCE + 1e-6, armed=False) is Event.SILENT
+    assert observed(MEASUREMENT_AGE_MAX) is None
+    assert observed(MEASUREMENT_AGE_MAX + 1e-6) is Event.SILENT
+    assert observed(MEASUREMENT_AGE_MAX + 1e-6, armed=False) is Event.SILENT
 
 
 def test_a_status_that_is_not_confirmed_for_long_is_a_fault():

@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from ballbot_ros.bridge.hardware_file import load_hardware
-from ballbot_ros.bridge.motor_state import SILENCE
+from ballbot_ros.bridge.motor_state import MEASUREMENT_AGE_MAX
 from ballbot_ros.bridge.sensing import Sensing
 from ballbot_ros.drives.contract import Telemetry
 from ballbot_ros.estimation import ImuReading
@@ -54,7 +54,7 @@ def test_an_answer_without_a_time_of_measurement_is_an_answer_only():
     assert not found.expecting and found.fusion.estimate is None
 
 
-def test_what_is_no_new_measurement_is_none():
+def test_an_old_measurement_is_not_returned():
     found = sensing()
     assert found.take(Telemetry()) is None
     assert found.take(Telemetry(time=10.1)) is None
@@ -101,8 +101,8 @@ def test_the_motion_is_known_from_the_first_measurement_until_a_silence():
     estimate = take(found, 10.5)
     motion, readings = found.motion(10.5), estimate.readings
     assert motion == (readings.pendulum_angle, readings.pendulum_rate, readings.joint_rate)
-    assert found.motion(10.5 + SILENCE - 1e-9) is not None
-    assert found.motion(10.5 + SILENCE + 1e-9) is None
+    assert found.motion(10.5 + MEASUREMENT_AGE_MAX - 1e-9) is not None
+    assert found.motion(10.5 + MEASUREMENT_AGE_MAX + 1e-9) is None
 
 
 def test_of_a_drive_that_was_found_again_the_motion_is_known_once_it_was_measured():

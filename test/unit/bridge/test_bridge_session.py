@@ -285,7 +285,7 @@ def test_after_unplugging_it_is_back_within_a_second_and_armed_only_by_policy(re
 
 @pytest.mark.slow
 @pytest.mark.parametrize('protocol', PROTOCOLS)
-def test_a_line_that_is_lost_again_and_again_is_no_drive_that_trips_and_rests(protocol):
+def test_repeated_losses_of_the_line_do_not_count_as_trips_of_the_drive(protocol):
     robot = VirtualRobot(protocol, rearm=True).ready()
     for _ in range(8):
         robot.run(0.2, torque=0.05)
@@ -592,7 +592,7 @@ def test_an_answer_that_does_not_come_is_waited_for_no_longer():
     assert robot.now - begin <= 1.01 * STEP
 
 
-def test_arming_that_takes_its_time_is_no_silence():
+def test_slow_arming_is_not_a_timeout():
     robot = VirtualRobot(rearm=True)
     robot.session.configure()
     robot.run(0.1)

@@ -275,7 +275,7 @@ def test_at_the_limits_of_angle_and_speed_the_torque_is_free_and_beyond_each_cut
 
 
 @pytest.mark.parametrize('motion', [Motion(1.7, 0.0, 0.0), Motion(0.0, 0.0, 12.1)])
-def test_beyond_a_limit_the_least_torque_back_passes_and_no_torque_is_no_cut(motion):
+def test_beyond_a_limit_the_least_torque_back_passes_and_no_torque_is_not_a_cut(motion):
     supervisor = released(torque_rate_limit=1e6)
     for now, torque in ((0.0, 0.0), (0.002, -0.01)):
         supervisor.offer(torque, now, now)

@@ -48,6 +48,6 @@ def test_compiling_is_reported_where_it_took_long(monkeypatch, caplog):
     caplog.clear()
     module.warm_up(load_robot('gimball'))
     assert not caplog.records
-    monkeypatch.setattr(module, 'SHORT', 0.0)
+    monkeypatch.setattr(module, 'CACHED_LOAD_TIME', 0.0)
     module.warm_up(load_robot('gimball'))
     assert 'were compiled in 0.0 s' in caplog.text

@@ -191,7 +191,7 @@ def test_an_error_of_the_file_system_is_one_line(monkeypatch, capsys):
     assert capsys.readouterr().err == 'ballbot: error: /full/place: No space left on device\n'
 
 
-def test_a_reader_that_goes_away_is_no_error():
+def test_a_closed_pipe_is_not_an_error():
     reader = subprocess.Popen([*COMMAND, 'robots', 'gimball'], stdout=subprocess.PIPE,
                               stderr=subprocess.PIPE, text=True)
     reader.stdout.close()

@@ -25,7 +25,7 @@ def test_a_range_includes_both_ends_and_as_many_as_it_says():
     ('1:2:-1', 'out_of_range'), ('0:1:1e9', 'out_of_range'), ('0:1:999999999', 'out_of_range'),
     ('1:2:3:4', 'wrong_type'), ('', 'wrong_type'), ('1,', 'wrong_type'), ('inf', 'wrong_type'),
     ('1:2:inf', 'wrong_type'), ('1:1:2', 'inconsistent')])
-def test_a_stride_and_what_is_no_range_are_refused(word, reason):
+def test_a_stride_and_a_malformed_range_are_refused(word, reason):
     with refused(reason, '--speed'):
         read_values(word, '--speed')
 

@@ -5,7 +5,7 @@ import pytest
 from ballbot_ros.control import (
     checked_controller, ControlTuning, JointReadings, load_tuning, Mode, PendulumController,
     SetPoint, SupervisedController, Supervision)
-from ballbot_ros.control.supervised import QUIET
+from ballbot_ros.control.supervised import SET_POINT_GAP
 from ballbot_ros.errors import MessageError, UnstableLoopError
 from ballbot_ros.physics import load_robot
 
@@ -59,7 +59,8 @@ def test_a_set_point_that_outlives_it_is_refused_until_it_was_at_rest():
     assert answer(controller, stamp + 0.02) > 0.0
 
 
-@pytest.mark.parametrize('silence, follows', [(QUIET - 0.01, False), (QUIET + 0.01, True)])
+@pytest.mark.parametrize('silence, follows', [
+    (SET_POINT_GAP - 0.01, False), (SET_POINT_GAP + 0.01, True)])
 def test_a_set_point_that_was_away_long_enough_is_a_new_one(silence, follows):
     controller = made()
     controller.on_e_stop(True)
@@ -74,11 +75,11 @@ def test_a_set_point_that_was_away_long_enough_is_a_new_one(silence, follows):
         refused(controller, 0.5, 1.1 + silence)
 
 
-def test_who_asks_for_motion_is_remembered_while_it_is_recent():
+def test_a_recent_motion_request_is_recorded():
     controller = made()
     controller.give(SetPoint(Mode.HOLD, 0.4, 1.0))
     assert controller.asked == SetPoint(Mode.HOLD, 0.4, 1.0)
-    answer(controller, 1.0 + QUIET)
+    answer(controller, 1.0 + SET_POINT_GAP)
     assert controller.asked is None
 
 

@@ -107,7 +107,7 @@ def test_on_a_slope_that_no_lean_holds_it_says_so_and_not_on_one_that_it_holds(c
     assert 'a slope of -6.9 degrees' in caplog.text and 'largest lean holds 5.5' in caplog.text
 
 
-def test_a_ball_held_by_a_wall_leaves_it_at_once_when_asked_back():
+def test_a_ball_held_by_a_wall_leaves_it_immediately_on_request():
     ball = plant(terrain=[{'flat': {'length': 20.3}}, {'step': {'height': 0.3}},
                           {'flat': {'length': 5.0}}])
     controller = controller_for()
@@ -139,7 +139,7 @@ def readings(stamp, speed=0.0, angle=0.1):
     return JointReadings(stamp, 0.0, angle, rate, -rate)
 
 
-def test_the_same_readings_are_answered_alike_and_another_set_speed_at_once():
+def test_the_same_readings_are_answered_alike_and_another_set_speed_immediately():
     tuning = replace(load_tuning('published'), torque_limit=1e6)
     controller, other = (PendulumController(GIMBALL, tuning) for _ in range(2))
     for one in (controller, other):

@@ -168,7 +168,7 @@ def test_when_time_goes_back_all_is_forgotten_and_logged(caplog):
     assert controller.set_point.mode is Mode.IDLE and 'time went back' in caplog.messages[0]
 
 
-def test_one_state_lost_at_the_start_is_no_slow_rate(caplog):
+def test_one_state_lost_at_the_start_is_not_a_slow_rate(caplog):
     controller = made(lowest_rate=275.0)
     controller.give(SetPoint(Mode.HOLD, 0.0, 0.0))
     torques = [answer(controller, 0.002 * number) for number in (0, 2, 3, 4, 5, 6, 8, 9, 10, 11)]
@@ -191,7 +191,7 @@ def test_torque_depends_on_the_median_rate_of_the_last_states(gaps):
         was_slow = controller.too_slow
 
 
-def test_a_set_point_without_a_timeout_holds_for_ever(caplog):
+def test_a_set_point_without_a_timeout_holds_indefinitely(caplog):
     controller = made(set_point_timeout=0.0)
     controller.give(SetPoint(Mode.HOLD, 1.0, 0.0))
     assert answer(controller, 1e6) > 0.0 and not caplog.messages

@@ -48,7 +48,7 @@ def test_it_starts_from_what_the_motor_has_where_that_is_not_the_last_answer():
     assert controller.torque(at(0.35), in_force=9.9) == pytest.approx(0.8 + 0.5 * (0.35 - 0.8))
 
 
-def test_from_idle_a_law_begins_at_no_torque_and_idle_is_at_once():
+def test_from_idle_a_law_begins_at_no_torque_and_idle_is_immediate():
     controller = PendulumController(GIMBALL, PLAIN)
     controller.torque(at(0.0))
     controller.give(SetPoint(Mode.HOLD, 0.5))
@@ -60,7 +60,7 @@ def test_from_idle_a_law_begins_at_no_torque_and_idle_is_at_once():
     assert controller.torque(at(0.08)) == 0.0
 
 
-def test_another_value_for_the_same_law_is_no_change_of_law():
+def test_another_value_for_the_same_law_is_not_a_change_of_law():
     controller = driven()
     controller.give(SetPoint(Mode.HOLD, -0.1))
     assert controller.torque(at(0.3)) == pytest.approx(6.0 * (-0.1 - 0.2))
@@ -86,7 +86,7 @@ def test_a_reset_forgets_what_faded():
     assert controller.torque(at(0.32)) == 0.0
 
 
-def test_the_published_laws_take_over_at_once():
+def test_the_published_laws_take_over_immediately():
     assert load_tuning('published').blend_time == ControlTuning().blend_time == 0.0
     controller, fresh = (PendulumController(GIMBALL, ControlTuning()) for _ in range(2))
     controller.give(SetPoint(Mode.HOLD, 0.5))
@@ -115,7 +115,7 @@ def test_no_change_of_law_makes_a_jump_and_the_limit_is_kept(orders):
 
 
 @pytest.mark.parametrize('set_point', [SetPoint(Mode.HOLD, 0.5), SetPoint(Mode.DRIVE, 1.0)])
-def test_other_gains_take_over_without_a_jump_even_where_laws_take_over_at_once(set_point):
+def test_other_gains_take_over_without_a_jump_even_where_laws_take_over_immediately(set_point):
     tuning = replace(PLAIN, blend_time=0.0, velocity_ki=2.0)
     controller = driven(tuning, set_point)
     before = controller.torque(at(0.2))

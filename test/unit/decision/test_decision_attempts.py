@@ -148,13 +148,13 @@ def test_rocking_at_the_foot_is_one_failure_not_many():
 
 
 @pytest.mark.parametrize('jump', [0.5, -0.5])
-def test_a_jump_of_odometry_is_no_attempt(jump):
+def test_a_jump_of_odometry_is_not_an_attempt(jump):
     stamps = np.arange(0.0, 3.0, 0.02)
     positions = np.minimum(0.5 * stamps, 0.7) + jump * (stamps > 2.0)
     assert rolled(stamps, positions)[0] == []
 
 
-def test_a_step_that_comes_up_under_the_ball_is_no_attempt():
+def test_a_step_that_appears_under_the_ball_is_not_an_attempt():
     watch = AttemptWatch(GIMBALL)
     decision = Decision(Kind.CROSS, Reason.LIKELY, 0.5, '', step=1)
     for index in range(20):

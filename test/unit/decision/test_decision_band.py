@@ -27,7 +27,7 @@ def test_probability_falls_with_height_and_quantiles_invert_it(speed, height, mo
     {'speeds': [0.4, 0.2]}, {'probabilities': [0.0, 0.5]}, {'heights': [[0.01, 0.02]]},
     {'heights': [[0.02, 0.01], [0.03, 0.04]]}, {'heights': 3.0}, {'samples': 1},
     {'heights': [[0.01, math.nan], [0.03, 0.04]]}, {'speeds': ['a', 'b']}, {'colour': 'red'}])
-def test_a_band_that_is_no_table_is_refused(change):
+def test_a_band_that_is_not_a_table_is_refused(change):
     Band.from_mapping(FINE, 'here')
     with pytest.raises(ConfigurationError, match='here: '):
         Band.from_mapping({**FINE, **change}, 'here')

@@ -90,7 +90,7 @@ def test_unusable_curves_are_refused(change, reason, field):
     ('wrong_type', {'coefficients': {0.0, 1.0, 2.0, 3.0}}),
     ('wrong_type', {'covariance': [[0.0, 1.0]]}), ('out_of_range', {'lowest_speed': -0.1}),
     ('out_of_range', {'highest_speed': 0.0}), ('out_of_range', {'rms': -1.0})])
-def test_what_is_no_number_of_a_curve_is_refused(reason, change):
+def test_malformed_numbers_of_a_curve_are_refused(reason, change):
     with refused(reason, next(iter(change))):
         HeightCurve(**{**FINE, **change})
 

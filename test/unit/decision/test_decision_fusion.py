@@ -130,7 +130,7 @@ def test_lone_outliers_make_no_faces_and_a_face_that_stays_is_seen():
     assert profile.faces[0].height == pytest.approx(0.03, abs=0.002)
 
 
-def test_a_thin_wall_that_is_there_each_time_is_no_outlier():
+def test_a_thin_wall_in_each_observation_is_not_an_outlier():
     x = tuple(np.linspace(-0.3, 2.5, 190).tolist())
 
     def make(stamp, position):

@@ -55,7 +55,7 @@ def check(profile):
 
 @settings(max_examples=150)
 @given(some.lists(some.tuples(polylines | steps, anything | some.floats(-1.0, 1.0)), max_size=8))
-def test_no_stream_makes_it_raise_or_say_what_is_no_number(stream):
+def test_no_stream_raises_or_gives_a_number_that_is_not_finite(stream):
     tracking = ProfileTracker(GIMBALL, TUNING)
     for observation, position in stream:
         check(tracking.update(observation, position))

@@ -106,7 +106,7 @@ def test_the_same_stamp_gets_the_same_angle():
     assert pilot.angle(CRUISE, Motion(0.02, 0.0, 0.5)) == first
 
 
-def test_a_slope_estimate_at_a_step_is_no_slope():
+def test_a_slope_estimate_at_a_step_is_not_a_slope():
     pilot = Pilot(KNOWLEDGE)
 
     def estimated(since, count, slope, touching=False):

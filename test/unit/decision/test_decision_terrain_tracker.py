@@ -140,7 +140,7 @@ def test_ramps_and_slopes_are_no_faces_but_changes_of_the_polyline():
 
 @pytest.mark.parametrize('place', [-0.08, -0.02, 0.02, 0.08])
 @pytest.mark.parametrize('height', [0.03, -0.02])
-def test_a_face_near_the_ball_is_no_slope_below_it(height, place):
+def test_a_face_near_the_ball_is_not_a_slope_below_it(height, place):
     at = 1.2 + place
     profile = tracker().update(exact(ground((0.0, height)), at=at), at)
     assert abs(profile.slope) < 0.01

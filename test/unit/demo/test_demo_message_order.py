@@ -47,7 +47,7 @@ def test_a_message_waits_for_the_other_topic():
     assert messages.take() is None
 
 
-def test_a_topic_that_has_ended_does_not_delay_the_other_one_for_ever():
+def test_a_topic_that_has_ended_delays_the_other_one_for_a_bounded_time():
     messages = MessagesInOrder(STATES, DECISIONS)
     messages.add(DECISIONS, message(0))
     for stamp in (0, 10, LONGEST_DELAY):

@@ -137,7 +137,7 @@ def test_what_refuses_for_long_enough_ends_the_demo_with_its_last_words(person, 
     assert 'load of this machine is 1000.0' in hardware.load_note()
 
 
-def test_a_refusal_at_first_is_no_reason_to_give_up(person):
+def test_a_first_refusal_is_retried(person):
     person.answers.update({RELEASE: 'no IMU yet', RESUME: 'the e-stop is engaged'})
     assert person.poll(8.0) is None
     person.answers[RELEASE] = ''

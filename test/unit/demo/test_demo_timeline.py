@@ -85,7 +85,7 @@ def test_what_did_not_happen_is_wrong(timeline, until, missing):
     assert timeline.verdict() == missing
 
 
-def test_nothing_at_all_is_no_success(timeline):
+def test_no_attempt_at_all_is_not_a_success(timeline):
     assert len(timeline.verdict()) == 4
 
 
@@ -103,7 +103,7 @@ def test_to_rest_before_the_first_step_is_not_the_end(timeline):
     assert timeline.rested is None
 
 
-def test_to_stand_still_for_a_moment_is_no_rest(timeline):
+def test_a_momentary_standstill_is_not_rest(timeline):
     play(timeline, 'GO ROUND')
     for number, speed in enumerate((0.0, 0.01, 0.5, 0.0, -0.01)):
         timeline.add_state(ball(3.0 + 0.4 * number, 3.0, y=RADIUS + 0.031, speed=speed))
@@ -168,8 +168,7 @@ def test_before_a_drop_it_is_right_to_stop_and_wrong_to_fall(gimball):
 
 
 @pytest.mark.parametrize('seconds, rests', [(4, False), (6, True)])
-def test_a_ball_that_is_refused_where_it_starts_rests_there_after_a_while(
-        gimball, seconds, rests):
+def test_a_ball_that_is_refused_where_it_starts_rests_there_after_a_while(gimball, seconds, rests):
     timeline = Timeline([Passage(*STEPS[1][:3], None)], gimball, lambda *event: None)
     timeline.add_state(ball(0.0, 0.0, speed=0.0))
     timeline.add_decision(decided(0.0, GO_ROUND, 0.08))

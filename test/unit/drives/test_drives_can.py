@@ -58,7 +58,7 @@ def test_the_parser_finds_records_after_any_noise_however_they_are_cut(frames, n
 @pytest.mark.parametrize('frame', [
     CanFrame(0x800), CanFrame(-1), CanFrame(0x20000000, extended=True), CanFrame(1, b'123456789'),
     CanFrame(1, b'1', remote=True)])
-def test_what_is_no_frame_has_no_record(frame):
+def test_a_malformed_frame_has_no_record(frame):
     with pytest.raises(ValueError):
         record(frame)
 
@@ -171,7 +171,7 @@ def test_a_bus_that_takes_no_frame_says_why(pair, monkeypatch, error, reason, na
     assert named in str(caught.value)
 
 
-def test_a_closed_bus_is_closed_for_every_use_and_closing_twice_is_no_error():
+def test_a_closed_bus_is_closed_for_every_use_and_can_be_closed_twice():
     link = CanLink('virtual:closed', RATE)
     link.close()
     link.close()
@@ -292,7 +292,7 @@ def until(found, seconds=5.0):
     return result
 
 
-def test_a_serial_adapter_that_sends_what_is_no_frame_is_read_on():
+def test_malformed_frames_of_a_serial_adapter_are_skipped():
     adapter = SlcanAdapter()
     with CanLink(adapter.path, RATE) as link:
         until(lambda: adapter.read() == b'' and adapter.baud == RATE and adapter.is_open)

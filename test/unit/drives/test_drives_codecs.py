@@ -190,22 +190,22 @@ def test_a_valid_frame_is_made_of_any_bytes_and_read_back(protocol, data):
 @pytest.mark.parametrize('text', [
     '', '1', '1.0 2.0', '1.000000', '1.000000 2.000000 3.000000', '1.000000  2.000000',
     'nan 0.000000', '1.000000 inf', '1e3 0.000000', '+1.000000 0.000000', '1.000000 2.00000'])
-def test_what_is_not_exactly_two_numbers_is_no_feedback(text):
+def test_only_exactly_two_numbers_are_feedback(text):
     assert odrive.parse_feedback(text) is None
 
 
 @pytest.mark.parametrize('text', ['', '-', '1 2', 'nan', '1e5', '0x10', '1.0000000', 'invalid'])
-def test_what_is_not_a_plain_number_is_no_value(text):
+def test_only_a_plain_number_is_a_value(text):
     assert odrive.parse_number(text) is None
 
 
-def test_a_line_without_checksum_is_no_reply():
+def test_a_line_without_checksum_is_not_a_reply():
     parser = odrive.LineParser()
     assert parser.feed(b'1.000000 2.000000\r\nunknown command\r\n') == []
     assert parser.counts == {'unchecked': 2, 'refused': 0}
 
 
-def test_the_part_of_a_line_after_a_stray_newline_is_no_line():
+def test_the_part_of_a_line_after_a_stray_newline_is_not_a_line():
     # Six characters whose exclusive or is 0 are cut off: the checksum of the rest is right.
     rest = reply_of_odrive('1.000000 2.000000')
     assert odrive.checksum(b'1221\n\n') == 0

@@ -285,7 +285,7 @@ def test_replies_of_a_dead_line_are_lost_once_and_its_first_one_counts_again(kin
     ('vesc', codec_of('vesc').frame(b'\x63'), 'unexpected', 1),
     ('vesc', codec_of('vesc').get_values()[:-2] + b'\x00\x03', 'refused', 1),
     ('roboclaw', b'\x07' * 40, 'skipped', 20)])
-def test_what_is_no_reply_is_counted(kind, garbage, name, number):
+def test_bytes_outside_a_reply_are_counted(kind, garbage, name, number):
     bench = Bench(kind)
     bench.driver.arm()
     bench.cycles(5)

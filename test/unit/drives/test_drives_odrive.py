@@ -369,7 +369,7 @@ def test_the_remedy_is_for_the_axis_in_use():
 
 @pytest.mark.parametrize('constant', [-0.025, math.inf])
 @both
-def test_a_torque_constant_that_bounds_nothing_is_no_limit(kind, constant):
+def test_a_torque_constant_that_bounds_nothing_is_not_a_limit(kind, constant):
     bench = Bench(kind)
     generation = GENERATIONS[KINDS.index(kind)]
     bench.device.properties.update({
@@ -575,7 +575,7 @@ def test_what_took_the_power_away_is_named_once_it_is_gone(kind):
     assert telemetry.faults == ('WATCHDOG_TIMER_EXPIRED',) and telemetry.armed is False
 
 
-def test_an_old_reason_is_no_fault_of_a_motor_that_is_under_power():
+def test_an_old_reason_is_not_a_fault_of_a_motor_under_power():
     bench = Bench('odrive 0.6')
     bench.driver.arm()
     bench.device.properties['axis0.disarm_reason'] = 0x1000000
@@ -607,7 +607,7 @@ def test_an_estimate_that_was_missing_once_does_not_hide_the_position_for_good()
 
 
 @both
-def test_a_value_that_is_no_number_is_not_put_into_the_telemetry(kind):
+def test_a_value_that_is_not_a_number_is_not_put_into_the_telemetry(kind):
     bench = Bench(kind)
     bench.driver.arm()
     bench.device.sensed = bench.device.sensed._replace(motor_temperature=math.nan)

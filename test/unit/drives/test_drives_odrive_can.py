@@ -287,7 +287,7 @@ def test_an_encoder_that_failed_gives_no_position(kind):
 
 
 @both
-def test_a_position_is_stamped_with_its_request_and_an_unrequested_one_is_no_measurement(kind):
+def test_a_position_is_stamped_with_its_request_and_an_unrequested_one_is_not_a_measurement(kind):
     bench = Bench(kind)
     bench.driver.identify()
     bench.pass_time(0.1)

@@ -134,7 +134,7 @@ def test_a_drive_that_goes_on_names_nothing_of_what_was():
     assert status.faults(status.values, True) == () and not status.urgent
 
 
-def test_a_watchdog_that_expires_without_power_is_no_fault():
+def test_a_watchdog_that_expires_without_power_is_not_a_fault():
     bench = Bench('odrive 0.5', status_period=0.0)
     bench.driver.identify()
     assert bench.cycles(200, torque=None).faults == ()

@@ -52,7 +52,7 @@ def test_a_write_that_was_delayed_leaves_the_time_unknown():
     assert requests.match('a', 0.01) == (0.0, None)
 
 
-def test_a_reply_after_the_timeout_is_no_measurement():
+def test_a_reply_after_the_timeout_is_not_a_measurement():
     assert pending('a').match('a', TIMEOUT).measured == 0.0
     assert pending('a').match('a', TIMEOUT + 1e-6) == (0.0, None)
 

@@ -70,7 +70,7 @@ def test_a_version_has_a_name_and_a_number():
     assert (identity.hardware, identity.firmware) == ('USB Roboclaw 2x30a', '4.2.8')
 
 
-def test_no_torque_is_no_voltage_however_fast_the_shaft_turns(bench):
+def test_no_torque_needs_no_voltage_at_any_speed(bench):
     bench.device.sensed = bench.device.sensed._replace(velocity=200.0)
     bench.cycles(20, torque=0.05)
     bench.cycles(1, torque=0.0)
@@ -257,7 +257,7 @@ def test_bytes_that_belong_to_no_answer_are_counted_but_acknowledgements():
     assert parser.counts == {'skipped': 3}
 
 
-def test_a_text_that_does_not_end_is_no_answer():
+def test_a_text_without_an_end_is_not_an_answer():
     parser = codec.parser()
     assert parser.feed(b'a' * 200) == [] and parser.counts['skipped'] >= 150
     assert parser.feed(codec.reply_of(b'')) != []

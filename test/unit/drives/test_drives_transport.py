@@ -318,7 +318,7 @@ def test_a_disk_that_is_full_at_the_end_of_a_recording_is_noted():
     ('', 'wrong_kind', ''), ('something else\n', 'wrong_kind', ''),
     ('# ballbot traffic 1\n0.1 ? 00\n', 'unreadable', ':2'),
     ('# ballbot traffic 1\n0.1 < 0g\n', 'unreadable', ':2')])
-def test_a_file_that_is_no_capture_is_refused(tmp_path, text, reason, line):
+def test_a_file_that_is_not_a_capture_is_refused(tmp_path, text, reason, line):
     path = tmp_path / 'traffic.txt'
     path.write_text(text)
     with refused(reason, str(path), ConfigurationError) as caught:

@@ -260,7 +260,7 @@ def test_no_pendulum_and_no_ball_turns_at_three_hundred_radians_a_second(rate, l
     assert found(fusion, 0.0) == lost
 
 
-def test_an_angle_known_to_less_than_half_a_turn_is_no_estimate():
+def test_an_angle_uncertain_by_half_a_turn_is_not_an_estimate():
     fusion = started(tuning=FilterTuning(start_sd=3.2, encoder_sd=10.0))
     with pytest.raises(EstimateLostError):
         fusion.encoder(EncoderReading(1e-6, 0.0))

@@ -160,12 +160,12 @@ def test_what_was_certain_becomes_as_uncertain_as_the_noises_say(imu, noises):
 
 def test_a_long_pause_is_bridged_in_steps_of_five_milliseconds():
     estimate = known([0.5, -0.3, 1.0, -2.0, 0.01], uncertain(2))
-    at_once = FILTER.predict(estimate, 0.018, 0.7)
+    single = FILTER.predict(estimate, 0.018, 0.7)
     for stamp in (0.005, 0.010, 0.015, 0.018):
         estimate = FILTER.predict(estimate, stamp, 0.7)
-    assert at_once.stamp == pytest.approx(0.018, abs=1e-12)
-    np.testing.assert_allclose(at_once.mean, estimate.mean, rtol=1e-9)
-    np.testing.assert_allclose(at_once.covariance, estimate.covariance, rtol=1e-9)
+    assert single.stamp == pytest.approx(0.018, abs=1e-12)
+    np.testing.assert_allclose(single.mean, estimate.mean, rtol=1e-9)
+    np.testing.assert_allclose(single.covariance, estimate.covariance, rtol=1e-9)
     one_step = known([0.5, -0.3, 1.0, -2.0, 0.01], uncertain(2))
     pendulum, _ = MODEL.accelerations(0.5, 1.0, -2.0, 0.7)
     assert FILTER.predict(one_step, 0.005, 0.7).mean[2] == pytest.approx(1.0 + 0.005 * pendulum)

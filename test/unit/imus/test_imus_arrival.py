@@ -4,7 +4,7 @@ from hypothesis import given, strategies as some
 import numpy as np
 import pytest
 
-from ballbot_ros.imus.source import ArrivalClock, LOST
+from ballbot_ros.imus.source import ArrivalClock, LOST_PERIODS
 
 PERIOD = 0.005
 lateness = some.lists(some.floats(0.0, 3.0 * PERIOD), min_size=1, max_size=200)
@@ -56,7 +56,7 @@ def test_a_clock_that_runs_wrong_is_followed(clock):
 def test_after_a_gap_it_starts_again():
     clock = ArrivalClock(PERIOD)
     clock.sent(1.0)
-    assert clock.sent(1.0 + (LOST + 2.0) * PERIOD) == 1.0 + (LOST + 2.0) * PERIOD
+    assert clock.sent(1.0 + (LOST_PERIODS + 2.0) * PERIOD) == 1.0 + (LOST_PERIODS + 2.0) * PERIOD
 
 
 def test_after_a_reset_the_next_arrival_is_in_time():

@@ -37,6 +37,6 @@ def test_the_words_are_forward_left_and_up():
 
 @pytest.mark.parametrize(
     'words', ('', 'x', 'x y', 'x y y', 'x y z z', 'a b c', '1 2 3', '--- x y'))
-def test_what_is_no_mounting_is_refused(words):
+def test_a_malformed_mounting_is_refused(words):
     with refused('not_a_choice', 'axes'):
         Axes(words)

@@ -276,7 +276,7 @@ def test_run_up_and_way_back_are_steered_towards_the_line(navigator, speed):
     assert turns.kind is CommandKind.CROSS and turns.yaw_rate < -0.01
 
 
-def test_a_deviation_from_before_a_segment_is_no_cause_to_plan_again(navigator):
+def test_a_deviation_from_before_a_segment_does_not_replan(navigator):
     ball = Ball(navigator, *KITCHEN, math.pi / 2.0)
     ball.begin((1.7, 2.2))
     ball.x += 0.2

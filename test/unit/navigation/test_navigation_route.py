@@ -262,7 +262,7 @@ def test_places_where_the_ball_cannot_be_are_refused(flat, place, reason):
     assert (caught.value.reason, caught.value.field) == (reason, 'start')
 
 
-def test_unknown_space_is_no_goal(tmp_path):
+def test_unknown_space_is_not_a_goal(tmp_path):
     shades = np.full((60, 60), 255, np.uint8)
     shades[:, 40:] = 128
     Image.fromarray(shades).save(tmp_path / 'plan.pgm')

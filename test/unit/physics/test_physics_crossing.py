@@ -8,7 +8,7 @@ from reference_search import crosses, highest_step
 from refusals import refused
 
 from ballbot_ros.crossing import held_at, max_step_heights, Rules, try_step
-from ballbot_ros.crossing.rules import LEAD, touch_distance
+from ballbot_ros.crossing.rules import START_LEAD, touch_distance
 from ballbot_ros.physics import Actuation, ContactOptions, load_robot, load_scene
 from ballbot_ros.physics.model.actuation import set_rate_for_speed
 
@@ -32,7 +32,7 @@ CASES = {
     'gimball down': (GIMBALL, held_at(0.0), 0.0),
     'gimball level': (GIMBALL, held_at(math.pi / 2), math.pi / 2)}
 # It starts 2 mm before the touch, where a level pendulum makes the ball a little faster.
-ITS_RULES = Rules(lead=LEAD)
+ITS_RULES = Rules(lead=START_LEAD)
 
 
 @pytest.mark.slow

@@ -231,7 +231,7 @@ def test_malformed_terrain_sections_are_refused(section, reason, field):
         read_terrain(section, 'here: terrain')
 
 
-def test_output_step_that_is_no_multiple_names_two_that_are(tmp_path):
+def test_an_output_step_that_is_not_a_multiple_names_two_that_are(tmp_path):
     path = write(tmp_path, SCENE + 'output_step: 2.5e-4\nsolver: {method: rk4}\n')
     with refused('inconsistent', 'output_step'):
         load_scene(path).simulate()

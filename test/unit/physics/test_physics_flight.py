@@ -117,7 +117,7 @@ def test_a_ball_that_is_released_is_not_pushed_before_it_touches_again():
         if robot is GIMBALL:
             vector[PENDULUM_RATE] = draw.normal() * 9.0
         mode = modes.ContactMode.of(len(model.profile))
-        if modes.find_mode(0.0, vector, system, mode) == 0 or not flight.is_let_go(
+        if modes.find_mode(0.0, vector, system, mode) == 0 or not flight.is_released(
                 mode, model.parameters):
             continue
         spin = flight.spin_start(vector, model.parameters, system.actuator)

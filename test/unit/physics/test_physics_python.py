@@ -44,7 +44,7 @@ def test_the_highest_step_takes_the_name_of_a_robot():
 @pytest.mark.parametrize('find', [
     lambda: max_step_height('gimball', 0.5, 'held'),
     lambda: max_step_heights('gimball', [0.5], 'held')])
-def test_a_law_that_is_no_actuation_is_refused_with_one_that_is(find):
+def test_an_unknown_actuation_is_refused_with_a_known_one(find):
     with refused('wrong_type', 'actuation'):
         find()
 

@@ -90,7 +90,7 @@ def test_a_residual_plot_says_that_the_fit_is_bad_and_which_command_made_it():
     assert 'ballbot identify mine.yaml run.csv' in figure.axes[-1].get_xlabel()
 
 
-def test_integration_error_alone_is_no_reason_to_warn():
+def test_integration_error_alone_does_not_warn():
     time = np.linspace(0.0, 1.0, 400)
     assert channel_fit(np.sin(time), 1e-8 * np.cos(time), 1e-12, 1e-8).verdict == 'good'
 

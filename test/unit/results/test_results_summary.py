@@ -73,7 +73,7 @@ def test_a_step_out_of_reach_was_not_touched():
     assert face.touch_time is None and face.touch_speed is None and not face.passed
 
 
-def test_rolling_down_a_step_is_no_meeting_with_its_face():
+def test_rolling_down_a_step_is_not_a_contact_with_its_face():
     scene = scene_of(terrain=[{'flat': {'length': 1.0}}, {'step': {'height': 0.05}},
                               {'flat': {'length': 1.0}}], initial={'x': 1.2, 'speed': -0.8})
     face, = summarise(scene.simulate()).faces

@@ -13,7 +13,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from visualization_msgs.msg import Marker, MarkerArray
 
-from ballbot_ros.bags.writer import BagRecorder, no_stamp, stamp_of, stamp_of_first, stamp_reader
+from ballbot_ros.bags.writer import BagRecorder, stamp_of, stamp_of_first, stamp_reader, unstamped
 from ballbot_ros.ros import qos
 from ballbot_ros.ros.conversions import to_time
 
@@ -27,7 +27,7 @@ def stamped(kind, seconds):
 
 def test_stamps_are_read_where_messages_have_them():
     assert stamp_reader(JointState) is stamp_reader(Clock) is stamp_of
-    assert stamp_reader(String) is stamp_reader(DiagnosticArray) is no_stamp
+    assert stamp_reader(String) is stamp_reader(DiagnosticArray) is unstamped
     assert stamp_of(serialize_message(stamped(JointState, 1.25))) == 1_250_000_000
     assert stamp_of(serialize_message(Clock(clock=to_time(2.5)))) == 2_500_000_000
     assert stamp_reader(MarkerArray) is stamp_of_first

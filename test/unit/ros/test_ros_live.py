@@ -47,7 +47,7 @@ class Link:
 
     def __getattr__(self, name):
         def record(*values):
-            self.holding = name.startswith('hold') or self.holding and name != 'let_go'
+            self.holding = name.startswith('hold') or self.holding and name != 'release_set_point'
             if name != 'attend':
                 self.calls.append((name, *values))
             if self.refusal:
@@ -121,7 +121,7 @@ def test_an_e_stop_releases_the_set_point_and_a_refused_release_shows_the_messag
     source = LiveSource(link=link)
     source.apply('law', 'speed')
     source.apply('e_stop', True)
-    assert link.calls[-2:] == [('let_go',), ('trigger', 'bridge/engage_e_stop')]
+    assert link.calls[-2:] == [('release_set_point',), ('trigger', 'bridge/engage_e_stop')]
     link.refusal = 'no IMU readings come'
     with refused('refused', 'e_stop'):
         source.apply('e_stop', False)
@@ -148,7 +148,7 @@ def test_a_law_is_held_and_released(source, link):
     link.holding = False  # no client attended
     assert source.controls['law'].value == 'free'
     source.apply('law', 'free')
-    assert link.calls[-1] == ('let_go',)
+    assert link.calls[-1] == ('release_set_point',)
 
 
 @pytest.mark.parametrize('link, says', [

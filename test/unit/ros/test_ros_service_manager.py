@@ -15,7 +15,7 @@ from ballbot_ros.bridge.supervisor import EStop, StopReason
 from ballbot_ros.cli.run import NODES
 from ballbot_ros.config.fields import checked_values
 from ballbot_ros.nodes.bridge import service_manager
-from ballbot_ros.nodes.bridge.service_manager import ServiceManager, SIGNS
+from ballbot_ros.nodes.bridge.service_manager import MESSAGES_PER_TIMEOUT, ServiceManager
 from ballbot_ros.nodes.bridge.settings import BridgeSettings
 from ballbot_ros.nodes.imu.node import ImuSettings
 
@@ -88,7 +88,7 @@ def test_ready_and_stopping_are_reported(systemd):
 
 def test_a_running_bridge_is_alive_several_times_in_the_time_that_is_waited(systemd):
     found = look(systemd, ServiceManager(systemd.environment), 60.0)
-    assert found.count('WATCHDOG=1') == pytest.approx(6.0 * SIGNS, abs=2)
+    assert found.count('WATCHDOG=1') == pytest.approx(6.0 * MESSAGES_PER_TIMEOUT, abs=2)
 
 
 def test_a_loop_that_stands_still_is_not_alive_though_the_executor_goes_on(systemd):

@@ -170,7 +170,7 @@ def test_what_has_no_meaning_is_refused(arguments, field):
 
 @pytest.mark.parametrize('model', [
     comparators.energy, comparators.plastic_impulse, comparators.free_pendulum_impulse])
-def test_a_speed_that_is_no_number_is_refused_by_every_model(model):
+def test_a_speed_that_is_not_finite_is_refused_by_every_model(model):
     with refused('out_of_range', 'speed'):
         model(GIMBALL, math.nan)
 

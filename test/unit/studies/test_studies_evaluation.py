@@ -126,7 +126,7 @@ def test_a_ball_that_rolls_back_over_unknown_ground_ran_away():
     assert judged(flat, Kind.BACK_OFF, angle=-0.5).outcome == 'ran away'
 
 
-def test_a_cord_that_is_rolled_over_is_no_fall():
+def test_a_cord_that_is_rolled_over_is_not_a_fall():
     cord = an_approach([-9.0, 0.0], [0.5, 0.0], [0.5, 0.007], [0.51, 0.007], [0.51, 0.0],
                        [9.0, 0.0], goal=0.51, speed=0.6)
     found = judged(cord, Kind.CLEAR)

@@ -175,7 +175,7 @@ def test_ctrl_c_keeps_the_best_numbers(tmp_path, capsys, monkeypatch):
     assert done == sorted(done) and done[-1] == 5
 
 
-def test_a_run_that_ctrl_c_has_cut_short_is_no_residual(monkeypatch):
+def test_a_run_that_ctrl_c_has_cut_short_is_not_a_residual(monkeypatch):
     from ballbot_ros.studies import recording
     whole = recording.simulate
     monkeypatch.setattr(recording, 'simulate', lambda *words: (
@@ -237,7 +237,7 @@ def test_a_bag_says_what_its_run_was(tmp_path):
     assert [item.value for item in found.estimates] == pytest.approx([0.124, 0.08], rel=1e-3)
 
 
-def test_what_is_no_bag_is_refused(tmp_path):
+def test_a_path_without_a_bag_is_refused(tmp_path):
     (tmp_path / 'metadata.yaml').write_text('nonsense')
     for path in (tmp_path, tmp_path / 'none', tmp_path / 'metadata.yaml'):
         with refused('unreadable'):

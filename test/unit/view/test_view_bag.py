@@ -159,8 +159,7 @@ def test_unknown_ground_is_what_was_seen(tmp_path, played):
     assert source.terrain.height(2.6) == pytest.approx(0.05)
 
 
-def test_a_message_without_a_stamp_at_the_beginning_does_not_thin_out_the_frames(
-        tmp_path, played):
+def test_a_message_without_a_stamp_at_the_beginning_does_not_thin_out_the_frames(tmp_path, played):
     # A latched e-stop was recorded at 0, the rest at some time of this century.
     stop = TYPES.types['std_msgs/msg/Bool'](True)
     source = played(write_bag(tmp_path / 'bag', [('/e_stop', stop, 0.0), *rolling(1.7e9)]))
@@ -186,7 +185,7 @@ def test_what_the_demo_leaves_for_an_act_is_opened_by_its_folder_or_its_file(tmp
 
 @pytest.mark.parametrize('make', [
     lambda path: None, lambda path: path.mkdir(), lambda path: path.write_bytes(b'nothing')])
-def test_what_is_no_bag_is_refused(tmp_path, make):
+def test_a_path_without_a_bag_is_refused(tmp_path, make):
     make(tmp_path / 'bag')
     with refused('unreadable'):
         BagSource(tmp_path / 'bag')

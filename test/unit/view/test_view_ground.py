@@ -26,7 +26,7 @@ def test_a_drop_ahead_is_shown_by_its_sign():
     assert step_ahead(Terrain.step(-0.1, at=1.0), 0.0, RADIUS) == pytest.approx((1.0, -0.1))
 
 
-def test_a_slope_is_no_step():
+def test_a_slope_is_not_a_step():
     assert step_ahead(Terrain.slope(0.1), 0.0, RADIUS) is None
 
 

@@ -16,13 +16,13 @@ from ballbot_ros.physics.model.terrain import Array
 # like other steps if the floor below is observed; above, it is a drop [m].
 SMALLEST_DROP, HIGHEST_DESCENT = 0.005, 0.05
 # Faces that are farther apart than this are planned one by one [m].
-TOGETHER = 1.0
+FACE_SEPARATION = 1.0
 # A swing is held until the centre is past the edge by this [m].
 HELD = 0.01
 # Number of standard deviations of position and height that count.
 SIGMAS = 2.0
 # Ground is drawn this far behind the ball, and this far behind the last that is known [m].
-BEYOND = 4.0
+GROUND_EXTENSION = 4.0
 
 
 @dataclass(frozen=True)
@@ -125,7 +125,7 @@ def look_ahead(profile: Profile, faces: Sequence[Face], position: float, slope: 
     floor = GroundProfile(profile.points, slope)
     seen = bool(profile.points)
     rows: List[Tuple[float, float, int, float, float]] = [
-        (position - BEYOND, -BEYOND * math.tan(slope), -1, 0.0, 0.0)]
+        (position - GROUND_EXTENSION, -GROUND_EXTENSION * math.tan(slope), -1, 0.0, 0.0)]
     here, level = position, 0.0
     ends: List[End] = []
     feet: List[int] = []
@@ -145,7 +145,7 @@ def look_ahead(profile: Profile, faces: Sequence[Face], position: float, slope: 
         descent = HIGHEST_DESCENT - doubt if seen else 0.0
         falls = falls or -face.height > max(descent, climbed + SMALLEST_DROP)
         climbed += face.height
-        if falls or index > 0 and foot - last > TOGETHER:
+        if falls or index > 0 and foot - last > FACE_SEPARATION:
             continue
         if ends and foot - last < radius:
             ends.pop()  # a ball cannot stop between closer edges
@@ -159,7 +159,8 @@ def look_ahead(profile: Profile, faces: Sequence[Face], position: float, slope: 
         rows.append((x, level + rise, len(faces) - 1, 1.0, 1.0))
     level += floor.rise(here, seen_to)
     rows.append((seen_to, level, len(faces) - 1, 1.0, 1.0))
-    rows.append((seen_to + BEYOND, level + floor.rise(seen_to, seen_to + BEYOND),
+    last = seen_to + GROUND_EXTENSION
+    rows.append((last, level + floor.rise(seen_to, last),
                  len(faces) - 1, 1.0, 1.0))
     deviations = np.zeros((2, FACES))
     for index, face in enumerate(faces[:FACES]):

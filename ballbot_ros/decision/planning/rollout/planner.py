@@ -19,11 +19,11 @@ from typing import Generator, List, NamedTuple, Optional, Sequence, Tuple
 
 from ballbot_ros.decision.learning.particles import Particles
 from ballbot_ros.decision.planning.rollout.ahead import (
-    Ahead, faces_ahead, HIGHEST_DESCENT, look_ahead, TOGETHER, touch_distance_on)
-from ballbot_ros.decision.planning.rollout.rollout import TIGHT, TOUCH_SPEED
+    Ahead, FACE_SEPARATION, faces_ahead, HIGHEST_DESCENT, look_ahead, touch_distance_on)
+from ballbot_ros.decision.planning.rollout.rollout import BRAKING_DISTANCE, TOUCH_SPEED
 from ballbot_ros.decision.planning.rollout.search import (
-    BEYOND, BRISK, Candidate, candidates, confirm, from_farther_back, good, height_limit, search,
-    Task, Trial, why_not)
+    Candidate, candidates, confirm, from_farther_back, good, height_limit, LEAN_ACCELERATION,
+    OVERRUN_FRACTION_MAX, search, Task, Trial, why_not)
 from ballbot_ros.decision.planning.rollout.worlds import Tally, Worlds
 from ballbot_ros.decision.planning.safety_filter import stop
 from ballbot_ros.decision.planning.situation import Knowledge, Situation
@@ -33,10 +33,10 @@ from ballbot_ros.decision.values import (
     After, Decision, Face, Failure, Kind, Motion, Outlook, Plan, Profile, Reason, Strategy)
 
 # Maximum speed gain of a swing [m/s].
-KICK = 0.15
+SWING_GAIN_MAX = 0.15
 CHECKED = 80  # rollouts for checking the present plan
 # Hypothetical run-up that separates "too little run-up" from "too high" [m].
-IMAGINED = 2.5
+HYPOTHETICAL_RUN_UP = 2.5
 # After a failure, a plan must touch faster by this [m/s] or swing further by this [rad].
 FASTER, FURTHER = 0.04, 0.3
 
@@ -100,12 +100,12 @@ def deliberate(task: Task, tuning: DecisionTuning, room_behind: float,
     position, speed = task.start[:2]
     if kept is not None:
         trial = Trial(kept)
-        yield from confirm(trial, task, CHECKED, BEYOND)
-        if good(trial.many, task.required, BEYOND):
+        yield from confirm(trial, task, CHECKED, OVERRUN_FRACTION_MAX)
+        if good(trial.many, task.required, OVERRUN_FRACTION_MAX):
             return Choice(trial, Reason.RUN_UP if kept.back > 0.0 else Reason.LIKELY,
                           tally=trial.many)
     run_up = max(task.ahead.touch - position, 0.0)
-    reachable = math.sqrt(max(speed, 0.0)**2 + 2.0 * BRISK * run_up) + KICK
+    reachable = math.sqrt(max(speed, 0.0)**2 + 2.0 * LEAN_ACCELERATION * run_up) + SWING_GAIN_MAX
     trials: List[Trial] = []
     here = candidates(task.ahead, position, speed, tuning, reachable)
     chosen = yield from search(_promising(here, failures), task, trials)
@@ -165,8 +165,8 @@ def _reason(task: Task, trials: Sequence[Trial], tuning: DecisionTuning,
     if any(trial.falls for trial in trials) or any(
             tally.harm > 0.0 for tally in tallies):
         return Reason.LANDING
-    far = from_farther_back(task.ahead, task.ahead.touch - 0.01, IMAGINED, tuning,
-                            (1.2, IMAGINED))
+    far = from_farther_back(task.ahead, task.ahead.touch - 0.01, HYPOTHETICAL_RUN_UP, tuning,
+                            (1.2, HYPOTHETICAL_RUN_UP))
     rows = [item.row(task.ahead) for item in _promising(far, failures)]
     if not rows:
         return Reason.FAILED_BEFORE if failures else Reason.TOO_HIGH
@@ -187,19 +187,19 @@ def from_here(candidate: Candidate) -> Candidate:
 # Rollouts of a search in each decision.
 ROLLOUTS_PER_DECISION = 20
 # Relevant change of the height [m].
-HEIGHT_NEWS = 0.002
+HEIGHT_CHANGE = 0.002
 # Maximum distance for associating a face that has changed its number [m].
 SAME_PLACE = 0.06
 # Relevant increase of the clearance behind an edge [m].
-ROOM_NEWS = 0.1
+ROOM_CHANGE = 0.1
 # Re-evaluation: period in decisions, and rollouts.
 EVERY, ATTEMPTS = 10, 24
 # A plan is dropped when its probability is this far below the required one.
-LOST = 0.05
+PROBABILITY_HYSTERESIS = 0.05
 # Maximum plan switches per face while the ball rolls.
 CHANGES = 2
 # Maximum speed of a standing ball [m/s], and position tolerance [m].
-STANDING, THERE = 0.03, 0.05
+STANDING_SPEED_MAX, POSITION_TOLERANCE = 0.03, 0.05
 # A ball with less braking room touches faster than 0.1 m/s [m].
 TOO_LATE = -0.01
 
@@ -268,7 +268,7 @@ class PlanSelector:
         task = Task(
             (motion.position, motion.speed, motion.pendulum_angle, motion.pendulum_rate),
             ahead, self.worlds, self._tuning.required_probability, self._tuning.highest_speed)
-        now = Basis(face, len(ahead.faces), abs(motion.speed) < STANDING, len(failures),
+        now = Basis(face, len(ahead.faces), abs(motion.speed) < STANDING_SPEED_MAX, len(failures),
                     situation.free_from, ahead.room_to)
         kept = None
         if self.choice is not None and self.choice.trial is not None:
@@ -326,11 +326,11 @@ class PlanSelector:
             freed = now.free_from < then.free_from - 0.3
             if now.standing and (not then.standing or freed):
                 return True
-            if choice.reason is Reason.LANDING and now.room_to > then.room_to + ROOM_NEWS:
+            if choice.reason is Reason.LANDING and now.room_to > then.room_to + ROOM_CHANGE:
                 return True
             if not now.standing and self._changes >= CHANGES - 1:
                 return False
-        return abs(now.face.height - then.face.height) > max(HEIGHT_NEWS, then.face.height_sd)
+        return abs(now.face.height - then.face.height) > max(HEIGHT_CHANGE, then.face.height_sd)
 
     def _look_again(self, task: Task, braking_room: float) -> None:
         """Re-evaluate the plan periodically with a few rollouts."""
@@ -342,9 +342,9 @@ class PlanSelector:
             return
         trial = choice.trial
         choice.tally = choice.tally + task.tally(trial, task.worlds.take(ATTEMPTS))
-        lost = LOST * (1 + self._changes)
+        lost = PROBABILITY_HYSTERESIS * (1 + self._changes)
         if braking_room > 0.0 and not good(
-                choice.tally, task.required - lost, BEYOND):
+                choice.tally, task.required - lost, OVERRUN_FRACTION_MAX):
             self.basis = None
 
 
@@ -352,13 +352,13 @@ def _is_same(one: Face, other: Face) -> bool:
     """Return whether two faces are one, whose number may have changed."""
     return one.number == other.number or (
         abs(one.position - other.position) < SAME_PLACE
-        and abs(one.height - other.height) < HEIGHT_NEWS)
+        and abs(one.height - other.height) < HEIGHT_CHANGE)
 
 
 def _arrived(kept: Candidate, ahead: Ahead, motion: Motion) -> bool:
     """Return whether the ball has backed off to where its plan begins."""
-    return (kept.back > 0.0 and motion.position < ahead.touch - kept.back + THERE
-            and abs(motion.speed) < STANDING)
+    return (kept.back > 0.0 and motion.position < ahead.touch - kept.back + POSITION_TOLERANCE
+            and abs(motion.speed) < STANDING_SPEED_MAX)
 
 
 WHY = {
@@ -373,7 +373,7 @@ WHY = {
     Reason.STUCK: 'the ball does not get on',
 }
 # Reasons that waiting or further observations do not change.
-HOPELESS = (Reason.TOO_HIGH, Reason.WALL, Reason.LANDING, Reason.FAILED_BEFORE)
+PERMANENT_REASONS = (Reason.TOO_HIGH, Reason.WALL, Reason.LANDING, Reason.FAILED_BEFORE)
 
 
 def outlook(choice: Choice, required: float, braking_room: float) -> Outlook:
@@ -400,7 +400,7 @@ def plan_of(candidate: Candidate, ahead: Ahead, next_at: float) -> Plan:
 
     """
     end = candidate.end(ahead)
-    after = After.STOP if next_at - end.position < TIGHT else After.CRUISE
+    after = After.STOP if next_at - end.position < BRAKING_DISTANCE else After.CRUISE
     return Plan(
         candidate.strategy, ahead.touch - candidate.back if candidate.back > 0.0 else -math.inf,
         candidate.speed, ahead.touch - candidate.swing, candidate.angle, end.passed, after)
@@ -438,7 +438,7 @@ def refuse(choice: Choice, ahead: Ahead, motion: Motion, braking_room: float,
     """Return the decision not to cross the first face, without a stop position."""
     face = ahead.faces[0]
     seen = outlook(choice, tuning.required_probability, braking_room)
-    hopeless = choice.reason in HOPELESS
+    hopeless = choice.reason in PERMANENT_REASONS
     what = f'drops by {-1e3 * face.height:.0f} mm' if face.height < 0.0 else \
         f'{1e3 * face.height:.0f} mm'
     searching = choice.reason is Reason.NOT_LIKELY and not seen.attempts
@@ -457,7 +457,7 @@ def refuse(choice: Choice, ahead: Ahead, motion: Motion, braking_room: float,
         outlook=seen)
 
 
-def weighing(ahead: Ahead, motion: Motion, tuning: DecisionTuning) -> Decision:
+def decision_during_search(ahead: Ahead, motion: Motion, tuning: DecisionTuning) -> Decision:
     """Return the decision of a ball that rolls on during a search."""
     face = ahead.faces[0]
     distance = face.position - motion.position
@@ -473,7 +473,7 @@ CONTACT, LONGEST_CONTACT = 0.005, 3.0
 # Clearance of a stop before a touch [m].
 GAP = 0.03
 # Margin for announcing a stop, and distance kept from unobserved terrain [m].
-AT_EASE = 0.2
+STOP_MARGIN = 0.2
 # Reasons that further rollouts do not change.
 DEFINITE = (Reason.TOO_HIGH, Reason.FAILED_BEFORE, Reason.STUCK)
 # Of the slope, where it is not seen [rad].
@@ -548,7 +548,7 @@ class RolloutPlanner:
         room = line.obstacle - motion.position - self._robot.ball_radius
         # The label changes at the last position for the stop, and back with a margin.
         stopping = previous is not None and previous.kind is Kind.STOP
-        if room > way + self._tuning.stop_gap + (AT_EASE if stopping else 0.0):
+        if room > way + self._tuning.stop_gap + (STOP_MARGIN if stopping else 0.0):
             return clear
         return lines.stand(
             replace(clear, kind=Kind.STOP, reason=line.reason, distance=room,
@@ -573,7 +573,7 @@ class RolloutPlanner:
         selector.update(ahead, situation, min(room, sure) if started else room)
         choice = selector.choice or Choice(None, Reason.NOT_LIKELY)
         if choice.trial is None and face.height < 0.0 and room < TOO_LATE \
-                and motion.speed > STANDING:
+                and motion.speed > STANDING_SPEED_MAX:
             # The descent is certain and needs neither a search nor more speed.
             choice = Choice(Trial(Candidate(
                 Strategy.CRUISE, min(motion.speed, self._tuning.cruise_speed))), Reason.COMMITTED)
@@ -584,9 +584,9 @@ class RolloutPlanner:
             # Until the plans for a face are evaluated, the label does not change.
             refused = (previous is not None and previous.kind in (Kind.STOP, Kind.GO_ROUND) and (
                 previous.step == face.number or not choice.tally.attempts))
-            if choice.reason not in DEFINITE and abs(motion.speed) > STANDING \
-                    and stand - motion.position > way + AT_EASE and not refused:
-                return weighing(ahead, motion, self._tuning)
+            if choice.reason not in DEFINITE and abs(motion.speed) > STANDING_SPEED_MAX \
+                    and stand - motion.position > way + STOP_MARGIN and not refused:
+                return decision_during_search(ahead, motion, self._tuning)
             no = refuse(choice, ahead, motion, room, self._tuning)
             if refused and previous is not None and choice.reason not in DEFINITE:
                 no = replace(no, kind=previous.kind)
@@ -603,7 +603,7 @@ class RolloutPlanner:
         if face is not None and face.position < motion.position and face not in self._passed:
             self._passed.append(face)
         self._passed = [one for one in self._passed
-                        if 0.0 < motion.position - one.position < TOGETHER]
+                        if 0.0 < motion.position - one.position < FACE_SEPARATION]
         return sum({one.number: one.height for one in self._passed}.values())
 
     def _push(self, situation: Situation, previous: Optional[Decision]) -> Optional[Decision]:
@@ -640,7 +640,7 @@ class RolloutPlanner:
         plan = previous.plan if previous is not None else None
         if previous is None or plan is None or not (
                 0.0 <= motion.position - plan.edge < 0.5 * self._robot.ball_radius) \
-                or motion.speed < STANDING or previous.kind is Kind.CROSS \
+                or motion.speed < STANDING_SPEED_MAX or previous.kind is Kind.CROSS \
                 and plan.after is not After.STOP:
             return None
         return replace(stop(Reason.LANDING, 'Stopping behind the edge'),

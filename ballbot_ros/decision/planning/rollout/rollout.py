@@ -49,7 +49,7 @@ NEXT_AT = 6       # and of the foot of the next face, which it must not touch; t
 PLAN = 7
 
 # An obstacle nearer than this behind the last edge requires braking immediately [m].
-TIGHT = 1.5
+BRAKING_DISTANCE = 1.5
 
 # Columns of a draw. The first are the robot, in the order of `Parameters`.
 ROBOT = len(Parameters._fields)
@@ -183,7 +183,7 @@ def push(state: Array, torque: float, step: float, robot: Parameters, ground: Ar
 SHAPE_X, SHAPE_Z, FACE, HEIGHT_SHARE, PLACE_SHARE = range(5)
 
 # Least distance of two vertices of a draw [m].
-APART = 1e-6
+VERTEX_DISTANCE_MIN = 1e-6
 
 
 @compiled
@@ -219,16 +219,16 @@ def fill_ground(shape: Array, draw: Array, raised: float, here: float, ground: A
             x += shape[i, PLACE_SHARE] * draw[PLACE + face]
         x = max(x, before)
         z += math.tan(draw[SLOPE]) * (x - here)
-        if i > 0 and x == before and abs(z - ground[i - 1, VERTEX_Y]) < APART:
-            x += APART
+        if i > 0 and x == before and abs(z - ground[i - 1, VERTEX_Y]) < VERTEX_DISTANCE_MIN:
+            x += VERTEX_DISTANCE_MIN
         ground[i, VERTEX_X], ground[i, VERTEX_Y] = x, z
         ground[i, SURFACE_FRICTION] = draw[FLOOR_FRICTION]
         ground[i, EDGE_FRICTION] = draw[CORNER_FRICTION]
         before = x
     # The end segments extend to infinity and must not be vertical.
-    ground[0, VERTEX_X] = min(ground[0, VERTEX_X], ground[1, VERTEX_X] - APART)
+    ground[0, VERTEX_X] = min(ground[0, VERTEX_X], ground[1, VERTEX_X] - VERTEX_DISTANCE_MIN)
     ground[count - 1, VERTEX_X] = max(ground[count - 1, VERTEX_X],
-                                      ground[count - 2, VERTEX_X] + APART)
+                                      ground[count - 2, VERTEX_X] + VERTEX_DISTANCE_MIN)
     write_tangents(ground)
 
 
@@ -247,20 +247,20 @@ def write_tangents(ground: Array) -> None:
                            - ground[i - 1, TANGENT_Y] * ground[i, TANGENT_X])
 
 
-DECIDED = 10  # control periods between two set angles: 50 Hz
+DECISION_PERIODS = 10  # control periods between two set angles: 50 Hz
 ROLLED = 0.01  # step of the rolling model [s]
 ROLLS = 2  # of them between two set angles
-GENTLE = 0.03  # sine of a bend of the ground without effect on a rolling ball
-EARLY = 0.02  # the full model begins this much before the touch [m]
+BEND_MAX = 0.03  # sine of a bend of the ground without effect on a rolling ball
+FULL_MODEL_LEAD = 0.02  # the full model begins this much before the touch [m]
 PROGRESS = 0.001  # minimum progress [m]
 RETREAT = 0.004  # a ball this far before where it touched has rolled back [m]
-LONGEST = 15.0  # maximum duration of an approach [s]
-RISING = 2.5  # maximum time until the ball rolls forward [s]
-SLOW = 0.02  # maximum speed of a standing ball [m/s]
+DURATION_MAX = 15.0  # maximum duration of an approach [s]
+TIME_TO_ROLL_MAX = 2.5  # maximum time until the ball rolls forward [s]
+STANDING_SPEED_MAX = 0.02  # maximum speed of a standing ball [m/s]
 LONGEST_CONTACT = 3.0  # maximum duration of a contact [s]
 IDLE = 0.6  # maximum time without progress in contact [s]
 SETTLED = 0.002  # a ball no higher above the ground rolls on it [m]
-LATE = 0.02  # delay of the stop after the edge [s]
+STOP_DELAY = 0.02  # delay of the stop after the edge [s]
 GAP = 0.04  # clearance between the standing ball and the next obstacle [m]
 
 
@@ -289,7 +289,7 @@ def next_rough(ground: Array, behind: int) -> int:
     """Return the first vertex after `behind` that affects a rolling ball; the last for none."""
     last = len(ground) - 1
     for i in range(behind + 1, last):
-        if abs(ground[i, TURN]) > GENTLE:
+        if abs(ground[i, TURN]) > BEND_MAX:
             return i
     return last
 
@@ -328,7 +328,8 @@ def roll_until(until: float, rising: float, now: Rolling, order: PlainOrder, rob
     """
     time, set_angle, count = 0.0, 0.0, 0
     memory = speed_law_start(now.speed, now.angle, slope_at(ground, now.position), drive.law)
-    while now.position < until and time < LONGEST and (now.speed > SLOW or time < rising):
+    while now.position < until and time < DURATION_MAX and (
+            now.speed > STANDING_SPEED_MAX or time < rising):
         if count % ROLLS == 0:
             memory, set_angle = pilot_step(
                 memory, now.position, now.speed, math.nan, order, ROLLS * ROLLED, drive.law)
@@ -385,22 +386,24 @@ def climb(memory: SpeedState, plan: Array, robot: Parameters, drive: Drive, scra
     over_y = ground[edge, VERTEX_Y] + 0.5 * robot.radius
     clear_x = ground[edge, VERTEX_X] + CLEARANCE * robot.radius
     room = reached_at(ground, int(plan[NEXT_AT]), robot.radius)
-    after = 0.0 if room - ground[edge, VERTEX_X] < TIGHT else min(plan[SPEED], drive.cruise)
+    after = 0.0 if room - ground[edge, VERTEX_X] < BRAKING_DISTANCE \
+        else min(plan[SPEED], drive.cruise)
     foot = ground[next_rough(ground, first_segment(ground, state[X])), VERTEX_X] - PROGRESS
     order = order_of(plan, after, drive)
-    touch_x, until, time, set_angle = math.inf, LONGEST, 0.0, 0.0
+    touch_x, until, time, set_angle = math.inf, DURATION_MAX, 0.0, 0.0
     farthest, idle_from = -math.inf, 0.0
-    for count in range(int(LONGEST / PERIOD)):
-        if count % DECIDED == 0:
+    for count in range(int(DURATION_MAX / PERIOD)):
+        if count % DECISION_PERIODS == 0:
             memory, set_angle = pilot_step(
-                memory, state[X], state[VELOCITY_X], math.nan, order, DECIDED * PERIOD, drive.law)
+                memory, state[X], state[VELOCITY_X], math.nan, order, DECISION_PERIODS * PERIOD,
+                drive.law)
         torque = torque_of(state, set_angle, robot, drive)
         foremost = push(state, torque, PERIOD, robot, ground, scratch.contacts, scratch.rates)
         time += PERIOD
         if touch_x == math.inf and foremost >= foot:
             touch_x, until = state[X], time + LONGEST_CONTACT
             result[TOUCH_SPEED], result[TOUCH_ANGLE] = state[VELOCITY_X], state[PENDULUM_ANGLE]
-        if state[X] - LATE * state[VELOCITY_X] > over_x and state[Y] > over_y:
+        if state[X] - STOP_DELAY * state[VELOCITY_X] > over_x and state[Y] > over_y:
             # A ball that descends from the edge becomes faster.
             if math.isnan(result[REST]) and height_above(state, robot, ground) < SETTLED:
                 if touch_x == math.inf:  # down a drop
@@ -448,9 +451,9 @@ def run(start: Rolling, plan: Array, draw: Array, raised: float, drive: Drive, s
     result[TOUCH_SPEED] = result[TOUCH_ANGLE] = math.nan
     result[REST] = result[PASSED_SPEED] = math.nan
     rough = next_rough(ground, first_segment(ground, now.position))
-    until = min(reached_at(ground, rough, robot.radius), plan[SWING_AT]) - EARLY
+    until = min(reached_at(ground, rough, robot.radius), plan[SWING_AT]) - FULL_MODEL_LEAD
     now, memory = roll_until(
-        until, RISING, now, order_of(plan, 0.0, drive), robot, drive, ground)
+        until, TIME_TO_ROLL_MAX, now, order_of(plan, 0.0, drive), robot, drive, ground)
     verdict = STUCK
     if now.position >= until:
         place(now, robot, ground, state)

@@ -34,9 +34,9 @@ SPEEDS = (0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.1)  # [m/s]
 SWINGS = (0.1, 0.2, 0.3, 0.42, 0.6, 0.9)  # before the touch [m]
 ANGLES = (1.5, 2.2)  # [rad]
 # Least speed gain of an acceleration [m/s].
-SAME = 0.05
+SPEED_GAIN_MIN = 0.05
 # Approximate acceleration with full lean [m/s2].
-BRISK = 0.75
+LEAN_ACCELERATION = 0.75
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ class Candidate:
     @property
     def briskness(self) -> float:
         """Return the approximate touch speed, to sort candidates by it [m/s]."""
-        return math.sqrt(self.speed**2 + 2.0 * BRISK * max(self.swing, 0.0))
+        return math.sqrt(self.speed**2 + 2.0 * LEAN_ACCELERATION * max(self.swing, 0.0))
 
     def row(self, ahead: Ahead) -> Array:
         """Return the plan as rollouts read it, (PLAN,)."""
@@ -111,14 +111,14 @@ def candidates(ahead: Ahead, position: float, speed: float, tuning: DecisionTuni
     run_up = ahead.touch - position
     cruise = min(max(tuning.cruise_speed, speed), tuning.highest_speed)
     speeds = [cruise] + [item for item in SPEEDS
-                         if cruise + SAME < item <= tuning.highest_speed]
+                         if cruise + SPEED_GAIN_MIN < item <= tuning.highest_speed]
     # One unreachable speed is sufficient.
     beyond = [item for item in speeds if item > reachable]
     speeds = [item for item in speeds if item <= reachable] + beyond[:1]
     found = []
     for end in ahead.ends:
         for item in speeds:
-            gentle = Strategy.CRUISE if item <= cruise + SAME else Strategy.ACCELERATE
+            gentle = Strategy.CRUISE if item <= cruise + SPEED_GAIN_MIN else Strategy.ACCELERATE
             found.append(Candidate(gentle, item, faces=end.faces))
         for item in speeds:
             found += swings(Candidate(Strategy.SWING, item, faces=end.faces), run_up, tuning)
@@ -163,14 +163,14 @@ FINALISTS, FEW = 8, 16
 # Worlds for confirming a plan, and worlds before the first check.
 MANY, LOOK = 200, 40
 # Candidates per batch, and sufficient number at the highest level.
-HANDFUL, ENOUGH = 20, 6
-BUNDLE = 20  # rollouts between two yields
+CANDIDATES_PER_BATCH, SUFFICIENT_COUNT = 20, 6
+ROLLOUTS_PER_YIELD = 20  # rollouts between two yields
 # A candidate this far below the required probability at a check is rejected.
-HOPELESS = 0.12
+REJECTION_MARGIN = 0.12
 CHOICES = 3
 # Maximum fraction of rollouts that end beyond the stop line behind the edge, to keep a plan: to
 # choose one, none may.
-BEYOND = 0.02
+OVERRUN_FRACTION_MAX = 0.02
 
 
 @dataclass
@@ -241,7 +241,7 @@ def search(plans: Sequence[Candidate], task: Task, trials: List[Trial]) -> Steps
         item.few.harm > 0.0, item.few.probability < goal, item.level < HIGHEST,
         item.behind if item.few.probability >= goal else -item.few.probability))
     for trial in order[:CHOICES]:
-        if trial.few.probability < task.required - HOPELESS:
+        if trial.few.probability < task.required - REJECTION_MARGIN:
             continue
         yield from confirm(trial, task, MANY)
         if good(trial.many, task.required):
@@ -253,8 +253,8 @@ def _sort(trials: List[Trial], task: Task) -> Generator[None, None, None]:
     """Rank trials by the raised steps they cross, from gentle to brisk, until enough do."""
     middle, spread = task.worlds.middle(), task.worlds.spread()
     trials.sort(key=lambda trial: trial.candidate.briskness)
-    for begin in range(0, len(trials), HANDFUL):
-        bundle = trials[begin:begin + HANDFUL]
+    for begin in range(0, len(trials), CANDIDATES_PER_BATCH):
+        bundle = trials[begin:begin + CANDIDATES_PER_BATCH]
         rows = [trial.candidate.row(task.ahead) for trial in bundle]
         first = task.worlds.attempt(
             task.start, rows, middle, task.ahead, RAISED * spread)[:, 0]
@@ -277,7 +277,7 @@ def _sort(trials: List[Trial], task: Task) -> Generator[None, None, None]:
                         trial.behind = float(result[PASSED_SPEED])
                     trial.falls = trial.falls or result[VERDICT] == FALLS
         yield
-        if sum(trial.level == HIGHEST for trial in trials) >= ENOUGH:
+        if sum(trial.level == HIGHEST for trial in trials) >= SUFFICIENT_COUNT:
             # The remaining ones are less gentle.
             break
 
@@ -297,10 +297,10 @@ def confirm(trial: Trial, task: Task, number: int,
             harm: float = 0.0) -> Generator[None, None, None]:
     """Try a plan in new worlds, until it cannot be `good` any more or has met enough."""
     while trial.many.attempts < number:
-        trial.many = trial.many + task.tally(trial, task.worlds.take(BUNDLE))
+        trial.many = trial.many + task.tally(trial, task.worlds.take(ROLLOUTS_PER_YIELD))
         yield
         if trial.many.attempts >= LOOK and (
-                trial.many.probability < task.required - HOPELESS
+                trial.many.probability < task.required - REJECTION_MARGIN
                 or trial.many.harm > harm * number):
             break
 

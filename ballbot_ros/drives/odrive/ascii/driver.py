@@ -113,7 +113,7 @@ class DriveStatus:
             if not self._open:
                 self._about = self._cause
         elif not self._open and self._about != self._cause:
-            self._open = [item for item in self.generation.inquest if item != name]
+            self._open = [item for item in self.generation.fault_properties if item != name]
             self._opened_at = now
 
     @property
@@ -129,7 +129,7 @@ class DriveStatus:
             telemetry = telemetry._replace(**reported)
         if name in generation.warnings:
             telemetry = telemetry._replace(warnings=self._warnings())
-        if name not in generation.inquest or STATE not in values or self._open:
+        if name not in generation.fault_properties or STATE not in values or self._open:
             return telemetry
         return telemetry._replace(
             status_time=now, armed=values[STATE] == CLOSED_LOOP_CONTROL,
@@ -394,7 +394,7 @@ class ODrive(Driver):
 
     def _faults(self, deadline: float, ours: bool) -> tuple[str, ...]:
         return self._status.faults({name: self._read(name, self._soon(deadline))
-                                    for name in self._generation.inquest}, ours)
+                                    for name in self._generation.fault_properties}, ours)
 
     def clear_faults(self, timeout: float = 0.5) -> tuple[str, ...]:
         """Clear the errors and return those present again; see `Driver`."""

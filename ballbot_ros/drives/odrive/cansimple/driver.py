@@ -191,7 +191,7 @@ class AxisCondition:
         self._registers.clear()
 
 
-AGAIN = 0.01        # between two requests while waiting [s]
+REQUEST_PERIOD = 0.01        # between two requests while waiting [s]
 
 
 class ODriveCan(Driver):
@@ -325,7 +325,7 @@ class ODriveCan(Driver):
         while True:
             condition.beats.clear()  # earlier states are stale
             obeyed = self._until(lambda: bool(condition.beats) and self._reported_until >= begin,
-                                 min(deadline, self.clock() + AGAIN))
+                                 min(deadline, self.clock() + REQUEST_PERIOD))
             names = condition.faults(ours=True)
             if obeyed and condition.armed and not names:
                 return
