@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 import math
 from pathlib import Path
-from typing import Any, Dict, List, Optional, Sequence, Tuple, Union
+from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple, TypeVar, Union
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,7 @@ from ballbot_ros.config.files import find_config, read_config, read_yaml
 from ballbot_ros.errors import ConfigurationError
 
 Point = Tuple[float, float]
+Read = TypeVar('Read')
 
 # Larger maps are refused: a cell takes some 100 bytes while routes are planned.
 MOST_CELLS = 16_000_000
@@ -76,34 +77,39 @@ class Feature(Checked):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        is_line = self.kind in LINES
-        wanted, other = ('line', 'polygon') if is_line else ('polygon', 'line')
-        points = _points(getattr(self, wanted), wanted, 2 if is_line else 3)
+        problems, wanted = Problems(), ['line' if self.kind in LINES else 'polygon']
         if self.kind == 'ramp':
-            object.__setattr__(self, 'line', _points(self.line, 'line', 2))
-            if self.line[0] == self.line[-1]:
+            wanted.append('line')
+        for field in ('line', 'polygon'):
+            with problems.collected():
+                if field in wanted:
+                    object.__setattr__(self, field, _points(
+                        getattr(self, field), field, 2 if field == 'line' else 3))
+                elif getattr(self, field):
+                    raise ConfigurationError(
+                        f'{field} must not be given for a {self.kind}; give {wanted[0]}',
+                        'inconsistent', field)
+                else:
+                    object.__setattr__(self, field, ())
+        with problems.collected():
+            if self.kind == 'ramp' and self.line and self.line[0] == self.line[-1]:
                 raise ConfigurationError(
                     f'line of a ramp must lead from its foot to its top, got {self.line}',
                     'inconsistent', 'line')
-        elif getattr(self, other):
-            raise ConfigurationError(
-                f'{other} must not be given for a {self.kind}; give {wanted}', 'inconsistent',
-                other)
-        object.__setattr__(self, wanted, points)
-        if self.kind != 'ramp':
-            object.__setattr__(self, other, ())
-        if (self.friction is None) == (self.kind == 'friction'):
-            raise ConfigurationError(
-                'friction must be given for an area of friction, and for nothing else, got '
-                f'{self.friction!r} for a {self.kind}', 'inconsistent', 'friction')
-        if self.height < 0.0 and self.kind != 'level':
-            raise ConfigurationError(
-                f'height of a {self.kind} must be at least 0 m, got {self.height:g}',
-                'out_of_range', 'height')
-        if self.kind in ('step', 'threshold', 'cord', 'carpet', 'ramp') and not self.height > 0.0:
-            raise ConfigurationError(
-                f'height of a {self.kind} must be more than 0 m, got {self.height:g}',
-                'out_of_range', 'height')
+        with problems.collected():
+            if (self.friction is None) == (self.kind == 'friction'):
+                raise ConfigurationError(
+                    'friction must be given for an area of friction, and for nothing else, got '
+                    f'{self.friction!r} for kind {self.kind}', 'inconsistent', 'friction')
+        with problems.collected():
+            least = 'more than' if self.kind in (
+                'step', 'threshold', 'cord', 'carpet', 'ramp') else 'at least'
+            if self.kind != 'level' and not (
+                    self.height > 0.0 or least == 'at least' and self.height == 0.0):
+                raise ConfigurationError(
+                    f'height of a {self.kind} must be {least} 0 m, got {self.height:g}',
+                    'out_of_range', 'height')
+        problems.refuse()
 
     @property
     def label(self) -> str:
@@ -147,12 +153,12 @@ class Heights:
         bad = np.argwhere(~np.isfinite(self.values))
         if len(bad):
             raise ConfigurationError(
-                f'heights: {len(bad)} of {self.values.size} are not finite, the first in row '
+                f'{len(bad)} of {self.values.size} heights are not finite, the first in row '
                 f'{bad[0, 0]}, column {bad[0, 1]}; fill holes before', 'not_finite', 'heights')
         span = float(np.ptp(self.values))
         if span > HIGHEST:
             raise ConfigurationError(
-                f'heights: they range over {span:g} m, more than {HIGHEST:g} m; are these '
+                f'heights range over {span:g} m, more than {HIGHEST:g} m; are these '
                 'millimetres? Give the scale', 'out_of_range', 'heights')
 
     def at(self, x: Any, y: Any) -> Any:
@@ -284,7 +290,7 @@ def load_floor(name_or_path: Union[str, Path]) -> Floor:
     where, problems = str(path), Problems()
     with problems.collected():
         refuse_missing([(_FloorFile, content, where)])
-    features: List[Feature] = []
+    features: Dict[int, Feature] = {}
     entries = content.get('features', [])
     with problems.collected():
         if not isinstance(entries, list):
@@ -292,9 +298,20 @@ def load_floor(name_or_path: Union[str, Path]) -> Floor:
                 f'{where}: features must be a list, got {entries!r}', 'wrong_type', 'features')
         for number, entry in enumerate(entries):
             with problems.collected():
-                features.append(Feature.from_mapping(entry, f'{where}: features[{number}]'))
-    cells: NDArray[np.uint8] = np.zeros((1, 1), np.uint8)
-    resolution, origin = 1.0, (0.0, 0.0)
+                features[number] = Feature.from_mapping(entry, f'{where}: features[{number}]')
+    heights: Optional[Heights] = None
+    with problems.collected():
+        if content.get('heights') is not None:
+            file = _HeightsFile.from_mapping(content['heights'], f'{where}: heights')
+            heights = _located(lambda: file.read(path.parent), f'{where}: heights')
+    start = content.get('start')
+    with problems.collected():
+        if start is not None and not (isinstance(start, list) and len(start) == 3 and all(
+                isinstance(item, (int, float)) and math.isfinite(item) for item in start)):
+            start = None
+            raise ConfigurationError(
+                f'{where}: start must be x, y [m] and heading [degrees], got '
+                f'{content["start"]!r}', 'wrong_type', 'start')
     with problems.collected():
         if ('map' in content) == ('walls' in content):
             raise ConfigurationError(
@@ -302,43 +319,38 @@ def load_floor(name_or_path: Union[str, Path]) -> Floor:
                 'inconsistent', 'map')
         if 'map' in content:
             given = Path(str(content['map'])).expanduser()
-            cells, resolution, origin = read_map(given if given.is_absolute()
-                                                 else path.parent / given)
+            ground = read_map(given if given.is_absolute() else path.parent / given)
         else:
-            cells, resolution, origin = _Walls.from_mapping(
-                content['walls'], f'{where}: walls').cells()
-    heights: Optional[Heights] = None
-    with problems.collected():
-        if content.get('heights') is not None:
-            heights = _HeightsFile.from_mapping(content['heights'], f'{where}: heights').read(
-                path.parent, f'{where}: heights')
-    start = content.get('start')
-    with problems.collected():
-        if start is not None and not (isinstance(start, list) and len(start) == 3 and all(
-                isinstance(item, (int, float)) and math.isfinite(item) for item in start)):
-            raise ConfigurationError(
-                f'{where}: start must be x, y [m] and heading [degrees], got {start!r}',
-                'wrong_type', 'start')
+            walls = _Walls.from_mapping(content['walls'], f'{where}: walls')
+            ground = _located(walls.cells, f'{where}: walls')
+        floor = Floor(path.stem, *ground, tuple(features.values()), heights=heights)
+        left, right, bottom, top = floor.extent
+        for name, field, points in [
+                *((f'features[{number}]', 'line', (*feature.line, *feature.polygon))
+                  for number, feature in features.items()),
+                *([('start', 'start', (tuple(start[:2]),))] if start else [])]:
+            off = [point for point in points if not (
+                left <= point[0] <= right and bottom <= point[1] <= top)]
+            with problems.collected():
+                if off:
+                    raise ConfigurationError(
+                        f'{where}: {name}: {", ".join(map(str, off))} must lie on the map, which '
+                        f'is x {left:g} to {right:g} m, y {bottom:g} to {top:g} m; are these '
+                        'metres?', 'out_of_range', field)
     problems.refuse()
-    floor = Floor(path.stem, cells, resolution, origin, tuple(features))
     if start is None:
         # The middle of the largest free space.
-        clear = ndimage.distance_transform_edt(np.pad(cells == FREE, 1))[1:-1, 1:-1]
-        start = [*floor.center_of(*divmod(int(np.argmax(clear)), cells.shape[1])), 0.0]
-    floor = replace(floor, start=(float(start[0]), float(start[1]), math.radians(start[2])),
-                    heights=heights)
-    with problems.collected():
-        for number, feature in enumerate(features):
-            for point in (*feature.line, *feature.polygon):
-                with problems.collected():
-                    left, right, bottom, top = floor.extent
-                    if not (left <= point[0] <= right and bottom <= point[1] <= top):
-                        raise ConfigurationError(
-                            f'{where}: features[{number}]: point {point} lies off the map, which '
-                            f'is x {left:g} to {right:g} m, y {bottom:g} to {top:g} m; are these '
-                            'metres?', 'out_of_range', 'line')
-    problems.refuse()
-    return floor
+        clear = ndimage.distance_transform_edt(np.pad(floor.cells == FREE, 1))[1:-1, 1:-1]
+        start = [*floor.center_of(*divmod(int(np.argmax(clear)), floor.cells.shape[1])), 0.0]
+    return replace(floor, start=(float(start[0]), float(start[1]), math.radians(start[2])))
+
+
+def _located(read: Callable[[], Read], where: str) -> Read:
+    """Return what a function reads; its errors name the place."""
+    try:
+        return read()
+    except ConfigurationError as error:
+        raise error.at(where) from None
 
 
 def read_map(path: Path) -> Tuple[NDArray[np.uint8], float, Point]:
@@ -385,18 +397,7 @@ def read_map(path: Path) -> Tuple[NDArray[np.uint8], float, Point]:
         values = _MapFile.from_mapping(content, where)
     problems.refuse()
     assert values is not None
-    from PIL import Image, UnidentifiedImageError
-    image = Path(values.image).expanduser()
-    image = image if image.is_absolute() else path.parent / image
-    Image.MAX_IMAGE_PIXELS = None  # the size is checked here, before the pixels are read
-    try:
-        with Image.open(image) as picture:
-            _check_size(picture.height, picture.width, f'{where}: image')
-            shades = np.asarray(picture.convert('L'), dtype=float)
-    except (OSError, UnidentifiedImageError) as error:
-        raise ConfigurationError(
-            f'{where}: image {image} cannot be read: {error}', 'unreadable', 'image') from error
-    shades = shades[::-1]
+    shades = _located(lambda: _shades(path.parent / Path(values.image).expanduser()), where)
     occupancy = shades / 255.0 if values.negate else (255.0 - shades) / 255.0
     cells = np.full(shades.shape, UNKNOWN, np.uint8)
     cells[occupancy > values.occupied_thresh] = OCCUPIED
@@ -450,29 +451,28 @@ class _HeightsFile(Checked):
     offset: float = quantity('m', 'height of the value 0', default=0.0)
     origin: Any = section('x and y of the lower left corner [m]', default=(0.0, 0.0))
 
-    def read(self, folder: Path, where: str) -> Heights:
+    def read(self, folder: Path) -> Heights:
         """Return the heights of the image."""
-        from PIL import Image, UnidentifiedImageError
         origin, = _points([self.origin], 'origin', 1)
-        image = Path(self.image).expanduser()
-        image = image if image.is_absolute() else folder / image
-        Image.MAX_IMAGE_PIXELS = None  # the size is checked here, before the pixels are read
-        try:
-            with Image.open(image) as picture:
-                _check_size(picture.height, picture.width, f'{where}: image')
-                if not picture.mode.startswith('I'):
-                    raise ConfigurationError(
-                        f'{where}: image {image} must have 16 bits of grey, it is of mode '
-                        f'{picture.mode}', 'wrong_type', 'image')
-                values = np.asarray(picture, dtype=float)[::-1]
-        except (OSError, UnidentifiedImageError) as error:
-            raise ConfigurationError(
-                f'{where}: image {image} cannot be read: {error}', 'unreadable', 'image'
-            ) from error
-        try:
-            return Heights(self.offset + self.scale * values, self.resolution, origin)
-        except ConfigurationError as error:
-            raise error.at(where) from None
+        values = _shades(folder / Path(self.image).expanduser(), deep=True)
+        return Heights(self.offset + self.scale * values, self.resolution, origin)
+
+
+def _shades(image: Path, deep: bool = False) -> NDArray[np.float64]:
+    """Return the grey values of an image, of 8 bits or (deep) 16, with the last row first."""
+    from PIL import Image, UnidentifiedImageError
+    Image.MAX_IMAGE_PIXELS = None  # the size is checked here, before the pixels are read
+    try:
+        with Image.open(image) as picture:
+            _check_size(picture.height, picture.width, 'image')
+            if deep and not picture.mode.startswith('I'):
+                raise ConfigurationError(
+                    f'image {image} must have 16 bits of grey, it is of mode {picture.mode}',
+                    'wrong_type', 'image')
+            return np.asarray(picture if deep else picture.convert('L'), dtype=float)[::-1]
+    except (OSError, UnidentifiedImageError) as error:
+        raise ConfigurationError(
+            f'image {image} cannot be read: {error}', 'unreadable', 'image') from error
 
 
 @dataclass(frozen=True)
@@ -499,21 +499,28 @@ class _Walls(Checked):
 
     def cells(self) -> Tuple[NDArray[np.uint8], float, Point]:
         """Return the map that these walls make; its outline is a wall."""
-        (width, height), = _points([self.size], 'size', 1)
-        if not (width > 0.0 and height > 0.0):
-            raise ConfigurationError(
-                f'size must be more than 0 m, got {self.size!r}', 'out_of_range', 'size')
+        problems, drawn = Problems(), []
+        with problems.collected():
+            (width, height), = _points([self.size], 'size', 1)
+            if not (width > 0.0 and height > 0.0):
+                raise ConfigurationError(
+                    f'size must be more than 0 m, got {self.size!r}', 'out_of_range', 'size')
+        with problems.collected():
+            if not isinstance(self.lines, list):
+                raise ConfigurationError(
+                    f'lines must be a list of polylines, got {self.lines!r}', 'wrong_type',
+                    'lines')
+            for number, line in enumerate(self.lines):
+                with problems.collected():
+                    drawn.append(_points(line, f'lines[{number}]', 2))
+        problems.refuse()
         rows, columns = (max(1, round(length / self.resolution)) for length in (height, width))
-        _check_size(rows, columns, 'walls: size')
+        _check_size(rows, columns, 'size')
         y, x = (np.arange(rows)[:, None] + 0.5) * self.resolution, \
             (np.arange(columns)[None, :] + 0.5) * self.resolution
         cells = np.zeros((rows, columns), np.uint8)
-        outline = [(0.0, 0.0), (width, 0.0), (width, height), (0.0, height), (0.0, 0.0)]
-        if not isinstance(self.lines, list):
-            raise ConfigurationError(
-                f'lines must be a list of polylines, got {self.lines!r}', 'wrong_type', 'lines')
-        for number, line in enumerate([outline, *self.lines]):
-            points = _points(line, f'lines[{number - 1}]', 2)
+        outline = ((0.0, 0.0), (width, 0.0), (width, height), (0.0, height), (0.0, 0.0))
+        for points in (outline, *drawn):
             for begin, end in zip(points, points[1:]):
                 near = distance_to_segment(x, y, begin, end) <= 0.5 * self.thickness
                 cells[near] = OCCUPIED

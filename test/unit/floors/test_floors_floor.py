@@ -71,7 +71,8 @@ def test_a_map_of_100_million_cells_is_refused_before_its_pixels_are_read(tmp_pa
 
 def test_all_errors_of_a_file_are_reported_together(tmp_path):
     found = refusals(tmp_path / 'f.yaml', """
-walls: {size: [5, 5], lines: [[[0, .nan], [1, 1]]]}
+walls: {size: [5, -5], lines: [[[0, .nan], [1, 1]]]}
+heights: {image: none.png, resolution: 0.05, scale: 0.001}
 rooms: 3
 features:
   - {kind: stp, line: [[1, 1], [2, 2]]}
@@ -80,7 +81,19 @@ features:
 """)
     assert found == {('unknown_name', 'rooms'), ('not_a_choice', 'kind'),
                      ('out_of_range', 'height'), ('wrong_type', 'polygon'),
-                     ('wrong_type', 'lines[0]')}
+                     ('inconsistent', 'line'), ('wrong_type', 'lines[0]'),
+                     ('out_of_range', 'size'), ('unreadable', 'image')}
+    # With a map that can be read, places beyond it too.
+    found = refusals(tmp_path / 'f.yaml', """
+walls: {size: [5, 5], lines: []}
+start: [1, 40, 0]
+features:
+  - {kind: ramp, polygon: [[1, 1]], line: [[2, 2], [2, 2]], height: 0}
+  - {kind: step, line: [[1, 1], [2000, 2]], height: 0.04}
+""")
+    assert found == {('wrong_type', 'polygon'), ('inconsistent', 'line'),
+                     ('out_of_range', 'height'), ('out_of_range', 'line'),
+                     ('out_of_range', 'start')}
 
 
 @pytest.mark.parametrize('text, refusal', [
