@@ -45,9 +45,8 @@ class CrossingPlan(NamedTuple):
     ----------
     run_up : float
         Of the centre until the touch [m].
-    speed, swing_distance, swing_angle : float
-        Of the plan: speed of the approach [m/s], and where before the touch the pendulum swings
-        [m], by how much [rad]; -inf and 0 without a swing.
+    speed : float
+        Of the approach [m/s].
     probability : float
         Of getting over and stopping in the room behind.
     time : float
@@ -57,8 +56,6 @@ class CrossingPlan(NamedTuple):
 
     run_up: float
     speed: float
-    swing_distance: float
-    swing_angle: float
     probability: float
     time: float
 
@@ -172,12 +169,11 @@ class Capability:
             chosen = end.value
         if chosen is None:
             return None
-        plan, speed = chosen.candidate, max(chosen.many.speed, 0.1)
+        speed = max(chosen.many.speed, 0.1)
         # Uniform acceleration to the touch, then to the last edge, then a stop.
         time = 2.0 * run_up / speed + (last + radius) / speed \
             + speed / tuning.deceleration
-        return CrossingPlan(
-            run_up, plan.speed, plan.swing, plan.angle, chosen.many.probability, time)
+        return CrossingPlan(run_up, chosen.candidate.speed, chosen.many.probability, time)
 
 
 def _rounded(value: float, unit: float) -> float:

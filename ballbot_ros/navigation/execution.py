@@ -19,7 +19,7 @@ from ballbot_ros.decision import Knowledge
 from ballbot_ros.errors import RefusedError
 from ballbot_ros.floors.floor import distance_to_segment, Point
 from ballbot_ros.navigation.learned import Learned
-from ballbot_ros.navigation.route import CLEARANCE, Route, RoutePlanner, Segment
+from ballbot_ros.navigation.route import CLEARANCE, Route, RoutePlanner, Segment, side
 from ballbot_ros.navigation.tracking import EDGE, EDGE_TIME, Path, SETTLING, Tracker
 
 # The ball rests when it is slower than this [m/s] for this time [s].
@@ -416,7 +416,8 @@ class Navigator:
     def _watch(self, state: NavigationState, percept: Percept) -> NavigationState:
         """Look for obstacles on the path, and for steps that the map does not have."""
         assert state.path is not None and state.route is not None
-        ahead = state.path.ahead(state.along, LOOK_AHEAD)
+        ahead = state.path.points[(state.path.along >= state.along)
+                                  & (state.path.along <= state.along + LOOK_AHEAD)]
         if not len(ahead):
             return state
         found = [point for point in percept.points or ()
@@ -520,10 +521,6 @@ class Navigator:
     def _sign(segment: Segment) -> int:
         """Return 1 for a crossing towards the left of the feature's line, else -1."""
         assert segment.feature is not None
-        (x, y), (u, v) = segment.points[0], segment.points[-1]
-        for (a, b), (c, d) in segment.feature.segments:
-            before = (c - a) * (y - b) - (d - b) * (x - a)
-            after = (c - a) * (v - b) - (d - b) * (u - a)
-            if (before > 0.0) != (after > 0.0):
-                return 1 if after > 0.0 else -1
-        return 1
+        signs = (side(segment.points[0], segment.points[-1], *piece)
+                 for piece in segment.feature.segments)
+        return next(filter(None, signs), 1)

@@ -191,21 +191,14 @@ class RoutePlanner:
         before, self._learned = self._learned, learned
         obstacles = np.array(learned.obstacles).reshape(-1, 2)
         self._blocked = np.logical_or.reduce([self._fixed, *self._near])
-        if len(obstacles):
-            self._blocked |= self._near_points(obstacles)
+        for x, y in learned.obstacles:
+            self._blocked |= np.hypot(self._x - x, self._y - y) < self.ball_radius + CLEARANCE
         for number, feature in enumerate(self.floor.features):
             if before is None or learned.height(number, feature) != before.height(
                     number, self.floor.features[number]):
                 self._arcs[number] = self._crossings(number, learned.corrected(number, feature))
         self._capability.keep()
         self._lay_graph(obstacles)
-
-    def _near_points(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Return the cells in which the ball would touch one of some points."""
-        result = np.zeros(self._fixed.shape, bool)
-        for x, y in points:
-            result |= np.hypot(self._x - x, self._y - y) < self.ball_radius + CLEARANCE
-        return result
 
     def _lay_grid(self) -> None:
         """Mark the cells that the centre may reach without a crossing."""
@@ -354,7 +347,7 @@ class RoutePlanner:
         xs, ys = x + along * way[0], y + along * way[1]
         nodes = [self._node(place) for place in zip(xs, ys)]
         for begin, end in self.floor.features[number].segments:
-            sign = _side((x, y), (x + distance * way[0], y + distance * way[1]), begin, end)
+            sign = side((x, y), (x + distance * way[0], y + distance * way[1]), begin, end)
             normal = math.atan2(end[0] - begin[0], begin[1] - end[1])
             angle = math.remainder(heading - normal - (math.pi if sign < 0 else 0.0),
                                    2.0 * math.pi)
@@ -575,7 +568,9 @@ class RoutePlanner:
             on = self.ball_radius if feature.kind in ('drop', 'stairs') else 0.0 \
                 if feature.kind in ('friction', *CLOSED) else touch_distance(
                     self.ball_radius, abs(feature.height)) - INACCURATE
-            if self._distance(feature, start) < on or feature.kind in CLOSED \
+            away = min(float(distance_to_segment(start[0], start[1], *segment))
+                       for segment in feature.segments)
+            if away < on or feature.kind in CLOSED \
                     and inside(start[0], start[1], feature.polygon):
                 raise RefusedError(
                     f'start ({start[0]:g}, {start[1]:g}) m is on the {feature.label}; move the '
@@ -623,14 +618,8 @@ class RoutePlanner:
                                for segment in feature.segments], axis=0)
                 if away.min() < min(keep, away[0]):
                     return False
-        return not any(_side(one, two, *segment) for feature in self.floor.features
+        return not any(side(one, two, *segment) for feature in self.floor.features
                        if feature.kind != 'friction' for segment in feature.segments)
-
-    @staticmethod
-    def _distance(feature: Feature, point: Sequence[float]) -> float:
-        """Return the distance of a point to the edges of a feature [m]."""
-        return min(float(distance_to_segment(point[0], point[1], *segment))
-                   for segment in feature.segments)
 
     def _segments(self, path: List[Tuple[int, int]]) -> Tuple[Tuple[Segment, ...], List[_Arc]]:
         """Return the segments of a path of states, and its crossings."""
@@ -688,7 +677,10 @@ class RoutePlanner:
             self._open, directed=False, indices=first, return_predecessors=True)
         if not math.isfinite(far[last]):
             return math.inf, []
-        nodes = _chain(before, last)
+        nodes = [last]
+        while before[nodes[-1]] >= 0:
+            nodes.append(int(before[nodes[-1]]))
+        nodes.reverse()
         points = [self._point(node) for node in nodes]
         passed: List[Tuple[int, int]] = []
         for number, feature in enumerate(self.floor.features):
@@ -698,7 +690,7 @@ class RoutePlanner:
             for one, two in zip(points[max(0, near[0] - 1):near[-1] + 1],
                                 points[max(0, near[0] - 1) + 1:near[-1] + 2]):
                 for begin, end in feature.segments:
-                    sign = _side(one, two, begin, end)
+                    sign = side(one, two, begin, end)
                     if sign and (number, sign) not in passed:
                         passed.append((number, sign))
         return float(far[last]), passed
@@ -746,15 +738,7 @@ def _grid_graph(slowness: NDArray[np.float64], size: float) -> 'sparse.csr_matri
         shape=(slowness.size, slowness.size))
 
 
-def _chain(before: NDArray[np.int32], last: int) -> List[int]:
-    """Return the nodes from the start of a search to a node."""
-    nodes = [last]
-    while before[nodes[-1]] >= 0:
-        nodes.append(int(before[nodes[-1]]))
-    return nodes[::-1]
-
-
-def _side(one: Point, two: Point, begin: Point, end: Point) -> int:
+def side(one: Point, two: Point, begin: Point, end: Point) -> int:
     """Return 1 if a move crosses a segment to its left, -1 to its right, 0 if it does not."""
     def turn(a: Point, b: Point, c: Point) -> float:
         return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])

@@ -99,10 +99,6 @@ class Path(NamedTuple):
                 - step[best, 1] * (x - foot[best, 0])) / lengths[best]
         return float(self.along[first + best] + share[best] * lengths[best]), float(left)
 
-    def ahead(self, since: float, distance: float) -> NDArray[np.float64]:
-        """Return the points of the part from `since` on [m]."""
-        return self.points[(self.along >= since) & (self.along <= since + distance)]
-
 
 def steered(left: float, turned: float, run_up: float, speed: float
             ) -> Tuple[float, float, float]:
@@ -151,16 +147,6 @@ class Tracker:
         self._limits = np.array([curvature_limit(robot, speed) for speed in self._speeds])
         self._cruise = cruise_speed
 
-    def limit(self, speed: float) -> float:
-        """Return the curvature limit at a speed [1/m]."""
-        return float(np.interp(abs(speed), self._speeds, self._limits))
-
-    def speeds_for(self, curvatures: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the speeds at which curvatures are within the limit [m/s]."""
-        found: NDArray[np.float64] = np.interp(
-            -np.abs(curvatures), -SHARE * self._limits, self._speeds)
-        return found
-
     def follow(self, path: Path, along: float, left: float, heading: float, speed: float,
                top_speed: float) -> Tuple[float, float]:
         """
@@ -182,7 +168,8 @@ class Tracker:
         ahead = path.along >= along - SLOWDOWN_BEHIND
         # Braking ends a delay before a turn begins.
         room = np.maximum(path.along[ahead] - along - SLOWDOWN_BEFORE, 0.0)
-        turns = self.speeds_for(path.curvatures[ahead])
+        # The speeds at which the curvatures are within the limit.
+        turns = np.interp(-np.abs(path.curvatures[ahead]), -SHARE * self._limits, self._speeds)
         remaining = max(path.length - along, 0.0)
         lost = BRAKING * LAST
         wanted = min(top_speed, self._cruise,
@@ -200,5 +187,5 @@ class Tracker:
                                2.0 * math.pi)
         feedforward = float(np.interp(along + LEAN_LEAD * abs(speed), path.along, path.curvatures))
         curvature = feedforward - left / settling**2 - 2.0 * math.sin(error) / settling
-        limit = self.limit(speed)
+        limit = float(np.interp(abs(speed), self._speeds, self._limits))
         return abs(speed) * min(max(curvature, -limit), limit)

@@ -54,7 +54,7 @@ class _Free(Capability):
 
     def choices(self, faces: Sequence[Tuple[float, float]], height_sd: float, run_up: float,
                 room: float) -> List[CrossingPlan]:
-        return [CrossingPlan(0.2, 0.4, -math.inf, 0.0, 1.0, 2.0)] if run_up >= 0.2 else []
+        return [CrossingPlan(0.2, 0.4, 1.0, 2.0)] if run_up >= 0.2 else []
 
 
 @lru_cache(maxsize=1)
@@ -157,13 +157,13 @@ class _Contacts:
     """Contacts of a ball with the occupied cells of a floor."""
 
     def __init__(self, floor: Floor):
-        self._floor, self._before = floor, (math.nan, math.nan, 0.0)
+        self._floor, self._before = floor, (math.nan, math.nan)
 
     def hit(self, loop: FloorLoop, radius: float) -> float:
         """Return the speed towards a wall that the ball touches, else 0 [m/s]."""
         x, y, heading = loop.plant.pose
         speed, floor = loop.plant.state.velocity_x, self._floor
-        before, self._before = self._before, (heading, speed, 0.0)
+        before, self._before = self._before, (heading, speed)
         row, column = floor.cell_of((x, y))
         reach = math.ceil(radius / floor.resolution) + 1
         low, left = max(0, row - reach), max(0, column - reach)
