@@ -16,7 +16,7 @@ from abc import ABC, abstractmethod
 from collections import Counter, deque
 import math
 import time
-from typing import Any, Callable, ClassVar, NamedTuple, Optional, Type
+from typing import Any, Callable, ClassVar, NamedTuple, Optional, Type, Union
 
 from ballbot_ros.drives.contract import (
     DriveOptions, Hazard, Identity, SerialLine, Setting, StreamParser, Telemetry, WireBudget)
@@ -197,6 +197,7 @@ class Driver(ABC):
         self.telemetry = Telemetry()
         self.counts: Counter[str] = Counter(lost=0)
         self._armed = False  # by this driver, and not stopped since
+        self._settings: dict[str, Union[float, str]] = {}  # first value of each
         self._off_asked_at = -math.inf  # of the last request whose reply showed no power [s]
         self._pending = PendingRequests(options.reply_timeout, self.replies_are_named)
         self.meanwhile: Callable[[], None] = lambda: None
@@ -429,10 +430,13 @@ class Driver(ABC):
         """Update telemetry and counts from received bytes; `data` may be empty."""
         if data:
             self.counts['bytes'] += len(data)
+            others = self.counts['of_others']
             for reply in self._parser.feed(data):
                 self.counts['replies'] += 1
                 self._take_reply(reply, now)
             dict.update(self.counts, self._parser.counts)
+            if self.counts['of_others'] > others:
+                self._add_hazard('', 'another sender commands the drive')
         self.counts['lost'] += self._pending.take_lost(now)
 
     def _add_hazard(self, setting: str, text: str) -> None:
@@ -440,6 +444,15 @@ class Driver(ABC):
         hazard, known = Hazard(setting, text), self.telemetry.hazards
         if self._armed and hazard not in known:
             self.telemetry = self.telemetry._replace(hazards=(*known, hazard))
+
+    def _check_setting(self, name: str, value: Union[float, str]) -> None:
+        """Report a setting that has changed since it was first read; NaN is unknown."""
+        if value != value:
+            return
+        before = self._settings.setdefault(name, value)
+        if value != before:
+            words = [f'{item:g}' if isinstance(item, float) else item for item in (value, before)]
+            self._add_hazard(name, f'{name} is {words[0]}, was {words[1]}')
 
     def _match(self, kind: object, now: float) -> Match:
         """Return the request that a reply answers; see `PendingRequests`."""

@@ -280,9 +280,7 @@ class RoboClaw(Driver):
         elif number == codec.GET_TEMPERATURE:
             self.telemetry = last._replace(temperature=values[0] / 10.0)
         elif number == codec.GET_TIMEOUT:
-            if values[0] != self._tenths:
-                self._add_hazard('timeout', f'serial timeout is {values[0] * TIMEOUT_UNIT:g} s, '
-                                 f'was {self._tenths * TIMEOUT_UNIT:g} s')
+            self._check_setting('serial timeout [s]', values[0] * TIMEOUT_UNIT)
         elif number == codec.GET_MAX_CURRENT[axis]:
             self._check_limit(values[0] / 100.0)
         elif number == codec.GET_STATUS:

@@ -307,7 +307,6 @@ class ODrive(Driver):
         self._parser = codec.LineParser()
         self._status = DriveStatus(GENERATIONS[-1], self.options.torque_limit)
         self._identified = False
-        self._settings: dict[str, float] = {}  # values of `safety_settings` at the last arming
         self._properties = Properties(self.options.reply_timeout)
         self._texts: deque[str] = deque(maxlen=8)  # neither feedback nor an answer
         self._then: Optional[str] = None  # property to request after the position
@@ -359,6 +358,7 @@ class ODrive(Driver):
         # A latched error prevents arming; a present one returns immediately.
         self._send(self._torque_message(0.0) + codec.CLEAR_ERRORS)
         self._status.forget_errors()
+        self._settings.pop(self._path(CONTROL_MODE), None)  # arming sets it
         if self._write(CONTROL_MODE, TORQUE_CONTROL, deadline) != TORQUE_CONTROL:
             path = self._path(CONTROL_MODE)
             raise DriveError(
@@ -552,19 +552,11 @@ class ODrive(Driver):
                 time=now, measured=match.measured, position=feedback.position * math.tau,
                 velocity=feedback.velocity * math.tau)
 
-    def _check_setting(self, name: str, value: float) -> None:
-        """Report a setting that has changed since the motor was armed."""
-        before = self._settings.setdefault(name, value) if self._armed else value
-        self._settings[name] = before
-        if value != before:
-            path = self._path(name)
-            self._add_hazard(path, f'{path} is {value:g}, was {before:g}')
-
     def _note(self, name: str, value: Optional[float], now: float) -> None:
         """Put the value of a property into the telemetry."""
         if name == STATE and value == IDLE:
             self._off_asked_at = self._properties.asked_at
         if name in self._generation.safety_settings and value is not None:
-            self._check_setting(name, value)
+            self._check_setting(self._path(name), value)
         self._status.take(name, value, now, self._armed)
         self.telemetry = self._status.report(self.telemetry, name, now, self._armed)

@@ -219,7 +219,6 @@ class ODriveCan(Driver):
         self._torque, self._torque_at = 0.0, -math.inf
         self._status_at, self._turn = -math.inf, 0
         self._endpoints: Mapping[str, Endpoint] = {}
-        self._settings: dict[str, float] = {}  # values of `safety_settings` to compare with
         self._read_back = 0  # number of read-backs
         self._nodes_seen: set[int] = set()  # nodes with a received heartbeat
 
@@ -258,14 +257,12 @@ class ODriveCan(Driver):
         self._see_obeyed(deadline, 'requests')
         endpoints = load_endpoints(options.endpoints, self._version) \
             if options.endpoints and generation is not OLD else {}
-        self._endpoints, self._settings = endpoints, {}
+        self._endpoints = endpoints
         confirmed = options.confirmed or {} if generation is OLD else {}
 
         def read(name: str) -> float:
             if name in endpoints:
-                value = self._read_endpoint(name, *endpoints[name], deadline)
-                self._settings[name] = value
-                return value
+                return self._read_endpoint(name, *endpoints[name], deadline)
             if name == BUS_VOLTAGE:
                 self._ask(codec.BUS_VOLTAGE_CURRENT, self._soon(deadline))
                 return math.nan if self.telemetry.bus_voltage is None \
@@ -389,20 +386,6 @@ class ODriveCan(Driver):
         return codec.read_endpoint(self.options.node_id, self._endpoints[
             names[self._read_back % len(names)]].number)
 
-    def _check_setting(self, data: bytes) -> None:
-        """Report a setting that has changed since the handshake."""
-        generation = self._condition.generation
-        if not self._armed or generation is None:
-            return
-        for name in generation.safety_settings:
-            endpoint = self._endpoints.get(name)
-            value = None if endpoint is None else codec.parse_endpoint(data, *endpoint)
-            if value is None:
-                continue
-            before = self._settings.setdefault(name, value)
-            if value != before and not math.isnan(value + before):
-                self._add_hazard(name, f'{name} is {value:g}, was {before:g}')
-
     def _send(self, data: bytes) -> None:
         # Any frame feeds the watchdog of a 0.5: it would keep an old torque alive, of any sender.
         if data and self.clock() - self._torque_at >= self.options.watchdog:
@@ -459,7 +442,6 @@ class ODriveCan(Driver):
             return
         if frame.remote or command in codec.COMMANDS:
             self.counts['of_others'] += 1
-            self._add_hazard('', 'another sender commands the drive')
             return
         self._replies[command] = frame.data
         if command == codec.HEARTBEAT:
@@ -471,7 +453,12 @@ class ODriveCan(Driver):
             if command in (codec.IQ, codec.BUS_VOLTAGE_CURRENT, codec.TEMPERATURE):
                 self._note(command, codec.parse_floats(frame.data))
             elif command == codec.TX_SDO:
-                self._check_setting(frame.data)
+                generation = self._condition.generation
+                for name in generation.safety_settings if generation is not None else ():
+                    value = codec.parse_endpoint(frame.data, *self._endpoints[name]) \
+                        if name in self._endpoints else None
+                    if value is not None:
+                        self._check_setting(name, value)
             elif command in (codec.MOTOR_ERROR, codec.ENCODER_ERROR, codec.CONTROLLER_ERROR):
                 self._condition.take_register(command, frame.data)
 

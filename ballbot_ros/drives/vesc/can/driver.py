@@ -47,12 +47,6 @@ class VescCan(Vesc):
         return WireBudget(len(self._on_bus(self._torque_message(0.0) + serial.get_values())),
                           len(codec.frame_reply(reply)))
 
-    def _take(self, data: bytes, now: float) -> None:
-        before = self.counts['of_others']
-        super()._take(data, now)
-        if self.counts['of_others'] > before:
-            self._add_hazard('', 'another sender commands the drive')
-
     def _send(self, data: bytes) -> None:
         super()._send(self._on_bus(data))
 

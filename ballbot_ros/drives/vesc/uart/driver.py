@@ -42,7 +42,6 @@ class Vesc(Driver):
         self._turns_apart: Optional[float] = None  # tachometer less encoder, at the first reply
         self._version: Optional[settings.Version] = None
         self._limits: Mapping[str, float] = settings.unknown_limits(settings.SINCE_6_05)
-        self._application: Optional[settings.Application] = None
         self._read_back, self._read_back_at = codec.GET_MCCONF, -math.inf
         self._full_torque = settings.full_torque_range(self._limits)
         self._status, self._status_asked_at = 0, -math.inf
@@ -74,7 +73,7 @@ class Vesc(Driver):
         if self._version is None:
             self.identify(timeout)
         assert self._version is not None
-        self._application = settings.parse_application(
+        application = settings.parse_application(
             self._ask(codec.GET_APPCONF, deadline), self._version)
         layout = settings.layout_of(self._version)
         self._limits = settings.parse_limits(self._ask(codec.GET_MCCONF, deadline), layout) \
@@ -82,7 +81,7 @@ class Vesc(Driver):
         self._full_torque = settings.full_torque_range(self._limits)
         self._ask_until(lambda: self.telemetry.bus_voltage is not None, self._requests, deadline,
                         'the request for its supply voltage')
-        return settings.judge(self._application, self._limits, self.options,
+        return settings.judge(application, self._limits, self.options,
                                self.telemetry.bus_voltage or math.nan)
 
     def _arm(self, deadline: float) -> None:
@@ -182,19 +181,14 @@ class Vesc(Driver):
             self.counts['unexpected'] += 1
 
     def _check_settings(self, payload: bytes) -> None:
-        """Report settings that have changed since the handshake."""
-        version, before = self._version, self._application
-        if not self._armed or version is None or before is None:
+        """Compare settings; see `_check_setting`."""
+        if self._version is None:
             return
-        limits = settings.parse_limits(payload, settings.layout_of(version)) or {}
-        for name, value in limits.items():
-            if value != self._limits[name] and not math.isnan(self._limits[name]):
-                self._add_hazard(
-                    name, f'{name} is {value:g}, was {self._limits[name]:g}')
-        application = settings.parse_application(payload, version) or before
-        for name, now, then in zip(application._fields, application, before):
-            if now != then:
-                self._add_hazard(name, f'{name.replace("_", " ")} is {now}, was {then}')
+        limits = settings.parse_limits(payload, settings.layout_of(self._version)) or {}
+        application = settings.parse_application(payload, self._version)
+        for name, value in (*limits.items(), *(application._asdict().items()
+                                               if application is not None else ())):
+            self._check_setting(name, value)
 
     def _note(self, values: codec.Values, now: float) -> None:
         """Update the telemetry; the tag of a reply names its request."""
