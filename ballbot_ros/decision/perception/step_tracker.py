@@ -13,8 +13,8 @@ from ballbot_ros.decision.perception.edge_map import (
 from ballbot_ros.decision.tuning import DecisionTuning
 from ballbot_ros.decision.values import Face, FARTHEST, Reason, StepObservation
 
-# Window of the scatter estimate, and its minimum number of observations.
-SCATTER_WINDOW, SCATTER_COUNT_MIN = 25, 10
+# Number of differences in the estimate of the scatter.
+DIFFERENCES_MAX, DIFFERENCES_MIN = 25, 10
 
 
 class Scatter:
@@ -27,7 +27,7 @@ class Scatter:
     def __init__(self) -> None:
         """Start without a look."""
         self._last = math.nan
-        self._steps: Deque[float] = deque(maxlen=SCATTER_WINDOW)
+        self._steps: Deque[float] = deque(maxlen=DIFFERENCES_MAX)
 
     def add(self, value: float) -> None:
         """Add an observation [m]."""
@@ -38,7 +38,7 @@ class Scatter:
     @property
     def sd(self) -> float:
         """Return the standard deviation of an observation [m]; NaN for too few."""
-        if len(self._steps) < SCATTER_COUNT_MIN:
+        if len(self._steps) < DIFFERENCES_MIN:
             return math.nan
         # Of Gaussian values, half of the differences are within 0.6745 sqrt(2) deviations.
         return median(self._steps) / 0.9539
