@@ -104,6 +104,24 @@ def solver_rows(found):
         yield [*line, f'{middle(each):.0f}' if each else '']
 
 
+def bound_rows(found, cost):
+    """
+    Yield for each scene the fewest right-hand sides of all solvers, their time, and the limit.
+
+    The limit is the ratio of the best peer's time to that time: that of a solver with the fewest
+    right-hand sides and the quickest steps, `cost` [s] for each, which does nothing else.
+    """
+    for scene in dict.fromkeys(scene for scene, _ in found):
+        line = [f'`{scene}`']
+        for level in LEVELS:
+            solvers = found[scene, level]
+            calls, name = min((item[2], name) for name, item in solvers.items() if item[2] > 0)
+            best = best_peer(solvers)
+            line += [f'{calls}, {name}', f'{1e6 * calls * cost:.3g}',
+                     f'{short(best[1] / (calls * cost))} x' if best else '']
+        yield line
+
+
 def headline(found):
     """Return the headline of the README."""
     table = ratios(found)
@@ -117,16 +135,16 @@ def headline(found):
         f'{len(next(iter(table.values())))} scenes at equal error.', 99)
 
 
-def write(found):
-    """Store the figures and update the documents."""
-    documents.keep(compiled=[
+def write(found, cost):
+    """Store the figures, and the cost of a right-hand side in a step; update the documents."""
+    documents.keep(cost=cost, compiled=[
         {'scene': scene, 'error': level, 'solvers': {
             name: dict(zip(('time', 'tolerance', 'calls'), values))
             for name, values in table.items()}} for (scene, level), table in found.items()])
-    show(found)
+    show(found, cost)
 
 
-def show(found):
+def show(found, cost):
     """Write the figures to the documents."""
     documents.show(DOCUMENT, 'compiled targets', documents.table(
         ['target', 'reached', ''], target_rows(found)))
@@ -136,10 +154,14 @@ def show(found):
     documents.show(DOCUMENT, 'compiled solvers', documents.table(
         ['solver', 'over ours, 0.1 mm', 'scenes', 'best in', 'over ours, 1 um', 'scenes',
          'best in', 'ns per right-hand side'], solver_rows(found)))
+    documents.show(DOCUMENT, 'compiled bounds', documents.table(
+        ['scene', 'right-hand sides, 0.1 mm', 'at least [us]', 'limit',
+         'right-hand sides, 1 um', 'at least [us]', 'limit'], bound_rows(found, cost)))
     documents.show('README.md', 'compiled', headline(found))
 
 
 if __name__ == '__main__':
+    stored = json.loads(documents.RESULTS.read_text())
     show({(item['scene'], item['error']): {
         name: tuple(values.values()) for name, values in item['solvers'].items()}
-        for item in json.loads(documents.RESULTS.read_text())['compiled']})
+        for item in stored['compiled']}, stored['cost'])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Time the numerical core: the right-hand side, and a second of crossing a step."""
+"""Time the numerical core: right-hand side, step of a method, a second of crossing a step."""
 import time
 
 import numpy as np
@@ -9,12 +9,16 @@ from ballbot_ros.jit import COMPILED, compiled
 from ballbot_ros.physics import Actuation, load_robot, Model, Solver, Terrain
 from ballbot_ros.physics.mechanics import contact, equations
 from ballbot_ros.physics.mechanics.equations import System
+from ballbot_ros.physics.mechanics.modes import find_mode
 from ballbot_ros.physics.model.state import SIZE, X, Y
 from ballbot_ros.physics.simulation.solver import Integrator
-from ballbot_ros.physics.solvers.values import FINISHED, Output, Status
+from ballbot_ros.physics.solvers.controller import step, STEP_METHODS
+from ballbot_ros.physics.solvers.values import (
+    EVALUATIONS, FINISHED, NOTHING, Output, Status, Workspace)
 
 REPEATS = 15
 CALLS = 100_000 if COMPILED else 300
+STEP = 1e-3  # [s]
 
 
 @compiled
@@ -23,6 +27,16 @@ def call_often(calls, state, system, contacts, rates):
     for _ in range(calls):
         equations.derivative(0.0, state, system, contacts, rates)
         state[X] += 1e-15 * rates[Y]
+
+
+@compiled
+def step_often(calls, number, state, system, workspace):
+    """Take a step from the same state, but for a rounding, again and again."""
+    find_mode(0.0, state, system, workspace.mode)
+    workspace.statistics[EVALUATIONS] = 0
+    for _ in range(calls):
+        stiffness, _ = step(number, 0.0, state, STEP, NOTHING, system, workspace)
+        state[X] += 1e-15 * stiffness
 
 
 def times(function):
@@ -52,6 +66,20 @@ def right_hand_side(actuation):
         CALLS, vector, system, contacts, rates))]
 
 
+def step_times():
+    """Return the times of a step of each method, over its right-hand sides [s]."""
+    model, start = crossing()
+    vector, workspace = np.array(start[1:]), Workspace.of(len(model.profile))
+    system = System(model.parameters, model.profile, Actuation().actuator(model.robot))
+    found = {}
+    for number, name in enumerate(STEP_METHODS):
+        spent = times(lambda: step_often(
+            CALLS // 10, number, vector, system, workspace))
+        calls = int(workspace.statistics[EVALUATIONS])
+        found[name] = [item / calls for item in spent]
+    return found
+
+
 def one_second():
     """Return the time of one simulated second with RK4 at 1e-4 s, several times over [s]."""
     model, start = crossing()
@@ -71,5 +99,8 @@ def measure():
         1e9 * value for value in right_hand_side(Actuation())], 100.0
     yield 'right-hand side, pendulum held by (11)', 'ns', [
         1e9 * value for value in right_hand_side(held_at(0.0))], 100.0
+    for name, values in step_times().items():
+        yield f'step, {name}, for each right-hand side', 'ns', [
+            1e9 * value for value in values], None
     yield 'one second of crossing, RK4 at 1e-4 s', 'ms', [
         1e3 * value for value in one_second()], 6.0

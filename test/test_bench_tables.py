@@ -38,6 +38,12 @@ def test_a_missed_target_is_called_missed_with_its_scene():
     assert rows['`near_critical` at 1 um, 60 us'] == ('50 us', 'met')
 
 
+def test_a_bound_is_of_the_fewest_right_hand_sides_of_any_solver():
+    rows = dict((scene, rest) for scene, *rest in compiled_tables.bound_rows(FOUND, 20e-9))
+    assert rows['`near_critical`'] == ['500, ours', '10', '16 x', '900, ours', '18', '5.6 x']
+    assert rows['`roll_60_s`'][3:] == ['200, ours', '4', '']  # no peer gets there
+
+
 def test_a_text_goes_between_its_marks_and_nowhere_else(tmp_path, monkeypatch):
     monkeypatch.setattr(documents, 'ROOT', tmp_path)
     page = tmp_path / 'page.md'

@@ -113,7 +113,7 @@ def test_a_quiet_run_prints_each_warning_once(tmp_path, capsys):
 def test_a_held_angle_above_level_is_questioned():
     def law(angle):
         return read_law(argparse.Namespace(actuation='held', angle_deg=angle, voltage=None))
-    with pytest.warns(PlausibilityWarning, match='held at 120 degrees'):
+    with pytest.warns(PlausibilityWarning, match='120'):
         law(120.0)
     law(90.0)
 
@@ -121,7 +121,7 @@ def test_a_held_angle_above_level_is_questioned():
 def test_a_run_of_gigabytes_says_so_first_and_offers_a_coarser_step(tmp_path, monkeypatch):
     scene = load_scene('flat')
     long = replace(scene, run=replace(scene.run, duration=86400.0, output_step=0.01))
-    with pytest.warns(UserWarning, match='about 8.6 GB .*--output-step 1 makes it 0.086 GB'):
+    with pytest.warns(UserWarning, match=r'\b8\.6 .*--output-step 1 .*\b0\.086 '):
         simulate.check_size(long, tmp_path / 'new')
     simulate.check_size(scene, tmp_path / 'new')
     assert not list(tmp_path.iterdir())
