@@ -1,15 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The numbers of docs/model.md are those of the code."""
+"""The numbers of docs/model.md are those of the code; docs/equations.md points to what exists."""
+from importlib import import_module
 import math
 from pathlib import Path
+import re
 
 import pytest
 from reference_search import highest_step
 
 from ballbot_ros.crossing import held_at
-from ballbot_ros.physics import Actuation, ContactOptions, load_robot
+from ballbot_ros.physics import Actuation, ContactOptions, load_robot, Model
 
-TEXT = (Path(__file__).resolve().parents[3] / 'docs' / 'model.md').read_text(encoding='utf-8')
+ROOT = Path(__file__).resolve().parents[3]
+TEXT = (ROOT / 'docs' / 'model.md').read_text(encoding='utf-8')
+EQUATIONS = (ROOT / 'docs' / 'equations.md').read_text(encoding='utf-8')
 CASES = {
     'shellball free': ('shellball', Actuation(), 0.0),
     'gimball free': ('gimball', Actuation(), 0.0),
@@ -56,3 +60,23 @@ def test_what_the_numbers_mean_for_the_contact():
             places = len(text.partition('.')[2])
             assert float(text) == pytest.approx(value, abs=0.5001 * 10.0**-places)
         assert len(shown) == len(expected)
+
+
+def test_each_section_with_formulas_says_where_its_code_is():
+    sections = [text for text in EQUATIONS.split('\n## ') if '$$' in text]
+    assert len(sections) == 6 and all('Code:' in text for text in sections)
+
+
+@pytest.mark.parametrize('path', sorted(set(re.findall(
+    r'`((?:physics|studies|decision)/[\w/]+(?:\.py)?)`', EQUATIONS))))
+def test_a_file_that_the_equations_point_to_exists(path):
+    assert (ROOT / 'ballbot_ros' / path).exists()
+
+
+@pytest.mark.parametrize('module, name', sorted(set(re.findall(
+    r'`(equations|contact|modes|actuation|Model)\.(\w+)`', EQUATIONS))))
+def test_code_that_the_equations_point_to_exists(module, name):
+    folder = 'model' if module == 'actuation' else 'mechanics'
+    place = Model if module == 'Model' else import_module(
+        f'ballbot_ros.physics.{folder}.{module}')
+    assert callable(getattr(place, name))
