@@ -39,7 +39,7 @@ def test_a_missed_target_is_called_missed_with_its_scene():
 
 
 def test_a_bound_is_of_the_fewest_right_hand_sides_of_any_solver():
-    rows = dict((scene, rest) for scene, *rest in compiled_tables.bound_rows(FOUND, 20e-9))
+    rows = {scene: rest for scene, *rest in compiled_tables.bound_rows(FOUND, 20e-9)}
     assert rows['`near_critical`'] == ['500, ours', '10', '16 x', '900, ours', '18', '5.6 x']
     assert rows['`roll_60_s`'][3:] == ['200, ours', '4', '']  # no peer gets there
 
