@@ -106,7 +106,7 @@ def test_what_is_wrong_with_several_pieces_of_ground_is_named_together(tmp_path)
 
 
 @pytest.mark.parametrize('text, words', [
-    ('', ['mapping', 'None']),
+    ('', ['mapping', 'nothing']),
     ('- a\n- b\n', ['mapping', "['a', 'b']"]),
     ('3\n', ['mapping', 'got 3']),
     ('1: 2\n', ['mapping', '{1: 2}']),
