@@ -121,6 +121,16 @@ def test_a_picture_can_be_taken_and_is_not_empty(tab, tmp_path):
     assert len(image.convert('RGB').getcolors(1 << 20)) > 500
 
 
+def test_the_controls_take_the_whole_width_of_a_phone(chromium, source):
+    with served(source) as page:
+        tab = chromium.new_page(viewport={'width': 390, 'height': 844}, device_scale_factor=0.5)
+        look(tab, page.url)
+        width = tab.locator('#ballbot-title').evaluate(
+            "title => title.closest('.mantine-ScrollArea-viewport').clientWidth")
+        tab.close()
+    assert width == 390
+
+
 # The last one: it looks back on all of the above.
 def test_nothing_went_wrong_in_the_browser_and_no_other_server_was_asked(tab, complaints):
     assert not complaints

@@ -30,6 +30,8 @@ ACCURACIES: Mapping[str, float] = {
 SPEEDS = ('0.05', '0.1', '0.25', '0.5', '1', '2', '4')
 UNITS = {'step_height': (1e3, 'mm')}
 NOTIFICATION_TIME = 12  # [s]
+# The panel of the controls, which viser makes narrow in a narrow window.
+PANEL = '.mantine-Paper-root:has(#ballbot-title)'
 # Hotkey -> the control that it uses.
 KEYS = {'space': 'pause', 'arrowright': 'step', 'R': 'reset', 'E': 'e_stop'}
 
@@ -310,7 +312,9 @@ def phone_values(frame: Optional[Frame]) -> str:
         values.append(f'{frame.velocity_x:.2f} m/s')
     if frame.pendulum_angle is not None:
         values.append(f'pendulum {math.degrees(frame.pendulum_angle):.0f} deg')
-    return ('<style>@media (min-width: 700px) {.ballbot-phone {display: none}}</style>'
+    return (f'<style>@media (min-width: 700px) {{.ballbot-phone {{display: none}}}}'
+            f'@media (max-width: 699px) {{{PANEL}, {PANEL} .mantine-ScrollArea-content > div '
+            '{width: 100% !important}}</style>'
             f'<div class="ballbot-phone">{", ".join(values)}</div>')
 
 
