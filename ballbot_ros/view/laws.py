@@ -2,10 +2,9 @@
 """Law and set-point of the motor of a simulated robot, selected by the user."""
 from dataclasses import replace
 import math
-from typing import Any, Mapping, NamedTuple, Optional, Tuple
+from typing import Any, Mapping, Optional, Tuple
 
 from ballbot_ros.control import JointReadings, load_tuning, Mode, PendulumController, SetPoint
-from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics.model.actuation import (
     Actuation, Actuator, applied_torque, set_rate_for_speed, TORQUE)
 from ballbot_ros.physics.model.robot import Robot
@@ -17,13 +16,6 @@ UNITS: Mapping[str, str] = {
     'free': '', 'speed': 'm/s', 'position': 'deg', 'velocity': 'm/s', 'voltage': 'V',
     'torque': 'N m'}
 SET_SPEED_MAX = 1.5  # set speed [m/s]
-
-
-class Bounds(NamedTuple):
-    """Range of a set-point in the unit of its law."""
-
-    lowest: float
-    highest: float
 
 
 class MotorLaw:
@@ -123,25 +115,15 @@ def laws_of(robot: Robot) -> Tuple[str, ...]:
     return tuple(law for law in UNITS if law != 'voltage' or robot.motor is not None)
 
 
-def bounds_of(robot: Robot, law: str) -> Bounds:
-    """
-    Return the user's settings.
-
-    Raises
-    ------
-    ConfigurationError
-        For ``free``, which has no set-point.
-
-    """
+def bounds_of(robot: Robot, law: str) -> Tuple[float, float]:
+    """Return the range of the set-point of a law but ``free``, in its unit."""
     motor = robot.motor
     if law in ('speed', 'velocity'):
-        return Bounds(-SET_SPEED_MAX, SET_SPEED_MAX)
-    if law == 'position':
-        return Bounds(-180.0, 180.0)
-    if law == 'voltage' and motor is not None:
-        return Bounds(-motor.maximum_voltage, motor.maximum_voltage)
-    if law == 'torque':
+        largest = SET_SPEED_MAX
+    elif law == 'position':
+        largest = 180.0
+    elif law == 'voltage' and motor is not None:
+        largest = motor.maximum_voltage
+    else:
         largest = motor.maximum_torque if motor else 2.0 * robot.largest_gravity_torque
-        return Bounds(-largest, largest)
-    raise ConfigurationError(
-        'a free pendulum has no set-point; choose another law', 'inconsistent', 'set_point')
+    return -largest, largest

@@ -8,7 +8,7 @@ from queue import Empty, Queue
 from threading import Thread
 from time import monotonic
 from types import MappingProxyType
-from typing import Callable, Mapping, NamedTuple, Optional, Tuple
+from typing import Callable, Mapping, Optional, Tuple
 
 from ballbot_ros.compile_notice import compiling
 from ballbot_ros.config.files import shipped_files
@@ -29,6 +29,8 @@ LAG_MAX = 0.1  # a longer lag behind the wall clock is dropped, not caught up [s
 CONTROL_TIMEOUT = 10.0  # for a control to take effect [s]
 LOOP_PAUSE = 1.5  # wall time between the end of the scene and its repetition [s]
 REST_SPEED, REST_TIME = 1e-3, 1.0  # at rest: slower than this [m/s], for this long [s]
+TIME_SCALE_MIN, TIME_SCALE_MAX = 0.05, 4.0  # simulated seconds per second of wall time
+HIGHEST_STEP, HIGHEST_FRICTION, LONGEST_STRIDE = 0.15, 1.2, 5.0  # [m], [1], [s]
 DRIVE_SPEED = 0.5  # speed offered by the page for a robot at rest [m/s]
 
 
@@ -216,7 +218,9 @@ class SceneSource(Source):
 
     def _do(self, name: str, value: Value) -> None:
         """Use a control with a checked value."""
-        super()._use(name, value)
+        # The run has the controls that do not concern its thread.
+        use = getattr(self, f'_set_{name}', None) or getattr(self._run, f'set_{name}')
+        use(value)
         if name in ('robot', 'law', 'set_point', 'step_height', 'friction', 'accuracy', 'e_stop'):
             self._repeats = False
         self._describe()
@@ -270,20 +274,8 @@ class SceneSource(Source):
         self._robot_name = name
         self._begin()
 
-    def _set_law(self, name: str) -> None:
-        self._run.set_law(law=name)
-
     def _set_set_point(self, value: float) -> None:
         self._run.set_law(set_point=value)
-
-    def _set_step_height(self, value: float) -> None:
-        self._run.set_step_height(value)
-
-    def _set_friction(self, value: float) -> None:
-        self._run.set_friction(value)
-
-    def _set_accuracy(self, value: float) -> None:
-        self._run.set_accuracy(value)
 
     def _set_e_stop(self, value: bool) -> None:
         self._run.e_stop = value
@@ -291,62 +283,29 @@ class SceneSource(Source):
 
     def _describe(self) -> None:
         """Update the controls and the height curve."""
-        self._curve = self._run.curve()
-        self._controls: Mapping[str, Control] = MappingProxyType(controls_of(
-            self._run, self._paused, self._speed, self._history.span[0],
-            FileChoice(self._name, self._first_name),
-            FileChoice(self._robot_name, self._robot_name)))
+        run, law = self._run, self._run.law.law
+        self._curve = run.curve()
+        ahead = step_ahead(run.model.terrain, run.state.x, run.robot.ball_radius)
+        self._controls: Mapping[str, Control] = MappingProxyType({
+            'pause': Control(self._paused),
+            'step': Control(lowest=run.period, highest=LONGEST_STRIDE, unit='s'),
+            'reset': Control(),
+            'speed': Control(self._speed, TIME_SCALE_MIN, TIME_SCALE_MAX),
+            'seek': Control(lowest=self._history.span[0], unit='s'),
+            'scene': Control(self._name, choices=_names('scenes', self._first_name)),
+            'robot': Control(self._robot_name, choices=_names('robots', self._robot_name)),
+            'law': Control(law, choices=laws_of(run.robot)),
+            'set_point': Control(refusal='a free pendulum has no set-point; choose another law')
+            if law == 'free' else Control(
+                run.law.set_point, *bounds_of(run.robot, law), unit=UNITS[law]),
+            'step_height': Control(
+                ahead.height if ahead else 0.0, -HIGHEST_STEP, HIGHEST_STEP, 'm'),
+            'friction': Control(run.robot.surface_friction, 0.0, HIGHEST_FRICTION),
+            'accuracy': Control(run.accuracy or 0.0, 0.0, LARGEST, 'm'),
+            'e_stop': Control(run.e_stop)})
 
 
-TIME_SCALE_MIN, TIME_SCALE_MAX = 0.05, 4.0  # simulated seconds per second of wall time
-HIGHEST_STEP, HIGHEST_FRICTION, LONGEST_STRIDE = 0.15, 1.2, 5.0  # [m], [1], [s]
-NO_SET_POINT = 'a free pendulum has no set-point; choose another law'
-
-
-class FileChoice(NamedTuple):
-    """Name of the selected file, and a user file that remains selectable."""
-
-    chosen: str
-    own: str
-
-
-def controls_of(run: SceneRun, paused: bool, speed: float, first: float, scene: FileChoice,
-                robot: FileChoice) -> Mapping[str, Control]:
-    """
-    Return the controls of a running scene.
-
-    Parameters
-    ----------
-    run : SceneRun
-    paused : bool
-    speed : float
-        Simulated seconds per second of wall time.
-    first : float
-        Earliest time that can be shown [s].
-    scene, robot : FileChoice
-
-    """
-    law = run.law.law
-    ahead = step_ahead(run.model.terrain, run.state.x, run.robot.ball_radius)
-    return {
-        'pause': Control(paused),
-        'step': Control(lowest=run.period, highest=LONGEST_STRIDE, unit='s'),
-        'reset': Control(),
-        'speed': Control(speed, TIME_SCALE_MIN, TIME_SCALE_MAX),
-        'seek': Control(lowest=first, unit='s'),
-        'scene': Control(scene.chosen, choices=_names('scenes', scene)),
-        'robot': Control(robot.chosen, choices=_names('robots', robot)),
-        'law': Control(law, choices=laws_of(run.robot)),
-        'set_point': Control(refusal=NO_SET_POINT) if law == 'free' else Control(
-            run.law.set_point, *bounds_of(run.robot, law), unit=UNITS[law]),
-        'step_height': Control(ahead.height if ahead else 0.0, -HIGHEST_STEP, HIGHEST_STEP, 'm'),
-        'friction': Control(run.robot.surface_friction, 0.0, HIGHEST_FRICTION),
-        'accuracy': Control(run.accuracy or 0.0, 0.0, LARGEST, 'm'),
-        'e_stop': Control(run.e_stop),
-    }
-
-
-def _names(kind: str, choice: FileChoice) -> Tuple[str, ...]:
+def _names(kind: str, own: str) -> Tuple[str, ...]:
     """Return the user file, if any, then the names of the files of the package."""
     shipped = tuple(file.stem for file in shipped_files(kind))
-    return shipped if choice.own in shipped else (choice.own, *shipped)
+    return shipped if own in shipped else (own, *shipped)
