@@ -94,13 +94,20 @@ def tree_of(path):
     return ast.parse(path.read_text(encoding='utf-8'))
 
 
+@cache
+def _statements(tree):
+    """Return the import statements and the calls of a syntax tree."""
+    return [node for node in ast.walk(tree)
+            if isinstance(node, (ast.Import, ast.ImportFrom, ast.Call))]
+
+
 def imports(module, text, is_package=False):
     """
     Yield (line, dotted name) of each import at any depth: module, or module and name in it.
 
     The text may be parsed already.
     """
-    for node in ast.walk(text if isinstance(text, ast.AST) else ast.parse(text)):
+    for node in _statements(text if isinstance(text, ast.AST) else ast.parse(text)):
         if isinstance(node, ast.Import):
             yield from ((node.lineno, alias.name) for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
@@ -110,7 +117,7 @@ def imports(module, text, is_package=False):
                 above = parts[:len(parts) - node.level + is_package]
                 base = '.'.join([*above, *filter(None, [base])])
             yield from ((node.lineno, f'{base}.{alias.name}') for alias in node.names)
-        elif isinstance(node, ast.Call) and node.args:
+        elif node.args:
             # import_module('a.b'): an import that hides from the rules above.
             name = getattr(node.func, 'attr', getattr(node.func, 'id', ''))
             if name == 'import_module' and isinstance(node.args[0], ast.Constant):
