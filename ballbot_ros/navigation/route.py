@@ -606,12 +606,17 @@ class RoutePlanner:
         return np.array(states, np.int64), np.array(costs)
 
     def _leads(self, one: Point, two: Point) -> bool:
-        """Return whether no wall or edge is between two positions, and no drop comes nearer."""
+        """Return whether no wall or edge lies between, and no drop or obstacle comes nearer."""
         shares = np.arange(0.0, 1.0, self._size / max(math.dist(one, two), self._size))
         xs, ys = (start + shares * (end - start) for start, end in zip(one, two))
         if any(self._clear.flat[self._node(at)] < self.ball_radius - INACCURATE
                for at in zip(xs, ys)):
             return False
+        assert self._learned is not None
+        for x, y in self._learned.obstacles:
+            away = np.hypot(xs - x, ys - y)
+            if away.min() < min(self.ball_radius + CLEARANCE, away[0]):
+                return False
         for keep, feature in zip(self._keep, self.floor.features):
             if feature.kind in ('drop', 'stairs'):
                 away = np.min([distance_to_segment(xs, ys, *segment)

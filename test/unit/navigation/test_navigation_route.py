@@ -17,7 +17,8 @@ from ballbot_ros.floors.floor import distance_to_segment
 from ballbot_ros.floors.profile import crossed
 from ballbot_ros.navigation import Capability, RoutePlanner, write_masks
 from ballbot_ros.navigation.lattice import COUNT, LEVELS
-from ballbot_ros.navigation.route import REVERSAL
+from ballbot_ros.navigation.learned import Learned
+from ballbot_ros.navigation.route import CLEARANCE, REVERSAL
 from ballbot_ros.physics import load_robot
 
 TUNING = load_decision_tuning('decision_default')
@@ -313,6 +314,18 @@ def test_masks_keep_nav2_out_of_steps_and_slow_it_near_stairs(flat, tmp_path):
     # No limit far from the stairs, and less speed the nearer they are.
     limits = [255 - int(speed[floor.cell_of((x, 3.4))]) for x in (4.0, 7.2, 7.4)]
     assert limits[0] == 0 and limits[1] > limits[2] > 0
+
+
+@pytest.mark.parametrize('heading', [0.0, 0.5])
+def test_the_way_out_beside_an_obstacle_does_not_come_nearer_to_it(flat, heading):
+    here = 1.75, 1.4
+    obstacle, goal = ((here[0] + ahead * math.cos(heading), here[1] + ahead * math.sin(heading))
+                      for ahead in (flat.ball_radius + CLEARANCE, 1.0))
+    flat.learn(Learned(obstacles=(obstacle,)))
+    try:
+        assert flat.route((*here, heading), goal).segments[0].direction == -1
+    finally:
+        flat.learn(Learned())
 
 
 def test_the_way_out_of_a_narrow_place_begins_there_and_passes_no_edge(flat):
