@@ -92,9 +92,9 @@ def cut(floor: Floor, place: Point, heading: float, level: float = 0.0, radius: 
         would [m].
     factor : callable, optional
         Returns which part of its head-on height a ball climbs at an angle to the normal of an
-        edge [rad].  With it, a rising edge has a crest that a ball climbs head-on as it climbs
-        the edge at its angle, and from which the ground falls to its height.  Without it,
-        heights are exact.
+        edge [rad].  With it, an edge that rises away from `place` has a crest that a ball climbs
+        head-on as it climbs the edge at its angle, and from which the ground falls to its
+        height.  Without it, heights are exact.
 
     """
     along = (math.cos(heading), math.sin(heading))
@@ -281,9 +281,11 @@ def _intervals(polygon: Sequence[Point], place: Point, along: Point
 
 
 def _crests(edges: Sequence[Edge], factor: Callable[[float], float]) -> List[_Part]:
-    """Return the rise of each edge to its crest; one that falls ahead rises backwards."""
+    """Return the rise of each edge to its crest; one that falls away from the place has none."""
     found = []
     for number, edge in enumerate(edges):
+        if edge.distance * edge.height <= 0.0:
+            continue
         share = factor(edge.angle)
         extra = abs(edge.height) * (1.0 / share - 1.0) if share > 0.0 else HIGHEST_CREST
         extra = min(extra, max(0.0, HIGHEST_CREST - abs(edge.height)))

@@ -165,10 +165,11 @@ def test_a_crest_needs_the_height_that_the_angle_asks_for():
     floor = floor_of({'kind': 'step', 'line': [[5.0, 10.0], [5.0, 0.0]], 'height': 0.03})
     found = cut(floor, (4.0, 5.0), 0.0, factor=lambda angle: 0.75)
     assert heights(found, [0.9, 1.0 + 1e-9, 1.2]) == pytest.approx([0.0, 0.04, 0.03], abs=1e-6)
-    # Seen from above the step falls, without a crest for the ball that rolls down; but it has one
-    # for a ball that comes back.
-    back = cut(floor, (6.0, 5.0), math.pi, factor=lambda angle: 0.75)
-    assert heights(back, [0.8, 1.0 - 1e-9]) == pytest.approx([0.0, 0.01], abs=1e-6)
+    # Behind a ball that drives away, too; a ball above it rolls down without a crest.
+    away = cut(floor, (4.0, 5.0), math.pi, factor=lambda angle: 0.75)
+    assert heights(away, [-0.9, -1.0 - 1e-9, -1.2]) == pytest.approx([0.0, 0.04, 0.03], abs=1e-6)
+    down = cut(floor, (6.0, 5.0), math.pi, factor=lambda angle: 0.75)
+    assert heights(down, [0.8, 1.0 - 1e-9, 1.1]) == pytest.approx([0.0, 0.0, -0.03], abs=1e-6)
 
 
 @given(places, angles)

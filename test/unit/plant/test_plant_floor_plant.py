@@ -152,6 +152,14 @@ def test_backing_off_returns_to_the_start_and_a_run_up_crosses():
     assert plant.level == 0.035
 
 
+@pytest.mark.parametrize('heading', [0.0, 0.6, -0.9])
+def test_a_ball_rolls_off_a_drop_at_any_angle(heading):
+    drop = {'kind': 'drop', 'line': [[10.0, 4.0], [10.0, 12.0]], 'height': 0.1}
+    plant = FloorPlant(ROBOT, floor_of(drop), (9.6, 8.0, heading))
+    drive(plant, 0.4, 0.0, 4.0)
+    assert plant.level == -0.1 and plant.state.y < ROBOT.ball_radius - 0.09
+
+
 def test_an_edge_turns_the_course_away_from_its_normal_as_measured():
     angle, height = math.radians(30.0), 0.015
     plant = FloorPlant(ROBOT, floor_of({**STEP, 'height': height}),
