@@ -119,7 +119,8 @@ def look_ahead(profile: Profile, faces: Sequence[Face], position: float, slope: 
     line : float
         Stop line of other obstacles than faces [m].
     kept : bool
-        Whether there is a plan: then a step down stays one up to `HIGHEST_DESCENT`.
+        Whether there is a plan: then a step down is a drop only if it certainly exceeds
+        `HIGHEST_DESCENT`.
 
     """
     floor = GroundProfile(profile.points, slope)
@@ -141,8 +142,8 @@ def look_ahead(profile: Profile, faces: Sequence[Face], position: float, slope: 
         here = foot + max(face.run, 0.0)
         rows.append((here, level, index, 1.0, 1.0))
         # A descent is permitted up to the height climbed before.
-        doubt = 0.0 if kept else SIGMAS * face.height_sd
-        descent = HIGHEST_DESCENT - doubt if seen else 0.0
+        doubt = SIGMAS * face.height_sd
+        descent = HIGHEST_DESCENT + (doubt if kept else -doubt) if seen else 0.0
         falls = falls or -face.height > max(descent, climbed + SMALLEST_DROP)
         climbed += face.height
         if falls or index > 0 and foot - last > FACE_SEPARATION:

@@ -17,13 +17,12 @@ from dataclasses import dataclass, replace
 import math
 from typing import Generator, List, NamedTuple, Optional, Sequence, Tuple
 
-from ballbot_ros.decision.learning.particles import Particles
 from ballbot_ros.decision.planning.rollout.ahead import (
     Ahead, FACE_SEPARATION, faces_ahead, HIGHEST_DESCENT, look_ahead, touch_distance_on)
 from ballbot_ros.decision.planning.rollout.rollout import BRAKING_DISTANCE, TOUCH_SPEED
 from ballbot_ros.decision.planning.rollout.search import (
     Candidate, candidates, confirm, from_farther_back, good, height_limit, LEAN_ACCELERATION,
-    OVERRUN_FRACTION_MAX, search, Task, Trial, why_not)
+    search, Task, Trial, why_not)
 from ballbot_ros.decision.planning.rollout.worlds import Tally, Worlds
 from ballbot_ros.decision.planning.safety_filter import stop
 from ballbot_ros.decision.planning.situation import Knowledge, Situation
@@ -98,10 +97,10 @@ def deliberate(task: Task, tuning: DecisionTuning, room_behind: float,
 
     """
     position, speed = task.start[:2]
-    if kept is not None:
+    if kept is not None and _promising([kept], failures):
         trial = Trial(kept)
-        yield from confirm(trial, task, CHECKED, OVERRUN_FRACTION_MAX)
-        if good(trial.many, task.required, OVERRUN_FRACTION_MAX):
+        yield from confirm(trial, task, CHECKED)
+        if good(trial.many, task.required):
             return Choice(trial, Reason.RUN_UP if kept.back > 0.0 else Reason.LIKELY,
                           tally=trial.many)
     run_up = max(task.ahead.touch - position, 0.0)
@@ -236,8 +235,6 @@ class PlanSelector:
         """Draw the worlds."""
         self._tuning = knowledge.tuning
         self.worlds = Worlds(knowledge)
-        self.worlds.set_particles(knowledge.particles or Particles.of(
-            knowledge.robot, knowledge.tuning.height_bias_sd))
         self.forget()
 
     def forget(self) -> None:
@@ -344,7 +341,7 @@ class PlanSelector:
         choice.tally = choice.tally + task.tally(trial, task.worlds.take(ATTEMPTS))
         lost = PROBABILITY_HYSTERESIS * (1 + self._changes)
         if braking_room > 0.0 and not good(
-                choice.tally, task.required - lost, OVERRUN_FRACTION_MAX):
+                choice.tally, task.required - lost):
             self.basis = None
 
 

@@ -168,8 +168,7 @@ ROLLOUTS_PER_YIELD = 20  # rollouts between two yields
 # A candidate this far below the required probability at a check is rejected.
 REJECTION_MARGIN = 0.12
 CHOICES = 3
-# Maximum fraction of rollouts that end beyond the stop line behind the edge, to keep a plan: to
-# choose one, none may.
+# Maximum fraction of rollouts of a permitted plan that end beyond the stop line behind the edge.
 OVERRUN_FRACTION_MAX = 0.02
 
 
@@ -283,31 +282,26 @@ def _sort(trials: List[Trial], task: Task) -> Generator[None, None, None]:
 
 
 def _finalists(trials: Sequence[Trial], highest_speed: float) -> List[Trial]:
-    """Return the gentlest trials of each level, and of each strategy the gentlest."""
-    passing = sorted((trial for trial in trials if trial.level > 0
-                      and trial.speed <= highest_speed), key=lambda trial: trial.behind)
-    chosen: List[Trial] = []
-    for level, number in ((HIGHEST, 5), (2, 2), (1, FINALISTS)):
-        for trial in [item for item in passing if item.level == level][:number]:
-            chosen.append(trial)
-    return chosen[:FINALISTS]
+    """Return the gentlest trials of the highest level, then the fastest behind of the others."""
+    passing = [trial for trial in trials if trial.level > 0 and trial.speed <= highest_speed]
+    return sorted(passing, key=lambda trial: (
+        -trial.level, trial.behind if trial.level == HIGHEST else -trial.behind))[:FINALISTS]
 
 
-def confirm(trial: Trial, task: Task, number: int,
-            harm: float = 0.0) -> Generator[None, None, None]:
+def confirm(trial: Trial, task: Task, number: int) -> Generator[None, None, None]:
     """Try a plan in new worlds, until it cannot be `good` any more or has met enough."""
     while trial.many.attempts < number:
         trial.many = trial.many + task.tally(trial, task.worlds.take(ROLLOUTS_PER_YIELD))
         yield
         if trial.many.attempts >= LOOK and (
                 trial.many.probability < task.required - REJECTION_MARGIN
-                or trial.many.harm > harm * number):
+                or trial.many.harm > OVERRUN_FRACTION_MAX * number):
             break
 
 
-def good(tally: Tally, required: float, harm: float = 0.0) -> bool:
-    """Return whether a plan is permitted, with a fraction of harmful rollouts."""
-    return tally.probability >= required and tally.harm <= harm * tally.attempts
+def good(tally: Tally, required: float) -> bool:
+    """Return whether a plan is permitted."""
+    return tally.probability >= required and tally.harm <= OVERRUN_FRACTION_MAX * tally.attempts
 
 
 def height_limit(trial: Trial, task: Task, number: int = 24,
