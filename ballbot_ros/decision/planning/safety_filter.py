@@ -160,7 +160,7 @@ def with_safety_filter(planner: Planner, knowledge: Knowledge) -> Planner:
 
     def answer(situation: Situation, previous: Optional[Decision]) -> Decision:
         trouble = unusable(situation, previous, knowledge.tuning)
-        if trouble is not None and not _committed(previous, situation):
+        if trouble is not None and not past_braking(previous, situation):
             return trouble
         planned = lines.filtered(planner(situation, previous), situation)
         return checked(held_back(planned, situation, knowledge.tuning), situation, knowledge)
@@ -195,7 +195,7 @@ def held_back(decision: Decision, situation: Situation, tuning: DecisionTuning) 
         start_distance=position - start, explanation=f'The ball {what} here; backing off')
 
 
-def _committed(previous: Optional[Decision], situation: Situation) -> bool:
+def past_braking(previous: Optional[Decision], situation: Situation) -> bool:
     """Return whether the ball is past the last braking point of a crossing."""
     if previous is None or previous.kind is not Kind.CROSS \
             or previous.reason is not Reason.COMMITTED or situation.profile is None \

@@ -144,7 +144,13 @@ def look_ahead(profile: Profile, faces: Sequence[Face], position: float, slope: 
         # A descent is permitted up to the height climbed before.
         doubt = SIGMAS * face.height_sd
         descent = HIGHEST_DESCENT + (doubt if kept else -doubt) if seen else 0.0
-        falls = falls or -face.height > max(descent, climbed + SMALLEST_DROP)
+        down = -face.height
+        if down > 0.0 and index + 1 < len(faces) and faces[index + 1].height > 0.0:
+            # The ball sinks into a trench until it touches both edges.
+            other = faces[index + 1]
+            half = 0.5 * (other.position + other.run - foot)
+            down = min(down, radius - math.sqrt(max(radius**2 - half**2, 0.0)))
+        falls = falls or down > max(descent, climbed + SMALLEST_DROP)
         climbed += face.height
         if falls or index > 0 and foot - last > FACE_SEPARATION:
             continue

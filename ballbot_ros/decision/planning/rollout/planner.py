@@ -24,7 +24,7 @@ from ballbot_ros.decision.planning.rollout.search import (
     Candidate, candidates, confirm, from_farther_back, good, height_limit, LEAN_ACCELERATION,
     search, Task, Trial, why_not)
 from ballbot_ros.decision.planning.rollout.worlds import Tally, Worlds
-from ballbot_ros.decision.planning.safety_filter import stop
+from ballbot_ros.decision.planning.safety_filter import past_braking, stop
 from ballbot_ros.decision.planning.situation import Knowledge, Situation
 from ballbot_ros.decision.planning.stop_line import StopLines
 from ballbot_ros.decision.tuning import DecisionTuning
@@ -513,7 +513,7 @@ class RolloutPlanner:
         faces = faces_ahead(profile, motion.position)
         slope = situation.slope
         steep = self._lines.steep(situation)
-        if steep is not None and not (
+        if steep is not None and not past_braking(previous, situation) and not (
                 faces and self._lines.face_is_nearer(faces[0], steep, motion.position)):
             return steep
         if not faces:
