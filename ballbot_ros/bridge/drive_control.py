@@ -9,8 +9,9 @@ from ballbot_ros.bridge.condition import ConditionMonitor
 from ballbot_ros.bridge.drive_line import DriveLine, HANDSHAKE
 from ballbot_ros.bridge.hardware_file import Hardware
 from ballbot_ros.bridge.motor_state import (
-    Event, MEASUREMENT_AGE_MAX, MotorState, Power, RECONNECT_TIMEOUT)
+    Event, MEASUREMENT_AGE_MAX, MotorState, Power, RECONNECT_TIMEOUT, STATUS_TIMEOUT)
 from ballbot_ros.bridge.observer import Level, SessionObserver
+from ballbot_ros.bridge.realtime import PAGE
 from ballbot_ros.bridge.sensing import ImuWatch
 from ballbot_ros.bridge.supervisor import EStop, PendulumMotion, StopReason, Supervisor
 from ballbot_ros.drives.contract import Telemetry
@@ -190,6 +191,7 @@ class DriveControl(Generic[Estimated]):
             hardware.battery, hardware.thermal, hardware.limits.torque_limit)
         self.power, self._pacer = Power(), Pacer(period)
         self._period, self._watched, self._unconfirmed = period, -math.inf, 0.0
+        self._held_up_at = -math.inf  # end of the last delay longer than the watchdog [s]
         self.counts: Counter[str] = Counter()
         self.refusal = self.unconfirmed = ''
 
@@ -310,9 +312,14 @@ class DriveControl(Generic[Estimated]):
                              'drive')
         observed = self.power.observe(telemetry, silence, self._status_age(telemetry, now))
         if observed is not None and self.line.driver is not None:
-            if observed.reason is StopReason.HAZARD:  # arming again does not clear it
+            event = Event(observed.reason.value)
+            if event is Event.HAZARD:  # arming again does not clear it
                 self.supervisor.trigger(observed)
-            self._begin_stop(self.line.driver, Event(observed.reason.value), observed)
+            elif now - self._held_up_at < STATUS_TIMEOUT:
+                observed = EStop(
+                    StopReason.HELD_UP, 'the machine held up the loop for longer than the '
+                    f'watchdog of the drive, {PAGE}: {observed.text}', observed.names)
+            self._begin_stop(self.line.driver, event, observed)
 
     def _status_age(self, telemetry: Telemetry, now: float) -> float:
         """
@@ -325,6 +332,9 @@ class DriveControl(Generic[Estimated]):
         if estimate is not None and now - estimate.stamp > MEASUREMENT_AGE_MAX:
             confirmed = -math.inf  # replies arrive, but are too old
         elapsed = min(now - self._watched, TORQUE_INTERVAL_MAX * self._period)
+        if self.power.state is MotorState.ARMED \
+                and now - self._watched + self._period > self._hardware.connection.watchdog:
+            self._held_up_at = now
         self._unconfirmed = 0.0 if confirmed > self._watched else self._unconfirmed + elapsed
         self._watched = now
         return self._unconfirmed

@@ -40,6 +40,7 @@ class StopReason(str, Enum):
     DISARMED_BY_DRIVE = 'disarmed_by_drive'
     HAZARD = 'hazards'
     LOST = 'links_lost'
+    HELD_UP = 'held_up'  # one of these, after the machine held up the loop
     # Of this module, the battery and the IMU.
     RUNAWAY = 'runaway'
     BATTERY_EMPTY = 'battery_empty'

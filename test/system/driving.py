@@ -16,7 +16,7 @@ WATCHDOG = 0.5  # of the drive: a busy machine may hold the bridge up for as lon
 
 # Reasons of an e-stop that a machine busy for longer than WATCHDOG explains.
 HELD_UP = (StopReason.SILENT, StopReason.UNCONFIRMED, StopReason.DISARMED_BY_DRIVE,
-           StopReason.LOST)
+           StopReason.LOST, StopReason.HELD_UP)
 
 
 class Driving:

@@ -116,7 +116,7 @@ def test_a_watchdog_that_expired_is_named_before_any_next_request(kind, phase):
     robot.run(0.3 + phase, torque=0.1)
     robot.pass_time(0.15)  # the computer stalls
     report = robot.run(0.1, torque=0.1)
-    assert report.e_stop.reason is StopReason.DISARMED_BY_DRIVE
+    assert report.e_stop.reason is StopReason.HELD_UP
     assert report.e_stop.names == ('WATCHDOG_TIMER_EXPIRED',)
     assert report.state is MotorState.DISARMED
 
