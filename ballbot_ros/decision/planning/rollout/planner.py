@@ -177,12 +177,6 @@ def _reason(task: Task, trials: Sequence[Trial], tuning: DecisionTuning,
     return Reason.NO_ROOM if tally.over else Reason.TOO_HIGH
 
 
-def from_here(candidate: Candidate) -> Candidate:
-    """Return a plan whose start is reached."""
-    return replace(candidate, back=0.0, strategy=Strategy.SWING if math.isfinite(candidate.swing)
-                   else Strategy.ACCELERATE)
-
-
 # Rollouts of a search in each decision.
 ROLLOUTS_PER_DECISION = 20
 # Relevant change of the height [m].
@@ -277,9 +271,12 @@ class PlanSelector:
             self._deliberation = None
         if self._deliberation is None:
             room = max(0.0, motion.position - situation.free_from)
-            arrived = kept is not None and _arrived(kept, ahead, motion)
+            arrived = kept is not None and now.standing and kept.back > 0.0 \
+                and motion.position < ahead.touch - kept.back + POSITION_TOLERANCE
             if kept is not None and arrived:
-                kept, room = from_here(kept), 0.0
+                kept, room = replace(
+                    kept, back=0.0, strategy=Strategy.SWING if math.isfinite(kept.swing)
+                    else Strategy.ACCELERATE), 0.0
             if arrived or self._is_news(now, braking_room):
                 self._task, self.basis = task, now
                 self._deliberation = deliberate(
@@ -352,12 +349,6 @@ def _is_same(one: Face, other: Face) -> bool:
         and abs(one.height - other.height) < HEIGHT_CHANGE)
 
 
-def _arrived(kept: Candidate, ahead: Ahead, motion: Motion) -> bool:
-    """Return whether the ball has backed off to where its plan begins."""
-    return (kept.back > 0.0 and motion.position < ahead.touch - kept.back + POSITION_TOLERANCE
-            and abs(motion.speed) < STANDING_SPEED_MAX)
-
-
 WHY = {
     Reason.NOT_LIKELY: 'no plan gets over with the required probability',
     Reason.LANDING: 'the ball could not be stopped behind the edge',
@@ -380,38 +371,20 @@ def outlook(choice: Choice, required: float, braking_room: float) -> Outlook:
     known = tally.attempts > 0.0
     return Outlook(
         tally.probability if known else math.nan, tally.stuck / number if known else math.nan,
-        tally.falling if known else math.nan, required, tally.speed, choice.limit, braking_room,
-        int(round(tally.attempts)), choice.others)
-
-
-def plan_of(candidate: Candidate, ahead: Ahead, next_at: float) -> Plan:
-    """
-    Return the plan of a candidate.
-
-    Parameters
-    ----------
-    candidate : Candidate
-    ahead : Ahead
-    next_at : float
-        Position of the centre at the next obstacle behind the plan's last edge [m].
-
-    """
-    end = candidate.end(ahead)
-    after = After.STOP if next_at - end.position < BRAKING_DISTANCE else After.CRUISE
-    return Plan(
-        candidate.strategy, ahead.touch - candidate.back if candidate.back > 0.0 else -math.inf,
-        candidate.speed, ahead.touch - candidate.swing, candidate.angle, end.passed, after)
+        tally.falls / number if known else math.nan, required, tally.speed, choice.limit,
+        braking_room, int(round(tally.attempts)), choice.others)
 
 
 def go(choice: Choice, candidate: Candidate, ahead: Ahead, motion: Motion, next_at: float,
        braking_room: float, tuning: DecisionTuning) -> Decision:
-    """Return the decision to carry out a plan."""
-    plan = plan_of(candidate, ahead, next_at)
-    face = ahead.faces[0]
-    back = candidate.back > 0.0
+    """Return the decision to carry out a plan; `next_at`: of the centre at the next obstacle."""
+    face, end, back = ahead.faces[0], candidate.end(ahead), candidate.back > 0.0
     # The decision is repeated after backing off: until then no step is crossed at any speed.
     speed = min(candidate.speed, tuning.cruise_speed) if back else candidate.speed
-    plan = replace(plan, speed=speed)
+    plan = Plan(
+        candidate.strategy, ahead.touch - candidate.back if back else -math.inf, speed,
+        ahead.touch - candidate.swing, candidate.angle, end.passed,
+        After.STOP if next_at - end.position < BRAKING_DISTANCE else After.CRUISE)
     seen = outlook(choice, tuning.required_probability, braking_room)
     where = f'{1e3 * face.height:.0f} mm at {face.position - motion.position:.2f} m'
     how = f'{candidate.strategy.value} at up to {candidate.speed:.2f} m/s'
@@ -452,17 +425,6 @@ def refuse(choice: Choice, ahead: Ahead, motion: Motion, braking_room: float,
         Kind.GO_ROUND if hopeless else Kind.STOP, choice.reason, tuning.cruise_speed, said,
         height=face.height, distance=face.position - motion.position, step=face.number,
         outlook=seen)
-
-
-def decision_during_search(ahead: Ahead, motion: Motion, tuning: DecisionTuning) -> Decision:
-    """Return the decision of a ball that rolls on during a search."""
-    face = ahead.faces[0]
-    distance = face.position - motion.position
-    return Decision(
-        Kind.CLEAR, Reason.NOT_LIKELY, tuning.cruise_speed,
-        f'{1e3 * face.height:.0f} mm at {distance:.2f} m: evaluating plans on the way',
-        height=face.height,
-        step=face.number, distance=distance)
 
 
 # The ball counts as on the step from this distance before the touch [m], for at most this [s].
@@ -583,7 +545,11 @@ class RolloutPlanner:
                 previous.step == face.number or not choice.tally.attempts))
             if choice.reason not in DEFINITE and abs(motion.speed) > STANDING_SPEED_MAX \
                     and stand - motion.position > way + STOP_MARGIN and not refused:
-                return decision_during_search(ahead, motion, self._tuning)
+                distance = face.position - motion.position
+                return Decision(
+                    Kind.CLEAR, Reason.NOT_LIKELY, self._tuning.cruise_speed,
+                    f'{1e3 * face.height:.0f} mm at {distance:.2f} m: evaluating plans on the '
+                    'way', height=face.height, distance=distance, step=face.number)
             no = refuse(choice, ahead, motion, room, self._tuning)
             if refused and previous is not None and choice.reason not in DEFINITE:
                 no = replace(no, kind=previous.kind)

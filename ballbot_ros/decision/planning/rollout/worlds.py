@@ -62,11 +62,6 @@ class Tally:
         return max(self.falls, self.beyond)
 
     @property
-    def falling(self) -> float:
-        """Return the fraction of rollouts that fall."""
-        return self.falls / max(self.attempts, 1.0)
-
-    @property
     def speed(self) -> float:
         """Return the mean speed at touch [m/s]; NaN if none touched."""
         return self.touch_speed / self.touched if self.touched else float('nan')
