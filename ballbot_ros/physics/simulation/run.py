@@ -6,10 +6,11 @@ Run a model from a state for a duration: `simulate`, to an accuracy unless a sol
 successive runs agree to within the accuracy at all times that are kept.  Their difference is the
 error of the *coarser* of the two; the finer one is returned, so that the estimate errs on the safe
 side.  That holds where both saw the same motion.  Two runs that met another number of kinks of the
-contact law did not, and may agree by chance; then a third, by another method, has to agree, too.
-No run is coarser than required to resolve friction and contact.  Motion with many
-bounces is chaotic: errors grow until no tolerance helps.  The `Assurance` of such a run states the
-time up to which the accuracy holds.
+contact law did not, and may agree by chance, as may runs whose contact is too hard for the
+tolerance of the accuracy; then a third, by another method, has to agree, too.  No run is coarser
+than required to resolve friction and contact.  Motion with many bounces is chaotic: errors grow
+until no tolerance helps.  The `Assurance` of such a run states the time up to which the accuracy
+holds.
 
 **With fixed steps**, for a constant cost or the settings of the paper: they can be
 stable, in energy balance, and still too long to be correct, for instance if a ball bounces too
@@ -246,7 +247,7 @@ def _to_accuracy(model: Model, accuracy: float, start: State, actuation: Actuati
         fine, finest = runs.run(solver), solver.tolerance <= FINEST_TOLERANCE
         if coarse is not None and fine is not None:
             assured = _compare(coarse, fine, accuracy)
-            same = coarse.effort.events == fine.effort.events
+            same = finer == 1.0 and coarse.effort.events == fine.effort.events
             if _agree(assured) and not (same or finest):
                 assured = runs.confirmed(fine, assured)
                 # Two runs did agree by chance: here that happens, and may again.
