@@ -497,22 +497,22 @@ class RolloutPlanner:
 
     def _alone(self, situation: Situation, previous: Optional[Decision]) -> Decision:
         """Decide without a face ahead: continue up to the stop line."""
-        motion, lines = situation.motion, self._lines
-        clear = lines.cruise(situation)
-        line = lines.nearest(situation, ())
+        lines = self._lines
+        clear, line = lines.cruise(situation), lines.nearest(situation, ())
         if line is None:
             return clear
-        way = lines.braking.distance(
-            motion.speed, lines.slope_to(situation, line.position), emergency=True)
-        room = line.obstacle - motion.position - self._robot.ball_radius
-        # The label changes at the last position for the stop, and back with a margin.
-        stopping = previous is not None and previous.kind is Kind.STOP
-        if room > way + self._tuning.stop_gap + (STOP_MARGIN if stopping else 0.0):
-            return clear
-        return lines.stand(
+        room = line.obstacle - situation.motion.position - self._robot.ball_radius
+        stop = lines.stand(
             replace(clear, kind=Kind.STOP, reason=line.reason, distance=room,
                     explanation=f'Stopping before {line.explanation} at {room:.2f} m'),
             line.obstacle, situation)
+        # The label follows the speed that allows the stop: STOP below half of the cruise speed,
+        # CLEAR again at all of it.
+        cruise = self._tuning.cruise_speed
+        stopping = previous is not None and previous.kind is Kind.STOP
+        if stop.set_speed >= (cruise if stopping else 0.5 * cruise):
+            return replace(clear, set_speed=stop.set_speed)
+        return stop
 
     def _face(self, ahead: Ahead, situation: Situation,
               previous: Optional[Decision]) -> Decision:
