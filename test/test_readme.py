@@ -70,7 +70,8 @@ def printed_by_the_example_of(document):
 
 
 def test_the_python_example_runs():
-    assert float(printed_by_the_example_of('README.md').split()[0]) > 1.0
+    crossed, x = printed_by_the_example_of('README.md').split()[:2]
+    assert crossed == 'True' and float(x) > 1.0
 
 
 def test_the_python_example_for_the_highest_step_runs():
