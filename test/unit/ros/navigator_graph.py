@@ -7,7 +7,6 @@ from geometry_msgs.msg import PoseStamped, TransformStamped, TwistStamped
 from nav_msgs.msg import Odometry, Path
 import rclpy
 from rclpy.action import ActionClient
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import LaserScan
 from std_msgs.msg import Bool
@@ -18,6 +17,7 @@ from ballbot_ros.nodes.navigator.node import NavigatorNode
 from ballbot_ros.nodes.navigator.outputs import stamped_pose
 from ballbot_ros.ros import qos
 from ballbot_ros.ros.conversions import to_time
+from ballbot_ros.ros.rclpy_compat import new_executor
 
 START = (1.7, 1.4, 0.0)
 
@@ -25,13 +25,12 @@ START = (1.7, 1.4, 0.0)
 class Graph:
     """The node, a client, and a robot that follows cmd_vel exactly."""
 
-    def __init__(self, **parameters):
-        rclpy.init()
-        self.node = NavigatorNode(parameter_overrides=[
+    def __init__(self, context, **parameters):
+        self.node = NavigatorNode(context=context, parameter_overrides=[
             Parameter(name, value=value) for name, value in {
                 'localized': False, **parameters}.items()])
-        self.client = rclpy.create_node('client')
-        self.executor = SingleThreadedExecutor()
+        self.client = rclpy.create_node('client', context=context)
+        self.executor = new_executor(context)
         for node in (self.node, self.client):
             self.executor.add_node(node)
         self.navigate = ActionClient(self.client, NavigateToPose, 'navigate_to_pose')
@@ -97,4 +96,3 @@ class Graph:
     def close(self):
         for node in (self.node, self.client):
             node.destroy_node()
-        rclpy.shutdown()

@@ -14,8 +14,8 @@ from ballbot_ros.ros.conversions import to_time
 
 
 @pytest.fixture
-def graph(request, tmp_path):
-    made = Graph(**getattr(request, 'param', {}))
+def graph(request, context):
+    made = Graph(context, **getattr(request, 'param', {}))
     assert made.spin(30.0, lambda: made.node.percept is not None
                      and made.navigate.server_is_ready() and made.compute.server_is_ready())
     yield made
@@ -105,10 +105,10 @@ def test_odometry_that_is_not_finite_ends_the_goal_at_rest(graph):
     assert result.error_msg.startswith('not_finite') and graph.speed == 0.0
 
 
-def test_a_floor_that_cannot_be_read_again_leaves_the_one_before(tmp_path):
+def test_a_floor_that_cannot_be_read_again_leaves_the_one_before(context, tmp_path):
     path = tmp_path / 'floor.yaml'
     path.write_text('walls: {size: [4, 4], lines: []}\n')
-    graph = Graph(floor=str(path))
+    graph = Graph(context, floor=str(path))
     try:
         assert graph.spin(30.0, lambda: graph.node.percept is not None
                           and graph.navigate.server_is_ready())

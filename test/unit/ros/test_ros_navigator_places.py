@@ -14,7 +14,7 @@ from ballbot_ros.ros.conversions import to_time
 
 
 @pytest.fixture(scope='module')
-def room(tmp_path_factory):
+def room(context, tmp_path_factory):
     """Return a localised robot on a floor with a step, stairs and unknown space."""
     folder = tmp_path_factory.mktemp('room')
     shades = np.full((80, 140), 255, np.uint8)
@@ -26,7 +26,7 @@ def room(tmp_path_factory):
     path.write_text('map: plan.yaml\nfeatures:\n'
                     '  - {kind: step, line: [[3.0, 4.0], [3.0, 0.0]], height: 0.015}\n'
                     '  - {kind: stairs, polygon: [[4.5, 3.4], [5.5, 3.4], [5.5, 4.0]]}\n')
-    graph = Graph(floor=str(path), localized=True)
+    graph = Graph(context, floor=str(path), localized=True)
     assert graph.spin(30.0, lambda: graph.node.percept is not None
                       and graph.navigate.server_is_ready())
     graph.folder, graph.image = folder, image
