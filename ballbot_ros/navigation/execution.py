@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot_ros.decision import Knowledge
+from ballbot_ros.decision.planning.braking import Braking
 from ballbot_ros.errors import RefusedError
 from ballbot_ros.floors.floor import distance_to_segment, Point
 from ballbot_ros.navigation.learned import Learned
@@ -227,6 +228,7 @@ class Navigator:
         self.planner, self._tuning = planner, knowledge.tuning
         self._tracker = Tracker(knowledge.robot, knowledge.tuning.cruise_speed)
         self._radius = knowledge.robot.ball_radius
+        self._braking = Braking(knowledge.robot, knowledge.tuning, knowledge.control)
 
     def begin(self, state: NavigationState, goal: Tuple[float, ...], percept: Percept
               ) -> NavigationState:
@@ -396,6 +398,14 @@ class Navigator:
             return self._stop(state, 'off_path', (
                 f'the ball is {left:+.2f} m and {math.degrees(turned):+.0f} degrees off its '
                 'path')), REST
+        # A path keeps the clearance: a ball that would brake with less of it is off its path.
+        rests = self._braking.distance(abs(percept.speed), 0.0)
+        free = self._clearance((percept.x + rests * math.cos(course),
+                                percept.y + rests * math.sin(course)))
+        if abs(percept.speed) >= RESTING and free < min(
+                0.5 * CLEARANCE, self._clearance((percept.x, percept.y))):
+            return self._stop(state, 'off_path', (
+                f'the ball is {left:+.2f} m off its path, towards a wall')), REST
         if along > state.anchor[0] + PROGRESS:
             state = replace(state, anchor=(along, percept.stamp))
         elif percept.stamp - state.anchor[1] > STUCK_AFTER:
@@ -454,6 +464,13 @@ class Navigator:
         """Return whether the ball would touch a point on its path."""
         return bool((np.hypot(ahead[:, 0] - point[0], ahead[:, 1] - point[1])
                      < self._radius + 0.5 * CLEARANCE).any())
+
+    def _clearance(self, place: Point) -> float:
+        """Return the distance of the ball at a place from the walls of the map [m]."""
+        walls = self.planner.floor.walls
+        away = place - walls[:, :2]
+        away -= np.clip(away, -walls[:, 2:], walls[:, 2:])
+        return float(np.hypot(*away.T).min(initial=math.inf)) - self._radius
 
     def _explained(self, point: Point) -> bool:
         """Return whether a wall of the map is near a point."""

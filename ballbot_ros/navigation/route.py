@@ -17,7 +17,7 @@ from scipy import ndimage, sparse
 from scipy.sparse import csgraph
 
 from ballbot_ros.crossing.rules import touch_distance
-from ballbot_ros.decision import Knowledge
+from ballbot_ros.decision import check_decision, Knowledge
 from ballbot_ros.decision.planning.braking import Braking
 from ballbot_ros.errors import RefusedError
 from ballbot_ros.floors.floor import (
@@ -157,13 +157,14 @@ class RoutePlanner:
     Raises
     ------
     ConfigurationError
-        If the robot has no steering.
+        If the robot has no steering, or if curve or tuning is not for it, see `check_decision`.
 
     """
 
     def __init__(self, floor: Floor, knowledge: Knowledge, learned: Learned = Learned(),
                  capability: Optional[Capability] = None):
         required_steering(knowledge.robot)
+        check_decision(knowledge.robot, knowledge.curve, knowledge.tuning)
         self.floor, self._tuning = floor, knowledge.tuning
         self.ball_radius = knowledge.robot.ball_radius
         self.drop_distance = self.ball_radius + Braking(
@@ -495,9 +496,10 @@ class RoutePlanner:
         Raises
         ------
         RefusedError
-            If start or goal is refused, see `check_place`, or, with the reason ``'no_route'``, if
-            no route has the required probability; the message names the crossings on the shortest
-            path, and the reason against each.
+            If start or goal is refused, see `check_place`.  With the reason ``'no_route'`` if no
+            route exists; the message names the crossings on the shortest path, and the reason
+            against each.  With ``'improbable'`` if only the product of the probabilities of the
+            crossings is below the required one.
 
         """
         self.check_place(goal, 'goal')
@@ -515,7 +517,17 @@ class RoutePlanner:
         time, path = self._find(states, costs, last, heading, far, aligned)
         shortest, passed = self._shortest(self._node(start), last)
         if not math.isfinite(time):
-            self._refuse(shortest, passed, math.isfinite(far[states // COUNT].min()))
+            # Each crossing that is offered has the required probability.
+            time, path = self._find(states, costs, last, heading, far, aligned, LEVELS**2)
+            if not math.isfinite(time):
+                self._refuse(shortest, passed, math.isfinite(far[states // COUNT].min()))
+            taken = self._segments(path)[1]
+            raise RefusedError(
+                'no route reaches the required probability of '
+                f'{self._tuning.required_probability:g}: the fastest one crosses '
+                + ', '.join(self._described(arc.number) for arc in taken) + ', with a product '
+                f'of probabilities of {math.prod(map(self._probability, taken)):.2f}',
+                'improbable', 'goal')
         segments, taken = self._segments(path)
         segments = self._from(start, path[0][0], segments)
         crossed = {arc.number for arc in taken}
@@ -536,7 +548,7 @@ class RoutePlanner:
                    np.zeros(len(self._offered), bool))
 
     def _find(self, states: NDArray[np.int64], costs: NDArray[np.float64], last: int, heading: int,
-              far: NDArray[np.float64], aligned: NDArray[np.bool_]
+              far: NDArray[np.float64], aligned: NDArray[np.bool_], most_level: int = LEVELS
               ) -> Tuple[float, List[Tuple[int, int]]]:
         """
         Search from states with their costs to a cell.
@@ -546,7 +558,7 @@ class RoutePlanner:
         return self._tree.find(Problem(
             states, costs, last, heading, self._slowness,
             LONGER / LINES / self._tuning.cruise_speed * far, self._moves.ends, self._moves.cells,
-            self._moves.times, REVERSAL, *self._arc_arrays, aligned, LEVELS))
+            self._moves.times, REVERSAL, *self._arc_arrays, aligned, most_level))
 
     def _refuse(self, shortest: float, passed: List[Tuple[int, int]], point_gets_there: bool
                 ) -> None:

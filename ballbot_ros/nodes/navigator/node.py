@@ -42,7 +42,7 @@ class NavigatorNode(ManagedNode):
     """
     Plans and drives; `NavigatorSettings` has its parameters.
 
-    *Configure* reads floor and robot and computes crossings; *activate* accepts goals;
+    *Configure* reads the floor and computes crossings; *activate* accepts goals;
     *deactivate* stops the ball and ends the goal.  On free floor it publishes cmd_vel, over steps
     the set-points of an internal obstacle decision, and without a goal neither: so only one
     source drives at a time, and no node obstacle_decision is needed beside it.
@@ -53,6 +53,12 @@ class NavigatorNode(ManagedNode):
         super().__init__('navigator', **kwargs)
         self._settings = declare(self, NavigatorSettings)
         self._robot = load_robot(self._settings.robot)
+        self._knowledge = Knowledge(
+            self._robot, load_curve(self._settings.curve),
+            load_decision_tuning(self._settings.tuning),
+            load_tuning(self._settings.control_tuning))
+        # No transition changes them, so that the node ends where they are inconsistent.
+        check_decision(self._robot, self._knowledge.curve, self._knowledge.tuning)
         self.navigator: Optional[Navigator] = None
         self.state = NavigationState()
         self.percept: Optional[Percept] = None
@@ -78,14 +84,10 @@ class NavigatorNode(ManagedNode):
             Autostart(self)
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Read floor, robot and learned file, and compute the crossings."""
+        """Read floor and learned file, and compute the crossings."""
         try:
             start = time.monotonic()
             settings = self._settings
-            self._knowledge = Knowledge(
-                self._robot, load_curve(settings.curve), load_decision_tuning(settings.tuning),
-                load_tuning(settings.control_tuning))
-            check_decision(self._robot, self._knowledge.curve, self._knowledge.tuning)
             self._kept = Learned.read(Path(settings.learned).expanduser()) \
                 if settings.learned else Learned()
             self.state = NavigationState(learned=self._kept)

@@ -13,6 +13,7 @@ from ballbot_ros.navigation import RoutePlanner
 from ballbot_ros.navigation.execution import (
     CLOSE, CommandKind, CrossingReport, NavigationState, Navigator, NavStatus, Percept)
 from ballbot_ros.navigation.route import CLEARANCE
+from ballbot_ros.navigation.tracking import Path
 from ballbot_ros.physics import load_robot
 
 KNOWLEDGE = Knowledge(load_robot('gimball'), load_curve('gimball_down'),
@@ -312,3 +313,15 @@ def test_a_ball_closer_to_a_wall_than_the_clearance_crosses_only_away_from_it(pl
     assert planner._clear.flat[planner._node(place)] < planner.ball_radius + CLEARANCE
     for turned, free in ((-0.1, True), (0.1, False)):
         assert planner.aligned((*place, turned), (place, (3.4, 3.7)), number, crossing) is free
+
+
+@pytest.mark.parametrize(('turned', 'stops'), [(-0.5, True), (0.5, False)])
+def test_a_ball_that_would_brake_at_a_wall_stops_before_its_deviation_is_large(
+        navigator, planner, turned, stops):
+    ball = Ball(navigator, *KITCHEN)
+    ball.begin(STUDY)
+    path = Path.of([(1.0, 0.4), (2.6, 0.4)], 1)
+    ball.state = replace(ball.state, path=path, along=0.5, anchor=(0.5, 0.0), last=None)
+    _, command = navigator.advance(ball.state, ball.percept()._replace(
+        x=1.5, y=0.4, heading=turned, speed=0.3))
+    assert (command.kind is CommandKind.REST) is stops

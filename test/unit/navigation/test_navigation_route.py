@@ -11,7 +11,7 @@ from scipy import sparse
 from scipy.sparse import csgraph
 
 from ballbot_ros.decision import Knowledge, load_curve, load_decision_tuning
-from ballbot_ros.errors import RefusedError
+from ballbot_ros.errors import ConfigurationError, RefusedError
 from ballbot_ros.floors import load_floor
 from ballbot_ros.floors.floor import distance_to_segment
 from ballbot_ros.floors.profile import crossed
@@ -338,3 +338,21 @@ def test_the_way_out_of_a_narrow_place_begins_there_and_passes_no_edge(flat):
             assert not crossed(flat.floor, one, two)
     for before, after in zip(route.segments, route.segments[1:]):
         assert math.dist(before.points[-1], after.points[0]) < 1e-9
+
+
+def test_a_route_refused_only_by_the_product_of_probabilities_has_a_reason_of_its_own(tmp_path):
+    planner = planner_of(tmp_path, [
+        f'{{kind: step, line: [[{x}, 4.0], [{x}, 0.0]], height: 0.045}}'
+        for x in (3.0, 5.0, 7.0, 9.0, 11.0)], size=(13, 4))
+    for x in (1.5, 3.7, 5.7, 7.7, 9.7):
+        assert planner.route((x, 2.0), (x + 2.0, 2.0)).segments
+    with pytest.raises(RefusedError) as caught:
+        planner.route((1.5, 2.0), (12.0, 2.0))
+    assert (caught.value.reason, caught.value.field) == ('improbable', 'goal')
+
+
+def test_a_curve_of_another_robot_is_refused():
+    with pytest.raises(ConfigurationError) as caught:
+        RoutePlanner(load_floor('apartment'), replace(
+            KNOWLEDGE, curve=load_curve('shellball_free')))
+    assert (caught.value.reason, caught.value.field) == ('inconsistent', 'curve')

@@ -4,9 +4,11 @@ import math
 
 from navigator_graph import Graph, START
 import pytest
+import rclpy
 from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
+from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.navigation.execution import NavStatus
 from ballbot_ros.nodes.navigator.goals import ComputePathToPose
 from ballbot_ros.nodes.navigator.outputs import stamped_pose
@@ -83,6 +85,13 @@ def test_deactivation_ends_a_goal_and_further_goals_are_refused(graph):
 def test_a_floor_that_is_not_there_leaves_the_node_unconfigured(graph):
     assert graph.node.state_label == 'unconfigured'
     assert not graph.send(2.6, 1.4).accepted
+
+
+def test_a_curve_of_another_robot_ends_the_node():
+    with pytest.raises(ConfigurationError) as caught:
+        Graph(curve='shellball_free')
+    rclpy.shutdown()
+    assert (caught.value.reason, caught.value.field) == ('inconsistent', 'curve')
 
 
 @pytest.mark.parametrize('age, seen', [(0.0, True), (2.0, False)], ids=['new', 'stale'])
