@@ -9,7 +9,6 @@ from ballbot_ros.decision.execution.memory import Memory
 from ballbot_ros.decision.execution.pilot import Pilot
 from ballbot_ros.decision.learning.learner import Learner
 from ballbot_ros.decision.learning.outcomes import Outcome
-from ballbot_ros.decision.learning.particles import Particles
 from ballbot_ros.decision.perception import GroundFusion, Observation
 from ballbot_ros.decision.planning.braking import Braking
 from ballbot_ros.decision.planning.planners import PLANNERS
@@ -75,12 +74,10 @@ class Decider:
                  planner: Union[str, Callable[[Knowledge], Planner]] = 'cubic',
                  frame: str = 'base_link'):
         """Start without observations."""
-        particles = knowledge.particles or Particles.of(
-            knowledge.robot, knowledge.tuning.height_bias_sd)
-        knowledge = replace(knowledge, particles=particles)
-        self._learner = Learner(particles)
+        self._particles = knowledge.initial_particles
+        knowledge = replace(knowledge, particles=self._particles)
+        self._learner = Learner(self._particles)
         self._maker = PLANNERS[planner] if isinstance(planner, str) else planner
-        self._particles = particles
         self._plan = with_safety_filter(self._maker(knowledge), knowledge)
         self._fusion = GroundFusion(knowledge.robot, knowledge.tuning, frame)
         self._fusion.stand_on(_steepest(knowledge))
@@ -188,7 +185,7 @@ def warm_up(knowledge: Knowledge, planner: str) -> None:
     braking = Braking(knowledge.robot, knowledge.tuning, knowledge.control)
     braking.speed_within(1.0, 0.0)
     braking.expected_distance(0.3, 0.0)
-    learner = Learner(Particles.of(knowledge.robot, knowledge.tuning.height_bias_sd))
+    learner = Learner(knowledge.initial_particles)
     learner.take(Outcome(
         stamp=0.0, result='over', face=1, position=1.0, height=0.01, height_sd=0.001,
         touch_speed=0.6, touch_angle=0.0, held_angle=0.0, slope=0.0, distance=1.0, robot=''))

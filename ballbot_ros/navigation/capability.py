@@ -18,7 +18,6 @@ from typing import Dict, List, NamedTuple, Optional, Sequence, Tuple
 import numpy as np
 
 from ballbot_ros.decision import Face, Knowledge, Profile
-from ballbot_ros.decision.learning.particles import Particles
 from ballbot_ros.decision.planning.rollout.ahead import look_ahead
 from ballbot_ros.decision.planning.rollout.planner import SWING_GAIN_MAX
 from ballbot_ros.decision.planning.rollout.search import (
@@ -73,8 +72,7 @@ class Capability:
 
     def __init__(self, knowledge: Knowledge):
         self._knowledge = knowledge
-        self._particles = knowledge.particles or Particles.of(
-            knowledge.robot, knowledge.tuning.height_bias_sd)
+        self._particles = knowledge.initial_particles
         self._file = _folder() / f'{_digest(knowledge)}.json'
         self._known: Dict[str, Optional[CrossingPlan]] = {}
         self._read()

@@ -164,22 +164,18 @@ class Goals:
     """
     Executes one goal at a time; the ball then rests until it is released.
 
-    Parameters
-    ----------
-    waiting : bool
-        Whether the ball rests until a goal arrives.
-
     Attributes
     ----------
     goal : Goal or None
     waiting : bool
+        Whether the ball rests until a goal arrives.
 
     """
 
-    def __init__(self, waiting: bool = False):
+    def __init__(self) -> None:
         """Start without a goal."""
         self.goal: Optional[Goal] = None
-        self.waiting = waiting
+        self.waiting = False
 
     def begin(self, goal: Goal) -> None:
         """Start a goal; raises `RefusedError` while another one is active."""

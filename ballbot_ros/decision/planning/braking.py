@@ -43,9 +43,9 @@ class Braking:
         """Return the guaranteed acceleration [m/s2]; 0 or negative on a steep slope."""
         return acceleration(self._lean, slope, self._faster)
 
-    def deceleration(self, slope: float, emergency: bool = False) -> float:
+    def deceleration(self, slope: float) -> float:
         """Return the guaranteed deceleration [m/s2]; 0 or negative on a steep descent."""
-        return -acceleration(-self._lean_of(emergency), slope, self._slower)
+        return -acceleration(-self._lean, slope, self._slower)
 
     def distance(self, speed: float, slope: float, emergency: bool = False) -> float:
         """
@@ -66,15 +66,16 @@ class Braking:
             Infinite if it does not stop.
 
         """
-        return braking_distance(speed, slope, self._lean_of(emergency), self._delay, self._slower)
+        lean = self._furthest if emergency else self._lean
+        return braking_distance(speed, slope, lean, self._delay, self._slower)
 
     def expected_distance(self, speed: float, slope: float) -> float:
         """Return the emergency stopping distance of the nominal robot; see `distance`."""
         return braking_distance(speed, slope, self._furthest, self._delay, self._expected)
 
-    def speed_within(self, room: float, slope: float, emergency: bool = False) -> float:
-        """Return the speed from which the ball stops within some room [m/s]; see `distance`."""
-        return stopping_speed(room, slope, self._lean_of(emergency), self._delay, self._slower)
+    def speed_within(self, room: float, slope: float) -> float:
+        """Return the speed from which an emergency lean stops the ball within some room [m/s]."""
+        return stopping_speed(room, slope, self._furthest, self._delay, self._slower)
 
     def touch_speed(self, speed: float, set_speed: float, room: float, slope: float) -> float:
         """
@@ -114,6 +115,3 @@ class Braking:
             else:
                 far = middle
         return near
-
-    def _lean_of(self, emergency: bool) -> float:
-        return self._furthest if emergency else self._lean

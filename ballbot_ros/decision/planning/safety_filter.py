@@ -20,9 +20,6 @@ AGE_HYSTERESIS = 0.9
 
 ROUNDING = 1e-9  # [m/s], [m]
 
-# Backed off far enough [m].
-ARRIVED = 0.03
-
 
 def stop(reason: Reason, explanation: str, **numbers: float) -> Decision:
     """Return a STOP as soon as possible."""
@@ -163,36 +160,8 @@ def with_safety_filter(planner: Planner, knowledge: Knowledge) -> Planner:
         if trouble is not None and not past_braking(previous, situation):
             return trouble
         planned = lines.filtered(planner(situation, previous), situation)
-        return checked(held_back(planned, situation, knowledge.tuning), situation, knowledge)
+        return checked(planned, situation, knowledge)
     return answer
-
-
-def held_back(decision: Decision, situation: Situation, tuning: DecisionTuning) -> Decision:
-    """
-    Return a decision, or its replacement at a position where the ball was stuck.
-
-    The ball keeps `stop_gap` before that position, backs off over free ground, and requests
-    another way.
-    """
-    blocked, position = situation.obstruction, situation.motion.position
-    if blocked is None or decision.kind not in (Kind.CLEAR, Kind.CROSS):
-        return decision
-    place = blocked.position - tuning.stop_gap
-    what = ('rolled back on a slope that is too steep' if blocked.reason is Reason.STEEP
-            else 'did not get on')
-    answer = replace(
-        decision, kind=Kind.GO_ROUND, reason=blocked.reason, set_speed=0.0,
-        plan=Plan(Strategy.GO_ROUND), explanation=f'The ball {what} at {blocked.position:.2f} m; '
-        'find another way')
-    if position <= place:
-        return replace(answer, set_speed=tuning.cruise_speed, plan=Plan(
-            Strategy.GO_ROUND, speed=tuning.cruise_speed, stop_position=place))
-    start = max(place, situation.free_from)
-    if not position - start > ARRIVED:
-        return replace(answer, plan=Plan(Strategy.GO_ROUND, stop_position=min(start, position)))
-    return replace(
-        answer, kind=Kind.BACK_OFF, plan=Plan(Strategy.BACK_OFF, start),
-        start_distance=position - start, explanation=f'The ball {what} here; backing off')
 
 
 def past_braking(previous: Optional[Decision], situation: Situation) -> bool:

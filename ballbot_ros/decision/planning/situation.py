@@ -39,6 +39,11 @@ class Knowledge:
     seed: int = 0
     particles: Optional[Particles] = None
 
+    @property
+    def initial_particles(self) -> Particles:
+        """Return the given particles, or draw the prior of the robot file."""
+        return self.particles or Particles.of(self.robot, self.tuning.height_bias_sd)
+
 
 @dataclass(frozen=True)
 class Situation:

@@ -102,7 +102,7 @@ class StopLines:
         """Return the speed from which the ball is stopped before a position [m/s]."""
         position = situation.motion.position
         mean = self.slope_to(situation, line)
-        return self.braking.speed_within(line - position, mean, emergency=True)
+        return self.braking.speed_within(line - position, mean)
 
     def face_is_nearer(self, face: Face, steep: Decision, position: float) -> bool:
         """Return whether the line before a face is nearer than that of a `steep` decision."""
@@ -161,9 +161,17 @@ class StopLines:
         """
         Return a decision that leaves the ball able to stop before the line after this period.
 
-        A crossing is not changed: its rollouts include the stop behind the last edge.
+        A crossing is not changed unless the ball was stuck before: its rollouts include the stop
+        behind the last edge.
         """
-        profile = situation.profile
+        profile, blocked = situation.profile, situation.obstruction
+        if blocked is not None and decision.kind in (Kind.CLEAR, Kind.CROSS):
+            what = ('rolled back on a slope that is too steep' if blocked.reason is Reason.STEEP
+                    else 'did not get on')
+            decision = self.stand(
+                replace(decision, kind=Kind.GO_ROUND, reason=blocked.reason,
+                        explanation=f'The ball {what} at {blocked.position:.2f} m; find another '
+                        'way'), blocked.position + self._radius, situation)
         if decision.kind in (Kind.CROSS, Kind.BACK_OFF) or profile is None:
             return decision
         line = self.nearest(situation, profile.faces)

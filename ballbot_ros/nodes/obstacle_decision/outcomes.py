@@ -12,7 +12,6 @@ from ballbot_ros.decision.decider import warm_up
 from ballbot_ros.decision.learning.learner import learned
 from ballbot_ros.decision.learning.outcome_log import OutcomeLog
 from ballbot_ros.decision.learning.outcomes import Outcome
-from ballbot_ros.decision.learning.particles import Particles
 
 # Number of latest outcomes from which the node learns at start.
 NEWEST = 100
@@ -53,9 +52,8 @@ class Experience:
             logger.warning(f'outcome_log: {self._log.problem}')
             return
         outcomes = self._log.reading.outcomes[-NEWEST:]
-        particles = knowledge.particles or Particles.of(
-            knowledge.robot, knowledge.tuning.height_bias_sd)
-        self.knowledge = replace(knowledge, particles=learned(particles, outcomes))
+        self.knowledge = replace(
+            knowledge, particles=learned(knowledge.initial_particles, outcomes))
         logger.info(f'learned from {len(outcomes)} outcomes of {path} in '
                     f'{time.monotonic() - start:.1f} s')
 

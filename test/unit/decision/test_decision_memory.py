@@ -11,7 +11,8 @@ from ballbot_ros.decision import (
 from ballbot_ros.decision.execution.memory import Memory
 from ballbot_ros.decision.learning.outcomes import Outcome
 from ballbot_ros.decision.planning import cubic
-from ballbot_ros.decision.planning.safety_filter import held_back, with_safety_filter
+from ballbot_ros.decision.planning.safety_filter import with_safety_filter
+from ballbot_ros.decision.planning.stop_line import StopLines
 from ballbot_ros.decision.values import Failure, Obstruction
 from ballbot_ros.physics.model.robot import load_robot
 
@@ -129,19 +130,21 @@ def test_a_ball_that_gets_on_is_not_stuck_and_what_it_passes_was_no_obstruction(
     assert memory.obstruction is None
 
 
-def test_where_it_did_not_get_on_it_backs_off_and_looks_for_another_way():
+def test_where_it_was_stuck_it_stops_before_and_requests_another_way():
+    filtered = StopLines(KNOWN).filtered
     blocked = Obstruction(0.5, Reason.STUCK)
     here = Situation(Motion(0.0, 0.49, 0.0), Profile(0.0), free_from=0.0, obstruction=blocked)
-    back = held_back(DRIVING, here, TUNING)
-    assert (back.kind, back.reason, back.plan.start) == (Kind.BACK_OFF, Reason.STUCK, 0.25)
+    for position in (0.49, 0.26, 0.24, 0.1):
+        answer = filtered(DRIVING, replace(here, motion=Motion(0.0, position, 0.0)))
+        assert (answer.kind, answer.reason) == (Kind.GO_ROUND, Reason.STUCK)
+        assert answer.plan.stop_position == pytest.approx(0.25)
     # Nowhere to go: it stands.
-    assert held_back(DRIVING, replace(here, free_from=0.48), TUNING).kind is Kind.GO_ROUND
-    there = replace(here, motion=Motion(0.0, 0.2, 0.0))
-    away = held_back(DRIVING, there, TUNING)
-    assert (away.kind, away.plan.stop_position) == (Kind.GO_ROUND, 0.25)
+    stands = filtered(DRIVING, replace(here, free_from=0.48))
+    assert (stands.kind, stands.set_speed) == (Kind.GO_ROUND, 0.0)
+    assert stands.plan.stop_position == math.inf
     for decision in (replace(DRIVING, kind=Kind.STOP), replace(DRIVING, kind=Kind.BACK_OFF)):
-        assert held_back(decision, here, TUNING) is decision
-    assert held_back(DRIVING, replace(here, obstruction=None), TUNING) is DRIVING
+        assert filtered(decision, here) is decision
+    assert filtered(DRIVING, replace(here, obstruction=None)) is DRIVING
 
 
 def answer(failures, position=0.0, free_from=-3.0, speed=0.0):

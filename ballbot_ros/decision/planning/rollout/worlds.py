@@ -100,7 +100,7 @@ class Worlds:
         self._next = 0
         self.law = law[:]
         self.attempts = 0
-        self.set_particles(knowledge.particles or Particles.of(robot, tuning.height_bias_sd))
+        self.set_particles(knowledge.initial_particles)
 
     def set_particles(self, particles: Particles) -> None:
         """Use the robots of these particles."""
