@@ -21,10 +21,34 @@ class Tick(NamedTuple):
     estimate: Optional[str] = None
 
 
+class SimulatedTime:
+    """Time that passes only where a loop sleeps or a test says so."""
+
+    now = 0.0
+
+    def clock(self):
+        """Return the time [s]."""
+        return self.now
+
+    def sleep(self, seconds):
+        """Advance the time, and give way to other threads."""
+        time.sleep(0.0001)
+        self.now += seconds
+
+
+TIME = SimulatedTime()
+
+
+@pytest.fixture(autouse=True)
+def simulated_time(monkeypatch):
+    """Let the loop sleep in simulated time."""
+    monkeypatch.setattr(loop_module, 'sleep', TIME.sleep)
+
+
 class FakeSession:
     """A session that counts what is asked of it."""
 
-    clock, observer = staticmethod(time.monotonic), SessionObserver()
+    clock, observer = TIME.clock, SessionObserver()
 
     def __init__(self):
         self.ticks, self.waits, self.closed = [], [], 0
@@ -68,7 +92,7 @@ def run(session, publish=lambda report: None, rate=RATE):
 def test_it_ticks_at_its_rate_and_not_faster():
     session = FakeSession()
     run(session)
-    assert session.ticks[19] - session.ticks[0] >= 18.0 / RATE
+    assert session.ticks[19] - session.ticks[0] == pytest.approx(19.0 / RATE)
 
 
 def test_each_report_is_handed_on_and_nothing_else():
@@ -82,19 +106,19 @@ def test_an_answer_that_is_expected_is_waited_for_until_the_next_period_and_hand
     session.answer = 'answer'
     session.on_tick = lambda: setattr(session, 'expecting', True)
     run(session, seen.append)
-    assert [report.estimate for report in seen].count('answer') >= 15
-    assert all(0.0 < timeout <= 1.0 / RATE for timeout in session.waits)
+    assert [report.estimate for report in seen] == ['answer'] * len(seen)
+    assert all(0.0 < timeout < 1.01 / RATE for timeout in session.waits)
 
 
 def test_a_period_has_one_report_but_for_a_measurement_that_comes_late():
-    for estimate, expected in ((None, 0), ('late', 15)):
+    for late in (None, 'late'):
         session, seen = FakeSession(), []
-        session.answer, session.estimate = 'answer', estimate
+        session.answer, session.estimate = 'answer', late
         session.on_tick = lambda: setattr(session, 'expecting', True)
         run(session, seen.append)
-        estimates = [report.estimate for report in seen]
-        assert estimates.count(estimate) >= expected
-        assert expected or estimates.count('answer') == len(seen)
+        reports = [Tick(number, estimate) for number in range(2, 21)
+                   for estimate in filter(None, (late, 'answer'))]
+        assert seen[:len(reports)] == reports or seen == reports[:-1]
 
 
 def test_what_is_not_expected_is_not_waited_for():
@@ -106,10 +130,10 @@ def test_what_is_not_expected_is_not_waited_for():
 def test_periods_that_were_missed_are_counted_and_not_made_up_for():
     session = FakeSession()
     slow = iter([0.1])
-    session.on_tick = lambda: time.sleep(next(slow, 0.0))
+    session.on_tick = lambda: TIME.sleep(next(slow, 0.0))
     loop = run(session)
-    assert 1 <= loop.late <= 20
-    assert session.ticks[19] - session.ticks[0] >= 0.1 + 17.0 / RATE
+    assert loop.late == 1
+    assert session.ticks[19] - session.ticks[0] == pytest.approx(0.1 + 18.0 / RATE)
 
 
 def test_its_end_closes_the_session_and_a_second_time_does_no_harm():
@@ -158,7 +182,7 @@ def test_it_does_not_keep_a_process_alive():
 
 def test_a_loop_that_misses_periods_reports_the_scheduling():
     session = FakeSession()
-    loop = Loop(session, RATE, lambda report: time.sleep(0.05))
+    loop = Loop(session, RATE, lambda report: TIME.sleep(0.05))
     assert session.ticked.wait(TIMEOUT)
     delayed = loop.delayed()
     loop.end()
