@@ -126,6 +126,20 @@ def test_set_points_that_end_let_the_pendulum_down_and_then_go_from_it():
     assert robot.loop(0.1, UP).commanded and not report.e_stop
 
 
+@pytest.mark.parametrize('delay', [0.05, 0.5])
+def test_a_late_loop_prolongs_the_let_down_by_the_watchdog_of_the_drive_at_most(delay):
+    robot = ready(damping_time=0.4)
+    robot.loop(0.3, UP)
+    last, before = robot.now, len(robot.torques)
+    robot.loop(0.88)
+    assert robot.motor != 0.0
+    robot.pass_time(delay)
+    robot.loop(0.3)
+    pulling = [number for number, torque in enumerate(robot.torques[before:], 1) if torque]
+    bound = 0.5 + 0.4 + robot.hardware.connection.watchdog
+    assert robot.now - last > bound and STEP * pulling[-1] <= bound + 2 * STEP
+
+
 @pytest.mark.parametrize('protocol', PROTOCOLS)
 def test_estimates_that_end_take_the_torque_away_within_the_command_timeout(protocol):
     robot = ready(protocol)
