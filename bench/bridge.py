@@ -18,17 +18,18 @@ import sys
 import tempfile
 import time
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test' / 'helpers'))
 from builtin_interfaces.msg import Time
 from loop import processor_time, quantile
 import rclpy
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
+from replay import read_capture
 from std_srvs.srv import Trigger
 import yaml
 
 from ballbot_ros.config.files import config_folder
 from ballbot_ros.demo.processes import NodeProcesses, own_domain
-from ballbot_ros.drives.capture import read_capture
 from ballbot_ros.emulator.emulator import Emulator
 from ballbot_ros.physics import load_scene
 from ballbot_ros.ros.conversions import command_message, set_point_message

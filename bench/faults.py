@@ -205,8 +205,8 @@ TIMEOUT = 'command_timeout, 0.1 s'
 DRIVE = 'watchdog of the drive, 0.1 s'
 FAULTS = (
     Fault('last command', Rig.stop_commands, TIMEOUT, onboard=False),
-    Fault('last set-point', Rig.stop_commands, 'set_point_timeout 0.5 s, let down 2 s, and the load, at most 0.1 s',
-          direct=False),
+    Fault('last set-point', Rig.stop_commands,
+          'set_point_timeout 0.5 s, let down 2 s, and the load, at most 0.1 s', direct=False),
     Fault('last command stamped 49 ms ahead', Rig.stamp_ahead, TIMEOUT, onboard=False),
     Fault('last command, four busy programs', Rig.make_busy, f'{TIMEOUT}, and the load',
           onboard=False),

@@ -50,8 +50,6 @@ class BlackBoxFiles:
         Created with the first file.
     about : mapping of str to str
         Metadata for a reader: hardware, robot, protocol.
-    shortest_pause, aftermath : float
-        See `SHORTEST_PAUSE` and `TIME_AFTER_FAULT` [s].
 
     Attributes
     ----------
@@ -62,11 +60,9 @@ class BlackBoxFiles:
 
     """
 
-    def __init__(self, box: BlackBox, folder: Path, about: Mapping[str, str],
-                 shortest_pause: float = SHORTEST_PAUSE, aftermath: float = TIME_AFTER_FAULT):
+    def __init__(self, box: BlackBox, folder: Path, about: Mapping[str, str]):
         self._box, self._folder, self._about = box, folder.expanduser(), about
-        self._shortest_pause, self._aftermath = shortest_pause, aftermath
-        self._reason, self._last, self._pause = '', -SPAN, shortest_pause
+        self._reason, self._last, self._pause = '', -SPAN, SHORTEST_PAUSE
         self.failure, self.written = '', 0
         self._ending = threading.Event()
         self._thread = threading.Thread(target=self._run, name='black box', daemon=True)
@@ -85,14 +81,14 @@ class BlackBoxFiles:
         while not self._ending.is_set() or self._box.faulted.is_set():
             self._box.faulted.wait()
             self._ending.wait(max(
-                self._aftermath, self._last + self._pause - time.monotonic()))
+                TIME_AFTER_FAULT, self._last + self._pause - time.monotonic()))
             fault = self._box.take_fault()
             if fault is not None:
                 self._dump(*fault)
 
     def _dump(self, when: float, reason: str) -> None:
         self._pause = min(2.0 * self._pause, SPAN) if reason == self._reason \
-            else self._shortest_pause
+            else SHORTEST_PAUSE
         self._reason, self._last = reason, time.monotonic()
         try:
             path = write_file(self._folder, self._box, when, reason, self._about)

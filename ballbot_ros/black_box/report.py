@@ -193,7 +193,7 @@ def write_tables(recording: BlackBoxRecording, folder: PathLike) -> List[Path]:
     """
     Write each table as CSV, the events likewise, and the traffic as a capture.
 
-    Times are from the fault on, negative before it [s]; `drives.capture.Replay` plays the capture
+    Times are from the fault on, negative before it [s]; test/helpers/replay.py plays the capture
     back, whose times count from its first piece.
 
     Raises

@@ -1,12 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Feasibility of the loop: bytes per period against baud rate, loop rate against gains."""
 import math
-from typing import List, Sequence
+from typing import Any, List, Sequence
 
 from ballbot_ros.bridge.hardware_file import Hardware
 from ballbot_ros.control import check_loop, ControlTuning, lowest_stable_rate, Mode
 from ballbot_ros.drives import driver_class, line_of, open_driver, SERIAL
-from ballbot_ros.drives.capture import Replay
 from ballbot_ros.drives.contract import WireBudget
 from ballbot_ros.errors import ConfigurationError, UnstableLoopError
 from ballbot_ros.physics.model.robot import Robot
@@ -26,7 +25,8 @@ def wire_budget(hardware: Hardware, robot: Robot) -> WireBudget:
         lateral = hardware.lateral(robot)
         if lateral.connection.port == hardware.connection.port:
             axes.append(lateral)
-    budgets = [open_driver(item.connection.protocol, Replay([]), item.options()).budget()
+    no_line: Any = None  # a budget depends on the options only
+    budgets = [open_driver(item.connection.protocol, no_line, item.options()).budget()
                for item in axes]
     return WireBudget(sum(item.bytes_out for item in budgets),
                       sum(item.bytes_in for item in budgets), max(

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Keep the raw traffic of a serial line in a file, and play it back.
+Keep the raw traffic of a line in a file.
 
 A line of the file is a time [s], a direction (``>`` to the drive, ``<`` from it) and the
 bytes in hexadecimal::
@@ -9,21 +9,19 @@ bytes in hexadecimal::
     0.000000 > 662030202a3131380a
     0.001812 < 302e303030303030
 
-A capture replaces a `Link` as input of a driver, so that a fault observed on a real robot becomes
-a test.
+The tests read a capture and play it into a driver in place of a `Link` (test/helpers/replay.py),
+so that a fault observed on a real robot becomes a test.
 
 A capture of `MOST_BYTES` continues in a new file; the previous part is kept with the suffix
-``.1``, older parts are deleted.  `read_capture` reads both.
+``.1``, older parts are deleted.
 """
-from collections import deque
 from pathlib import Path
 import time
-from typing import Callable, NamedTuple, Optional, Protocol, Sequence
+from typing import NamedTuple, Optional, Protocol
 
-from ballbot_ros.errors import ConfigurationError, LinkError
+from ballbot_ros.errors import ConfigurationError
 
 HEADER = '# ballbot traffic 1'
-TO_DRIVE, FROM_DRIVE = '>', '<'
 # Longest file of a capture [bytes]: half an hour at 500 Hz with any protocol.
 MOST_BYTES = 256 * 1024**2
 
@@ -70,10 +68,6 @@ class Recorder:
     Parameters
     ----------
     path : Path
-    clock : callable
-        Gives seconds.
-    most_bytes : int
-        Longest file.
 
     Raises
     ------
@@ -82,12 +76,10 @@ class Recorder:
 
     """
 
-    def __init__(self, path: Path, clock: Callable[[], float] = time.monotonic,
-                 most_bytes: int = MOST_BYTES):
+    def __init__(self, path: Path):
         self.failure: Optional[str] = None
-        self._clock = clock
-        self._begin = clock()
-        self._path, self._most_bytes, self._size = Path(path), most_bytes, 0
+        self._begin = time.monotonic()
+        self._path, self._size = Path(path), 0
         try:
             part_before(self._path).unlink(missing_ok=True)
             self._open()
@@ -98,9 +90,9 @@ class Recorder:
     def record(self, direction: str, data: bytes) -> None:
         """Write a piece of traffic."""
         if self.failure is None:
-            line = f'{self._clock() - self._begin:.6f} {direction} {data.hex()}\n'
+            line = f'{time.monotonic() - self._begin:.6f} {direction} {data.hex()}\n'
             try:
-                if self._size + len(line) > self._most_bytes:
+                if self._size + len(line) > MOST_BYTES:
                     self._file.close()
                     self._path.replace(part_before(self._path))
                     self._open()
@@ -120,97 +112,3 @@ class Recorder:
             self._file.close()
         except OSError as error:
             self.failure = self.failure or str(error)
-
-
-def read_capture(path: Path) -> list[Record]:
-    """
-    Read a capture, with the part before it if there is one.
-
-    An incomplete last line, after the end of its process, is ignored.
-
-    Raises
-    ------
-    ConfigurationError
-        Naming file and line of invalid traffic.
-
-    """
-    before = part_before(path)
-    return [*(_read(before) if before.exists() else ()), *_read(path)]
-
-
-def _read(path: Path) -> list[Record]:
-    """Return the records of one file."""
-    try:
-        lines = path.read_text(encoding='ascii').splitlines(keepends=True)
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigurationError(f'{path}: cannot be read: {error}',
-                                 'unreadable', str(path)) from error
-    if not lines or lines[0].rstrip('\n') != HEADER:
-        raise ConfigurationError(f'{path}: is not a capture, the first line must be {HEADER!r}',
-                                 'wrong_kind', str(path))
-    records = []
-    for number, line in enumerate(lines[1:], start=2):
-        if not line.endswith('\n'):
-            break
-        try:
-            stamp, direction, *data = line.split()
-            if direction not in (TO_DRIVE, FROM_DRIVE):
-                raise ValueError(f'direction {direction!r}')
-            records.append(Record(float(stamp), direction, bytes.fromhex(''.join(data))))
-        except ValueError as error:
-            raise ConfigurationError(
-                f'{path}:{number}: is not "time > hex" or "time < hex": {error}',
-                'unreadable', str(path)) from error
-    return records
-
-
-class Replay:
-    """
-    A capture in place of a `Link`: each read returns the next piece from the drive.
-
-    Attributes
-    ----------
-    written : list of bytes
-        The written data.
-
-    """
-
-    def __init__(self, records: Sequence[Record]):
-        self.written: list[bytes] = []
-        self.port, self.baud = 'replay', 0
-        self.bytes_out = self.bytes_in = 0
-        self._pieces = deque(
-            record.data for record in records if record.direction == FROM_DRIVE)
-
-    @property
-    def finished(self) -> bool:
-        """Return whether all records were read."""
-        return not self._pieces
-
-    def write(self, data: bytes) -> None:
-        """Keep the data in `written`."""
-        self.written.append(data)
-        self.bytes_out += len(data)
-
-    def read(self) -> bytes:
-        """
-        Return the next piece.
-
-        Raises
-        ------
-        LinkError
-            After the last one, as an unplugged line does.
-
-        """
-        if self.finished:
-            raise LinkError('the capture ends here', 'gone', 'port')
-        piece = self._pieces.popleft()
-        self.bytes_in += len(piece)
-        return piece
-
-    def wait(self, seconds: float, least: int = 1) -> bool:
-        """Return whether there is more."""
-        return not self.finished
-
-    def close(self) -> None:
-        """Do nothing."""

@@ -30,7 +30,7 @@ from ballbot_ros.config.fields import Checked, quantity
 
 
 class SerialLine(Protocol):
-    """Interface of a line; `Link` and `Replay` implement it."""
+    """Interface of a line, which `Link`, `CanLink` and `MemoryLine` implement."""
 
     port: str
 

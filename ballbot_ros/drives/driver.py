@@ -156,7 +156,7 @@ class Driver(ABC):
     Parameters
     ----------
     line : SerialLine
-        A `Link` or a `Replay`.
+        An open `Link` or `CanLink`.
     options : DriveOptions
         Of the class `Options` of this driver.
     clock : callable

@@ -32,11 +32,6 @@ class SlcanAdapter(PseudoTerminal):
         """Return the bit rate of the bus that the other side has set, None before it has."""
         return self._bit_rate or None
 
-    @property
-    def is_open(self) -> bool:
-        """Return whether the channel is open."""
-        return self._open
-
     def read(self, most: int = 4096) -> bytes:
         """Execute received commands and return the records of their frames."""
         *commands, self._text = (self._text + super().read(most)).split(END)

@@ -9,7 +9,7 @@ from contextlib import suppress
 import os
 import socket
 import time
-from typing import Mapping, Optional
+from typing import Optional
 
 from ballbot_ros.bridge.loop import Loop
 from ballbot_ros.bridge.session import Report, Session
@@ -24,25 +24,17 @@ class ServiceManager:
 
     Watchdog messages require that both the executor, which calls `look`, and the loop, which
     calls `beat`, are running, so a stall of either one is detected.
-
-    Parameters
-    ----------
-    environment : mapping, optional
-        By default that of the process.
-
     """
 
-    def __init__(self, environment: Optional[Mapping[str, str]] = None):
-        """Find the socket and the watchdog timeout."""
-        found = os.environ if environment is None else environment
-        address = found.get('NOTIFY_SOCKET', '')
+    def __init__(self) -> None:
+        address = os.environ.get('NOTIFY_SOCKET', '')
         # An abstract address begins with a zero byte, which the environment cannot hold.
         self._address = '\0' + address[1:] if address.startswith('@') else address
         self._socket: Optional[socket.socket] = None
         if address:
             self._socket = socket.socket(
                 socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK)
-        self._every, self._next = _watchdog(found) / MESSAGES_PER_TIMEOUT, 0.0
+        self._every, self._next = _watchdog() / MESSAGES_PER_TIMEOUT, 0.0
         self._beats = self._seen = 0
         self._status = ''
 
@@ -81,12 +73,12 @@ class ServiceManager:
         return False
 
 
-def _watchdog(environment: Mapping[str, str]) -> float:
+def _watchdog() -> float:
     """Return the watchdog timeout of systemd [s], 0 for none."""
-    if environment.get('WATCHDOG_PID', str(os.getpid())) != str(os.getpid()):
+    if os.environ.get('WATCHDOG_PID', str(os.getpid())) != str(os.getpid()):
         return 0.0  # meant for another process
     try:
-        return max(0.0, 1e-6 * int(environment.get('WATCHDOG_USEC', '0')))
+        return max(0.0, 1e-6 * int(os.environ.get('WATCHDOG_USEC', '0')))
     except ValueError:
         return 0.0
 

@@ -12,7 +12,7 @@ import pytest
 from refusals import refused
 from virtual_robot import VirtualRobot
 
-from ballbot_ros.black_box import ring
+from ballbot_ros.black_box import dump, ring
 from ballbot_ros.black_box.dump import BlackBoxFiles, MOST_FILES, write_file
 from ballbot_ros.black_box.read import date, find_black_box, read_black_box
 from ballbot_ros.black_box.ring import BlackBox
@@ -268,9 +268,11 @@ def test_a_refusal_that_comes_500_times_a_second_is_counted(tmp_path):
     assert found[1].startswith('command refused: 50 too old (49 more')
 
 
-def test_files_are_written_after_a_fault_by_a_thread_of_their_own(tmp_path):
+def test_files_are_written_after_a_fault_by_a_thread_of_their_own(tmp_path, monkeypatch):
+    monkeypatch.setattr(dump, 'SHORTEST_PAUSE', 0.2)
+    monkeypatch.setattr(dump, 'TIME_AFTER_FAULT', 0.05)
     box = BlackBox()
-    files = BlackBoxFiles(box, tmp_path / 'new', {'hardware': 'mine'}, 0.2, 0.05)
+    files = BlackBoxFiles(box, tmp_path / 'new', {'hardware': 'mine'})
     box.event('the drive exploded', Level.FAULT)
     box.event('and then this')
     assert not list(tmp_path.glob('new/*'))  # what follows is waited for
@@ -290,9 +292,11 @@ def test_files_are_written_after_a_fault_by_a_thread_of_their_own(tmp_path):
     assert sorted(tmp_path.glob('new/*')) == sorted(tmp_path.glob('new/ballbot-*.mcap'))
 
 
-def test_the_same_fault_again_and_again_fills_no_disk(tmp_path):
+def test_the_same_fault_again_and_again_fills_no_disk(tmp_path, monkeypatch):
+    monkeypatch.setattr(dump, 'SHORTEST_PAUSE', 0.02)
+    monkeypatch.setattr(dump, 'TIME_AFTER_FAULT', 0.0)
     box = BlackBox()
-    files = BlackBoxFiles(box, tmp_path, {}, shortest_pause=0.02, aftermath=0.0)
+    files = BlackBoxFiles(box, tmp_path, {})
     end = time.monotonic() + 1.0
     while time.monotonic() < end:
         box.event('cannot arm', Level.FAULT)
@@ -312,7 +316,7 @@ def test_the_number_of_files_is_bounded_and_the_newest_stay(tmp_path):
 def test_a_folder_that_cannot_be_written_is_reported_and_stops_nothing(tmp_path, caplog):
     (tmp_path / 'file').write_text('')
     box = BlackBox()
-    files = BlackBoxFiles(box, tmp_path / 'file', {}, aftermath=0.0)
+    files = BlackBoxFiles(box, tmp_path / 'file', {})
     box.event('fault', Level.FAULT)
     files.close()
     assert 'cannot be written' in caplog.text and files.failure

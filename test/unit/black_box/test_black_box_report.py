@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from replay import read_capture, Replay
 
 from ballbot_ros.black_box.dump import write_file
 from ballbot_ros.black_box.read import RecordedEvent
@@ -12,7 +13,6 @@ from ballbot_ros.black_box.ring import BlackBox
 from ballbot_ros.bridge.observer import Level
 from ballbot_ros.cli import main
 from ballbot_ros.drives import open_driver
-from ballbot_ros.drives.capture import read_capture, Replay
 from ballbot_ros.drives.odrive.ascii.driver import ODrive
 from ballbot_ros.figures.black_box import around_fault, chosen, MOST_LINES
 from ballbot_ros.paper import pulled_plug

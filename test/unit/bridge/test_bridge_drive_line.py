@@ -4,11 +4,11 @@ from types import SimpleNamespace
 
 import pytest
 from refusals import refused
+from replay import read_capture
 
 from ballbot_ros.bridge.drive_line import (
     connector, DriveLine, HANDSHAKE, handshake, LONGEST_HANDSHAKE, RETRY)
 from ballbot_ros.bridge.hardware_file import load_hardware
-from ballbot_ros.drives.capture import read_capture
 from ballbot_ros.drives.contract import Identity, Setting
 from ballbot_ros.emulator.emulator import Emulator
 from ballbot_ros.errors import ConfigurationError, DriveError, LinkError

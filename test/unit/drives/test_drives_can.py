@@ -9,11 +9,12 @@ from drive_bench import Bench
 from hypothesis import given, strategies as st
 import pytest
 from refusals import refused
+from replay import read_capture
 
 from ballbot_ros.drives import open_driver, open_line, read_options
 from ballbot_ros.drives.can_frames import CanFrame, parse_record, record, RECORD_SIZE, RecordParser
 from ballbot_ros.drives.can_transport import BUS_OFF, CanLink
-from ballbot_ros.drives.capture import read_capture, Recorder
+from ballbot_ros.drives.capture import Recorder
 from ballbot_ros.drives.emulated_device import DriveSettings
 from ballbot_ros.drives.vesc.can import codec as vesc_can
 from ballbot_ros.drives.vesc.can.emulated import VescCanDevice
@@ -295,7 +296,7 @@ def until(found, seconds=5.0):
 def test_malformed_frames_of_a_serial_adapter_are_skipped():
     adapter = SlcanAdapter()
     with CanLink(adapter.path, RATE) as link:
-        until(lambda: adapter.read() == b'' and adapter.baud == RATE and adapter.is_open)
+        until(lambda: adapter.read() == b'' and adapter.baud == RATE and adapter._open)
         for text in (b't12\r', b'tXYZ1\r', b'\xff\xfe\r', b'T0000000\r', b'\a'):
             adapter._answer(text)
             assert link.wait(5.0) and link.read() == b''  # and what came with it is lost

@@ -52,7 +52,8 @@ def systemd(request, tmp_path, monkeypatch):
     name = f'ballbot-test-{os.getpid()}'
     address = str(tmp_path / 'notify') if request.param == 'file' else f'@{name}'
     found = Systemd(address if request.param == 'file' else '\0' + name)
-    found.environment = {'NOTIFY_SOCKET': address, 'WATCHDOG_USEC': '10000000'}
+    monkeypatch.setenv('NOTIFY_SOCKET', address)
+    monkeypatch.setenv('WATCHDOG_USEC', '10000000')
     monkeypatch.setattr(service_manager, 'time', found)
     yield found
     found.socket.close()
@@ -79,7 +80,7 @@ def look(systemd, service, seconds, beats=True, loop=LOOP, failure=None):
 
 
 def test_ready_and_stopping_are_reported(systemd):
-    service = ServiceManager(systemd.environment)
+    service = ServiceManager()
     assert not systemd.messages()
     service.ready()
     service.stopping()
@@ -87,12 +88,12 @@ def test_ready_and_stopping_are_reported(systemd):
 
 
 def test_a_running_bridge_is_alive_several_times_in_the_time_that_is_waited(systemd):
-    found = look(systemd, ServiceManager(systemd.environment), 60.0)
+    found = look(systemd, ServiceManager(), 60.0)
     assert found.count('WATCHDOG=1') == pytest.approx(6.0 * MESSAGES_PER_TIMEOUT, abs=2)
 
 
 def test_a_loop_that_stands_still_is_not_alive_though_the_executor_goes_on(systemd):
-    service = ServiceManager(systemd.environment)
+    service = ServiceManager()
     look(systemd, service, 5.0)
     found = look(systemd, service, 60.0, beats=False)
     assert found.count('WATCHDOG=1') <= 1
@@ -100,7 +101,7 @@ def test_a_loop_that_stands_still_is_not_alive_though_the_executor_goes_on(syste
 
 
 def test_an_executor_that_stands_still_says_nothing_though_the_loop_goes_on(systemd):
-    service = ServiceManager(systemd.environment)
+    service = ServiceManager()
     for _ in range(1000):
         systemd.now += 0.1
         service.beat(None)
@@ -108,12 +109,12 @@ def test_an_executor_that_stands_still_says_nothing_though_the_loop_goes_on(syst
 
 
 def test_a_bridge_that_has_failed_is_not_alive(systemd):
-    service = ServiceManager(systemd.environment)
+    service = ServiceManager()
     assert 'WATCHDOG=1' not in look(systemd, service, 20.0, failure=ValueError())
 
 
 def test_a_missing_drive_does_not_stop_the_watchdog_messages(systemd):
-    service = ServiceManager(systemd.environment)
+    service = ServiceManager()
     found = look(systemd, service, 30.0, beats=False, loop=None)
     assert found.count('WATCHDOG=1') >= 10
 
@@ -125,8 +126,9 @@ def test_a_missing_drive_does_not_stop_the_watchdog_messages(systemd):
     (LOOP, {'e_stop': 'engaged at start'}, 'e-stop: engaged at start'),
     (LOOP, {'timed_out': True}, 'commands timed out'), (LOOP, {}, 'running')])
 def test_the_status_says_why_the_motor_has_no_power_and_only_when_it_changes(
-        systemd, loop, state, status):
-    service = ServiceManager({'NOTIFY_SOCKET': systemd.environment['NOTIFY_SOCKET']})
+        systemd, monkeypatch, loop, state, status):
+    monkeypatch.delenv('WATCHDOG_USEC')
+    service = ServiceManager()
     for _ in range(3):
         service.look(session(**state), loop)
     assert systemd.messages() == [f'STATUS={status}']
@@ -135,20 +137,22 @@ def test_the_status_says_why_the_motor_has_no_power_and_only_when_it_changes(
 @pytest.mark.parametrize('changes', (
     {'WATCHDOG_USEC': ''}, {'WATCHDOG_USEC': '0'}, {'WATCHDOG_USEC': 'never'},
     {'WATCHDOG_USEC': '-5'}, {'WATCHDOG_PID': '1'}))
-def test_a_process_without_a_watchdog_sends_no_watchdog_message(systemd, changes):
-    service = ServiceManager({**systemd.environment, **changes})
-    assert 'WATCHDOG=1' not in look(systemd, service, 20.0)
+def test_a_process_without_a_watchdog_sends_no_watchdog_message(systemd, monkeypatch, changes):
+    for name, value in changes.items():
+        monkeypatch.setenv(name, value)
+    assert 'WATCHDOG=1' not in look(systemd, ServiceManager(), 20.0)
 
 
-def test_without_systemd_nothing_is_sent():
-    service = ServiceManager({})
+def test_without_systemd_nothing_is_sent(monkeypatch):
+    monkeypatch.delenv('NOTIFY_SOCKET', raising=False)
+    service = ServiceManager()
     service.ready()
     service.look(session(), LOOP)
     service.stopping()
 
 
 def test_a_socket_that_is_gone_or_full_does_no_harm(systemd):
-    service = ServiceManager(systemd.environment)
+    service = ServiceManager()
     for _ in range(5000):
         service.ready()
     systemd.socket.close()

@@ -1,0 +1,100 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The reading of a capture (ballbot_ros/drives/capture.py), and a line that plays it back."""
+from collections import deque
+
+from ballbot_ros.drives.capture import HEADER, part_before, Record
+from ballbot_ros.errors import ConfigurationError, LinkError
+
+
+def read_capture(path):
+    """
+    Read a capture, with the part before it if there is one.
+
+    An incomplete last line, after the end of its process, is ignored.
+
+    Raises
+    ------
+    ConfigurationError
+        Naming file and line of invalid traffic.
+
+    """
+    before = part_before(path)
+    return [*(_read(before) if before.exists() else ()), *_read(path)]
+
+
+def _read(path):
+    """Return the records of one file."""
+    try:
+        lines = path.read_text(encoding='ascii').splitlines(keepends=True)
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigurationError(f'{path}: cannot be read: {error}',
+                                 'unreadable', str(path)) from error
+    if not lines or lines[0].rstrip('\n') != HEADER:
+        raise ConfigurationError(f'{path}: is not a capture, the first line must be {HEADER!r}',
+                                 'wrong_kind', str(path))
+    records = []
+    for number, line in enumerate(lines[1:], start=2):
+        if not line.endswith('\n'):
+            break
+        try:
+            stamp, direction, *data = line.split()
+            if direction not in ('>', '<'):
+                raise ValueError(f'direction {direction!r}')
+            records.append(Record(float(stamp), direction, bytes.fromhex(''.join(data))))
+        except ValueError as error:
+            raise ConfigurationError(
+                f'{path}:{number}: is not "time > hex" or "time < hex": {error}',
+                'unreadable', str(path)) from error
+    return records
+
+
+class Replay:
+    """
+    A capture in place of a `Link`: each read returns the next piece from the drive.
+
+    Attributes
+    ----------
+    written : list of bytes
+        The written data.
+
+    """
+
+    def __init__(self, records):
+        self.written = []
+        self.port, self.baud = 'replay', 0
+        self.bytes_out = self.bytes_in = 0
+        self._pieces = deque(
+            record.data for record in records if record.direction == '<')
+
+    @property
+    def finished(self):
+        """Return whether all records were read."""
+        return not self._pieces
+
+    def write(self, data):
+        """Keep the data in `written`."""
+        self.written.append(data)
+        self.bytes_out += len(data)
+
+    def read(self):
+        """
+        Return the next piece.
+
+        Raises
+        ------
+        LinkError
+            After the last one, as an unplugged line does.
+
+        """
+        if self.finished:
+            raise LinkError('the capture ends here', 'gone', 'port')
+        piece = self._pieces.popleft()
+        self.bytes_in += len(piece)
+        return piece
+
+    def wait(self, seconds, least=1):
+        """Return whether there is more."""
+        return not self.finished
+
+    def close(self):
+        """Do nothing."""
