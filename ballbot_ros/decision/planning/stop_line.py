@@ -151,11 +151,10 @@ class StopLines:
         position = situation.motion.position
         place = before - self._radius - self._tuning.stop_gap
         if not (place >= position or place >= situation.free_from):
-            return replace(decision, set_speed=0.0, plan=Plan(Strategy.STOP))
+            return replace(decision, set_speed=0.0, plan=Plan(Strategy(decision.kind.value)))
         speed = min(self._tuning.cruise_speed, self.speed_before(place, situation))
         return replace(decision, set_speed=speed, plan=Plan(
-            Strategy.GO_ROUND if decision.kind is Kind.GO_ROUND else Strategy.STOP,
-            speed=speed, stop_position=place))
+            Strategy(decision.kind.value), speed=speed, stop_position=place))
 
     def filtered(self, decision: Decision, situation: Situation) -> Decision:
         """
@@ -182,8 +181,8 @@ class StopLines:
             return decision
         if decision.kind is not Kind.CLEAR:
             if situation.motion.speed > most:  # as soon as possible, not at a position
-                return replace(decision, set_speed=0.0, plan=Plan(
-                    Strategy.GO_ROUND if decision.kind is Kind.GO_ROUND else Strategy.STOP))
+                return replace(
+                    decision, set_speed=0.0, plan=Plan(Strategy(decision.kind.value)))
             return replace(decision, set_speed=min(decision.set_speed, most))
         return self.stand(
             replace(decision, kind=Kind.STOP, reason=line.reason,

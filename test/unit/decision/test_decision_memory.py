@@ -138,10 +138,11 @@ def test_where_it_was_stuck_it_stops_before_and_requests_another_way():
         answer = filtered(DRIVING, replace(here, motion=Motion(0.0, position, 0.0)))
         assert (answer.kind, answer.reason) == (Kind.GO_ROUND, Reason.STUCK)
         assert answer.plan.stop_position == pytest.approx(0.25)
+        assert answer.plan.strategy is Strategy.GO_ROUND
     # Nowhere to go: it stands.
     stands = filtered(DRIVING, replace(here, free_from=0.48))
     assert (stands.kind, stands.set_speed) == (Kind.GO_ROUND, 0.0)
-    assert stands.plan.stop_position == math.inf
+    assert (stands.plan.strategy, stands.plan.stop_position) == (Strategy.GO_ROUND, math.inf)
     for decision in (replace(DRIVING, kind=Kind.STOP), replace(DRIVING, kind=Kind.BACK_OFF)):
         assert filtered(decision, here) is decision
     assert filtered(DRIVING, replace(here, obstruction=None)) is DRIVING

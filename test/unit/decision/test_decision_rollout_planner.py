@@ -85,14 +85,19 @@ def test_without_room_it_says_that_a_longer_run_up_would_do_and_takes_it_where_i
     assert answer.start_distance == pytest.approx(-0.3 - RADIUS - answer.plan.start)
 
 
-def test_when_it_has_backed_off_it_crosses():
-    plan, here, decision = RolloutPlanner(KNOWLEDGE), -0.3 - RADIUS, None
-    for number in range(50):  # 1 s, for two searches
+def test_when_it_has_backed_off_it_crosses_immediately_as_planned():
+    plan, here, decision, back = RolloutPlanner(KNOWLEDGE), -0.3 - RADIUS, None, None
+    for number in range(50):  # 1 s, for the search
         motion = Motion(0.02 * number, here, 0.0)
         decision = plan(Situation(motion, seen(step(0.045)), (), -2.5), decision)
+        if back is not None:
+            break
         if decision.kind is Kind.BACK_OFF:
-            here = decision.plan.start
-    assert decision.kind is Kind.CROSS and decision.outlook.probability >= 0.87
+            back, here = decision, decision.plan.start
+    assert decision.kind is Kind.CROSS and decision.outlook.probability >= 0.9
+    assert decision.plan.swing_angle == back.plan.swing_angle
+    assert decision.plan.swing_position == pytest.approx(back.plan.swing_position)
+    assert decision.plan.speed >= back.plan.speed
 
 
 def test_a_drop_close_behind_the_edge_is_not_risked():

@@ -267,20 +267,19 @@ class PlanSelector:
             trial = self.choice.trial
             kept = trial.candidate = replace(trial.candidate, faces=max(
                 trial.candidate.faces, trial.candidate.end(ahead).faces))
+            if kept.back > 0.0 and now.standing \
+                    and motion.position < ahead.touch - kept.back + POSITION_TOLERANCE:
+                # It was confirmed from this start before the ball backed off.
+                kept = trial.candidate = replace(
+                    kept, back=0.0, strategy=Strategy.CARRY if kept.faces > 1 else
+                    Strategy.SWING if math.isfinite(kept.swing) else Strategy.ACCELERATE)
         if kept is not None and braking_room < 0.0:
             self._deliberation = None
-        if self._deliberation is None:
-            room = max(0.0, motion.position - situation.free_from)
-            arrived = kept is not None and now.standing and kept.back > 0.0 \
-                and motion.position < ahead.touch - kept.back + POSITION_TOLERANCE
-            if kept is not None and arrived:
-                kept, room = replace(
-                    kept, back=0.0, strategy=Strategy.SWING if math.isfinite(kept.swing)
-                    else Strategy.ACCELERATE), 0.0
-            if arrived or self._is_news(now, braking_room):
-                self._task, self.basis = task, now
-                self._deliberation = deliberate(
-                    task, self._tuning, room, kept, failures, braking_room < TOO_LATE)
+        if self._deliberation is None and self._is_news(now, braking_room):
+            self._task, self.basis = task, now
+            self._deliberation = deliberate(
+                task, self._tuning, max(0.0, motion.position - situation.free_from), kept,
+                failures, braking_room < TOO_LATE)
         if self._deliberation is None or self._task is None:
             self._look_again(task, braking_room)
             return
