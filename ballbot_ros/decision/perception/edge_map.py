@@ -31,7 +31,7 @@ class Trend:
     """Recursive linear regression of heights on distances."""
 
     def __init__(self) -> None:
-        """Start without a look."""
+        """Start without observations."""
         self.count = 0
         self._distance = self._height = 0.0
         self._dd = self._dh = self._hh = 0.0

@@ -30,7 +30,7 @@ SAMPLES_MIN, GAP_RATIO = 50, 3.5
 WALL_HEIGHT_MIN = 0.02
 
 
-class Look(NamedTuple):
+class Scan(NamedTuple):
     """
     A scan resampled to the nodes of the map.
 
@@ -75,7 +75,7 @@ def around(values: Array) -> Array:
     return found
 
 
-def resample(x: Array, z: Array, z_sd: Array, position: float) -> Optional[Look]:
+def resample(x: Array, z: Array, z_sd: Array, position: float) -> Optional[Scan]:
     """
     Return a scan on the nodes, None if it covers none.
 
@@ -121,7 +121,7 @@ def resample(x: Array, z: Array, z_sd: Array, position: float) -> Optional[Look]
     bend = np.abs(rise[1:] * run[:-1] - rise[:-1] * run[1:]) / np.maximum(
         np.maximum(run[1:], run[:-1]), 1e-9)
     roughness = 1.4826 * middle(bend) / math.sqrt(6.0) if len(bend) > 20 else 0.0
-    return Look(first, heights, steep, np.interp(places, x, z_sd), roughness,
+    return Scan(first, heights, steep, np.interp(places, x, z_sd), roughness,
                 usual)
 
 
@@ -185,19 +185,19 @@ class ElevationMap:
         self.height = np.zeros(NODES)
         self.variance = np.full(NODES, np.inf)
         self._strikes = np.zeros(NODES)
-        self.looks = 0
+        self.scans = 0
         self.noise_sd = DEFAULT_NOISE_SD
         self.spacing = CELL
         self.reports_sd = True
         self._residuals = self._rough = 0.0
 
-    def add(self, look: Look, position: float) -> str:
+    def add(self, scan: Scan, position: float) -> str:
         """
         Add a scan, unless it contradicts the map.
 
         Parameters
         ----------
-        look : Look
+        scan : Scan
         position : float
             Of the ball [m].
 
@@ -208,32 +208,32 @@ class ElevationMap:
 
         """
         self._follow(position)
-        inside = slice(look.first - self.first, look.first - self.first + len(look.z))
+        inside = slice(scan.first - self.first, scan.first - self.first + len(scan.z))
         old, variance = self.height[inside], self.variance[inside]
-        noise = self._noise(look)
-        sd = np.where(look.reported_sd > 0.0,
-                      np.maximum(look.reported_sd * math.sqrt(2.0 / 3.0), noise), noise)
-        new_variance = sd**2 + look.steep**2
-        seen = np.isfinite(look.z)
+        noise = self._noise(scan)
+        sd = np.where(scan.reported_sd > 0.0,
+                      np.maximum(scan.reported_sd * math.sqrt(2.0 / 3.0), noise), noise)
+        new_variance = sd**2 + scan.steep**2
+        seen = np.isfinite(scan.z)
         common = seen & np.isfinite(variance)
-        places = look.places - position
+        places = scan.places - position
         if np.count_nonzero(common) < OVERLAP_MIN:
-            self._begin(inside, look, new_variance, places)
+            self._begin(inside, scan, new_variance, places)
             return ''
         together = variance + new_variance
-        shift, tilt = _alignment(places, old - look.z, together, common)
-        residual = look.z + shift + tilt * places - old
+        shift, tilt = _alignment(places, old - scan.z, together, common)
+        residual = scan.z + shift + tilt * places - old
         outside = common & (residual**2 > self._sigmas**2 * together)
         if np.count_nonzero(outside) > max(5, OUTLIER_FRACTION_MAX * np.count_nonzero(common)):
             worst = int(np.argmax(np.where(common, residual**2 / together, -1.0)))
             return (f'the ground changed by {1e3 * residual[worst]:.0f} mm at '
                     f'{places[worst]:.2f} m, and by more than {self._sigmas:g} deviations at '
                     f'{np.count_nonzero(outside)} of {np.count_nonzero(common)} places')
-        self._learn(residual, variance, look, common)
-        self._fuse(inside, look.z + shift + tilt * places, new_variance, residual, seen, outside)
+        self._learn(residual, variance, scan, common)
+        self._fuse(inside, scan.z + shift + tilt * places, new_variance, residual, seen, outside)
         return ''
 
-    def slip(self, look: Look) -> int:
+    def slip(self, scan: Scan) -> int:
         """
         Return the offset in nodes of a contradicting scan relative to the map, or 0.
 
@@ -242,52 +242,52 @@ class ElevationMap:
         """
         fits = []
         for nodes in range(-SLIP_NODES_MAX, SLIP_NODES_MAX + 1):
-            begin = look.first - nodes - self.first
-            if begin < 0 or begin + len(look.z) > NODES:
+            begin = scan.first - nodes - self.first
+            if begin < 0 or begin + len(scan.z) > NODES:
                 continue
-            inside = slice(begin, begin + len(look.z))
-            known = np.isfinite(self.variance[inside]) & np.isfinite(look.z)
+            inside = slice(begin, begin + len(scan.z))
+            known = np.isfinite(self.variance[inside]) & np.isfinite(scan.z)
             if np.count_nonzero(known) >= OVERLAP_MIN:
-                apart = self.height[inside][known] - look.z[known]
+                apart = self.height[inside][known] - scan.z[known]
                 apart -= middle(apart)
-                together = (self.variance[inside][known] + look.steep[known]**2
+                together = (self.variance[inside][known] + scan.steep[known]**2
                             + DEFAULT_NOISE_SD**2 / 4.0)
                 outside = np.count_nonzero(apart**2 > self._sigmas**2 * together)
                 fits.append((outside / len(apart), abs(nodes), nodes))
         best = min(fits, default=(1.0, 0, 0))
         return best[2] if best[0] <= OUTLIER_FRACTION_MAX / 3.0 else 0
 
-    def _noise(self, look: Look) -> float:
+    def _noise(self, scan: Scan) -> float:
         """Return the lower bound of the sensor noise, or its default if unreported [m]."""
-        reports_sd = bool(look.reported_sd.max() > 0.0)
-        shown = max(NOISE_SD_MIN, min(look.roughness, DEFAULT_NOISE_SD) * math.sqrt(2.0 / 3.0))
-        estimate = self.noise_sd if self.looks >= SCANS_MIN else 0.0
-        self.reports_sd, self.spacing = reports_sd, look.spacing
+        reports_sd = bool(scan.reported_sd.max() > 0.0)
+        shown = max(NOISE_SD_MIN, min(scan.roughness, DEFAULT_NOISE_SD) * math.sqrt(2.0 / 3.0))
+        estimate = self.noise_sd if self.scans >= SCANS_MIN else 0.0
+        self.reports_sd, self.spacing = reports_sd, scan.spacing
         if reports_sd:
             # Use the reported noise unless the estimate is clearly larger.
-            average = float(look.reported_sd.mean()) * math.sqrt(2.0 / 3.0)
+            average = float(scan.reported_sd.mean()) * math.sqrt(2.0 / 3.0)
             found = max(shown, estimate)
             return found if found > 1.3 * average else NOISE_SD_MIN
-        return max(shown, estimate) if self.looks >= SCANS_MIN else DEFAULT_NOISE_SD
+        return max(shown, estimate) if self.scans >= SCANS_MIN else DEFAULT_NOISE_SD
 
-    def _begin(self, inside: slice, look: Look, variance: Array, places: Array) -> None:
+    def _begin(self, inside: slice, scan: Scan, variance: Array, places: Array) -> None:
         """Start the map with a scan; the floor below the ball is at 0."""
         self.variance[:] = np.inf
         self._strikes[:] = 0.0
-        below = look.z[(np.abs(places) < 0.1) & np.isfinite(look.z)]
+        below = scan.z[(np.abs(places) < 0.1) & np.isfinite(scan.z)]
         datum = middle(below) if len(below) else float(
-            look.z[np.isfinite(look.z)][0])
-        seen = np.isfinite(look.z)
-        self.height[inside] = np.where(seen, look.z - datum, 0.0)
+            scan.z[np.isfinite(scan.z)][0])
+        seen = np.isfinite(scan.z)
+        self.height[inside] = np.where(seen, scan.z - datum, 0.0)
         self.variance[inside] = np.where(seen, variance, np.inf)
-        self.looks = 1
+        self.scans = 1
 
-    def _learn(self, residual: Array, variance: Array, look: Look, common: Flags) -> None:
+    def _learn(self, residual: Array, variance: Array, scan: Scan, common: Flags) -> None:
         """Estimate the noise of the scans from their residuals."""
-        even = common & (look.steep < 0.001)
-        self.looks += 1
-        weight = 1.0 / min(self.looks - 1, 50)
-        self._rough += weight * (look.roughness - self._rough)
+        even = common & (scan.steep < 0.001)
+        self.scans += 1
+        weight = 1.0 / min(self.scans - 1, 50)
+        self._rough += weight * (scan.roughness - self._rough)
         if np.count_nonzero(even) >= OVERLAP_MIN:
             spread = 1.4826 * middle(np.abs(residual[even]))
             own = max(NOISE_SD_MIN**2, spread**2 - middle(variance[even]))
@@ -335,7 +335,7 @@ class ElevationMap:
 
 def _alignment(places: Array, difference: Array, variance: Array,
                common: Flags) -> Tuple[float, float]:
-    """Return shift [m] and tilt that fit map minus look, outliers left out."""
+    """Return shift [m] and tilt that fit map minus scan, outliers left out."""
     x, d, weight = places[common], difference[common], 1.0 / variance[common]
     shift, tilt = middle(d), 0.0
     long = x[-1] - x[0] > TILT_LENGTH_MIN

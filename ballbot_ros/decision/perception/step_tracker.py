@@ -25,7 +25,7 @@ class Scatter:
     """
 
     def __init__(self) -> None:
-        """Start without a look."""
+        """Start without observations."""
         self._last = math.nan
         self._steps: Deque[float] = deque(maxlen=DIFFERENCES_MAX)
 

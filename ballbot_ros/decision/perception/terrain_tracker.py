@@ -190,18 +190,18 @@ class TerrainTracker:
         x, z, z_sd = x[inside], z[inside], z_sd[inside]
         kept = self._without_outliers(x, z, position)
         x, z, z_sd = x[kept], z[kept], z_sd[kept]
-        look = resample(x, z, z_sd, position) if len(x) > 1 else None
-        if look is None:
+        scan = resample(x, z, z_sd, position) if len(x) > 1 else None
+        if scan is None:
             return Reason.BAD_OBSERVATION, 'it shows nothing of the ground around the ball'
-        near = np.isfinite(look.z) & (np.abs(look.places - position) <= 2.0 * self._radius)
+        near = np.isfinite(scan.z) & (np.abs(scan.places - position) <= 2.0 * self._radius)
         if near.any():
-            wrong = misplaced(look.places[near] - position, look.z[near], self._radius,
-                              self._map.looks > 0)
+            wrong = misplaced(scan.places[near] - position, scan.z[near], self._radius,
+                              self._map.scans > 0)
             if wrong:
                 return Reason.BAD_OBSERVATION, wrong
-        contradiction = self._map.add(look, position)
+        contradiction = self._map.add(scan, position)
         if contradiction:
-            slipped = self._map.slip(look)
+            slipped = self._map.slip(scan)
             rolled, self._rolled_to = abs(position - self._rolled_to), position
             self._slipped = max(0.0, self._slipped - SLIP_SHARE * rolled) + CELL * abs(slipped)
             if self._slipped > SLIP_MAX:
@@ -212,13 +212,13 @@ class TerrainTracker:
                 self._edges.move(slipped * CELL)
                 for stretch in self._steep:
                     stretch.begin += slipped * CELL
-                contradiction = self._map.add(look, position)
+                contradiction = self._map.add(scan, position)
         if contradiction:
             self._strikes += 1
             if self._strikes < self._tuning.forget_after:
                 return Reason.CONTRADICTORY, contradiction
             self._map.clear()
-            self._map.add(look, position)
+            self._map.add(scan, position)
             self._edges.clear_ground()
             self._steep = []
         self._strikes = 0
@@ -267,7 +267,7 @@ class TerrainTracker:
         for begin, slope in found:
             if abs(slope) > self.steepest and all(
                     abs(begin - known.begin) >= SLOPE_LENGTH for known in self._steep):
-                self._steep.append(_Steep(begin, slope, Existence(self._map.looks == 1)))
+                self._steep.append(_Steep(begin, slope, Existence(self._map.scans == 1)))
         self._steep.sort(key=lambda known: known.begin)
         return replace(profile, steep=tuple(
             (known.begin, known.slope) for known in self._steep if known.exists.confirmed))
@@ -283,7 +283,7 @@ class TerrainTracker:
             face = replace(face, height_sd=max(face.height_sd, bias))
             edge = self._edges.nearest(face, missed) or self._edges.nearest(face, others)
             if edge is None:
-                edge = self._edges.start(self._map.looks == 1)
+                edge = self._edges.start(self._map.scans == 1)
             else:
                 edge.exists.add(True)
                 (missed if edge in missed else others).remove(edge)

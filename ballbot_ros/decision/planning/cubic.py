@@ -416,7 +416,7 @@ class CubicPlanner:
                 replace(answer, kind=Kind.GO_ROUND, reason=Reason.FAILED_BEFORE,
                         explanation=f'{where}tried already; {short}; find another way'),
                 step.position, situation)
-        return replace(stop(Reason.NO_ROOM, f'{where}{short}; a longer run-up would do'),
+        return replace(stop(Reason.NO_ROOM, f'{where}{short}; a longer run-up is required'),
                        **numbers(answer))
 
     def reach(self, face: Face, distance: float, speed: float, slope: float, *,
@@ -533,7 +533,7 @@ class CubicPlanner:
         sigmas : float
             Standard deviations by which the step is lower, and the ball faster, than expected.
         not_enough : float
-            A speed at touch that did not get over it [m/s].
+            A touch speed at which the ball did not cross it [m/s].
 
         """
         tuning = self._tuning
@@ -582,7 +582,7 @@ class CubicPlanner:
         return self._lines.braking.touch_speed(speed, set_speed, run_up, slope)
 
     def _part(self, speed: float, height: float) -> float:
-        """Return the part of the robots that get over a step at a speed within the curve."""
+        """Return the fraction of the robots that cross a step at a speed within the curve."""
         band = self._curve.band
         if band is None:
             above = self._curve.height(speed) - height

@@ -85,7 +85,7 @@ class Band(Checked):
 
     def probability_of_passing(self, speed: float, height: float) -> float:
         """
-        Return the part of the robots that get over a step of some height [m] at a speed.
+        Return the fraction of the robots that cross a step of some height [m] at a speed.
 
         Raises
         ------

@@ -33,7 +33,7 @@ from ballbot_ros.decision.values import (
 
 # Maximum speed gain of a swing [m/s].
 SWING_GAIN_MAX = 0.15
-CHECKED = 80  # rollouts for checking the present plan
+KEPT_PLAN_ROLLOUTS = 80  # rollouts for checking the present plan
 # Hypothetical run-up that separates "too little run-up" from "too high" [m].
 HYPOTHETICAL_RUN_UP = 2.5
 # After a failure, a plan must touch faster by this [m/s] or swing further by this [rad].
@@ -99,7 +99,7 @@ def deliberate(task: Task, tuning: DecisionTuning, room_behind: float,
     position, speed = task.start[:2]
     if kept is not None and _promising([kept], failures):
         trial = Trial(kept)
-        yield from confirm(trial, task, CHECKED)
+        yield from confirm(trial, task, KEPT_PLAN_ROLLOUTS)
         if good(trial.many, task.required):
             return Choice(trial, Reason.RUN_UP if kept.back > 0.0 else Reason.LIKELY,
                           tally=trial.many)
@@ -111,7 +111,7 @@ def deliberate(task: Task, tuning: DecisionTuning, room_behind: float,
     if chosen is None and too_late:
         chosen = _best(trials)
         if chosen is not None:
-            yield from confirm(chosen, replace(task, required=0.0), CHECKED)
+            yield from confirm(chosen, replace(task, required=0.0), KEPT_PLAN_ROLLOUTS)
             return Choice(chosen, Reason.COMMITTED, why_not(trials, chosen), chosen.many)
     if chosen is None and room_behind > 0.1:
         back = from_farther_back(task.ahead, position, room_behind, tuning)
@@ -349,11 +349,11 @@ def _is_same(one: Face, other: Face) -> bool:
 
 
 WHY = {
-    Reason.NOT_LIKELY: 'no plan gets over with the required probability',
+    Reason.NOT_LIKELY: 'no plan crosses it with the required probability',
     Reason.LANDING: 'the ball could not be stopped behind the edge',
-    Reason.TOO_HIGH: 'no plan gets over from any start; find another way',
-    Reason.NO_ROOM: 'only a longer run-up would do',
-    Reason.FAILED_BEFORE: 'it was tried, and no plan that promises more is left',
+    Reason.TOO_HIGH: 'no plan crosses it from any start; find another way',
+    Reason.NO_ROOM: 'a longer run-up is required',
+    Reason.FAILED_BEFORE: 'it failed before, and no faster plan or larger swing is left',
     Reason.DROP: 'the floor falls away',
     Reason.WALL: 'a wall; find another way',
     Reason.TOO_FAST: 'the ball cannot be stopped before it any more',
@@ -536,7 +536,7 @@ class RolloutPlanner:
             choice = Choice(Trial(Candidate(
                 Strategy.CRUISE, min(motion.speed, self._tuning.cruise_speed))), Reason.COMMITTED)
         if choice.trial is None:
-            # There is time to look closer, and no need to say no yet.
+            # There is time for more observations and rollouts before a refusal.
             stand = face.position - self._robot.ball_radius - self._tuning.stop_gap
             way = self._lines.braking.distance(motion.speed, ahead.slope)
             # Until the plans for a face are evaluated, the label does not change.

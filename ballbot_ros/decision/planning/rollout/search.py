@@ -160,8 +160,8 @@ RAISED, MORE = 1.3, 2.3
 HIGHEST = 3
 # Number of finalists, and of common worlds for comparing them.
 FINALISTS, FEW = 8, 16
-# Worlds for confirming a plan, and worlds before the first check.
-MANY, LOOK = 200, 40
+# Worlds for confirming a plan, and before the first check.
+MANY, ROLLOUTS_BEFORE_CHECK = 200, 40
 # Candidates per batch, and sufficient number at the highest level.
 CANDIDATES_PER_BATCH, SUFFICIENT_COUNT = 20, 6
 ROLLOUTS_PER_YIELD = 20  # rollouts between two yields
@@ -293,7 +293,7 @@ def confirm(trial: Trial, task: Task, number: int) -> Generator[None, None, None
     while trial.many.attempts < number:
         trial.many = trial.many + task.tally(trial, task.worlds.take(ROLLOUTS_PER_YIELD))
         yield
-        if trial.many.attempts >= LOOK and (
+        if trial.many.attempts >= ROLLOUTS_BEFORE_CHECK and (
                 trial.many.probability < task.required - REJECTION_MARGIN
                 or trial.many.harm > OVERRUN_FRACTION_MAX * number):
             break
@@ -345,5 +345,5 @@ def _sentence(trial: Trial) -> str:
     if trial.falls:
         return f'cannot be stopped behind the edge{touch}'
     if trial.level == 0:
-        return f'does not get over{touch}' if touch else 'not gentler than the selected plan'
-    return f'gets over, but not as gently{touch}'
+        return f'does not cross it{touch}' if touch else 'not gentler than the selected plan'
+    return f'crosses it, but not as gently{touch}'
