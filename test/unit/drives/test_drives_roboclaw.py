@@ -275,3 +275,11 @@ def test_the_current_that_is_asked_for_is_one_that_the_drive_can_keep_and_is_acc
         device.settings = replace(settings, current_limit=amperes)
         assert next(item for item in driver.read_settings()
                     if item.name == 'torque limit').acceptable, (limit, amperes)
+
+
+def test_a_command_that_is_not_answered_is_named_by_its_number(bench):
+    bench.driver.identify()
+    bench.from_drive = lambda data: b''
+    with refused('silent', 'drive', DriveError) as caught:
+        bench.driver.arm()
+    assert f'command {codec.GET_STATUS}' in str(caught.value)
