@@ -42,16 +42,7 @@ def require_pendulum(robot: Robot) -> None:
             'to estimate; use a robot with a pendulum', 'inconsistent', 'pendulum_mass')
 
 
-class Acceleration(NamedTuple):
-    """An angular acceleration [rad/s2] and its derivatives."""
-
-    value: float
-    by_angle: float  # by phi
-    by_rate: float  # by phi'
-    by_ball_rate: float  # by theta1'
-
-
-# The numbers of an `Acceleration`.
+# An angular acceleration [rad/s2] and its derivatives by phi, phi' and theta1'.
 Slopes = Tuple[float, float, float, float]
 
 
@@ -105,7 +96,7 @@ def rolling_accelerations(angle: float, rate: float, ball_rate: float, torque: f
 @compiled
 def rolling_linearised(angle: float, rate: float, ball_rate: float, torque: float,
                        rolling: Rolling) -> Tuple[Slopes, Slopes]:
-    """Return phi'' and theta1'', each with its derivatives as in `Acceleration`."""
+    """Return phi'' and theta1'', each with its derivatives; see `Slopes`."""
     own = RollingNumbers(*rolling)
     pendulum, ball = rolling_accelerations(angle, rate, ball_rate, torque, rolling)
     sine, cosine = math.sin(angle), math.cos(angle)
@@ -170,12 +161,6 @@ class RollingModel:
         """Return phi'' and theta1'' [rad/s2]."""
         return rolling_accelerations(angle, rate, ball_rate, torque, self.numbers)
 
-    def linearised(self, angle: float, rate: float, ball_rate: float, torque: float
-                   ) -> Tuple[Acceleration, Acceleration]:
-        """Return phi'' and theta1'' with their derivatives."""
-        pendulum, ball = rolling_linearised(angle, rate, ball_rate, torque, self.numbers)
-        return Acceleration(*pendulum), Acceleration(*ball)
-
     def held_acceleration(self, angle: float) -> float:
         """
         Return the acceleration of the ball while its pendulum is held at an angle [m/s2].
@@ -203,6 +188,6 @@ class RollingModel:
         # The torque that holds it: phi'' = 0 in the first of the two equations.
         torque = (self._gravity_torque * math.sin(angle)
                   + self.pendulum_moment * math.cos(angle) * self.held_acceleration(angle))
-        slopes = [one[1:] for one in self.linearised(angle, 0.0, 0.0, torque)]
+        slopes = [one[1:] for one in rolling_linearised(angle, 0.0, 0.0, torque, self.numbers)]
         return (np.array([[0.0, 1.0, 0.0], *slopes]),
                 np.array([0.0, *self.response(angle, 1.0, -1.0)]))

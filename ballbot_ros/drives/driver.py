@@ -395,6 +395,17 @@ class Driver(ABC):
             f'{self.line.port}: {received} bytes received, but not of a {self.maker}: wrong baud '
             'rate, another protocol, or noise', 'garbled', 'drive')
 
+    def _no_node(self, before: Counter[str], others: set[int], advice: str) -> DriveError:
+        """Return why a handshake on a bus failed where `others` are the ids of the nodes seen."""
+        if self.counts['skipped'] > before['skipped']:
+            return Driver._handshake_error(self, before)
+        name, seen = self.shares_line, ', '.join(map(str, sorted(others)))
+        return DriveError(
+            f'{self.line.port}: no {self.maker} with {name} {getattr(self.options, name)} answers'
+            + (f', but messages of {seen} arrive: set {name}, or check the wiring' if seen else
+               f'; is it powered, {advice}, is the bit rate the same, are both ends closed by '
+               '120 ohm?'), 'silent', name if seen else 'drive')
+
     @abstractmethod
     def _begin(self) -> None:
         """Create the parser and the state of this driver; the end of `__init__`."""

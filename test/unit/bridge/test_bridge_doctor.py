@@ -266,7 +266,7 @@ def test_can_interfaces_are_named_and_one_that_is_down_with_what_sets_it_up(tmp_
 
 def test_a_drive_that_is_silent_on_a_can_bus_is_looked_for_where_a_bus_has_its_ends():
     finding, = look_at_drive(load_hardware('gimball_vesc_can').at('virtual:missing'))
-    assert finding.verdict == WRONG and 'no VESC with id 0' in finding.what
+    assert finding.verdict == WRONG and 'no VESC with can_id 0' in finding.what
     assert '120 ohm' in finding.remedy and 'RX' not in finding.remedy
 
 

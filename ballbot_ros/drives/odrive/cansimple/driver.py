@@ -421,15 +421,7 @@ class ODriveCan(Driver):
         return math.nan if found is None else found
 
     def _handshake_error(self, before: Counter[str]) -> DriveError:
-        if self.counts['skipped'] > before['skipped']:
-            return super()._handshake_error(before)
-        node, others = self.options.node_id, ', '.join(map(str, sorted(self._nodes_seen)))
-        return DriveError(
-            f'{self.line.port}: no ODrive with node_id {node} answers'
-            + (f', but heartbeats of node {others} arrive: set node_id, or check the wiring'
-               if others else '; is it powered, is its CAN protocol SIMPLE, '
-               'is the bit rate the same, are both ends closed by 120 ohm?'),
-            'silent', 'node_id' if others else 'drive')
+        return self._no_node(before, self._nodes_seen, 'is its CAN protocol SIMPLE')
 
     # Replies
 

@@ -60,13 +60,7 @@ class VescCan(Vesc):
             for payload in self._messages.feed(data))
 
     def _handshake_error(self, before: Counter[str]) -> DriveError:
-        if self.counts['skipped'] > before['skipped']:
-            return super()._handshake_error(before)
         assert isinstance(self._parser, codec.PayloadParser)
-        nodes_seen = ', '.join(map(str, sorted(self._parser.nodes_seen)))
-        return DriveError(
-            f'{self.line.port}: no VESC with id {self.options.can_id} answers'
-            + (f' (those that send their status have {nodes_seen}: set can_id)' if nodes_seen else
-               '; is it powered, is the id that of VESC Tool, App Settings, General: VESC ID, is '
-               'its CAN Mode VESC, and the bit rate the same?'),
-            'silent', 'can_id' if nodes_seen else 'drive')
+        return self._no_node(
+            before, self._parser.nodes_seen,
+            'is the id that of VESC Tool, App Settings, General: VESC ID, is its CAN Mode VESC')
