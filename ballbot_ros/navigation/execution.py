@@ -10,7 +10,7 @@ reports how it ended in the percept (see `crossing.CrossingDriver`).
 from dataclasses import dataclass, replace
 from enum import Enum
 import math
-from typing import NamedTuple, Optional, Tuple
+from typing import NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,8 @@ from ballbot_ros.decision.planning.braking import Braking
 from ballbot_ros.errors import RefusedError
 from ballbot_ros.floors.floor import distance_to_segment, Point
 from ballbot_ros.navigation.learned import Learned
-from ballbot_ros.navigation.route import CLEARANCE, Route, RoutePlanner, Segment, side
+from ballbot_ros.navigation.route import (
+    CLEARANCE, DEVIATION, Route, RoutePlanner, Segment, side)
 from ballbot_ros.navigation.tracking import EDGE, EDGE_TIME, Path, SETTLING, Tracker
 
 # The ball rests when it is slower than this [m/s] for this time [s].
@@ -28,8 +29,8 @@ RESTING, RESTS_AFTER = 0.03, 0.4
 # A segment is finished this close to its end [m]; the goal is reached within this distance [m].
 CLOSE, TOLERANCE = 0.03, 0.15
 # Deviations from a path with which it is planned again [m], [rad]; that at its start, up to ASIDE,
-# counts extra.
-ASIDE, TURNED = 0.15, math.radians(40.0)
+# counts extra.  The way out of a place where no state is deviates from its state, as the ball does.
+ASIDE, TURNED = 0.15, 2.0 * DEVIATION
 # Alignments that are tried before a crossing begins in any case, and distance that the ball backs
 # off for one: the errors decay twice, backward and forward [m].
 ALIGNMENTS, ALIGNING = 2, 2.0 * SETTLING
@@ -398,12 +399,13 @@ class Navigator:
             return self._stop(state, 'off_path', (
                 f'the ball is {left:+.2f} m and {math.degrees(turned):+.0f} degrees off its '
                 'path')), REST
-        # A path keeps the clearance: a ball that would brake with less of it is off its path.
-        rests = self._braking.distance(abs(percept.speed), 0.0)
-        free = self._clearance((percept.x + rests * math.cos(course),
-                                percept.y + rests * math.sin(course)))
-        if abs(percept.speed) >= RESTING and free < min(
-                0.5 * CLEARANCE, self._clearance((percept.x, percept.y))):
+        # Half the clearance of the path is for deviations from it, also where the ball brakes now.
+        rests = min(self._braking.distance(abs(percept.speed), 0.0), path.length - along)
+        here, there, planned = (self._clearance(place) for place in (
+            (percept.x, percept.y),
+            (percept.x + rests * math.cos(course), percept.y + rests * math.sin(course)),
+            tuple(float(np.interp(along + rests, path.along, items)) for items in path.points.T)))
+        if there < min(planned, CLEARANCE) - 0.5 * CLEARANCE < here:
             return self._stop(state, 'off_path', (
                 f'the ball is {left:+.2f} m off its path, towards a wall')), REST
         if along > state.anchor[0] + PROGRESS:
@@ -465,10 +467,10 @@ class Navigator:
         return bool((np.hypot(ahead[:, 0] - point[0], ahead[:, 1] - point[1])
                      < self._radius + 0.5 * CLEARANCE).any())
 
-    def _clearance(self, place: Point) -> float:
+    def _clearance(self, place: Sequence[float]) -> float:
         """Return the distance of the ball at a place from the walls of the map [m]."""
         walls = self.planner.floor.walls
-        away = place - walls[:, :2]
+        away = np.asarray(place) - walls[:, :2]
         away -= np.clip(away, -walls[:, 2:], walls[:, 2:])
         return float(np.hypot(*away.T).min(initial=math.inf)) - self._radius
 

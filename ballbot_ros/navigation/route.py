@@ -618,11 +618,11 @@ class RoutePlanner:
         return np.array(states, np.int64), np.array(costs)
 
     def _leads(self, one: Point, two: Point) -> bool:
-        """Return whether no wall or edge lies between, and no drop or obstacle comes nearer."""
+        """Return whether no edge lies between, and no wall, drop or obstacle comes nearer."""
         shares = np.arange(0.0, 1.0, self._size / max(math.dist(one, two), self._size))
         xs, ys = (start + shares * (end - start) for start, end in zip(one, two))
-        if any(self._clear.flat[self._node(at)] < self.ball_radius - INACCURATE
-               for at in zip(xs, ys)):
+        clear = self._clear.flat[[self._node(at) for at in zip(xs, ys)]]
+        if clear.min() < min(self.ball_radius, clear[0]):
             return False
         assert self._learned is not None
         for x, y in self._learned.obstacles:
