@@ -29,7 +29,7 @@ RESTING, RESTS_AFTER = 0.03, 0.4
 # A segment is finished this close to its end [m]; the goal is reached within this distance [m].
 CLOSE, TOLERANCE = 0.03, 0.15
 # Deviations from a path with which it is planned again [m], [rad]; that at its start, up to ASIDE,
-# counts extra.  The way out of a place where no state is deviates from its state, as the ball does.
+# counts extra.  The way out of a place where no state is deviates from it, as the ball does.
 ASIDE, TURNED = 0.15, 2.0 * DEVIATION
 # Alignments that are tried before a crossing begins in any case, and distance that the ball backs
 # off for one: the errors decay twice, backward and forward [m].

@@ -4,7 +4,6 @@ import math
 
 from navigator_graph import Graph, START
 import pytest
-import rclpy
 from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
@@ -87,10 +86,9 @@ def test_a_floor_that_is_not_there_leaves_the_node_unconfigured(graph):
     assert not graph.send(2.6, 1.4).accepted
 
 
-def test_a_curve_of_another_robot_ends_the_node():
+def test_a_curve_of_another_robot_ends_the_node(context):
     with pytest.raises(ConfigurationError) as caught:
-        Graph(curve='shellball_free')
-    rclpy.shutdown()
+        Graph(context, curve='shellball_free')
     assert (caught.value.reason, caught.value.field) == ('inconsistent', 'curve')
 
 
