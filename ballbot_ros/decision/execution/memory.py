@@ -11,9 +11,8 @@ from ballbot_ros.decision.tuning import DecisionTuning
 from ballbot_ros.decision.values import (
     Decision, Face, Failure, Kind, Motion, Obstruction, Profile, Reason)
 
-# A face is that of an earlier failure within this distance [m], and with a height that differs by
-# no more than this part and this amount [m].
-FAILURE_DISTANCE_MAX, HEIGHT_RATIO_MAX, HEIGHT_DIFFERENCE_MAX = 0.15, 0.3, 0.008
+# A face is that of an earlier failure within this distance [m]: numbers and heights may change.
+FAILURE_DISTANCE_MAX = 0.15
 FAILURES_MAX = 20
 # A ball that rolls back keeps this distance to a face that it passed, a step down or up there [m].
 EDGE_CLEARANCE = 0.05
@@ -142,7 +141,4 @@ class Memory:
 
 def _is_at(failure: Failure, face: Face) -> bool:
     """Return whether a failure was at a face."""
-    return failure.face == face.number or (
-        abs(failure.position - face.position) < FAILURE_DISTANCE_MAX
-        and abs(failure.height - face.height) <= max(
-            HEIGHT_RATIO_MAX * abs(failure.height), HEIGHT_DIFFERENCE_MAX))
+    return abs(failure.position - face.position) < FAILURE_DISTANCE_MAX

@@ -78,15 +78,15 @@ def test_below_a_step_down_it_does_not_back_off_against_the_step():
     assert 1.0 + touch < memory.free_from < 1.0 + touch + 0.1
 
 
-def test_a_failure_is_found_again_at_its_place_under_another_number():
+def test_a_failure_is_found_again_at_its_place_under_another_number_and_height():
     memory = Memory(TUNING, RADIUS)
     moved(memory, 0.0)
     memory.take(outcome())
     assert memory.failures(Profile(0.0, (STEP,))) == (Failure(4, 1.0, 0.02, PLAN, 0.7),)
-    later = replace(STEP, number=9, position=1.1, height=0.022)
-    assert [one.face for one in memory.failures(Profile(0.0, (later,)))] == [9]
-    for other in (replace(later, position=1.2), replace(later, height=0.06)):
-        assert memory.failures(Profile(0.0, (other,))) == ()
+    for height in (0.022, -0.015):
+        later = replace(STEP, number=9, position=1.1, height=height)
+        assert [one.face for one in memory.failures(Profile(0.0, (later,)))] == [9]
+    assert memory.failures(Profile(0.0, (replace(later, position=1.2),))) == ()
     assert memory.failures(None) == ()
     # Where the ball may have spun at the foot, less is free behind it than odometry says.
     assert memory.free_from == pytest.approx(0.1)
