@@ -236,6 +236,12 @@ class Floor:
         return (self.origin[0], self.origin[0] + columns * self.resolution,
                 self.origin[1], self.origin[1] + rows * self.resolution)
 
+    def wall_distance(self, place: Sequence[float]) -> float:
+        """Return the distance of a place from the nearest wall, 0 inside it [m]."""
+        away = np.asarray(place) - self.walls[:, :2]
+        away -= np.clip(away, -self.walls[:, 2:], self.walls[:, 2:])
+        return float(np.hypot(*away.T).min(initial=math.inf))
+
 
 def rectangles(mask: NDArray[np.bool_], resolution: float, origin: Point
                ) -> NDArray[np.float64]:

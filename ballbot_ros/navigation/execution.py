@@ -10,7 +10,7 @@ reports how it ended in the percept (see `crossing.CrossingDriver`).
 from dataclasses import dataclass, replace
 from enum import Enum
 import math
-from typing import NamedTuple, Optional, Sequence, Tuple
+from typing import NamedTuple, Optional, Tuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -401,10 +401,11 @@ class Navigator:
                 'path')), REST
         # Half the clearance of the path is for deviations from it, also where the ball brakes now.
         rests = min(self._braking.distance(abs(percept.speed), 0.0), path.length - along)
-        here, there, planned = (self._clearance(place) for place in (
+        floor = self.planner.floor
+        here, there, planned = (floor.wall_distance(place) - self._radius for place in (
             (percept.x, percept.y),
             (percept.x + rests * math.cos(course), percept.y + rests * math.sin(course)),
-            tuple(float(np.interp(along + rests, path.along, items)) for items in path.points.T)))
+            [float(np.interp(along + rests, path.along, items)) for items in path.points.T]))
         if there < min(planned, CLEARANCE) - 0.5 * CLEARANCE < here:
             return self._stop(state, 'off_path', (
                 f'the ball is {left:+.2f} m off its path, towards a wall')), REST
@@ -466,13 +467,6 @@ class Navigator:
         """Return whether the ball would touch a point on its path."""
         return bool((np.hypot(ahead[:, 0] - point[0], ahead[:, 1] - point[1])
                      < self._radius + 0.5 * CLEARANCE).any())
-
-    def _clearance(self, place: Sequence[float]) -> float:
-        """Return the distance of the ball at a place from the walls of the map [m]."""
-        walls = self.planner.floor.walls
-        away = np.asarray(place) - walls[:, :2]
-        away -= np.clip(away, -walls[:, 2:], walls[:, 2:])
-        return float(np.hypot(*away.T).min(initial=math.inf)) - self._radius
 
     def _explained(self, point: Point) -> bool:
         """Return whether a wall of the map is near a point."""

@@ -272,10 +272,7 @@ class FloorPlant(Plant):
 
     def _clearance(self, place: Point) -> float:
         """Return the distance of the ball from the nearest wall, negative inside it [m]."""
-        walls = self.floor.walls
-        away = place - walls[:, :2]
-        away -= np.clip(away, -walls[:, 2:], walls[:, 2:])
-        return float(np.hypot(*away.T).min(initial=math.inf)) - self._radius
+        return self.floor.wall_distance(place) - self._radius
 
     def _edge_angle(self, state: State) -> float:
         """Return the angle of the edge that the ball is on to the path, 0 on none [rad]."""
