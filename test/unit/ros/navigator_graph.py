@@ -94,5 +94,6 @@ class Graph:
         return result.error_msg.split(':')[0]
 
     def close(self):
+        self.executor.shutdown()
         for node in (self.node, self.client):
             node.destroy_node()
