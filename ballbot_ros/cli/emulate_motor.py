@@ -1,9 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """The verb ``emulate-motor``: a motor controller in software on a serial device."""
 import argparse
+import os
 from pathlib import Path
+import select
 import signal
 import sys
+from typing import Iterator
 
 from ballbot_ros.cli.command import DONE, FAILED, print_error
 from ballbot_ros.cli.options import add_number, add_overwrite, add_seed
@@ -83,7 +86,7 @@ def run(arguments: argparse.Namespace) -> int:
             channel = Channel(emulator, arguments.control)
         emulator.start()
         print(emulator.path, flush=True)
-        for line in sys.stdin:
+        for line in _typed_lines():
             if line.strip():
                 print(answer(emulator, line), flush=True)
         emulator.wait()  # for a signal, or the end of a run
@@ -103,6 +106,20 @@ def run(arguments: argparse.Namespace) -> int:
         print_error(str(emulator.failure))
         return FAILED
     return DONE
+
+
+def _typed_lines() -> Iterator[str]:
+    """Yield the lines of standard input."""
+    pending = b''
+    while True:
+        # A blocking read would not end for a signal that arrives just before it.
+        if not select.select([sys.stdin], [], [], 0.5)[0]:
+            continue
+        data = os.read(sys.stdin.fileno(), 4096)
+        *lines, pending = (pending + data).split(b'\n') if data else (pending, b'')
+        yield from (line.decode(errors='replace') for line in lines)
+        if not data:
+            return
 
 
 def _interrupt(*_: object) -> None:
