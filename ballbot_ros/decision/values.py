@@ -42,6 +42,8 @@ class Reason(str, Enum):
 
 # Positions [m], speeds [m/s] and heights of faces [m] beyond these are invalid.
 FARTHEST, FASTEST, HIGHEST = 1e6, 30.0, 10.0
+# A slower ball rests [m/s].
+REST_SPEED_MAX = 0.03
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ They are computed when they are needed, for heights rounded away from 0, and kep
 ``$XDG_CACHE_HOME/ballbot_ros/capability``, a file for each robot, tuning and version of the code.
 """
 from contextlib import suppress
+from dataclasses import replace
 import hashlib
 import json
 import math
@@ -19,9 +20,7 @@ import numpy as np
 
 from ballbot_ros.decision import Face, Knowledge, Profile
 from ballbot_ros.decision.planning.rollout.ahead import look_ahead
-from ballbot_ros.decision.planning.rollout.planner import SWING_GAIN_MAX
-from ballbot_ros.decision.planning.rollout.search import (
-    candidates, LEAN_ACCELERATION, search, Task, Trial)
+from ballbot_ros.decision.planning.rollout.search import candidates, search, Task, Trial
 from ballbot_ros.decision.planning.rollout.worlds import Worlds
 
 # Run-ups from rest to the touch to try, and longest room behind the last edge that is used [m].
@@ -71,8 +70,7 @@ class Capability:
     """
 
     def __init__(self, knowledge: Knowledge):
-        self._knowledge = knowledge
-        self._particles = knowledge.initial_particles
+        self._knowledge = replace(knowledge, particles=knowledge.initial_particles)
         self._file = _folder() / f'{_digest(knowledge)}.json'
         self._known: Dict[str, Optional[CrossingPlan]] = {}
         self._read()
@@ -152,11 +150,9 @@ class Capability:
         start = (ahead.touch - run_up, 0.0, 0.0, 0.0)
         # Worlds are used in turn; each entry begins with the first, and depends on its key alone.
         worlds = Worlds(self._knowledge)
-        worlds.set_particles(self._particles)
         worlds.see(ahead)
         task = Task(start, ahead, worlds, tuning.required_probability, tuning.highest_speed)
-        reachable = math.sqrt(2.0 * LEAN_ACCELERATION * run_up) + SWING_GAIN_MAX
-        plans = [plan for plan in candidates(ahead, start[0], 0.0, tuning, reachable)
+        plans = [plan for plan in candidates(ahead, start[0], 0.0, tuning)
                  if plan.faces == len(faces)]
         trials: List[Trial] = []
         steps_of_search = search(plans, task, trials)

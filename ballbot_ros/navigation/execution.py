@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from ballbot_ros.decision import Knowledge
 from ballbot_ros.decision.planning.braking import Braking
+from ballbot_ros.decision.values import REST_SPEED_MAX
 from ballbot_ros.errors import RefusedError
 from ballbot_ros.floors.floor import distance_to_segment, Point
 from ballbot_ros.navigation.learned import Learned
@@ -24,8 +25,8 @@ from ballbot_ros.navigation.route import (
     CLEARANCE, DEVIATION, Route, RoutePlanner, Segment, side)
 from ballbot_ros.navigation.tracking import EDGE, EDGE_TIME, Path, SETTLING, Tracker
 
-# The ball rests when it is slower than this [m/s] for this time [s].
-RESTING, RESTS_AFTER = 0.03, 0.4
+# The ball rests after this time below `REST_SPEED_MAX` [s].
+RESTS_AFTER = 0.4
 # A segment is finished this close to its end [m]; the goal is reached within this distance [m].
 CLOSE, TOLERANCE = 0.03, 0.15
 # Deviations from a path with which it is planned again [m], [rad]; that at its start, up to ASIDE,
@@ -250,7 +251,7 @@ class Navigator:
             state, status=NavStatus.STOPPING, reason='', message='planning', goal=goal,
             next=NavStatus.DRIVING, replans=0, recoveries=0, alignments=0, agreeing=(0, 0),
             last=percept, moving=percept.stamp)
-        if state.status.ended and abs(percept.speed) < RESTING:
+        if state.status.ended and abs(percept.speed) < REST_SPEED_MAX:
             # A ball at rest needs no stop.
             route = self._route(started, percept)
             return self._enter(replace(started, route=route), 0, percept)
@@ -281,7 +282,7 @@ class Navigator:
             self._check(percept)
         except RefusedError as error:
             return replace(self.cancel(state, error.reason, str(error)), last=state.last), REST
-        if abs(percept.speed) >= RESTING:
+        if abs(percept.speed) >= REST_SPEED_MAX:
             state = replace(state, moving=percept.stamp)
         jumped = state.status is not NavStatus.STOPPING and self._jumped(state.last, percept)
         state = replace(state, last=percept)
@@ -513,7 +514,7 @@ class Navigator:
             return self._stop(replace(state, learned=state.learned.with_outcome(
                 number, self._sign(segment), False)), 'timed_out', (
                     f'the {segment.feature.label} took more than {CROSSING_TIMEOUT:g} s')), REST
-        if abs(percept.speed) < RESTING and state.along < segment.crossing.run_up:
+        if abs(percept.speed) < REST_SPEED_MAX and state.along < segment.crossing.run_up:
             # The decision has backed off for another attempt, which begins at another pose.
             entered = self._enter(state, state.index, percept)
             if entered.status is not NavStatus.CROSSING:

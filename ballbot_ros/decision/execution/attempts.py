@@ -13,7 +13,8 @@ from typing import Deque, Optional, Tuple
 
 from ballbot_ros.crossing.rules import touch_distance
 from ballbot_ros.decision.learning.outcomes import Outcome, Result
-from ballbot_ros.decision.values import Decision, Face, Kind, Motion, Plan, Profile, Strategy
+from ballbot_ros.decision.values import (
+    Decision, Face, Kind, Motion, Plan, Profile, REST_SPEED_MAX, Strategy)
 from ballbot_ros.physics.model.robot import Robot
 
 # A slower touch is not an attempt, a faster one is recorded as this [m/s].
@@ -28,9 +29,9 @@ RETREAT_MIN, PROGRESS_MIN, ATTEMPT_TIMEOUT = 0.03, 0.005, 1.5
 PASSED_DISTANCE_MIN = 0.1
 # Terrain behind the face that is lower than before by more than this is a fall [m].
 FALL_HEIGHT_MIN = 0.03
-# A drop this near behind an edge is measured from the ground before that [m]; the ball rests below
-# this speed [m/s], or has succeeded after this time [s].
-LANDING_LENGTH, REST_SPEED_MAX, LANDING_TIME_MAX = 1.0, 0.03, 5.0
+# A drop this near behind an edge is measured from the ground before that [m]; a ball that does not
+# rest before it has succeeded after this time [s].
+LANDING_LENGTH, LANDING_TIME_MAX = 1.0, 5.0
 # Odometry restarts after a longer gap between messages [s], or a position jump that exceeds the
 # integrated speed by this [m].
 ODOMETRY_GAP_MAX, ODOMETRY_JUMP_MAX = 0.5, 0.06

@@ -12,11 +12,12 @@ from typing import Optional, Tuple
 
 from ballbot_ros.decision.learning.outcomes import Outcome
 from ballbot_ros.decision.tuning import DecisionTuning
-from ballbot_ros.decision.values import Decision, FARTHEST, Kind, Motion, Plan, Reason, Strategy
+from ballbot_ros.decision.values import (
+    Decision, FARTHEST, Kind, Motion, Plan, Reason, REST_SPEED_MAX, Strategy)
 from ballbot_ros.errors import RefusedError
 
-# The ball rests when it is slower than this [m/s] for this time [s].
-REST_SPEED_MAX, REST_TIME_MIN = 0.03, 0.5
+# The ball rests after this time below `REST_SPEED_MAX` [s].
+REST_TIME_MIN = 0.5
 # A decision not to go on ends a goal after this time [s].
 REFUSAL_TIME_MIN = 1.5
 # The ball is stuck with less progress than this [m] within this time [s].

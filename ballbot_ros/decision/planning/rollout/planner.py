@@ -21,18 +21,17 @@ from ballbot_ros.decision.planning.rollout.ahead import (
     Ahead, FACE_SEPARATION, faces_ahead, HIGHEST_DESCENT, look_ahead, touch_distance_on)
 from ballbot_ros.decision.planning.rollout.rollout import BRAKING_DISTANCE, TOUCH_SPEED
 from ballbot_ros.decision.planning.rollout.search import (
-    Candidate, candidates, confirm, from_farther_back, good, height_limit, LEAN_ACCELERATION,
-    search, Task, Trial, why_not)
+    Candidate, candidates, confirm, from_farther_back, good, height_limit, search, Task,
+    Trial, why_not)
 from ballbot_ros.decision.planning.rollout.worlds import Tally, Worlds
 from ballbot_ros.decision.planning.safety_filter import past_braking, stop
 from ballbot_ros.decision.planning.situation import Knowledge, Situation
 from ballbot_ros.decision.planning.stop_line import StopLines
 from ballbot_ros.decision.tuning import DecisionTuning
 from ballbot_ros.decision.values import (
-    After, Decision, Face, Failure, Kind, Motion, Outlook, Plan, Profile, Reason, Strategy)
+    After, Decision, Face, Failure, Kind, Motion, Outlook, Plan, Profile, Reason, REST_SPEED_MAX,
+    Strategy)
 
-# Maximum speed gain of a swing [m/s].
-SWING_GAIN_MAX = 0.15
 KEPT_PLAN_ROLLOUTS = 80  # rollouts for checking the present plan
 # Hypothetical run-up that separates "too little run-up" from "too high" [m].
 HYPOTHETICAL_RUN_UP = 2.5
@@ -103,10 +102,8 @@ def deliberate(task: Task, tuning: DecisionTuning, room_behind: float,
         if good(trial.many, task.required):
             return Choice(trial, Reason.RUN_UP if kept.back > 0.0 else Reason.LIKELY,
                           tally=trial.many)
-    run_up = max(task.ahead.touch - position, 0.0)
-    reachable = math.sqrt(max(speed, 0.0)**2 + 2.0 * LEAN_ACCELERATION * run_up) + SWING_GAIN_MAX
     trials: List[Trial] = []
-    here = candidates(task.ahead, position, speed, tuning, reachable)
+    here = candidates(task.ahead, position, speed, tuning)
     chosen = yield from search(_promising(here, failures), task, trials)
     if chosen is None and too_late:
         chosen = _best(trials)
@@ -191,8 +188,8 @@ EVERY, ATTEMPTS = 10, 24
 PROBABILITY_HYSTERESIS = 0.05
 # Maximum plan switches per face while the ball rolls.
 CHANGES = 2
-# Maximum speed of a standing ball [m/s], and position tolerance [m].
-STANDING_SPEED_MAX, POSITION_TOLERANCE = 0.03, 0.05
+# Tolerance of the start of a plan [m].
+POSITION_TOLERANCE = 0.05
 # A ball with less braking room touches faster than 0.1 m/s [m].
 TOO_LATE = -0.01
 
@@ -259,7 +256,7 @@ class PlanSelector:
         task = Task(
             (motion.position, motion.speed, motion.pendulum_angle, motion.pendulum_rate),
             ahead, self.worlds, self._tuning.required_probability, self._tuning.highest_speed)
-        now = Basis(face, len(ahead.faces), abs(motion.speed) < STANDING_SPEED_MAX, len(failures),
+        now = Basis(face, len(ahead.faces), abs(motion.speed) < REST_SPEED_MAX, len(failures),
                     situation.free_from, ahead.room_to)
         kept = None
         if self.choice is not None and self.choice.trial is not None:
@@ -531,7 +528,7 @@ class RolloutPlanner:
         selector.update(ahead, situation, min(room, sure) if started else room)
         choice = selector.choice or Choice(None, Reason.NOT_LIKELY)
         if choice.trial is None and face.height < 0.0 and room < TOO_LATE \
-                and motion.speed > STANDING_SPEED_MAX:
+                and motion.speed > REST_SPEED_MAX:
             # The descent is certain and needs neither a search nor more speed.
             choice = Choice(Trial(Candidate(
                 Strategy.CRUISE, min(motion.speed, self._tuning.cruise_speed))), Reason.COMMITTED)
@@ -542,7 +539,7 @@ class RolloutPlanner:
             # Until the plans for a face are evaluated, the label does not change.
             refused = (previous is not None and previous.kind in (Kind.STOP, Kind.GO_ROUND) and (
                 previous.step == face.number or not choice.tally.attempts))
-            if choice.reason not in DEFINITE and abs(motion.speed) > STANDING_SPEED_MAX \
+            if choice.reason not in DEFINITE and abs(motion.speed) > REST_SPEED_MAX \
                     and stand - motion.position > way + STOP_MARGIN and not refused:
                 distance = face.position - motion.position
                 return Decision(
@@ -602,7 +599,7 @@ class RolloutPlanner:
         plan = previous.plan if previous is not None else None
         if previous is None or plan is None or not (
                 0.0 <= motion.position - plan.edge < 0.5 * self._robot.ball_radius) \
-                or motion.speed < STANDING_SPEED_MAX or previous.kind is Kind.CROSS \
+                or motion.speed < REST_SPEED_MAX or previous.kind is Kind.CROSS \
                 and plan.after is not After.STOP:
             return None
         return replace(stop(Reason.LANDING, 'Stopping behind the edge'),

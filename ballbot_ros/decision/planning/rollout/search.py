@@ -35,8 +35,8 @@ SWINGS = (0.1, 0.2, 0.3, 0.42, 0.6, 0.9)  # before the touch [m]
 ANGLES = (1.5, 2.2)  # [rad]
 # Least speed gain of an acceleration [m/s].
 SPEED_GAIN_MIN = 0.05
-# Approximate acceleration with full lean [m/s2].
-LEAN_ACCELERATION = 0.75
+# Approximate acceleration with full lean [m/s2], and maximum speed gain of a swing [m/s].
+LEAN_ACCELERATION, SWING_GAIN_MAX = 0.75, 0.15
 
 
 @dataclass(frozen=True)
@@ -92,8 +92,8 @@ class Candidate:
         return ahead.ends[-1]
 
 
-def candidates(ahead: Ahead, position: float, speed: float, tuning: DecisionTuning,
-               reachable: float) -> List[Candidate]:
+def candidates(ahead: Ahead, position: float, speed: float, tuning: DecisionTuning
+               ) -> List[Candidate]:
     """
     Return plans from here.
 
@@ -104,15 +104,15 @@ def candidates(ahead: Ahead, position: float, speed: float, tuning: DecisionTuni
     position, speed : float
         Of the ball [m], [m/s].
     tuning : DecisionTuning
-    reachable : float
-        Speed that no approach from here exceeds [m/s].
 
     """
     run_up = ahead.touch - position
     cruise = min(max(tuning.cruise_speed, speed), tuning.highest_speed)
     speeds = [cruise] + [item for item in SPEEDS
                          if cruise + SPEED_GAIN_MIN < item <= tuning.highest_speed]
-    # One unreachable speed is sufficient.
+    # No approach from here is faster; one unreachable speed is sufficient.
+    reachable = SWING_GAIN_MAX + math.sqrt(
+        max(speed, 0.0)**2 + 2.0 * LEAN_ACCELERATION * max(run_up, 0.0))
     beyond = [item for item in speeds if item > reachable]
     speeds = [item for item in speeds if item <= reachable] + beyond[:1]
     found = []
