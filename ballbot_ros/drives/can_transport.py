@@ -51,10 +51,6 @@ class CanLink:
     recorder : TrafficSink, optional
         Keeps a copy of the traffic.
 
-    Attributes
-    ----------
-    bytes_out, bytes_in : int
-        Of the records written and read so far.
 
     Raises
     ------
@@ -67,7 +63,6 @@ class CanLink:
     def __init__(self, port: str, baud: int, recorder: Optional[TrafficSink] = None):
         self.port = port
         self.baud = baud
-        self.bytes_out = self.bytes_in = 0
         self._recorder = recorder
         self._parser = RecordParser()
         self._waiting: Any = None  # a message received by `wait`
@@ -103,7 +98,6 @@ class CanLink:
                 bus.send(self._message(
                     arbitration_id=frame.identifier, data=frame.data or None,
                     is_extended_id=frame.extended, is_remote_frame=frame.remote), WRITE_TIMEOUT)
-        self.bytes_out += len(data)
         if self._recorder is not None:
             self._recorder.record('>', data)
 
@@ -118,7 +112,6 @@ class CanLink:
 
         """
         data = self._take()
-        self.bytes_in += len(data)
         if data and self._recorder is not None:
             self._recorder.record('<', data)
         return data

@@ -178,10 +178,6 @@ class Link:
     recorder : TrafficSink, optional
         Receives a copy of the traffic.
 
-    Attributes
-    ----------
-    bytes_out, bytes_in : int
-        Written and read so far.
 
     Raises
     ------
@@ -194,7 +190,6 @@ class Link:
     def __init__(self, port: str, baud: int, recorder: Optional[TrafficSink] = None):
         self.port = port
         self.baud = baud
-        self.bytes_out = self.bytes_in = 0
         self._recorder = recorder
         self._serial: Any = None
         self._transfer: Optional[Transfer] = None
@@ -227,7 +222,6 @@ class Link:
             raise _link_error(self.port, error) from error
         if not went_out:
             raise _stuck(self.port)
-        self.bytes_out += len(data)
         if self._recorder is not None:
             self._recorder.record('>', data)
 
@@ -247,7 +241,6 @@ class Link:
         except FAILURES as error:
             raise _link_error(self.port, error) from error
         if data:
-            self.bytes_in += len(data)
             if self._recorder is not None:
                 self._recorder.record('<', data)
         return data

@@ -167,8 +167,6 @@ class ImuSource:
     axes : Axes
     latency : float
         From the measurement to the first byte of its reading, mostly that of its filters [s].
-    clock, sleep : callable
-        Steady, in seconds.
 
     Attributes
     ----------
@@ -181,11 +179,9 @@ class ImuSource:
     """
 
     def __init__(self, sensor: InertialSensor, connect: Callable[[int], SerialLine], axes: Axes,
-                 latency: float, clock: Callable[[], float] = time.monotonic,
-                 sleep: Callable[[float], None] = time.sleep):
+                 latency: float):
         self._sensor, self._connect, self._wanted = sensor, connect, sensor.baud
         self.read_as(axes, latency)
-        self._clock, self._sleep = clock, sleep
         self._arrivals = ArrivalClock(1.0 / sensor.rate)
         self._longest_repetition = round(LONGEST_REPETITION * sensor.rate)
         self.counts: Counter[str] = Counter(
@@ -209,7 +205,7 @@ class ImuSource:
                 return self._open(timeout)
             if not self._line.wait(timeout):
                 return self._check_timeout(self._line)
-            arrival, data = self._clock(), self._line.read()
+            arrival, data = time.monotonic(), self._line.read()
             return self._take(self._line, data, arrival)
         except LinkError as error:
             self._lose(str(error))
@@ -222,23 +218,23 @@ class ImuSource:
             line.close()
 
     def _open(self, timeout: float) -> List[StampedReading]:
-        now = self._clock()
+        now = time.monotonic()
         if now < self._open_at:
-            self._sleep(min(timeout, self._open_at - now))
+            time.sleep(min(timeout, self._open_at - now))
             return []
         self._open_at = now + REOPEN_PERIOD
         self._line = self._connect(self._baud)
         self._parser, self._last, self._alike = self._sensor.parser(), None, 0
         self._arrivals.reset()
         self._write(self._line, self._sensor.configure(self._baud))
-        self._received_at = self._clock()
+        self._received_at = time.monotonic()
         return []
 
     def _write(self, line: SerialLine, commands: List[bytes]) -> None:
         self.counts['set_up'] += 1
         for command in commands:
             line.write(command)
-            self._sleep(COMMAND_PERIOD)
+            time.sleep(COMMAND_PERIOD)
 
     def _take(self, line: SerialLine, data: bytes, arrival: float) -> List[StampedReading]:
         before = Counter(self._parser.counts)
@@ -270,7 +266,7 @@ class ImuSource:
 
     def _check_timeout(self, line: SerialLine) -> List[StampedReading]:
         """Change to the other baud rate when no readings arrive."""
-        if self._clock() - self._received_at > READING_TIMEOUT:
+        if time.monotonic() - self._received_at > READING_TIMEOUT:
             self.trouble = (
                 f'no readings at {self._baud} baud on {line.port}'
                 + (': bytes arrive, but no readings' if self._parser.counts['skipped'] else ''))

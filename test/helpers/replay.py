@@ -62,7 +62,6 @@ class Replay:
     def __init__(self, records):
         self.written = []
         self.port, self.baud = 'replay', 0
-        self.bytes_out = self.bytes_in = 0
         self._pieces = deque(
             record.data for record in records if record.direction == '<')
 
@@ -74,7 +73,6 @@ class Replay:
     def write(self, data):
         """Keep the data in `written`."""
         self.written.append(data)
-        self.bytes_out += len(data)
 
     def read(self):
         """
@@ -88,9 +86,7 @@ class Replay:
         """
         if self.finished:
             raise LinkError('the capture ends here', 'gone', 'port')
-        piece = self._pieces.popleft()
-        self.bytes_in += len(piece)
-        return piece
+        return self._pieces.popleft()
 
     def wait(self, seconds, least=1):
         """Return whether there is more."""

@@ -22,15 +22,7 @@ NOT_CALIBRATED, INVALID_STATE = 14, 13  # ODrive.ProcedureResult
 SERIAL_NUMBER = 0x208F3387304B
 POSITION_CONTROL = 3  # factory default of the control mode
 
-# Properties that have the type of an enumeration.
-ENUMERATIONS = ('error', 'current_state', 'requested_state', 'control_mode', 'input_mode',
-                'motor_type')
-
 QUIRKS: Mapping[str, Quirk] = MappingProxyType({
-    '1d': Quirk('0.5.3: an enumeration is answered as `1d`, and cannot be written',
-                'fibre-cpp/protocol.hpp and CHANGELOG.md, fw-v0.5.3'),
-    'no_sc': Quirk('0.5.1: `1d`, and `sc` does nothing',
-                   'communication/ascii_protocol.cpp, fw-v0.5.1'),
     '0.5.4': Quirk('0.5.4: a controller stop is reported as two motor errors, in ten '
                    'digits of which nine are sent', 'MotorControl/main.cpp, fw-v0.5.4'),
     'vel_limit': Quirk('velocity limit 2 turn/s (0.6: 10), in torque mode too, and 1.2 times as '
@@ -107,9 +99,7 @@ class Names:
 
     def version_of(self, settings: DriveSettings) -> tuple[int, int, int]:
         """Return the version, which a quirk may change."""
-        older = {'no_sc': (0, 5, 1), '1d': (0, 5, 3), '0.5.4': (0, 5, 4)}
-        return next((version for name, version in older.items() if name in settings.quirks),
-                    self.version)
+        return (0, 5, 4) if '0.5.4' in settings.quirks else self.version
 
     def info(self, here: Mapping[str, float]) -> list[str]:
         """Return the answer to ``i``."""
@@ -348,9 +338,8 @@ class Board:
 
     def clear_errors(self) -> None:
         """Clear all errors, and arm the brake resistor; main.cpp, clear_errors."""
-        if 'no_sc' not in self.settings.quirks:
-            self.properties.update(dict.fromkeys(self.names.cleared, 0))
-            self._brake_armed = bool(self.properties[self.names.brake_enabled])
+        self.properties.update(dict.fromkeys(self.names.cleared, 0))
+        self._brake_armed = bool(self.properties[self.names.brake_enabled])
 
 
 class BoardDevice(Device):

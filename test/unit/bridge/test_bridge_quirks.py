@@ -51,7 +51,8 @@ def test_a_vesc_whose_kill_switch_is_pulled_has_no_torque_and_gets_none_by_itsel
 
 
 def test_a_vesc_with_old_firmware_is_refused_by_its_name():
-    robot = with_quirks('vesc', 'firmware_5_02')
+    robot = VirtualRobot('vesc')
+    robot.device.version = (5, 2)
     with refused('firmware', 'firmware', DriveError) as caught:
         robot.session.configure()
     assert '5.02' in str(caught.value)

@@ -1,9 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the firmware of an ODrive does, as the maker's sources say, in the emulated drive."""
-from dataclasses import replace
 import math
 
-from drive_bench import Bench
 import pytest
 from refusals import refused
 
@@ -191,24 +189,3 @@ def test_from_the_factory_the_motor_has_to_be_calibrated_which_takes_a_while(fir
     assert device.properties['axis0.current_state'] == 1
     write(device, 'axis0.requested_state', 8)
     assert device.armed
-
-
-def test_0_5_3_answers_enumerations_with_a_letter_and_does_not_take_them():
-    bench = Bench('odrive 0.5', DriveSettings(quirks=('1d',)))
-    assert ask(bench.device, 'r axis0.current_state') == '1d'
-    assert ask(bench.device, 'r axis0.error') == '0d'
-    assert ask(bench.device, 'r fw_version_revision') == '3'
-    assert ask(bench.device, 'r axis0.config.enable_watchdog') == '1'
-    assert ask(bench.device, 'w axis0.requested_state 8') == 'not implemented'
-
-
-def test_0_5_1_does_not_clear_errors():
-    device = ODriveDevice(DriveSettings(quirks=('no_sc',)))
-    device.over_current()
-    device.receive(b'sc\n', 1.0)
-    assert device.properties['axis0.error'] == 0x40
-    fresh = ODriveDevice(replace(device.settings, quirks=()))
-    fresh.over_current()
-    fresh.receive(b'sc\n', 1.0)
-    assert fresh.properties['axis0.error'] == 0
-

@@ -1,8 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """A sensor on a line: set up, found at another baud rate, unplugged, frozen, back again."""
+from types import SimpleNamespace
+
 import pytest
 
 from ballbot_ros.errors import LinkError
+from ballbot_ros.imus import source as source_module
 from ballbot_ros.imus.plausibility import EXPLANATIONS
 from ballbot_ros.imus.source import Axes, ImuSource
 from ballbot_ros.imus.witmotion.emulated import EmulatedWitMotion
@@ -75,8 +78,7 @@ class SensorLine:
 
 def source_of(line, axes='x y z', baud=115200, rate=200, latency=0.003):
     """Return a source on a line."""
-    return ImuSource(WitMotion(baud, rate, 98), line.connect, Axes(axes), latency, line.clock,
-                     line.sleep)
+    return ImuSource(WitMotion(baud, rate, 98), line.connect, Axes(axes), latency)
 
 
 def run(line, source, seconds):
@@ -88,24 +90,30 @@ def run(line, source, seconds):
 
 
 @pytest.fixture
-def reading():
-    """Return a line with a sensor and a source that reads from it."""
+def line(monkeypatch):
+    """Return a line with a sensor, on whose clock a source runs."""
     line = SensorLine()
+    monkeypatch.setattr(source_module, 'time', SimpleNamespace(
+        monotonic=line.clock, sleep=lambda seconds: line.sleep(seconds)))
+    return line
+
+
+@pytest.fixture
+def reading(line):
+    """Return a line with a sensor and a source that reads from it."""
     source = source_of(line)
     run(line, source, 2.0)
     return line, source
 
 
-def test_a_sensor_as_it_leaves_the_factory_is_found_and_configured():
-    line = SensorLine()
+def test_a_sensor_as_it_leaves_the_factory_is_found_and_configured(line):
     source = source_of(line)
     assert run(line, source, 2.5)
     assert line.device.baud == 115200 and not source.trouble
     assert len(run(line, source, 1.0)) == pytest.approx(200, abs=2)
 
 
-def test_a_sensor_at_the_right_baud_rate_is_configured_once():
-    line = SensorLine()
+def test_a_sensor_at_the_right_baud_rate_is_configured_once(line):
     line.device.registers[4] = 6
     source = source_of(line)
     assert len(run(line, source, 1.2)) >= 190

@@ -19,8 +19,7 @@ from typing import Callable, Mapping, Optional
 
 from ballbot_ros.drives.contract import BITS_PER_BYTE
 from ballbot_ros.drives.odrive.ascii.codec import checksum, frame_reply, LINE_END, LONGEST_LINE
-from ballbot_ros.drives.odrive.emulated_board import (
-    BoardDevice, CONFIG, ENUMERATIONS, QUIRKS)
+from ballbot_ros.drives.odrive.emulated_board import BoardDevice, CONFIG, QUIRKS
 from ballbot_ros.drives.odrive.firmware import TORQUE_CONTROL
 
 LONGEST_COMMAND = 256
@@ -42,7 +41,6 @@ class ODriveDevice(BoardDevice):
         self._line = b''
         self._reading = True
         self._sending_until = -math.inf
-        self._old = self.has('1d') or self.has('no_sc')
         self._measured: dict[str, Callable[[], float]] = {
             self.names.current: lambda: self.torque() / self.settings.torque_constant,
             'vbus_voltage': lambda: self.sensed.bus_voltage, 'ibus': self.board.supply_current,
@@ -151,14 +149,12 @@ class ODriveDevice(BoardDevice):
             return ['invalid property']
         value = self.properties[name]
         text = f'{value:f}' if isinstance(value, float) else str(value)
-        return [(text + 'd' * self._garbles(name))[:LONGEST_VALUE]]
+        return [text[:LONGEST_VALUE]]
 
     def _write(self, words: list[str]) -> list[str]:
         name = self._own_name(words[0]) if len(words) == 2 else ''
         if name not in self.properties:
             return ['invalid property']
-        if self._garbles(name):
-            return ['not implemented']
         number = re.match(FLOAT, words[1])
         old = self.properties[name]
         if number is not None and name not in self.names.read_only:
@@ -171,10 +167,6 @@ class ODriveDevice(BoardDevice):
             return name
         axis, _, rest = name.partition('.')
         return f'axis0.{rest}' if axis == f'axis{self.settings.axis}' else ''
-
-    def _garbles(self, name: str) -> bool:
-        """Return whether this is an enumeration, and the firmware too old to print it."""
-        return self._old and name.rpartition('.')[2] in ENUMERATIONS
 
 
 def _respond(text: str, checked: bool) -> bytes:

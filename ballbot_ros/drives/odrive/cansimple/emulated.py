@@ -22,14 +22,13 @@ from ballbot_ros.drives.odrive.emulated_board import BoardDevice, CONFIG, NAMES,
 FRAME_BITS = 160
 MAILBOXES = 3
 REBOOT = 0x16
-ASCII_ONLY = ('1d', 'no_sc')
 
 
 class ODriveCanDevice(BoardDevice):
     """See `Device`; the node id is the number of the axis, one `Device` of a board."""
 
     protocol = 'odrive_can'
-    quirks = {name: quirk for name, quirk in QUIRKS.items() if name not in ASCII_ONLY}
+    quirks = QUIRKS
 
     def _boot(self) -> None:
         self._boot_board({})

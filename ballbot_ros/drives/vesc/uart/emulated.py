@@ -35,9 +35,6 @@ LIMITS = {
     'l_temp_motor_end': 100.0, 'l_temp_accel_dec': 0.15, 'l_min_duty': 0.005, 'l_max_duty': 0.95,
     'l_watt_max': 1.5e6, 'l_watt_min': -1.5e6, 'l_current_max_scale': 1.0,
     'l_current_min_scale': 1.0}
-# 5.02 wrote whole floats.
-OF_5_02 = {name: ('B' if form == 'B' else 'f', 1.0)
-           for name, (form, _) in settings.SINCE_5_03.items()}
 
 
 class VescDevice(Device):
@@ -58,9 +55,6 @@ class VescDevice(Device):
         'factory': Quirk(
             'settings from the factory: 60 A for the motor, a timeout of 1 s',
             'motor/mcconf_default.h, applications/appconf_default.h of vedderb/bldc, 7.01'),
-        'firmware_5_02': Quirk(
-            'the firmware is 5.02: no status behind the values, other settings',
-            'comm/commands.c, confgenerator.c of vedderb/bldc, tag 5.02'),
         'kill_switch': Quirk(
             'the kill switch is set up: while `stop_switch` is 1 no current flows',
             'timeout.c of vedderb/bldc, 5.03 and later'),
@@ -165,7 +159,6 @@ class VescDevice(Device):
 
     def _obey(self, payload: bytes, now: float) -> bytes:
         message, data = payload[0], payload[1:]
-        old = self.has('firmware_5_02')
         if message == codec.SET_CURRENT and len(data) >= 4:
             self._fed = now
             if not self._fault and now >= self._deaf_until:
@@ -173,20 +166,18 @@ class VescDevice(Device):
         elif message == codec.ALIVE:
             self._fed = now
         elif message == codec.FW_VERSION:
-            return codec.frame(bytes((message, *((5, 2) if old else self.version)))
-                               + b'60_MK6\0' + bytes.fromhex('30002b001450523147353420')
-                               + b'\0\0\0\0')
+            return codec.frame(bytes((message, *self.version)) + b'60_MK6\0' + bytes.fromhex(
+                '30002b001450523147353420') + b'\0\0\0\0')
         elif message == codec.GET_VALUES_SELECTIVE and len(data) == 4 \
                 and int.from_bytes(data, 'big') % (1 << codec.TAG_SHIFT) == codec.MASK:
             tag = int.from_bytes(data, 'big') >> codec.TAG_SHIFT
-            values = codec.pack_values(self._values()._replace(tag=tag))
-            return codec.frame(values[:-1] if old else values)
+            return codec.frame(codec.pack_values(self._values()._replace(tag=tag)))
         elif message == codec.GET_APPCONF:
             return codec.frame(
                 settings.pack_application(self.application, self.version) + MORE_SETTINGS)
         elif message == codec.GET_MCCONF:
-            layout = OF_5_02 if old else settings.layout_of(self.version)
-            return codec.frame(settings.pack_limits(self.limits, layout) + MORE_SETTINGS)
+            return codec.frame(settings.pack_limits(
+                self.limits, settings.layout_of(self.version)) + MORE_SETTINGS)
         return b''
 
     def _values(self) -> codec.Values:
