@@ -3,7 +3,7 @@
 from collections import Counter
 import logging
 import math
-from typing import Any, Callable, Generic, NamedTuple, Optional, Protocol, Tuple, TypeVar
+from typing import Any, Callable, Generic, NamedTuple, Optional, Protocol, Tuple, TypeVar, Union
 
 from ballbot_ros.bridge.condition import ConditionMonitor
 from ballbot_ros.bridge.drive_line import DriveLine, HANDSHAKE
@@ -298,10 +298,8 @@ class DriveControl(Generic[Estimated]):
     def lose(self, driver: Driver, error: BallbotError) -> None:
         """Continue without the drive; no effect if it is disconnected already."""
         if self.line.driver is driver:
-            cause = EStop(StopReason.LOST, f'the line was lost: {error}')
-            self._change(Event.LOST, cause)
-            if not self._hardware.limits.rearm:
-                self.supervisor.trigger(cause)  # otherwise it would arm after the reconnection
+            self._change(
+                StopReason.LOST, EStop(StopReason.LOST, f'the line was lost: {error}'))
             self.line.lose(error)
 
     def _watch(self, telemetry: Telemetry, now: float) -> None:
@@ -312,14 +310,14 @@ class DriveControl(Generic[Estimated]):
                              'drive')
         observed = self.power.observe(telemetry, silence, self._status_age(telemetry, now))
         if observed is not None and self.line.driver is not None:
-            event = Event(observed.reason.value)
-            if event is Event.HAZARD:  # arming again does not clear it
+            fault = observed.reason
+            if fault is StopReason.HAZARD:  # arming again does not clear it
                 self.supervisor.trigger(observed)
             elif now - self._held_up_at < STATUS_TIMEOUT:
                 observed = EStop(
                     StopReason.HELD_UP, 'the machine held up the loop for longer than the '
                     f'watchdog of the drive, {PAGE}: {observed.text}', observed.names)
-            self._begin_stop(self.line.driver, event, observed)
+            self._begin_stop(self.line.driver, fault, observed)
 
     def _status_age(self, telemetry: Telemetry, now: float) -> float:
         """
@@ -405,7 +403,8 @@ class DriveControl(Generic[Estimated]):
         except DriveError as error:
             self._pacer = self._pacer.not_armed(self._clock())
             refusal = f'cannot arm: {error}'
-            self._begin_stop(driver, Event.NOT_ARMED, EStop(StopReason.NOT_ARMED, refusal))
+            self._begin_stop(
+                driver, StopReason.NOT_ARMED, EStop(StopReason.NOT_ARMED, refusal))
             self.refusal = refusal
             return
         self.refusal = ''
@@ -429,7 +428,8 @@ class DriveControl(Generic[Estimated]):
                 self.lose(driver, error)
         self.sensing.restart(now)
 
-    def _begin_stop(self, driver: Driver, event: Event, cause: Optional[EStop] = None) -> None:
+    def _begin_stop(self, driver: Driver, event: Union[Event, StopReason],
+                    cause: Optional[EStop] = None) -> None:
         """Write a stop; it is repeated until the drive confirms it."""
         self._change(event, cause)
         self._pacer = self._pacer.sent_stop(self.power.since)
@@ -438,18 +438,19 @@ class DriveControl(Generic[Estimated]):
         except LinkError as error:
             self.lose(driver, error)
 
-    def _change(self, event: Event, cause: Optional[EStop] = None) -> None:
+    def _change(self, event: Union[Event, StopReason], cause: Optional[EStop] = None) -> None:
         """Change the state of the motor and drop earlier commands; a fault has a cause."""
-        is_fault, why = self.power.is_fault(event), '' if cause is None else cause.text
-        self._observer.event(f'{event.in_words}{why and ": "}{why}',
-                           Level.FAULT if is_fault or event is Event.LOST else Level.EVENT)
-        if is_fault and cause is not None:
+        name = event.value.replace('_', ' ').replace('links', 'drive')
+        if cause is None:
+            self._observer.event(name)
+        else:
+            self._observer.event(f'{name}: {cause.text}', Level.FAULT)
             if not self._hardware.limits.rearm:
                 self.supervisor.trigger(cause)
-            elif event not in (Event.NOT_ARMED, Event.LOST):  # not caused by the drive
+            elif event not in (StopReason.NOT_ARMED, StopReason.LOST):  # not caused by the drive
                 self._pacer = self._pacer.tripped(self._clock(), self.power.since)
-            if why != self.refusal:  # repeated attempts are logged once
-                LOG.warning('%s', why)
+            if event is not StopReason.LOST and cause.text != self.refusal:
+                LOG.warning('%s', cause.text)  # repeated attempts are logged once
         self._forget()
         self.counts[event.value] += 1
         self.power = self.power.after(event, self._clock())

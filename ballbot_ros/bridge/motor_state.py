@@ -7,7 +7,7 @@ until the drive confirms it, or to a disconnected drive that its own watchdog st
 """
 from enum import auto, Enum
 from types import MappingProxyType
-from typing import Mapping, NamedTuple, Optional, Tuple
+from typing import Mapping, NamedTuple, Optional, Tuple, Union
 
 from ballbot_ros.bridge.supervisor import EStop, StopReason
 from ballbot_ros.drives.contract import Telemetry
@@ -30,49 +30,32 @@ class MotorState(Enum):
 
 
 class Event(Enum):
-    """Events of the state machine; the values are the names of their counters."""
+    """Events of the motor besides its faults; the values are the names of their counters."""
 
     FOUND = 'found'  # handshake complete, motor confirmed stopped
     ARMED = 'armed'  # the drive confirmed that the motor has power
-    NOT_ARMED = 'not_armed'  # the drive did not confirm a request to arm
     WITHDRAWN = 'withdrawn'  # power is no longer requested
-    SILENT = 'silent'  # no reply while armed; the drive may have restarted
-    UNCONFIRMED = 'unconfirmed'  # a reply without a confirmed armed status
-    DISARMED_BY_DRIVE = 'disarmed_by_drive'
-    HAZARD = 'hazards'  # another sender commands the drive, or its settings have changed
     STOPPED = 'stopped'  # the drive confirmed the stop
-    LOST = 'links_lost'  # the link failed, or replies timed out
     CLOSED = 'closed'
 
-    @property
-    def in_words(self) -> str:
-        """Return the event as text."""
-        return self.value.replace('_', ' ').replace('links', 'drive')
 
-
-class Transition(NamedTuple):
-    """A row of the transition table."""
-
-    to: MotorState
-    fault: bool = False  # the e-stop engages, unless the bridge may rearm by itself
-
-
-TRANSITIONS: Mapping[Tuple[MotorState, Event], Transition] = MappingProxyType({
-    (MotorState.DISCONNECTED, Event.FOUND): Transition(MotorState.DISARMED),
-    (MotorState.DISCONNECTED, Event.CLOSED): Transition(MotorState.DISCONNECTED),
-    (MotorState.DISARMED, Event.ARMED): Transition(MotorState.ARMED),
-    (MotorState.DISARMED, Event.NOT_ARMED): Transition(MotorState.STOPPING, fault=True),
-    (MotorState.DISARMED, Event.LOST): Transition(MotorState.DISCONNECTED),
-    (MotorState.DISARMED, Event.CLOSED): Transition(MotorState.DISCONNECTED),
-    (MotorState.ARMED, Event.WITHDRAWN): Transition(MotorState.STOPPING),
-    (MotorState.ARMED, Event.SILENT): Transition(MotorState.STOPPING, fault=True),
-    (MotorState.ARMED, Event.UNCONFIRMED): Transition(MotorState.STOPPING, fault=True),
-    (MotorState.ARMED, Event.DISARMED_BY_DRIVE): Transition(MotorState.STOPPING, fault=True),
-    (MotorState.ARMED, Event.HAZARD): Transition(MotorState.STOPPING, fault=True),
-    (MotorState.ARMED, Event.LOST): Transition(MotorState.DISCONNECTED, fault=True),
-    (MotorState.STOPPING, Event.STOPPED): Transition(MotorState.DISARMED),
-    (MotorState.STOPPING, Event.LOST): Transition(MotorState.DISCONNECTED, fault=True),
-    (MotorState.STOPPING, Event.CLOSED): Transition(MotorState.DISCONNECTED),
+# A fault engages the e-stop, unless the bridge may rearm by itself.  Other transitions are errors.
+TRANSITIONS: Mapping[Tuple[MotorState, Union[Event, StopReason]], MotorState] = MappingProxyType({
+    (MotorState.DISCONNECTED, Event.FOUND): MotorState.DISARMED,
+    (MotorState.DISCONNECTED, Event.CLOSED): MotorState.DISCONNECTED,
+    (MotorState.DISARMED, Event.ARMED): MotorState.ARMED,
+    (MotorState.DISARMED, StopReason.NOT_ARMED): MotorState.STOPPING,
+    (MotorState.DISARMED, StopReason.LOST): MotorState.DISCONNECTED,
+    (MotorState.DISARMED, Event.CLOSED): MotorState.DISCONNECTED,
+    (MotorState.ARMED, Event.WITHDRAWN): MotorState.STOPPING,
+    (MotorState.ARMED, StopReason.SILENT): MotorState.STOPPING,
+    (MotorState.ARMED, StopReason.UNCONFIRMED): MotorState.STOPPING,
+    (MotorState.ARMED, StopReason.DISARMED_BY_DRIVE): MotorState.STOPPING,
+    (MotorState.ARMED, StopReason.HAZARD): MotorState.STOPPING,
+    (MotorState.ARMED, StopReason.LOST): MotorState.DISCONNECTED,
+    (MotorState.STOPPING, Event.STOPPED): MotorState.DISARMED,
+    (MotorState.STOPPING, StopReason.LOST): MotorState.DISCONNECTED,
+    (MotorState.STOPPING, Event.CLOSED): MotorState.DISCONNECTED,
 })
 
 
@@ -82,18 +65,14 @@ class Power(NamedTuple):
     state: MotorState = MotorState.DISCONNECTED
     since: float = 0.0  # [s]
 
-    def after(self, event: Event, now: float) -> 'Power':
+    def after(self, event: Union[Event, StopReason], now: float) -> 'Power':
         """Return the state after an event; raise `KeyError` for one that the table lacks."""
-        return Power(TRANSITIONS[self.state, event].to, now)
-
-    def is_fault(self, event: Event) -> bool:
-        """Return whether an event engages the e-stop."""
-        return TRANSITIONS[self.state, event].fault
+        return Power(TRANSITIONS[self.state, event], now)
 
     def observe(self, telemetry: Telemetry, silence: float, status_age: float
                 ) -> Optional[EStop]:
         """
-        Return the fault of an armed drive, or None; its reason is the value of an `Event`.
+        Return the fault of an armed drive, or None.
 
         Parameters
         ----------

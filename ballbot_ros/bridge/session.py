@@ -245,9 +245,12 @@ class Session:
     def engage(self, text: str, reason: StopReason = StopReason.REQUESTED) -> None:
         """Engage the e-stop of all axes, which disables their power immediately."""
         with self.lock:
-            for axis in self.axes:
-                axis.supervisor.trigger(EStop(reason, text))
-                axis.withdraw()
+            self._engage(EStop(reason, text))
+
+    def _engage(self, cause: EStop) -> None:
+        for axis in self.axes:
+            axis.supervisor.trigger(cause)
+            axis.withdraw()
 
     def release(self, too_early: str = '') -> None:
         """
@@ -374,7 +377,7 @@ class Session:
                         f'another axis was lost ({self._trouble(axis)})', 'closed', 'port'))
         stops = [axis.supervisor.e_stop for axis in self.axes if axis.supervisor.e_stop]
         if 0 < len(stops) < len(self.axes):
-            self.engage(stops[0].text, stops[0].reason)
+            self._engage(stops[0])
 
     @staticmethod
     def _trouble(axis: DriveControl[Any]) -> str:

@@ -33,13 +33,13 @@ class StopReason(str, Enum):
     REQUESTED = 'requested'  # by a person or a node
     DEACTIVATED = 'deactivated'
     CLOSED = 'closed'
-    # Events of the motor, see `motor_state.Event`.
-    NOT_ARMED = 'not_armed'
-    SILENT = 'silent'
-    UNCONFIRMED = 'unconfirmed'
+    # Faults of the motor, see `motor_state.TRANSITIONS`; the values are names of counters, too.
+    NOT_ARMED = 'not_armed'  # the drive did not confirm a request to arm
+    SILENT = 'silent'  # no reply while armed; the drive may have restarted
+    UNCONFIRMED = 'unconfirmed'  # a reply without a confirmed armed status
     DISARMED_BY_DRIVE = 'disarmed_by_drive'
-    HAZARD = 'hazards'
-    LOST = 'links_lost'
+    HAZARD = 'hazards'  # another sender commands the drive, or its settings have changed
+    LOST = 'links_lost'  # the link failed, or replies timed out
     HELD_UP = 'held_up'  # one of these, after the machine held up the loop
     # Of this module, the battery and the IMU.
     RUNAWAY = 'runaway'

@@ -15,6 +15,7 @@ from ballbot_ros.bridge.feasibility import wire_budget
 from ballbot_ros.bridge.hardware_file import load_hardware, read_hardware
 from ballbot_ros.bridge.motor_state import MotorState
 from ballbot_ros.bridge.session import Session
+from ballbot_ros.bridge.supervisor import EStop, StopReason
 from ballbot_ros.control import Mode, SetPoint
 from ballbot_ros.drives.roboclaw import codec
 from ballbot_ros.physics import load_robot
@@ -111,6 +112,13 @@ def test_each_fault_of_one_axis_ends_the_torque_of_both(turning, fault):
     assert STEP * (last - first) < 0.7
     states = {axis.power.state for axis in robot.session.axes}
     assert states <= {MotorState.DISARMED, MotorState.DISCONNECTED}
+
+
+def test_the_cause_of_one_axis_is_that_of_both_with_the_names_of_its_faults(turning):
+    cause = EStop(StopReason.DISARMED_BY_DRIVE, 'the drive disarmed the motor: HOT', ('HOT',))
+    turning.session.axes[1].supervisor.trigger(cause)
+    turning.loop(0.01, TURN)
+    assert turning.session.supervisor.e_stop == cause
 
 
 @pytest.mark.parametrize('velocity', [True, False])
