@@ -125,13 +125,6 @@ def lateral_readings(message: JointState, robot: Robot) -> Optional[LateralState
     return LateralState(lean, lean_rate, tilt, tilt_rate, yaw_rate, heading)
 
 
-def command_message(stamp: Time, torque: float) -> JointState:
-    """Return a joint command for the pendulum, stamped like the state that it answers."""
-    message = JointState(name=[PENDULUM], effort=[torque])
-    message.header.stamp = stamp
-    return message
-
-
 def readings(message: JointState) -> JointReadings:
     """
     Return the joint readings that the controller needs.

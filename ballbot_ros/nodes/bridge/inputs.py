@@ -17,7 +17,7 @@ from ballbot_ros.nodes.bridge.motor import Clocks, imu_reading, MotorOutputs
 from ballbot_ros.ros.conversions import command_torque, to_seconds
 from ballbot_ros.ros.endpoints import (
     create_subscription, create_trigger, RECEIVED_TIMEOUT, subscribe_e_stop)
-from ballbot_ros.ros.fast_path.joint_state_bytes import AnyJointState, subscribe_joint_states
+from ballbot_ros.ros.joint_state_bytes import AnyJointState, subscribe_joint_states
 from ballbot_ros.ros.set_points import REFUSED_PAUSE, SetPoints
 from ballbot_ros.ros.single_publisher import SinglePublisher
 

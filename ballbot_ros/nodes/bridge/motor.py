@@ -19,8 +19,8 @@ from ballbot_ros.estimation import Estimate, ImuReading
 from ballbot_ros.msg import MotorStatus
 from ballbot_ros.ros.conversions import to_seconds, to_time
 from ballbot_ros.ros.endpoints import create_publisher, wait_until_received
-from ballbot_ros.ros.fast_path.joint_state_bytes import JointStateBytes
 from ballbot_ros.ros.frames import FRAMES, Frames
+from ballbot_ros.ros.joint_state_bytes import JointStateBytes
 
 # Below `bridge`, whose records are delayed: the motor loop reads this clock, too.
 LOG = logging.getLogger('ballbot_ros.bridge.clocks')

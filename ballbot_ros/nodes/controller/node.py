@@ -17,8 +17,8 @@ from ballbot_ros.ros.cmd_vel import speed_set_point, SpeedSubscription
 from ballbot_ros.ros.conversions import lateral_readings, readings, set_point
 from ballbot_ros.ros.endpoints import (
     create_publisher, create_subscription, subscribe_e_stop, wait_until_received)
-from ballbot_ros.ros.fast_path.joint_state_bytes import (
-    AnyJointState, CommandBytes, subscribe_joint_states)
+from ballbot_ros.ros.joint_state_bytes import (
+    AnyJointState, command_bytes, subscribe_joint_states)
 from ballbot_ros.ros.parameters import Commit, declare
 from ballbot_ros.ros.retuning import change_period, LoopNumbers, prepare_laws
 from ballbot_ros.ros.run import run
@@ -39,7 +39,6 @@ class Controller(Node):
         self._newest = self._answered = Time()
         self._torque = 0.0
         self._refused: Counter = Counter()
-        self._written = CommandBytes()
         self._lateral: Optional[LateralState] = None  # None for a robot that drives straight
         self._speed = 0.0
         self._commands = create_publisher(self, 'joint_commands')
@@ -120,7 +119,7 @@ class Controller(Node):
         if self._lateral is not None:
             lean = law(self._robot, self._lateral, self._speed,
                        self._controller.set_point.yaw_rate)
-        self._commands.publish(self._written.of(self._answered, torque, lean))
+        self._commands.publish(command_bytes(self._answered, torque, lean))
 
     def _watch(self) -> None:
         """Set the torque to 0 when joint states stop."""

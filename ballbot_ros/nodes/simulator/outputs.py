@@ -20,8 +20,8 @@ from ballbot_ros.ros.conversions import (
     ball_state_message, map_message, observation_message, odometry_message, scan_message,
     sec_nanosec, terrain_message, to_time)
 from ballbot_ros.ros.endpoints import create_publisher, has_subscribers
-from ballbot_ros.ros.fast_path.joint_state_bytes import JointStateBytes
 from ballbot_ros.ros.frames import Frames
+from ballbot_ros.ros.joint_state_bytes import JointStateBytes
 from ballbot_ros.ros.markers import floor_markers, MarkerTopic, world_markers
 from ballbot_ros.ros.odometry import OdometryTopics
 from ballbot_ros.ros.parameters import Commit

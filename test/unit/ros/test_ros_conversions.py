@@ -155,13 +155,6 @@ def test_a_robot_that_drives_straight_refuses_a_set_point_with_a_yaw_rate():
     assert (caught.value.reason, caught.value.field) == ('other_axes', 'velocity')
 
 
-@given(some.floats(allow_nan=True, allow_infinity=True))
-def test_a_command_comes_back_as_it_was_sent(torque):
-    message = conversions.command_message(conversions.to_time(1.5), torque)
-    assert str(conversions.command_torque(message)) == str(torque)
-    assert conversions.to_seconds(message.header.stamp) == 1.5
-
-
 def test_a_command_is_found_by_its_name_not_its_place():
     message = joints(name=['wheel', 'pendulum', 'shell'], effort=[1.0, 2.0, 3.0])
     assert conversions.command_torque(message) == 2.0
