@@ -32,8 +32,9 @@ from ballbot_ros.config.files import config_folder
 from ballbot_ros.demo.processes import NodeProcesses, own_domain
 from ballbot_ros.emulator.emulator import Emulator
 from ballbot_ros.physics import load_scene
-from ballbot_ros.ros.conversions import command_message, set_point_message
+from ballbot_ros.ros.conversions import set_point_message
 from ballbot_ros.ros.endpoints import create_publisher, create_subscription
+from ballbot_ros.ros.joint_state_bytes import command_bytes
 from ballbot_ros.ros.rclpy_compat import new_executor
 
 START = 60.0  # longest start or end of an emulator [s]
@@ -86,7 +87,7 @@ class Bench:
         size = 0.05 + 0.0005 * self._number
         torque = size if self._number % 2 else -size
         self.sent.setdefault(self._number, []).append(time.monotonic())
-        self._commands.publish(command_message(
+        self._commands.publish(command_bytes(
             message.header.stamp, torque if self.pushing else 0.0))
 
     def spin(self, seconds):

@@ -17,7 +17,6 @@ from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 
 from ballbot_ros.demo.processes import own_domain
-from ballbot_ros.ros.conversions import command_message
 from ballbot_ros.ros.endpoints import create_publisher, create_subscription
 from ballbot_ros.ros.frames import JOINTS
 from ballbot_ros.ros.rclpy_compat import new_executor
@@ -50,7 +49,7 @@ def answering(name, input_topic, output_topic, make, raw):
 def commander(raw):
     """Return a substitute for the controller."""
     return answering('commander', 'joint_states', 'joint_commands',
-                     lambda: command_message(Time(sec=1), 0.5), raw)
+                     lambda: JointState(name=['pendulum'], effort=[0.5]), raw)
 
 
 def times_real_time(apart, raw):

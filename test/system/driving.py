@@ -5,11 +5,11 @@ import time
 from graph import TIMEOUT
 import pytest
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
 from ballbot_ros.bridge.supervisor import StopReason
 from ballbot_ros.msg import MotorStatus
+from ballbot_ros.ros.joint_state_bytes import command_bytes
 
 TORQUE = 0.6  # at the pendulum [N m]
 WATCHDOG = 0.5  # of the drive: a busy machine may hold the bridge up for as long [s]
@@ -29,8 +29,7 @@ class Driving:
 
     def command(self, torque=TORQUE):
         """Return a command for the newest state."""
-        return JointState(header=Header(stamp=self.states[-1].header.stamp), name=['pendulum'],
-                          effort=[torque])
+        return command_bytes(self.states[-1].header.stamp, torque)
 
     def release(self):
         """Release the e-stop until the motor has power."""

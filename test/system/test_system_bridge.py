@@ -22,7 +22,8 @@ from ballbot_ros.emulator.control import obey
 from ballbot_ros.msg import MotorStatus
 from ballbot_ros.nodes.bridge.node import Bridge
 from ballbot_ros.ros import diagnostics
-from ballbot_ros.ros.conversions import command_message, to_time
+from ballbot_ros.ros.conversions import to_time
+from ballbot_ros.ros.joint_state_bytes import command_bytes
 from ballbot_ros.ros.rclpy_compat import new_executor
 
 
@@ -161,7 +162,7 @@ def pull_here(node, executor, motor):
             if release.service_is_ready():
                 answer = release.call_async(Trigger.Request())
         elif answer.done():
-            commands.publish(command_message(
+            commands.publish(command_bytes(
                 to_time(1e-9 * node.get_clock().now().nanoseconds), TORQUE))
 
 

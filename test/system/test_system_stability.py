@@ -4,10 +4,10 @@ from itertools import pairwise
 
 import pytest
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Header
 
 from ballbot_ros.control import load_tuning, Mode, PendulumController, SetPoint
 from ballbot_ros.ros.conversions import readings
+from ballbot_ros.ros.joint_state_bytes import command_bytes
 
 
 def hold(graph, gimball, rate, seconds):
@@ -23,8 +23,7 @@ def hold(graph, gimball, rate, seconds):
             torques.append(law.torque(now))
             angles.append(now.pendulum_angle)
         states.append(message)
-        publisher.publish(JointState(
-            header=Header(stamp=message.header.stamp), name=['pendulum'], effort=torques[-1:]))
+        publisher.publish(command_bytes(message.header.stamp, torques[-1]))
 
     graph.subscribe('joint_states', JointState, callback=answer)
     graph.start('simulator', scene='flat', lockstep=True, control_rate=rate,
