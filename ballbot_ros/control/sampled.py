@@ -21,7 +21,6 @@ from typing import NamedTuple, Optional, Sequence, Tuple, Union
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot_ros.control.matrix_exponential import expm
 from ballbot_ros.control.rolling_model import Array, RollingModel
 from ballbot_ros.control.signals import Mode
 from ballbot_ros.control.speed_law import speed_law_step, SpeedLaw
@@ -47,6 +46,20 @@ HALF_CIRCLE = tuple(math.radians(degrees) for degrees in range(0, 181, 15))
 CLOSED = (Mode.HOLD, Mode.DRIVE, Mode.SPEED)  # laws that close a loop
 # Step of the differences that linearise the speed law, which is smooth within its limits.
 DIFFERENCE = 1e-4
+
+
+def expm(matrix: Array) -> Array:
+    """Return the exponential of a small matrix, by scaling and squaring of its Taylor series."""
+    # SciPy has it, but importing that takes a third of a second at each start of a node.
+    squarings = max(0, math.frexp(2.0 * float(np.linalg.norm(matrix, 1)))[1])
+    scaled = matrix / 2.0**squarings  # its norm is below 0.5: 16 terms are exact to rounding
+    result = term = np.eye(len(matrix))
+    for power in range(1, 17):
+        term = term @ scaled / power
+        result = result + term
+    for _ in range(squarings):
+        result = result @ result
+    return result
 
 
 class HeldInput(NamedTuple):
@@ -92,7 +105,7 @@ class HeldInput(NamedTuple):
         flow[:size, :size], flow[:size, size] = matrix, column
 
         def over(share: float) -> Tuple[Array, Array]:
-            held = expm(flow * share / rate) if share != 1.0 else expm(flow / rate)
+            held = expm(flow * share / rate)
             return held[:size, :size], held[:size, size]
 
         if part == 0.0:

@@ -15,8 +15,8 @@ holds while rolling, slipping, climbing, falling.  The absolute direction remain
 integrates the gyro, and the direction of gravity in the accelerometer corrects its drift, unless
 the force differs from g by more than `gravity_gate` (a fall or an impact).
 
-The kernels run in each period of the motor loop and allocate no arrays: the caller passes the
-outputs.  From Python, pass ``numbers[:]`` for a `FilterNumbers`: kernels take plain tuples.
+The kernels run in each period of the motor loop and change an estimate in place.  From Python,
+pass ``numbers[:]`` for a `FilterNumbers`: kernels take plain tuples.
 """
 from dataclasses import dataclass
 import math
@@ -107,15 +107,6 @@ class FilterNumbers(NamedTuple):
 
 
 @compiled
-def take_over(mean: Array, covariance: Array, mean_after: Array, covariance_after: Array) -> None:
-    """Copy an estimate into the output arrays."""
-    for i in range(SIZE):
-        mean_after[i] = mean[i]
-        for j in range(SIZE):
-            covariance_after[i, j] = covariance[i, j]
-
-
-@compiled
 def moved(column: Quad, step: float, by_pendulum: Quad, by_ball: Quad) -> Quad:
     """Return a small change of the first four states after a step [s]."""
     angle, joint, rate, ball_rate = column
@@ -179,33 +170,12 @@ def step_on(mean: Array, covariance: Array, step: float, torque: float, support:
 
 
 @compiled
-def predicted(before: Tuple[float, Array, Array], stamp: float, torque: float, support: Support,
-              numbers: Tuple[Rolling, Trust], mean: Array, covariance: Array) -> float:
-    """
-    Write the estimate at a later time, and return that time [s]; see `PendulumFilter.predict`.
-
-    Parameters
-    ----------
-    before : tuple
-        Stamp, mean and covariance.
-    stamp : float
-        [s]
-    torque : float
-        [N m]
-    support : Support
-    numbers : tuple
-        Of a `RollingNumbers` and a `FilterNumbers`.
-    mean : (5,) array
-        To write to.
-    covariance : (5, 5) array
-        To write to.
-
-    """
-    now, mean_before, covariance_before = before
-    take_over(mean_before, covariance_before, mean, covariance)
+def advance(mean: Array, covariance: Array, now: float, stamp: float, torque: float,
+            support: Support, rolling: Rolling, trust: Trust) -> float:
+    """Advance an estimate in place from a time to a later one, and return that [s]."""
     while stamp > now + STAMP_TOLERANCE:
         step = min(stamp - now, LONGEST_STEP)
-        step_on(mean, covariance, step, torque, support, numbers[0], numbers[1])
+        step_on(mean, covariance, step, torque, support, rolling, trust)
         now += step
     return now
 
@@ -246,24 +216,15 @@ def correct(mean: Array, covariance: Array, columns: Tuple[int, int],
 
 
 @compiled
-def with_joint_angle(before: Tuple[Array, Array], innovation: float, variance: float,
-                     mean: Array, covariance: Array) -> None:
-    """Write the estimate corrected by an encoder angle; see `PendulumFilter.with_encoder`."""
-    take_over(before[0], before[1], mean, covariance)
-    correct(mean, covariance, (JOINT, JOINT), (1.0, 0.0), innovation, variance)
-
-
-@compiled
-def with_force(before: Tuple[Array, Array], felt: Quad, period: float, trust: Trust, mean: Array,
-              covariance: Array) -> None:
+def correct_by_imu(mean: Array, covariance: Array, felt: Quad, period: float, trust: Trust
+                   ) -> None:
     """
-    Write the estimate corrected by an IMU reading; see `PendulumFilter.with_imu`.
+    Correct an estimate in place by an IMU reading; see `PendulumFilter.with_imu`.
 
     The reading is a turn rate [rad/s], a forward and an upward specific force [m/s2] and a turn
     acceleration [rad/s2].
     """
     own, (turn_rate, forward, upward, turn_acceleration) = FilterNumbers(*trust), felt
-    take_over(before[0], before[1], mean, covariance)
     correct(mean, covariance, (BALL_RATE, BIAS), (1.0, 1.0),
             turn_rate - (mean[BALL_RATE] + mean[BIAS]), own.gyro_variance)
     if abs(math.hypot(forward, upward) - own.gravity) > own.gravity_gate:
@@ -348,7 +309,7 @@ class PendulumFilter:
             tuning.gravity_sd**2, tuning.gravity_gate, tuning.pendulum_noise**2,
             tuning.ball_noise**2, tuning.pendulum_noise_with_imu**2,
             tuning.ball_noise_with_imu**2, tuning.gyro_drift**2)[:]
-        self._numbers = model.numbers, self._trust
+        self._rolling = model.numbers
 
     def start(self, stamp: float, encoder: float, imu: Optional[ImuReading] = None,
               encoder_zero: Optional[float] = None) -> Estimate:
@@ -396,12 +357,11 @@ class PendulumFilter:
         """
         if not stamp > estimate.stamp + STAMP_TOLERANCE:
             return estimate
-        mean, covariance = np.empty(SIZE), np.empty((SIZE, SIZE))
-        return Estimate(
-            predicted(estimate[:3], stamp, torque,
-                      NO_SUPPORT if imu is None else (True, imu.forward, imu.upward),
-                      self._numbers, mean, covariance),
-            mean, covariance, estimate.encoder_zero)
+        mean, covariance = estimate.mean.copy(), estimate.covariance.copy()
+        after = advance(mean, covariance, estimate.stamp, stamp, torque,
+                        NO_SUPPORT if imu is None else (True, imu.forward, imu.upward),
+                        self._rolling, self._trust)
+        return Estimate(after, mean, covariance, estimate.encoder_zero)
 
     def with_encoder(self, estimate: Estimate, encoder: float, latency: float = 0.0) -> Estimate:
         """
@@ -416,12 +376,10 @@ class PendulumFilter:
             The angle may have been measured as much later [s], at a time of uniform probability.
 
         """
-        mean, covariance = np.empty(SIZE), np.empty((SIZE, SIZE))
+        mean, covariance = estimate.mean.copy(), estimate.covariance.copy()
         tuning, rate = self._tuning, estimate.joint_rate
-        with_joint_angle(
-            estimate[1:3], self.innovation(estimate, encoder),
-            tuning.encoder_sd**2 + (tuning.timing_sd**2 + latency**2 / 12.0) * rate**2,
-            mean, covariance)
+        correct(mean, covariance, (JOINT, JOINT), (1.0, 0.0), self.innovation(estimate, encoder),
+                tuning.encoder_sd**2 + (tuning.timing_sd**2 + latency**2 / 12.0) * rate**2)
         return Estimate(estimate.stamp, mean, covariance, estimate.encoder_zero)
 
     def innovation(self, estimate: Estimate, encoder: float) -> float:
@@ -442,8 +400,8 @@ class PendulumFilter:
             Since the previous reading [s].
 
         """
-        mean, covariance = np.empty(SIZE), np.empty((SIZE, SIZE))
-        with_force(
-            estimate[1:3], (imu.turn_rate, imu.forward, imu.upward, imu.turn_acceleration), period,
-            self._trust, mean, covariance)
+        mean, covariance = estimate.mean.copy(), estimate.covariance.copy()
+        correct_by_imu(
+            mean, covariance, (imu.turn_rate, imu.forward, imu.upward, imu.turn_acceleration),
+            period, self._trust)
         return Estimate(estimate.stamp, mean, covariance, estimate.encoder_zero)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm as reference
 
-from ballbot_ros.control.matrix_exponential import expm
+from ballbot_ros.control.sampled import expm
 
 
 @pytest.mark.parametrize('size', [1, 2, 5, 8])
