@@ -185,7 +185,10 @@ class Tracker:
         course = heading if path.direction > 0 else heading + math.pi
         error = math.remainder(course - float(np.interp(along, path.along, path.courses)),
                                2.0 * math.pi)
-        feedforward = float(np.interp(along + LEAN_LEAD * abs(speed), path.along, path.curvatures))
-        curvature = feedforward - left / settling**2 - 2.0 * math.sin(error) / settling
+        # A ball may roll back on its path.
+        way = speed * path.direction
+        feedforward = float(np.interp(along + LEAN_LEAD * way, path.along, path.curvatures))
+        curvature = math.copysign(1.0, way) * (feedforward - left / settling**2) \
+            - 2.0 * math.sin(error) / settling
         limit = float(np.interp(abs(speed), self._speeds, self._limits))
         return abs(speed) * min(max(curvature, -limit), limit)

@@ -16,7 +16,10 @@ from typing import Mapping, Optional
 
 from ballbot_ros.drives.emulated_device import Device, DriveSettings, Quirk, Sensed
 from ballbot_ros.drives.odrive.firmware import (
-    CLOSED_LOOP_CONTROL, IDLE, PASSTHROUGH, TORQUE_CONTROL)
+    AXIS_5, BACK_ALLOWED, CLOSED_LOOP_CONTROL, CONTROL_MODE, CONTROLLER_5, ENCODER_5, Generation,
+    GENERATION_5, GENERATION_6, HARDWARE, IDLE, INPUT_MODE, LIMITS_TORQUE_MODE, MAX_BACK, MOTOR_5,
+    OVERSPEED, PASSTHROUGH, REQUESTED_STATE, RESULT_6, SATURATED, STATE, SYSTEM_5, TORQUE_CONTROL,
+    VELOCITY_GAIN, VELOCITY_LIMIT, VELOCITY_TOLERANCE, VERSION, WATCHDOG, WATCHDOG_TIMEOUT)
 
 NOT_CALIBRATED, INVALID_STATE = 14, 13  # ODrive.ProcedureResult
 SERIAL_NUMBER = 0x208F3387304B
@@ -37,155 +40,133 @@ QUIRKS: Mapping[str, Quirk] = MappingProxyType({
 
 
 @dataclass(frozen=True)
-class Names:
-    """Names of properties, and bits of errors, of one generation."""
+class BoardFirmware:
+    """
+    One generation of the firmware on a board.
 
+    Attributes
+    ----------
+    generation : Generation
+        With the names of its properties.
+    version, board : tuple of int
+    torque_command_sets_mode : bool
+    trips : mapping of str to mapping
+        Cause -> bits of each register.
+    calibrated : mapping of str to tuple
+        Property -> value before and after calibration.
+    calibration_kept : str
+        Property that keeps it over a restart.
+    velocity_limit : float
+        From the factory [turn/s].
+    more : mapping of str to float
+        Further properties as they come from the factory.
+    read_only : tuple of str
+
+    """
+
+    generation: Generation
     version: tuple[int, int, int]
     board: tuple[int, int, int]
-    axes: int
-    one_reply_at_a_time: bool
     torque_command_sets_mode: bool
-    errors: str
-    current: str
-    torque_max: str
-    torque_min: str  # empty if the lower limit is the negative upper limit
-    current_limit: str
-    torque_constant: str
-    brake_enabled: str
-    brake_resistance: str
-    trips: Mapping[str, Mapping[str, int]]  # cause -> property and bit, of each register
-    cleared: tuple[str, ...]  # registers that `sc` clears
-    calibrated: Mapping[str, tuple[int, int]]  # property -> value before and after calibration
-    calibration_kept: str  # property that keeps it over a restart
-    velocity_limit: float  # from the factory [turn/s]
-    more: Mapping[str, float]  # further properties as they come from the factory
+    trips: Mapping[str, Mapping[str, int]]
+    calibrated: Mapping[str, tuple[int, int]]
+    calibration_kept: str
+    velocity_limit: float
+    more: Mapping[str, float]
     read_only: tuple[str, ...]
+
+    @property
+    def registers(self) -> tuple[str, ...]:
+        """Return the registers of errors, which `sc` clears."""
+        return tuple(name for name in self.generation.fault_properties if name != STATE)
 
     def properties(self, settings: DriveSettings) -> dict[str, float]:
         """Return all properties except measurements, as after a first boot."""
-        fresh = 'factory' in settings.quirks
+        generation, fresh = self.generation, 'factory' in settings.quirks
         limit = math.inf if fresh else settings.torque_limit
         watchdog = 0.0 if fresh else settings.watchdog
         slow = fresh or 'vel_limit' in settings.quirks
         no_way_back = fresh or 'regeneration' in settings.quirks
-        found: dict[str, float] = {
-            **dict(zip(('fw_version_major', 'fw_version_minor', 'fw_version_revision'),
-                       self.version_of(settings))),
-            **dict(zip(('hw_version_major', 'hw_version_minor', 'hw_version_variant'),
-                       self.board)),
+        return {
+            **dict(zip(VERSION, self.version_of(settings))), **dict(zip(HARDWARE, self.board)),
             'serial_number': SERIAL_NUMBER, 'test_property': 0,
-            **dict.fromkeys(self.cleared, 0),
-            'axis0.current_state': IDLE, 'axis0.requested_state': 0,
-            'axis0.config.enable_watchdog': int(watchdog > 0.0),
-            'axis0.config.watchdog_timeout': watchdog,
-            'axis0.controller.config.control_mode': POSITION_CONTROL,
-            'axis0.controller.config.input_mode': PASSTHROUGH,
-            'axis0.controller.config.vel_limit': self.velocity_limit if slow else 200.0,
-            'axis0.controller.config.vel_limit_tolerance': 1.2,
-            'axis0.controller.config.enable_vel_limit': 1,
-            'axis0.controller.config.enable_torque_mode_vel_limit': 1,
-            'axis0.controller.config.enable_overspeed_error': 1,
-            'axis0.controller.config.vel_gain': 1.0 / 6.0,
+            **dict.fromkeys(self.registers, 0), STATE: IDLE, REQUESTED_STATE: 0,
+            WATCHDOG: int(watchdog > 0.0), WATCHDOG_TIMEOUT: watchdog,
+            CONTROL_MODE: POSITION_CONTROL, INPUT_MODE.name: PASSTHROUGH,
+            VELOCITY_LIMIT: self.velocity_limit if slow else 200.0,
+            VELOCITY_TOLERANCE: 1.2, 'axis0.controller.config.enable_vel_limit': 1,
+            LIMITS_TORQUE_MODE: 1, OVERSPEED: 1, VELOCITY_GAIN: 1.0 / 6.0,
             'axis0.controller.config.vel_integrator_gain': 2.0 / 6.0,
-            'config.dc_max_negative_current': -0.01 if no_way_back else -10.0,
-            'config.max_regen_current': 0.0, self.brake_enabled: 0, self.brake_resistance: 2.0,
-            self.torque_max: limit,
-            self.current_limit: 10.0 if fresh else settings.current_limit,
-            self.torque_constant: 0.04 if fresh else settings.torque_constant, **self.more,
+            MAX_BACK: -0.01 if no_way_back else -10.0, BACK_ALLOWED: 0.0,
+            generation.brake_enabled: 0, generation.brake_resistance: 2.0,
+            **dict(zip(generation.torque_limits, (limit, -limit))),
+            generation.current_limit: 10.0 if fresh else settings.current_limit,
+            generation.torque_constant: 0.04 if fresh else settings.torque_constant, **self.more,
             **{name: values[not fresh] for name, values in self.calibrated.items()}}
-        if self.torque_min:
-            found[self.torque_min] = -limit
-        return found
 
     def version_of(self, settings: DriveSettings) -> tuple[int, int, int]:
         """Return the version, which a quirk may change."""
         return (0, 5, 4) if '0.5.4' in settings.quirks else self.version
-
-    def info(self, here: Mapping[str, float]) -> list[str]:
-        """Return the answer to ``i``."""
-        return ['Hardware version: {}.{}-{}V'.format(*self.board),
-                'Firmware version: {fw_version_major}.{fw_version_minor}.{fw_version_revision}'
-                .format_map(here), f'Serial number: {SERIAL_NUMBER:X}']
 
     def ready(self, here: Mapping[str, float]) -> bool:
         """Return whether the encoder allows closed loop control."""
         return here.get('axis0.encoder.is_ready', 1) == 1 \
             and here.get('axis0.commutation_mapper.status', 0) == 0
 
-    def refuse(self, here: dict[str, float], state: float) -> None:
+    def refuse(self, here: dict[str, float]) -> None:
         """Note that a state is not entered."""
-        if 'axis0.procedure_result' in here:
-            here['axis0.procedure_result'] = \
-                NOT_CALIBRATED if not self.ready(here) else INVALID_STATE
+        if RESULT_6.path in here:
+            here[RESULT_6.path] = NOT_CALIBRATED if not self.ready(here) else INVALID_STATE
         else:
-            here[self.errors] = int(here[self.errors]) | 0x1  # INVALID_STATE
+            here[self.generation.errors] = int(here[self.generation.errors]) | 0x1  # INVALID_STATE
 
 
-FIXED = ('fw_version_major', 'fw_version_minor', 'fw_version_revision', 'hw_version_major',
-         'hw_version_minor', 'hw_version_variant', 'serial_number', 'axis0.current_state')
-AXIS, MOTOR, SYSTEM = 'axis0.error', 'axis0.motor.error', 'error'
-ACTIVE = 'axis0.active_errors'
+FIXED = (*VERSION, *HARDWARE, 'serial_number', STATE)
+AXIS, MOTOR, SYSTEM = AXIS_5.path, MOTOR_5.path, SYSTEM_5.path
+ACTIVE, REASON = GENERATION_6.errors, GENERATION_6.reason
 
 
 def _both(bit: int) -> Mapping[str, int]:
     """Return an error of 0.6, which remains as the reason after it has cleared."""
-    return {ACTIVE: bit, 'axis0.disarm_reason': bit}
+    return {ACTIVE: bit, REASON: bit}
 
 
-NAMES = {
-    '0.5': Names(
-        version=(0, 5, 6), board=(3, 6, 56), axes=2, one_reply_at_a_time=False,
-        torque_command_sets_mode=True, errors=AXIS,
-        current='axis0.motor.current_control.Iq_measured',
-        torque_max='axis0.motor.config.torque_lim', torque_min='',
-        current_limit='axis0.motor.config.current_lim',
-        torque_constant='axis0.motor.config.torque_constant',
-        brake_enabled='config.enable_brake_resistor', brake_resistance='config.brake_resistance',
+FIRMWARES = {
+    '0.5': BoardFirmware(
+        GENERATION_5, version=(0, 5, 6), board=(3, 6, 56), torque_command_sets_mode=True,
         trips={
             'watchdog': {AXIS: 0x800}, 'too_hot': {AXIS: 0x40, MOTOR: 0x40000},
             'too_much_current': {AXIS: 0x40, MOTOR: 0x1000},
-            'no_estimate': {AXIS: 0x100, 'axis0.encoder.error': 0x4},
-            'overspeed': {AXIS: 0x200, 'axis0.controller.error': 0x1},
-            'overspeed_0.5.4': {AXIS: 0x40, MOTOR: 0x110000000, 'axis0.controller.error': 0x1},
+            'no_estimate': {AXIS: 0x100, ENCODER_5.path: 0x4},
+            'overspeed': {AXIS: 0x200, CONTROLLER_5.path: 0x1},
+            'overspeed_0.5.4': {AXIS: 0x40, MOTOR: 0x110000000, CONTROLLER_5.path: 0x1},
             'regeneration': {AXIS: 0x40, MOTOR: 0x1000000, SYSTEM: 0x8},
             'brake_resistance': {AXIS: 0x40, MOTOR: 0x1000000, SYSTEM: 0x80},
             'brake_resistor_disarmed': {MOTOR: 0x800000}},  # the axis has no error then
-        cleared=(AXIS, MOTOR, SYSTEM, 'axis0.encoder.error', 'axis0.controller.error',
-                 'axis0.sensorless_estimator.error'),
         calibrated={'axis0.encoder.is_ready': (0, 1)},
         calibration_kept='axis0.encoder.config.pre_calibrated', velocity_limit=2.0,
         more={'axis0.encoder.config.pre_calibrated': 0, 'axis0.motor.config.motor_type': 0,
-              'brake_resistor_armed': 0, 'brake_resistor_saturated': 0},
+              'brake_resistor_armed': 0, SATURATED: 0},
         read_only=(*FIXED, 'axis0.encoder.is_ready', 'brake_resistor_armed')),
-    '0.6': Names(
-        version=(0, 6, 11), board=(5, 2, 0), axes=1, one_reply_at_a_time=True,
-        torque_command_sets_mode=False, errors=ACTIVE,
-        current='axis0.motor.foc.Iq_measured',
-        torque_max='axis0.config.torque_soft_max', torque_min='axis0.config.torque_soft_min',
-        current_limit='axis0.config.motor.current_soft_max',
-        torque_constant='axis0.config.motor.torque_constant',
-        brake_enabled='config.brake_resistor0.enable',
-        brake_resistance='config.brake_resistor0.resistance',
+    '0.6': BoardFirmware(
+        GENERATION_6, version=(0, 6, 11), board=(5, 2, 0), torque_command_sets_mode=False,
         trips={
             'watchdog': _both(0x1000000), 'too_hot': _both(0x4000),
             'too_much_current': _both(0x1000), 'no_estimate': _both(0x8),
             'overspeed': _both(0x8000), 'regeneration': _both(0x800),
             'brake_resistance': _both(0x10), 'brake_resistor_disarmed': _both(0x8000000)},
-        cleared=(ACTIVE, 'axis0.disarm_reason', 'axis0.procedure_result'),
         calibrated={'axis0.commutation_mapper.status': (6, 0),
                     'axis0.commutation_mapper.config.offset_valid': (0, 1)},
         calibration_kept='axis0.commutation_mapper.config.offset_valid', velocity_limit=10.0,
         more={'axis0.config.motor.motor_type': 0, 'axis0.config.init_torque': 0.0,
               'brake_resistor0.is_armed': 0, 'axis0.pos_vel_mapper.status': 9,
               'axis0.pos_vel_mapper.config.circular': 0},
-        read_only=(*FIXED, 'axis0.active_errors', 'axis0.disarm_reason',
-                   'axis0.procedure_result', 'axis0.pos_vel_mapper.status',
+        read_only=(*FIXED, ACTIVE, REASON, RESULT_6.path, 'axis0.pos_vel_mapper.status',
                    'axis0.commutation_mapper.status'))}
 
 
 CALIBRATION = 3  # FULL_CALIBRATION_SEQUENCE
 CALIBRATION_TIME = 2.0  # [s]
-CONFIG = 'axis0.controller.config.'
 # Range below the temperature limit over which the current is reduced, and the distance of that
 # limit to the trip temperature (thermistor.cpp) [K].
 DERATING, MARGIN = 20.0, 5.0
@@ -198,7 +179,7 @@ class Board:
     Parameters
     ----------
     settings : DriveSettings
-    names : Names
+    firmware : BoardFirmware
     saved : mapping
         Properties that `save` once returned.
 
@@ -212,16 +193,18 @@ class Board:
 
     """
 
-    def __init__(self, settings: DriveSettings, names: Names, saved: Mapping[str, float]):
-        self.settings, self.names, self.sensed = settings, names, Sensed()
-        self.properties = {**names.properties(settings), **saved}
+    def __init__(self, settings: DriveSettings, firmware: BoardFirmware,
+                 saved: Mapping[str, float]):
+        self.settings, self.firmware, self.sensed = settings, firmware, Sensed()
+        self.names = firmware.generation
+        self.properties = {**firmware.properties(settings), **saved}
         self.input_torque = 0.0
         self._fed: Optional[float] = None
         self._connected = False  # the controller receives the velocity from the first arming on
         self._calibrated_at = math.inf
-        if self.properties[names.calibration_kept]:
+        if self.properties[firmware.calibration_kept]:
             self._calibrate()
-        self._brake_armed = bool(self.properties[names.brake_enabled])
+        self._brake_armed = bool(self.properties[self.names.brake_enabled])
 
     def save(self) -> dict[str, float]:
         """Return the properties kept over a restart."""
@@ -231,7 +214,7 @@ class Board:
     @property
     def armed(self) -> bool:
         """Return whether the motor is under power."""
-        return self.properties['axis0.current_state'] == CLOSED_LOOP_CONTROL
+        return self.properties[STATE] == CLOSED_LOOP_CONTROL
 
     @property
     def velocity(self) -> float:
@@ -247,14 +230,15 @@ class Board:
     def torque(self) -> float:
         """Return the torque at the shaft [N m]; controller.cpp, update."""
         here, names = self.properties, self.names
-        if not self.armed or here[CONFIG + 'control_mode'] != TORQUE_CONTROL:
+        if not self.armed or here[CONTROL_MODE] != TORQUE_CONTROL:
             return 0.0
         most = self.effective_current_limit() * here[names.torque_constant]
-        highest = min(here[names.torque_max], most)
-        lowest = max(here[names.torque_min] if names.torque_min else -highest, -most)
+        upper, *lower = (here[name] for name in names.torque_limits)
+        highest = min(upper, most)
+        lowest = max(*lower or [-highest], -most)
         torque = min(max(self.input_torque, lowest), highest)
-        gain, limit = here[CONFIG + 'vel_gain'], here[CONFIG + 'vel_limit']
-        if here[CONFIG + 'enable_torque_mode_vel_limit']:
+        gain, limit = here[VELOCITY_GAIN], here[VELOCITY_LIMIT]
+        if here[LIMITS_TORQUE_MODE]:
             torque = min(max(torque, gain * (-limit - self.velocity)),
                          gain * (limit - self.velocity))
         return min(max(torque, lowest), highest)
@@ -270,7 +254,7 @@ class Board:
         """Return the current from the supply [A]; low_level.cpp, update_brake_current."""
         here, current = self.properties, self.bus_current()
         if here[self.names.brake_enabled] and self._brake_armed:
-            braked = max(-current - here['config.max_regen_current'], 0.0)
+            braked = max(-current - here[BACK_ALLOWED], 0.0)
             most = 0.95 * self.sensed.bus_voltage / here[self.names.brake_resistance]
             current += min(braked, most)
         return current
@@ -284,18 +268,18 @@ class Board:
         here = self.properties
         if self._fed is None:
             self._fed = now
-        if here['axis0.config.enable_watchdog'] \
-                and now - self._fed > here['axis0.config.watchdog_timeout']:
+        if here[WATCHDOG] \
+                and now - self._fed > here[WATCHDOG_TIMEOUT]:
             self.trip('watchdog')
         if self.sensed.temperature >= self.settings.highest_temperature:
             self.trip('too_hot')
-        if self._connected and here[CONFIG + 'enable_overspeed_error'] \
-                and abs(self.velocity) > here[CONFIG + 'vel_limit_tolerance'] \
-                * here[CONFIG + 'vel_limit']:
+        if self._connected and here[OVERSPEED] \
+                and abs(self.velocity) > here[VELOCITY_TOLERANCE] \
+                * here[VELOCITY_LIMIT]:
             self.trip('overspeed')
         if here[self.names.brake_enabled] and not here[self.names.brake_resistance] > 0.0:
             self.trip('brake_resistance')
-        elif self.armed and self.supply_current() < here['config.dc_max_negative_current']:
+        elif self.armed and self.supply_current() < here[MAX_BACK]:
             self._brake_armed = False
             self.trip('regeneration')
         self._change_state(now)
@@ -303,10 +287,10 @@ class Board:
     def _change_state(self, now: float) -> None:
         """Enter the requested state; axis.cpp, run_state_machine_loop."""
         here, names = self.properties, self.names
-        wanted = here['axis0.requested_state']
+        wanted = here[REQUESTED_STATE]
         if wanted:
-            here['axis0.requested_state'] = 0
-            if wanted == CLOSED_LOOP_CONTROL and names.ready(here):
+            here[REQUESTED_STATE] = 0
+            if wanted == CLOSED_LOOP_CONTROL and self.firmware.ready(here):
                 self._fed, self._connected = now, True
                 self.input_torque = here.get('axis0.config.init_torque', self.input_torque)
                 if here[names.brake_enabled] and not self._brake_armed:
@@ -315,42 +299,43 @@ class Board:
             elif wanted == CALIBRATION:
                 self._calibrated_at = now + CALIBRATION_TIME
             elif wanted != IDLE:
-                names.refuse(here, wanted)
+                self.firmware.refuse(here)
                 wanted = IDLE
-            here['axis0.current_state'] = wanted
-        if here['axis0.current_state'] == CALIBRATION and now >= self._calibrated_at:
+            here[STATE] = wanted
+        if here[STATE] == CALIBRATION and now >= self._calibrated_at:
             self._calibrate()
-            here['axis0.current_state'] = IDLE
+            here[STATE] = IDLE
         if here[names.errors]:
-            here['axis0.current_state'] = IDLE
+            here[STATE] = IDLE
 
     def _calibrate(self) -> None:
-        self.properties.update({name: done for name, (_, done) in self.names.calibrated.items()})
+        self.properties.update(
+            {name: done for name, (_, done) in self.firmware.calibrated.items()})
 
     def trip(self, cause: str) -> None:
         """Set the bits of an error, and disable motor power."""
         if cause == 'overspeed' and '0.5.4' in self.settings.quirks:
             cause = 'overspeed_0.5.4'
-        for register, bits in self.names.trips[cause].items():
-            if self.armed or register != 'axis0.disarm_reason':
+        for register, bits in self.firmware.trips[cause].items():
+            if self.armed or register != REASON:
                 self.properties[register] = int(self.properties[register]) | bits
-        self.properties['axis0.current_state'] = IDLE
+        self.properties[STATE] = IDLE
 
     def clear_errors(self) -> None:
         """Clear all errors, and arm the brake resistor; main.cpp, clear_errors."""
-        self.properties.update(dict.fromkeys(self.names.cleared, 0))
+        self.properties.update(dict.fromkeys(self.firmware.registers, 0))
         self._brake_armed = bool(self.properties[self.names.brake_enabled])
 
 
 class BoardDevice(Device):
     """A device whose motor is that of a `Board`; subclasses add the protocol."""
 
-    firmwares = tuple(NAMES)
+    firmwares = tuple(FIRMWARES)
 
     def _boot_board(self, saved: Mapping[str, float]) -> None:
         """Start the firmware that the settings name, with the properties that were saved."""
-        self.names: Names = NAMES[self.settings.firmware or self.firmwares[0]]
-        self.board = Board(self.settings, self.names, saved)
+        self.firmware = FIRMWARES[self.settings.firmware or self.firmwares[0]]
+        self.board = Board(self.settings, self.firmware, saved)
 
     @property
     def properties(self) -> dict[str, float]:

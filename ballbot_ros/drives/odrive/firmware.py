@@ -17,6 +17,7 @@ missing; that `disarm_reason` remains after the error has cleared.
 """
 from dataclasses import dataclass
 from itertools import combinations
+import math
 from types import MappingProxyType
 from typing import Mapping, NamedTuple, Sequence
 
@@ -26,6 +27,9 @@ from ballbot_ros.errors import DriveError
 IDLE, CLOSED_LOOP_CONTROL = 1, 8  # axis states
 TORQUE_CONTROL = 1  # control mode
 PASSTHROUGH = 1  # input mode
+
+# Results of a procedure that do not explain a loss of power: success, under way, disarmed.
+NO_REASON = (0, 1, 3)
 
 # The drive truncates a value to nine characters; a value of nine digits may be incomplete.
 VALUE_LENGTH_MAX = 9
@@ -244,9 +248,35 @@ class Generation:
         others = (*self.telemetry, *self.warnings, *reason)
         return tuple(name for other in others for name in (self.errors, STATE, other))
 
-    def names_of(self, bits: float) -> tuple[str, ...]:
-        """Return the names of error bits; unknown ones in hexadecimal."""
-        return self.axis.names_of(bits)
+    def faults(self, values: Mapping[str, float], ours: bool) -> tuple[str, ...]:
+        """
+        Return the names of all faults.
+
+        A watchdog that expires without power is not a fault.
+
+        Parameters
+        ----------
+        values : mapping of str to float
+            Of the properties; infinite for a register that has an error but was not read yet.
+        ours : bool
+            Whether the driver has armed the motor and not stopped it since.
+
+        """
+        known = {name: value for name, value in values.items() if not math.isnan(value)}
+        armed = known.get(STATE) == CLOSED_LOOP_CONTROL
+        bits = int(known.get(self.errors, 0))
+        if not (ours or armed):
+            bits &= ~self.watchdog_expired
+        # The reason of an earlier loss of power is not a fault of an armed motor.
+        reason = 0 if armed else int(known.get(self.reason, 0))
+        names = self.axis.names_of(bits | reason)
+        for register in self.details:
+            value = known.get(register.path, 0)
+            if math.isinf(value):
+                names += (register.path,)
+            elif not (register.counts and value in NO_REASON):
+                names += register.names_of(value)
+        return names
 
 
 def hardware_name(major: float, minor: float, variant: float) -> str:

@@ -9,7 +9,7 @@ from refusals import refused
 
 from ballbot_ros.drives.emulated_device import DriveSettings
 from ballbot_ros.drives.odrive.ascii import codec
-from ballbot_ros.drives.odrive.ascii.driver import DriveStatus, MARKER, Properties
+from ballbot_ros.drives.odrive.ascii.driver import MARKER, Properties
 from ballbot_ros.drives.odrive.firmware import (
     CLOSED_LOOP_CONTROL, GENERATION_5, GENERATION_6, GENERATIONS, hardware_name, IDLE, PASSTHROUGH,
     RESULT_6, TORQUE_CONTROL)
@@ -82,7 +82,7 @@ def test_a_marker_is_written_to_and_read_from_a_property_that_does_nothing():
     # An error could look like a marker only with a bit that neither generation has.
     for number in (codec.MARKERS[0], codec.MARKERS[-1]):
         assert len(str(number)) <= 9
-        assert all('0x20000000' in generation.names_of(number & 0x20000000)
+        assert all('0x20000000' in generation.axis.names_of(number & 0x20000000)
                    for generation in GENERATIONS)
 
 
@@ -100,14 +100,14 @@ def test_half_a_line_left_in_the_buffer_is_not_obeyed(kind):
     (GENERATION_6, 0x1000008, ('MISSING_ESTIMATE', 'WATCHDOG_TIMER_EXPIRED')),
     (GENERATION_6, 0x20000001, ('INITIALIZING', '0x20000000'))])
 def test_error_bits_have_the_names_of_their_generation(generation, bits, names):
-    assert generation.names_of(bits) == names
+    assert generation.axis.names_of(bits) == names
 
 
 @pytest.mark.parametrize('generation', GENERATIONS, ids=lambda item: item.name)
 def test_every_error_of_the_table_has_one_bit_of_its_own(generation):
     bits = list(generation.axis.names)
     assert all(bit > 0 and bit & bit - 1 == 0 for bit in bits)
-    assert [generation.names_of(bit) for bit in bits] == [
+    assert [generation.axis.names_of(bit) for bit in bits] == [
         (name,) for name in generation.axis.names.values()]
 
 
@@ -452,7 +452,7 @@ def test_a_drive_that_stays_disarmed_names_result_and_reason(changes, reported):
 def test_faults_are_made_of_what_the_drive_reports(result, bits, reported):
     values = {'axis0.current_state': 1.0, 'axis0.disarm_reason': bits,
               'axis0.procedure_result': result}
-    assert DriveStatus(GENERATION_6, 0.1).faults(values, ours=True) == reported
+    assert GENERATION_6.faults(values, ours=True) == reported
 
 
 @both

@@ -319,7 +319,7 @@ def test_numbers_that_are_none_are_no_telemetry(kind):
 @pytest.mark.parametrize('version', [(0, 7, 1), (1, 0, 0), (0, 4, 12)])
 def test_an_unsupported_reported_version_is_refused(version):
     bench = Bench(KINDS[1])
-    bench.device.names = replace(bench.device.names, version=version)
+    bench.device.firmware = replace(bench.device.firmware, version=version)
     with refused('firmware', 'firmware', DriveError) as caught:
         bench.driver.identify()
     assert '.'.join(map(str, version)) in str(caught.value)

@@ -128,10 +128,10 @@ def test_a_drive_that_goes_on_names_nothing_of_what_was():
     status = DriveStatus(GENERATION_5, 0.1)
     for name, value in ((STATE, 1.0), ('axis0.error', 0x40), ('axis0.motor.error', 0x1000)):
         status.take(name, value, 0.0, ours=True)
-    assert status.faults(status.values, True) == (
+    assert status.generation.faults(status.values, True) == (
         'MOTOR_FAILED', 'MOTOR_ERROR_CURRENT_LIMIT_VIOLATION')
     status.take('axis0.error', 0.0, 0.1, ours=False)
-    assert status.faults(status.values, True) == () and not status.urgent
+    assert status.generation.faults(status.values, True) == () and not status.urgent
 
 
 def test_a_watchdog_that_expires_without_power_is_not_a_fault():

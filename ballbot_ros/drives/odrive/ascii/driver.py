@@ -4,7 +4,7 @@ from collections import Counter, deque
 from contextlib import suppress
 from dataclasses import dataclass
 import math
-from typing import Any, Mapping, Optional
+from typing import Any, Optional
 
 from ballbot_ros.config.fields import count, quantity
 from ballbot_ros.drives.contract import DriveOptions, Identity, Setting, Telemetry, WireBudget
@@ -19,8 +19,6 @@ from ballbot_ros.errors import DriveError
 
 # A loss of power is reported after this time though registers were not answered [s].
 REGISTER_TIMEOUT = 0.1
-# Results that do not explain a loss of power: success, still under way, disarmed.
-NO_REASON = (0, 1, 3)
 
 
 class DriveStatus:
@@ -133,27 +131,7 @@ class DriveStatus:
             return telemetry
         return telemetry._replace(
             status_time=now, armed=values[STATE] == CLOSED_LOOP_CONTROL,
-            faults=self.faults(values, ours))
-
-    def faults(self, values: Mapping[str, float], ours: bool) -> tuple[str, ...]:
-        """
-        Return the names of all faults, from the values of properties.
-
-        A watchdog that expires without power is not a fault.
-        """
-        generation = self.generation
-        armed = values.get(STATE) == CLOSED_LOOP_CONTROL
-        bits = _number(values, generation.errors)
-        if not (ours or armed):
-            bits &= ~generation.watchdog_expired
-        # The reason of an earlier loss of power is not a fault of an armed motor.
-        reason = 0 if armed else _number(values, generation.reason)
-        names = generation.names_of(bits | reason)
-        for register in generation.details:
-            value = _number(values, register.path)
-            if not (register.counts and value in NO_REASON):
-                names += register.names_of(value)
-        return names
+            faults=generation.faults(values, ours))
 
     def _warnings(self) -> tuple[str, ...]:
         """Return the warnings of limits that are near."""
@@ -166,12 +144,6 @@ class DriveStatus:
         if values.get(SATURATED, 0.0) == 1.0:
             names += (SATURATED,)
         return names
-
-
-def _number(values: Mapping[str, float], name: str) -> int:
-    """Return the bits of a register, none where it is not known."""
-    value = values.get(name, 0.0)
-    return int(value) if math.isfinite(value) else 0
 
 
 MARKER = 'marker'
@@ -390,11 +362,11 @@ class ODrive(Driver):
         """Return the errors of all registers as text; without those that do not reply."""
         with suppress(DriveError):
             return ', '.join(self._faults(math.inf, True)) or 'no error'
-        return ', '.join(self._status.faults(self._status.values, True)) or 'nothing'
+        return ', '.join(self._generation.faults(self._status.values, True)) or 'nothing'
 
     def _faults(self, deadline: float, ours: bool) -> tuple[str, ...]:
-        return self._status.faults({name: self._read(name, self._soon(deadline))
-                                    for name in self._generation.fault_properties}, ours)
+        return self._generation.faults({name: self._read(name, self._soon(deadline))
+                                        for name in self._generation.fault_properties}, ours)
 
     def clear_faults(self, timeout: float = 0.5) -> tuple[str, ...]:
         """Clear the errors and return those present again; see `Driver`."""

@@ -19,8 +19,10 @@ from typing import Callable, Mapping, Optional
 
 from ballbot_ros.drives.contract import BITS_PER_BYTE
 from ballbot_ros.drives.odrive.ascii.codec import checksum, frame_reply, LINE_END, LONGEST_LINE
-from ballbot_ros.drives.odrive.emulated_board import BoardDevice, CONFIG, QUIRKS
-from ballbot_ros.drives.odrive.firmware import TORQUE_CONTROL
+from ballbot_ros.drives.odrive.emulated_board import BoardDevice, QUIRKS, SERIAL_NUMBER
+from ballbot_ros.drives.odrive.firmware import (
+    BUS_CURRENT, BUS_VOLTAGE, CONTROL_MODE, EFFECTIVE_CURRENT, MOTOR_TEMPERATURE, TEMPERATURE,
+    TORQUE_CONTROL, VERSION)
 
 LONGEST_COMMAND = 256
 LONGEST_VALUE = 9
@@ -41,13 +43,13 @@ class ODriveDevice(BoardDevice):
         self._line = b''
         self._reading = True
         self._sending_until = -math.inf
+        generation = self.firmware.generation
         self._measured: dict[str, Callable[[], float]] = {
-            self.names.current: lambda: self.torque() / self.settings.torque_constant,
-            'vbus_voltage': lambda: self.sensed.bus_voltage, 'ibus': self.board.supply_current,
-            'axis0.motor.effective_current_lim': self.board.effective_current_limit,
-            'axis0.motor.fet_thermistor.temperature': lambda: self.sensed.temperature,
-            'axis0.motor.motor_thermistor.temperature': lambda: self.sensed.motor_temperature,
-        }
+            generation.current: lambda: self.torque() / self.settings.torque_constant,
+            BUS_VOLTAGE: lambda: self.sensed.bus_voltage, BUS_CURRENT: self.board.supply_current,
+            EFFECTIVE_CURRENT: self.board.effective_current_limit,
+            TEMPERATURE: lambda: self.sensed.temperature,
+            MOTOR_TEMPERATURE: lambda: self.sensed.motor_temperature}
 
     def _receive(self, data: bytes, now: float) -> bytes:
         reply = b''
@@ -66,7 +68,7 @@ class ODriveDevice(BoardDevice):
         """Return the part of the responses that is sent."""
         reply = b''
         for response in responses:
-            if self.names.one_reply_at_a_time and now < self._sending_until:
+            if self.firmware.generation.one_reply_at_a_time and now < self._sending_until:
                 continue
             duration = len(response) * BITS_PER_BYTE / self.baud
             self._sending_until = now + self.turnaround + duration
@@ -95,7 +97,9 @@ class ODriveDevice(BoardDevice):
         if letter == 'u':
             return self._with_axis(text, now, '', lambda _: [])
         if letter == 'i':
-            return self.names.info(self.properties)
+            return ['Hardware version: {}.{}-{}V'.format(*self.firmware.board),
+                    'Firmware version: {}.{}.{}'.format(*map(self.properties.get, VERSION)),
+                    f'Serial number: {SERIAL_NUMBER:X}']
         if letter == 's':
             return self._control_system(text[1:2], now)
         if letter == 'r':
@@ -120,7 +124,7 @@ class ODriveDevice(BoardDevice):
         match = re.match(rf'.\s*\+?([0-9]+){more}', text)
         if match is None:
             return ['invalid command format']
-        if int(match[1]) >= self.names.axes:
+        if int(match[1]) >= self.firmware.generation.axes:
             return [f'invalid motor {int(match[1])}']
         if int(match[1]) != self.settings.axis:  # no motor is connected to the other output
             return ['0.000000 0.000000'] if text[0] == 'f' else []
@@ -130,13 +134,10 @@ class ODriveDevice(BoardDevice):
                          for number in match.groups()[1:] if number is not None))
 
     def _set_torque(self, numbers: tuple[float, ...]) -> list[str]:
-        self._set_mode(TORQUE_CONTROL)
+        if self.firmware.torque_command_sets_mode:
+            self.properties[CONTROL_MODE] = TORQUE_CONTROL
         self.board.input_torque = numbers[0]
         return []
-
-    def _set_mode(self, mode: int) -> None:
-        if self.names.torque_command_sets_mode:
-            self.properties[CONFIG + 'control_mode'] = mode
 
     def _read(self, words: list[str]) -> list[str]:
         if not words:
@@ -157,7 +158,7 @@ class ODriveDevice(BoardDevice):
             return ['invalid property']
         number = re.match(FLOAT, words[1])
         old = self.properties[name]
-        if number is not None and name not in self.names.read_only:
+        if number is not None and name not in self.firmware.read_only:
             self.properties[name] = type(old)(float(number[1]))
         return []
 

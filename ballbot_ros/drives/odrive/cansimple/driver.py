@@ -3,21 +3,21 @@
 from collections import Counter, deque
 from dataclasses import dataclass
 import math
-from typing import Any, Mapping, NamedTuple, Optional
+from typing import Any, Mapping, Optional
 
 from ballbot_ros.config.fields import count, quantity, section, text
 from ballbot_ros.drives.can_frames import CanFrame, judge_others, RECORD_SIZE, RecordParser
 from ballbot_ros.drives.contract import DriveOptions, Identity, Setting, WireBudget
 from ballbot_ros.drives.driver import Driver
 from ballbot_ros.drives.odrive.cansimple import codec
-from ballbot_ros.drives.odrive.cansimple.codec import Heartbeat, HIGHEST_NODE
+from ballbot_ros.drives.odrive.cansimple.codec import HIGHEST_NODE
 from ballbot_ros.drives.odrive.cansimple.settings import (
     check_confirmed, Endpoint, in_odrivetool, judge_firmware, judge_heartbeat, judge_positions,
     judge_trial, load_endpoints, missing, SLOWEST_HEARTBEAT)
 from ballbot_ros.drives.odrive.firmware import (
     BUS_VOLTAGE, CLOSED_LOOP_CONTROL, CONTROL_MODE, CONTROLLER_5, ENCODER_5, Generation,
     generation_of, GENERATIONS, hardware_name, IDLE, in_words, INPUT_MODE, MOTOR_5, PASSTHROUGH,
-    RESULT_6, TORQUE_CONTROL)
+    RESULT_6, STATE, TORQUE_CONTROL)
 from ballbot_ros.drives.odrive.settings import judge
 from ballbot_ros.errors import ConfigurationError, DriveError
 
@@ -71,127 +71,7 @@ POLLED = {'0.5': (codec.IQ, codec.BUS_VOLTAGE_CURRENT, codec.MOTOR_ERROR, codec.
                   codec.BUS_VOLTAGE_CURRENT, codec.TEMPERATURE)}
 
 
-class Beat(NamedTuple):
-    """A heartbeat and its arrival time [s]."""
-
-    time: float
-    content: Heartbeat
-
-
-class AxisCondition:
-    """
-    The state of the axis, and its errors by the names of its generation.
-
-    Attributes
-    ----------
-    generation : Generation or None
-        None before the handshake.
-    beats : deque of Beat
-        The last ones, the latest at the end.
-
-    """
-
-    def __init__(self) -> None:
-        self.generation: Optional[Generation] = None
-        self.beats: deque[Beat] = deque(maxlen=3)
-        self._result = 0  # of the last procedure, 0.6 only
-        self._registers: dict[int, int] = {}
-
-    @property
-    def state(self) -> Optional[int]:
-        """Return the state of the axis in the latest heartbeat, None without one."""
-        return self.beats[-1].content.state if self.beats else None
-
-    @property
-    def armed(self) -> bool:
-        """Return whether the motor has power, by the latest heartbeat."""
-        return self.state == CLOSED_LOOP_CONTROL
-
-    @property
-    def idle(self) -> bool:
-        """Return whether the motor has no power, by the latest heartbeat."""
-        return self.state == IDLE
-
-    @property
-    def period(self) -> float:
-        """Return the time between two heartbeats [s], infinite where fewer have come."""
-        beats = self.beats
-        return (beats[-1].time - beats[0].time) / (len(beats) - 1) if len(beats) > 1 \
-            else float('inf')
-
-    @property
-    def without_estimate(self) -> bool:
-        """Return whether a position is not valid now; 0.5 reports 0 then."""
-        if self.generation is None or not self.beats:
-            return False
-        content = self.beats[-1].content
-        failed = self.generation is OLD and content.second & 1
-        return bool(content.errors & self.generation.no_estimate or failed)
-
-    @property
-    def expired(self) -> bool:
-        """Return whether the watchdog has expired, by the latest heartbeat."""
-        return self.generation is not None and bool(self.beats) and bool(
-            self.beats[-1].content.errors & self.generation.watchdog_expired)
-
-    @property
-    def unread(self) -> Optional[int]:
-        """Return the command for a register that is needed to name the error."""
-        for command in self._flagged():
-            if command not in self._registers:
-                return command
-        return None
-
-    def faults(self, ours: bool) -> tuple[str, ...]:
-        """
-        Return the names of all errors, in idle also of those that removed the power.
-
-        A watchdog that expired without power is not a fault; `ours` is whether this driver had
-        armed the motor.
-        """
-        if self.generation is None or not self.beats:
-            return ()
-        bits = self.beats[-1].content.errors
-        if not (ours or self.armed):
-            bits &= ~self.generation.watchdog_expired
-        if self.generation is not OLD and self.idle:
-            bits |= self._registers.get(codec.ERROR, 0) >> 32  # the reason
-        parts: tuple[str, ...] = ()
-        for command in self._flagged():
-            register = REGISTERS[command]
-            value = self._registers.get(command, 0)
-            parts += register.names_of(value) if value else (register.path,)
-        return (*self.generation.names_of(bits), *parts)
-
-    def _flagged(self) -> tuple[int, ...]:
-        """Return the commands for the registers that 0.5 flags."""
-        if self.generation is not OLD or not self.beats:
-            return ()
-        content = self.beats[-1].content
-        flags = (content.first, content.second, content.third)
-        return tuple(command for command, flag in zip(REGISTERS, flags) if flag & 1)
-
-    @property
-    def reason(self) -> str:
-        """Return why a state was not reached, as far as the heartbeat reports it."""
-        reported = self.generation is not None and self.generation is not OLD
-        return ', '.join(RESULT_6.names_of(self._result) if reported else ()) or 'no reason'
-
-    def take_beat(self, content: Heartbeat, now: float) -> None:
-        """Take a heartbeat."""
-        self.beats.append(Beat(now, content))
-        self._result = content.first
-
-    def take_register(self, command: int, data: bytes) -> None:
-        """Take an error register."""
-        self._registers[command] = int.from_bytes(data, 'little')
-
-    def forget(self) -> None:
-        """Drop the registers: they are being cleared."""
-        self._registers.clear()
-
-
-REQUEST_PERIOD = 0.01        # between two requests while waiting [s]
+REQUEST_PERIOD = 0.01  # between two requests while waiting [s]
 
 
 class ODriveCan(Driver):
@@ -211,8 +91,12 @@ class ODriveCan(Driver):
 
     def _begin(self) -> None:
         self._parser = RecordParser()
-        self._condition = AxisCondition()
+        self._generation, self._identified = GENERATIONS[-1], False
         self._version: tuple[int, ...] = ()
+        # By name; an infinite register has an error, and its bits are not read yet.
+        self._values: dict[str, float] = {}
+        self._result = 0  # of the last procedure, 0.6 only
+        self._beats: deque[float] = deque(maxlen=3)  # arrival times of heartbeats [s]
         self._replies: dict[int, bytes] = {}  # command -> its last reply
         # The drive has executed all frames sent before: as of now, and as of the latest heartbeat.
         self._obeyed_until = self._reported_until = -math.inf
@@ -231,20 +115,26 @@ class ODriveCan(Driver):
         timeout = self.options.reply_timeout
         version = self._ask(codec.VERSION, min(deadline, self.clock() + 2.0 * timeout))
         if version is None or len(version) != 8:  # 0.5 does not answer that
-            self._version, self._condition.generation = self.options.version, GENERATIONS[0]
+            self._version, self._generation = self.options.version, OLD
             board = 'v3'
         else:
             self._version = tuple(version[4:7])
-            self._condition.generation = generation_of(self._version, 0, self.line.port)
+            self._generation = generation_of(self._version, 0, self.line.port)
             board = hardware_name(*version[1:4])
-        name = self._condition.generation.name
+        self._identified = True
+        self._forget()
+        name = self._generation.name
         return Identity(self.protocol, board, in_words(self._version) or name, '', name)
 
     def _known(self, deadline: float) -> Generation:
-        if self._condition.generation is None:
+        if not self._identified:
             self.identify(deadline - self.clock())
-        assert self._condition.generation is not None
-        return self._condition.generation
+        return self._generation
+
+    def _forget(self) -> None:
+        """Forget state and errors, until the next heartbeat."""
+        self._values.clear()
+        self._beats.clear()
 
     def read_settings(self, timeout: float = 0.5) -> tuple[Setting, ...]:
         """
@@ -274,12 +164,14 @@ class ODriveCan(Driver):
         settings = [item._replace(remedy=in_odrivetool(item.remedy))
                     for item in judge(generation, read, options)]
         settings += missing(unknown, generation is OLD, in_words(self._version))
-        self._condition.beats.clear()
+        beats = self._beats
+        beats.clear()
         unrequested = self.counts['unexpected']
-        self._until(lambda: len(self._condition.beats) == 3, min(deadline, self.clock() + 0.15))
+        self._until(lambda: len(beats) == 3, min(deadline, self.clock() + 0.15))
+        period = (beats[-1] - beats[0]) / (len(beats) - 1) if len(beats) > 1 else math.inf
         settings.append(judge_positions(
             self.counts['unexpected'] - unrequested, generation is OLD))
-        settings += [judge_heartbeat(self._condition.period, generation is OLD),
+        settings += [judge_heartbeat(period, generation is OLD),
                      judge_others(self.counts['of_others'])]
         if generation is OLD:
             settings += [judge_firmware(in_words(self._version)), self._try_watchdog(deadline)]
@@ -291,45 +183,48 @@ class ODriveCan(Driver):
 
         Any frame to a 0.5 feeds it.
         """
-        condition, longest = self._condition, self.options.watchdog
-        if not condition.idle:
+        longest = self.options.watchdog
+        if not self._beats or self._values[STATE] != IDLE:
             return judge_trial(None, False, longest)
         self._clear_errors(deadline)
         begin = self.clock()
-        condition.beats.clear()
-        expired = self._until(
-            lambda: condition.expired, begin + 1.01 * longest + 2.0 * SLOWEST_HEARTBEAT)
+        expired = self._until(lambda: self._has_error(OLD.watchdog_expired),
+                              begin + 1.01 * longest + 2.0 * SLOWEST_HEARTBEAT)
         took = self.clock() - begin
         self._send(codec.frame(self.options.node_id, codec.CLEAR_ERRORS))
         return judge_trial(took, expired, longest)
 
     def _clear_errors(self, deadline: float) -> None:
-        """Clear all errors, and return when the drive has executed it."""
-        self._condition.forget()
+        """Clear all errors, return when the drive has executed it, and forget them."""
         self._send(codec.frame(self.options.node_id, codec.CLEAR_ERRORS))
         self._see_obeyed(deadline, 'requests')
+        self._forget()
+
+    def _has_error(self, bit: int) -> bool:
+        """Return whether the latest heartbeat has an error."""
+        return bool(int(self._values.get(self._generation.errors, 0)) & bit)
 
     def _arm(self, deadline: float) -> None:
-        self._known(deadline)
-        node, condition, begin = self.options.node_id, self._condition, self.clock()
+        generation = self._known(deadline)
+        node, begin = self.options.node_id, self.clock()
         for name in (CONTROL_MODE, INPUT_MODE.name):  # which arming sets
             self._settings.pop(name, None)
         # A latched error prevents arming; a present one returns immediately.
-        condition.forget()
         self._send(self._torque_message(0.0) + codec.frame(node, codec.CLEAR_ERRORS)
                    + codec.set_mode(node, TORQUE_CONTROL, PASSTHROUGH)
                    + codec.set_state(node, CLOSED_LOOP_CONTROL) + self._ask_position())
         while True:
-            condition.beats.clear()  # earlier states are stale
-            obeyed = self._until(lambda: bool(condition.beats) and self._reported_until >= begin,
+            self._forget()
+            obeyed = self._until(lambda: bool(self._beats) and self._reported_until >= begin,
                                  min(deadline, self.clock() + REQUEST_PERIOD))
-            names = condition.faults(ours=True)
-            if obeyed and condition.armed and not names:
+            names = generation.faults(self._values, True)
+            if obeyed and self._values[STATE] == CLOSED_LOOP_CONTROL and not names:
                 return
             if obeyed and names or self.clock() >= deadline:
+                result = () if generation is OLD else RESULT_6.names_of(self._result)
                 raise DriveError(
                     f'{self.line.port}: the ODrive does not go into closed loop control and '
-                    f'names {", ".join(names) or condition.reason}; remove the cause, '
+                    f'names {", ".join(names or result) or "no reason"}; remove the cause, '
                     'odrivetool shows more with dump_errors(odrv0)', 'not_armed', 'drive')
             self._send(self._torque_message(0.0) + self._ask_position())
 
@@ -342,8 +237,7 @@ class ODriveCan(Driver):
         deadline = self.clock() + timeout
         self._known(deadline)
         self._clear_errors(deadline)
-        self._condition.beats.clear()
-        self._until(lambda: bool(self._condition.beats), deadline)
+        self._until(lambda: bool(self._beats), deadline)
         return self.telemetry.faults
 
     # Non-blocking methods
@@ -366,20 +260,20 @@ class ODriveCan(Driver):
 
     def _requests(self) -> bytes:
         now, node, request = self.clock(), self.options.node_id, self._ask_position()
-        generation, unread = self._condition.generation, self._condition.unread
-        if generation is not None and now - self._status_at >= self.options.status_period:
-            polled = POLLED[generation.name]
+        if self._identified and now - self._status_at >= self.options.status_period:
+            polled = POLLED[self._generation.name]
             self._status_at, self._turn = now, (self._turn + 1) % len(polled)
-            command = polled[self._turn] if unread is None else unread
+            command = next((number for number, register in REGISTERS.items()
+                            if self._values.get(register.path) == math.inf), polled[self._turn])
             self._pending.add(command)
             request += codec.ask(node, command)
             if self._turn == 0:
-                request += self._read_back_request(generation)
+                request += self._read_back_request()
         return request
 
-    def _read_back_request(self, generation: Generation) -> bytes:
+    def _read_back_request(self) -> bytes:
         """Return the request for the next setting to compare under power, empty for none."""
-        names = [name for name in generation.safety_settings if name in self._endpoints]
+        names = [name for name in self._generation.safety_settings if name in self._endpoints]
         if not self._armed or not names:
             return b''
         self._read_back += 1
@@ -445,19 +339,22 @@ class ODriveCan(Driver):
             if command in (codec.IQ, codec.BUS_VOLTAGE_CURRENT, codec.TEMPERATURE):
                 self._note(command, codec.parse_floats(frame.data))
             elif command == codec.TX_SDO:
-                generation = self._condition.generation
-                for name in generation.safety_settings if generation is not None else ():
+                for name in self._generation.safety_settings:
                     value = codec.parse_endpoint(frame.data, *self._endpoints[name]) \
                         if name in self._endpoints else None
                     if value is not None:
                         self._check_setting(name, value)
-            elif command in (codec.MOTOR_ERROR, codec.ENCODER_ERROR, codec.CONTROLLER_ERROR):
-                self._condition.take_register(command, frame.data)
+            elif self._generation is not OLD and command == codec.ERROR:
+                self._values[self._generation.reason] = int.from_bytes(frame.data, 'little') >> 32
+            elif command in REGISTERS and REGISTERS[command].path in self._values:
+                self._values[REGISTERS[command].path] = int.from_bytes(frame.data, 'little')
 
     def _take_position(self, numbers: Optional[tuple[float, float]], now: float) -> None:
         match = self._match(codec.ENCODER_ESTIMATES, now)
         self._obeyed_until = max(self._obeyed_until, match.sent)
-        if numbers is None or self._condition.without_estimate:
+        # 0.5 reports 0 for an invalid estimate.
+        if numbers is None or self._values.get(ENCODER_5.path) \
+                or self._has_error(self._generation.no_estimate):
             return
         self.telemetry = self.telemetry._replace(
             time=now, measured=match.measured, position=numbers[0] * math.tau,
@@ -466,23 +363,29 @@ class ODriveCan(Driver):
     def _take_heartbeat(self, content: Optional[codec.Heartbeat], now: float) -> None:
         if content is None:
             return
-        self._condition.take_beat(content, now)
+        values, flags = self._values, (content.first, content.second, content.third)
+        values.update({self._generation.errors: content.errors, STATE: content.state})
+        if self._generation is not OLD:
+            self._result = content.first
+        else:
+            for register, flag in zip(REGISTERS.values(), flags):
+                values[register.path] = values.get(register.path) or math.inf if flag & 1 else 0
+        self._beats.append(now)
         self._reported_until = self._obeyed_until
-        if self._condition.idle:
+        if content.state == IDLE:
             self._off_asked_at = self._reported_until
         self.telemetry = self.telemetry._replace(
-            status_time=now, armed=self._condition.armed,
-            faults=self._condition.faults(self._armed))
+            status_time=now, armed=content.state == CLOSED_LOOP_CONTROL,
+            faults=self._generation.faults(values, self._armed))
 
     def _note(self, command: int, numbers: Optional[tuple[float, float]]) -> None:
         """Put other replies into the telemetry."""
-        generation = self._condition.generation
-        if numbers is None or generation is None:
+        if numbers is None:
             return
         first, second = numbers
         if command == codec.IQ:
             self.telemetry = self.telemetry._replace(current=second)
         elif command == codec.BUS_VOLTAGE_CURRENT:
             self.telemetry = self.telemetry._replace(bus_voltage=first, bus_current=second)
-        elif generation is not OLD:
+        elif self._generation is not OLD:
             self.telemetry = self.telemetry._replace(temperature=first, motor_temperature=second)

@@ -17,7 +17,9 @@ from typing import Any, Mapping
 
 from ballbot_ros.drives.can_frames import CanFrame, RecordParser
 from ballbot_ros.drives.odrive.cansimple import codec
-from ballbot_ros.drives.odrive.emulated_board import BoardDevice, CONFIG, NAMES, QUIRKS
+from ballbot_ros.drives.odrive.emulated_board import BoardDevice, QUIRKS
+from ballbot_ros.drives.odrive.firmware import (
+    CONTROL_MODE, GENERATION_5, INPUT_MODE, REQUESTED_STATE, STATE)
 
 FRAME_BITS = 160
 MAILBOXES = 3
@@ -32,7 +34,7 @@ class ODriveCanDevice(BoardDevice):
 
     def _boot(self) -> None:
         self._boot_board({})
-        self._old = self.names is NAMES['0.5']
+        self._old = self.firmware.generation is GENERATION_5
         self.heartbeat_rate = 'axis0.config.can.heartbeat_' + (
             'rate_ms' if self._old else 'msg_rate_ms')
         self.properties[self.heartbeat_rate] = 100 if self.has('factory') else 10
@@ -42,8 +44,8 @@ class ODriveCanDevice(BoardDevice):
 
     def endpoints(self) -> dict[str, Any]:
         """Return the content of the maker's flat_endpoints.json for a 0.6."""
-        return {'fw_version': '.'.join(map(str, self.names.version_of(self.settings))),
-                'hw_version': '.'.join(map(str, self.names.board)),
+        return {'fw_version': '.'.join(map(str, self.firmware.version_of(self.settings))),
+                'hw_version': '.'.join(map(str, self.firmware.board)),
                 'endpoints': {name: {'id': number, 'type': _type_of(value), 'access': 'rw'}
                               for name, (number, value) in self._numbered().items()}}
 
@@ -85,8 +87,8 @@ class ODriveCanDevice(BoardDevice):
         else:
             more = [int(here.get('axis0.procedure_result', 0)), 0, 0]
         return codec.frame(self.settings.axis, codec.HEARTBEAT, struct.pack(
-            '<IBBBB', int(here[self.names.errors]) & 0xFFFFFFFF,
-            int(here['axis0.current_state']) & 0xFF, *more))
+            '<IBBBB', int(here[self.firmware.generation.errors]) & 0xFFFFFFFF,
+            int(here[STATE]) & 0xFF, *more))
 
     def _obey(self, command: int, frame: CanFrame, now: float) -> bytes:
         """Execute a command and return the record of its reply; see `do_command`."""
@@ -100,9 +102,9 @@ class ODriveCanDevice(BoardDevice):
         elif frame.remote or not data and not self.has('0.5.4'):
             return self._reply(command)
         elif command == codec.SET_AXIS_STATE and length >= 4:
-            here['axis0.requested_state'] = int.from_bytes(data[:4], 'little')
+            here[REQUESTED_STATE] = int.from_bytes(data[:4], 'little')
         elif command == codec.SET_CONTROLLER_MODE and length >= 8:
-            here[CONFIG + 'control_mode'], here[CONFIG + 'input_mode'] = struct.unpack('<II', data)
+            here[CONTROL_MODE], here[INPUT_MODE.name] = struct.unpack('<II', data)
         elif command == codec.SET_INPUT_TORQUE and length >= 4:
             value, = struct.unpack_from('<f', data)
             self.board.input_torque = 0.0 if math.isnan(value) else value
@@ -134,9 +136,9 @@ class ODriveCanDevice(BoardDevice):
     def _new_register(self, command: int) -> bytes:
         here = self.properties
         if command == codec.VERSION:
-            return bytes((2, *self.names.board, *self.names.version_of(self.settings), 0))
+            return bytes((2, *self.firmware.board, *self.firmware.version_of(self.settings), 0))
         if command == codec.ERROR:
-            return struct.pack('<II', int(here[self.names.errors]),
+            return struct.pack('<II', int(here[self.firmware.generation.errors]),
                                int(here.get('axis0.disarm_reason', 0)))
         return b''
 
