@@ -236,11 +236,15 @@ class Floor:
         return (self.origin[0], self.origin[0] + columns * self.resolution,
                 self.origin[1], self.origin[1] + rows * self.resolution)
 
-    def wall_distance(self, place: Sequence[float]) -> float:
-        """Return the distance of a place from the nearest wall, 0 inside it [m]."""
-        away = np.asarray(place) - self.walls[:, :2]
-        away -= np.clip(away, -self.walls[:, 2:], self.walls[:, 2:])
-        return float(np.hypot(*away.T).min(initial=math.inf))
+    def nearest_wall(self, place: Sequence[float]) -> Tuple[float, Point]:
+        """Return distance and way of a place to the nearest wall, 0 inside it [m]."""
+        if not len(self.walls):
+            return math.inf, (math.inf, 0.0)
+        ways = self.walls[:, :2] - place
+        ways -= np.clip(ways, -self.walls[:, 2:], self.walls[:, 2:])
+        away = np.hypot(*ways.T)
+        nearest = int(np.argmin(away))
+        return float(away[nearest]), (float(ways[nearest, 0]), float(ways[nearest, 1]))
 
 
 def rectangles(mask: NDArray[np.bool_], resolution: float, origin: Point

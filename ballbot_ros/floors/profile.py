@@ -103,7 +103,7 @@ def cut(floor: Floor, place: Point, heading: float, level: float = 0.0, radius: 
     slips: List[Tuple[float, float, float]] = []
     for feature in floor.features:
         if feature.kind in ('step', 'drop'):
-            for at, side, angle in _crossings(feature.segments, place, along):
+            for at, side, angle in crossings(feature.segments, place, along):
                 rise = side * depth(feature)
                 # Heights count from the place of the cut, to both sides.
                 parts.append(_Part(at, math.inf, rise, rise) if at > 0.0
@@ -155,6 +155,45 @@ def cut(floor: Floor, place: Point, heading: float, level: float = 0.0, radius: 
     return Cut(*_joined(xs, left, right, friction), tuple(edges), (behind, ahead))
 
 
+def crossings(segments: Sequence[Tuple[Point, Point]], place: Point, along: Point
+               ) -> List[Tuple[float, int, float]]:
+    """
+    Return where a line crosses segments.
+
+    Parameters
+    ----------
+    segments : sequence of two points
+        [m]
+    place, along : (float, float)
+        Where the line is at distance 0 [m], and unit vector of its direction.
+
+    Returns
+    -------
+    list of (float, int, float)
+        Distance ahead [m]; 1 where the line goes to the left of the segment, -1 to the right; and
+        the angle from the normal of the segment to the line [rad].
+
+    """
+    found = []
+    for begin, end in segments:
+        length = math.dist(begin, end)
+        if not length:
+            continue
+        # Unit normal to the left of the segment.
+        normal = (-(end[1] - begin[1]) / length, (end[0] - begin[0]) / length)
+        towards = normal[0] * along[0] + normal[1] * along[1]
+        sides = [along[0] * (point[1] - place[1]) - along[1] * (point[0] - place[0])
+                 for point in (begin, end)]
+        # A point on the line counts as left of it: a joint of a polyline is crossed once.
+        if towards == 0.0 or (sides[0] >= 0.0) == (sides[1] >= 0.0):
+            continue
+        at = (normal[0] * (begin[0] - place[0]) + normal[1] * (begin[1] - place[1])) / towards
+        side = 1 if towards > 0.0 else -1
+        across = side * (normal[0] * along[1] - normal[1] * along[0])
+        found.append((at, side, math.atan2(across, abs(towards))))
+    return found
+
+
 def crossed(floor: Floor, begin: Point, end: Point, kinds: Sequence[str] = LINES
             ) -> List[Tuple[Feature, int]]:
     """Return the lines between two places, nearest first, and 1 for a way to the left, else -1."""
@@ -163,7 +202,7 @@ def crossed(floor: Floor, begin: Point, end: Point, kinds: Sequence[str] = LINES
         return []
     along = ((end[0] - begin[0]) / length, (end[1] - begin[1]) / length)
     found = [(at, feature, side) for feature in floor.features if feature.kind in kinds
-             for at, side, _ in _crossings(feature.segments, begin, along) if 0.0 < at <= length]
+             for at, side, _ in crossings(feature.segments, begin, along) if 0.0 < at <= length]
     return [(feature, side) for _, feature, side in sorted(found, key=lambda one: one[0])]
 
 
@@ -239,42 +278,10 @@ def _added(feature: Feature, place: Point, along: Point, at: float) -> float:
     return float(feature.height * (x * way[0] + y * way[1]) / (way[0]**2 + way[1]**2))
 
 
-def _crossings(segments: Sequence[Tuple[Point, Point]], place: Point, along: Point
-               ) -> List[Tuple[float, int, float]]:
-    """
-    Return where a line crosses segments.
-
-    Returns
-    -------
-    list of (float, int, float)
-        Distance ahead [m]; 1 where the line goes to the left of the segment, -1 to the right; and
-        the angle from the normal of the segment to the line [rad].
-
-    """
-    found = []
-    for begin, end in segments:
-        length = math.dist(begin, end)
-        if not length:
-            continue
-        # Unit normal to the left of the segment.
-        normal = (-(end[1] - begin[1]) / length, (end[0] - begin[0]) / length)
-        towards = normal[0] * along[0] + normal[1] * along[1]
-        sides = [along[0] * (point[1] - place[1]) - along[1] * (point[0] - place[0])
-                 for point in (begin, end)]
-        # A point on the line counts as left of it: a joint of a polyline is crossed once.
-        if towards == 0.0 or (sides[0] >= 0.0) == (sides[1] >= 0.0):
-            continue
-        at = (normal[0] * (begin[0] - place[0]) + normal[1] * (begin[1] - place[1])) / towards
-        side = 1 if towards > 0.0 else -1
-        across = side * (normal[0] * along[1] - normal[1] * along[0])
-        found.append((at, side, math.atan2(across, abs(towards))))
-    return found
-
-
 def _intervals(polygon: Sequence[Point], place: Point, along: Point
                ) -> List[Tuple[Tuple[float, float], Tuple[float, float]]]:
     """Return the intervals of a line in a polygon: distance and angle at their ends."""
-    ends = sorted((at, angle) for at, _, angle in _crossings(
+    ends = sorted((at, angle) for at, _, angle in crossings(
         tuple(zip(polygon, (*polygon[1:], polygon[0]))), place, along))
     return [(begin, end) for begin, end in zip(ends[::2], ends[1::2])
             if end[0] - begin[0] > TOLERANCE]

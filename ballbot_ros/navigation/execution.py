@@ -22,7 +22,7 @@ from ballbot_ros.errors import RefusedError
 from ballbot_ros.floors.floor import distance_to_segment, Point
 from ballbot_ros.navigation.learned import Learned
 from ballbot_ros.navigation.route import (
-    CLEARANCE, DEVIATION, Route, RoutePlanner, Segment, side)
+    BACKWARD_SPEED, CLEARANCE, DEVIATION, Route, RoutePlanner, Segment)
 from ballbot_ros.navigation.tracking import EDGE, EDGE_TIME, Path, SETTLING, Tracker
 
 # The ball rests after this time below `REST_SPEED_MAX` [s].
@@ -357,8 +357,7 @@ class Navigator:
             return state
         assert segment.crossing is not None
         if state.alignments < ALIGNMENTS and not self.planner.aligned(
-                (percept.x, percept.y, percept.heading), (segment.points[0], segment.points[-1]),
-                self.planner.floor.features.index(segment.feature), segment.crossing):
+                (percept.x, percept.y, percept.heading), segment):
             turned = math.remainder(percept.heading - segment.heading, 2.0 * math.pi)
             return self._align(replace(
                 state, alignments=state.alignments + 1,
@@ -375,8 +374,7 @@ class Navigator:
             return replace(state, status=NavStatus.STOPPING, next=NavStatus.DRIVING)
         (x, y), heading = crossing.points[0], crossing.heading
         behind = x - room * math.cos(heading), y - room * math.sin(heading)
-        there = crossing._replace(points=((x, y), behind), feature=None, crossing=None,
-                                  direction=-1)
+        there = Segment(((x, y), behind), None, None, room / BACKWARD_SPEED, -1, heading)
         back = there._replace(points=(behind, (x, y)), direction=1)
         done, left = state.route.segments[:state.index], state.route.segments[state.index:]
         route = state.route._replace(segments=(*done, there, back, *left))
@@ -403,7 +401,7 @@ class Navigator:
         # Half the clearance of the path is for deviations from it, also where the ball brakes now.
         rests = min(self._braking.distance(abs(percept.speed), 0.0), path.length - along)
         floor = self.planner.floor
-        here, there, planned = (floor.wall_distance(place) - self._radius for place in (
+        here, there, planned = (floor.nearest_wall(place)[0] - self._radius for place in (
             (percept.x, percept.y),
             (percept.x + rests * math.cos(course), percept.y + rests * math.sin(course)),
             [float(np.interp(along + rests, path.along, items)) for items in path.points.T]))
@@ -446,7 +444,7 @@ class Navigator:
             if number is not None:
                 known = learned.height(number, self.planner.floor.features[number])
                 if height > known + HIGHER and any(
-                        segment.feature is self.planner.floor.features[number]
+                        segment.number == number
                         for segment in state.route.segments[state.index:]):
                     learned = learned.with_height(number, height)
             elif self._on(point, ahead) and not self._explained(point):
@@ -471,12 +469,7 @@ class Navigator:
 
     def _explained(self, point: Point) -> bool:
         """Return whether a wall of the map is near a point."""
-        floor = self.planner.floor
-        reach = math.ceil(EXPLAINED / floor.resolution)
-        row, column = floor.cell_of(point)
-        near = floor.cells[max(0, row - reach):row + reach + 1,
-                           max(0, column - reach):column + reach + 1]
-        return bool((near != 0).any())
+        return self.planner.floor.nearest_wall(point)[0] < EXPLAINED
 
     def _feature_at(self, point: Point) -> Optional[int]:
         """Return the number of the feature whose line passes near a point."""
@@ -492,12 +485,11 @@ class Navigator:
         path = state.path
         assert segment is not None and segment.feature is not None and path is not None
         assert segment.crossing is not None
-        number = self.planner.floor.features.index(segment.feature)
-        report = percept.crossing
+        number, report = segment.number, percept.crossing
         if report is not None:
             learned, state = state.learned, replace(state, alignments=0)
             if report.crossed or report.touched:
-                learned = learned.with_outcome(number, self._sign(segment), report.crossed)
+                learned = learned.with_outcome(number, segment.sign, report.crossed)
             if report.crossed:
                 # Only now the stop position behind the step is known.
                 return replace(state, status=NavStatus.STOPPING, next=NavStatus.DRIVING,
@@ -507,12 +499,12 @@ class Navigator:
             if report.height > known + HIGHER:
                 learned = learned.with_height(number, report.height)
             elif not report.touched:
-                learned = learned.with_outcome(number, self._sign(segment), False)
+                learned = learned.with_outcome(number, segment.sign, False)
             return self._stop(replace(state, learned=learned), 'crossing_failed', (
                 f'the {segment.feature.label} was not crossed: {report.message}')), REST
         if percept.stamp - state.crossing_start > CROSSING_TIMEOUT:
             return self._stop(replace(state, learned=state.learned.with_outcome(
-                number, self._sign(segment), False)), 'timed_out', (
+                number, segment.sign, False)), 'timed_out', (
                     f'the {segment.feature.label} took more than {CROSSING_TIMEOUT:g} s')), REST
         if abs(percept.speed) < REST_SPEED_MAX and state.along < segment.crossing.run_up:
             # The decision has backed off for another attempt, which begins at another pose.
@@ -521,8 +513,6 @@ class Navigator:
                 return entered, REST
         along, left = path.project(percept.x, percept.y, state.along)
         state = replace(state, along=along)
-        if percept.speed < 0.0:
-            path, along, left = Path.of(segment.points[::-1], -1), path.length - along, -left
         to_edge = min(float(distance_to_segment(percept.x, percept.y, *piece))
                       for piece in segment.feature.segments)
         yaw_rate = 0.0
@@ -530,11 +520,3 @@ class Navigator:
             yaw_rate = self._tracker.yaw_rate(path, along, left, percept.heading,
                                               percept.speed)
         return state, Command(CommandKind.CROSS, 0.0, yaw_rate)
-
-    @staticmethod
-    def _sign(segment: Segment) -> int:
-        """Return 1 for a crossing towards the left of the feature's line, else -1."""
-        assert segment.feature is not None
-        signs = (side(segment.points[0], segment.points[-1], *piece)
-                 for piece in segment.feature.segments)
-        return next(filter(None, signs), 1)

@@ -21,7 +21,8 @@ from ballbot_ros.decision import check_decision, Knowledge
 from ballbot_ros.decision.planning.braking import Braking
 from ballbot_ros.errors import RefusedError
 from ballbot_ros.floors.floor import (
-    distance_to_segment, Feature, Floor, FREE, inside, Point, UNKNOWN)
+    AREAS, distance_to_segment, Feature, Floor, FREE, inside, LINES, Point, UNKNOWN)
+from ballbot_ros.floors.profile import crossed, crossings
 from ballbot_ros.navigation.capability import Capability, CrossingPlan
 from ballbot_ros.navigation.lattice import (
     CELL_SHARE, COUNT, HEADINGS, LEVELS, Moves, primitives, Problem, Tree, VECTORS)
@@ -34,8 +35,8 @@ from ballbot_ros.steering.model import required_steering
 CLEARANCE = 0.05
 # Clearance that a route prefers [m], and the factor on times with less.
 COMFORT, CLOSE = 0.15, 1.3
-# Distance between samples along a run-up, and longest run-up and room that are looked for [m].
-SAMPLE, LONGEST = 0.05, 3.0
+# Distance between samples along a crossing, and longest way that is looked at [m].
+SAMPLE, LONGEST = 0.05, 6.0
 # Largest angle between a crossing and the normal of the step: half the spacing of headings.
 OBLIQUE = math.radians(13.5)
 # Standard deviation of the heading at the edge of a crossing, as driven in random houses [rad].
@@ -51,10 +52,13 @@ DEVIATION = math.radians(23.0)
 # How far the ball backs out of a place where no state is [m], and how much nearer to a wall than
 # its radius the localisation may place it [m].
 ESCAPE, INACCURATE = 1.0, 0.08
-# Areas that no route enters.
+# Areas that no route enters, and features that no route crosses.
 CLOSED = ('keep_out', 'stairs', 'ramp')
+BARRED = ('drop', *CLOSED)
+# Features with an edge.
+FACED = tuple(kind for kind in (*LINES, *AREAS) if kind != 'friction')
 # Lines along the headings exceed the arcs between them by up to this factor.
-LINES = 1.02
+DETOUR = 1.02
 # Longest time of a route over that of the fastest: the factor on the heuristic.
 LONGER = 1.05
 
@@ -76,6 +80,8 @@ class Segment(NamedTuple):
         1 forward, -1 backward.
     heading : float
         At its end [rad].
+    number, sign : int
+        Of the feature on the floor; 1 towards the left of its line or outline, else -1.
 
     """
 
@@ -85,6 +91,8 @@ class Segment(NamedTuple):
     time: float
     direction: int = 1
     heading: float = math.nan
+    number: int = -1
+    sign: int = 0
 
 
 class Route(NamedTuple):
@@ -115,13 +123,11 @@ class Route(NamedTuple):
 
 
 class _Arc(NamedTuple):
-    """A crossing at a place: from the state `start` to the state `end`, along one heading."""
+    """A crossing from the state `start` to the state `end`; its time is that of one attempt."""
 
     start: int
     end: int
-    number: int  # of the feature
-    sign: int
-    crossing: CrossingPlan
+    segment: Segment
 
 
 class _Limit(NamedTuple):
@@ -196,7 +202,9 @@ class RoutePlanner:
             self._blocked |= np.hypot(self._x - x, self._y - y) < self.ball_radius + CLEARANCE
         for number, feature in enumerate(self.floor.features):
             if before is None or learned.height(number, feature) != before.height(
-                    number, self.floor.features[number]):
+                    number, feature):
+                for sign in (1, -1):
+                    self._limits.pop((number, sign), None)
                 self._arcs[number] = self._crossings(number, learned.corrected(number, feature))
         self._capability.keep()
         self._lay_graph(obstacles)
@@ -225,7 +233,7 @@ class RoutePlanner:
                 keep = self.drop_distance
             elif feature.kind == 'friction':
                 keep = 0.0
-            elif feature.kind not in CLOSED:
+            elif feature.kind not in BARRED:
                 keep += max(touch_distance(self.ball_radius, abs(feature.height)),
                             0.5 * feature.width)
             near = np.zeros((rows, columns), bool)
@@ -238,7 +246,7 @@ class RoutePlanner:
         # Cells that no crossing opens.
         self._fixed = np.logical_or.reduce([self._walls] + [
             near for near, feature in zip(self._near, floor.features)
-            if feature.kind == 'drop' or feature.kind in CLOSED])
+            if feature.kind in BARRED])
         self._open = _grid_graph(np.where(self._fixed, np.inf, 1.0), size)
 
     def _lay_graph(self, obstacles: NDArray[np.float64]) -> None:
@@ -250,16 +258,14 @@ class RoutePlanner:
         arcs: List[Tuple[_Arc, int, float]] = []
         for items in self._arcs.values():
             for arc in items:
-                probability, crossing = self._probability(arc), arc.crossing
+                probability, segment = self._probability(arc.segment), arc.segment
+                assert segment.crossing is not None
                 # A failed attempt costs the way back to its begin and another one.
-                attempt = ALIGNMENT + crossing.time
-                time = attempt + (1.0 / probability - 1.0) * (
-                    attempt + 2.0 * REVERSAL + crossing.run_up / BACKWARD_SPEED)
-                begin, end = self._point(arc.start // COUNT), self._point(arc.end // COUNT)
+                time = segment.time + (1.0 / probability - 1.0) * (
+                    segment.time + 2.0 * REVERSAL + segment.crossing.run_up / BACKWARD_SPEED)
                 level = math.ceil(-math.log(probability) / limit * LEVELS - 1e-9)
-                if level <= LEVELS and not (len(obstacles) and (distance_to_segment(
-                        obstacles[:, 0], obstacles[:, 1], begin, end)
-                        < self.ball_radius + CLEARANCE).any()):
+                if level <= LEVELS and not (distance_to_segment(*obstacles.T, *segment.points)
+                                            < self.ball_radius + CLEARANCE).any():
                     arcs.append((arc, level, time))
         arcs.sort(key=lambda item: item[0].start)
         self._offered = [arc for arc, _, _ in arcs]
@@ -271,13 +277,14 @@ class RoutePlanner:
         starts, ends, times, _ = self._arc_arrays
         # From the goal backward.
         self._backward = self._graph + self._graph.T + sparse.csr_matrix(
-            (times * self._tuning.cruise_speed * LINES, (ends // COUNT, starts // COUNT)),
+            (times * self._tuning.cruise_speed * DETOUR, (ends // COUNT, starts // COUNT)),
             shape=self._graph.shape)
 
-    def _probability(self, arc: _Arc) -> float:
+    def _probability(self, segment: Segment) -> float:
         """Return the probability of a crossing, corrected by learned outcomes."""
-        assert self._learned is not None
-        return self._learned.probability(arc.number, arc.sign, arc.crossing.probability)
+        assert self._learned is not None and segment.crossing is not None
+        return self._learned.probability(
+            segment.number, segment.sign, segment.crossing.probability)
 
     def _node(self, point: Sequence[float]) -> int:
         rows, columns = self._walls.shape
@@ -291,28 +298,33 @@ class RoutePlanner:
 
     def _crossings(self, number: int, feature: Feature) -> List[_Arc]:
         """Return the crossings of a feature, in both directions."""
-        if feature.kind in ('drop', 'friction', *CLOSED):
+        if feature.kind in ('friction', *BARRED):
             return []
-        others = np.logical_or.reduce([self._walls] + [
-            near for other, near in enumerate(self._near) if other != number])
         found = []
-        for begin, end in feature.segments:
-            if math.dist(begin, end) < 1e-6:
+        for line in feature.segments:
+            if math.dist(*line) < 1e-6:
                 continue
-            # The other edges of the feature end run-up and room as other features do.
-            elsewhere = others | self._near[number] & (distance_to_segment(
-                self._x, self._y, begin, end) >= self._keep[number] + self._size)
-            normal = math.atan2(end[0] - begin[0], begin[1] - end[1])
+            (x0, y0), (x1, y1) = line
+            normal = math.atan2(x1 - x0, y0 - y1)
+            barriers = self._barriers(number, line) | self._walls
             for heading in range(COUNT):
                 for sign, way in ((1, normal), (-1, normal + math.pi)):
                     angle = math.remainder(HEADINGS[heading] - way, 2.0 * math.pi)
                     if abs(angle) <= OBLIQUE:
-                        found += self._along(number, feature, (begin, end), heading, sign, angle,
-                                             elsewhere)
+                        found += self._along(
+                            number, feature, line, heading, sign, angle, barriers)
         return found
 
-    def aligned(self, pose: Sequence[float], line: Tuple[Point, Point], number: int,
-                crossing: CrossingPlan) -> bool:
+    def _barriers(self, number: int, line: Tuple[Point, Point]) -> NDArray[np.bool_]:
+        """Return the cells at features that end run-up and room of a crossing of a line."""
+        away = distance_to_segment(self._x, self._y, *line)
+        # The other edges of the feature end them as other features do.
+        found: NDArray[np.bool_] = np.logical_or.reduce([
+            near & (away >= self._keep[number] + self._size) if other == number else near
+            for other, near in enumerate(self._near)])
+        return found
+
+    def aligned(self, pose: Sequence[float], segment: Segment) -> bool:
         """
         Return whether a crossing may begin at a pose.
 
@@ -320,11 +332,8 @@ class RoutePlanner:
         ----------
         pose : (float, float, float)
             Position [m] and heading [rad].
-        line : ((float, float), (float, float))
-            Start and end of the crossing [m].
-        number : int
-            Of the feature.
-        crossing : CrossingPlan
+        segment : Segment
+            Of the crossing.
 
         Returns
         -------
@@ -334,43 +343,32 @@ class RoutePlanner:
             nearer to a wall than the clearance must not get nearer.
 
         """
-        assert self._learned is not None
-        (x, y), distance = line[0], math.dist(*line)
-        course = math.atan2(line[1][1] - y, line[1][0] - x)
+        assert self._learned is not None and segment.crossing is not None
+        (x, y), distance = segment.points[0], math.dist(*segment.points)
+        course, run_up = segment.heading, segment.crossing.run_up
         driven, left, turned = steered(
             (pose[1] - y) * math.cos(course) - (pose[0] - x) * math.sin(course),
-            math.remainder(pose[2] - course, 2.0 * math.pi), crossing.run_up, crossing.speed)
-        heading, distance = course + turned, distance - driven
+            math.remainder(pose[2] - course, 2.0 * math.pi), run_up, segment.crossing.speed)
         x += driven * math.cos(course) - left * math.sin(course)
         y += driven * math.sin(course) + left * math.cos(course)
-        along = np.arange(0.0, distance + LONGEST, SAMPLE)
-        way = math.cos(heading), math.sin(heading)
-        xs, ys = x + along * way[0], y + along * way[1]
-        nodes = [self._node(place) for place in zip(xs, ys)]
-        for begin, end in self.floor.features[number].segments:
-            sign = side((x, y), (x + distance * way[0], y + distance * way[1]), begin, end)
-            normal = math.atan2(end[0] - begin[0], begin[1] - end[1])
-            angle = math.remainder(heading - normal - (math.pi if sign < 0 else 0.0),
-                                   2.0 * math.pi)
-            if not sign or not height_factor(angle):
-                continue
-            clear = self._clear.flat[nodes]
-            blocked = np.logical_or.reduce([
-                clear < min(self.ball_radius + CLEARANCE, clear[0]),
-                self._near[number].flat[nodes] & (distance_to_segment(
-                    xs, ys, begin, end) >= self._keep[number] + self._size)] + [
-                near.flat[nodes] for other, near in enumerate(self._near) if other != number])
-            edge = ((begin[0] - x) * (end[1] - y) - (begin[1] - y) * (end[0] - x)) / (
-                way[0] * (end[1] - begin[1]) - way[1] * (end[0] - begin[0]))
-            feature = self._learned.corrected(number, self.floor.features[number])
-            faces = self._faces(feature, (x + edge * way[0], y + edge * way[1]), way, sign, angle)
-            free = float(along[int(np.argmax(blocked))] if blocked.any() else along[-1])
-            return free > distance and bool(self._capability.choices(
-                faces, feature.height_sd, crossing.run_up, free - edge - 0.5 * faces[-1][0]))
+        way = math.cos(course + turned), math.sin(course + turned)
+        close = self._clear < min(
+            self.ball_radius + CLEARANCE, self._clear.flat[self._node((x, y))])
+        feature = self._learned.corrected(segment.number, self.floor.features[segment.number])
+        for line in feature.segments:
+            for edge, sign, angle in crossings((line,), (x, y), way):
+                if not 0.0 < edge < distance - driven or not height_factor(angle):
+                    continue
+                faces = self._faces(feature, (x + edge * way[0], y + edge * way[1]), way, sign,
+                                    angle)
+                free = self._free((x, y), way, close | self._barriers(segment.number, line))
+                if free > distance - driven - SAMPLE and self._capability.choices(
+                        faces, feature.height_sd, run_up, free - edge - 0.5 * faces[-1][0]):
+                    return True
         return False
 
     def _along(self, number: int, feature: Feature, line: Tuple[Point, Point], heading: int,
-               sign: int, angle: float, others: NDArray[np.bool_]) -> List[_Arc]:
+               sign: int, angle: float, barriers: NDArray[np.bool_]) -> List[_Arc]:
         """Return the crossings of a segment of a feature along a heading."""
         (x0, y0), (x1, y1) = line
         across, up = VECTORS[heading]
@@ -392,8 +390,8 @@ class RoutePlanner:
             faces = self._faces(feature, middle, way, sign, abs(angle) + HEADING_SD)
             half = 0.5 * faces[-1][0]
             touch = touch_distance(self.ball_radius, max(faces[0][1], 0.0)) + half
-            run_up = self._free(middle, (-way[0], -way[1]), others) - touch
-            room = self._free(middle, way, others) - half
+            run_up = self._free(middle, (-way[0], -way[1]), barriers) - touch
+            room = self._free(middle, way, barriers) - half
             known = self._limits.get((number, sign))
             if known is None or run_up > known.run_up:
                 easiest = self._capability.choices(faces, feature.height_sd, LONGEST, LONGEST)
@@ -408,10 +406,11 @@ class RoutePlanner:
                 back = max(0, math.ceil((touch + crossing.run_up) / spacing - share - 1e-9))
                 begin = row - back * up, column - back * across
                 if (back + share) * spacing - touch <= run_up + 1e-9 and self._inside(*begin):
-                    found.append(_Arc(
-                        (begin[0] * self._walls.shape[1] + begin[1]) * COUNT + heading,
-                        (stand[0] * self._walls.shape[1] + stand[1]) * COUNT + heading,
-                        number, sign, crossing))
+                    one, two = (int(np.ravel_multi_index(cell, self._walls.shape))
+                                for cell in (begin, stand))
+                    found.append(_Arc(one * COUNT + heading, two * COUNT + heading, Segment(
+                        (self._point(one), self._point(two)), self.floor.features[number],
+                        crossing, ALIGNMENT + crossing.time, 1, HEADINGS[heading], number, sign)))
         return found
 
     def room_before(self, crossing: Segment) -> float:
@@ -438,13 +437,16 @@ class RoutePlanner:
             rise = feature.height if inside(*beyond, feature.polygon) else -feature.height
         return ((0.0, rise / height_factor(angle) if rise > 0.0 else rise),)
 
-    def _free(self, middle: Point, way: Point, others: NDArray[np.bool_]) -> float:
+    def _free(self, place: Point, way: Point, barriers: NDArray[np.bool_]) -> float:
         """Return how far the centre may go from a place in a direction [m]."""
-        for index in range(1, round(LONGEST / SAMPLE) + 1):
-            at = (middle[0] + index * SAMPLE * way[0], middle[1] + index * SAMPLE * way[1])
-            if not self.floor.contains(at) or others.flat[self._node(at)]:
-                return (index - 1) * SAMPLE
-        return LONGEST
+        along = SAMPLE * np.arange(1, round(LONGEST / SAMPLE) + 1)
+        columns, rows = (np.floor((at + along * step - origin) / self._size).astype(int)
+                         for at, step, origin in zip(place, way, self._origin))
+        inside = (0 <= rows) & (rows < len(barriers)) & (0 <= columns) & (
+            columns < barriers.shape[1])
+        ends = ~inside
+        ends[inside] = barriers[rows[inside], columns[inside]]
+        return SAMPLE * int(np.argmax(ends)) if ends.any() else LONGEST
 
     def check_place(self, point: Sequence[float], what: str) -> None:
         """
@@ -510,10 +512,7 @@ class RoutePlanner:
         far = csgraph.dijkstra(self._backward, directed=True, indices=last)
         aligned = np.isin(self._arc_arrays[0], states)
         for item in np.flatnonzero(aligned if len(start) > 2 else []):
-            arc = self._offered[item]
-            aligned[item] = self.aligned(start, (
-                self._point(arc.start // COUNT), self._point(arc.end // COUNT)), arc.number,
-                arc.crossing)
+            aligned[item] = self.aligned(start, self._offered[item].segment)
         time, path = self._find(states, costs, last, heading, far, aligned)
         shortest, passed = self._shortest(self._node(start), last)
         if not math.isfinite(time):
@@ -521,26 +520,27 @@ class RoutePlanner:
             time, path = self._find(states, costs, last, heading, far, aligned, LEVELS**2)
             if not math.isfinite(time):
                 self._refuse(shortest, passed, math.isfinite(far[states // COUNT].min()))
-            taken = self._segments(path)[1]
+            taken = [segment for segment in self._segments(path) if segment.feature]
             raise RefusedError(
                 'no route reaches the required probability of '
                 f'{self._tuning.required_probability:g}: the fastest one crosses '
-                + ', '.join(self._described(arc.number) for arc in taken) + ', with a product '
-                f'of probabilities of {math.prod(map(self._probability, taken)):.2f}',
+                + ', '.join(self._described(segment.number) for segment in taken)
+                + ', with a product of probabilities of '
+                f'{math.prod(map(self._probability, taken)):.2f}',
                 'improbable', 'goal')
-        segments, taken = self._segments(path)
-        segments = self._from(start, path[0][0], segments)
-        crossed = {arc.number for arc in taken}
-        why = [self._lack(number, sign) for number, sign in passed if number not in crossed]
-        why += [f'{self._described(arc.number)} needs {arc.crossing.run_up:.2f} m of run-up, '
-                'from ({:.2f}, {:.2f}) m'.format(*self._point(arc.start // COUNT))
-                for arc in taken]
+        segments = self._from(start, path[0][0], self._segments(path))
+        taken = [segment for segment in segments if segment.feature]
+        numbers = {segment.number for segment in taken}
+        why = [self._lack(number, sign) for number, sign in passed if number not in numbers]
+        why += [f'{self._described(segment.number)} needs {segment.crossing.run_up:.2f} m of '
+                'run-up, from ({:.2f}, {:.2f}) m'.format(*segment.points[0])
+                for segment in taken if segment.crossing]
         longer = sum(segment.time for segment in segments if segment.feature is None) \
             - shortest / self._tuning.cruise_speed
         if why and longer > 1.0:
             why.insert(0, f'{longer:.0f} s longer than the shortest way')
         return Route(segments, sum(segment.time for segment in segments),
-                     math.prod(self._probability(arc) for arc in taken), '; '.join(why))
+                     math.prod(map(self._probability, taken)), '; '.join(why))
 
     def warm_up(self) -> None:
         """Compile the search, or load it."""
@@ -557,7 +557,7 @@ class RoutePlanner:
         """
         return self._tree.find(Problem(
             states, costs, last, heading, self._slowness,
-            LONGER / LINES / self._tuning.cruise_speed * far, self._moves.ends, self._moves.cells,
+            LONGER / DETOUR / self._tuning.cruise_speed * far, self._moves.ends, self._moves.cells,
             self._moves.times, REVERSAL, *self._arc_arrays, aligned, most_level))
 
     def _refuse(self, shortest: float, passed: List[Tuple[int, int]], point_gets_there: bool
@@ -578,7 +578,7 @@ class RoutePlanner:
         self._check_walls(start, 'start', self.ball_radius - INACCURATE)
         for feature in self.floor.features:
             on = self.ball_radius if feature.kind in ('drop', 'stairs') else 0.0 \
-                if feature.kind in ('friction', *CLOSED) else touch_distance(
+                if feature.kind in ('friction', *BARRED) else touch_distance(
                     self.ball_radius, abs(feature.height)) - INACCURATE
             away = min(float(distance_to_segment(start[0], start[1], *segment))
                        for segment in feature.segments)
@@ -635,13 +635,11 @@ class RoutePlanner:
                                for segment in feature.segments], axis=0)
                 if away.min() < min(keep, away[0]):
                     return False
-        return not any(side(one, two, *segment) for feature in self.floor.features
-                       if feature.kind != 'friction' for segment in feature.segments)
+        return not crossed(self.floor, one, two, FACED)
 
-    def _segments(self, path: List[Tuple[int, int]]) -> Tuple[Tuple[Segment, ...], List[_Arc]]:
-        """Return the segments of a path of states, and its crossings."""
+    def _segments(self, path: List[Tuple[int, int]]) -> Tuple[Segment, ...]:
+        """Return the segments of a path of states."""
         segments: List[Segment] = []
-        taken: List[_Arc] = []
         points: List[Point] = [self._point(path[0][0] // COUNT)]
         direction, time = 0, 0.0
 
@@ -652,13 +650,9 @@ class RoutePlanner:
             at = self._point(before // COUNT)
             if move <= -2:
                 end(HEADINGS[before % COUNT])
-                arc = self._offered[-2 - move]
-                taken.append(arc)
-                target = self._point(arc.end // COUNT)
-                segments.append(Segment(
-                    (at, target), self.floor.features[arc.number], arc.crossing,
-                    float(self._arc_arrays[2][-2 - move]), 1, HEADINGS[state % COUNT]))
-                points, direction, time = [target], 0, 0.0
+                segments.append(self._offered[-2 - move].segment._replace(
+                    time=float(self._arc_arrays[2][-2 - move])))
+                points, direction = [self._point(state // COUNT)], 0
                 continue
             item = self._rows[move]
             if item.direction != direction:
@@ -670,7 +664,7 @@ class RoutePlanner:
             cells = self._moves.cells[move] + divmod(before // COUNT, self._walls.shape[1])
             time += float(self._moves.times[move] * self._slowness[tuple(cells.T)].max())
         end(HEADINGS[path[-1][0] % COUNT])
-        return tuple(segments), taken
+        return tuple(segments)
 
     def _from(self, start: Sequence[float], state: int, segments: Tuple[Segment, ...]
               ) -> Tuple[Segment, ...]:
@@ -699,18 +693,10 @@ class RoutePlanner:
             nodes.append(int(before[nodes[-1]]))
         nodes.reverse()
         points = [self._point(node) for node in nodes]
-        passed: List[Tuple[int, int]] = []
-        for number, feature in enumerate(self.floor.features):
-            near = np.flatnonzero(self._near[number].flat[nodes])
-            if not len(near):
-                continue
-            for one, two in zip(points[max(0, near[0] - 1):near[-1] + 1],
-                                points[max(0, near[0] - 1) + 1:near[-1] + 2]):
-                for begin, end in feature.segments:
-                    sign = side(one, two, begin, end)
-                    if sign and (number, sign) not in passed:
-                        passed.append((number, sign))
-        return float(far[last]), passed
+        passed = dict.fromkeys(
+            (self.floor.features.index(feature), sign) for one, two in zip(points, points[1:])
+            for feature, sign in crossed(self.floor, one, two, FACED))
+        return float(far[last]), list(passed)
 
     def _lack(self, number: int, sign: int) -> str:
         """Return why a feature is not crossed in a direction."""
@@ -753,14 +739,3 @@ def _grid_graph(slowness: NDArray[np.float64], size: float) -> 'sparse.csr_matri
     return sparse.csr_matrix(
         (np.concatenate(weights), (np.concatenate(begins), np.concatenate(ends))),
         shape=(slowness.size, slowness.size))
-
-
-def side(one: Point, two: Point, begin: Point, end: Point) -> int:
-    """Return 1 if a move crosses a segment to its left, -1 to its right, 0 if it does not."""
-    def turn(a: Point, b: Point, c: Point) -> float:
-        return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
-    before, after = turn(begin, end, one), turn(begin, end, two)
-    if (before > 0.0) == (after > 0.0) or \
-            (turn(one, two, begin) > 0.0) == (turn(one, two, end) > 0.0):
-        return 0
-    return 1 if after > 0.0 else -1

@@ -158,7 +158,7 @@ class FloorPlant(Plant):
             self._place(pose)
         self._seen = None
         self._take(cut(self.floor, self._at, self._lateral.heading, self._level, self._radius))
-        self._cut_again(0.0)  # without the crest of an edge that the ball touches already
+        self._cut_again(False)  # without the crest of an edge that the ball touches already
         return self.state
 
     def profile(self) -> Terrain:
@@ -196,25 +196,28 @@ class FloorPlant(Plant):
         self._cut, self._cut_at = ground, self._course()
         self.model = replace(self.model, terrain=ground.terrain(self.state.x))
 
-    def _cut_again(self, most: float) -> float:
+    def _cut_again(self, moves: bool = True) -> bool:
         """
-        Cut the ground, unless that does more work on the springs of the contacts than `most` [J].
+        Cut the ground, and return whether the cut holds.
 
-        Returns
-        -------
-        float
-            The work, infinite if the cut remains [J].
-
+        The speed of a ball that moves pays for the work that a new cut does on the springs of the
+        contacts; a cut for whose work the kinetic energy does not suffice is dropped.
         """
-        kept = self._cut, self._cut_at, self.model
-        present = self.model.energies(self.state).contact
+        kept, state = (self._cut, self._cut_at, self.model), self.state
+        present = self.model.energies(state)
+        most = present.kinetic if moves else 0.0
         self._take(cut(self.floor, self._at, self._lateral.heading, self._level, self._radius,
                        _climbed))
-        work = self.model.energies(self.state).contact - present
-        if work > most + ROUNDING or self.model.terrain.height(self.state.x) >= self.state.y:
+        work = self.model.energies(state).contact - present.contact
+        if work > most + ROUNDING or self.model.terrain.height(state.x) >= state.y:
             self._cut, self._cut_at, self.model = kept
-            return math.inf
-        return work
+            return False
+        if moves and work > 0.0:
+            share = math.sqrt(max(0.0, 1.0 - work / most)) if most else 0.0
+            self.state = state._replace(
+                ball_rate=share * state.ball_rate, pendulum_rate=share * state.pendulum_rate,
+                velocity_x=share * state.velocity_x, velocity_y=share * state.velocity_y)
+        return True
 
     def _move(self, before: State, after: State, lean_set_point: float) -> None:
         """Move pose and lateral state on by a period in which the planar state changed."""
@@ -250,19 +253,12 @@ class FloorPlant(Plant):
         if self._on(self._cut_at, ON_LINE) or (
                 self._on(self._cut_at, NEAR_LINE) and not self._near()):
             return
-        # The speed pays for the work of a new cut; the ball stays on its line if it cannot.
-        kinetic = self.model.energies(after).kinetic
-        work = self._cut_again(kinetic)
-        if math.isinf(work):
+        if not self._cut_again():
+            # The ball stays on its line.
             x, y, heading, path = self._cut_at
             self._at = _ahead((x, y), heading, after.x - path)
             self._lateral = _stopped(lateral, heading)
             self._level = level + passed(self.floor, begin, self._at)
-        elif work > 0.0:
-            share = math.sqrt(max(0.0, 1.0 - work / kinetic))
-            self.state = after._replace(
-                ball_rate=share * after.ball_rate, pendulum_rate=share * after.pendulum_rate,
-                velocity_x=share * after.velocity_x, velocity_y=share * after.velocity_y)
 
     def _near(self) -> bool:
         """Return whether the ground is uneven, or a wall or an edge is near in any direction."""
@@ -272,7 +268,7 @@ class FloorPlant(Plant):
 
     def _clearance(self, place: Point) -> float:
         """Return the distance of the ball from the nearest wall, negative inside it [m]."""
-        return self.floor.wall_distance(place) - self._radius
+        return self.floor.nearest_wall(place)[0] - self._radius
 
     def _edge_angle(self, state: State) -> float:
         """Return the angle of the edge that the ball is on to the path, 0 on none [rad]."""

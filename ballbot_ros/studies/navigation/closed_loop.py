@@ -8,8 +8,8 @@ import numpy as np
 
 from ballbot_ros.control import JointReadings, PendulumController
 from ballbot_ros.decision import Knowledge, Motion, TerrainObservation
-from ballbot_ros.floors import Floor
-from ballbot_ros.floors.floor import OCCUPIED, Point
+from ballbot_ros.floors import Floor, ranges
+from ballbot_ros.floors.floor import Point
 from ballbot_ros.navigation.crossing import CrossingDriver
 from ballbot_ros.navigation.execution import (
     Command, CommandKind, NavigationState, Navigator, Percept)
@@ -23,7 +23,7 @@ from ballbot_ros.steering import law
 CONTROL_RATE = 500  # [Hz]
 PERIODS_PER_COMMAND = 10  # control periods between two commands
 LOOK = 5  # commands between two looks of the sensors while the ball drives freely
-RAYS, RAY_STEP = 96, 0.04  # of the planar laser, all around, and distance between its samples [m]
+RAYS = 96  # of the planar laser, all around
 LASER_REACH, TERRAIN_REACH = 3.0, 3.0  # [m]
 CORRELATION = 20.0  # time constant of the drift of the localisation [s]
 
@@ -150,20 +150,12 @@ class FloorLoop:
         """Return the points of the planar laser, placed by the localisation [m]."""
         x, y, heading = self.plant.pose
         angles = np.linspace(-math.pi, math.pi, RAYS, endpoint=False)
-        ranges = np.arange(RAY_STEP, LASER_REACH, RAY_STEP)
-        floor = self._floor
-        columns = ((x + np.cos(heading + angles)[:, None] * ranges - floor.origin[0])
-                   / floor.resolution).astype(int)
-        rows = ((y + np.sin(heading + angles)[:, None] * ranges - floor.origin[1])
-                / floor.resolution).astype(int)
-        hit = floor.cells[np.clip(rows, 0, floor.cells.shape[0] - 1),
-                          np.clip(columns, 0, floor.cells.shape[1] - 1)] == OCCUPIED
-        found = hit.any(axis=1)
-        measured = ranges[hit.argmax(axis=1)] + self._errors.laser_sd \
-            * self._random.standard_normal(RAYS)
-        return tuple((percept.x + float(d) * math.cos(percept.heading + float(a)),
-                      percept.y + float(d) * math.sin(percept.heading + float(a)))
-                     for a, d in zip(angles[found], measured[found]))
+        measured = ranges(self._floor, (x, y), (heading + angles).tolist(), LASER_REACH) \
+            + self._errors.laser_sd * self._random.standard_normal(RAYS)
+        return tuple((percept.x + distance * math.cos(percept.heading + angle),
+                      percept.y + distance * math.sin(percept.heading + angle))
+                     for angle, distance in zip(angles.tolist(), measured.tolist())
+                     if math.isfinite(distance))
 
     def run(self, limit: float, listener: Optional[Callable[['FloorLoop'], None]] = None) -> None:
         """Run until the goal has ended, or for a time [s]."""

@@ -20,8 +20,7 @@ import numpy as np
 from ballbot_ros import __version__
 from ballbot_ros.decision import Knowledge, load_curve, load_decision_tuning
 from ballbot_ros.errors import RefusedError, SimulationError
-from ballbot_ros.floors import Floor
-from ballbot_ros.floors.floor import inside, OCCUPIED
+from ballbot_ros.floors.floor import inside
 from ballbot_ros.navigation import Capability, CrossingPlan, RoutePlanner
 from ballbot_ros.navigation.execution import Navigator
 from ballbot_ros.physics import load_robot
@@ -126,12 +125,17 @@ def drive(house: House, planner: str) -> Row:
         house.map, known, capability=_capabilities()[planner]), known)
     loop = FloorLoop(navigator, known, house.robot, house.truth, house.start, house.errors,
                      house.number)
-    walls, stairs = _Contacts(house.truth), [
-        item.polygon for item in house.truth.features if item.kind == 'stairs']
+    stairs = [item.polygon for item in house.truth.features if item.kind == 'stairs']
+    velocity = 0.0, 0.0
 
     def watch(loop: FloorLoop) -> None:
-        x, y, _ = loop.plant.pose
-        row['hit'] = max(row['hit'], walls.hit(loop, known.robot.ball_radius))
+        nonlocal velocity
+        x, y, heading = loop.plant.pose
+        away, way = house.truth.nearest_wall((x, y))
+        before, speed = velocity, loop.plant.state.velocity_x
+        velocity = speed * math.cos(heading), speed * math.sin(heading)
+        if 0.0 < away <= known.robot.ball_radius + CONTACT:
+            row['hit'] = max(row['hit'], float(np.dot(before, way)) / away)
         row['fell'] = row['fell'] or any(bool(inside(x, y, polygon)) for polygon in stairs)
     try:
         loop.begin(house.goal)
@@ -151,38 +155,6 @@ def drive(house: House, planner: str) -> Row:
             row['outcome'] = 'late'
     row['cpu_s'] = thread_time() - begin
     return row
-
-
-class _Contacts:
-    """Contacts of a ball with the occupied cells of a floor."""
-
-    def __init__(self, floor: Floor):
-        self._floor, self._before = floor, (math.nan, math.nan)
-
-    def hit(self, loop: FloorLoop, radius: float) -> float:
-        """Return the speed towards a wall that the ball touches, else 0 [m/s]."""
-        x, y, heading = loop.plant.pose
-        speed, floor = loop.plant.state.velocity_x, self._floor
-        before, self._before = self._before, (heading, speed)
-        row, column = floor.cell_of((x, y))
-        reach = math.ceil(radius / floor.resolution) + 1
-        low, left = max(0, row - reach), max(0, column - reach)
-        rows, columns = np.nonzero(
-            floor.cells[low:row + reach + 1, left:column + reach + 1] == OCCUPIED)
-        if not len(rows):
-            return 0.0
-        # The nearest point of each cell.
-        at_x = np.clip(x, floor.origin[0] + (columns + left) * floor.resolution,
-                       floor.origin[0] + (columns + left + 1) * floor.resolution)
-        at_y = np.clip(y, floor.origin[1] + (rows + low) * floor.resolution,
-                       floor.origin[1] + (rows + low + 1) * floor.resolution)
-        away = np.hypot(at_x - x, at_y - y)
-        nearest = int(np.argmin(away))
-        if away[nearest] > radius + CONTACT or not math.isfinite(before[0]):
-            return 0.0
-        towards = (math.cos(before[0]) * (at_x[nearest] - x)
-                   + math.sin(before[0]) * (at_y[nearest] - y)) / max(away[nearest], 1e-9)
-        return max(0.0, float(towards * before[1]))
 
 
 def run_evaluation(evaluation: NavigationEvaluation, folder: Path, pool: Executor, workers: int,

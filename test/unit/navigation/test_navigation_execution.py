@@ -297,8 +297,7 @@ def test_planner_and_navigator_agree_whether_a_crossing_begins_at_the_ball(
     index = next(index for index, segment in enumerate(route.segments) if segment.feature)
     segment = route.segments[index]
     pose = *segment.points[0], segment.heading + math.radians(degrees)
-    number = planner.floor.features.index(segment.feature)
-    assert planner.aligned(pose, segment.points, number, segment.crossing) is aligned
+    assert planner.aligned(pose, segment) is aligned
     entered = navigator._enter(
         NavigationState(route=route, goal=BEDROOM), index, Percept(0.0, *pose, 0.0))
     assert (entered.status is NavStatus.CROSSING) is aligned
@@ -306,13 +305,12 @@ def test_planner_and_navigator_agree_whether_a_crossing_begins_at_the_ball(
 
 def test_a_ball_closer_to_a_wall_than_the_clearance_crosses_only_away_from_it(planner):
     place = 2.55, 3.7
-    number, = (number for number, feature in enumerate(planner.floor.features)
-               if feature.kind == 'cord')
-    crossing = next(item.crossing for item in planner.route((*KITCHEN, 1.57), BEDROOM).segments
-                    if item.feature is planner.floor.features[number])
+    crossing = next(item for item in planner.route((*KITCHEN, 1.57), BEDROOM).segments
+                    if item.feature and item.feature.kind == 'cord')
     assert planner._clear.flat[planner._node(place)] < planner.ball_radius + CLEARANCE
     for turned, free in ((-0.1, True), (0.1, False)):
-        assert planner.aligned((*place, turned), (place, (3.4, 3.7)), number, crossing) is free
+        assert planner.aligned(
+            (*place, turned), crossing._replace(points=(place, (3.4, 3.7)), heading=0.0)) is free
 
 
 @pytest.mark.parametrize(('turned', 'stops'), [(-0.5, True), (0.5, False)])

@@ -110,8 +110,7 @@ def test_crossings_are_planned_for_the_accuracy_of_the_heading(flat, degrees):
     segments = flat.route(KITCHEN, BEDROOM).segments
     for segment in (item for item in segments if item.feature):
         pose = *segment.points[0], segment.heading + math.radians(degrees)
-        number = flat.floor.features.index(segment.feature)
-        assert flat.aligned(pose, segment.points, number, segment.crossing)
+        assert flat.aligned(pose, segment)
 
 
 def test_the_time_of_a_crossing_contains_that_of_further_attempts(flat):
@@ -157,7 +156,7 @@ def test_the_height_of_a_step_bounds_the_angle_at_which_its_crossing_begins(
     segments = planner.route((0.8, 2.0), (3.3, 2.0)).segments
     segment = next(item for item in segments if item.feature)
     pose = *segment.points[0], segment.heading + math.radians(degrees)
-    assert planner.aligned(pose, segment.points, 0, segment.crossing) is aligned
+    assert planner.aligned(pose, segment) is aligned
 
 
 @settings(max_examples=25, deadline=None)
