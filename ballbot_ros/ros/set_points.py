@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Set-points by topic, for the nodes that run the laws: simulator and bridge."""
+"""Set-points by topic, for the nodes that run the laws."""
 from collections import Counter
+from functools import partial
 import time
 from typing import Any, Callable
 
 from rclpy.node import Node
-from sensor_msgs.msg import JointState
 
 from ballbot_ros.control import Authority, SetPoint
 from ballbot_ros.errors import MessageError
@@ -34,11 +34,15 @@ class SetPoints:
     node : Node
     give : callable
         Takes a `SetPoint` stamped as its message, 0 where that was not; raises `MessageError`.
-
     refused : Counter
         Counts them by reason.
     overhear : callable
         Takes a `SetPoint` of a node without authority, which also requests motion.
+    steers : bool
+
+    Attributes
+    ----------
+    authority : Authority
     steers : bool
         Whether yaw rates are followed.
 
@@ -47,23 +51,21 @@ class SetPoints:
     def __init__(self, node: Node, give: Callable[[SetPoint], None], refused: Counter,
                  overhear: Callable[[SetPoint], None], steers: bool):
         self._node, self._give, self._refused = node, give, refused
-        self._overhear, self._steers = overhear, steers
+        self._overhear, self.steers = overhear, steers
         self.authority = Authority(AUTHORITY_TIMEOUT)
         self._publishers = {
             topic: SinglePublisher(node, topic) for topic in ('set_point', 'cmd_vel')}
-        create_subscription(node, 'set_point', self._on_set_point)
-        SpeedSubscription(node, self._on_cmd_vel)
+        create_subscription(node, 'set_point', partial(self._take, 'set_point', set_point))
+        SpeedSubscription(node, partial(self._take, 'cmd_vel', speed_set_point))
 
-    def _on_set_point(self, message: JointState) -> None:
-        self._take('set_point', lambda one: set_point(one, self._steers), message)
-
-    def _on_cmd_vel(self, message: Any) -> None:
-        self._take('cmd_vel', lambda one: speed_set_point(one, self._steers), message)
-
-    def _take(self, topic: str, convert: Callable[[Any], SetPoint], message: Any) -> None:
+    def _take(self, topic: str, convert: Callable[[Any, bool], SetPoint], message: Any) -> None:
         try:
-            given = convert(message)
-            self._check(topic, given)
+            given = convert(message, self.steers)
+            try:
+                self.authority.check(self._publishers[topic].name(), time.monotonic())
+            except MessageError:
+                self._overhear(given)
+                raise
             self._give(given)
         except MessageError as error:
             # In direct control they are for a node controller, if there is one.
@@ -73,11 +75,3 @@ class SetPoints:
             self._node.get_logger().warning(
                 f'{topic} refused: {error}', throttle_duration_sec=1.0)
             time.sleep(REFUSED_PAUSE)
-
-    def _check(self, topic: str, given: SetPoint) -> None:
-        """Refuse a set-point of a node that has no authority."""
-        try:
-            self.authority.check(self._publishers[topic].name(), time.monotonic())
-        except MessageError:
-            self._overhear(given)
-            raise

@@ -3,25 +3,25 @@
 from collections import Counter
 from dataclasses import replace
 import time
-from typing import Any, Callable, List, Optional, Tuple
+from typing import Any, List, Optional, Tuple
 
 from builtin_interfaces.msg import Time
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
 from ballbot_ros.control import checked_controller, SetPoint, Watchdog
+from ballbot_ros.errors import MessageError
 from ballbot_ros.nodes.controller.settings import ControllerSettings
 from ballbot_ros.physics.model.robot import load_robot
 from ballbot_ros.ros import diagnostics
-from ballbot_ros.ros.cmd_vel import speed_set_point, SpeedSubscription
-from ballbot_ros.ros.conversions import lateral_readings, readings, set_point
-from ballbot_ros.ros.endpoints import (
-    create_publisher, create_subscription, subscribe_e_stop, wait_until_received)
+from ballbot_ros.ros.conversions import lateral_readings, readings
+from ballbot_ros.ros.endpoints import create_publisher, subscribe_e_stop, wait_until_received
 from ballbot_ros.ros.joint_state_bytes import (
     AnyJointState, command_bytes, subscribe_joint_states)
 from ballbot_ros.ros.parameters import Commit, declare
-from ballbot_ros.ros.retuning import change_period, LoopNumbers, prepare_laws
+from ballbot_ros.ros.retuning import change_period, prepare_laws
 from ballbot_ros.ros.run import run
+from ballbot_ros.ros.set_points import SetPoints
 from ballbot_ros.steering import LateralState, law
 
 
@@ -42,13 +42,9 @@ class Controller(Node):
         self._lateral: Optional[LateralState] = None  # None for a robot that drives straight
         self._speed = 0.0
         self._commands = create_publisher(self, 'joint_commands')
-        subscribe_joint_states(self, 'joint_states', self._taker(
-            'joint_states', self._on_state))
-        create_subscription(self, 'set_point', self._taker(
-            'set_point', lambda one: self._give(set_point(one, self._lateral is not None))))
-        SpeedSubscription(self, self._taker(
-            'cmd_vel', lambda one: self._give(speed_set_point(
-                one, self._lateral is not None))))
+        subscribe_joint_states(self, 'joint_states', self._on_state)
+        self._set_points = SetPoints(
+            self, self._give, self._refused, self._controller.overhear, steers=False)
         subscribe_e_stop(self, self._on_e_stop)
         self._diagnostics = diagnostics.Diagnostics(
             self, 'pendulum', self._health, self._robot.name)
@@ -60,8 +56,7 @@ class Controller(Node):
     def _prepare(self, wanted: ControllerSettings) -> Commit:
         """Check other parameters; return a function that applies them."""
         hand_over = prepare_laws(
-            self._controller, self._robot, LoopNumbers(*self._settings.loop),
-            LoopNumbers(*wanted.loop), wanted.supervision)
+            self._controller, self._robot, self._settings.loop, wanted.loop, wanted.supervision)
 
         def commit() -> None:
             hand_over()
@@ -69,33 +64,29 @@ class Controller(Node):
             change_period(self._timer, wanted.state_timeout / 4)
         return commit
 
-    def _taker(self, topic: str, take: Callable[[Any], None]) -> Callable[[Any], None]:
-        """Return a callback that answers accepted messages, and counts and logs refused ones."""
-        def callback(message: Any) -> None:
-            try:
-                take(message)
-            except ValueError as error:
-                self._refused[getattr(error, 'reason', 'not_finite')] += 1
-                self.get_logger().warning(f'{topic} refused: {error}', throttle_duration_sec=1.0)
-            else:
-                self._answer()
-        return callback
-
     def _on_state(self, message: AnyJointState) -> None:
         """Take a joint state; the command that answers it will carry its stamp."""
-        found = readings(message)
-        self._lateral = lateral_readings(message, self._robot)
+        try:
+            found, lateral = readings(message), lateral_readings(message, self._robot)
+        except MessageError as error:
+            self._refused[error.reason] += 1
+            self.get_logger().warning(
+                f'joint_states refused: {error}', throttle_duration_sec=1.0)
+            return
+        self._lateral, self._set_points.steers = lateral, lateral is not None
         self._speed = -self._robot.ball_radius * found.ball_rate
         self._controller.take(found)
         self._newest = message.header.stamp
         if not self._watchdog.fed:
             self.get_logger().info('joint states have arrived')
         self._watchdog.feed(time.monotonic())
+        self._answer()
 
     def _give(self, given: SetPoint) -> None:
         """Take a set-point; one without a stamp counts from the newest joint state."""
         self._controller.give(
             given if given.stamp else replace(given, stamp=self._controller.time))
+        self._answer()
 
     def _on_e_stop(self, engaged: bool) -> None:
         """Set the torque to 0 and drop the set-point while the e-stop is engaged."""

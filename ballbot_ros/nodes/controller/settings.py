@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The parameters of the node: name, unit, range, default and meaning."""
 from dataclasses import dataclass, replace
-from typing import Tuple
 
 from ballbot_ros.config.fields import count, fixed, live, quantity
 from ballbot_ros.control import ControlTuning, load_tuning, Supervision
+from ballbot_ros.ros.retuning import LoopNumbers
 from ballbot_ros.ros.settings import file_in, numbers_in, Settings
 
 
@@ -36,11 +36,11 @@ class ControllerSettings(Settings):
     gains: ControlTuning = numbers_in('tuning', ControlTuning, load_tuning, 'gains.')
 
     @property
-    def loop(self) -> Tuple[ControlTuning, float, int]:
-        """Return the gains under the torque limit in force, rate [Hz] and delay [samples]."""
+    def loop(self) -> LoopNumbers:
+        """Return the gains under the torque limit in force, rate and delay."""
         limit = self.torque_limit
         gains = self.gains if limit == 0.0 else replace(self.gains, torque_limit=limit)
-        return gains, self.rate, self.delay
+        return LoopNumbers(gains, self.rate, self.delay)
 
     @property
     def supervision(self) -> Supervision:

@@ -1,13 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Warn when the follower of the set-points uses other gains than the planner assumes."""
-from typing import Set
-
 from rcl_interfaces.msg import ParameterEvent
 from rclpy.node import Node
 from rclpy.parameter import parameter_value_to_python
 from rclpy.qos import qos_profile_parameter_events
 
-from ballbot_ros.ros.endpoints import create_subscription
+from ballbot_ros.ros.endpoints import create_subscription, endpoint_name
 
 EVENTS = '/parameter_events'
 
@@ -23,14 +21,12 @@ class GainWatch:
     Parameters
     ----------
     node : Node
-        With a parameter ``control_tuning``.
-    topic : str
-        Of its set-points.
+        With a parameter ``control_tuning``, that publishes ``set_point``.
 
     """
 
-    def __init__(self, node: Node, topic: str):
-        self._node, self._topic = node, node.resolve_topic_name(topic)
+    def __init__(self, node: Node):
+        self._node, self._topic = node, node.resolve_topic_name('set_point')
         create_subscription(
             node, EVENTS, self.on_event, ParameterEvent, qos_profile_parameter_events)
 
@@ -39,7 +35,8 @@ class GainWatch:
         changed = {one.name: parameter_value_to_python(one.value)
                    for one in event.changed_parameters
                    if one.name == 'tuning' or one.name.startswith('gains.')}
-        if not changed or event.node not in self._followers():
+        followers = map(endpoint_name, self._node.get_subscriptions_info_by_topic(self._topic))
+        if not changed or event.node not in followers:
             return
         planned = self._node.get_parameter('control_tuning').value
         if 'tuning' in changed:
@@ -51,8 +48,3 @@ class GainWatch:
             f'{event.node} now uses other gains ({said}), but plans are still computed for '
             f'control_tuning {planned!r}: to keep them, set control_tuning to a file with '
             'these gains')
-
-    def _followers(self) -> Set[str]:
-        """Return the full names of the nodes that subscribe to the set-points."""
-        return {f'{one.node_namespace.rstrip("/")}/{one.node_name}'
-                for one in self._node.get_subscriptions_info_by_topic(self._topic)}

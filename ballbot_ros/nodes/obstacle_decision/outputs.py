@@ -26,7 +26,7 @@ class DecisionOutputs:
         self._markers = MarkerTopic(node, settings.publish_markers)
         self._decisions = create_publisher(node, 'step_decision')
         self._set_points = create_publisher(node, 'set_point')
-        self._gains = GainWatch(node, 'set_point')
+        self._gains = GainWatch(node)
         self._newest: Optional[Tuple[Optional[StepDecision], JointState]] = None
 
     @property

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Source of the torque of a simulated period: commands, or laws inside the simulator."""
+"""The control laws inside the simulator, a source of torque as `CommandGate` is."""
 from collections import Counter
 from dataclasses import replace
-from typing import Dict, Protocol
+from typing import Dict
 
 from rclpy.node import Node
 
@@ -16,22 +16,6 @@ from ballbot_ros.ros.parameters import Commit
 from ballbot_ros.ros.retuning import LoopNumbers, prepare_laws
 from ballbot_ros.ros.set_points import SetPoints
 from ballbot_ros.steering import law
-
-
-class TorqueSource(Protocol):
-    """Interface of a scheduler to its source of torque, for instance a `CommandGate`."""
-
-    def torque(self, now: float) -> float:
-        """Return the torque of the period that begins now [N m]."""
-
-    def lean(self, now: float) -> float:
-        """Return the set-point of the lean in the period that begins now [rad]."""
-
-    def expired(self, now: float) -> bool:
-        """Return whether a command or set-point was active and has timed out."""
-
-    def clear(self) -> None:
-        """Discard the present command."""
 
 
 def check_control(settings: SimulatorSettings) -> None:
@@ -74,7 +58,7 @@ class LawsInside:
             plant.model.robot, *_loop(settings), _supervision(settings))
         self.refused: Counter[str] = Counter()
         SetPoints(node, self._give, self.refused, self._controller.overhear, plant.steers)
-        subscribe_e_stop(node, self._on_e_stop)
+        subscribe_e_stop(node, self._controller.on_e_stop)
 
     def torque(self, now: float) -> float:
         """Return the torque for the present state, at the start of a period [N m]."""
@@ -113,9 +97,6 @@ class LawsInside:
 
     def _give(self, given: SetPoint) -> None:
         self._controller.give(given if given.stamp else replace(given, stamp=self._plant.time))
-
-    def _on_e_stop(self, engaged: bool) -> None:
-        self._controller.on_e_stop(engaged)
 
 
 def _loop(settings: SimulatorSettings) -> LoopNumbers:

@@ -22,6 +22,7 @@ from ballbot_ros.ros.joint_state_bytes import AnyJointState, subscribe_joint_sta
 from ballbot_ros.ros.parameters import Commit, declare, refuse_sim_time
 from ballbot_ros.ros.retuning import change_period
 from ballbot_ros.ros.run import run
+from ballbot_ros.ros.single_publisher import SinglePublisher
 from ballbot_ros.srv import Step
 
 NO_SIM_TIME = 'use_sim_time does not apply to the simulator, which publishes the clock'
@@ -49,6 +50,7 @@ class Simulator(Node):
         self._scheduler = Scheduler(self._plant, self._laws or self._gate, self._outputs,
                                     settings, self.get_logger(), self._diagnostics.publish,
                                     follow)
+        self._publisher = SinglePublisher(self, 'joint_commands')
         subscribe_joint_states(self, 'joint_commands', self._on_command)
         for name, do in (('pause', self._pause), ('resume', self._resume), ('reset', self._reset)):
             create_trigger(self, f'~/{name}', do)
@@ -82,6 +84,7 @@ class Simulator(Node):
                     'joint_commands are not followed while the laws run inside: send '
                     'set_point or cmd_vel, or start the simulator with control:=direct',
                     'onboard', 'control')
+            self._publisher.name()
             torque = command_torque(message, self._plant.steers)
             lean = lean_set_point(message)
         except MessageError as error:

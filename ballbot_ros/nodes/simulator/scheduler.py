@@ -9,8 +9,9 @@ from rclpy.node import Node
 from rclpy.task import Future
 from rosgraph_msgs.msg import Clock
 
+from ballbot_ros.control import CommandGate
 from ballbot_ros.errors import SimulationError
-from ballbot_ros.nodes.simulator.laws_inside import TorqueSource
+from ballbot_ros.nodes.simulator.laws_inside import LawsInside
 from ballbot_ros.nodes.simulator.outputs import Outputs
 from ballbot_ros.nodes.simulator.settings import SimulatorSettings
 from ballbot_ros.physics.model.state import State
@@ -152,7 +153,7 @@ class Scheduler:
     Parameters
     ----------
     plant : Plant
-    gate : TorqueSource
+    gate : CommandGate or LawsInside
         Source of the torque of a period.
     outputs : Outputs
         Publishes the states.
@@ -170,7 +171,7 @@ class Scheduler:
 
     """
 
-    def __init__(self, plant: Plant, gate: TorqueSource, outputs: Outputs,
+    def __init__(self, plant: Plant, gate: Union[CommandGate, LawsInside], outputs: Outputs,
                  settings: SimulatorSettings, logger: RcutilsLogger,
                  failed: Callable[[], None], clock: Optional[FollowedClock] = None):
         self._plant, self._gate, self._outputs = plant, gate, outputs

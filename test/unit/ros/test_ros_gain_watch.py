@@ -26,7 +26,7 @@ def event(node, **changed):
 
 
 def test_other_gains_of_the_controller_are_logged_with_the_remedy(decision, capfd):
-    watch = GainWatch(decision, 'set_point')
+    watch = GainWatch(decision)
     watch.on_event(event('/controller', gains__position_kp=30.0))
     said = capfd.readouterr().err
     assert '/controller now uses other gains (gains.position_kp 30.0)' in said
@@ -36,7 +36,7 @@ def test_other_gains_of_the_controller_are_logged_with_the_remedy(decision, capf
 
 
 def test_gains_of_others_other_parameters_and_the_same_tuning_are_nothing_to_say(decision, capfd):
-    watch = GainWatch(decision, 'set_point')
+    watch = GainWatch(decision)
     watch.on_event(event('/left/controller', gains__position_kp=30.0))
     watch.on_event(event('/controller', state_timeout=0.2))
     watch.on_event(event('/controller', tuning='published', gains__position_kp=40.0))
@@ -46,7 +46,7 @@ def test_gains_of_others_other_parameters_and_the_same_tuning_are_nothing_to_say
 def test_parameter_events_of_other_nodes_are_received(decision, make_node, spinner, monkeypatch):
     received = []
     monkeypatch.setattr(GainWatch, 'on_event', lambda _, message: received.append(message))
-    GainWatch(decision, 'set_point')
+    GainWatch(decision)
     other = make_node(Node, 'other')
     other.declare_parameter('gains.position_kp', 40.0)
     spinner.add(decision)

@@ -12,7 +12,7 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
 from ballbot_ros.control import Mode
-from ballbot_ros.ros.conversions import set_point_message, to_time
+from ballbot_ros.ros.conversions import set_point, set_point_message, to_time
 from ballbot_ros.ros.rclpy_compat import new_executor
 from ballbot_ros.ros.set_points import REFUSED_PAUSE, SetPoints
 
@@ -52,7 +52,7 @@ def test_a_flood_of_refused_messages_is_processed_at_a_bounded_rate(robot):
     inputs, followed, refused, *_ = robot
     start, message = time.monotonic(), set_point_message(to_time(1.0), math.nan)
     for _ in range(50):
-        inputs._on_set_point(message)
+        inputs._take('set_point', set_point, message)
     assert time.monotonic() - start >= 50 * REFUSED_PAUSE
     assert refused['not_finite'] == 50 and not followed
 
