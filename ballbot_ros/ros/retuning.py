@@ -1,22 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Change the gains of running laws: checked before, and applied without a jump."""
 from dataclasses import replace
-from typing import NamedTuple
 
 from rclpy.timer import Timer
 
-from ballbot_ros.control import checked_rate, ControlTuning, SupervisedController, Supervision
+from ballbot_ros.control import checked_rate, SupervisedController, Supervision
 from ballbot_ros.physics.model.robot import Robot
 from ballbot_ros.ros.parameters import Commit
 from ballbot_ros.ros.separate_process import run_in_process
-
-
-class LoopNumbers(NamedTuple):
-    """Parameters of the stability of a loop, beside the robot."""
-
-    tuning: ControlTuning
-    rate: float  # [Hz]
-    delay: float  # [samples]
+from ballbot_ros.ros.settings import LoopNumbers
 
 
 def prepare_laws(controller: SupervisedController, robot: Robot, now: LoopNumbers,

@@ -5,8 +5,17 @@ from typing import Any, Callable, Dict, Mapping, NamedTuple, Type, TypeVar
 
 from ballbot_ros.config.fields import (
     check_value, Checked, expect_mapping, quantity, refuse_unknown, text)
+from ballbot_ros.control import ControlTuning
 
 S = TypeVar('S', bound='Settings')
+
+
+class LoopNumbers(NamedTuple):
+    """Parameters of the stability of a loop, beside the robot."""
+
+    tuning: ControlTuning
+    rate: float  # [Hz]
+    delay: float  # [samples]
 
 
 def file_in(folder: str, default: str, kind: str = '', doc: str = '') -> Any:

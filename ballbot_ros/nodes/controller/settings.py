@@ -4,8 +4,7 @@ from dataclasses import dataclass, replace
 
 from ballbot_ros.config.fields import count, fixed, live, quantity
 from ballbot_ros.control import ControlTuning, load_tuning, Supervision
-from ballbot_ros.ros.retuning import LoopNumbers
-from ballbot_ros.ros.settings import file_in, numbers_in, Settings
+from ballbot_ros.ros.settings import file_in, LoopNumbers, numbers_in, Settings
 
 
 @dataclass(frozen=True)

@@ -13,8 +13,9 @@ from ballbot_ros.nodes.simulator.settings import SimulatorSettings
 from ballbot_ros.plant import periods_per, Plant
 from ballbot_ros.ros.endpoints import subscribe_e_stop
 from ballbot_ros.ros.parameters import Commit
-from ballbot_ros.ros.retuning import LoopNumbers, prepare_laws
+from ballbot_ros.ros.retuning import prepare_laws
 from ballbot_ros.ros.set_points import SetPoints
+from ballbot_ros.ros.settings import LoopNumbers
 from ballbot_ros.steering import law
 
 
