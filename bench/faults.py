@@ -33,9 +33,9 @@ from ballbot_ros.bridge.condition import Battery
 from ballbot_ros.bridge.drive_line import connector
 from ballbot_ros.bridge.hardware_file import load_hardware
 from ballbot_ros.bridge.loop import Loop
-from ballbot_ros.bridge.onboard import OnBoard
 from ballbot_ros.bridge.session import Session
-from ballbot_ros.control import load_tuning, Mode, SetPoint, Supervision
+from ballbot_ros.control import (
+    load_tuning, Mode, PendulumController, SetPoint, SupervisedController, Supervision)
 from ballbot_ros.emulator.control import obey
 from ballbot_ros.emulator.emulator import Emulator
 from ballbot_ros.errors import BallbotError, MessageError, RefusedError
@@ -80,8 +80,9 @@ class Rig:
         if self.control == 'direct':
             return None
         limits = self.hardware.limits
-        return OnBoard(self.robot, load_tuning('gentle'), Supervision(
-            20.0, 0.5, let_down_time=limits.damping_time))
+        return SupervisedController(
+            PendulumController(self.robot, load_tuning('gentle')),
+            Supervision(20.0, 0.5, let_down_time=limits.damping_time))
 
     def trial(self, fault):
         """Trigger a fault under torque, and return the time to zero [s]."""

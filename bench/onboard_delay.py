@@ -21,9 +21,9 @@ from ballbot_ros.bridge.drive_line import connector
 from ballbot_ros.bridge.feasibility import onboard_lag, RESERVE
 from ballbot_ros.bridge.hardware_file import load_hardware
 from ballbot_ros.bridge.loop import Loop
-from ballbot_ros.bridge.onboard import OnBoard
 from ballbot_ros.bridge.session import Session
-from ballbot_ros.control import load_tuning, Mode, SetPoint, Supervision
+from ballbot_ros.control import (
+    load_tuning, Mode, PendulumController, SetPoint, SupervisedController, Supervision)
 from ballbot_ros.errors import MessageError, RefusedError
 from ballbot_ros.physics.model.robot import load_robot
 
@@ -39,7 +39,8 @@ class Ride:
         robot = load_robot(hardware.robot)
         self.session = Session(
             hardware, robot, connector(hardware),
-            law=OnBoard(robot, load_tuning('gentle'), Supervision(set_point_timeout=0.5)))
+            law=SupervisedController(PendulumController(robot, load_tuning('gentle')),
+                                     Supervision(set_point_timeout=0.5)))
         self.delays = []
         control = self.session.control
         send = control._send_torque

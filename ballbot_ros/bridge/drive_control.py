@@ -3,7 +3,7 @@
 from collections import Counter
 import logging
 import math
-from typing import Any, Callable, Generic, NamedTuple, Optional, Protocol, Tuple, TypeVar, Union
+from typing import Any, Callable, Generic, NamedTuple, Optional, Protocol, Tuple, Union
 
 from ballbot_ros.bridge.condition import ConditionMonitor
 from ballbot_ros.bridge.drive_line import DriveLine, HANDSHAKE
@@ -12,8 +12,8 @@ from ballbot_ros.bridge.motor_state import (
     Event, MEASUREMENT_AGE_MAX, MotorState, Power, RECONNECT_TIMEOUT, STATUS_TIMEOUT)
 from ballbot_ros.bridge.observer import Level, SessionObserver
 from ballbot_ros.bridge.realtime import PAGE
-from ballbot_ros.bridge.sensing import ImuWatch
-from ballbot_ros.bridge.supervisor import EStop, PendulumMotion, StopReason, Supervisor
+from ballbot_ros.bridge.sensing import AxisEstimate, AxisSensing, Estimated
+from ballbot_ros.bridge.supervisor import EStop, StopReason, Supervisor
 from ballbot_ros.drives.contract import Telemetry
 from ballbot_ros.drives.driver import Driver
 from ballbot_ros.errors import (
@@ -100,61 +100,14 @@ LAST_STOP = 0.5
 IMU_SILENT = 'the IMU timed out while the motor had torque'
 
 
-class AxisEstimate(Protocol):
-    """Measurement of an axis."""
-
-    @property
-    def stamp(self) -> float:
-        """Return the time of the measurement [s]."""
-
-    @property
-    def readings(self) -> Any:
-        """Return the input of the law of the axis."""
-
-
-Estimated = TypeVar('Estimated', bound=AxisEstimate, covariant=True)
-
-
 class AxisLaw(Protocol):
     """Computes the torque of an axis."""
 
-    def answer(self, readings: Any, in_force: float, e_stop: bool) -> float:
-        """Return the torque for readings [N m]; see `OnBoard.answer`."""
+    def torque(self, readings: Any, in_force: float, e_stop: bool) -> float:
+        """Return the torque for readings [N m]; see `SupervisedController.torque`."""
 
     def forget(self) -> None:
         """Stay idle until the next set-point."""
-
-
-class Measurements(Protocol[Estimated]):
-    """State estimation of an axis; see `sensing.AxisSensing`."""
-
-    imu_watch: ImuWatch
-    expecting: bool
-
-    @property
-    def estimate(self) -> Optional[Estimated]:
-        """Return the last estimate."""
-
-    def begin(self, now: float) -> None:
-        """Restart with a drive after its handshake."""
-
-    def ask(self, now: float) -> None:
-        """Record a request for a measurement."""
-
-    def commanded(self, torque: float, now: float) -> None:
-        """Record a torque of the axis before it is sent [N m]."""
-
-    def restart(self, now: float) -> None:
-        """Restart the reply timeout."""
-
-    def silence(self, now: float) -> float:
-        """Return the time since the unanswered request [s]."""
-
-    def take(self, telemetry: Telemetry) -> Optional[Estimated]:
-        """Return an estimate from a new measurement."""
-
-    def motion(self, now: float) -> Optional[PendulumMotion]:
-        """Return the motion that the supervisor limits, None while unknown."""
 
 
 class DriveControl(Generic[Estimated]):
@@ -177,7 +130,7 @@ class DriveControl(Generic[Estimated]):
 
     """
 
-    def __init__(self, hardware: Hardware, sensing: Measurements[Estimated],
+    def __init__(self, hardware: Hardware, sensing: AxisSensing[Estimated],
                  connect: Callable[[], Driver], clock: Callable[[], float],
                  observer: SessionObserver, law: Optional[AxisLaw] = None):
         self._observer = observer
@@ -235,7 +188,7 @@ class DriveControl(Generic[Estimated]):
         law, supervisor = self.law, self.supervisor
         if law is None:
             return False
-        torque = law.answer(estimate.readings, supervisor.torque, bool(supervisor.e_stop))
+        torque = law.torque(estimate.readings, supervisor.torque, bool(supervisor.e_stop))
         if supervisor.e_stop or self.power.state is not MotorState.ARMED:
             return False
         try:
@@ -326,8 +279,7 @@ class DriveControl(Generic[Estimated]):
         Time in which this process was preempted does not count: the drive had no request then.
         """
         confirmed = max(telemetry.status_time or 0.0, self.power.since)
-        estimate = self.sensing.estimate
-        if estimate is not None and now - estimate.stamp > MEASUREMENT_AGE_MAX:
+        if now - self.sensing.stamp > MEASUREMENT_AGE_MAX:
             confirmed = -math.inf  # replies arrive, but are too old
         elapsed = min(now - self._watched, TORQUE_INTERVAL_MAX * self._period)
         if self.power.state is MotorState.ARMED \

@@ -32,7 +32,7 @@ class LeanEstimate(NamedTuple):
     readings: LeanReadings
 
 
-class LeanSensing(AxisSensing):
+class LeanSensing(AxisSensing[LeanEstimate]):
     """
     Converts telemetry of the lateral drive to lateral states.
 
@@ -128,7 +128,7 @@ class LeanLaw:
                  forget: Callable[[], None]):
         self._robot, self._yaw_rate, self.forget = robot, yaw_rate, forget
 
-    def answer(self, readings: LeanReadings, in_force: float, e_stop: bool) -> float:
+    def torque(self, readings: LeanReadings, in_force: float, e_stop: bool) -> float:
         """Return the torque for a lateral state, 0 without a set-point [N m]."""
         yaw_rate = self._yaw_rate()
         if e_stop or yaw_rate is None:

@@ -7,9 +7,10 @@ stamped in the future or too far in the past is refused: it would hide a dead IM
 readings out of order.  So a clock step, forward or back, causes the loss of the readings before
 `Clocks` follows it, but does not affect safety.
 """
+from abc import ABC, abstractmethod
 import logging
 import math
-from typing import List, Optional, Tuple
+from typing import Any, Generic, List, Optional, Protocol, Tuple, TypeVar
 
 from ballbot_ros.bridge.hardware_file import Hardware
 from ballbot_ros.bridge.motor_state import MEASUREMENT_AGE_MAX
@@ -124,9 +125,24 @@ SWING_OVERSHOOT = 0.8
 ODOMETRY_AGE_MAX = 0.03
 
 
-class AxisSensing:
+class AxisEstimate(Protocol):
+    """Measurement of an axis."""
+
+    @property
+    def stamp(self) -> float:
+        """Return the time of the measurement [s]."""
+
+    @property
+    def readings(self) -> Any:
+        """Return the input of the law of the axis."""
+
+
+Estimated = TypeVar('Estimated', bound=AxisEstimate, covariant=True)
+
+
+class AxisSensing(ABC, Generic[Estimated]):
     """
-    Times of the measurements of one axis.  All times are of one clock [s].
+    Measurements of one axis, and the state from them.  All times are of one clock [s].
 
     Attributes
     ----------
@@ -204,8 +220,16 @@ class AxisSensing:
             None if rate is None else self._joint.joint_angle(rate), self._answered - stamp,
             (min(torques), max(torques)))
 
+    @abstractmethod
+    def take(self, telemetry: Telemetry) -> Optional[Estimated]:
+        """Return an estimate from a new measurement, None if there is none in the telemetry."""
 
-class Sensing(AxisSensing):
+    @abstractmethod
+    def motion(self, now: float) -> Optional[PendulumMotion]:
+        """Return the motion that the supervisor limits, None if it is too old for torque."""
+
+
+class Sensing(AxisSensing[Estimate]):
     """
     Converts telemetry of the drive to estimates.  All times are of one clock [s].
 
@@ -255,11 +279,6 @@ class Sensing(AxisSensing):
         self.odometry = self._rolling.start(estimate) if self.odometry is None else \
             self._rolling.advance(self.odometry, estimate)
         return estimate
-
-    @property
-    def estimate(self) -> Optional[Estimate]:
-        """Return the last estimate."""
-        return self.fusion.estimate
 
     def _follow(self, estimate: Estimate, imu: ImuReading) -> None:
         """Store the odometry of an IMU update."""

@@ -9,6 +9,7 @@ Only calls that wait for a reply block: `configure`, `deactivate`, `close`, and 
 the motor or reconnects.
 """
 from collections import Counter
+from dataclasses import replace
 from enum import auto, Enum
 import math
 import threading
@@ -16,16 +17,16 @@ import time
 from typing import Any, Callable, List, NamedTuple, Optional, Tuple
 
 from ballbot_ros.bridge.condition import Condition
-from ballbot_ros.bridge.drive_control import DriveControl, Estimated
+from ballbot_ros.bridge.drive_control import DriveControl
 from ballbot_ros.bridge.hardware_file import Hardware
 from ballbot_ros.bridge.lean import LeanLaw, LeanSensing
 from ballbot_ros.bridge.motor_state import MEASUREMENT_AGE_MAX, MotorState
 from ballbot_ros.bridge.observer import SessionObserver
-from ballbot_ros.bridge.onboard import OnBoard
-from ballbot_ros.bridge.sensing import IMU_RECOVERY_TIME, Sensing
+from ballbot_ros.bridge.sensing import Estimated, IMU_RECOVERY_TIME, Sensing
 from ballbot_ros.bridge.supervisor import EStop, StopReason
 from ballbot_ros.bridge.warm_up import warm_up
-from ballbot_ros.control import Mode, SetPoint
+from ballbot_ros.control import Mode, SetPoint, SupervisedController
+from ballbot_ros.control.command_gate import CLOCK_SKEW_MAX
 from ballbot_ros.drives.contract import Identity, Setting, Telemetry
 from ballbot_ros.drives.driver import Driver
 from ballbot_ros.errors import (
@@ -78,10 +79,14 @@ class Session:
         Monotonic clock [s].
     observer : SessionObserver
         Receives the events.
-    law : OnBoard, optional
-        Computes the torque from set-points; None for direct control by torque commands.
+    law : SupervisedController, optional
+        Computes the torque from set-points, without a topic in between; the torque has the stamp
+        of its measurement, so that it ends when the measurements end.  None for direct control by
+        torque commands.
     connect_lateral : callable, optional
         As `connect`, for the lateral axis, if the hardware has one.
+    publishers : callable
+        Returns the names of the nodes that publish on a topic, for messages.
 
     Attributes
     ----------
@@ -110,12 +115,14 @@ class Session:
 
     def __init__(self, hardware: Hardware, robot: Robot, connect: Callable[[], Driver],
                  clock: Callable[[], float] = time.monotonic,
-                 observer: SessionObserver = SessionObserver(), law: Optional[OnBoard] = None,
-                 connect_lateral: Optional[Callable[[], Driver]] = None):
+                 observer: SessionObserver = SessionObserver(),
+                 law: Optional[SupervisedController] = None,
+                 connect_lateral: Optional[Callable[[], Driver]] = None,
+                 publishers: Callable[[str], str] = lambda topic: ''):
         """Start disconnected and inactive, the e-stop engaged; see `warm_up`."""
         warm_up(robot)
         self.hardware, self.robot, self.clock, self.law = hardware, robot, clock, law
-        self.observer = observer
+        self.observer, self._publishers = observer, publishers
         self.set_points_refused: Counter[str] = Counter()
         limits = hardware.limits
         self._largest = {Mode.HOLD: limits.angle_limit, Mode.DRIVE: limits.speed_limit,
@@ -212,8 +219,8 @@ class Session:
         Raises
         ------
         MessageError
-            As `OnBoard.give`, with reason ``out_of_range`` beyond the limits of the hardware
-            file, and with ``direct`` in direct control.
+            As `SupervisedController.give`, with reason ``out_of_range`` beyond the limits of the
+            hardware file, and with ``direct`` in direct control; the current set-point remains.
 
         """
         if self.law is None:
@@ -229,7 +236,15 @@ class Session:
                     f'set-point of {set_point.in_words} refused: it must be '
                     f'within +-{largest:.3g} by angle_limit and speed_limit of the hardware file',
                     'out_of_range', set_point.mode.value)
-            self.law.give(set_point, self.clock(), bool(self.supervisor.e_stop))
+            now = self.clock()
+            self.law.on_e_stop(bool(self.supervisor.e_stop))
+            if set_point.stamp > now + CLOCK_SKEW_MAX:
+                raise MessageError(
+                    f'the set-point is stamped {set_point.stamp:.3f} s and it is '
+                    f'{now:.3f} s here: does the sender use another clock?',
+                    'from_the_future', 'stamp')
+            # Its age counts from now at the latest, so the timeout limits every set-point.
+            self.law.give(replace(set_point, stamp=min(set_point.stamp or now, now)))
 
     def imu(self, reading: ImuReading) -> None:
         """Accept an IMU reading; raises as `Sensing.imu` does.  An implausible one stops."""
@@ -309,7 +324,14 @@ class Session:
                 return (f'the lean is {lean:.2f} rad, beyond the largest one of {most:g} rad: '
                         'check encoder_zero in the section steering of the hardware file',
                         'lean')
-        return (self.law.inhibit(), 'set_point') if self.law is not None else ('', '')
+        asked = None if self.law is None else self.law.asked
+        if asked is None:
+            return '', ''
+        topic = 'cmd_vel' if asked.mode is Mode.SPEED else 'set_point'
+        names = self._publishers(topic)
+        return (f'{topic} requests {asked.in_words}{f" (from {names})" if names else ""}, and the '
+                'robot would jump; request rest (a set-point of 0), or nothing for half '
+                'a second, then release again', 'set_point')
 
     def clear_faults(self) -> str:
         """

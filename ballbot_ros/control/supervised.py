@@ -184,6 +184,12 @@ class SupervisedController:
         self._rate.add(readings.stamp)
         self._newest = self._waiting = readings
 
+    def torque(self, readings: JointReadings, in_force: float, e_stop: bool) -> float:
+        """Return the torque for a new joint state, 0 for none [N m]; see `answer`."""
+        self.on_e_stop(e_stop)
+        self.take(readings)
+        return self.answer(in_force) or 0.0
+
     def answer(self, in_force: Optional[float] = None) -> Optional[float]:
         """
         Return the torque for the latest joint state [N m].

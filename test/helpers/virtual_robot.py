@@ -8,9 +8,8 @@ import tempfile
 
 from ballbot_ros.bridge.condition import Battery
 from ballbot_ros.bridge.hardware_file import load_hardware, SteeringAxis
-from ballbot_ros.bridge.onboard import OnBoard
 from ballbot_ros.bridge.session import Session
-from ballbot_ros.control import load_tuning, Supervision
+from ballbot_ros.control import load_tuning, PendulumController, SupervisedController, Supervision
 from ballbot_ros.drives import device_class, driver_class, open_driver
 from ballbot_ros.drives.emulated_device import DriveSettings, Sensed
 from ballbot_ros.drives.memory_line import MemoryLine
@@ -161,12 +160,14 @@ class VirtualRobot(MemoryLine):
     def start(self):
         """Begin a new session."""
         robot = load_robot('gimball')
-        law = OnBoard(
-            robot, load_tuning(self.onboard),
-            Supervision(20.0, 0.5, let_down_time=self.hardware.limits.damping_time),
-            {'set_point': '/planner', 'cmd_vel': '/teleop'}.get) if self.onboard else None
+        law = SupervisedController(
+            PendulumController(robot, load_tuning(self.onboard)),
+            Supervision(20.0, 0.5, let_down_time=self.hardware.limits.damping_time)
+        ) if self.onboard else None
         if self.hardware.steering is None:
-            self.session = Session(self.hardware, robot, self.connect, self.clock, law=law)
+            self.session = Session(
+                self.hardware, robot, self.connect, self.clock, law=law,
+                publishers={'set_point': '/planner', 'cmd_vel': '/teleop'}.get)
             return
         lateral = self.hardware.lateral(robot)
         self.session = Session(

@@ -138,9 +138,9 @@ def health(session: Session, loop: Optional[Loop], hardware: Hardware,
         return diagnostics.WARN, 'commands timed out', values
     if session.law is not None and session.law.let_down:
         return diagnostics.WARN, 'set-points timed out', values
-    if session.law is not None and session.law.controller.too_slow:
+    if session.law is not None and session.law.too_slow:
         return diagnostics.ERROR, 'the measurement rate is too low for these gains', values
-    if session.law is not None and session.law.controller.overcome:
+    if session.law is not None and session.law.overcome:
         return diagnostics.WARN, 'resistance above that of the largest lean', values
     if not has_imu:
         return diagnostics.WARN, 'no IMU: pendulum angle unreliable off level floor', values

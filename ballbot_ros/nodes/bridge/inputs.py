@@ -56,7 +56,7 @@ class MotorInputs:
         subscribe_joint_states(node, 'joint_commands', self.command)
         law = session.law
         set_points = SetPoints(node, self._give, session.set_points_refused,
-                               law.controller.overhear if law is not None else lambda _: None,
+                               law.overhear if law is not None else lambda _: None,
                                session.lateral is not None)
         self.authority = Authority(session.hardware.limits.command_timeout) \
             if law is None else set_points.authority

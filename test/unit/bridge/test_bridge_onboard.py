@@ -106,11 +106,11 @@ def test_what_a_sender_asks_for_that_is_not_followed_inhibits_the_release_too():
     robot = ready()
     robot.session.engage('button')
     robot.loop(0.6)
-    robot.session.law.controller.overhear(UP)
+    robot.session.law.overhear(UP)
     with refused('standing', 'set_point', RefusedError):
         robot.session.release()
     robot.loop(0.6)
-    robot.session.law.controller.overhear(SetPoint(Mode.HOLD, 0.0))  # rest is not motion
+    robot.session.law.overhear(SetPoint(Mode.HOLD, 0.0))  # rest is not motion
     robot.session.release()
 
 

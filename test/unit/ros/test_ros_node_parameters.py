@@ -152,12 +152,12 @@ def test_a_bridge_hands_gains_and_timeouts_to_its_loop(start):
     node = start(Bridge)
     law = node._session.law
     assert changed(node, gains__position_kp=7.0, set_point_timeout=0.8, status_rate=5.0) == ''
-    assert law.tuning.position_kp == 7.0 and law.controller.expected.set_point_timeout == 0.8
+    assert law._controller._tuning.position_kp == 7.0 and law.expected.set_point_timeout == 0.8
     assert 'diverges on gimball' in changed(node, tuning='published')
     assert refuses(node, joint_state_rate=5000.0)
     assert changed(node, odom_rate=0.0) == ''
     assert node._robot_outputs._topics._odometry is None
-    assert law.tuning.position_kp == 7.0
+    assert law._controller._tuning.position_kp == 7.0
 
 
 def test_an_imu_is_read_along_other_axes(start):
