@@ -16,13 +16,13 @@ remedy.  Frames are passed on as records, see can_frames.py, without error frame
 """
 from contextlib import contextmanager, suppress
 import errno
-import os
 import select
 import termios
 from typing import Any, Iterator, Optional
 
 from ballbot_ros.drives.can_frames import CanFrame, MOST_DATA, record, RecordParser
 from ballbot_ros.drives.capture import TrafficSink
+from ballbot_ros.drives.transport import errno_of, opening_failure
 from ballbot_ros.errors import LinkError
 
 # A bus without space for this long has no acknowledging node, or a stuck adapter [s].
@@ -131,7 +131,7 @@ class CanLink:
             if self._waiting is not None:
                 return True
             if self._descriptor is not None:
-                return self._readable(max(0.0, seconds))
+                return bool(select.select([self._descriptor], [], [], max(0.0, seconds))[0])
             self._waiting = bus.recv(max(0.0, seconds))
             return self._waiting is not None
 
@@ -154,9 +154,6 @@ class CanLink:
             raise LinkError(f'{self.port} is closed', 'closed', 'port')
         return self._bus
 
-    def _readable(self, seconds: float) -> bool:
-        return bool(select.select([self._descriptor], [], [], seconds)[0])
-
     def _take(self) -> bytes:
         """Return the records of all received frames."""
         records = []
@@ -173,7 +170,8 @@ class CanLink:
                     continue
                 if message is None:
                     # An acknowledgement of an adapter gives None, and messages may follow it.
-                    if self._descriptor is None or not self._readable(0.0):
+                    if self._descriptor is None \
+                            or not select.select([self._descriptor], [], [], 0.0)[0]:
                         break
                 elif message.is_error_frame:
                     if message.arbitration_id & BUS_OFF:
@@ -196,9 +194,6 @@ def _address(port: str) -> tuple[str, str, dict[str, Any]]:
     if not colon:
         interface, channel = ('slcan' if '/' in port else 'socketcan'), port
     if interface == 'slcan':
-        if channel.startswith('/') and not os.path.exists(channel):
-            raise LinkError(f'there is no port {channel}: is the adapter plugged in?',
-                            'missing', 'port')
         # The driver does not wait for answers of an adapter.
         return interface, channel, {'sleep_after_open': 0.0, 'timeout': 0.0}
     return interface, channel, {}
@@ -236,7 +231,8 @@ def _converted(port: str, baud: int, opening: bool = False) -> Iterator[None]:
                 f'{port}: the library of this interface is not installed ({error}); install the '
                 "driver of the adapter's maker, or use its interface of the kernel, such as can0",
                 'missing', 'port') from error
-        if not _is_of_the_line(error):
+        import can
+        if not isinstance(error, (can.CanError, OSError, termios.error)):
             raise
         raise _failure(port, baud, error, opening) from error
 
@@ -246,14 +242,9 @@ def _is_malformed(error: Exception) -> bool:
     return isinstance(error, (ValueError, IndexError)) or isinstance(error.__cause__, ValueError)
 
 
-def _is_of_the_line(error: Exception) -> bool:
-    import can
-    return isinstance(error, (can.CanError, OSError, termios.error))
-
-
 def _failure(port: str, baud: int, error: Exception, opening: bool) -> LinkError:
     """Return the reason why a bus did not open or is lost, with the remedy."""
-    number = _number(error)
+    number = errno_of(error)
     if opening and number is None and 'bitrate' in str(error).lower():
         return LinkError(f'{port} cannot do {baud} bit/s: {error}', 'bad_baud', 'baud')
     if number == errno.ENETDOWN:
@@ -274,24 +265,4 @@ def _failure(port: str, baud: int, error: Exception, opening: bool) -> LinkError
                 f'are both ends closed by 120 ohm, is the bit rate {baud} everywhere?',
                 'stuck', 'port')
         return LinkError(f'{port} is gone: {error}; is the plug out?', 'gone', 'port')
-    if number in (errno.EACCES, errno.EPERM):
-        return LinkError(
-            f'no permission to open {port}; join its group (sudo usermod -aG dialout $USER, '
-            'then log in again)', 'permission', 'port')
-    if number in (errno.EAGAIN, errno.EBUSY):
-        return LinkError(f'{port} is in use by another program', 'busy', 'port')
-    if number in (errno.ENOTTY, errno.EISDIR, errno.EINVAL):
-        return LinkError(f'{port} is not a serial adapter: {error}', 'not_a_port', 'port')
-    return LinkError(f'{port} cannot be opened: {error}', 'missing', 'port')
-
-
-def _number(error: Optional[BaseException]) -> Optional[int]:
-    """Return the number of the system's error behind an exception, None if there is none."""
-    while error is not None:
-        number = getattr(error, 'errno', None) or getattr(error, 'error_code', None)
-        if isinstance(error, termios.error):
-            number = error.args[0]
-        if number is not None:
-            return int(number)
-        error = error.__cause__ or error.__context__
-    return None
+    return opening_failure(port, error)

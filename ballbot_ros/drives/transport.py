@@ -321,18 +321,26 @@ def _link_error(port: str, error: Exception, opening: bool = False) -> LinkError
             f'{port!r} is neither a device nor a URL that pyserial supports: {error}',
             'bad_address', 'port')
     if opening:
-        return _opening_failure(port, error)
+        return opening_failure(port, error)
     return LinkError(
         f'{port} is gone ({error}): unplugged, or its controller lost power', 'gone', 'port')
 
 
-def _opening_failure(port: str, error: Any) -> LinkError:
+def errno_of(error: Optional[BaseException]) -> Optional[int]:
+    """Return the number of the system's error behind an exception, None if there is none."""
+    while error is not None:
+        number = getattr(error, 'errno', None) or getattr(error, 'error_code', None)
+        if isinstance(error, termios.error):
+            number = error.args[0]
+        if number is not None:
+            return int(number)
+        error = error.__cause__ or error.__context__
+    return None
+
+
+def opening_failure(port: str, error: Exception) -> LinkError:
     """Return why a port did not open, with the remedy."""
-    number = getattr(error, 'errno', None)
-    # pyserial does not copy the errno of a termios.error, which is only in its arguments.
-    for origin in (error, error.__context__):
-        if number is None and isinstance(origin, termios.error):
-            number = origin.args[0]
+    number = errno_of(error)
     if number == errno.ENOENT:
         known = ', '.join(found.device for found in list_ports.comports())
         return LinkError(
