@@ -80,10 +80,10 @@ def test_odrive_commands_have_the_documented_form():
 @pytest.mark.parametrize('packet, golden', [
     # From PyVESC 1.0.5: encode(SetCurrent(1500)), encode(SetCurrent(-2345)),
     # encode_request(GetValues); and the shortest there is, that of comm/packet.c.
-    (vesc.set_current(1.5), '020506000005dc388103'),
-    (vesc.set_current(-2.345), '020506fffff6d74bb803'),
-    (vesc.ask(vesc.GET_VALUES), '020104408403'),
-    (vesc.ask(vesc.FW_VERSION), '020100000003'),
+    (vesc.frame(vesc.set_current(1.5)), '020506000005dc388103'),
+    (vesc.frame(vesc.set_current(-2.345)), '020506fffff6d74bb803'),
+    (vesc.frame(bytes((vesc.GET_VALUES,))), '020104408403'),
+    (vesc.frame(bytes((vesc.FW_VERSION,))), '020100000003'),
 ])
 def test_vesc_packets_are_those_of_an_independent_implementation(packet, golden):
     assert packet.hex() == golden

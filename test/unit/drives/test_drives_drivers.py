@@ -278,12 +278,15 @@ def test_replies_of_a_dead_line_are_lost_once_and_its_first_one_counts_again(kin
     assert bench.driver.counts['lost'] - before == 5
 
 
+VALUES_REQUEST = codec_of('vesc').frame(codec_of('vesc').get_values())
+
+
 @pytest.mark.parametrize('kind, garbage, name, number', [
     ('odrive 0.5', b'1.000000 *7\r\n', 'refused', 1), ('odrive 0.5', b'hello\r\n', 'unchecked', 1),
     ('odrive 0.5', b'7*55\r\n', 'unexpected', 1),
-    ('vesc', b'\x07' * 9 + codec_of('vesc').get_values(), 'skipped', 9),
+    ('vesc', b'\x07' * 9 + VALUES_REQUEST, 'skipped', 9),
     ('vesc', codec_of('vesc').frame(b'\x63'), 'unexpected', 1),
-    ('vesc', codec_of('vesc').get_values()[:-2] + b'\x00\x03', 'refused', 1),
+    ('vesc', VALUES_REQUEST[:-2] + b'\x00\x03', 'refused', 1),
     ('roboclaw', b'\x07' * 40, 'skipped', 20)])
 def test_bytes_outside_a_reply_are_counted(kind, garbage, name, number):
     bench = Bench(kind)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from ballbot_ros.config.fields import count
 from ballbot_ros.drives.can_frames import judge_others, record
-from ballbot_ros.drives.contract import Setting, WireBudget
+from ballbot_ros.drives.contract import Setting
 from ballbot_ros.drives.vesc.can import codec
 from ballbot_ros.drives.vesc.settings import VescOptions
 from ballbot_ros.drives.vesc.uart import codec as serial
@@ -30,10 +30,10 @@ class VescCan(Vesc):
     shares_line = 'can_id'
     Options = VescCanOptions
     baud_rates = (500000, 1000000, 250000, 125000, 100000)
+    _frame_reply = staticmethod(codec.frame_reply)
 
     def _begin(self) -> None:
         super()._begin()
-        self._messages = serial.FrameParser()
         self._parser = codec.PayloadParser(self.options.host_id, self.options.can_id)
 
     def read_settings(self, timeout: float = 0.5) -> tuple[Setting, ...]:
@@ -41,23 +41,11 @@ class VescCan(Vesc):
         settings = super().read_settings(timeout)
         return (*settings, judge_others(self.counts['of_others']))
 
-    def budget(self) -> WireBudget:
-        """Return the records of a command, a request and its reply."""
-        reply = serial.pack_values(serial.Values(*(0,) * len(serial.FIELDS)))
-        return WireBudget(len(self._on_bus(self._torque_message(0.0) + serial.get_values())),
-                          len(codec.frame_reply(reply)))
-
-    def _send(self, data: bytes) -> None:
-        super()._send(self._on_bus(data))
-
-    def _on_bus(self, data: bytes) -> bytes:
-        """Return the records of messages that are framed for a serial line."""
+    def _packet(self, payload: bytes) -> bytes:
         drive, host = self.options.can_id, self.options.host_id
-        return b''.join(
-            record(codec.packet(codec.SET_CURRENT, drive, payload[1:]))
-            if payload[0] == serial.SET_CURRENT
-            else codec.records(payload, drive, host, codec.ANSWER_ME)
-            for payload in self._messages.feed(data))
+        if payload[0] == serial.SET_CURRENT:
+            return record(codec.packet(codec.SET_CURRENT, drive, payload[1:]))
+        return codec.records(payload, drive, host, codec.ANSWER_ME)
 
     def _handshake_error(self, before: Counter[str]) -> DriveError:
         assert isinstance(self._parser, codec.PayloadParser)

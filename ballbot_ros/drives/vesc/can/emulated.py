@@ -17,7 +17,6 @@ class VescCanDevice(VescDevice):
         super()._boot()
         self._id = codec.DRIVE_ID + self.settings.axis
         self._records, self._assembly = RecordParser(), codec.Assembly()
-        self._replies = serial.FrameParser()
 
     def _receive(self, data: bytes, now: float) -> bytes:
         return b''.join(self._take(frame, now) for frame in self._records.feed(data))
@@ -29,7 +28,7 @@ class VescCanDevice(VescDevice):
             return b''
         data = frame.data
         if kind == codec.SET_CURRENT and len(data) >= 4:
-            self._obey_message(bytes((serial.SET_CURRENT,)) + data[:4], now)
+            self._obey(bytes((serial.SET_CURRENT,)) + data[:4], now)
         elif kind == codec.PING and data:
             return record(codec.packet(
                 codec.PONG, data[0], bytes((self._id, HW_TYPE_VESC))))
@@ -37,11 +36,6 @@ class VescCanDevice(VescDevice):
             payload = self._assembly.take(kind, data)
             if payload is not None and data[1] in (codec.ANSWER_ME, 3):
                 purpose = codec.ANSWER if data[1] == codec.ANSWER_ME else codec.ANSWER_ME
-                return b''.join(
-                    codec.records(reply, data[0], self._id, purpose)
-                    for reply in self._obey_message(payload, now))
+                reply = self._obey(payload, now)
+                return codec.records(reply, data[0], self._id, purpose) if reply else b''
         return b''
-
-    def _obey_message(self, payload: bytes, now: float) -> list[bytes]:
-        """Obey a message as if it had come over a serial line, and return the replies."""
-        return self._replies.feed(super()._receive(serial.frame(payload), now))

@@ -100,18 +100,13 @@ def frame(payload: bytes) -> bytes:
 
 
 def set_current(current: float) -> bytes:
-    """Return the command for a motor current [A]; feeds the watchdog."""
-    return frame(struct.pack('>Bi', SET_CURRENT, round(1000.0 * current)))
+    """Return the payload that commands a motor current [A]; feeds the watchdog."""
+    return struct.pack('>Bi', SET_CURRENT, round(1000.0 * current))
 
 
 def get_values(tag: int = 0) -> bytes:
-    """Return the request for the fields of `Values`, with a tag that the reply repeats."""
-    return frame(struct.pack('>BI', GET_VALUES_SELECTIVE, tag << TAG_SHIFT | MASK))
-
-
-def ask(message: int) -> bytes:
-    """Return a request that is its name and nothing more; ``ALIVE`` only feeds the watchdog."""
-    return frame(bytes((message,)))
+    """Return the payload that requests the fields of `Values`; the reply repeats its tag."""
+    return struct.pack('>BI', GET_VALUES_SELECTIVE, tag << TAG_SHIFT | MASK)
 
 
 class FrameParser:

@@ -34,6 +34,7 @@ class Vesc(Driver):
     replies_are_named = True
     shortest_answer = codec.VALUES_LENGTH
     baud_rates = (115200, 921600, 460800, 230400, 57600)
+    _frame_reply = staticmethod(codec.frame_reply)
 
     def _begin(self) -> None:
         self._parser = codec.FrameParser()
@@ -132,15 +133,20 @@ class Vesc(Driver):
 
     def feed(self) -> None:
         """Feed the watchdog; see `Driver`."""
-        self._send(codec.ask(codec.ALIVE))
+        self._send(self._packet(bytes((codec.ALIVE,))))
 
     def budget(self) -> WireBudget:
         """Return the bytes of a command, a request and its reply."""
-        values = codec.frame(codec.pack_values(codec.Values(*(0,) * len(codec.FIELDS))))
-        return WireBudget(len(codec.set_current(0.0)) + len(codec.get_values()), len(values))
+        values = codec.pack_values(codec.Values(*(0,) * len(codec.FIELDS)))
+        return WireBudget(len(self._torque_message(0.0) + self._packet(codec.get_values())),
+                          len(self._frame_reply(values)))
+
+    def _packet(self, payload: bytes) -> bytes:
+        """Return the bytes that carry a message on the line."""
+        return codec.frame(payload)
 
     def _torque_message(self, torque: float) -> bytes:
-        return codec.set_current(torque / self.options.torque_constant)
+        return self._packet(codec.set_current(torque / self.options.torque_constant))
 
     def _stop_message(self) -> bytes:
         return self._torque_message(0.0) + self._requests()
@@ -148,7 +154,7 @@ class Vesc(Driver):
     def _requests(self) -> bytes:
         self._tag = (self._tag + 1) % codec.TAGS
         self._pending.add(self._tag)
-        return codec.get_values(self._tag) + self._read_back_request()
+        return self._packet(codec.get_values(self._tag)) + self._read_back_request()
 
     def _read_back_request(self) -> bytes:
         """Return the request for the settings that are due, empty for none."""
@@ -158,14 +164,14 @@ class Vesc(Driver):
         self._read_back_at = now
         self._read_back = codec.GET_APPCONF if self._read_back == codec.GET_MCCONF \
             else codec.GET_MCCONF
-        return codec.ask(self._read_back)
+        return self._packet(bytes((self._read_back,)))
 
     def _ask(self, message: int, deadline: float, handshake: bool = False) -> bytes:
         """Repeat a request until there is a reply, and return it; see `_ask_until`."""
         self._replies.pop(message, None)
         self._ask_until(
-            lambda: message in self._replies, lambda: codec.ask(message), deadline,
-            '' if handshake else f'message {message}')
+            lambda: message in self._replies, lambda: self._packet(bytes((message,))),
+            deadline, '' if handshake else f'message {message}')
         return self._replies[message]
 
     # Replies

@@ -155,9 +155,11 @@ class VescDevice(Device):
         self._current = 0.0
 
     def _receive(self, data: bytes, now: float) -> bytes:
-        return b''.join(self._obey(payload, now) for payload in self._parser.feed(data))
+        replies = (self._obey(payload, now) for payload in self._parser.feed(data))
+        return b''.join(codec.frame(reply) for reply in replies if reply)
 
     def _obey(self, payload: bytes, now: float) -> bytes:
+        """Execute a message and return the payload of the reply, empty for none."""
         message, data = payload[0], payload[1:]
         if message == codec.SET_CURRENT and len(data) >= 4:
             self._fed = now
@@ -166,18 +168,17 @@ class VescDevice(Device):
         elif message == codec.ALIVE:
             self._fed = now
         elif message == codec.FW_VERSION:
-            return codec.frame(bytes((message, *self.version)) + b'60_MK6\0' + bytes.fromhex(
-                '30002b001450523147353420') + b'\0\0\0\0')
+            return bytes((message, *self.version)) + b'60_MK6\0' + bytes.fromhex(
+                '30002b001450523147353420') + b'\0\0\0\0'
         elif message == codec.GET_VALUES_SELECTIVE and len(data) == 4 \
                 and int.from_bytes(data, 'big') % (1 << codec.TAG_SHIFT) == codec.MASK:
             tag = int.from_bytes(data, 'big') >> codec.TAG_SHIFT
-            return codec.frame(codec.pack_values(self._values()._replace(tag=tag)))
+            return codec.pack_values(self._values()._replace(tag=tag))
         elif message == codec.GET_APPCONF:
-            return codec.frame(
-                settings.pack_application(self.application, self.version) + MORE_SETTINGS)
+            return settings.pack_application(self.application, self.version) + MORE_SETTINGS
         elif message == codec.GET_MCCONF:
-            return codec.frame(settings.pack_limits(
-                self.limits, settings.layout_of(self.version)) + MORE_SETTINGS)
+            return settings.pack_limits(
+                self.limits, settings.layout_of(self.version)) + MORE_SETTINGS
         return b''
 
     def _values(self) -> codec.Values:
