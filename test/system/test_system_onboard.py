@@ -46,12 +46,6 @@ def test_a_simulator_on_board_takes_the_e_stop_and_the_decision_goes_on_only_whe
     graph.wait(lambda: abs(wanted[-1].position[0]) > 0.05, 'it drives on')
 
 
-def test_inconsistent_settings_of_the_laws_on_board_are_refused(graph):
-    graph.start('simulator', control='onboard', lockstep=True)
-    assert graph.processes.wait('simulator', 30.0) == 2
-    assert 'lockstep waits for the joint_commands' in graph.log('simulator')
-
-
 def test_a_controller_receives_the_e_stop_and_does_not_jump_when_it_is_released(graph):
     commands = graph.subscribe('joint_commands', JointState)
     graph.start('controller')

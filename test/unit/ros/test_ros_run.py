@@ -157,19 +157,6 @@ def test_a_node_that_is_still_being_made_ends_immediately_on_a_stop(signal, monk
     assert (done.returncode, 'Traceback' in done.stderr) == (0, False), done.stderr
 
 
-def test_a_node_refuses_stray_arguments_and_says_how_parameters_are_given(monkeypatch, capsys):
-    from ballbot_ros.ros import run
-
-    def make():
-        pytest.fail('made the node all the same')
-
-    for words in (['robot:=gimball'], ['--ros-args', '-r', '__node:=x', '--', '--rate', '5'],
-                  ['-p', 'robot:=gimball'], ['--ros-args', '-p', 'robot:=gimball', 'rate']):
-        assert run.run(make, words) == 2
-        err = capsys.readouterr().err
-        assert words[-1] in err and '--ros-args -p robot:=gimball' in err
-
-
 TWO = """
 import sys
 from rclpy.node import Node
