@@ -100,12 +100,12 @@ def test_odrive_passes_over_a_line_that_is_too_long(board):
 
 def test_vesc_releases_the_motor_when_its_timeout_expires_and_follows_the_next_command(settings):
     drive = VescDevice(settings)
-    drive.receive(vesc.set_current(4.0), 0.0)
+    drive.receive(vesc.frame(vesc.set_current(4.0)), 0.0)
     assert drive.torque() == pytest.approx(0.1)
     drive.tick(0.0)
     drive.tick(0.2)
     assert drive.torque() == 0.0
-    drive.receive(vesc.set_current(4.0), 0.2)
+    drive.receive(vesc.frame(vesc.set_current(4.0)), 0.2)
     assert drive.torque() == pytest.approx(0.1)
 
 
@@ -115,10 +115,10 @@ def test_vesc_keeps_off_for_a_while_after_a_fault(settings):
     drive.over_current()
     for now in (0.1, FAULT_TIME):
         drive.tick(now)
-        drive.receive(vesc.set_current(4.0), now)
+        drive.receive(vesc.frame(vesc.set_current(4.0)), now)
         assert drive.torque() == 0.0
     drive.tick(0.1 + FAULT_TIME)
-    drive.receive(vesc.set_current(4.0), 0.7)
+    drive.receive(vesc.frame(vesc.set_current(4.0)), 0.7)
     assert drive.torque() > 0.0
 
 
