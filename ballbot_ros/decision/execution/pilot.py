@@ -9,12 +9,13 @@ from ballbot_ros.control.speed_law import (
 from ballbot_ros.decision.execution.pilot_law import EASING_SPEED, Order, pilot_step
 from ballbot_ros.decision.planning.situation import Knowledge
 from ballbot_ros.decision.tuning import DecisionTuning
-from ballbot_ros.decision.values import After, Decision, Kind, Motion, Plan, Strategy
+from ballbot_ros.decision.values import (
+    After, Decision, Kind, Motion, Plan, REST_SPEED_MAX, Strategy)
 
 # Speed at which the ball rolls back to its stop position, or to the start of a plan [m/s].
 CREEP_SPEED, BACK_OFF_SPEED = 0.1, 0.3
-# Below this speed the ball rests [m/s]; without a position it stops within this distance [m].
-REST_SPEED_MAX, STOP_DISTANCE_MAX = 0.05, 1.0
+# Without a position it stops within this distance [m].
+STOP_DISTANCE_MAX = 1.0
 # Step between odometry messages, also after a longer gap [s].
 PERIOD_MIN, PERIOD_MAX = 1e-3, 0.1
 # An estimated slope counts as terrain, not as a step, once it lasts this long [s]; the estimate is

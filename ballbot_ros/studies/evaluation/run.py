@@ -8,6 +8,7 @@ from typing import Any, Callable, Dict, List, Optional, Tuple
 from ballbot_ros.control.tuning import ControlTuning, load_tuning
 from ballbot_ros.decision import (
     check_decision, Decider, Decision, Kind, Knowledge, load_curve, load_decision_tuning, Motion)
+from ballbot_ros.decision.values import REST_SPEED_MAX
 from ballbot_ros.errors import SimulationError
 from ballbot_ros.physics.model.robot import load_robot, Robot
 from ballbot_ros.physics.model.state import State
@@ -23,7 +24,7 @@ ODOMETRY_PERIODS = 5      # between two odometry messages
 TIME_LIMIT = 16.0         # of an approach, without the time for a long obstacle [s]
 SLOWEST = 0.2             # speed that the time limit allows over a long obstacle [m/s]
 REACTION_TIME = 0.3           # a decision may change for this time after news [s]
-ARRIVED, AT_REST = 0.05, 0.05  # a ball is at the start of its run-up [m], [m/s]
+ARRIVED = 0.05  # a ball is at the start of its run-up [m]
 LOG_PERIOD = 0.5          # longest time between two lines of the log [s]
 
 # Called with time, state, decision, set angle and decider.
@@ -104,7 +105,7 @@ class DecisionChanges:
     def _arrives(self, motion: Motion) -> bool:
         """Return whether the ball reaches the start or last edge of its plan, once for each."""
         if self._target is None or self._target[0] * (motion.position - self._target[1]) < 0.0 \
-                or self._target[0] < 0.0 and motion.speed < -AT_REST:
+                or self._target[0] < 0.0 and motion.speed < -REST_SPEED_MAX:
             return False
         again = self._reached is not None and self._reached[0] == self._target[0] \
             and abs(self._reached[1] - self._target[1]) < SAME_FACE

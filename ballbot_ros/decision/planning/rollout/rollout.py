@@ -23,6 +23,7 @@ from ballbot_ros.control.rolling_model import rolling_loads, RollingNumbers
 from ballbot_ros.control.speed_law import Numbers, speed_law_start, SpeedState
 from ballbot_ros.crossing.rules import CLEARANCE
 from ballbot_ros.decision.execution.pilot_law import pilot_step, PlainOrder
+from ballbot_ros.decision.values import REST_SPEED_MAX
 from ballbot_ros.jit import compiled, outlined, unlocked
 from ballbot_ros.physics.mechanics.contact import (
     contact_table, find_contacts, first_segment, found_loads, POINT_X)
@@ -256,7 +257,6 @@ PROGRESS = 0.001  # minimum progress [m]
 RETREAT = 0.004  # a ball this far before where it touched has rolled back [m]
 DURATION_MAX = 15.0  # maximum duration of an approach [s]
 TIME_TO_ROLL_MAX = 2.5  # maximum time until the ball rolls forward [s]
-STANDING_SPEED_MAX = 0.02  # maximum speed of a standing ball [m/s]
 LONGEST_CONTACT = 3.0  # maximum duration of a contact [s]
 IDLE = 0.6  # maximum time without progress in contact [s]
 SETTLED = 0.002  # a ball no higher above the ground rolls on it [m]
@@ -329,7 +329,7 @@ def roll_until(until: float, rising: float, now: Rolling, order: PlainOrder, rob
     time, set_angle, count = 0.0, 0.0, 0
     memory = speed_law_start(now.speed, now.angle, slope_at(ground, now.position), drive.law)
     while now.position < until and time < DURATION_MAX and (
-            now.speed > STANDING_SPEED_MAX or time < rising):
+            now.speed > REST_SPEED_MAX or time < rising):
         if count % ROLLS == 0:
             memory, set_angle = pilot_step(
                 memory, now.position, now.speed, math.nan, order, ROLLS * ROLLED, drive.law)
