@@ -295,8 +295,8 @@ def _assemble(nodes: Nodes, pieces: List[Piece], edges: Sequence[Piece], datum: 
             put(face.position + face.run, *high)
             known = any(edge.sign == piece.sign and piece.begin <= edge.begin
                         and edge.end <= piece.end for edge in edges)
-            if piece.sign * excess > HEIGHT_EXIT if known else abs(face.height) > max(
-                    FACE_HEIGHT_MIN, FACE_SIGMAS * math.sqrt(low[1] + high[1])):
+            if piece.sign * excess > (HEIGHT_EXIT if known else max(
+                    FACE_HEIGHT_MIN, FACE_SIGMAS * math.sqrt(low[1] + high[1]))):
                 faces.append(face)
             continue
         if number == 0:
@@ -340,7 +340,7 @@ def _joint(nodes: Nodes, pieces: List[Piece], number: int) -> Tuple[float, float
 
 
 class _Side(NamedTuple):
-    """Ground beside a face: height, variance and slope at a place."""
+    """Ground beside a face: height, variance and slope at a place; slope NaN without ground."""
 
     z: float
     variance: float
@@ -353,7 +353,7 @@ def _aside(nodes: Nodes, pieces: List[Piece], number: int, at: float, ahead: boo
     face = pieces[number]
     if not 0 <= other < len(pieces) or pieces[other].sign:
         node = face.end if ahead else face.begin
-        return _Side(float(nodes.z[node]), float(nodes.variance[node]), 0.0)
+        return _Side(float(nodes.z[node]), float(nodes.variance[node]), math.nan)
     begin, end = _inside(pieces, other)
     if end - begin > BESIDE_LENGTH / CELL:
         if ahead:
@@ -392,7 +392,8 @@ def _face(nodes: Nodes, pieces: List[Piece], number: int
     variance = low.variance + high.variance
     if not _is_seen_whole(pieces, number):
         variance += UNSEEN_END_SD**2
-    excess = high.z - low.z - 0.5 * run * (low.slope + high.slope)
+    slopes = [side.slope for side in (low, high) if math.isfinite(side.slope)]
+    excess = high.z - low.z - run * sum(slopes) / max(len(slopes), 1)
     # A face with an apparent run may be vertical, blurred by missing points.
     position_sd = math.hypot(POSITION_SD, 0.3 * min(run, BLURRED_RUN_MAX))
     return (Face(0, position, high.z - low.z, position_sd, math.sqrt(variance), run), excess,
