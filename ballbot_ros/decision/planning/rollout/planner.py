@@ -427,8 +427,6 @@ def refuse(choice: Choice, ahead: Ahead, motion: Motion, braking_room: float,
 CONTACT, LONGEST_CONTACT = 0.005, 3.0
 # Clearance of a stop before a touch [m].
 GAP = 0.03
-# Margin for announcing a stop, and distance kept from unobserved terrain [m].
-STOP_MARGIN = 0.2
 # Reasons that further rollouts do not change.
 DEFINITE = (Reason.TOO_HIGH, Reason.FAILED_BEFORE, Reason.STUCK)
 # Of the slope, where it is not seen [rad].
@@ -483,8 +481,9 @@ class RolloutPlanner:
         ahead = look_ahead(profile, faces, motion.position, slope, deviation,
                            self._robot.ball_radius, self._tuning.unseen_room, climbed, behind,
                            self._selector.has_plan_for(faces[0]))
-        if not ahead.ends and -HIGHEST_DESCENT < faces[0].height \
-                and self._braking_room(ahead, motion) < TOO_LATE:
+        if not ahead.ends and -HIGHEST_DESCENT < faces[0].height and (
+                past_braking(previous, situation)
+                or self._braking_room(ahead, motion) < TOO_LATE):
             # A planned descent of a small drop is better than an unplanned one.
             ahead = look_ahead(profile, faces, motion.position, slope, deviation,
                                self._robot.ball_radius, self._tuning.unseen_room,
@@ -502,13 +501,18 @@ class RolloutPlanner:
             replace(clear, kind=Kind.STOP, reason=line.reason, distance=room,
                     explanation=f'Stopping before {line.explanation} at {room:.2f} m'),
             line.obstacle, situation)
-        # The label follows the speed that allows the stop: STOP below half of the cruise speed,
-        # CLEAR again at all of it.
+        return replace(clear, set_speed=stop.set_speed) if self._may_roll(stop, previous) else stop
+
+    def _may_roll(self, stop: Decision, previous: Optional[Decision]) -> bool:
+        """
+        Return whether the label of a stop ahead is CLEAR.
+
+        It follows the speed that allows the stop: STOP below half of the cruise speed, CLEAR
+        again at all of it.
+        """
         cruise = self._tuning.cruise_speed
-        stopping = previous is not None and previous.kind is Kind.STOP
-        if stop.set_speed >= (cruise if stopping else 0.5 * cruise):
-            return replace(clear, set_speed=stop.set_speed)
-        return stop
+        stopping = previous is not None and previous.kind in (Kind.STOP, Kind.GO_ROUND)
+        return stop.set_speed >= (cruise if stopping else 0.5 * cruise)
 
     def _face(self, ahead: Ahead, situation: Situation,
               previous: Optional[Decision]) -> Decision:
@@ -527,29 +531,21 @@ class RolloutPlanner:
             motion.speed, ahead.slope - 2.0 * ahead.slope_sd, emergency=True)
         selector.update(ahead, situation, min(room, sure) if started else room)
         choice = selector.choice or Choice(None, Reason.NOT_LIKELY)
-        if choice.trial is None and face.height < 0.0 and room < TOO_LATE \
-                and motion.speed > REST_SPEED_MAX:
+        if choice.trial is None and face.height < 0.0 and motion.speed > REST_SPEED_MAX and (
+                past_braking(previous, situation) or room < TOO_LATE):
             # The descent is certain and needs neither a search nor more speed.
             choice = Choice(Trial(Candidate(
                 Strategy.CRUISE, min(motion.speed, self._tuning.cruise_speed))), Reason.COMMITTED)
         if choice.trial is None:
-            # There is time for more observations and rollouts before a refusal.
-            stand = face.position - self._robot.ball_radius - self._tuning.stop_gap
-            way = self._lines.braking.distance(motion.speed, ahead.slope)
-            # Until the plans for a face are evaluated, the label does not change.
-            refused = (previous is not None and previous.kind in (Kind.STOP, Kind.GO_ROUND) and (
-                previous.step == face.number or not choice.tally.attempts))
-            if choice.reason not in DEFINITE and abs(motion.speed) > REST_SPEED_MAX \
-                    and stand - motion.position > way + STOP_MARGIN and not refused:
-                distance = face.position - motion.position
-                return Decision(
-                    Kind.CLEAR, Reason.NOT_LIKELY, self._tuning.cruise_speed,
-                    f'{1e3 * face.height:.0f} mm at {distance:.2f} m: evaluating plans on the '
-                    'way', height=face.height, distance=distance, step=face.number)
-            no = refuse(choice, ahead, motion, room, self._tuning)
-            if refused and previous is not None and choice.reason not in DEFINITE:
-                no = replace(no, kind=previous.kind)
-            return self._lines.stand(no, face.position, situation)
+            no = self._lines.stand(refuse(choice, ahead, motion, room, self._tuning),
+                                   face.position, situation)
+            label = None if previous is None else previous.kind
+            if choice.reason in DEFINITE:
+                return no
+            if label is Kind.CLEAR and self._may_roll(no, previous):
+                return replace(no, kind=label, plan=Plan(
+                    Strategy.CRUISE, motion.position, no.set_speed))
+            return replace(no, kind=label) if label in (Kind.STOP, Kind.GO_ROUND) else no
         end = choice.trial.candidate.end(ahead)
         later = [item.position - self._robot.ball_radius for item in ahead.faces
                  if item.position > end.position + 1e-3]
