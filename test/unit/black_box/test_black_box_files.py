@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from refusals import refused
 from virtual_robot import VirtualRobot
+from waiting import wait_until
 
 from ballbot_ros.black_box import dump, ring
 from ballbot_ros.black_box.dump import BlackBoxFiles, MOST_FILES, write_file
@@ -276,9 +277,7 @@ def test_files_are_written_after_a_fault_by_a_thread_of_their_own(tmp_path, monk
     box.event('the drive exploded', Level.FAULT)
     box.event('and then this')
     assert not list(tmp_path.glob('new/*'))  # what follows is waited for
-    deadline = time.monotonic() + 10.0
-    while not files.written and time.monotonic() < deadline:
-        time.sleep(0.01)
+    wait_until(lambda: files.written)
     path, = (tmp_path / 'new').glob('ballbot-*.mcap')
     found = read_black_box(path)
     assert found.reason == 'the drive exploded' and not found.damage

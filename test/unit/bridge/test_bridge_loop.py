@@ -5,6 +5,7 @@ import time
 from typing import NamedTuple, Optional
 
 import pytest
+from waiting import wait_until
 
 from ballbot_ros.bridge import loop as loop_module
 from ballbot_ros.bridge.loop import Loop
@@ -165,10 +166,7 @@ def test_an_error_wherever_it_comes_from_closes_the_session_and_is_kept(where):
     if where == 'tick':
         session.on_tick = fail
     loop = Loop(session, RATE, fail)
-    deadline = time.monotonic() + TIMEOUT
-    while loop.running:
-        assert time.monotonic() < deadline
-        time.sleep(0.001)
+    wait_until(lambda: not loop.running)
     assert loop.failure is error and session.closed == 1
 
 

@@ -10,6 +10,7 @@ from hypothesis import given, strategies as st
 import pytest
 from refusals import refused
 from replay import read_capture
+from waiting import wait_until
 
 from ballbot_ros.drives import open_driver, open_line, read_options
 from ballbot_ros.drives.can_frames import CanFrame, parse_record, record, RECORD_SIZE, RecordParser
@@ -209,10 +210,7 @@ def test_a_vesc_on_the_virtual_bus_of_python_can_turns_its_motor_and_stops():
         assert driver.identify().protocol == 'vesc_can'
         assert all(item.acceptable for item in driver.read_settings())
         driver.arm()
-        end = time.monotonic() + 5.0
-        while not driver.poll().current and time.monotonic() < end:
-            driver.send_torque(0.05)
-            time.sleep(0.002)
+        wait_until(lambda: driver.poll().current, lambda: driver.send_torque(0.05))
         assert drive.device.torque() == pytest.approx(0.05)
         driver.stop()
         assert drive.device.torque() == 0.0
@@ -283,28 +281,19 @@ def test_a_vesc_answers_a_ping_with_its_name():
         CanFrame(0x12FE, b'\0\0', extended=True)]
 
 
-def until(found, seconds=5.0):
-    """Return what a function finds, once it finds something."""
-    end = time.monotonic() + seconds
-    while not (result := found()):
-        assert time.monotonic() < end, 'it did not happen'
-        time.sleep(0.002)
-    return result
-
-
 def test_malformed_frames_of_a_serial_adapter_are_skipped():
     adapter = SlcanAdapter()
     with CanLink(adapter.path, RATE) as link:
-        until(lambda: adapter.read() == b'' and adapter.baud == RATE and adapter._open)
+        wait_until(lambda: adapter.read() == b'' and adapter.baud == RATE and adapter._open)
         for text in (b't12\r', b'tXYZ1\r', b'\xff\xfe\r', b'T0000000\r', b'\a'):
             adapter._answer(text)
             assert link.wait(5.0) and link.read() == b''  # and what came with it is lost
         adapter.write(record(CanFrame(0x123, b'ab')))
-        assert until(lambda: RecordParser().feed(link.read())) == [CanFrame(0x123, b'ab')]
+        assert wait_until(lambda: RecordParser().feed(link.read())) == [CanFrame(0x123, b'ab')]
         link.write(record(CanFrame(0x77, b'x')) + record(CanFrame(5, b'', True, True)))
         data = b''
         while len(data) < 32:
-            data += until(adapter.read)
+            data += wait_until(adapter.read)
         assert RecordParser().feed(data) == [CanFrame(0x77, b'x'), CanFrame(5, b'', True, True)]
         adapter.unplug()
         with refused('gone', 'port', LinkError):

@@ -3,10 +3,10 @@
 from importlib import util
 from pathlib import Path
 import random
-import time
 
 import pytest
 from refusals import refused
+from waiting import wait_until
 
 from ballbot_ros import drives
 from ballbot_ros.drives import device_class, driver_class, open_driver, read_options
@@ -38,10 +38,7 @@ def test_a_fourth_drive_turns_the_motor_behind_the_emulator(toy):
         driver = open_driver(toy, link, read_options(toy, {'torque_limit': 0.05}, 'test'))
         assert driver.identify().protocol == toy and driver.read_settings() == ()
         driver.arm()
-        end = time.monotonic() + 5.0
-        while not driver.poll().armed and time.monotonic() < end:
-            driver.send_torque(0.02)
-            time.sleep(0.01)
+        wait_until(lambda: driver.poll().armed, lambda: driver.send_torque(0.02))
         assert emulator.torque == 0.02 and driver.telemetry.armed
         assert driver.baud_rates == (115200,)  # where a driver names none
         driver.stop()

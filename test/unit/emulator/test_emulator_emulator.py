@@ -10,6 +10,7 @@ import time
 
 import pytest
 from refusals import refused
+from waiting import wait_until
 
 from ballbot_ros.drives import (
     DRIVES, line_of, open_driver, open_line, read_options, SERIAL)
@@ -74,14 +75,6 @@ def drive(driver, seconds, torque=TORQUE):
     return driver.poll()
 
 
-def until(condition, seconds=5.0):
-    """Wait until a condition holds, and fail if it does not."""
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end, 'it did not happen'
-        time.sleep(0.005)
-
-
 @pytest.mark.parametrize('protocol', sorted(DRIVES))
 def test_a_torque_over_the_line_swings_the_pendulum_and_rolls_the_ball(scene, protocol):
     with made(protocol, scene) as emulator:
@@ -130,12 +123,12 @@ def test_the_drive_disarms_when_the_host_is_killed(emulator):
                             env={**os.environ, 'PYTHONPATH': os.pathsep.join(
                                 [os.path.dirname(__file__), *sys.path])})
     try:
-        until(lambda: emulator.torque == TORQUE, 30.0)
+        wait_until(lambda: emulator.torque == TORQUE)
     finally:
         host.send_signal(signal.SIGKILL)
         host.wait()
     killed = time.monotonic()
-    until(lambda: emulator.torque == 0.0)
+    wait_until(lambda: emulator.torque == 0.0)
     assert emulator.log[-1].torque == 0.0 and emulator.log[-1].time < killed + 3.0 * WATCHDOG
 
 
@@ -151,9 +144,9 @@ def test_pulling_the_plug_is_an_error_and_plugging_in_again_works(emulator):
     with pytest.raises(LinkError) as raised:
         Link(emulator.path, BAUD)
     assert raised.value.reason == 'missing'
-    until(lambda: emulator.torque == 0.0)
+    wait_until(lambda: emulator.torque == 0.0)
     obey(emulator, 'plug')
-    until(lambda: emulator.terminal.plugged)
+    wait_until(lambda: emulator.terminal.plugged)
     link, driver = connect(emulator)
     with link:
         driver.arm()
@@ -164,7 +157,7 @@ def test_pulling_the_plug_is_an_error_and_plugging_in_again_works(emulator):
 def test_a_plug_that_is_out_for_a_time_comes_back_by_itself(emulator):
     obey(emulator, 'unplug 0.1')
     assert not emulator.terminal.plugged
-    until(lambda: emulator.terminal.plugged)
+    wait_until(lambda: emulator.terminal.plugged)
     connect(emulator)[0].close()
 
 
@@ -187,7 +180,7 @@ def test_a_hot_drive_trips_and_says_so(emulator):
         driver.arm()
         drive(driver, 0.05)
         obey(emulator, 'temperature 120')
-        until(lambda: emulator.torque == 0.0)
+        wait_until(lambda: emulator.torque == 0.0)
         assert drive(driver, 0.4).faults
         with refused('not_armed', 'drive', DriveError) as caught:
             driver.arm()
@@ -261,7 +254,7 @@ def test_every_fault_of_the_table_is_understood(emulator):
     assert emulator.from_drive.faults.drop == 0.5 and emulator.to_drive.faults.drop == 0.0
     obey(emulator, 'clear')
     assert emulator.from_drive.faults.drop == 0.0
-    until(lambda: emulator.terminal.plugged)
+    wait_until(lambda: emulator.terminal.plugged)
 
 
 @pytest.mark.parametrize('line, reason, proposed', [

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import pytest
 from rclpy.node import Node
 from refusals import refused
+from waiting import wait_until
 import yaml
 
 from ballbot_ros.config.files import config_folder
@@ -66,20 +67,12 @@ def published(monkeypatch):
     return found
 
 
-def wait(condition, seconds=5.0):
-    """Wait until something holds, and say whether it does."""
-    end = time.monotonic() + seconds
-    while not condition() and time.monotonic() < end:
-        time.sleep(0.01)
-    return condition()
-
-
 def test_a_sensor_from_the_factory_becomes_a_topic_that_the_bridge_takes(
         make_node, sensor, published):
     sensor.device.turn_rate = (0.0, 0.25, 0.0)
     node = make_node(ImuNode, port=sensor.terminal.path)
     try:
-        assert wait(lambda: len(published) > 100)
+        wait_until(lambda: len(published) > 100)
         message = published[-1]
         reading = imu_reading(message, Clocks())
         assert reading.turn_rate == pytest.approx(-0.25, abs=0.002)
@@ -144,7 +137,7 @@ def test_an_error_in_the_thread_is_the_nodes_failure(make_node, published, monke
     source = Source()
     output = output_of(make_node, source, monkeypatch)
     source.error = RuntimeError('a bug')
-    assert wait(lambda: output.failure is not None)
+    wait_until(lambda: output.failure is not None)
     node = SimpleNamespace(_output=output)
     failure = ImuNode.failure.fget(node)
     assert isinstance(failure, LinkError) and 'a bug' in str(failure)
@@ -169,12 +162,12 @@ def test_the_bridge_reads_a_sensor_itself_where_its_hardware_file_has_the_port(
                      black_box='', port='/dev/none')
     try:
         watch = node._session.sensing.imu_watch
-        assert wait(lambda: watch.usable(time.monotonic()))
+        wait_until(lambda: watch.usable(time.monotonic()))
         last = node._session.fusion._waiting[-1]
         assert last.turn_rate == pytest.approx(0.25, abs=0.01)  # its left axis points right
         assert last.forward == pytest.approx(-0.5, abs=0.02)
         assert not node._inputs.imu_refused
         sensor.end()
-        assert wait(lambda: not watch.has(time.monotonic()))
+        wait_until(lambda: not watch.has(time.monotonic()))
     finally:
         node.make_safe()

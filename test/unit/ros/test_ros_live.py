@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The page beside running nodes: it shows, it drives while a user holds, and delays no node."""
 from threading import Event, Thread
-import time
 from types import SimpleNamespace
 
 from builtin_interfaces.msg import Time
@@ -13,6 +12,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from refusals import refused
 from std_srvs.srv import Trigger
+from waiting import wait_until
 
 from ballbot_ros.demo.processes import own_domain
 from ballbot_ros.errors import RefusedError
@@ -28,14 +28,6 @@ def state(stamp, x=0.0):
     message = BallState(x=x, y=0.226)
     message.header.stamp = Time(sec=int(stamp), nanosec=round(stamp % 1 * 1e9))
     return message
-
-
-def wait_for(true, timeout=20.0):
-    """Wait until something is true."""
-    end = time.monotonic() + timeout
-    while not true():
-        assert time.monotonic() < end, 'it has not come to be'
-        time.sleep(0.01)
 
 
 class Link:
@@ -256,25 +248,25 @@ def test_a_spectator_receives_learns_calls_and_drives_as_long_as_a_client_attend
     looking = Spectator('left', lambda *words: received.append(words), learned.__setitem__)
     looking.start()
     try:
-        wait_for(lambda: learned and looking.presence.followers)
+        wait_until(lambda: learned and looking.presence.followers)
         assert learned == {'simulator': SETTINGS}
-        wait_for(lambda: robot.states.publish(state(1.5, 0.7)) or received)
+        wait_until(lambda: robot.states.publish(state(1.5, 0.7)) or received)
         assert received[0][0] == 'ball_state' and received[0][1].x == 0.7
         looking.trigger('simulator/pause')
         assert robot.paused.is_set()
 
         looking.go_to(2.0, 3.0, 'map')
-        wait_for(lambda: robot.goals)
+        wait_until(lambda: robot.goals)
         assert robot.goals[0].header.frame_id == 'map' and robot.goals[0].pose.position.y == 3.0
 
         def driven():
             looking.attend()
             return robot.speeds
         looking.hold_speed(0.3)
-        wait_for(driven)
+        wait_until(driven)
         assert robot.speeds[0].twist.linear.x == 0.3
-        wait_for(lambda: not looking.holding)  # the browser is closed
-        wait_for(lambda: not robot.node.count_publishers('cmd_vel'))
+        wait_until(lambda: not looking.holding)  # the browser is closed
+        wait_until(lambda: not robot.node.count_publishers('cmd_vel'))
     finally:
         looking.close()
 
@@ -284,10 +276,10 @@ def test_a_follower_of_twists_is_sent_one_also_where_that_is_found_out_late(doma
     looking.start()
     looking.attend()
     looking.hold_speed(0.4)
-    wait_for(lambda: looking.attend() or looking._publisher is not None)  # without a follower yet
+    wait_until(lambda: looking.attend() or looking._publisher is not None)  # no follower yet
     robot = Robot(Twist)
     try:
-        wait_for(lambda: looking.attend() or robot.speeds)
+        wait_until(lambda: looking.attend() or robot.speeds)
         assert robot.speeds[0] == Twist(linear=Vector3(x=0.4))
     finally:
         looking.close()
@@ -304,7 +296,7 @@ def test_a_page_that_hangs_never_slows_the_one_who_publishes(domain, robot):
     looking = Spectator('left', receive, lambda *_: None)
     looking.start()
     try:
-        wait_for(lambda: robot.states.publish(state(0.0)) or hangs.is_set())
+        wait_until(lambda: robot.states.publish(state(0.0)) or hangs.is_set())
         for number in range(5000):  # more than any queue holds
             robot.states.publish(state(0.01 * number))
         assert not goes_on.is_set()

@@ -10,11 +10,11 @@ import signal
 import subprocess
 import sys
 from threading import Event
-import time
 
 import numpy as np
 import pytest
 from refusals import refused
+from waiting import wait_until
 
 from ballbot_ros.cli import main
 from ballbot_ros.crossing import held_at, max_step_height, rolling, Site, try_step
@@ -118,10 +118,7 @@ def test_a_killed_sweep_resumes_and_loses_nothing(tmp_path):
     process = subprocess.Popen([*command, '--out', str(killed)], stderr=subprocess.DEVNULL,
                                cwd=Path(__file__).resolve().parents[3])
     blocks = tmp_path / 'killed.parquet.blocks'
-    deadline = time.monotonic() + 120.0
-    while len(list(blocks.glob('[0-9]*.parquet'))) < 2 and process.poll() is None:
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
+    wait_until(lambda: len(list(blocks.glob('[0-9]*.parquet'))) >= 2 or process.poll() is not None)
     process.send_signal(signal.SIGKILL)
     process.wait()
     done = {path: path.stat().st_mtime_ns for path in blocks.glob('[0-9]*.parquet')}
@@ -173,10 +170,7 @@ def test_workers_end_with_their_parent():
     process.kill()
     process.wait()
     process.stdout.close()
-    deadline = time.monotonic() + 30.0
-    while _alive(worker):
-        assert time.monotonic() < deadline, 'the worker outlives its parent'
-        time.sleep(0.05)
+    wait_until(lambda: not _alive(worker))
 
 
 def _alive(process):

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The page draws for each viewer, and delays nothing for a viewer that does not read."""
 from dataclasses import replace
-from threading import Event
+import time
 
 import pytest
+from waiting import wait_until
 
 looker = pytest.importorskip('looker')  # and viser
 
@@ -12,8 +13,6 @@ from ballbot_ros.view.page import Page  # noqa: E402
 from ballbot_ros.view.scene_source import SceneSource  # noqa: E402
 from ballbot_ros.view.server import free_port, LOOPBACK, PageServer  # noqa: E402
 
-TICK = Event()  # never set: a pause between two looks
-
 
 @pytest.fixture
 def page():
@@ -21,15 +20,6 @@ def page():
                 PageServer(LOOPBACK, free_port(LOOPBACK, 0)), begin=True)
     yield made
     made.close()
-
-
-def until(what):
-    """Wait; a minute is for a machine that is busy, not for what is waited for."""
-    for _ in range(6000):
-        if what():
-            return
-        TICK.wait(0.01)
-    raise AssertionError('waited for a minute in vain')
 
 
 class Asker:
@@ -50,7 +40,7 @@ def test_time_begins_with_the_first_viewer(page):
     page.start()
     assert source.shown.time == 0.0 and not source.health.running
     with looker.look(page.url):
-        until(lambda: source.shown.time > 0.1)
+        wait_until(lambda: source.shown.time > 0.1)
 
 
 def test_a_slow_browser_never_slows_a_simulation(page):
@@ -59,9 +49,9 @@ def test_a_slow_browser_never_slows_a_simulation(page):
     # It takes the first bytes and then never reads again: its buffers are full soon.
     with looker.look(page.url, max_queue=1):
         source.apply('speed', 4.0)
-        until(lambda: source.shown.time > 3.0)
+        wait_until(lambda: source.shown.time > 3.0)
         drawn = page.frames
-        until(lambda: page.frames > drawn + 30)
+        wait_until(lambda: page.frames > drawn + 30)
         assert source.health.running
 
 
@@ -69,12 +59,12 @@ def test_a_closed_browser_never_slows_a_simulation(page):
     source = page._source
     page.start()
     with looker.look(page.url):
-        until(lambda: source.shown.time > 0.1)
+        wait_until(lambda: source.shown.time > 0.1)
     gone = source.shown.time
-    until(lambda: source.shown.time > gone + 1.0)
-    until(lambda: not page._server.get_clients())
+    wait_until(lambda: source.shown.time > gone + 1.0)
+    wait_until(lambda: not page._server.get_clients())
     drawn = page.frames
-    TICK.wait(0.3)
+    time.sleep(0.3)
     assert page.frames <= drawn + 1
 
 

@@ -1,14 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """A scene runs by itself, is changed between two frames, and is looked back at."""
-from threading import Event
+import time
 
 import pytest
 from refusals import refused
+from waiting import wait_until
 
 from ballbot_ros.errors import SimulationError
 from ballbot_ros.view.scene_source import SceneSource
-
-TICK = Event()  # never set: a pause between two looks
 
 
 @pytest.fixture
@@ -16,15 +15,6 @@ def source():
     made = SceneSource('voltage_start', paused=True)
     yield made
     made.close()
-
-
-def until(what):
-    """Wait; a minute is for a machine that is busy, not for what is waited for."""
-    for _ in range(6000):
-        if what():
-            return
-        TICK.wait(0.01)
-    raise AssertionError('waited for a minute in vain')
 
 
 def test_before_it_starts_it_stands_at_the_start(source):
@@ -35,10 +25,10 @@ def test_before_it_starts_it_stands_at_the_start(source):
 def test_it_runs_until_it_is_paused(source):
     source.start()
     source.apply('pause', False)
-    until(lambda: source.shown.time > 0.2)
+    wait_until(lambda: source.shown.time > 0.2)
     source.apply('pause', True)
     stopped = source.shown.time
-    TICK.wait(0.05)
+    time.sleep(0.05)
     assert source.shown.time == stopped and not source.health.running
 
 
@@ -99,7 +89,7 @@ def test_what_is_refused_while_it_runs_reaches_its_caller(source):
     with refused('not_a_choice', 'scene'):
         source.apply('scene', 'moon')
     source.apply('pause', False)
-    until(lambda: source.shown.time > 0.05)
+    wait_until(lambda: source.shown.time > 0.05)
 
 
 def test_a_run_that_cannot_go_on_says_so_and_begins_again_after_a_reset(source, monkeypatch):
@@ -132,10 +122,10 @@ def test_a_scene_repeats_after_its_duration_until_a_control_changes_it(source):
     source.apply('speed', 4.0)
     source.apply('pause', False)
     epoch = source.epoch
-    until(lambda: source.epoch > epoch)
+    wait_until(lambda: source.epoch > epoch)
     assert source.shown.time < 5.0
     source.apply('set_point', 6.0)
-    until(lambda: source.shown.time > 5.5)
+    wait_until(lambda: source.shown.time > 5.5)
 
 
 def test_a_robot_at_rest_offers_controls_that_move_it():
@@ -143,11 +133,11 @@ def test_a_robot_at_rest_offers_controls_that_move_it():
     assert source.health.idle is None  # paused, which the state shows already
     source.start()
     source.apply('pause', False)
-    until(lambda: source.health.idle is not None)
+    wait_until(lambda: source.health.idle is not None)
     assert 'free' in source.health.idle.reason
     for name, value in source.health.idle.remedy:
         source.apply(name, value)
-    until(lambda: source.shown.velocity_x > 0.1)
+    wait_until(lambda: source.shown.velocity_x > 0.1)
     assert source.health.idle is None
     source.close()
 
@@ -157,6 +147,6 @@ def test_at_the_e_stop_a_robot_at_rest_offers_its_release():
     source.apply('e_stop', True)
     source.start()
     source.apply('pause', False)
-    until(lambda: source.health.idle is not None)
+    wait_until(lambda: source.health.idle is not None)
     assert source.health.idle.remedy == (('e_stop', False),)
     source.close()
