@@ -14,15 +14,14 @@ A port is one of
 All exceptions of python-can, the kernel and pyserial become `LinkError`, with a reason and a
 remedy.  Frames are passed on as records, see can_frames.py, without error frames.
 """
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 import errno
 import select
 import termios
-from typing import Any, Iterator, Optional
+from typing import Any
 
 from ballbot_ros.drives.can_frames import CanFrame, MOST_DATA, record, RecordParser
-from ballbot_ros.drives.capture import TrafficSink
-from ballbot_ros.drives.transport import errno_of, opening_failure
+from ballbot_ros.drives.transport import errno_of, Link, opening_failure
 from ballbot_ros.errors import LinkError
 
 # A bus without space for this long has no acknowledging node, or a stuck adapter [s].
@@ -36,156 +35,125 @@ MOST_FRAMES = 256
 BUS_OFF = 0x40
 
 
-class CanLink:
+class CanBus:
     """
-    An open CAN bus with non-blocking reads and writes.
+    Reads and writes of a bus of python-can, as records of frames; see `transport.Transfer`.
 
-    Not safe for several threads; give it one owner.
+    Methods raise the exceptions of python-can and the layers below it.
 
     Parameters
     ----------
     port : str
         See above.
     baud : int
-        [bit/s]; that of an interface of the kernel is set outside, and not checked here.
-    recorder : TrafficSink, optional
-        Keeps a copy of the traffic.
-
-
-    Raises
-    ------
-    LinkError
-        If the bus cannot be opened; its ``reason`` is one of missing, busy, permission,
-        not_a_port, bad_address and bad_baud.
+        [bit/s]
 
     """
 
-    def __init__(self, port: str, baud: int, recorder: Optional[TrafficSink] = None):
-        self.port = port
-        self.baud = baud
-        self._recorder = recorder
+    def __init__(self, port: str, baud: int):
+        import can
+        self._can, self._port, self._baud = can, port, baud
         self._parser = RecordParser()
         self._waiting: Any = None  # a message received by `wait`
-        self._bus: Any = None
-        with _converted(port, baud, opening=True):
-            import can
-            self._message = can.Message
-            interface, channel, more = _address(port)
-            self._bus = can.Bus(channel=channel, interface=interface, bitrate=baud,
-                                ignore_config=True, **more)
+        interface, channel, more = _address(port)
+        self._bus: Any = can.Bus(channel=channel, interface=interface, bitrate=baud,
+                                 ignore_config=True, **more)
         try:
             self._descriptor: Any = self._bus.fileno()
         except (NotImplementedError, OSError):  # virtual: and others have none
             self._descriptor = None
-        self._take()  # drop earlier traffic
 
-    def write(self, data: bytes) -> None:
-        """
-        Write the records of frames.
-
-        Raises
-        ------
-        LinkError
-            If the bus is gone, or takes no frame for 20 ms.
-
-        """
-        with _converted(self.port, self.baud):
-            bus = self._open()
-            if self._descriptor is not None \
-                    and not select.select([], [self._descriptor], [], SEND_TIMEOUT)[1]:
-                raise OSError(errno.ENOBUFS, 'no room')
-            for frame in self._parser.feed(data):
-                bus.send(self._message(
-                    arbitration_id=frame.identifier, data=frame.data or None,
-                    is_extended_id=frame.extended, is_remote_frame=frame.remote), WRITE_TIMEOUT)
-        if self._recorder is not None:
-            self._recorder.record('>', data)
+    def write(self, data: bytes) -> bool:
+        """Write the records of frames."""
+        if self._descriptor is not None \
+                and not select.select([], [self._descriptor], [], SEND_TIMEOUT)[1]:
+            raise OSError(errno.ENOBUFS, 'no room')
+        for frame in self._parser.feed(data):
+            self._bus.send(self._can.Message(
+                arbitration_id=frame.identifier, data=frame.data or None,
+                is_extended_id=frame.extended, is_remote_frame=frame.remote), WRITE_TIMEOUT)
+        return True
 
     def read(self) -> bytes:
-        """
-        Return the records of the frames that have arrived; do not wait.
-
-        Raises
-        ------
-        LinkError
-            If the bus is gone, or the controller has left it.
-
-        """
-        data = self._take()
-        if data and self._recorder is not None:
-            self._recorder.record('<', data)
-        return data
+        """Return the records of the frames that have arrived; `LinkError` after a bus off."""
+        records = []
+        for _ in range(MOST_FRAMES):
+            message, self._waiting = self._waiting, None
+            try:
+                message = message or self._bus.recv(0.0)
+            except Exception as error:
+                if not _is_malformed(error):
+                    raise
+                self._bus.flush()
+                continue
+            if message is None:
+                # An acknowledgement of an adapter gives None, and messages may follow it.
+                if self._descriptor is None or not self._readable(0.0):
+                    break
+            elif message.is_error_frame:
+                if message.arbitration_id & BUS_OFF:
+                    raise LinkError(
+                        f'{self._port}: the controller has left the bus (bus off): check '
+                        'CAN_H and CAN_L, 120 ohm at both ends, and the bit rate; then: '
+                        + _up(self._port, self._baud), 'gone', 'port')
+            elif not message.is_fd and len(message.data) <= MOST_DATA:
+                with suppress(ValueError):
+                    records.append(record(CanFrame(
+                        message.arbitration_id,
+                        b'' if message.is_remote_frame else bytes(message.data),
+                        message.is_extended_id, message.is_remote_frame)))
+        return b''.join(records)
 
     def wait(self, seconds: float, least: int = 1) -> bool:
-        """
-        Wait until something can be read, or a time has passed; return whether there is anything.
-
-        Raises
-        ------
-        LinkError
-            If the bus is gone.
-
-        """
-        with _converted(self.port, self.baud):
-            bus = self._open()
-            if self._waiting is not None:
-                return True
-            if self._descriptor is not None:
-                return bool(select.select([self._descriptor], [], [], max(0.0, seconds))[0])
-            self._waiting = bus.recv(max(0.0, seconds))
-            return self._waiting is not None
+        """Wait for a frame, and return whether there is one."""
+        if self._waiting is not None:
+            return True
+        if self._descriptor is not None:
+            return self._readable(max(0.0, seconds))
+        self._waiting = self._bus.recv(max(0.0, seconds))
+        return self._waiting is not None
 
     def close(self) -> None:
-        """Close the bus; closing twice is allowed."""
-        bus, self._bus = self._bus, None
-        if bus is not None:
-            # Commands to an adapter that was unplugged are lost.
-            with suppress(Exception):
-                bus.shutdown()
+        """Close the bus; commands to an adapter that was unplugged are lost."""
+        self._bus.shutdown()
 
-    def __enter__(self) -> 'CanLink':
-        return self
+    def _readable(self, seconds: float) -> bool:
+        return bool(select.select([self._descriptor], [], [], seconds)[0])
 
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
-    def _open(self) -> Any:
-        if self._bus is None:
-            raise LinkError(f'{self.port} is closed', 'closed', 'port')
-        return self._bus
+class CanLink(Link):
+    """See `Link`; the bit rate of an interface of the kernel is set outside, not checked here."""
 
-    def _take(self) -> bytes:
-        """Return the records of all received frames."""
-        records = []
-        with _converted(self.port, self.baud):
-            bus = self._open()
-            for _ in range(MOST_FRAMES):
-                message, self._waiting = self._waiting, None
-                try:
-                    message = message or bus.recv(0.0)
-                except Exception as error:
-                    if not _is_malformed(error):
-                        raise
-                    bus.flush()
-                    continue
-                if message is None:
-                    # An acknowledgement of an adapter gives None, and messages may follow it.
-                    if self._descriptor is None \
-                            or not select.select([self._descriptor], [], [], 0.0)[0]:
-                        break
-                elif message.is_error_frame:
-                    if message.arbitration_id & BUS_OFF:
-                        raise LinkError(
-                            f'{self.port}: the controller has left the bus (bus off): check '
-                            'CAN_H and CAN_L, 120 ohm at both ends, and the bit rate; then: '
-                            + _up(self.port, self.baud), 'gone', 'port')
-                elif not message.is_fd and len(message.data) <= MOST_DATA:
-                    with suppress(ValueError):
-                        records.append(record(CanFrame(
-                            message.arbitration_id,
-                            b'' if message.is_remote_frame else bytes(message.data),
-                            message.is_extended_id, message.is_remote_frame)))
-        return b''.join(records)
+    def _connect(self) -> CanBus:
+        return CanBus(self.port, self.baud)
+
+    def _emptied(self) -> CanBus:
+        bus: CanBus = self._opened
+        bus.read()
+        return bus
+
+    def _failure(self, error: Exception, opening: bool) -> LinkError:
+        port = self.port
+        if isinstance(error, ModuleNotFoundError):
+            return LinkError(
+                f'{port}: python-can cannot be imported ({error}): pip install python-can',
+                'missing', 'port')
+        if isinstance(error, (ValueError, TypeError, NotImplementedError)) \
+                and 'bitrate' not in str(error).lower():
+            return LinkError(
+                f'{port!r} is not a CAN port: can0 for one of the kernel, /dev/ttyACM0 for an '
+                f'slcan adapter, or INTERFACE:CHANNEL of python-can: {error}',
+                'bad_address', 'port')
+        if opening and isinstance(error, (NameError, AttributeError, ImportError)):
+            return LinkError(
+                f'{port}: the library of this interface is not installed ({error}); install the '
+                "driver of the adapter's maker, or use its interface of the kernel, such as can0",
+                'missing', 'port')
+        import can
+        if not isinstance(error, (can.CanError, OSError, termios.error, ValueError, TypeError,
+                                  NotImplementedError)):
+            raise error
+        return _lost(port, self.baud, error, opening)
 
 
 def _address(port: str) -> tuple[str, str, dict[str, Any]]:
@@ -206,43 +174,12 @@ def _up(port: str, baud: int) -> str:
             'restart-ms 100')
 
 
-@contextmanager
-def _converted(port: str, baud: int, opening: bool = False) -> Iterator[None]:
-    """Convert exceptions of python-can and the layers below it into `LinkError`."""
-    try:
-        yield
-    except LinkError:
-        raise
-    except ModuleNotFoundError as error:
-        raise LinkError(
-            f'{port}: python-can cannot be imported ({error}): pip install python-can',
-            'missing', 'port'
-        ) from error
-    except (ValueError, TypeError, NotImplementedError) as error:
-        if 'bitrate' in str(error).lower():
-            raise _failure(port, baud, error, opening) from error
-        raise LinkError(
-            f'{port!r} is not a CAN port: can0 for one of the kernel, /dev/ttyACM0 for an slcan '
-            f'adapter, or INTERFACE:CHANNEL of python-can: {error}',
-            'bad_address', 'port') from error
-    except Exception as error:  # its CanError, OSError of the kernel, termios.error of pyserial
-        if opening and isinstance(error, (NameError, AttributeError, ImportError)):
-            raise LinkError(
-                f'{port}: the library of this interface is not installed ({error}); install the '
-                "driver of the adapter's maker, or use its interface of the kernel, such as can0",
-                'missing', 'port') from error
-        import can
-        if not isinstance(error, (can.CanError, OSError, termios.error)):
-            raise
-        raise _failure(port, baud, error, opening) from error
-
-
 def _is_malformed(error: Exception) -> bool:
     """Return whether a serial adapter sent an invalid frame."""
     return isinstance(error, (ValueError, IndexError)) or isinstance(error.__cause__, ValueError)
 
 
-def _failure(port: str, baud: int, error: Exception, opening: bool) -> LinkError:
+def _lost(port: str, baud: int, error: Exception, opening: bool) -> LinkError:
     """Return the reason why a bus did not open or is lost, with the remedy."""
     number = errno_of(error)
     if opening and number is None and 'bitrate' in str(error).lower():

@@ -16,7 +16,7 @@ import os
 import select
 import termios
 import time
-from typing import Any, Optional, Protocol
+from typing import Any, Callable, Optional, Protocol
 
 import serial
 from serial.tools import list_ports
@@ -165,7 +165,7 @@ class Indirect:
 
 class Link:
     """
-    An open serial port with non-blocking reads and writes.
+    An open port with non-blocking reads and writes.
 
     Not safe for several threads; give it one owner.
 
@@ -177,7 +177,6 @@ class Link:
         [bit/s]; USB devices and pseudo-terminals ignore it.
     recorder : TrafficSink, optional
         Receives a copy of the traffic.
-
 
     Raises
     ------
@@ -191,19 +190,10 @@ class Link:
         self.port = port
         self.baud = baud
         self._recorder = recorder
-        self._serial: Any = None
         self._transfer: Optional[Transfer] = None
-        try:
-            self._serial = serial.serial_for_url(
-                port, baudrate=baud, timeout=0.0, write_timeout=WRITE_TIMEOUT, exclusive=True)
-        except FAILURES as error:
-            raise _link_error(port, error, opening=True) from error
-        try:
-            # Exclusive use starts now, but the buffer still holds earlier data.
-            self._serial.reset_input_buffer()
-            self._transfer = _transfer(self._serial)
-        except FAILURES as error:
-            raise _link_error(port, error) from error
+        self._opened: Any = self._attempt(self._connect, opening=True)
+        # Exclusive use starts now, but the buffer still holds earlier data.
+        self._transfer = self._attempt(self._emptied)
 
     def write(self, data: bytes) -> None:
         """
@@ -215,12 +205,7 @@ class Link:
             If the port is gone, or has no room for 20 ms.
 
         """
-        transfer = self._transfer or self._closed()
-        try:
-            went_out = transfer.write(data)
-        except FAILURES as error:
-            raise _link_error(self.port, error) from error
-        if not went_out:
+        if not self._attempt((self._transfer or self._closed()).write, data):
             raise _stuck(self.port)
         if self._recorder is not None:
             self._recorder.record('>', data)
@@ -235,14 +220,9 @@ class Link:
             If the port is gone.
 
         """
-        transfer = self._transfer or self._closed()
-        try:
-            data = transfer.read()
-        except FAILURES as error:
-            raise _link_error(self.port, error) from error
-        if data:
-            if self._recorder is not None:
-                self._recorder.record('<', data)
+        data: bytes = self._attempt((self._transfer or self._closed()).read)
+        if data and self._recorder is not None:
+            self._recorder.record('<', data)
         return data
 
     def wait(self, seconds: float, least: int = 1) -> bool:
@@ -254,8 +234,8 @@ class Link:
         seconds : float
             [s]
         least : int
-            Fewer bytes than these, at most 255, do not end the wait.  A change takes a system
-            call.
+            Fewer bytes than these, at most 255, do not end the wait, where supported.  A change
+            takes a system call.
 
         Raises
         ------
@@ -263,28 +243,70 @@ class Link:
             If the port is gone.
 
         """
-        transfer = self._transfer or self._closed()
-        try:
-            return transfer.wait(seconds, least)
-        except FAILURES as error:
-            raise _link_error(self.port, error) from error
+        return bool(self._attempt((self._transfer or self._closed()).wait, seconds, least))
 
     def close(self) -> None:
         """Close the port; closing twice, or after a loss of the port, is allowed."""
-        port, self._serial, self._transfer = self._serial, None, None
-        if port is not None:
+        opened, self._opened, self._transfer = self._opened, None, None
+        if opened is not None:
             # A lost port is closed, too.
-            with suppress(serial.SerialException, OSError, termios.error):
-                port.close()
-
-    def _closed(self) -> 'Transfer':
-        raise LinkError(f'{self.port} has been closed', 'closed', 'port')
+            with suppress(Exception):
+                opened.close()
 
     def __enter__(self) -> 'Link':
         return self
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+    def _closed(self) -> 'Transfer':
+        raise LinkError(f'{self.port} has been closed', 'closed', 'port')
+
+    def _attempt(self, action: Callable[..., Any], *arguments: Any, opening: bool = False) -> Any:
+        """Return the result of an action on the port; convert its errors into `LinkError`."""
+        try:
+            return action(*arguments)
+        except LinkError:
+            raise
+        except Exception as error:
+            raise self._failure(error, opening) from error
+
+    # For kinds of ports
+
+    def _connect(self) -> Any:
+        """Open the port and return an object with a method `close`."""
+        return serial.serial_for_url(self.port, baudrate=self.baud, timeout=0.0,
+                                     write_timeout=WRITE_TIMEOUT, exclusive=True)
+
+    def _emptied(self) -> Transfer:
+        """Drop received data and return reads and writes, without pyserial for a plain device."""
+        port = self._opened
+        port.reset_input_buffer()
+        try:
+            descriptor = port.fileno()
+        except (OSError, AttributeError):  # loop:// and others have none
+            descriptor = None
+        if descriptor is not None and type(port) is serial.Serial:
+            return Descriptor(descriptor)
+        return Indirect(port, descriptor)
+
+    def _failure(self, error: Exception, opening: bool) -> LinkError:
+        """Return why an action failed; raise an exception that is not of the port again."""
+        port = self.port
+        if not isinstance(error, FAILURES):
+            raise error
+        if isinstance(error, serial.SerialTimeoutException):
+            return _stuck(port)
+        if isinstance(error, ValueError):  # unknown scheme, or a baud rate that does not exist
+            if 'baud' in str(error).lower():
+                return LinkError(f'{port} cannot do this baud rate: {error}', 'bad_baud', 'baud')
+            return LinkError(
+                f'{port!r} is neither a device nor a URL that pyserial supports: {error}',
+                'bad_address', 'port')
+        if opening:
+            return opening_failure(port, error)
+        return LinkError(
+            f'{port} is gone ({error}): unplugged, or its controller lost power', 'gone', 'port')
 
 
 def ports() -> list[tuple[str, str]]:
@@ -293,37 +315,10 @@ def ports() -> list[tuple[str, str]]:
                   for found in list_ports.comports())
 
 
-def _transfer(port: Any) -> Transfer:
-    """Return the reads and writes of a port: without pyserial for a plain device."""
-    try:
-        descriptor = port.fileno()
-    except (OSError, AttributeError):  # loop:// and others have none
-        descriptor = None
-    if descriptor is not None and type(port) is serial.Serial:
-        return Descriptor(descriptor)
-    return Indirect(port, descriptor)
-
-
 def _stuck(port: str) -> LinkError:
     return LinkError(
         f'{port} accepts no more bytes: the other end does not read, or flow control blocks the '
         'port; switch hardware and software handshake off', 'stuck', 'port')
-
-
-def _link_error(port: str, error: Exception, opening: bool = False) -> LinkError:
-    """Return a `LinkError` for an exception of pyserial or the kernel."""
-    if isinstance(error, serial.SerialTimeoutException):
-        return _stuck(port)
-    if isinstance(error, ValueError):  # an unknown scheme, or a baud rate that does not exist
-        if 'baud' in str(error).lower():
-            return LinkError(f'{port} cannot do this baud rate: {error}', 'bad_baud', 'baud')
-        return LinkError(
-            f'{port!r} is neither a device nor a URL that pyserial supports: {error}',
-            'bad_address', 'port')
-    if opening:
-        return opening_failure(port, error)
-    return LinkError(
-        f'{port} is gone ({error}): unplugged, or its controller lost power', 'gone', 'port')
 
 
 def errno_of(error: Optional[BaseException]) -> Optional[int]:

@@ -166,7 +166,7 @@ def test_a_bus_that_takes_no_frame_says_why(pair, monkeypatch, error, reason, na
 
     def refuse(*_):
         raise error
-    monkeypatch.setattr(link._bus, 'send', refuse)
+    monkeypatch.setattr(link._opened._bus, 'send', refuse)
     with refused(reason, 'port', LinkError) as caught:
         link.write(record(CanFrame(1)))
     assert named in str(caught.value)
