@@ -102,12 +102,14 @@ class Model:
                        for row in range(rows))
             return float(lift) - self.robot.weight
 
-        # Above everything within reach nothing carries the ball; at the ground all does.
+        # Above everything within reach nothing carries the ball; at the ground all does, except
+        # beside a vertical face: there its top counts.
+        near = 1e-9 * radius
         corners = self.profile[:, VERTEX_X]
         reach = np.concatenate([
             corners[np.abs(corners - x) < radius], [x - radius, x, x + radius]])
         high = float(np.max(self.terrain.height(reach))) + 1.01 * radius
-        low = float(self.terrain.height(x)) + 1e-9 * radius
+        low = float(np.max(self.terrain.height([x - near, x, x + near]))) + near
         if support(low) < 0.0:
             # The supporting force grows with the stiffness: deeper contacts require less of it.
             lift = support(low) + self.robot.weight

@@ -322,6 +322,14 @@ def test_ground_that_gives_way_is_refused_with_a_stiffness_that_carries():
     assert state.y == pytest.approx(0.97 * soft.ball_radius, rel=1e-3)
 
 
+@pytest.mark.parametrize('height, side', [(0.02, -1.0), (-0.1, 1.0)])
+def test_a_start_within_rounding_of_a_vertical_face_is_on_its_top(height, side):
+    model = Model(SHELLBALL, Terrain.step(height, at=0.5))
+    for distance in (1e-9, 1e-12, 1e-16):
+        start = model.at_rest(0.5 + side * distance)
+        assert start.y == pytest.approx(model.at_rest(0.5).y, abs=1e-9)
+
+
 @pytest.mark.parametrize('which', [
     'combined:28', 'stiffness:11', 'penetration:6', 'fixed:5', 'fixed:4', 'fixed:22', 'fixed:1002',
     'combined:530', 'vertices:62', 'combined:1141', 'combined:1424', 'vertices:139',
