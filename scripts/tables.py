@@ -9,8 +9,7 @@ from dataclasses import fields, MISSING
 from pathlib import Path
 import sys
 
-from ballbot_ros.bridge.condition import Battery
-from ballbot_ros.bridge.condition import Thermal
+from ballbot_ros.bridge.condition import Battery, Thermal
 from ballbot_ros.cli import file_kinds
 from ballbot_ros.cli.new import span, yaml_of
 from ballbot_ros.config.fields import allowed, why_fixed

@@ -106,21 +106,16 @@ class BatteryWatch(NamedTuple):
             return self
         drawn = current if current is not None and math.isfinite(current) else 0.0
         rest, pause = voltage + battery.resistance * drawn, now - self.time
-        if math.isnan(self.voltage):
-            smooth = rest
-        else:
-            smooth = rest + (self.voltage - rest) * math.exp(
-                -max(pause, 0.0) / battery.smoothing)
+        before = rest if math.isnan(self.voltage) else self.voltage
+        smooth = rest + (before - rest) * math.exp(-max(pause, 0.0) / battery.smoothing)
         low, empty, high = battery.low_voltage, battery.empty_voltage, battery.high_voltage
         is_empty = empty is not None and smooth < empty
         empty_since = min(self.empty_since, now) if is_empty else math.inf
         fading = self.fading_since
         if now - empty_since >= battery.empty_time:
             fading = min(fading, now)
-        elif low is not None and smooth >= low:
+        elif not is_empty if low is None else smooth >= low:
             fading = math.inf  # the battery was replaced or charged
-        elif low is None and not is_empty:
-            fading = math.inf
         return BatteryWatch(
             smooth, now,
             low is not None and smooth < low * (1.0 + HYSTERESIS * self.low),
@@ -129,15 +124,12 @@ class BatteryWatch(NamedTuple):
 
     def part(self, battery: Battery, now: float) -> float:
         """Return the available fraction of the torque: 1 until the fade, which ends at 0."""
-        if now < self.fading_since:
-            return 1.0
-        if battery.fade_time <= 0.0:
-            return 0.0
-        return max(0.0, 1.0 - (now - self.fading_since) / battery.fade_time)
+        since = self.fading_since
+        return 1.0 if now < since else left_at(now, since, since + battery.fade_time)
 
     def stop(self, battery: Battery, now: float) -> str:
         """Return the reason to engage the e-stop, empty for none."""
-        if now < self.fading_since or self.part(battery, now) > 0.0:
+        if self.part(battery, now) > 0.0:
             return ''
         return (f'the battery is empty: {self.voltage:.1f} V at rest, empty_voltage is '
                 f'{battery.empty_voltage:g} V; charge it'
@@ -200,24 +192,11 @@ class Thermal(Checked):
                     f'{zero_at:g} degC', 'inconsistent', f'{part}_warn_at')
 
 
-class Derating(NamedTuple):
-    """Fraction of the torque limit after thermal derating, and the warnings."""
-
-    part: float = 1.0  # of torque_limit
-    warnings: Tuple[str, ...] = ()
-
-
-def left_at(temperature: Optional[float], warn_at: Optional[float],
-            zero_at: Optional[float]) -> float:
-    """
-    Return the fraction of the torque at a temperature: 1 up to `warn_at`, 0 from `zero_at`.
-
-    All in degrees Celsius; 1 for a temperature that is unknown or not monitored.
-    """
-    if temperature is None or warn_at is None or zero_at is None \
-            or not math.isfinite(temperature):
-        return 1.0
-    return min(max((zero_at - temperature) / (zero_at - warn_at), 0.0), 1.0)
+def left_at(value: float, start: float, end: float) -> float:
+    """Return the part of the torque at a value: 1 up to `start`, linear, 0 from `end`."""
+    if value < end:
+        return min((end - value) / (end - start), 1.0)
+    return 0.0
 
 
 def warmed(warmth: float, load: float, seconds: float, time_constant: float) -> float:
@@ -239,43 +218,46 @@ def warmed(warmth: float, load: float, seconds: float, time_constant: float) -> 
 
 def left_by(warmth: float, continuous: float) -> float:
     """
-    Return the fraction of the torque at a warmth.
+    Return the part of the torque at a warmth.
 
     Parameters
     ----------
     warmth : float
     continuous : float
-        Continuous fraction of the torque, which remains at a warmth of 1.
+        Continuous part of the torque, which remains at a warmth of 1.
 
     """
-    if warmth <= DERATING_START or continuous >= 1.0:
-        return 1.0
-    return 1.0 - (1.0 - continuous) * min((warmth - DERATING_START) / (1.0 - DERATING_START), 1.0)
+    return 1.0 if continuous >= 1.0 else (
+        continuous + (1.0 - continuous) * left_at(warmth, DERATING_START, 1.0))
 
 
 def derating(thermal: Thermal, temperature: Optional[float], motor_temperature: Optional[float],
-             warmth: float, torque_limit: float) -> Derating:
+             warmth: float, torque_limit: float) -> Tuple[float, Tuple[str, ...]]:
     """
-    Return the derating by heat.
+    Return the part of the torque that heat leaves, and the warnings.
 
     Parameters
     ----------
     thermal : Thermal
     temperature, motor_temperature : float, optional
-        Of the power stage and the motor [degC].
+        Of the power stage and the motor [degC]; one that is unknown or not finite leaves 1.
     warmth : float
         See `warmed`.
     torque_limit : float
         Torque limit to derate [N m].
 
     """
-    parts = {
-        'drive_hot': left_at(temperature, thermal.drive_warn_at, thermal.drive_zero_at),
-        'motor_hot': left_at(motor_temperature, thermal.motor_warn_at, thermal.motor_zero_at),
-        'motor_i2t': 1.0 if thermal.continuous_torque is None else left_by(
-            warmth, thermal.continuous_torque / torque_limit)}
-    return Derating(min(parts.values()), tuple(
-        name for name, part in parts.items() if part < 1.0))
+    parts = {}
+    for name, measured, warn_at, zero_at in (
+            ('drive_hot', temperature, thermal.drive_warn_at, thermal.drive_zero_at),
+            ('motor_hot', motor_temperature, thermal.motor_warn_at, thermal.motor_zero_at)):
+        if measured is not None and math.isfinite(measured) \
+                and warn_at is not None and zero_at is not None:
+            parts[name] = left_at(measured, warn_at, zero_at)
+    if thermal.continuous_torque is not None:
+        parts['motor_i2t'] = left_by(warmth, thermal.continuous_torque / torque_limit)
+    return min(parts.values(), default=1.0), tuple(
+        name for name, part in parts.items() if part < 1.0)
 
 
 # Sampling period of voltage and temperatures [s]; a drive reports them no faster.
@@ -336,16 +318,15 @@ class ConditionMonitor:
         if now < self._next:
             return self.condition
         self._next = now + SAMPLE_PERIOD
-        heat = derating(thermal, telemetry.temperature, telemetry.motor_temperature,
-                        self._warmth, self._torque_limit)
+        part, warnings = derating(thermal, telemetry.temperature, telemetry.motor_temperature,
+                                  self._warmth, self._torque_limit)
         self._watch = watch = self._watch.look(
             battery, telemetry.bus_voltage, telemetry.bus_current, now)
-        part = heat.part
         if fading:
             # Fade from the torque in use, not from the limit, which would drop the pendulum at the
             # end.
             part = min(part, watch.part(battery, now) * self._largest / self._torque_limit)
         self.condition = Condition(
-            part, watch.warnings(now) + heat.warnings,
+            part, watch.warnings(now) + warnings,
             watch.stop(battery, now), watch.voltage, watch.percentage(battery), self._warmth)
         return self.condition

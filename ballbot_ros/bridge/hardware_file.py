@@ -4,8 +4,7 @@ from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Any, Mapping, Optional, Tuple
 
-from ballbot_ros.bridge.condition import Battery
-from ballbot_ros.bridge.condition import Thermal
+from ballbot_ros.bridge.condition import Battery, Thermal
 from ballbot_ros.config.fields import (
     build, Checked, count, expect_mapping, flag, Provenance, quantity, read_values,
     refuse_missing, refuse_unknown, section, text)

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Control of the pendulum: laws with limits, their stability, and watchdogs; no ROS.
+Control of the pendulum: laws with limits, their stability, and supervision; no ROS.
 
 The torque that holds the pendulum level, from joint angles and rates:
 
@@ -21,7 +21,6 @@ from ballbot_ros.control.authority import Authority
 from ballbot_ros.control.checked import checked_controller, checked_rate
 from ballbot_ros.control.command_gate import CommandGate
 from ballbot_ros.control.controller import PendulumController
-from ballbot_ros.control.freshness import RateMonitor, Watchdog
 from ballbot_ros.control.rolling_model import RollingModel
 from ballbot_ros.control.sampled import (
     check_loop, growth_rate, is_stable, loop_poles, lowest_stable_rate)
@@ -32,5 +31,5 @@ from ballbot_ros.control.tuning import ControlTuning, load_tuning
 __all__ = [
     'Authority', 'check_loop', 'checked_controller', 'checked_rate', 'CommandGate',
     'ControlTuning', 'growth_rate', 'is_stable', 'JointReadings', 'load_tuning', 'loop_poles',
-    'lowest_stable_rate', 'Mode', 'PendulumController', 'RateMonitor', 'RollingModel',
-    'SetPoint', 'SupervisedController', 'Supervision', 'Watchdog']
+    'lowest_stable_rate', 'Mode', 'PendulumController', 'RollingModel',
+    'SetPoint', 'SupervisedController', 'Supervision']

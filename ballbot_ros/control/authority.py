@@ -20,9 +20,7 @@ class Authority:
     Attributes
     ----------
     holder : str or None
-        The sender in authority, None before there was one and after `clear`.
-    refused : int
-        Number of messages from other senders.
+        The sender in authority, None before there was one.
     contest : str
         The refused sender and the holder at the last refusal; see `contested`.
 
@@ -41,7 +39,6 @@ class Authority:
         self._timeout = timeout
         self._last = -math.inf  # when the holder was last there
         self.holder: Optional[str] = None
-        self.refused = 0
         self._contested_at, self.contest = -math.inf, ''
 
     def check(self, sender: str, now: float) -> None:
@@ -58,11 +55,10 @@ class Authority:
         Raises
         ------
         MessageError
-            With reason ``other_sender`` if another sender holds authority; `refused` counts it.
+            With reason ``other_sender`` if another sender holds authority.
 
         """
         if sender != self.holder and 0.0 <= now - self._last <= self._timeout:
-            self.refused += 1
             self._contested_at = now
             self.contest = f'{sender or "another node"} commands, but {self.holder} has authority'
             raise MessageError(
@@ -74,7 +70,3 @@ class Authority:
     def contested(self, now: float, lately: float = 1.0) -> bool:
         """Return whether a message was refused within the last `lately` seconds."""
         return now - self._contested_at <= lately
-
-    def clear(self) -> None:
-        """Give authority to the next sender."""
-        self.holder, self._last = None, -math.inf

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """The controller with supervision: stale set-points, slow joint states, time jumps, e-stop."""
+from collections import deque
 from dataclasses import dataclass
 import logging
 import math
-from typing import Optional
+from typing import Deque, Optional
 
 from ballbot_ros.control.controller import PendulumController
-from ballbot_ros.control.freshness import RateMonitor
 from ballbot_ros.control.signals import JointReadings, Mode, SetPoint
 from ballbot_ros.control.tuning import ControlTuning
 from ballbot_ros.errors import MessageError
@@ -17,14 +17,39 @@ LOG = logging.getLogger(__name__)
 CLOCK_SKEW_MAX = 1.0
 # Tolerance of measured rates.
 RATE_SLACK = 0.98
-# Number of joint states before the rate is checked: one lost at the start must not stop the robot.
-RATE_CHECK_SAMPLES = 11
+# Number of periods whose median is the rate, and of those before it is judged: one joint state
+# lost at the start must not stop the robot.
+RATE_PERIODS, LEAST_PERIODS = 20, 10
 # Excessive resistance of the speed law is logged after this time [s]: pushes are shorter.
 RESISTANCE_TIME = 1.0
 # After an e-stop, set-points other than rest are accepted after a gap of this time [s].
 SET_POINT_GAP = 0.5
 # Tolerance for stamps rounded to the nanosecond; far below any period [s].
 ROUNDING = 1e-6
+
+
+class RateMonitor:
+    """Measures a rate by the median period, which ignores a single late message."""
+
+    def __init__(self) -> None:
+        self._last = math.inf
+        self._periods: Deque[float] = deque(maxlen=RATE_PERIODS)
+
+    def add(self, stamp: float) -> None:
+        """Add the stamp of an arrival [s]; ignore a repeated one, restart after a jump back."""
+        if stamp > self._last:
+            self._periods.append(stamp - self._last)
+        elif stamp < self._last:
+            self._periods.clear()
+        self._last = stamp
+
+    @property
+    def rate(self) -> Optional[float]:
+        """Return the rate [Hz], None with fewer than `LEAST_PERIODS`."""
+        number, periods = len(self._periods), sorted(self._periods)
+        if number < LEAST_PERIODS:
+            return None
+        return 2.0 / (periods[(number - 1) // 2] + periods[number // 2])
 
 
 @dataclass(frozen=True)
@@ -77,7 +102,7 @@ class SupervisedController:
     def __init__(self, controller: PendulumController, supervision: Supervision):
         self._controller = controller
         self.expected = supervision
-        self._rate = RateMonitor(least=RATE_CHECK_SAMPLES)
+        self._rate = RateMonitor()
         self._newest: Optional[JointReadings] = None
         self._waiting: Optional[JointReadings] = None
         self._held_at = -math.inf

@@ -27,12 +27,9 @@ import math
 from typing import NamedTuple, Optional, Tuple
 
 from ballbot_ros.errors import EstimateLostError
-from ballbot_ros.jit import compiled
 
 # Least and largest value.
 Interval = Tuple[float, float]
-# The values of an `IncrementCheck`.
-Increments = Tuple[float, float, float, float]
 
 # Tolerance of a step about its expected value, the sum of: this [rad],
 STEP_TOLERANCE = 0.03
@@ -194,46 +191,46 @@ def _near(error: float, pause: float, rate: float, late: float,
 
 
 class IncrementCheck(NamedTuple):
-    """Expected increments and the difference of the measured ones; `compared` gives the next."""
+    """Expected increments and the difference of the measured ones; `after` gives the next."""
 
     expected: float = 0.0
     difference: float = 0.0
     late: float = 0.0  # uncertainty of the difference
     contradicted_for: float = 0.0  # [s]
 
+    def after(self, pause: float, latency: float, rates: Interval, measured: float,
+              smallest: float, applies: bool = True) -> 'IncrementCheck':
+        """
+        Return the sums after a reading.
 
-@compiled
-def compared(before: Increments, times: Interval, rates: Interval, measured: float,
-             smallest: float, applies: bool) -> Increments:
-    """
-    Return the values of an `IncrementCheck` after a reading.
+        Parameters
+        ----------
+        pause : float
+            Since the previous reading [s].
+        latency : float
+            Uncertainty of the times of both [s].
+        rates : tuple of 2 floats
+            Least and largest expected increment per second.
+        measured : float
+            Measured increment per second.
+        smallest : float
+            Mean expected increment per second from which the comparison applies.
+        applies : bool
+            Whether it applies at all.
 
-    Parameters
-    ----------
-    before : tuple of 4 floats
-    times : tuple of 2 floats
-        Time since the previous reading, and uncertainty of the times of both [s].
-    rates : tuple of 2 floats
-        Least and largest expected increment per second.
-    measured : float
-        Measured increment per second.
-    smallest : float
-        Mean expected increment per second from which the comparison applies.
-    applies : bool
-        Whether it applies at all.
-
-    """
-    (pause, latency), (least, largest) = times, rates
-    keep, fastest = math.exp(-pause / SMOOTHING), max(-least, largest)
-    limit = DIFFERENCE_MAX * fastest
-    error = measured - min(max(measured, least), largest)
-    # Of the interval, the rate next to zero.
-    expected = keep * before[0] + pause * max(least, min(largest, 0.0))
-    difference = keep * before[1] + pause * min(max(error, -limit), limit)
-    late = max(keep * before[2], latency * max(fastest, min(abs(measured), limit)))
-    contradicted = applies and abs(expected) >= smallest * SMOOTHING and \
-        math.copysign(1.0, -expected) * difference >= CONTRADICTED_MIN * abs(expected) + late
-    return expected, difference, late, before[3] + pause if contradicted else 0.0
+        """
+        least, largest = rates
+        keep, fastest = math.exp(-pause / SMOOTHING), max(-least, largest)
+        limit = DIFFERENCE_MAX * fastest
+        error = measured - min(max(measured, least), largest)
+        # Of the interval, the rate next to zero.
+        expected = keep * self.expected + pause * max(least, min(largest, 0.0))
+        difference = keep * self.difference + pause * min(max(error, -limit), limit)
+        late = max(keep * self.late, latency * max(fastest, min(abs(measured), limit)))
+        contradicted = applies and abs(expected) >= smallest * SMOOTHING and \
+            math.copysign(1.0, -expected) * difference >= CONTRADICTED_MIN * abs(expected) + late
+        return IncrementCheck(expected, difference, late,
+                              self.contradicted_for + pause if contradicted else 0.0)
 
 
 class EncoderCheck(NamedTuple):
@@ -267,10 +264,9 @@ class EncoderCheck(NamedTuple):
         rate = (reading.angle - last.angle) / pause
         velocity = IncrementCheck()
         if last.rate is not None and reading.rate is not None:
-            velocity = IncrementCheck(*compared(
-                self.velocity[:], (pause, latency),
-                (min(last.rate, reading.rate), max(last.rate, reading.rate)), rate, VELOCITY_MIN,
-                True))
+            velocity = self.velocity.after(
+                pause, latency, (min(last.rate, reading.rate), max(last.rate, reading.rate)),
+                rate, VELOCITY_MIN)
             if velocity.contradicted_for >= CONTRADICTION_TIME:
                 raise EstimateLostError(
                     'the encoder contradicts the velocity that the drive reports: it is frozen, '
@@ -298,10 +294,10 @@ class EncoderCheck(NamedTuple):
         last = self.last
         if last is None or not self.pause:
             return self
-        after = IncrementCheck(*compared(
-            self.torque[:], (self.pause, self.latency),
-            last.torques or (last.torque, last.torque), torque, TORQUE_MIN * largest_torque,
-            math.copysign(1.0, self.torque.expected) * self.rate < VELOCITY_MIN))
+        after = self.torque.after(
+            self.pause, self.latency, last.torques or (last.torque, last.torque), torque,
+            TORQUE_MIN * largest_torque,
+            math.copysign(1.0, self.torque.expected) * self.rate < VELOCITY_MIN)
         if after.contradicted_for >= CONTRADICTION_TIME:
             raise EstimateLostError(
                 'the joint does not follow its torque: '

@@ -77,14 +77,11 @@ class MotorInputs:
         except MessageError as error:
             self._session.supervisor.overhear(torque, self._session.clock())
             self._session.supervisor.gate.refuse(error.reason)
-            return self._command_refused(error)
+            return self._refused('command', error)
         try:
             self._session.command(torque, self._clocks.steady(to_seconds(message.header.stamp)))
         except MessageError as error:
-            self._command_refused(error)
-
-    def _command_refused(self, error: MessageError) -> None:
-        self._refused('command', error)
+            self._refused('command', error)
 
     def _give(self, given: SetPoint) -> None:
         try:

@@ -115,6 +115,24 @@ def imu_message(stamp: float, turn_rate: float, forward: float, upward: float,
     return message
 
 
+class Turns:
+    """Schedules a periodic action whose period is not a multiple of the calling period."""
+
+    def __init__(self, period: float):
+        self.period, self._due = period, -math.inf
+
+    def is_due(self, now: float) -> bool:
+        """Return whether the action is due, and schedule the next one if so."""
+        # A quarter of a period early is on time: estimates arrive irregularly.
+        if now < self._due - 0.25 * self.period:
+            return False
+        # Counted from the time at which it was due, to keep the mean rate; after a
+        # pause from now on, to avoid a burst.
+        due = self._due + self.period
+        self._due = due if due > now else now + self.period
+        return True
+
+
 class MotorOutputs:
     """
     Publishes joint_states, motor_status and e_stop; may be called from any one thread.
@@ -134,7 +152,7 @@ class MotorOutputs:
 
     def __init__(self, node: Node, clocks: Clocks, status_rate: float,
                  joint_state_period: float = 0.0, frame: str = FRAMES.base):
-        self._clocks, self._joints_due = clocks, 0.0
+        self._clocks = clocks
         self.publish_at(status_rate, joint_state_period)
         self._joints = create_publisher(node, 'joint_states')
         self._frame, self._joint_states = frame, JointStateBytes(frame)
@@ -143,13 +161,13 @@ class MotorOutputs:
         self._published: Optional[bool] = None
         self.engaged_at = -math.inf  # when an engaged e-stop was published last [s]
         self._reporting = threading.Lock()
-        self._next, self._state = 0.0, ''
+        self._state = ''
         self._estimate: Optional[Estimate] = None
         self.publish_e_stop(True)
 
     def publish_at(self, status_rate: float, joint_state_period: float) -> None:
         """Change the rates; parameters as of the class."""
-        self._status_period, self._joint_period = 1.0 / status_rate, joint_state_period
+        self._status_turns, self._joint_turns = Turns(1.0 / status_rate), Turns(joint_state_period)
 
     def publish_e_stop(self, engaged: bool) -> None:
         """Publish whether the e-stop is engaged, if that has changed."""
@@ -165,17 +183,13 @@ class MotorOutputs:
         estimate = report.estimate
         if estimate is not None:
             self._estimate = estimate
-            # A quarter of a period early is on time: estimates arrive irregularly.
-            if estimate.stamp >= self._joints_due - 0.25 * self._joint_period:
-                due = self._joints_due + self._joint_period
-                self._joints_due = due if due > estimate.stamp else (
-                    estimate.stamp + self._joint_period)
+            if self._joint_turns.is_due(estimate.stamp):
                 self._joints.publish(self._joint_states.of(
                     self._clocks.stamp(estimate.stamp), estimate.readings, report.torque))
         self.publish_e_stop(bool(report.e_stop))
         state = state_of(report)
-        if report.time >= self._next or state != self._state:
-            self._next, self._state = report.time + self._status_period, state
+        if self._status_turns.is_due(report.time) or state != self._state:
+            self._state = state
             self._status.publish(self._motor_status(report, state))
 
     def publish_end(self, state: str, session: Session) -> None:
@@ -184,7 +198,7 @@ class MotorOutputs:
         message = MotorStatus(
             state=state, **_cause(e_stop), derating=1.0,
             warnings=[unconfirmed] if unconfirmed else [],
-            control=(MotorStatus.CONTROL_ONBOARD if self._joint_period
+            control=(MotorStatus.CONTROL_ONBOARD if self._joint_turns.period
                      else MotorStatus.CONTROL_DIRECT),
             **dict.fromkeys(NUMBERS, math.nan))
         message.header.stamp = to_time(self._clocks.stamp(time.monotonic()))

@@ -5,11 +5,10 @@ import math
 from rclpy.node import Node
 from sensor_msgs.msg import BatteryState
 
-from ballbot_ros.bridge.condition import Battery
-from ballbot_ros.bridge.condition import Condition
+from ballbot_ros.bridge.condition import Battery, Condition
 from ballbot_ros.bridge.session import Report, Session
 from ballbot_ros.drives.contract import Telemetry
-from ballbot_ros.nodes.bridge.motor import Clocks
+from ballbot_ros.nodes.bridge.motor import Clocks, Turns
 from ballbot_ros.nodes.bridge.settings import BridgeSettings
 from ballbot_ros.ros.conversions import estimated_odometry_message, to_time
 from ballbot_ros.ros.endpoints import create_publisher
@@ -20,23 +19,6 @@ from ballbot_ros.steering import LateralState
 BATTERY_PERIOD = 1.0  # [s]
 # Rate of the link transforms where another node publishes odometry [Hz].
 LINK_RATE = 100.0
-
-
-class Turns:
-    """Schedules a periodic action whose period is not a multiple of the calling period."""
-
-    def __init__(self, period: float):
-        self._period, self._next = period, -math.inf
-
-    def is_due(self, now: float) -> bool:
-        """Return whether the action is due, and schedule the next one if so."""
-        late = now - self._next
-        if late < 0.0:
-            return False
-        # Counted from the time at which it was due, to keep the mean rate; after a
-        # pause from now on, to avoid a burst.
-        self._next = now + self._period - (late if late < self._period else 0.0)
-        return True
 
 
 class RobotOutputs:

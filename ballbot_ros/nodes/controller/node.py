@@ -9,7 +9,7 @@ from builtin_interfaces.msg import Time
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
-from ballbot_ros.control import checked_controller, SetPoint, Watchdog
+from ballbot_ros.control import checked_controller, SetPoint
 from ballbot_ros.errors import MessageError
 from ballbot_ros.nodes.controller.settings import ControllerSettings
 from ballbot_ros.physics.model.robot import load_robot
@@ -35,7 +35,7 @@ class Controller(Node):
         self._robot = load_robot(settings.robot)
         self._controller = checked_controller(
             self._robot, *settings.loop, settings.supervision)
-        self._watchdog = Watchdog(settings.state_timeout)
+        self._received_at: Optional[float] = None  # the newest joint state [s]
         self._newest = self._answered = Time()
         self._torque = 0.0
         self._refused: Counter = Counter()
@@ -60,7 +60,7 @@ class Controller(Node):
 
         def commit() -> None:
             hand_over()
-            self._settings, self._watchdog.timeout = wanted, wanted.state_timeout
+            self._settings = wanted
             change_period(self._timer, wanted.state_timeout / 4)
         return commit
 
@@ -77,9 +77,9 @@ class Controller(Node):
         self._speed = -self._robot.ball_radius * found.ball_rate
         self._controller.take(found)
         self._newest = message.header.stamp
-        if not self._watchdog.fed:
+        if self._received_at is None:
             self.get_logger().info('joint states have arrived')
-        self._watchdog.feed(time.monotonic())
+        self._received_at = time.monotonic()
         self._answer()
 
     def _give(self, given: SetPoint) -> None:
@@ -91,7 +91,7 @@ class Controller(Node):
     def _on_e_stop(self, engaged: bool) -> None:
         """Set the torque to 0 and drop the set-point while the e-stop is engaged."""
         self._controller.on_e_stop(engaged)
-        if engaged and self._watchdog.fed:
+        if engaged and self._received_at is not None:
             self._command(0.0)
         self._diagnostics.publish()
 
@@ -112,20 +112,26 @@ class Controller(Node):
                        self._controller.set_point.yaw_rate)
         self._commands.publish(command_bytes(self._answered, torque, lean))
 
+    @property
+    def _silent(self) -> bool:
+        """Return whether joint states arrived and then stopped."""
+        return self._received_at is not None \
+            and time.monotonic() - self._received_at > self._settings.state_timeout
+
     def _watch(self) -> None:
         """Set the torque to 0 when joint states stop."""
         if self._settings.lockstep_set_point_period:
             return  # time is constant between states
-        if self._watchdog.fed and self._watchdog.expired(time.monotonic()) and self._torque:
+        if self._silent and self._torque:
             self._command(0.0)
             self.get_logger().warning(
-                f'no joint state for {self._watchdog.timeout:g} s: torque is 0; has the '
+                f'no joint state for {self._settings.state_timeout:g} s: torque is 0; has the '
                 'simulator or the bridge stopped?')
             self._diagnostics.publish()
 
     def make_safe(self) -> None:
         """Publish a final command with torque 0."""
-        if self._watchdog.fed:
+        if self._received_at is not None:
             self._command(0.0)
             wait_until_received(self._commands)
 
@@ -136,9 +142,9 @@ class Controller(Node):
             'mode': now.mode.value, 'set_value': f'{now.value:.4f}',
             'torque': f'{self._torque:.4f}', 'state_rate': f'{self._controller.rate or 0.0:.1f}',
             **diagnostics.refusals('messages', self._refused)}
-        if not self._watchdog.fed:
+        if self._received_at is None:
             return diagnostics.WARN, 'waiting for joint_states', values
-        if self._watchdog.expired(time.monotonic()):
+        if self._silent:
             return diagnostics.WARN, 'joint_states stopped, torque is 0', values
         if self._controller.e_stop:
             return diagnostics.WARN, 'the e-stop is engaged, torque is 0', values

@@ -6,8 +6,7 @@ import pytest
 from refusals import refused
 from virtual_robot import VirtualRobot
 
-from ballbot_ros.bridge.condition import Battery
-from ballbot_ros.bridge.condition import Thermal
+from ballbot_ros.bridge.condition import Battery, Thermal
 from ballbot_ros.bridge.supervisor import StopReason
 from ballbot_ros.errors import RefusedError
 

@@ -7,7 +7,7 @@ import pytest
 from refusals import refused
 
 from ballbot_ros.bridge.condition import (
-    derating, DERATING_START, left_at, left_by, Thermal, warmed)
+    derating, DERATING_START, left_by, Thermal, warmed)
 from ballbot_ros.errors import ConfigurationError
 
 THERMAL = Thermal(drive_warn_at=80.0, drive_zero_at=100.0, motor_warn_at=90.0,
@@ -40,7 +40,7 @@ def test_a_clock_that_stands_still_or_goes_back_warms_nothing():
     (-20.0, 1.0), (80.0, 1.0), (85.0, 0.75), (90.0, 0.5), (100.0, 0.0), (150.0, 0.0),
     (None, 1.0), (math.nan, 1.0), (math.inf, 1.0)])
 def test_the_torque_is_taken_back_between_two_temperatures(temperature, part):
-    assert left_at(temperature, 80.0, 100.0) == pytest.approx(part)
+    assert derating(THERMAL, temperature, None, 0.0, 4.0)[0] == pytest.approx(part)
 
 
 @given(some.floats(0.0, 1.0), some.floats(0.1, 3.0))
@@ -62,9 +62,8 @@ def test_a_cool_winding_leaves_all_and_a_warm_one_what_it_bears_for_good():
 
 
 def test_the_hottest_part_decides_and_each_is_named():
-    found = derating(THERMAL, 85.0, 105.0, 0.0, 4.0)
-    assert found.part == pytest.approx(0.5)
-    assert found.warnings == ('drive_hot', 'motor_hot')
+    assert derating(THERMAL, 85.0, 105.0, 0.0, 4.0) == (
+        pytest.approx(0.5), ('drive_hot', 'motor_hot'))
     assert derating(THERMAL, 20.0, None, 0.9, 4.0) == (pytest.approx(0.75), ('motor_i2t',))
     assert derating(THERMAL, 20.0, 30.0, 0.5, 4.0) == (1.0, ())
 

@@ -133,7 +133,7 @@ def test_a_controller_refuses_gains_that_diverge_and_names_the_rate_that_works(s
     assert node.get_parameter('gains.position_kd').value == 0.8
     assert changed(node, tuning='published', torque_limit=2.0, state_timeout=0.2) == ''
     assert node._controller.expected.lowest_rate == pytest.approx(275.0, abs=1.0)
-    assert node._watchdog.timeout == 0.2 and node._timer.timer_period_ns == 50_000_000
+    assert node._settings.state_timeout == 0.2 and node._timer.timer_period_ns == 50_000_000
     assert node.get_parameter('gains.position_kd').value == 10.0
 
 
