@@ -5,10 +5,9 @@ import math
 from typing import Any, Iterator
 
 from ballbot_ros.cli.command import DONE
-from ballbot_ros.cli.options import add_number, add_robot, read_robot
+from ballbot_ros.cli.options import add_number, add_robot, read_robot, refuse_without
 from ballbot_ros.cli.output import print_json, table_row, table_rule
 from ballbot_ros.config.fields import quantity
-from ballbot_ros.errors import ConfigurationError
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -25,10 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Compute and print the table."""
-    if arguments.angle_deg is not None and arguments.actuation != 'held':
-        raise ConfigurationError(
-            f'--angle-deg requires --actuation held, not {arguments.actuation}',
-            'inconsistent', '--angle-deg')
+    refuse_without(arguments, '--actuation held', arguments.actuation == 'held', '--angle-deg')
     angle = arguments.angle_deg or 0.0
     robot = read_robot(arguments)
     from ballbot_ros.cli.output import watched

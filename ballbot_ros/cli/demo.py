@@ -4,7 +4,8 @@ import argparse
 from contextlib import nullcontext
 from pathlib import Path
 
-from ballbot_ros.cli.options import add_number, add_overwrite, add_quiet
+from ballbot_ros.cli.options import (
+    add_number, add_overwrite, add_quiet, from_ros, refuse_without)
 from ballbot_ros.cli.output import result_folder
 from ballbot_ros.config.fields import quantity
 from ballbot_ros.drives import DRIVES
@@ -68,68 +69,52 @@ def run(arguments: argparse.Namespace) -> int:
 
     """
     check(arguments)
-    try:
-        from ballbot_ros.demo.demo import own_acts, run_demo
-        from ballbot_ros.demo.hardware import run_hardware_demo
-        from ballbot_ros.demo.house import run_house_demo
-        from ballbot_ros.demo.page import page_beside
-    except ImportError as error:
-        raise ConfigurationError(
-            f'the demo needs ROS 2, and {error.name or error} cannot be imported; source '
-            '/opt/ros/jazzy/setup.bash, or run "make demo" in a checkout.  "ballbot simulate" '
-            'works without ROS', 'not_installed', 'ROS') from error
+    demo = from_ros('ballbot_ros.demo.demo')
     from ballbot_ros.results.files import check_writable
     folder = 'demo_hardware' if arguments.hardware else (
         'demo_house' if arguments.house else 'demo')
     picture = 'house.png' if arguments.house else 'crossing.png'
     default = Path('ballbot_output') / folder
     check_writable((arguments.out or default) / picture)  # before scenes are loaded
-    acts = [] if arguments.hardware or arguments.house else own_acts(
+    acts = [] if arguments.hardware or arguments.house else demo.own_acts(
         arguments.scene, arguments.robot, arguments.curve, arguments.tuning, arguments.duration,
         arguments.planner or 'rollout')
     names: tuple[str, ...] = (picture, 'bag', 'logs')
     if acts:
         names = tuple(f'{Path(act.scene).stem}/{name}' for act in acts for name in names)
     out = result_folder(arguments.out, default, names, arguments.overwrite)
-    with page_beside(arguments.quiet) if arguments.view else nullcontext():
-        common = {'out': out, 'quiet': arguments.quiet, 'timeout': arguments.timeout}
+    page = from_ros('ballbot_ros.demo.page').page_beside if arguments.view else nullcontext
+    common = {'out': out, 'quiet': arguments.quiet, 'timeout': arguments.timeout}
+    pace = {'real_time': arguments.real_time, 'watched': arguments.view}
+    with page(arguments.quiet):
         if arguments.hardware:
-            code: int = run_hardware_demo(
+            code = from_ros('ballbot_ros.demo.hardware').run_hardware_demo(
                 **common, protocol=arguments.protocol or 'odrive', firmware=arguments.firmware,
                 serial_imu=arguments.serial_imu)
         elif arguments.house:
-            code = run_house_demo(
-                **common, real_time=arguments.real_time, longest=arguments.duration,
-                watched=arguments.view, robot=arguments.robot, curve=arguments.curve,
-                goals=arguments.goal)
+            code = from_ros('ballbot_ros.demo.house').run_house_demo(
+                **common, **pace, longest=arguments.duration, robot=arguments.robot,
+                curve=arguments.curve, goals=arguments.goal)
         else:
-            code = run_demo(**common, real_time=arguments.real_time, acts=acts,
-                            watched=arguments.view)
-    return code
+            code = demo.run_demo(**common, **pace, acts=acts)
+    return int(code)
 
 
 def check(arguments: argparse.Namespace) -> None:
     """Refuse missing files and invalid combinations."""
     from ballbot_ros.config.files import find_config
     from ballbot_ros.drives import device_class
-    if arguments.protocol is not None and not arguments.hardware:
-        raise ConfigurationError('--protocol requires --hardware', 'inconsistent', '--protocol')
-    if arguments.serial_imu and not arguments.hardware:
-        raise ConfigurationError(
-            '--serial-imu requires --hardware', 'inconsistent', '--serial-imu')
-    if arguments.goal and not arguments.house:
-        raise ConfigurationError('--goal requires --house', 'inconsistent', '--goal')
+    refuse_without(arguments, '--hardware', arguments.hardware, '--protocol', '--serial-imu')
+    refuse_without(arguments, '--house', arguments.house, '--goal')
     if arguments.hardware and arguments.house:
         raise ConfigurationError(
             '--house goes without --hardware, which drives straight only', 'inconsistent',
             '--house')
-    for option in (*FILE_OPTIONS, 'planner', 'duration'):
-        for own in ('hardware', 'house'):
-            if getattr(arguments, option) is not None and getattr(arguments, own) and not (
-                    own == 'house' and option in ('robot', 'curve', 'duration')):
-                raise ConfigurationError(
-                    f'--{option} goes without --{own}, whose demo has its own scene',
-                    'inconsistent', f'--{option}')
+    own_scene = 'another demo: this one has its own scene'
+    refuse_without(
+        arguments, own_scene, not arguments.hardware, '--robot', '--curve', '--duration')
+    refuse_without(arguments, own_scene, not (arguments.hardware or arguments.house), '--scene',
+                   '--tuning', '--planner')
     for option in FILE_OPTIONS:
         if getattr(arguments, option) is not None:
             find_config(f'{option}s', getattr(arguments, option))

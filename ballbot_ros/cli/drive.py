@@ -2,7 +2,6 @@
 """The verb ``drive``: the robot from a keyboard or a gamepad."""
 import argparse
 from contextlib import contextmanager
-from importlib import import_module
 import math
 import os
 import select
@@ -14,7 +13,7 @@ import time
 from typing import Any, Iterator, NamedTuple, Optional, TextIO
 
 from ballbot_ros.cli.command import DONE, FAILED, print_error
-from ballbot_ros.cli.options import add_number
+from ballbot_ros.cli.options import add_number, from_ros, load_optional
 from ballbot_ros.config.fields import quantity
 from ballbot_ros.errors import ConfigurationError
 
@@ -51,7 +50,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.step > arguments.max_speed:
         raise ConfigurationError(f'--step {arguments.step:g} is more than --max-speed '
                                  f'{arguments.max_speed:g}', 'inconsistent', '--step')
-    from ballbot_ros.cli.graph import from_ros, note
+    from ballbot_ros.cli.graph import note
     keyboard = Keyboard()
     gamepad = Gamepad() if arguments.gamepad else None
     graph, driver = from_ros(), from_ros('ballbot_ros.ros.robot_driver')
@@ -336,12 +335,7 @@ class Gamepad:
     """
 
     def __init__(self) -> None:
-        try:
-            evdev: Any = import_module('evdev')
-        except ImportError as error:
-            raise ConfigurationError(
-                'a gamepad is read with the Python package evdev, which is not installed: '
-                'pip install evdev', 'not_installed', 'evdev') from error
+        evdev = load_optional('evdev', 'evdev', 'pip install evdev')
         codes = self._codes = evdev.ecodes
         for path in evdev.list_devices():
             device = evdev.InputDevice(path)

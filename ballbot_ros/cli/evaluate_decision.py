@@ -10,8 +10,7 @@ from typing import Any, Tuple
 from ballbot_ros.cli import options
 from ballbot_ros.cli.command import DONE, INTERRUPTED, print_error
 from ballbot_ros.cli.output import save_figure
-from ballbot_ros.config.fields import count, quantity
-from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.config.fields import check_value, count, quantity, text
 
 NAME = 'decision_evaluation'  # of report and picture
 
@@ -125,7 +124,6 @@ def write(arguments: argparse.Namespace, run_of: Any, rows: Any,
 
 def read_evaluation(arguments: argparse.Namespace) -> Any:
     """Return the evaluation; `ConfigurationError` for unknown names."""
-    from ballbot_ros.config.fields import suggestion
     from ballbot_ros.decision import PLANNERS
     from ballbot_ros.studies.evaluation.baselines import BASELINES
     from ballbot_ros.studies.evaluation.evaluation import Evaluation
@@ -133,11 +131,10 @@ def read_evaluation(arguments: argparse.Namespace) -> Any:
     planners = [*reversed(list(PLANNERS)), *BASELINES]
     names: Tuple[str, ...] = tuple(
         arguments.planners.split(',') if arguments.planners else planners)
-    for field, name, known in [('planner', name, planners) for name in names] + (
-            [('kind', arguments.kind, list(KINDS))] if arguments.kind is not None else []):
-        if name not in known:
-            raise ConfigurationError(
-                f'{name!r} is not a {field}{suggestion(name, known)}', 'not_a_choice', field)
+    for name in names:
+        check_value('planner', name, text('', choices=planners).metadata, '')
+    check_value('kind', arguments.kind or next(iter(KINDS)),
+                text('', choices=KINDS).metadata, '')
     parts = [(name, 'drawn', arguments.compared if place else arguments.approaches)
              for place, name in enumerate(names)]
     # The crossable steps come early: they are few.

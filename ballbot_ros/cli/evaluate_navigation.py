@@ -7,8 +7,7 @@ from time import perf_counter
 
 from ballbot_ros.cli import options
 from ballbot_ros.cli.command import DONE, INTERRUPTED, print_error
-from ballbot_ros.config.fields import count
-from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.config.fields import check_value, count, text
 
 NAME = 'navigation_evaluation'
 
@@ -31,17 +30,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Drive, and print the figures."""
-    from ballbot_ros.config.fields import suggestion
     from ballbot_ros.results.files import check_writable, write_text
     from ballbot_ros.studies.navigation.evaluation import (
         NavigationEvaluation, page, PLANNERS, report, run_block, run_evaluation)
     from ballbot_ros.studies.parallel_map import worker_pool
     names = arguments.planners.split(',')
     for name in names:
-        if name not in PLANNERS:
-            raise ConfigurationError(
-                f'{name!r} is not a planner{suggestion(name, PLANNERS)}', 'not_a_choice',
-                'planner')
+        check_value('planner', name, text('', choices=PLANNERS).metadata, '')
     evaluation = NavigationEvaluation(tuple(
         (name, arguments.compared if place else arguments.goals)
         for place, name in enumerate(names)), arguments.seed)
@@ -62,9 +57,9 @@ def run(arguments: argparse.Namespace) -> int:
     write_text(json.dumps(figures, indent=1), arguments.out / f'{NAME}.json')
     command = (f'ballbot evaluate-navigation --goals {arguments.goals} --compared '
                f'{arguments.compared} --planners {arguments.planners} --seed {arguments.seed}')
-    text = page(figures, command)
-    write_text(text, arguments.out / f'{NAME}.md')
+    content = page(figures, command)
+    write_text(content, arguments.out / f'{NAME}.md')
     if not arguments.quiet:
-        print(text)
+        print(content)
         print(f'{arguments.out / NAME}.md and .json written after {perf_counter() - begin:.0f} s')
     return DONE

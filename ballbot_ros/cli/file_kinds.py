@@ -4,15 +4,16 @@ Kinds of files and the sections of each, for templates and for the tables of doc
 
 Keys, units, ranges, defaults and meanings are those of the classes that read the files.
 """
-from dataclasses import dataclass, Field, fields, MISSING
+from dataclasses import dataclass, fields, MISSING
+from functools import partial
 from typing import Any, Callable, Mapping, Sequence
 
 from ballbot_ros.bridge.hardware_file import HardwareNames, load_hardware, SECTIONS, SET_ELSEWHERE
+from ballbot_ros.config.fields import check_value, text
 from ballbot_ros.config.files import shipped_files
 from ballbot_ros.control import ControlTuning
 from ballbot_ros.decision import DecisionTuning
 from ballbot_ros.drives import driver_class, DRIVES
-from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.experiments.file import Experiment
 from ballbot_ros.physics import Actuation, ContactOptions, load_robot, Solver
 from ballbot_ros.physics.model.robot import Motor, Robot, Steering
@@ -20,7 +21,6 @@ from ballbot_ros.physics.simulation.scene import HUMAN, Initial, SceneFile
 
 # Fields of `Actuation` that scene files express in other units.
 NOT_FOR_PEOPLE = ('set_angle',)
-# Options of a drive that follow from other sections of a hardware file.
 
 
 @dataclass(frozen=True)
@@ -53,12 +53,9 @@ class Section:
 
 def described(cls: Any, but: Sequence[str] = ()) -> dict[str, Mapping[str, Any]]:
     """Return the described fields of a class, each with its default if it has one."""
-    return {item.name: {**item.metadata, **_default(item)} for item in fields(cls)
-            if 'kind' in item.metadata and item.name not in but}
-
-
-def _default(item: 'Field[Any]') -> dict[str, Any]:
-    return {} if item.default is MISSING else {'default': item.default}
+    return {item.name: {
+        **item.metadata, **({} if item.default is MISSING else {'default': item.default})}
+        for item in fields(cls) if 'kind' in item.metadata and item.name not in but}
 
 
 def robot_file(name: str, robot: str = 'gimball') -> list[Section]:
@@ -112,26 +109,15 @@ def scene_file(name: str, robot: str = 'gimball') -> list[Section]:
                 '# robot_changes: {ball_mass: 4.0}\n')]
 
 
-def tuning_file(name: str) -> list[Section]:
-    """Return the one section of a file of gains."""
-    return [Section('', described(ControlTuning), '', _values_of_defaults(ControlTuning))]
-
-
-def decision_file(name: str) -> list[Section]:
-    """Return the one section of a decision tuning."""
-    return [Section('', described(DecisionTuning), '', _values_of_defaults(DecisionTuning))]
-
-
-def _values_of_defaults(cls: Any) -> dict[str, Any]:
-    return {name: metadata['default'] for name, metadata in described(cls).items()}
+def tuning_file(cls: Any, name: str) -> list[Section]:
+    """Return the one section of a file of gains or margins, with the defaults of its class."""
+    keys = described(cls)
+    return [Section('', keys, '', {key: item['default'] for key, item in keys.items()})]
 
 
 def hardware_file(name: str, robot: str = 'gimball', protocol: str = 'odrive') -> list[Section]:
     """Return the sections of a hardware file, with the values of the shipped one."""
-    if protocol not in DRIVES:
-        raise ConfigurationError(
-            f'--protocol must be one of {", ".join(sorted(DRIVES))}, got {protocol!r}',
-            'not_a_choice', '--protocol')
+    check_value('--protocol', protocol, text('', choices=sorted(DRIVES)).metadata, '')
     shipped = [load_hardware(path.stem) for path in shipped_files('hardware')]
     known = next(item for item in shipped if item.connection.protocol == protocol)
     own = described(driver_class(protocol).Options, tuple(SET_ELSEWHERE))
@@ -221,5 +207,6 @@ def curve_file(name: str) -> list[Section]:
 # Kind -> the function that returns its sections; `ballbot new` writes these.
 KINDS: Mapping[str, Callable[..., list[Section]]] = {
     'robot': robot_file, 'scene': scene_file, 'hardware': hardware_file,
-    'experiment': experiment_file, 'floor': floor_file, 'tuning': tuning_file,
-    'decision': decision_file}
+    'experiment': experiment_file, 'floor': floor_file,
+    'tuning': partial(tuning_file, ControlTuning),
+    'decision': partial(tuning_file, DecisionTuning)}

@@ -6,7 +6,7 @@ from pathlib import Path
 from ballbot_ros.cli import options
 from ballbot_ros.cli.command import DONE
 from ballbot_ros.cli.options import read_range
-from ballbot_ros.cli.output import check_new_file
+from ballbot_ros.cli.output import check_new_file, YAML
 from ballbot_ros.errors import ConfigurationError
 
 
@@ -34,9 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Simulate, fit and write."""
     law = options.read_law(arguments)
-    if arguments.out.suffix not in ('.yaml', '.yml'):
-        raise ConfigurationError(
-            f'--out must end in .yaml, got {str(arguments.out)!r}', 'not_a_choice', 'out')
+    check_new_file(arguments.out, arguments.overwrite, endings=YAML)
     robot = options.read_robot(arguments)
     from ballbot_ros.cli.output import watched
     from ballbot_ros.decision.planning.curve import load_curve
@@ -55,14 +53,13 @@ def run(arguments: argparse.Namespace) -> int:
         samples = 256 if uncertain(robot) else 0
     request = Request(speeds[0], speeds[-1], len(speeds), arguments.accuracy, samples,
                       arguments.seed)
-    try:
-        if arguments.out.exists():
+    if arguments.out.exists():
+        try:
             load_curve(str(arguments.out))
-    except ConfigurationError:
-        raise ConfigurationError(
-            f'{arguments.out} exists and is not a height curve; move it away or choose another '
-            'file with --out', 'inconsistent', 'out') from None
-    check_new_file(arguments.out, arguments.overwrite)
+        except ConfigurationError:
+            raise ConfigurationError(
+                f'{arguments.out} exists and is not a height curve; move it away or choose '
+                'another file with --out', 'inconsistent', '--out') from None
     wording = {'free': 'pendulum free, motor detached',
                'held': f'pendulum held at {arguments.angle_deg or 0.0:g} degrees by law (11)',
                'velocity': 'rolling at its speed by law (12)',

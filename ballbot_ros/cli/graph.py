@@ -1,36 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """The verbs for a running graph: topics, echo, hz, record, and the e-stop of a node."""
 import argparse
-from importlib import import_module
 import math
 from pathlib import Path
 import sys
 import time
-from typing import Any, Callable
+from typing import Callable
 
 from ballbot_ros.cli.command import DONE, FAILED, print_error, Verb
-from ballbot_ros.cli.options import add_number
+from ballbot_ros.cli.options import add_number, from_ros
 from ballbot_ros.config.fields import quantity
 from ballbot_ros.errors import ConfigurationError
-
-
-def from_ros(module: str = 'ballbot_ros.ros.graph') -> Any:
-    """
-    Return a module that needs ROS.
-
-    Raises
-    ------
-    ConfigurationError
-        If ROS cannot be imported, with the remedy.
-
-    """
-    try:
-        return import_module(module)
-    except ImportError as error:
-        raise ConfigurationError(
-            f'this needs ROS 2, and {error.name or error} cannot be imported; source '
-            '/opt/ros/jazzy/setup.bash and the workspace, or run "make setup" in a checkout and '
-            'use .venv/bin/ballbot', 'not_installed', error.name or 'ROS') from error
 
 
 def note(sentence: str) -> None:

@@ -6,8 +6,7 @@ import textwrap
 from typing import Any, Iterator, Mapping
 
 from ballbot_ros.cli.command import DONE
-from ballbot_ros.cli.options import add_overwrite
-from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.cli.options import add_overwrite, refuse_without
 
 # Kind -> description, options, and the command that uses the file.
 KINDS: Mapping[str, tuple[str, tuple[str, ...], str]] = {
@@ -50,25 +49,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Write the template."""
     from ballbot_ros.cli import file_kinds
-    from ballbot_ros.cli.output import check_new_file
+    from ballbot_ros.cli.output import check_new_file, YAML
     from ballbot_ros.physics import load_robot, load_scene
     from ballbot_ros.results.files import write_text
     path, (_, takes, follow) = arguments.file, KINDS[arguments.kind]
-    if path.suffix not in ('.yaml', '.yml'):
-        raise ConfigurationError(
-            f'FILE must end in .yaml, got {str(path)!r}', 'not_a_choice', 'FILE')
     given = {}
     for option in ('robot', 'scene', 'protocol'):
         value = getattr(arguments, option)
-        if value is not None and option not in takes:
-            raise ConfigurationError(
-                f'--{option} cannot be combined with {arguments.kind}', 'inconsistent',
-                f'--{option}')
+        refuse_without(arguments, f'another kind than {arguments.kind}', option in takes,
+                       f'--{option}')
         if value is not None:
             given[option] = value
             if option != 'protocol':
                 (load_robot if option == 'robot' else load_scene)(value)
-    check_new_file(path, arguments.overwrite, 'FILE')
+    check_new_file(path, arguments.overwrite, 'FILE', YAML)
     sections = file_kinds.KINDS[arguments.kind](path.stem, **given)
     write_text(template(arguments.kind, sections), path)
     print(f'{path}: edit the values, then run: {follow.format(file=path)}')

@@ -7,6 +7,7 @@ are three, ``0.2:1.2:21`` are 21 of them, evenly spaced, the first and the last 
 ``0.2:1.2``, for a design that draws its points, is a range.
 """
 import argparse
+from importlib import import_module
 import math
 import re
 from typing import Any, Iterable, Sequence, Union
@@ -34,6 +35,39 @@ def add_number(parser: argparse.ArgumentParser, option: str, metavar: str, decla
     action: Any = parser.add_argument(*short, option, type=declared.metadata['kind'],
                                       default=default, metavar=metavar, help=doc + words)
     action.declared = declared.metadata
+
+
+def load_optional(module: str, package: str, remedy: str) -> Any:
+    """
+    Return a module that needs a package which may be missing.
+
+    Raises
+    ------
+    ConfigurationError
+        If the package cannot be imported, with the remedy.
+
+    """
+    try:
+        return import_module(module)
+    except ImportError as error:
+        raise ConfigurationError(
+            f'this needs {package}, and {error.name or error} cannot be imported; {remedy}',
+            'not_installed', package) from error
+
+
+def from_ros(module: str = 'ballbot_ros.ros.graph') -> Any:
+    """Return a module that needs ROS; see `load_optional`."""
+    return load_optional(
+        module, 'ROS', 'source /opt/ros/jazzy/setup.bash and the workspace, or run "make setup" '
+        'in a checkout and use .venv/bin/ballbot')
+
+
+def refuse_without(arguments: argparse.Namespace, needed: str, holds: bool, *options: str) -> None:
+    """Refuse options that were given, and that have no effect unless another one `holds`."""
+    for option in options:
+        if not holds and getattr(arguments, option[2:].replace('-', '_')) not in (
+                None, False, '', []):
+            raise ConfigurationError(f'{option} requires {needed}', 'inconsistent', option)
 
 
 def add_seed(parser: argparse.ArgumentParser, what: str) -> None:
@@ -137,11 +171,8 @@ def read_law(arguments: argparse.Namespace) -> Any:
     from ballbot_ros.crossing import held_at
     from ballbot_ros.physics import Actuation
     law = arguments.actuation
-    for option, owner in (('angle_deg', 'held'), ('voltage', 'voltage')):
-        if getattr(arguments, option) is not None and law != owner:
-            raise ConfigurationError(
-                f'--{option.replace("_", "-")} requires --actuation {owner}, not {law}',
-                'inconsistent', f'--{option.replace("_", "-")}')
+    for option, owner in (('--angle-deg', 'held'), ('--voltage', 'voltage')):
+        refuse_without(arguments, f'--actuation {owner}, not {law}', law == owner, option)
     if law == 'held':
         angle = arguments.angle_deg or 0.0
         from ballbot_ros.physics.model.robot import angle_warnings
@@ -162,13 +193,10 @@ def read_site(arguments: argparse.Namespace) -> Any:
 def read_rules(arguments: argparse.Namespace) -> Any:
     """Return the rules; `ConfigurationError` for a clearance without effect."""
     from ballbot_ros.crossing import Rules
-    if arguments.clearance is None:
-        return Rules(arguments.attempts, over=arguments.over)
-    if arguments.over != 'clear':
-        raise ConfigurationError(
-            f'--clearance requires --over clear, not {arguments.over}',
-            'inconsistent', '--clearance')
-    return Rules(arguments.attempts, over=arguments.over, clearance=arguments.clearance)
+    refuse_without(arguments, f'--over clear, not {arguments.over}', arguments.over == 'clear',
+                   '--clearance')
+    given = {} if arguments.clearance is None else {'clearance': arguments.clearance}
+    return Rules(arguments.attempts, over=arguments.over, **given)
 
 
 def add_workers(parser: argparse.ArgumentParser) -> None:

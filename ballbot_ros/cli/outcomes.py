@@ -89,10 +89,7 @@ def export(outcomes: Sequence[Any], out: Any, overwrite: bool = False) -> int:
     if out is None:
         print(_csv(rows), end='')
         return DONE
-    if out.suffix not in ('.csv', '.json'):
-        raise ConfigurationError(
-            f'--out must end in .csv or .json, got {str(out)!r}', 'not_a_choice', '--out')
-    check_new_file(out, overwrite)
+    check_new_file(out, overwrite, endings=('.csv', '.json'))
     out.write_text(_csv(rows) if out.suffix == '.csv' else json.dumps(rows, indent=2) + '\n',
                    encoding='utf-8')
     return DONE

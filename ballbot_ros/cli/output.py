@@ -113,14 +113,19 @@ def report_new_folders(path: Path) -> None:
               flush=True)
 
 
-def check_new_file(path: Path, overwrite: bool, option: str = '--out') -> None:
+def check_new_file(path: Path, overwrite: bool, option: str = '--out',
+                   endings: Sequence[str] = ()) -> None:
     """
     Refuse a file that exists, unless it is replaced, and one that cannot be written.
 
-    A missing folder is reported.
+    A missing folder is reported.  The endings are those of the file names that are allowed.
 
     """
     from ballbot_ros.results.files import check_writable
+    if endings and path.suffix.lower() not in endings:
+        raise ConfigurationError(
+            f'{option} must end in {" or ".join(endings)}, got {str(path)!r}', 'not_a_choice',
+            option)
     check_writable(path)
     if path.exists() and not overwrite:
         raise ConfigurationError(
@@ -136,40 +141,46 @@ def figure_files(names: Iterable[str], kind: str = 'both') -> list[str]:
             for ending in (FORMATS if kind == 'both' else (kind,))]
 
 
+YAML = ('.yaml', '.yml')
+
 # Time without a progress bar [s].
 QUIET_TIME = 0.5
 
 
-class _Progress:
-    """A bar on a terminal, one line elsewhere, nothing for a short run."""
+class _Bar:
+    """A bar on a terminal, a line elsewhere if there is one, nothing for a short task."""
 
-    def __init__(self, total: float, doing: str, unit: str, keeps: bool):
-        self.total, self.doing, self.unit = total, doing, unit
-        self.ending = 'ends it and keeps the results so far' if keeps else 'ends it'
-        self.begin = perf_counter()
-        self.bar: Any = None
-        self.shown = False
+    def __init__(self, doing: str, total: Optional[float], amount: str, line: str = ''):
+        self._doing, self._total, self._amount, self._line = doing, total, amount, line
+        self._begin = perf_counter()
+        self._bar: Any = None
 
     def __call__(self, done: float) -> None:
-        if self.bar is not None:
-            self.bar.update(0, completed=min(done, self.total))
-        elif not self.shown and perf_counter() - self.begin > QUIET_TIME:
-            self.shown = True
+        """Show the amount that is done."""
+        if self._bar is not None:
+            self._bar.update(0, completed=done)
+        elif perf_counter() - self._begin > QUIET_TIME:
             if sys.stderr.isatty():
-                self._start()
-            else:
-                print(f'{self.doing} {self.total:g} {self.unit}; Ctrl-C {self.ending}',
-                      file=sys.stderr, flush=True)
+                self._start(done)
+            elif self._line:
+                print(self._line, file=sys.stderr, flush=True)
+                self._line = ''
 
-    def _start(self) -> None:
+    def _start(self, done: float) -> None:
         from rich.console import Console
-        from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-        self.bar = Progress(
-            TextColumn(self.doing), BarColumn(),
-            TextColumn(f'{{task.completed:.4g}} of {{task.total:.4g}} {self.unit}'),
-            TimeRemainingColumn(), console=Console(stderr=True), transient=True)
-        self.bar.add_task('', total=self.total)
-        self.bar.start()
+        from rich.progress import (
+            BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn)
+        self._bar = Progress(
+            TextColumn(self._doing), BarColumn(), TextColumn(self._amount),
+            TimeElapsedColumn() if self._total is None else TimeRemainingColumn(),
+            console=Console(stderr=True), transient=True)
+        self._bar.add_task('', total=self._total, completed=done)
+        self._bar.start()
+
+    def stop(self) -> None:
+        """Remove the bar."""
+        if self._bar is not None:
+            self._bar.stop()
 
 
 @contextmanager
@@ -179,44 +190,23 @@ def compilation_shown() -> Iterator[None]:
         yield
         return
     from ballbot_ros.compile_notice import on_compiling
-    bar = _CompileBar()
-    on_compiling(bar.update)
+    bars: list[_Bar] = []  # of the present compilation, if any
+
+    def show(done: int, more: bool) -> None:
+        if more:
+            if not bars:  # the number of kernels is known only at the end
+                bars.append(_Bar('compiling for this machine, the first time only', None,
+                                 '{task.completed:.0f} kernels'))
+            bars[0](done)
+        elif bars:
+            bars.pop().stop()
+
+    on_compiling(show)
     try:
         yield
     finally:
         on_compiling(None)
-        bar.update(0, False)
-
-
-class _CompileBar:
-    def __init__(self) -> None:
-        self._begin: Optional[float] = None
-        self._bar: Any = None
-
-    def update(self, done: int, more: bool) -> None:
-        """Show the number of kernels compiled so far; hide the bar when there are no more."""
-        now = perf_counter()
-        if not more:
-            if self._bar is not None:
-                self._bar.stop()
-            self._begin = self._bar = None
-        elif self._begin is None:
-            self._begin = now
-        elif self._bar is not None:
-            self._bar.update(0, completed=done)
-        elif now - self._begin > QUIET_TIME:
-            self._start(done)
-
-    def _start(self, done: int) -> None:
-        from rich.console import Console
-        from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-        # The number of kernels is known only at the end, hence a bar without a total.
-        self._bar = Progress(
-            TextColumn('compiling for this machine, the first time only'), BarColumn(),
-            TextColumn('{task.completed:.0f} kernels'), TimeElapsedColumn(),
-            console=Console(stderr=True), transient=True)
-        self._bar.add_task('', total=None, completed=done)
-        self._bar.start()
+        show(0, False)
 
 
 @contextmanager
@@ -240,9 +230,10 @@ def watched(total: float, silent: bool, doing: str = 'simulating',
     if silent:
         yield ignore
         return
-    progress = _Progress(total, doing, unit, keeps)
+    ending = 'ends it and keeps the results so far' if keeps else 'ends it'
+    bar = _Bar(doing, total, f'{{task.completed:.4g}} of {{task.total:.4g}} {unit}',
+               f'{doing} {total:g} {unit}; Ctrl-C {ending}')
     try:
-        yield progress
+        yield bar
     finally:
-        if progress.bar is not None:
-            progress.bar.stop()
+        bar.stop()

@@ -44,10 +44,8 @@ def run(arguments: argparse.Namespace) -> int:
     """Plan, print and draw."""
     if arguments.out is not None:
         from ballbot_ros.figures.canvas import FORMATS
-        if arguments.out.suffix[1:].lower() not in FORMATS:
-            raise ConfigurationError(f'--out must end in .{" or .".join(FORMATS)}, got '
-                                     f'{str(arguments.out)!r}', 'not_a_choice', '--out')
-        check_new_file(arguments.out, arguments.overwrite)
+        check_new_file(arguments.out, arguments.overwrite,
+                       endings=[f'.{kind}' for kind in FORMATS])
     planner = _planner(arguments)
     route = planner.route(arguments.start, arguments.goal)
     if arguments.json:

@@ -8,7 +8,8 @@ from typing import Any, NamedTuple, Optional
 
 from ballbot_ros.bags.opener import is_bag
 from ballbot_ros.cli.command import DONE, FAILED
-from ballbot_ros.cli.options import add_format, add_number, add_overwrite, add_quiet
+from ballbot_ros.cli.options import (
+    add_format, add_number, add_overwrite, add_quiet, refuse_without)
 from ballbot_ros.cli.output import figure_files, print_json, result_folder, save_figure
 from ballbot_ros.config.fields import quantity
 from ballbot_ros.errors import ConfigurationError
@@ -16,7 +17,7 @@ from ballbot_ros.errors import ConfigurationError
 TIME_BEFORE_FAULT = 5.0  # [s]
 # Sources of the torque; the choices of --by.
 COMMANDS, TORQUES, SET_POINTS = 'commands', 'torques', 'set-points'
-BAG_OPTIONS = ('scene', 'robot', 'set', 'namespace', 'by', 'json')
+BAG_OPTIONS = ('--scene', '--robot', '--set', '--namespace', '--by', '--json')
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -53,17 +54,13 @@ def run(arguments: argparse.Namespace) -> int:
     """Replay a bag or a black box."""
     from ballbot_ros.black_box.read import find_black_box
     path = find_black_box(arguments.file)
-    if path is None and is_bag(arguments.file):
-        if arguments.before is not None:
-            raise ConfigurationError(
-                f'--before requires a black box; {arguments.file} is a bag',
-                'wrong_kind', '--before')
+    bag = path is None and is_bag(arguments.file)
+    refuse_without(arguments, f'a black box; {arguments.file} is a bag', not bag, '--before')
+    refuse_without(
+        arguments, 'a bag (a folder with metadata.yaml, a file ending in .mcap or .db3); '
+        f'{arguments.file} is not one', bag, *BAG_OPTIONS)
+    if bag:
         return run_bag(arguments)
-    given = [f'--{name}' for name in BAG_OPTIONS if getattr(arguments, name)]
-    if given:
-        raise ConfigurationError(
-            f'{given[0]} requires a bag (a folder with metadata.yaml, a file ending in .mcap or '
-            f'.db3); {arguments.file} is not one', 'wrong_kind', given[0])
     if path is None and arguments.file.is_dir():
         raise ConfigurationError(
             f'{arguments.file}: contains neither a file of a black box nor a bag; the bridge '

@@ -8,7 +8,7 @@ from time import perf_counter
 from typing import Any, Optional
 
 from ballbot_ros.cli.command import DONE, FAILED, INTERRUPTED, print_error
-from ballbot_ros.cli.options import add_format, add_overwrite, add_quiet, warn
+from ballbot_ros.cli.options import add_format, add_overwrite, add_quiet, refuse_without, warn
 from ballbot_ros.cli.output import check_new_file, print_json, result_folder, save_figure
 from ballbot_ros.errors import ConfigurationError
 
@@ -161,10 +161,8 @@ def animation_asked(arguments: argparse.Namespace, scene: Any, folder: Path) -> 
         If it cannot be written.
 
     """
+    refuse_without(arguments, '--animate', arguments.animate is not None, '--playback')
     if arguments.animate is None:
-        if arguments.playback is not None:
-            raise ConfigurationError(
-                '--playback requires --animate', 'inconsistent', '--playback')
         return None
     from ballbot_ros.figures.run import check_animation
     path: Path = folder / 'animation.gif' if arguments.animate == Path() else arguments.animate
@@ -216,7 +214,7 @@ def read_scene(arguments: argparse.Namespace) -> Any:
     """
     from dataclasses import replace
 
-    from ballbot_ros.config.fields import check_value, suggestion
+    from ballbot_ros.config.fields import check_value, text
     from ballbot_ros.physics.simulation.scene import load_scene
     from ballbot_ros.physics.simulation.solver import ACCURACY, PRESETS, Solver
     from ballbot_ros.physics.simulation.solver import METHODS
@@ -228,11 +226,9 @@ def read_scene(arguments: argparse.Namespace) -> Any:
                  for name in names if getattr(arguments, name) is not None}
         return replace(part, **given)
 
-    known = (*METHODS, *PRESETS)
-    if arguments.method is not None and arguments.method not in known:
-        raise ConfigurationError(
-            f'--method must be one of {", ".join(known)}, got {arguments.method!r}'
-            + suggestion(arguments.method, known, listing=False), 'not_a_choice', '--method')
+    if arguments.method is not None:
+        check_value('--method', arguments.method,
+                    text('', choices=(*METHODS, *PRESETS)).metadata, '')
     names = ('step', 'tolerance', 'models')
     asked = any(getattr(arguments, name) is not None for name in ('method', 'step', 'tolerance'))
     solver, run = scene.model.solver, change(scene.run, 'duration', 'accuracy', 'output_step')

@@ -16,7 +16,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add varied and fixed parameters, the design and the workers."""
     options.add_robot(parser)
     parser.add_argument('--out', type=Path, required=True, metavar='FILE',
-                        help='Parquet file to write')
+                        help='Parquet file to write; pandas.read_parquet(FILE).to_csv(...) '
+                        'converts it')
     options.add_overwrite(parser, file=True)
     parser.add_argument('--vary', action='append', required=True, metavar=f'NAME={METAVAR}',
                         help=f'a parameter to vary, in SI units except angles: {VALUES_HELP}; '
@@ -42,11 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Plan and run the sweep, and print a summary."""
-    if arguments.out.suffix != '.parquet':
-        raise ConfigurationError(
-            f'--out must end in .parquet, got {str(arguments.out)!r}: a sweep writes a Parquet '
-            'file; pandas converts it, pandas.read_parquet(FILE).to_csv(...)', 'not_a_choice',
-            'out')
+    check_new_file(arguments.out, arguments.overwrite, endings=('.parquet',))
     robot = options.read_robot(arguments)
     from ballbot_ros.cli.output import watched
     from ballbot_ros.physics.model.robot import height_warnings
@@ -71,7 +68,6 @@ def run(arguments: argparse.Namespace) -> int:
     if 'height' in asked:
         options.warn(height_warnings(robot, max(asked['height']), 'to be tried'))
     refuse_foreign(load_arrow(), arguments.out)
-    check_new_file(arguments.out, arguments.overwrite)
     begin = perf_counter()
     try:
         with worker_pool(arguments.workers, arguments.dask) as (pool, number), \

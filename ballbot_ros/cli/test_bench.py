@@ -7,10 +7,9 @@ from typing import Any, Iterator
 
 from ballbot_ros.cli.command import DONE, INTERRUPTED, print_error
 from ballbot_ros.cli.options import (
-    add_number, add_overwrite, add_quiet, add_robot, add_seed, read_robot)
+    add_number, add_overwrite, add_quiet, add_robot, add_seed, read_robot, refuse_without)
 from ballbot_ros.cli.output import figure_files, result_folder, save_figure
 from ballbot_ros.config.fields import count, quantity
-from ballbot_ros.errors import ConfigurationError
 
 DEFAULT_FOLDER = Path('ballbot_output')
 
@@ -67,13 +66,9 @@ def run(arguments: argparse.Namespace) -> int:
 def make_bench(arguments: argparse.Namespace) -> Any:
     """Return the test bench that the command line describes."""
     from ballbot_ros.paper.test_bench import Ramp, RunUp
-    for option, value, wanted in (('--slope-deg', arguments.slope_deg, not arguments.driven),
-                                  ('--run-up', arguments.run_up, arguments.driven)):
-        if value is not None and not wanted:
-            raise ConfigurationError(
-                f'{option} belongs to the {"free-rolling" if arguments.driven else "driven"} '
-                f'test; leave it out, or {"leave out" if arguments.driven else "add"} --driven',
-                'inconsistent', option)
+    refuse_without(arguments, '--driven', arguments.driven, '--run-up')
+    refuse_without(arguments, 'the free-rolling test, without --driven', not arguments.driven,
+                   '--slope-deg')
     changes = {name: value for name, value in (
         ('slope', None if arguments.slope_deg is None else math.radians(arguments.slope_deg)),
         ('length', arguments.run_up), ('sensor_distance', arguments.sensor_distance))

@@ -4,12 +4,12 @@ import argparse
 from pathlib import Path
 import sys
 from threading import Event
-from typing import Optional
+from typing import Any
 
 from ballbot_ros.cli.command import DONE
-from ballbot_ros.cli.options import add_number, add_quiet
+from ballbot_ros.cli.options import (
+    add_number, add_quiet, from_ros, load_optional, refuse_without)
 from ballbot_ros.config.fields import count, quantity
-from ballbot_ros.errors import ConfigurationError
 
 LOOPBACK = '127.0.0.1'
 
@@ -43,15 +43,8 @@ def add_server(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Serve the page until Ctrl-C."""
-    check(arguments)
-    source = other_source(arguments)
-    if source is not None:
-        return serve(source, arguments, begin=not arguments.live)
-    if is_floor(arguments.scene):
-        from ballbot_ros.view.floor_source import FloorSource
-        return serve(FloorSource(arguments.scene), arguments, begin=True)
-    from ballbot_ros.view.scene_source import SceneSource
-    return serve(SceneSource(arguments.scene, paused=True), arguments, begin=True)
+    load_optional('viser', 'viser', 'pip install "ballbot_ros[view]", or pip install viser')
+    return serve(source_of(arguments), arguments, begin=not arguments.live)
 
 
 def is_floor(name: str) -> bool:
@@ -65,61 +58,33 @@ def is_floor(name: str) -> bool:
     return bool(SIGNATURES['floors'] & content) and not SIGNATURES['scenes'] & content
 
 
-def other_source(arguments: argparse.Namespace) -> Optional[object]:
+def source_of(arguments: argparse.Namespace) -> Any:
     """
-    Return the source of a bag or of running nodes, None for a scene.
+    Return the source of running nodes, a bag, a floor or a scene.
 
     Raises
     ------
     ConfigurationError
-        For a bag that cannot be read, an option without effect on a scene, and if ROS is missing
+        For a file that cannot be read, an option without effect on a scene, and if ROS is missing
         for nodes.
 
     """
-    path = Path(arguments.scene)
     if arguments.live:
-        try:
-            from ballbot_ros.view.live import LiveSource
-        except ImportError as error:
-            raise ConfigurationError(
-                f'--live needs ROS 2, and {error.name or error} cannot be imported; source '
-                '/opt/ros/jazzy/setup.bash, or run it in the .venv of a checkout',
-                'not_installed', 'ROS') from error
-        return LiveSource(arguments.namespace, arguments.robot)
+        return from_ros('ballbot_ros.view.live').LiveSource(arguments.namespace, arguments.robot)
+    path = Path(arguments.scene)
     if path.suffix == '.mcap' or path.is_dir():
-        try:
-            from ballbot_ros.view.bag_source import BagSource
-        except ImportError as error:
-            raise ConfigurationError(
-                f'a bag needs the package rosbags, and {error.name or error} cannot be imported; '
-                'install it with: pip install rosbags', 'not_installed', 'rosbags') from error
-        return BagSource(path, arguments.namespace, arguments.robot, paused=True)
-    for option in ('namespace', 'robot'):
-        if getattr(arguments, option):
-            raise ConfigurationError(
-                f'--{option} requires a bag or --live; the page has a choice of robots for a '
-                'scene', 'inconsistent', f'--{option}')
-    return None
+        module = load_optional('ballbot_ros.view.bag_source', 'rosbags', 'pip install rosbags')
+        return module.BagSource(path, arguments.namespace, arguments.robot, paused=True)
+    refuse_without(arguments, 'a bag or --live; the page has a choice of robots for a scene',
+                   False, '--namespace', '--robot')
+    if is_floor(arguments.scene):
+        from ballbot_ros.view.floor_source import FloorSource
+        return FloorSource(arguments.scene)
+    from ballbot_ros.view.scene_source import SceneSource
+    return SceneSource(arguments.scene, paused=True)
 
 
-def check(arguments: argparse.Namespace) -> None:
-    """
-    Refuse a missing package.
-
-    Raises
-    ------
-    ConfigurationError
-        Naming the option, or the package that is missing.
-
-    """
-    from importlib.util import find_spec
-    if find_spec('viser') is None:
-        raise ConfigurationError(
-            'the page needs the package viser, which is not installed; install it with: '
-            'pip install "ballbot_ros[view]", or pip install viser', 'not_installed', 'viser')
-
-
-def serve(source: object, arguments: argparse.Namespace, begin: bool) -> int:
+def serve(source: Any, arguments: argparse.Namespace, begin: bool) -> int:
     """
     Serve a page for a source until the end of its duration, return 0; Ctrl-C raises.
 
@@ -139,7 +104,7 @@ def serve(source: object, arguments: argparse.Namespace, begin: bool) -> int:
         print(f'Warning: with --host {arguments.host} everyone in the network can see the page '
               'and drive the robot; there is no password', file=sys.stderr)
     server = PageServer(arguments.host, free_port(arguments.host, arguments.port))
-    page = Page(source, server, begin)  # type: ignore[arg-type]
+    page = Page(source, server, begin)
     try:
         page.start()
         if not arguments.quiet:

@@ -5,7 +5,7 @@ Builds frames from messages of nodes or of a bag.
 Messages are duck-typed by their fields: this module does not depend on ROS.
 """
 import math
-from typing import Any, List, Mapping, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -278,24 +278,15 @@ def _simplified(points: Array) -> Array:
 DEFAULT_ROBOT = 'gimball'
 
 
-class DescribedRobot(NamedTuple):
-    """Robot, ground and height curve that parameters of nodes name, and remarks on them."""
-
-    robot: Robot
-    terrain: Optional[Terrain]
-    curve: Optional[HeightCurve]
-    notes: Tuple[str, ...]
-
-
-def described_robot(parameters: Mapping[str, Any], robot: str = '') -> DescribedRobot:
+class MessageSource(Source):
     """
-    Return robot, ground and height curve that parameters of nodes name.
+    A source whose frames come from messages, and whose robot parameters of nodes describe.
 
     Parameters
     ----------
     parameters : mapping
-        ``scene``, ``robot``, ``hardware``, ``curve`` and its ``variant``; a file of another
-        machine may be missing here.
+        ``scene``, ``floor``, ``robot``, ``hardware``, ``curve`` and its ``variant``; a file of
+        another machine may be missing here.
     robot : str
         Name or file of a robot that overrides the parameters.
 
@@ -305,65 +296,54 @@ def described_robot(parameters: Mapping[str, Any], robot: str = '') -> Described
         If `robot` cannot be read.
 
     """
-    notes: List[str] = []
-    terrain: Optional[Terrain] = None
-    found = load_robot(robot) if robot else None
-    try:
-        if parameters.get('floor'):
-            found = found or load_robot(str(parameters.get('robot') or DEFAULT_ROBOT))
-        elif parameters.get('scene'):
-            other = str(parameters.get('robot') or '')
-            scene = load_scene(str(parameters['scene']), other or None)
-            terrain, found = scene.model.terrain, found or scene.model.robot
-        elif found is None and parameters.get('robot'):
-            found = load_robot(str(parameters['robot']))
-        elif found is None and parameters.get('hardware'):
-            found = load_robot(load_hardware(str(parameters['hardware'])).robot)
-    except BallbotError as error:
-        notes.append(f'{error}.')
-    if found is None:
-        found = load_robot(DEFAULT_ROBOT)
-        notes.append(f'The robot is unknown and drawn as {DEFAULT_ROBOT} (--robot NAME sets it).')
-    curve = _curve(found, parameters, notes)
-    return DescribedRobot(found, terrain, curve, tuple(notes))
-
-
-def _curve(robot: Robot, parameters: Mapping[str, Any], notes: List[str]
-           ) -> Optional[HeightCurve]:
-    """Return the named curve, otherwise that of the robot with its pendulum lowered."""
-    if parameters.get('curve'):
-        try:
-            curve = load_curve(str(parameters['curve']), str(parameters.get('variant') or 'fit'))
-            if curve.robot == robot.name:
-                return curve
-        except BallbotError as error:
-            notes.append(f'{error}.')
-    try:
-        return load_curve(f'{robot.name}_down')
-    except BallbotError:
-        return None
-
-
-class MessageSource(Source):
-    """A source whose frames come from messages, and whose robot parameters of nodes describe."""
 
     def __init__(self, parameters: Mapping[str, Any], robot: str) -> None:
         super().__init__()
         self._describe(parameters, robot)
 
     def _describe(self, parameters: Mapping[str, Any], robot: str) -> None:
-        """Take robot, ground and curve from parameters of nodes; see `described_robot`."""
-        found = described_robot(parameters, robot)
-        self._notes, self._curve = found.notes, found.curve
-        self._assembly = FrameAssembly(found.robot, found.terrain)
+        """Take robot, ground and curve from parameters of nodes, with notes on missing files."""
+        self._notes: Tuple[str, ...] = ()
+        terrain: Optional[Terrain] = None
+        found = load_robot(robot) if robot else None
         self.floor = None
-        if parameters.get('floor'):
-            try:
+        try:
+            if parameters.get('floor'):
+                found = found or load_robot(str(parameters.get('robot') or DEFAULT_ROBOT))
                 floor = load_floor(str(parameters['floor']))
                 self.start_pose = start_on(floor, str(parameters.get('start') or ''))
                 self.floor = floor
+            elif parameters.get('scene'):
+                scene = load_scene(
+                    str(parameters['scene']), str(parameters.get('robot') or '') or None)
+                terrain, found = scene.model.terrain, found or scene.model.robot
+            elif found is None and parameters.get('robot'):
+                found = load_robot(str(parameters['robot']))
+            elif found is None and parameters.get('hardware'):
+                found = load_robot(load_hardware(str(parameters['hardware'])).robot)
+        except BallbotError as error:
+            self._notes += (f'{error}.',)
+        if found is None:
+            found = load_robot(DEFAULT_ROBOT)
+            self._notes += (
+                f'The robot is unknown and drawn as {DEFAULT_ROBOT} (--robot NAME sets it).',)
+        self._curve = self._curve_of(found, parameters)
+        self._assembly = FrameAssembly(found, terrain)
+
+    def _curve_of(self, robot: Robot, parameters: Mapping[str, Any]) -> Optional[HeightCurve]:
+        """Return the named curve, otherwise that of the robot with its pendulum lowered."""
+        if parameters.get('curve'):
+            try:
+                curve = load_curve(
+                    str(parameters['curve']), str(parameters.get('variant') or 'fit'))
+                if curve.robot == robot.name:
+                    return curve
             except BallbotError as error:
-                self._notes = (*self._notes, f'{error}.')
+                self._notes += (f'{error}.',)
+        try:
+            return load_curve(f'{robot.name}_down')
+        except BallbotError:
+            return None
 
     @property
     def robot(self) -> Robot:

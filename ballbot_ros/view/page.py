@@ -4,10 +4,10 @@ from threading import Event, Thread
 from time import monotonic
 
 from ballbot_ros.view.controls import Controls
-from ballbot_ros.view.floor_stage import FloorStage
 from ballbot_ros.view.readouts import Readouts
 from ballbot_ros.view.server import PageServer
 from ballbot_ros.view.source import Source
+from ballbot_ros.view.stage import Stage
 
 FRAME_RATE = 30.0  # frames per second
 # Frames of the scene per update of the values, and of the time series.
@@ -37,7 +37,7 @@ class Page:
 
     def __init__(self, source: Source, server: PageServer, begin: bool = False):
         self._source, self._server = source, server
-        self._stage = FloorStage(server, source)
+        self._stage = Stage(server, source)
         self._readouts = Readouts(server)
         self._controls = Controls(server, source)
         server.scene.on_click()(lambda event: self._controls.go_to(

@@ -39,11 +39,7 @@ def _degrees(angle: Optional[float]) -> Optional[float]:
 
 
 def _energy(name: str) -> Callable[[Frame], Optional[float]]:
-    def value(frame: Frame) -> Optional[float]:
-        shares = frame.energies or EnergyShares()
-        found: Optional[float] = getattr(shares, name)
-        return found
-    return value
+    return lambda frame: getattr(frame.energies or EnergyShares(), name)
 
 
 # Title with unit -> its curves.  A plot without a known value is hidden.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The robot on its ground, from the side, in three dimensions."""
+"""The robot on its ground or floor, in three dimensions."""
 import math
 from typing import Any, List, Mapping, Optional, Tuple
 
@@ -11,9 +11,12 @@ from viser.transforms import SE3, SO3
 
 from ballbot_ros.figures.canvas import BLUE, GREEN, GREY, INK, ORANGE, SKY, VERMILION
 from ballbot_ros.figures.drawing import ground_line
+from ballbot_ros.floors.floor import Floor
+from ballbot_ros.floors.profile import area_height
 from ballbot_ros.physics.model.robot import Robot
 from ballbot_ros.physics.model.terrain import Array, Terrain
 from ballbot_ros.results.faces import LEAST_HEIGHT, LEAST_SLOPE, PIECE_LENGTH_MIN
+from ballbot_ros.view.floor_parts import base_level, floor_parts, Mesh
 from ballbot_ros.view.frame import Frame
 from ballbot_ros.view.source import Source
 
@@ -41,7 +44,6 @@ HALF_WIDTH_MIN = 0.45  # least distance shown by half of the width [m]
 TARGET_HEIGHT = 0.2  # of the camera target there, relative to the centre of the ball [m]
 # Below this width-to-height ratio, the panels leave this part of the width.
 TABLET_ASPECT, VISIBLE_WIDTH_SHARE = 1.0, 1 / 3
-Mesh = Any  # a Trimesh; some functions of trimesh declare its base class
 Colour = Tuple[int, int, int]
 Point = Tuple[float, float, float]
 
@@ -124,6 +126,20 @@ def tiles(line: Array, half_width: float, size: float) -> Mesh:
     return concatenate(parts)
 
 
+def place_of(source: Source, frame: Frame) -> Optional[Point]:
+    """Return the centre of the ball in the world, None where it is unknown [m]."""
+    if frame.y is None:
+        return None
+    if source.floor is None:
+        return None if frame.x is None else (frame.x, 0.0, frame.y)
+    if frame.place is None:
+        return None
+    x, y, heading = source.start_pose
+    cosine, sine = math.cos(heading), math.sin(heading)
+    return (x + cosine * frame.place[0] - sine * frame.place[1],
+            y + sine * frame.place[0] + cosine * frame.place[1], frame.y)
+
+
 class Stage:
     """
     Draws frames of a source.
@@ -133,10 +149,12 @@ class Stage:
     Parameters
     ----------
     server : viser.ViserServer
+    source : Source
+        The camera starts above its floor if it has one.
 
     """
 
-    def __init__(self, server: viser.ViserServer):
+    def __init__(self, server: viser.ViserServer, source: Source):
         self._scene = server.scene
         self._scene.set_up_direction('+z')
         self._scene.world_axes.visible = False
@@ -145,10 +163,23 @@ class Stage:
         camera = server.initial_camera
         camera.position, camera.look_at = CAMERAS['side']
         camera.fov = FIELD_OF_VIEW
-        server.on_client_connect(lambda client: look_from(client, 'side'))
+        if source.floor is None:
+            server.on_client_connect(lambda client: look_from(client, 'side'))
+        else:
+            # The world is moved so that the ball is at the origin.
+            left, right, bottom, top = source.floor.extent
+            x, y = (0.5 * (left + right) - source.start_pose[0],
+                    0.5 * (bottom + top) - source.start_pose[1])
+            size = max(right - left, top - bottom)
+            above = (x, y - 1.1 * size, 1.5 * size), (x, y, 0.0)
+
+            def look(client: viser.ClientHandle) -> None:
+                client.camera.position, client.camera.look_at = above
+            server.on_client_connect(look)
         self._world = self._scene.add_frame('/world', show_axes=False)
         self._robot: Optional[Robot] = None
         self._terrain: Optional[Terrain] = None
+        self._floor: Optional[Floor] = None
         self._epoch = -1
         self._reach = (0.0, 0.0)
         self._path: List[Tuple[float, Point]] = []
@@ -160,9 +191,12 @@ class Stage:
         if source.robot is not self._robot:
             self._build_robot(source.robot)
         x = frame.x if frame.x is not None else 0.0
-        if source.terrain is not self._terrain or not self._reach[0] < x < self._reach[1]:
+        if source.floor is not None:
+            if source.floor is not self._floor:
+                self._build_floor(source.floor)
+        elif source.terrain is not self._terrain or not self._reach[0] < x < self._reach[1]:
             self._build_ground(source.terrain, x, source.robot.ball_radius)
-        self._place(frame, source.robot)
+        self._place(source, frame)
         self._draw_forces(frame, source.robot)
 
     def draw_path(self, source: Source, frame: Frame) -> None:
@@ -172,13 +206,13 @@ class Stage:
         apart = PATH_SPACING * source.robot.ball_radius
         for passed in source.history(self._path_since):
             self._path_since = passed.time
-            point = self._point(source, passed)
+            point = place_of(source, passed)
             if point is not None and (
                     not self._path or math.dist(point, self._path[-1][1]) >= apart):
                 self._path.append((passed.time, point))
         del self._path[:-PATH_POINTS_MAX]
         shown = [point for time, point in self._path if time <= frame.time]
-        here = self._point(source, frame)
+        here = place_of(source, frame)
         ends = np.array(shown if here is None else [*shown, here], np.float32).reshape(-1, 3)
         pairs = np.stack([ends[:-1], ends[1:]], axis=1) if len(ends) > 1 else np.zeros(
             (1, 2, 3), np.float32)
@@ -189,29 +223,46 @@ class Stage:
                 '/world/path', pairs, np.array(rgb(GREEN)),
                 thickness=(0.03 if source.floor is None else 0.06) * source.robot.ball_radius)
 
-    def _point(self, source: Source, frame: Frame) -> Optional[Point]:
-        """Return the centre of the ball in the world, None where it is unknown [m]."""
-        return None if frame.x is None or frame.y is None else (frame.x, 0.0, frame.y)
+    def point_at(self, origin: Point, direction: Point) -> Optional[Tuple[float, float]]:
+        """Return the position on the floor that a ray of the camera meets [m], None off it."""
+        if self._floor is None or direction[2] >= 0.0:
+            return None
+        start = np.subtract(origin, self._world.position)
+        left, right, bottom, top = self._floor.extent
+        height = 0.0
+        for _ in range(4):  # from the level of the map to that of the place
+            x, y, _ = (start + np.array(direction) * (height - start[2]) / direction[2]).tolist()
+            if not (left <= x <= right and bottom <= y <= top):
+                return None
+            height = base_level(self._floor, (x, y)) if self._floor.heights is None \
+                else area_height(self._floor, (x, y))
+        return x, y
 
-    def _place(self, frame: Frame, robot: Robot) -> None:
+    def _place(self, source: Source, frame: Frame) -> None:
         """Move ball and pendulum to their poses, and the world below the camera."""
-        known = frame.x is not None and frame.y is not None
-        place = self._nodes['place']
-        if place.visible is not known:
-            place.visible = known
-        if frame.x is None or frame.y is None:
+        point, radius = place_of(source, frame), source.robot.ball_radius
+        place, shadow = self._nodes['place'], self._nodes['shadow']
+        if place.visible is not (point is not None):
+            place.visible = point is not None
+        if point is None:
             return
-        place.position = (frame.x, 0.0, frame.y)
+        heading = 0.0 if source.floor is None or frame.place is None else (
+            source.start_pose[2] + frame.place[2])
+        place.position, place.wxyz = point, SO3.from_z_radians(heading).wxyz
         if frame.ball_angle is not None:
-            self._nodes['ball'].wxyz = SO3.from_y_radians(-frame.ball_angle).wxyz
+            self._nodes['ball'].wxyz = (
+                SO3.from_x_radians(-frame.tilt) @ SO3.from_y_radians(-frame.ball_angle)).wxyz
         if 'pendulum' in self._nodes and frame.pendulum_angle is not None:
-            self._nodes['pendulum'].wxyz = SO3.from_y_radians(-frame.pendulum_angle).wxyz
-        self._world.position = (-frame.x, 0.0, robot.ball_radius - frame.y)
-        shadow = self._nodes['shadow']
-        if shadow.visible is not (self._terrain is not None):
-            shadow.visible = self._terrain is not None
-        if self._terrain is not None:
-            shadow.position = (frame.x, 0.0, float(self._terrain.height(frame.x)) + 1.5e-3)
+            self._nodes['pendulum'].wxyz = (
+                SO3.from_y_radians(-frame.pendulum_angle)
+                @ SO3.from_x_radians(frame.lean - frame.tilt)).wxyz
+        self._world.position = (-point[0], -point[1], radius - point[2])
+        ground = self._terrain
+        known = ground is not None or source.floor is not None
+        if shadow.visible is not known:
+            shadow.visible = known
+        shadow.position = (*point[:2], point[2] - radius + 0.004 if ground is None else float(
+            ground.height(point[0])) + 1.5e-3)
 
     def _draw_forces(self, frame: Frame, robot: Robot) -> None:
         """Draw the ground contact forces, each at its point of contact."""
@@ -270,18 +321,33 @@ class Stage:
             shaft_radius=0.035 * radius, head_radius=0.09 * radius, head_length=0.2 * radius,
             visible=False)
 
-    def _build_ground(self, terrain: Optional[Terrain], x: float, radius: float) -> None:
-        """Create the ground around a position, with a scale along it."""
-        self._terrain = terrain
+    def _new_ground(self) -> None:
         if 'ground' in self._nodes:
             self._nodes.pop('ground').remove()
+        self._nodes['ground'] = self._scene.add_frame('/world/ground', show_axes=False)
+
+    def _build_floor(self, floor: Floor) -> None:
+        """Create the meshes and labels of a floor."""
+        self._floor, self._terrain = floor, None
+        self._new_ground()
+        for part in floor_parts(floor):
+            self._mesh(f'/world/ground/{part.name}', part.mesh, part.colour, part.opacity,
+                       flat=True)
+            if part.label:
+                self._scene.add_label(
+                    f'/world/ground/label_{part.name}', part.label, position=part.place,
+                    anchor='bottom-center', font_size_mode='screen', font_screen_scale=0.7)
+
+    def _build_ground(self, terrain: Optional[Terrain], x: float, radius: float) -> None:
+        """Create the ground around a position, with a scale along it."""
+        self._terrain, self._floor = terrain, None
+        self._new_ground()
         if terrain is None:
             self._reach = (-math.inf, math.inf)
             return
         ends = terrain.vertices[[0, -1], 0]
         left, right = min(ends[0], x) - GROUND_EXTENSION, max(ends[1], x) + GROUND_EXTENSION
         self._reach = (left + 0.3 * GROUND_EXTENSION, right - 0.3 * GROUND_EXTENSION)
-        self._nodes['ground'] = self._scene.add_frame('/world/ground', show_axes=False)
         line, width = ground_line(terrain, left, right), 2.6 * radius
         near = ground_line(terrain, min(ends[0], x) - 1.0, max(ends[1], x) + 1.0)
         self._mesh('/world/ground/top', ribbon(line, -width, width), GROUND_COLOUR, flat=True)

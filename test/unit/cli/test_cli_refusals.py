@@ -40,10 +40,11 @@ def test_a_folder_that_is_a_file_is_refused_before_the_work(
     assert [path.name for path in tmp_path.iterdir()] == ['file']
 
 
-def test_a_file_that_is_not_a_curve_is_not_overwritten(tmp_path, error_of):
+def test_a_file_that_is_not_a_curve_is_not_overwritten(tmp_path, refuses):
     (tmp_path / 'mine.yaml').write_text('mine: 1')
-    line = error_of('fit-curve', '--out', str(tmp_path / 'mine.yaml'))
-    assert 'mine.yaml exists and is not a height curve' in line
+    words = 'fit-curve', '--out', str(tmp_path / 'mine.yaml')
+    refuses('exists', '--out', *words)
+    refuses('inconsistent', '--out', *words, '--overwrite')
     assert [path.read_text() for path in tmp_path.iterdir()] == ['mine: 1']
 
 

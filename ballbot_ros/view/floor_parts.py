@@ -1,25 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A floor in three dimensions: rooms at their levels, walls and features."""
+"""The meshes of a floor: rooms at their levels, walls and features."""
 import math
-from typing import Dict, Iterator, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, Dict, Iterator, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 from numpy.typing import NDArray
 from trimesh import creation, Trimesh
 from trimesh.convex import convex_hull
 from trimesh.util import concatenate
-import viser
-from viser.transforms import SO3
 
 from ballbot_ros.figures.canvas import BLUE, GREEN, GREY, INK, ORANGE, SKY, VERMILION
 from ballbot_ros.floors.floor import Feature, Floor, inside, OCCUPIED, Point, rectangles
 from ballbot_ros.floors.levels import levels
 from ballbot_ros.floors.profile import area_height, depth, polygons
-from ballbot_ros.physics.model.robot import Robot
 from ballbot_ros.physics.model.terrain import Array
-from ballbot_ros.view.frame import Frame
-from ballbot_ros.view.source import Source
-from ballbot_ros.view.stage import Mesh, Stage
 
 # Walls are cut at this height, so that the rooms are visible [m].
 WALL_HEIGHT = 0.5
@@ -31,108 +25,7 @@ COLOURS = {'step': BLUE, 'threshold': BLUE, 'cord': VERMILION, 'carpet': GREEN, 
            'ramp': SKY, 'friction': ORANGE, 'keep_out': GREY, 'stairs': INK, 'drop': VERMILION}
 GROUND, WALLS = '#EAE6DF', '#B9B2A6'
 
-
-Place = Tuple[float, float, float]
-
-
-class FloorStage(Stage):
-    """
-    Draws frames of a source on its floor, and those of a source without one as `Stage` does.
-
-    Parameters
-    ----------
-    server : viser.ViserServer
-    source : Source
-
-    """
-
-    def __init__(self, server: viser.ViserServer, source: Source):
-        super().__init__(server)
-        self._floor: Optional[Floor] = None
-        if source.floor is not None:
-            # The world is moved so that the ball is at the origin.
-            left, right, bottom, top = source.floor.extent
-            x, y = (0.5 * (left + right) - source.start_pose[0],
-                    0.5 * (bottom + top) - source.start_pose[1])
-            size = max(right - left, top - bottom)
-            above = (x, y - 1.1 * size, 1.5 * size), (x, y, 0.0)
-
-            def look(client: viser.ClientHandle) -> None:
-                client.camera.position, client.camera.look_at = above
-            server.on_client_connect(look)
-
-    def draw(self, source: Source, frame: Frame) -> None:
-        """Draw a frame."""
-        if source.floor is None:
-            super().draw(source, frame)
-            return
-        if source.robot is not self._robot:
-            self._build_robot(source.robot)
-        if source.floor is not self._floor:
-            self._build_floor(source.floor)
-        self._place_on_floor(source, frame, source.robot)
-        self._draw_forces(frame, source.robot)
-
-    def _point(self, source: Source, frame: Frame) -> Optional[Place]:
-        return super()._point(source, frame) if source.floor is None else place_of(source, frame)
-
-    def _place_on_floor(self, source: Source, frame: Frame, robot: Robot) -> None:
-        """Move ball and pendulum to their poses, and the world below the camera."""
-        point = place_of(source, frame)
-        self._nodes['place'].visible = point is not None
-        if point is None or frame.place is None:
-            return
-        heading = source.start_pose[2] + frame.place[2]
-        place = self._nodes['place']
-        place.position, place.wxyz = point, SO3.from_z_radians(heading).wxyz
-        if frame.ball_angle is not None:
-            self._nodes['ball'].wxyz = (
-                SO3.from_x_radians(-frame.tilt) @ SO3.from_y_radians(-frame.ball_angle)).wxyz
-        if 'pendulum' in self._nodes and frame.pendulum_angle is not None:
-            self._nodes['pendulum'].wxyz = (
-                SO3.from_y_radians(-frame.pendulum_angle)
-                @ SO3.from_x_radians(frame.lean - frame.tilt)).wxyz
-        self._world.position = (-point[0], -point[1], robot.ball_radius - point[2])
-        self._nodes['shadow'].position = (point[0], point[1], point[2] - robot.ball_radius + 0.004)
-
-    def _build_floor(self, floor: Floor) -> None:
-        """Create the meshes and labels of a floor."""
-        self._floor = floor
-        if 'ground' in self._nodes:
-            self._nodes.pop('ground').remove()
-        self._nodes['ground'] = self._scene.add_frame('/world/ground', show_axes=False)
-        for part in floor_parts(floor):
-            self._mesh(f'/world/ground/{part.name}', part.mesh, part.colour, part.opacity,
-                       flat=True)
-            if part.label:
-                self._scene.add_label(
-                    f'/world/ground/label_{part.name}', part.label, position=part.place,
-                    anchor='bottom-center', font_size_mode='screen', font_screen_scale=0.7)
-
-
-    def point_at(self, origin: Place, direction: Place) -> Optional[Point]:
-        """Return the position on the floor that a ray of the camera meets [m], None off it."""
-        if self._floor is None or direction[2] >= 0.0:
-            return None
-        start = np.subtract(origin, self._world.position)
-        left, right, bottom, top = self._floor.extent
-        height = 0.0
-        for _ in range(4):  # from the level of the map to that of the place
-            x, y, _ = (start + np.array(direction) * (height - start[2]) / direction[2]).tolist()
-            if not (left <= x <= right and bottom <= y <= top):
-                return None
-            height = _base(self._floor, (x, y)) if self._floor.heights is None else area_height(
-                self._floor, (x, y))
-        return x, y
-
-
-def place_of(source: Source, frame: Frame) -> Optional[Place]:
-    """Return the centre of the ball on the map, None where it is unknown [m]."""
-    if frame.place is None or frame.y is None:
-        return None
-    x, y, heading = source.start_pose
-    return (x + math.cos(heading) * frame.place[0] - math.sin(heading) * frame.place[1],
-            y + math.sin(heading) * frame.place[0] + math.cos(heading) * frame.place[1], frame.y)
+Mesh = Any  # a Trimesh; some functions of trimesh declare its base class
 
 
 class Part(NamedTuple):
@@ -196,7 +89,7 @@ def _feature(floor: Floor, feature: Feature) -> Mesh:
         for begin, end in feature.segments:
             length = math.dist(begin, end) or 1.0
             right = (0.01 * (end[1] - begin[1]) / length, -0.01 * (end[0] - begin[0]) / length)
-            low = _base(floor, (0.5 * (begin[0] + end[0]) + 4.0 * right[0],
+            low = base_level(floor, (0.5 * (begin[0] + end[0]) + 4.0 * right[0],
                                 0.5 * (begin[1] + end[1]) + 4.0 * right[1]))
             faces.append(prism([begin, end, (end[0] + right[0], end[1] + right[1]),
                                 (begin[0] + right[0], begin[1] + right[1])],
@@ -205,7 +98,7 @@ def _feature(floor: Floor, feature: Feature) -> Mesh:
     parts = []
     for outline in polygons(feature):
         middle = np.mean(outline, axis=0)
-        base = _base(floor, (float(middle[0]), float(middle[1])))
+        base = base_level(floor, (float(middle[0]), float(middle[1])))
         count = len(outline)
         if feature.kind == 'ramp':
             foot, top = np.array(feature.line[0]), np.array(feature.line[-1])
@@ -220,7 +113,7 @@ def _feature(floor: Floor, feature: Feature) -> Mesh:
     return concatenate(parts)
 
 
-def _base(floor: Floor, place: Point) -> float:
+def base_level(floor: Floor, place: Point) -> float:
     """Return the level of the cell at a position, or of a free one nearby [m]."""
     row, column = floor.cell_of(place)
     rows, columns = floor.cells.shape
