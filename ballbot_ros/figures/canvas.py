@@ -32,6 +32,12 @@ STYLE: Mapping[str, Any] = {
     'svg.hashsalt': 'ballbot_ros', 'svg.fonttype': 'path', 'path.simplify': True,
 }
 
+# Changes of it for figures of panels with a grid.
+PANELS: Mapping[str, Any] = {
+    'axes.grid': True, 'axes.axisbelow': True, 'grid.color': SOIL, 'grid.linewidth': 0.5,
+    'axes.titlelocation': 'left', 'axes.titlesize': 9.5, 'axes.titleweight': 'bold',
+    'legend.fontsize': 7.5, 'legend.frameon': False}
+
 RESOLUTION = 160
 FORMATS = ('png', 'svg')
 
@@ -43,6 +49,11 @@ def drawing(width: float, height: float, **changes: Any) -> Iterator[Figure]:
         figure = Figure(figsize=(width, height), dpi=RESOLUTION)
         FigureCanvasAgg(figure)
         yield figure
+
+
+def panels(width: float, height: float, **changes: Any) -> Any:
+    """Give an empty figure for panels with a grid, see `PANELS` and `drawing`."""
+    return drawing(width, height, **{**PANELS, **changes})
 
 
 def save(figure: Figure, path: PathLike) -> None:

@@ -25,11 +25,11 @@ def on_timeout(progress: Progress = ignore, hardware: str = 'gimball_odrive') ->
     """Show speed and pendulum angle after the last command, a column for each start."""
     found = load_hardware(hardware)
     report = counted(progress, len(COLUMNS) * len(POLICIES))
-    with canvas.drawing(10.4, 5.0) as figure:
+    with canvas.panels(10.4, 5.0) as figure:
         for number, (title, slope, speed) in enumerate(COLUMNS):
             above, below = (figure.add_axes((0.06 + 0.2375 * number, bottom, 0.19, 0.35))
                             for bottom in (0.51, 0.085))
-            above.set_title(title, loc='left', fontsize=9.5, weight='bold')
+            above.set_title(title)
             for policy, damping_time, colour, style in POLICIES:
                 limits = found.limits if damping_time is None else replace(
                     found.limits, damping_time=damping_time)
@@ -43,15 +43,13 @@ def on_timeout(progress: Progress = ignore, hardware: str = 'gimball_odrive') ->
                 axes.axvline(found.limits.command_timeout + found.limits.damping_time,
                              color=canvas.GREY, lw=0.7, ls='--')
                 axes.axhline(0.0, color=canvas.GREY, lw=0.7)
-                axes.grid(color=canvas.SOIL, lw=0.5)
-                axes.set_axisbelow(True)
                 axes.set_xlim(0.0, response.time[-1])
             below.set_xlabel('since the last command [s]')
             if number == 0:
                 above.set_ylabel('speed [m/s]')
                 below.set_ylabel('pendulum angle [degrees]')
             elif number == 1:
-                above.legend(fontsize=7.5, frameon=False)
+                above.legend()
         draw_heading(figure, 'Commands stop: GimBall under coast, brake and settle',
                      'simulated with the full model; dashed: damping_time of '
                      f'{found.limits.damping_time:g} s is over')

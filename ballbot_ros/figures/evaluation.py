@@ -23,7 +23,7 @@ def evaluation(report: Dict[str, Any]) -> Figure:
 
     """
     planners = report['planners']
-    with canvas.drawing(10.4, 3.8) as figure:
+    with canvas.panels(10.4, 3.8) as figure:
         left, middle, right = (figure.add_axes((0.06 + 0.33 * place, 0.16, 0.255, 0.66))
                                for place in range(3))
         draw_reliability(left, planners)
@@ -31,12 +31,10 @@ def evaluation(report: Dict[str, Any]) -> Figure:
         draw_rooms(right, planners)
         for axes, title in ((left, 'Predicted and observed'), (middle, 'Failures per 1,000'),
                             (right, 'Success rate on crossable steps')):
-            axes.set_title(title, loc='left', fontsize=9.5, weight='bold')
-            axes.grid(color=canvas.SOIL, lw=0.5)
-            axes.set_axisbelow(True)
+            axes.set_title(title)
         # Each planner has its colour in the outer two; beside the points no room is left for sure.
         figure.legend(*right.get_legend_handles_labels(), ncols=len(planners), fontsize=8,
-                      frameon=False, loc='upper center')
+                      loc='upper center')
     return figure
 
 
@@ -68,7 +66,7 @@ def draw_failures(axes: Axes, planners: Dict[str, Any]) -> None:
     axes.invert_yaxis()
     axes.tick_params(axis='y', labelsize=7.5)
     axes.set_xlim(0.0, 1.7 * max(1.0, *before))  # room for the legend
-    axes.legend(fontsize=7.5, frameon=False, loc='center right')
+    axes.legend(loc='center right')
     axes.set_xlabel('approaches of 1,000')
 
 

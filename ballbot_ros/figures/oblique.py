@@ -30,10 +30,11 @@ def oblique(progress: Progress = ignore, robot: str = 'gimball') -> Figure:
                 found, (speed * np.cos(ANGLES)).tolist(), actuation, set_angle or 0.0, 2e-5)])
             factors.append(maxima / maxima[0])
             report()
-    with canvas.drawing(10.4, 3.5) as figure:
+    with canvas.panels(
+            10.4, 3.5, **{'axes.titlesize': 9.0, 'axes.titleweight': 'normal'}) as figure:
         heights, courses, headings = (
             figure.add_axes((left, 0.14, 0.26, 0.68)) for left in (0.06, 0.39, 0.72))
-        heights.set_title('maximum height over that at 0 degrees', loc='left', fontsize=9.0)
+        heights.set_title('maximum height over that at 0 degrees')
         heights.fill_between(
             np.degrees(ANGLES), np.min(factors, axis=0), np.max(factors, axis=0),
             color=canvas.SOIL, lw=0, label='planar model, normal speed component')
@@ -41,13 +42,13 @@ def oblique(progress: Progress = ignore, robot: str = 'gimball') -> Figure:
         heights.errorbar(table.angles_deg, middle, fmt='none', color=canvas.BLUE, capsize=3,
                          yerr=middle - table.lowest_factor, label='three dimensions, MuJoCo')
         heights.set_ylim(0.0, 1.05)
-        heights.legend(fontsize=7.5, frameon=False)
+        heights.legend()
         for axes, title, rows in (
                 (courses, 'turn of the course at the edge [degrees]',
                  (table.lowest_course_change_deg, table.highest_course_change_deg)),
                 (headings, 'turn of the heading later [degrees]',
                  (table.lowest_heading_change_deg, table.highest_heading_change_deg))):
-            axes.set_title(title, loc='left', fontsize=9.0)
+            axes.set_title(title)
             for column, (share, colour) in enumerate(zip(table.height_shares, COLOURS)):
                 low, high = (np.array(row)[:, column] for row in rows)
                 axes.fill_between(table.angles_deg, low, high, color=colour, alpha=0.3, lw=0)
@@ -56,12 +57,10 @@ def oblique(progress: Progress = ignore, robot: str = 'gimball') -> Figure:
         top = max(courses.get_ylim()[1], headings.get_ylim()[1])
         for axes in (courses, headings):
             axes.set_ylim(min(courses.get_ylim()[0], headings.get_ylim()[0]), 1.4 * top)
-        courses.legend(fontsize=7.5, frameon=False, loc='upper left')
+        courses.legend(loc='upper left')
         for axes in (heights, courses, headings):
             axes.set_xlabel('angle between path and normal [degrees]')
             axes.set_xlim(0.0, 1.02 * math.degrees(ANGLES[-1]))
-            axes.grid(color=canvas.SOIL, lw=0.5)
-            axes.set_axisbelow(True)
         draw_heading(figure, 'Steps at an angle: GimBall at 0.5, 0.8 and 1.1 m/s',
                      'simulated with the full model; pendulum free, down and level')
     return figure

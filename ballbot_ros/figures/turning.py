@@ -22,11 +22,11 @@ def turning(progress: Progress = ignore, robot: str = 'gimball') -> Figure:
     assert found.steering is not None
     report = counted(progress, 2 * len(SPEEDS))
     lean = found.steering.largest_lean
-    with canvas.drawing(9.6, 5.0) as figure:
+    with canvas.panels(9.6, 5.0) as figure:
         for number, speed in enumerate(SPEEDS):
             above, below = (figure.add_axes((0.07 + 0.315 * number, bottom, 0.27, 0.35))
                             for bottom in (0.51, 0.085))
-            above.set_title(f'{speed:g} m/s', loc='left', fontsize=9.5, weight='bold')
+            above.set_title(f'{speed:g} m/s')
             limit = yaw_rate_limit(found, speed)
             for label, colour, run in (
                     (f'lean step of {np.degrees(lean):.0f} degrees', canvas.VERMILION,
@@ -45,13 +45,11 @@ def turning(progress: Progress = ignore, robot: str = 'gimball') -> Figure:
             above.axhline(limit, color=canvas.GREY, lw=0.7, ls='--')
             below.set_xlabel('time [s]')
             for axes in (above, below):
-                axes.grid(color=canvas.SOIL, lw=0.5)
-                axes.set_axisbelow(True)
                 axes.set_xlim(0.0, DURATION)
             if number == 0:
                 above.set_ylabel('yaw rate [rad/s]')
                 below.set_ylabel('tilt of the axle [degrees]')
-                above.legend(fontsize=7.5, frameon=False)
+                above.legend()
         draw_heading(
             figure, 'Turning: lateral model (lines) and MuJoCo (circles)',
             'simulated with the full three-dimensional model; dashed: yaw_rate_limit'

@@ -40,13 +40,13 @@ def laws(robot: Robot) -> dict[str, Robot]:
 def contact_law(progress: Progress = ignore) -> Figure:
     """Show the maximum step height with each contact law, and the differences."""
     colours = (canvas.BLUE, canvas.VERMILION, canvas.GREEN)
-    with canvas.drawing(10.0, 4.4) as figure:
+    with canvas.panels(10.0, 4.4) as figure:
         for number, name in enumerate(('gimball', 'shellball')):
             robot = load_robot(name)
             axes = figure.add_axes((0.065 + 0.48 * number, 0.40, 0.43, 0.475))
             below = figure.add_axes((0.065 + 0.48 * number, 0.12, 0.43, 0.22))
             axes.set_title(f'{robot.name}, restitution {robot.restitution:.2f} at '
-                           f'{IMPACT_SPEED:g} m/s', loc='left', fontsize=9.5, weight='bold')
+                           f'{IMPACT_SPEED:g} m/s')
             reference = None
             for (label, one), colour, line in zip(laws(robot).items(), colours, ('-', '--', ':')):
                 heights = 1e3 * step_heights(Case(one), SPEEDS)
@@ -60,14 +60,12 @@ def contact_law(progress: Progress = ignore) -> Figure:
             progress(0.5 * (number + 1))
             for each in (axes, below):
                 each.set_xlim(SPEEDS[0], SPEEDS[-1])
-                each.grid(color=canvas.SOIL, lw=0.5)
-                each.set_axisbelow(True)
             axes.set_xticklabels([])
             below.set_xlabel('speed at touch [m/s]')
             if number == 0:
                 axes.set_ylabel('maximum step height [mm]')
                 below.set_ylabel('difference [mm]')
-            axes.legend(fontsize=8, loc='upper left', frameon=False)
+            axes.legend(fontsize=8, loc='upper left')
         canvas.draw_heading(figure, 'Contact law and maximum step height, pendulum free',
                             'simulated with the full model')
     return figure

@@ -122,13 +122,12 @@ def tornado(progress: Progress = ignore) -> Figure:
     robot = load_robot('gimball')
     cases = [('pendulum free', Case(robot)), ('held level', holding(robot, LEVEL)),
              ('motor under 5.7 V', Case(robot, Actuation(law='voltage', voltage=5.7)))]
-    with canvas.drawing(10.4, 4.6) as figure:
+    with canvas.panels(10.4, 4.6) as figure:
         for number, (label, case) in enumerate(cases):
             bars = sensitivity(case, SPEED, part_of(progress, number, len(cases)))
             axes = figure.add_axes((0.125 + 0.322 * number, 0.175, 0.205, 0.685))
             middle = step_height(case, SPEED)
-            axes.set_title(f'{label}: {1e3 * middle:.1f} mm', loc='left', fontsize=9.5,
-                           weight='bold')
+            axes.set_title(f'{label}: {1e3 * middle:.1f} mm')
             _draw_bars(axes, [bar for bar in bars[:BARS_MAX] if _effect(bar, middle) > EFFECT_MIN],
                        middle)
         axes.legend(handles=[
@@ -137,7 +136,7 @@ def tornado(progress: Progress = ignore) -> Figure:
             Patch(color=canvas.BLUE, alpha=0.35, label=f'no range: {WHAT_IF_SHARE:.0%} more'),
             Patch(color=canvas.ORANGE, alpha=0.35, label=f'{WHAT_IF_SHARE:.0%} less')],
             loc='lower right', bbox_to_anchor=(0.995, 0.0), bbox_transform=figure.transFigure,
-            ncols=4, fontsize=7.5, frameon=False)
+            ncols=4)
         draw_heading(figure, f'Sensitivity of the highest step of GimBall at {SPEED:g} m/s',
                      METHOD)
     return figure
@@ -167,15 +166,14 @@ def _draw_bars(axes: Any, bars: Sequence[Bar], middle: float) -> None:
     axes.set_ylim(BARS_MAX - 0.5, -0.6)
     axes.axvline(0.0, color=canvas.INK, lw=0.8)
     axes.set_xlabel('change of the highest step [mm]')
-    axes.grid(axis='x', color=canvas.SOIL, lw=0.5)
-    axes.set_axisbelow(True)
+    axes.grid(visible=False, axis='y')
 
 
 def probability(progress: Progress = ignore) -> Figure:
     """Show the probability of passing over speed and height, as far as GimBall is known."""
     robot = load_robot('gimball')
     heights, fine = np.linspace(0.0, 0.07, 701), np.linspace(SPEEDS[0], SPEEDS[-1], 151)
-    with canvas.drawing(10.0, 4.6) as figure:
+    with canvas.panels(10.0, 4.6) as figure:
         for number, (label, case) in enumerate((('pendulum free', Case(robot)),
                                                 ('held level', holding(robot, LEVEL)))):
             drawn = sampled_heights(case, SPEEDS[::2], SAMPLES, 0, part_of(progress, number, 2))
@@ -200,7 +198,7 @@ def probability(progress: Progress = ignore) -> Figure:
 def design(progress: Progress = ignore) -> Figure:
     """Show the highest step over length and mass of the pendulum, in the same ball."""
     robot = load_robot('gimball')
-    with canvas.drawing(10.0, 4.6) as figure:
+    with canvas.panels(10.0, 4.6, **{'axes.grid': False}) as figure:
         for number, (label, case) in enumerate((('pendulum held level', holding(robot, LEVEL)),
                                                 ('pendulum free', Case(robot)))):
             found = design_map(case, SPEED, LENGTHS, MASSES, part_of(progress, number, 2))
@@ -209,11 +207,11 @@ def design(progress: Progress = ignore) -> Figure:
             axes.plot(robot.pendulum_length, robot.pendulum_mass, '*', ms=12, color=canvas.INK,
                       mec='white', label='GimBall')
             _draw_slope_limits(axes, LENGTHS, robot.ball_mass, robot.ball_radius)
-            axes.set_title(f'{label}, {SPEED:g} m/s', loc='left', fontsize=9.5, weight='bold')
+            axes.set_title(f'{label}, {SPEED:g} m/s')
             axes.set_xlabel('pendulum length [m]')
             axes.set_ylabel('pendulum mass [kg]' if number == 0 else '')
             if number == 0:
-                axes.legend(loc='lower left', fontsize=7.5, framealpha=0.9, edgecolor='none')
+                axes.legend(loc='lower left', frameon=True, framealpha=0.9, edgecolor='none')
         draw_heading(figure, 'Which pendulum? Highest step in mm, the ball being that of GimBall',
                      METHOD)
     return figure
@@ -245,23 +243,18 @@ def slope(progress: Progress = ignore) -> Figure:
     """Show the highest step where the ground behind it rises or falls."""
     robot = load_robot('gimball')
     slopes = np.radians(np.linspace(-8.0, 8.0, 17))
-    with canvas.drawing(10.0, 4.4) as figure:
+    with canvas.panels(10.0, 4.4) as figure:
         for number, (label, case) in enumerate((('pendulum free', Case(robot)),
                                                 ('held level', holding(robot, LEVEL)))):
             found = heights_on_slopes(case, SLOPE_SPEEDS, slopes, part_of(progress, number, 2))
             axes = figure.add_axes((0.065 + 0.49 * number, 0.12, 0.44, 0.755))
-            axes.set_title(label, loc='left', fontsize=9.5, weight='bold')
             for speed, heights, colour in zip(SLOPE_SPEEDS.tolist(), found.T, SLOPE_COLOURS):
                 axes.plot(np.degrees(slopes), 1e3 * heights, color=colour)
                 axes.text(8.2, 1e3 * heights[-1], f'{speed:g} m/s', color=colour, fontsize=8,
                           va='center')
-            axes.set_xlim(-8.0, 10.2)
-            axes.set_xticks(range(-8, 9, 2))
-            axes.set_ylim(0.0, 65.0)
-            axes.set_xlabel('slope behind the step, uphill positive [degrees]')
-            axes.set_ylabel('highest step [mm]' if number == 0 else '')
-            axes.grid(color=canvas.SOIL, lw=0.5)
-            axes.set_axisbelow(True)
+            axes.set(title=label, xlim=(-8.0, 10.2), xticks=range(-8, 9, 2), ylim=(0.0, 65.0),
+                     xlabel='slope behind the step, uphill positive [degrees]',
+                     ylabel='highest step [mm]' if number == 0 else '')
         draw_heading(figure, 'Slope behind the step, GimBall', METHOD)
     return figure
 
@@ -270,11 +263,11 @@ def over(progress: Progress = ignore) -> Figure:
     """Show the highest step by both rules of when a ball is over."""
     robot = load_robot('gimball')
     total, done = 2 * len(RULES) * len(SLOPES_BEHIND), 0
-    with canvas.drawing(10.0, 4.4) as figure:
+    with canvas.panels(10.0, 4.4) as figure:
         for number, (label, case) in enumerate((('pendulum free', Case(robot)),
                                                 ('held down', holding(robot, 0.0)))):
-            axes = figure.add_axes((0.065 + 0.48 * number, 0.12, 0.43, 0.755))
-            axes.set_title(label, loc='left', fontsize=9.5, weight='bold')
+            axes = height_axes(figure, (0.065 + 0.48 * number, 0.12, 0.43, 0.755), label, 0.055,
+                               SPEEDS[-1], SPEEDS[0])
             for rise, colour in SLOPES_BEHIND:
                 site = Site(slope_behind=math.radians(rise))
                 for rules, line, words in RULES:
@@ -283,12 +276,6 @@ def over(progress: Progress = ignore) -> Figure:
                               label=f'{words}, {rise:g} degrees up behind it')
                     done += 1
                     progress(done / total)
-            axes.set_xlim(0.2, 1.2)
-            axes.set_ylim(0.0, 55.0)
-            axes.set_xlabel('speed at touch [m/s]')
-            axes.set_ylabel('highest step [mm]' if number == 0 else '')
-            axes.grid(color=canvas.SOIL, lw=0.5)
-            axes.set_axisbelow(True)
-            axes.legend(fontsize=8, loc='upper left', frameon=False)
+            axes.legend(fontsize=8, loc='upper left')
         draw_heading(figure, 'Where a ball is over, GimBall', METHOD)
     return figure

@@ -40,7 +40,7 @@ def figure_5(progress: Progress = ignore) -> Figure:
     """Show free rolling: curves of both balls, and measurements of the virtual bench."""
     shell, gimball = load_robot('shellball'), load_robot('gimball')
     report = counted(progress, 4)
-    with canvas.drawing(10.0, 4.6) as figure:
+    with canvas.panels(10.0, 4.6) as figure:
         for left, robot, highest in ((0.065, shell, 0.045), (0.555, gimball, 0.062)):
             axes = height_axes(figure, (left, 0.115, 0.43, 0.76), robot.name, highest, 1.4)
             label = 'pendulum free, simulated' if robot.has_pendulum else 'simulated'
@@ -63,7 +63,7 @@ def figure_6(progress: Progress = ignore) -> Figure:
     """Show the driven ball: orientations of the pendulum, the three printed points."""
     robot = load_robot('gimball')
     report = counted(progress, 4)
-    with canvas.drawing(8.2, 5.6) as figure:
+    with canvas.panels(8.2, 5.6) as figure:
         axes = height_axes(figure, (0.085, 0.095, 0.895, 0.815), '', 0.085, 1.3)
         down, level, up = (step_heights(holding(robot, angle), SPEEDS)
                            for angle in (0.0, LEVEL, 2.0 * LEVEL))
@@ -109,7 +109,7 @@ def figure_8(progress: Progress = ignore) -> Figure:
     robots = [load_robot(name) for name in ('gimball', 'shellball')]
     laws = ('matched', 'default') if mujoco_check.installed() else ()
     report = counted(progress, len(robots) * (1 + len(laws) * len(MUJOCO_SPEEDS)))
-    with canvas.drawing(6.8, 5.0) as figure:
+    with canvas.panels(6.8, 5.0) as figure:
         axes = height_axes(figure, (0.10, 0.105, 0.87, 0.81), '', 0.062, 1.3)
         for robot, colour in zip(robots, (canvas.BLUE, canvas.VERMILION)):
             draw_curves(axes, [HeightLine(f'{robot.name}, this model', SPEEDS, step_heights(

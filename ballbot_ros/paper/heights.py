@@ -33,13 +33,8 @@ def height_axes(figure: Figure, box: tuple[float, float, float, float], title: s
     The box is left, bottom, width and height, as parts of the figure.
     """
     axes = figure.add_axes(box)
-    axes.set_xlim(slowest, fastest)
-    axes.set_ylim(0.0, 1e3 * highest)
-    axes.set_xlabel('collision speed [m/s]')
-    axes.set_ylabel('step height [mm]')
-    axes.set_title(title, loc='left', fontsize=9.5, weight='bold')
-    axes.grid(color=canvas.SOIL, lw=0.5)
-    axes.set_axisbelow(True)
+    axes.set(xlim=(slowest, fastest), ylim=(0.0, 1e3 * highest), xlabel='collision speed [m/s]',
+             ylabel='step height [mm]', title=title)
     return axes
 
 
@@ -62,7 +57,7 @@ def draw_rolls(axes: Any, rolls: Sequence[Roll]) -> None:
 
 def place_legend(axes: Any) -> None:
     """Add a legend without a frame that covers the curves."""
-    axes.legend(loc='upper left', fontsize=7.5, framealpha=0.9, edgecolor='none',
+    axes.legend(loc='upper left', frameon=True, framealpha=0.9, edgecolor='none',
                 handlelength=2.2)
 
 
@@ -92,7 +87,7 @@ def bench_figure(rolls: Sequence[Roll], curves: Sequence[HeightLine], title: str
     fastest = max((roll.measured_speed for roll in rolls
                    if math.isfinite(roll.measured_speed)), default=1.0)
     top = max((roll.step_height for roll in rolls), default=0.05)
-    with canvas.drawing(6.4, 4.6) as figure:
+    with canvas.panels(6.4, 4.6) as figure:
         axes = height_axes(figure, (0.10, 0.115, 0.87, 0.79), title, 1.12 * top,
                            0.1 * math.ceil(10.5 * fastest))
         axes.text(1.0, 1.02, canvas.RESIMULATED, transform=axes.transAxes, ha='right',

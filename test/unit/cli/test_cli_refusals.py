@@ -49,6 +49,8 @@ def test_a_file_that_is_not_a_curve_is_not_overwritten(tmp_path, refuses):
 
 
 @pytest.mark.parametrize('words, reason, field', [
+    (['test-bench', '--driven', '--slope-deg', '5'], 'inconsistent', '--slope-deg'),
+    (['test-bench', '--run-up', '1'], 'inconsistent', '--run-up'),
     (['demo', '--protocol', 'vesc'], 'inconsistent', '--protocol'),
     (['demo', '--house', '--hardware'], 'inconsistent', '--house'),
     (['demo', '--house', '--scene', 'flat'], 'inconsistent', '--scene'),

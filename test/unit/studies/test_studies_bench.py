@@ -158,8 +158,6 @@ def test_an_interrupted_test_keeps_its_rolls(capsys, tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize('words, part', [
-    (['--driven', '--slope-deg', '5'], '--slope-deg belongs'),
-    (['--run-up', '1'], '--run-up belongs'),
     (['--seed', '-1'], '--seed'), (['--slope-deg', '80'], 'slope'),
     (['--rolls', '0'], '--rolls'),
     (['--robot', 'shellball', '--driven'], 'pendulum')])
