@@ -2,7 +2,7 @@
 """The look that all figures share, and how they are saved."""
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Iterator, Mapping
+from typing import Any, ContextManager, Iterator, Mapping
 
 import matplotlib
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -51,7 +51,7 @@ def drawing(width: float, height: float, **changes: Any) -> Iterator[Figure]:
         yield figure
 
 
-def panels(width: float, height: float, **changes: Any) -> Any:
+def panels(width: float, height: float, **changes: Any) -> ContextManager[Figure]:
     """Give an empty figure for panels with a grid, see `PANELS` and `drawing`."""
     return drawing(width, height, **{**PANELS, **changes})
 
