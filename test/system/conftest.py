@@ -2,17 +2,17 @@
 """A ROS domain and a graph for each test on real topics."""
 from contextlib import contextmanager, ExitStack
 import fcntl
+from functools import partial
 from itertools import count
 import os
 from pathlib import Path
 import tempfile
 
-from driving import Driving, WATCHDOG
+from driving import Driving, WATCHDOG, write_hardware
 from graph import Graph
 import pytest
-import yaml
 
-from ballbot_ros.config.files import config_folder
+from ballbot_ros.bridge.hardware_file import load_hardware
 from ballbot_ros.demo.prepare import NODES, prepare
 from ballbot_ros.emulator.ball import settings_for
 from ballbot_ros.emulator.emulator import Emulator
@@ -117,28 +117,29 @@ def graph(make_graph):
 
 
 @pytest.fixture
-def motor(tmp_path):
-    """Return an emulated ODrive with a ball behind it, ended after the test."""
-    # Under a name of its own: a bridge that has lost /dev/pts/3 would take the next owner's.
+def emulate(tmp_path):
+    """Return a function that starts an emulated drive with a ball, both ended after the test."""
     scene = load_scene('flat')
-    with Emulator('odrive', scene, baud=921600, link=tmp_path / 'motor',
-                  settings=settings_for(scene.model.robot, watchdog=WATCHDOG)) as emulator:
-        yield emulator
+    with ExitStack() as stack:
+        def start(protocol, steering=False, **settings):
+            # With a link: a bridge that has lost /dev/pts/3 would open that of its next owner.
+            return stack.enter_context(Emulator(
+                protocol, scene, load_hardware(f'gimball_{protocol}').connection.baud,
+                settings_for(scene.model.robot, watchdog=WATCHDOG, **settings),
+                link=tmp_path / 'motor', steering=steering))
+        yield start
+
+
+@pytest.fixture
+def motor(emulate):
+    """Return an emulated ODrive."""
+    return emulate('odrive')
 
 
 @pytest.fixture
 def hardware(tmp_path):
-    """Return a function that writes a hardware file; no IMU is needed, floors here are level."""
-    def write(**limits):
-        content = yaml.safe_load((config_folder() / 'hardware/gimball_odrive.yaml').read_text())
-        content['connection']['imu_required'] = False
-        content['connection']['loop_rate'] = 200.0
-        content['connection']['watchdog'] = WATCHDOG
-        content['limits'].update(limits)
-        path = tmp_path / 'hardware.yaml'
-        path.write_text(yaml.safe_dump(content))
-        return str(path)
-    return write
+    """Return a function that writes a hardware file; the level floors here need no IMU."""
+    return partial(write_hardware, tmp_path / 'hardware.yaml', imu_required=False)
 
 
 @pytest.fixture

@@ -1,13 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """A graph with a bridge that is made to pull, and the emulated motor that it pulls with."""
 import time
+from types import MappingProxyType
 
-from graph import TIMEOUT
 import pytest
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
+from waiting import TIMEOUT
+import yaml
 
 from ballbot_ros.bridge.supervisor import StopReason
+from ballbot_ros.config.files import config_folder
 from ballbot_ros.msg import MotorStatus
 from ballbot_ros.ros.joint_state_bytes import command_bytes
 
@@ -17,6 +20,15 @@ WATCHDOG = 0.5  # of the drive: a busy machine may hold the bridge up for as lon
 # Reasons of an e-stop that a machine busy for longer than WATCHDOG explains.
 HELD_UP = (StopReason.SILENT, StopReason.UNCONFIRMED, StopReason.DISARMED_BY_DRIVE,
            StopReason.LOST, StopReason.HELD_UP)
+
+
+def write_hardware(path, name='gimball_odrive', limits=MappingProxyType({}), **connection):
+    """Write a hardware file of the package with other limits and another connection."""
+    content = yaml.safe_load((config_folder() / 'hardware' / f'{name}.yaml').read_text())
+    content['connection'].update(watchdog=WATCHDOG, **connection)
+    content['limits'].update(limits)
+    path.write_text(yaml.safe_dump(content))
+    return str(path)
 
 
 class Driving:

@@ -6,6 +6,8 @@ import sys
 import time
 
 from diagnostic_msgs.msg import DiagnosticArray
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
 import rclpy
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
@@ -13,13 +15,11 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
+from waiting import TIMEOUT
 
 from ballbot_ros.demo.processes import NodeProcesses, parameter_arguments
 from ballbot_ros.ros.conversions import to_seconds, to_time
 from ballbot_ros.srv import Step
-
-# Nothing waits this long on a quiet machine; on a busy one nothing fails for lack of time [s].
-TIMEOUT = 180.0
 
 # Reliable, and so deep that nothing is lost while the test is held up.
 EVERYTHING = QoSProfile(depth=5000)
@@ -200,6 +200,11 @@ class Graph:
             assert time.monotonic() < start + TIMEOUT, self._timed_out(f'{service} answers')
             self.executor.spin_once(timeout_sec=0.05)
         return next(future.result() for future in futures if future.done())
+
+    def change_state(self, name, transition):
+        """Ask a lifecycle node for a transition; return whether the node made it."""
+        return self.call(f'{name}/change_state', ChangeState, again=False,
+                         transition=Transition(id=transition)).success
 
     def request(self, service, again=True, **fields):
         """Call a service of the simulator and return its response."""

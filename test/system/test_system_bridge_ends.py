@@ -1,61 +1,115 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The bridge keeps running for any request from any number of clients, and reports its state."""
-import re
+"""Every way in which the bridge can end, and the torque of the emulated motor afterwards."""
+from contextlib import contextmanager
 import signal
 
-from driving import Driving
-from lifecycle_msgs.msg import Transition
-from lifecycle_msgs.srv import ChangeState
-from rclpy.node import Node
-from sensor_msgs.msg import JointState
+from driving import Driving, TORQUE
+import numpy as np
+import pytest
+from rclpy.parameter import Parameter
+from std_srvs.srv import Trigger
+from waiting import wait_until
 
+from ballbot_ros.black_box.read import find_black_box, read_black_box
 from ballbot_ros.emulator.control import obey
 from ballbot_ros.msg import MotorStatus
-
-def change(graph, transition):
-    """Ask for a transition and return whether it was made."""
-    return graph.call('bridge/change_state', ChangeState, again=False,
-                      transition=Transition(id=transition)).success
+from ballbot_ros.nodes.bridge.node import Bridge
+from ballbot_ros.ros import diagnostics
 
 
-def test_transitions_that_are_not_possible_are_answered_and_end_nothing(graph, motor, hardware):
-    graph.client('bridge/change_state', ChangeState)
-    graph.start('bridge', hardware=hardware(), port=motor.path, autostart=False)
-    for transition in (Transition.TRANSITION_ACTIVATE, Transition.TRANSITION_CLEANUP, 99):
-        assert not change(graph, transition)
-    assert 'activate is not possible: the node is unconfigured' in graph.log('bridge')
-    assert change(graph, Transition.TRANSITION_CONFIGURE)
-    assert not change(graph, Transition.TRANSITION_CONFIGURE)
-    assert change(graph, Transition.TRANSITION_ACTIVATE)
-    assert change(graph, Transition.TRANSITION_ACTIVE_SHUTDOWN)
-    assert not change(graph, Transition.TRANSITION_CONFIGURE)
-    assert graph.end('bridge', signal.SIGINT) == 0
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_the_bridge_with_a_stop(driving, motor, number):
+    run = driving()
+    assert run.graph.end('bridge', number) == 0
+    assert motor.torque == 0.0 and not motor.device.armed
+    run.wait_until_reported(MotorStatus.STATE_ENDED)
+    last = run.status[-1]
+    assert last.state == MotorStatus.STATE_ENDED and last.torque == 0.0
 
 
-def test_a_requested_transition_ends_the_autostart(graph, motor, hardware):
-    graph.client('bridge/change_state', ChangeState)
-    obey(motor, 'unplug')
-    graph.start('bridge', hardware=hardware(), port=motor.path)
-    status = graph.subscribe('motor_status', MotorStatus)
-    while not change(graph, Transition.TRANSITION_CONFIGURE):
-        obey(motor, 'plug')  # and from now on the bridge could do it by itself
-    graph.wait(lambda: status, 'the loop runs')
-    graph.spin(2.5)
-    assert status[-1].state == MotorStatus.STATE_E_STOP
-    assert 'active;' not in graph.log('bridge')
-    assert change(graph, Transition.TRANSITION_ACTIVATE)
+def test_a_kill_is_outlived_by_no_torque_for_the_drive_watches(driving, motor):
+    run = driving()
+    run.graph.kill('bridge')
+    run.wait_for_nothing()
+    assert not motor.device.armed
 
 
-def test_two_publishers_of_commands_are_both_refused_by_name(graph, motor, hardware):
-    graph.start('bridge', hardware=hardware(), port=motor.path, control='direct')
-    run = Driving(graph, motor)
-    run.release()
-    run.pull()
-    other = Node('other', context=graph.context)
+def test_a_process_that_is_frozen_and_a_full_disk_do_no_harm(driving, motor):
+    run = driving(capture='/dev/full')  # the motor pulls although nothing can be written
+    run.graph.processes.signal('bridge', signal.SIGSTOP)
     try:
-        other.create_publisher(JointState, 'joint_commands', 1)
-        graph.publish_until(lambda: motor.torque == 0.0 and '/other' in graph.log('bridge'),
-                            'both are refused', 'joint_commands', run.command)
-        assert re.search(r'/other\b.*/test\b|/test\b.*/other\b', graph.log('bridge'))
+        run.wait_for_nothing()
     finally:
-        other.destroy_node()
+        run.graph.processes.signal('bridge', signal.SIGCONT)
+    run.graph.wait(run.held_up, 'the bridge notices')
+
+
+def test_commands_that_stop_stop_the_motor_and_are_followed_again(driving, motor):
+    run = driving()
+    run.wait_for_nothing()
+    run.wait_until_reported(MotorStatus.STATE_TIMED_OUT)
+    run.pull()
+
+
+def test_unplugging_ends_in_a_stop_and_service_comes_back(driving, motor):
+    run = driving()
+    obey(motor, 'unplug')
+    run.wait_for_nothing()
+    run.wait_until_reported(MotorStatus.STATE_LOST)
+    run.graph.wait_for_health('bridge', diagnostics.ERROR, 'looking for the drive')
+    obey(motor, 'plug')
+    run.graph.wait(lambda: run.status[-1].state == MotorStatus.STATE_E_STOP, 'the drive is back')
+    assert run.status[-1].e_stop_reason == 'links_lost'
+    refusal = run.graph.call('bridge/release_e_stop', Trigger)
+    run.release() if not refusal.success else None
+    run.pull()
+    assert run.graph.log('bridge').count('looking for the drive') < 5
+    assert run.graph.end('bridge') == 0  # writes what has not been written yet
+    file = find_black_box(run.graph.processes.log('bridge').parent / 'ballbot')
+    found = read_black_box(file)
+    assert not found.damage and 'drive lost: the line was lost' in found.reason
+    texts = '\n'.join(event.text for event in found.events)
+    assert 'looking for the drive' in texts  # a line of the log
+    assert len(found.traffic) > 100 and len(found.tables['command']['time']) > 0
+    assert np.abs(found.tables['period']['torque']).max() == pytest.approx(TORQUE)
+
+
+def test_impossible_settings_are_refused_at_start(graph, hardware):
+    graph.start('bridge', hardware=hardware(), baud=19200)
+    assert graph.processes.wait('bridge', 30.0) == 2
+    assert 'set baud to' in graph.log('bridge')
+
+
+@contextmanager
+def bridge_here(graph, hardware, motor):
+    """Give a bridge in this process, on the executor of the graph, whose motor pulls."""
+    node = Bridge(context=graph.context, parameter_overrides=[
+        Parameter('hardware', value=hardware), Parameter('port', value=motor.path),
+        Parameter('control', value='direct')])
+    graph.executor.add_node(node)
+    try:
+        run = Driving(graph, motor)
+        run.release()
+        run.pull()
+        yield node
+    finally:
+        node.make_safe()
+        graph.executor.remove_node(node)
+        node.destroy_node()
+
+
+def test_an_executor_that_stands_still_keeps_no_torque_on(graph, hardware, motor):
+    with bridge_here(graph, hardware(), motor):
+        wait_until(lambda: motor.torque == 0.0)  # without a spinning executor
+        assert motor.device.armed  # it was the loop that did it, not the watchdog of the drive
+
+
+def test_an_error_in_the_loop_ends_in_a_stop_and_is_reported(graph, hardware, motor):
+    with bridge_here(graph, hardware(), motor) as node:
+        def fail(report):
+            raise ZeroDivisionError('planted')
+        node._loop._publish = (fail,)
+        wait_until(lambda: not node._loop.running)
+        assert motor.torque == 0.0 and not motor.device.armed
+        graph.wait(lambda: node.failure is not None, 'the failure is reported')
+        assert 'planted' in str(node.failure)

@@ -5,7 +5,6 @@ from pathlib import Path
 import signal
 import subprocess
 import sys
-import time
 
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
@@ -14,6 +13,7 @@ from PIL import Image
 import pytest
 from rosbags.highlevel import AnyReader
 from test_layouts import named_topics
+from waiting import wait_until
 
 from ballbot_ros.demo.processes import environment
 
@@ -56,15 +56,6 @@ def nodes_of(demo):
         names[int(number)], parents[int(number)] = name, int(rest.split()[1])
     found = {node: number for number, name in names.items() for node in NODES
              if name == node[:15] and parents.get(parents[number]) == demo.pid}
-    return found
-
-
-def wait(condition, what):
-    """Return what a condition returns as soon as that is true."""
-    deadline = time.monotonic() + TIMEOUT
-    while not (found := condition()):
-        assert time.monotonic() < deadline, f'waited in vain until {what}'
-        time.sleep(0.02)
     return found
 
 
@@ -158,9 +149,9 @@ def test_a_house_demo_that_does_not_arrive_fails(demo):
 
 def test_a_node_that_dies_fails_the_demo_and_is_named(demo, tmp_path):
     process = demo()
-    nodes = wait(lambda: (nodes_of(process).keys() == NODES) and nodes_of(process), 'all started')
-    wait(lambda: 'joint states have arrived' in (
-        tmp_path / 'out' / 'doorstep' / 'logs' / 'controller.log').read_text(), 'they communicate')
+    nodes = wait_until(lambda: nodes_of(process).keys() == NODES and nodes_of(process))
+    wait_until(lambda: 'joint states have arrived' in (
+        tmp_path / 'out' / 'doorstep' / 'logs' / 'controller.log').read_text())
     subprocess.run(['kill', '-KILL', str(nodes['controller'])], check=True)
     printed = process.communicate(timeout=TIMEOUT)[0]
     assert process.returncode == 1, printed
@@ -172,10 +163,10 @@ def test_a_node_that_dies_fails_the_demo_and_is_named(demo, tmp_path):
 @pytest.mark.parametrize('number, code', [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_demo_that_is_interrupted_leaves_nothing_running(demo, tmp_path, number, code):
     process = demo()
-    nodes = wait(lambda: (nodes_of(process).keys() == NODES) and nodes_of(process), 'all started')
+    nodes = wait_until(lambda: nodes_of(process).keys() == NODES and nodes_of(process))
     logs = tmp_path / 'out' / 'doorstep' / 'logs'
-    wait(lambda: all('running with' in (logs / f'{name}.log').read_text() for name in NODES),
-         'they run')
+    wait_until(lambda: all(
+        'running with' in (logs / f'{name}.log').read_text() for name in NODES))
     process.send_signal(number)
     printed = process.communicate(timeout=TIMEOUT)[0]
     assert process.returncode == code, printed

@@ -7,12 +7,13 @@ import signal
 import threading
 import time
 
-from graph import TIMEOUT
+from driving import WATCHDOG
 import pytest
 from refusals import refused
 from sensor_msgs.msg import Imu, JointState
 from std_srvs.srv import Trigger
-from workshop import EXTRA, FRESH, WATCHDOG, Workshop
+from waiting import TIMEOUT
+from workshop import EXTRA, FRESH, Workshop
 import yaml
 
 from ballbot_ros.bridge.commissioning import calibration

@@ -5,8 +5,8 @@ import socket
 import time
 
 from driving import Driving
-from graph import TIMEOUT
 import pytest
+from waiting import TIMEOUT
 
 
 @pytest.fixture

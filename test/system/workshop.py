@@ -5,19 +5,17 @@ import re
 import shlex
 import time
 
+from driving import write_hardware
 from stand import StoodBall
-import yaml
 
 from ballbot_ros.bridge.hardware_file import load_hardware
 from ballbot_ros.cli import main
-from ballbot_ros.config.files import config_folder
 from ballbot_ros.drives import open_line
 from ballbot_ros.emulator.ball import settings_for
 from ballbot_ros.emulator.emulator import Emulator, PERIOD
 from ballbot_ros.physics import load_scene
 
 EXTRA = 1.15  # the gear loses less than the file says
-WATCHDOG = 0.5  # a busy machine may hold the bridge up for as long [s]
 # What a maker sends: no limits that suit a pendulum, no watchdog or a long one.
 FRESH = {'odrive': {'quirks': ('factory',)},
          'odrive 0.6': {'quirks': ('factory',), 'firmware': '0.6'},
@@ -40,15 +38,8 @@ class Workshop:
 
     def copy_file(self, **limits):
         """Copy the hardware file of the package to my.yaml, as the page says."""
-        content = yaml.safe_load(
-            (config_folder() / f'hardware/gimball_{self.protocol}.yaml').read_text())
-        content['connection'].update(
-            port=str(self.folder / 'motor'), watchdog=WATCHDOG, loop_rate=200.0)
-        content['limits'].update(limits)
-        if self.protocol == 'odrive':  # its firmware is chosen in the file where it is 0.6
-            content['drive'].update({'firmware': self.motor.device.settings.firmware}
-                                    if 'firmware' in content['drive'] else {})
-        (self.folder / 'my.yaml').write_text(yaml.safe_dump(content))
+        write_hardware(self.folder / 'my.yaml', f'gimball_{self.protocol}', limits,
+                       port=str(self.folder / 'motor'))
 
     def run(self, command):
         """Run a command of the page that begins with ballbot; return exit code and output."""

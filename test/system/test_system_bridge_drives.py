@@ -1,39 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The node and a RoboClaw with two motors: cmd_vel turns the ball, and odom says so."""
+"""The node with drives other than the ODrive: a RoboClaw with two motors, and a VESC."""
 import math
 import time
 
 from driving import Driving, WATCHDOG
 from geometry_msgs.msg import TwistStamped
-from graph import TIMEOUT
 from nav_msgs.msg import Odometry
 import pytest
-import yaml
+from waiting import TIMEOUT
 
-from ballbot_ros.config.files import config_folder
-from ballbot_ros.emulator.ball import settings_for
-from ballbot_ros.emulator.emulator import Emulator
-from ballbot_ros.physics import load_scene
-
-
-@pytest.fixture
-def motors(tmp_path):
-    """Return an emulated RoboClaw with a motor on each output, ended after the test."""
-    scene = load_scene('flat')
-    with Emulator('roboclaw', scene, baud=460800, link=tmp_path / 'motors', steering=True,
-                  settings=settings_for(scene.model.robot, watchdog=WATCHDOG)) as emulator:
-        yield emulator
-
-
-@pytest.fixture
-def hardware_file(tmp_path):
-    """Return a hardware file for it; no IMU is needed on a level floor."""
-    content = yaml.safe_load(
-        (config_folder() / 'hardware/gimball_roboclaw_steering.yaml').read_text())
-    content['connection'].update(imu_required=False, loop_rate=100.0, watchdog=WATCHDOG)
-    path = tmp_path / 'steering.yaml'
-    path.write_text(yaml.safe_dump(content))
-    return str(path)
+from ballbot_ros.emulator.control import obey
 
 
 def heading_of(message):
@@ -43,9 +19,11 @@ def heading_of(message):
 
 
 def test_a_yaw_rate_on_cmd_vel_leans_the_pendulum_and_turns_the_ball(
-        graph, motors, hardware_file):
+        graph, emulate, hardware):
+    motors = emulate('roboclaw', steering=True)
     moved = graph.subscribe('odom', Odometry)
-    graph.start('bridge', hardware=hardware_file, port=motors.path)
+    graph.start('bridge', hardware=hardware('gimball_roboclaw_steering', loop_rate=100.0),
+                port=motors.path)
     run = Driving(graph, motors)
     turn = TwistStamped()
     turn.twist.linear.x, turn.twist.angular.z = 0.4, 0.3
@@ -69,3 +47,20 @@ def test_a_yaw_rate_on_cmd_vel_leans_the_pendulum_and_turns_the_ball(
     graph.kill('bridge')
     graph.wait(lambda: motors.torque == motors.device.second_torque() == 0.0,
                'the serial timeout of the drive ends both torques')
+
+
+def test_a_vesc_is_released_each_time_and_its_kill_switch_is_reported(graph, emulate, hardware):
+    vesc = emulate('vesc', quirks=('kill_switch',))
+    graph.start('bridge', hardware=hardware('gimball_vesc'), port=vesc.path, control='direct')
+    run = Driving(graph, vesc)
+    for _ in range(3):  # idle until its timeout has expired
+        graph.spin(WATCHDOG + 0.1)
+        run.release()
+        assert not run.status[-1].e_stop
+        run.pull()
+        obey(vesc, 'stop_switch')
+        graph.wait(lambda: 'KILL_SW_ACTIVE' in run.status[-1].faults, 'it reports the switch')
+        run.wait_for_nothing()
+        assert list(run.status[-1].faults) == ['KILL_SW_ACTIVE']
+        obey(vesc, 'stop_switch 0')
+        run.wait_for_nothing()
