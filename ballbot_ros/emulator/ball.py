@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The ball behind an emulated drive: full model, gear, encoder, and an inertial sensor."""
 import math
-from typing import Any, Optional
+from typing import Any
 
 from ballbot_ros.drives.emulated_device import DriveSettings, Sensed
 from ballbot_ros.errors import ConfigurationError
@@ -10,6 +10,10 @@ from ballbot_ros.physics.model.state import State
 from ballbot_ros.physics.simulation.scene import Scene
 from ballbot_ros.plant import Imu, ImuSample, Plant
 from ballbot_ros.steering import GroundTrack, LateralState, pull
+
+
+# Period of the emulator [s].
+PERIOD = 1e-3
 
 
 def motor_of(robot: Robot) -> Motor:
@@ -61,8 +65,6 @@ class Ball:
         For the resolution of the encoder.
     period : float
         Over which the torque is constant [s]; a whole number of solver steps.
-    imu : Imu, optional
-        In the shell; a perfect one in its middle if not given.
 
     Attributes
     ----------
@@ -73,12 +75,11 @@ class Ball:
 
     """
 
-    def __init__(self, scene: Scene, settings: DriveSettings, period: float = 1e-3,
-                 imu: Optional[Imu] = None):
+    def __init__(self, scene: Scene, settings: DriveSettings, period: float = PERIOD):
         self.motor = motor_of(scene.model.robot)
         self.plant = Plant(scene, 1.0 / period, torque_limit=math.inf)
         self._count = math.tau / settings.counts_per_turn
-        self._imu = imu or Imu(scene.model.robot.gravity)
+        self._imu = Imu(scene.model.robot.gravity)  # a perfect one in the middle of the shell
         self._begin()
 
     def _begin(self) -> None:

@@ -11,7 +11,7 @@ from typing import Callable, Deque, NamedTuple, Optional
 
 from ballbot_ros.drives import line_of, SERIAL
 from ballbot_ros.drives.emulated_device import DriveSettings
-from ballbot_ros.emulator.ball import Ball, settings_for
+from ballbot_ros.emulator.ball import Ball, PERIOD, settings_for
 from ballbot_ros.emulator.bus import new_device
 from ballbot_ros.emulator.line import Direction
 from ballbot_ros.emulator.slcan import SlcanAdapter
@@ -19,11 +19,9 @@ from ballbot_ros.emulator.terminal import PseudoTerminal
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.physics.model.state import State
 from ballbot_ros.physics.simulation.scene import Scene
-from ballbot_ros.plant import Imu, ImuSample, Pace
+from ballbot_ros.plant import ImuSample, Pace
 from ballbot_ros.steering import required_steering
 
-# The torque is constant over a period, and the ball is simulated by periods [s].
-PERIOD = 1e-3
 # Largest number of periods to catch up in one step.  After a longer stop the ball skips the rest,
 # which a bridge detects as a jump of the encoder.
 MOST_PERIODS = 200
@@ -61,8 +59,6 @@ class Emulator:
         Symbolic link to keep pointing to the device.
     seed : int
         Of the faults.
-    imu : Imu, optional
-        In the shell; a perfect one if not given.
     steering : bool
         Whether a second motor, with the same gear, leans the pendulum: that on M2 of a RoboClaw,
         or one with a separate drive at the next address of the CAN bus.
@@ -86,9 +82,9 @@ class Emulator:
 
     def __init__(self, protocol: str, scene: Scene, baud: int = 115200,
                  settings: Optional[DriveSettings] = None, link: Optional[Path] = None,
-                 seed: int = 0, imu: Optional[Imu] = None, steering: bool = False):
+                 seed: int = 0, steering: bool = False):
         self.settings = settings or settings_for(scene.model.robot)
-        self.ball = Ball(scene, self.settings, PERIOD, imu)
+        self.ball = Ball(scene, self.settings)
         if steering:
             required_steering(scene.model.robot)
         self.steering = steering

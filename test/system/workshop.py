@@ -11,8 +11,8 @@ from stand import StoodBall
 from ballbot_ros.bridge.hardware_file import load_hardware
 from ballbot_ros.cli import main
 from ballbot_ros.drives import open_line
-from ballbot_ros.emulator.ball import settings_for
-from ballbot_ros.emulator.emulator import Emulator, PERIOD
+from ballbot_ros.emulator.ball import PERIOD, settings_for
+from ballbot_ros.emulator.emulator import Emulator
 from ballbot_ros.physics import load_scene
 
 EXTRA = 1.15  # the gear loses less than the file says

@@ -10,8 +10,7 @@ import math
 
 from ballbot_ros.config.fields import count, quantity
 from ballbot_ros.drives.contract import bit_names, DriveOptions, Identity, Setting, WireBudget
-from ballbot_ros.drives.driver import Driver
-from ballbot_ros.drives.driver import Match
+from ballbot_ros.drives.driver import Driver, Match
 from ballbot_ros.drives.roboclaw import codec
 from ballbot_ros.errors import DriveError
 
@@ -282,17 +281,9 @@ class RoboClaw(Driver):
         elif number == codec.GET_TIMEOUT:
             self._check_setting('serial timeout [s]', values[0] * TIMEOUT_UNIT)
         elif number == codec.GET_MAX_CURRENT[axis]:
-            self._check_limit(values[0] / 100.0)
+            self._check_setting('max current [A]', values[0] / 100.0)
         elif number == codec.GET_STATUS:
             faults = bit_names(values[0] & codec.ERRORS, codec.STATUS)
             self.telemetry = last._replace(
                 status_time=now, faults=faults, armed=self._armed and not faults,
                 warnings=bit_names(values[0] & ~codec.ERRORS, codec.STATUS))
-
-    def _check_limit(self, current: float) -> None:
-        """Report a current limit of the drive that has been raised."""
-        torque, limit = current * self.options.torque_constant, self.options.own_limit
-        if torque > 1.01 * limit:
-            self._add_hazard(
-                'torque_limit',
-                f'torque limit is {torque:.4g} N m, must be at most {limit:g} N m')

@@ -207,38 +207,17 @@ def cut_from(limits: Mapping[str, float], part: str) -> float:
     return start + limits['l_temp_accel_dec'] * (CURRENT_CUT_TEMPERATURE - start)
 
 
-class FullTorqueRange(NamedTuple):
-    """Range in which a VESC gives its full torque; see `full_torque_range`."""
-
-    temperature: float  # of the power stage, at most [degC]
-    motor_temperature: float  # at most [degC]
-    lowest_voltage: float  # of the supply [V]
-    highest_voltage: float  # [V]
-    least_erpm: float
-    most_erpm: float
-
-
-def full_torque_range(limits: Mapping[str, float]) -> FullTorqueRange:
-    """Return the range in which no limit cuts the torque; NaN where that is unknown."""
+def warnings_of(values: Values, limits: Mapping[str, float]) -> tuple[str, ...]:
+    """Return the limits that cut the torque now, named as in VESC Tool; not unknown ones."""
     share = limits['l_erpm_start']
-    return FullTorqueRange(
-        cut_from(limits, 'fet'), cut_from(limits, 'motor'), limits['l_battery_cut_start'],
-        limits.get('l_battery_regen_cut_start', math.inf), share * limits['l_min_erpm'],
-        share * limits['l_max_erpm'])
-
-
-def warnings_of(values: Values, within: FullTorqueRange) -> tuple[str, ...]:
-    """Return the limits that cut the torque now, named as in VESC Tool."""
-    heat, motor_heat, lowest, highest, least, most = within
-    if (values.temperature <= heat and values.motor_temperature <= motor_heat
-            and lowest <= values.bus_voltage <= highest and least <= values.erpm <= most):
-        return ()
     reached = {
-        'MOSFET_TEMP_CUTOFF': values.temperature > heat,
-        'MOTOR_TEMP_CUTOFF': values.motor_temperature > motor_heat,
-        'BATTERY_VOLTAGE_CUTOFF': values.bus_voltage < lowest,
-        'BATTERY_VOLTAGE_REGEN_CUTOFF': values.bus_voltage > highest,
-        'ERPM_LIMIT': values.erpm > most or values.erpm < least}
+        'MOSFET_TEMP_CUTOFF': values.temperature > cut_from(limits, 'fet'),
+        'MOTOR_TEMP_CUTOFF': values.motor_temperature > cut_from(limits, 'motor'),
+        'BATTERY_VOLTAGE_CUTOFF': values.bus_voltage < limits['l_battery_cut_start'],
+        'BATTERY_VOLTAGE_REGEN_CUTOFF':
+            values.bus_voltage > limits.get('l_battery_regen_cut_start', math.inf),
+        'ERPM_LIMIT': values.erpm < share * limits['l_min_erpm']
+        or values.erpm > share * limits['l_max_erpm']}
     return tuple(name for name, is_reached in reached.items() if is_reached)
 
 

@@ -60,7 +60,7 @@ def test_a_limit_of_the_drive_that_is_raised_under_power_engages_the_e_stop():
     robot = VirtualRobot('roboclaw').ready()
     robot.run(0.1, torque=0.5)
     robot.device.settings = replace(robot.device.settings, torque_limit=2.0, current_limit=80.0)
-    assert hazards_of(robot.run(0.3, torque=0.5)) == ['torque_limit']
+    assert hazards_of(robot.run(0.3, torque=0.5)) == ['max current [A]']
 
 
 @pytest.mark.slow

@@ -8,7 +8,6 @@ from refusals import refused
 from ballbot_ros.drives.emulated_device import Sensed
 from ballbot_ros.emulator.ball import Ball, settings_for
 from ballbot_ros.physics.simulation.scene import load_scene, read_scene
-from ballbot_ros.plant import Imu
 
 
 @pytest.fixture
@@ -78,12 +77,6 @@ def test_the_axes_of_the_sensor_turn_with_the_shell(settings):
     # Turned back, gravity points along the y of the world again.
     up = math.cos(state.ball_angle) * imu.upward + math.sin(state.ball_angle) * imu.forward
     assert state.ball_angle < -0.5 and up == pytest.approx(9.81, abs=0.3)
-
-
-def test_a_sensor_of_ones_own_is_asked(settings):
-    ball = Ball(load_scene('flat'), settings, imu=Imu(9.81, bias=0.1))
-    ball.advance(0.0)
-    assert ball.imu().turn_rate == pytest.approx(0.1)
 
 
 def test_a_robot_without_a_motor_is_refused(shellball):

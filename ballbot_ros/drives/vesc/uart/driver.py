@@ -44,7 +44,6 @@ class Vesc(Driver):
         self._version: Optional[settings.Version] = None
         self._limits: Mapping[str, float] = settings.unknown_limits(settings.SINCE_6_05)
         self._read_back, self._read_back_at = codec.GET_MCCONF, -math.inf
-        self._full_torque = settings.full_torque_range(self._limits)
         self._status, self._status_asked_at = 0, -math.inf
 
     # Blocking methods
@@ -79,7 +78,6 @@ class Vesc(Driver):
         layout = settings.layout_of(self._version)
         self._limits = settings.parse_limits(self._ask(codec.GET_MCCONF, deadline), layout) \
             or settings.unknown_limits(layout)
-        self._full_torque = settings.full_torque_range(self._limits)
         self._ask_until(lambda: self.telemetry.bus_voltage is not None, self._requests, deadline,
                         'the request for its supply voltage')
         return settings.judge(application, self._limits, self.options,
@@ -215,7 +213,7 @@ class Vesc(Driver):
             bus_current=values.bus_current,
             temperature=values.temperature, motor_temperature=values.motor_temperature,
             status_time=now, faults=faults, armed=self._armed and not faults,
-            warnings=settings.warnings_of(values, self._full_torque))
+            warnings=settings.warnings_of(values, self._limits))
 
     def _position(self, values: codec.Values) -> float:
         """
