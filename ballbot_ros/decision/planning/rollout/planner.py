@@ -178,8 +178,6 @@ def _reason(task: Task, trials: Sequence[Trial], tuning: DecisionTuning,
 ROLLOUTS_PER_DECISION = 20
 # Relevant change of the height [m].
 HEIGHT_CHANGE = 0.002
-# Maximum distance for associating a face that has changed its number [m].
-SAME_PLACE = 0.06
 # Relevant increase of the clearance behind an edge [m].
 ROOM_CHANGE = 0.1
 # Re-evaluation: period in decisions, and rollouts.
@@ -239,12 +237,12 @@ class PlanSelector:
     def has_plan_for(self, face: Face) -> bool:
         """Return whether a plan for a face has been selected."""
         return self.choice is not None and self.choice.trial is not None \
-            and self.basis is not None and _is_same(self.basis.face, face)
+            and self.basis is not None and self.basis.face.number == face.number
 
     def update(self, ahead: Ahead, situation: Situation, braking_room: float) -> None:
         """Continue the search, or re-evaluate the plan, within the budget of one decision."""
         motion, face = situation.motion, ahead.faces[0]
-        if self.basis is not None and not _is_same(self.basis.face, face):
+        if self.basis is not None and self.basis.face.number != face.number:
             self.forget()
         elif self.choice is not None and self.choice.reason is Reason.COMMITTED \
                 and braking_room > 0.0:
@@ -336,13 +334,6 @@ class PlanSelector:
         if braking_room > 0.0 and not good(
                 choice.tally, task.required - lost):
             self.basis = None
-
-
-def _is_same(one: Face, other: Face) -> bool:
-    """Return whether two faces are one, whose number may have changed."""
-    return one.number == other.number or (
-        abs(one.position - other.position) < SAME_PLACE
-        and abs(one.height - other.height) < HEIGHT_CHANGE)
 
 
 WHY = {
