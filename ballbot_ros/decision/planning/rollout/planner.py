@@ -515,12 +515,7 @@ class RolloutPlanner:
             choice = Choice(None, Reason.DROP if face.height < 0.0 else Reason.WALL)
             return self._lines.stand(
                 refuse(choice, ahead, motion, room, self._tuning), face.position, situation)
-        started = selector.choice is not None and selector.choice.trial is not None \
-            and selector.choice.reason is not Reason.COMMITTED
-        # A plan in execution is aborted only if the ball certainly stops before the face.
-        sure = ahead.touch - motion.position - self._lines.braking.distance(
-            motion.speed, ahead.slope - 2.0 * ahead.slope_sd, emergency=True)
-        selector.update(ahead, situation, min(room, sure) if started else room)
+        selector.update(ahead, situation, room)
         choice = selector.choice or Choice(None, Reason.NOT_LIKELY)
         if choice.trial is None and face.height < 0.0 and motion.speed > REST_SPEED_MAX and (
                 past_braking(previous, situation) or room < TOO_LATE):
