@@ -188,8 +188,6 @@ PROBABILITY_HYSTERESIS = 0.05
 CHANGES = 2
 # Tolerance of the start of a plan [m].
 POSITION_TOLERANCE = 0.05
-# A ball with less braking room touches faster than 0.1 m/s [m].
-TOO_LATE = -0.01
 
 
 class Basis(NamedTuple):
@@ -274,7 +272,7 @@ class PlanSelector:
             self._task, self.basis = task, now
             self._deliberation = deliberate(
                 task, self._tuning, max(0.0, motion.position - situation.free_from), kept,
-                failures, braking_room < TOO_LATE)
+                failures, braking_room < 0.0)
         if self._deliberation is None or self._task is None:
             self._look_again(task, braking_room)
             return
@@ -474,7 +472,7 @@ class RolloutPlanner:
                            self._selector.has_plan_for(faces[0]))
         if not ahead.ends and -HIGHEST_DESCENT < faces[0].height and (
                 past_braking(previous, situation)
-                or self._braking_room(ahead, motion) < TOO_LATE):
+                or self._braking_room(ahead, motion) < 0.0):
             # A planned descent of a small drop is better than an unplanned one.
             ahead = look_ahead(profile, faces, motion.position, slope, deviation,
                                self._robot.ball_radius, self._tuning.unseen_room,
@@ -518,7 +516,7 @@ class RolloutPlanner:
         selector.update(ahead, situation, room)
         choice = selector.choice or Choice(None, Reason.NOT_LIKELY)
         if choice.trial is None and face.height < 0.0 and motion.speed > REST_SPEED_MAX and (
-                past_braking(previous, situation) or room < TOO_LATE):
+                past_braking(previous, situation) or room < 0.0):
             # The descent is certain and needs neither a search nor more speed.
             choice = Choice(Trial(Candidate(
                 Strategy.CRUISE, min(motion.speed, self._tuning.cruise_speed))), Reason.COMMITTED)
