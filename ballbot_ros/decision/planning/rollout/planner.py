@@ -342,8 +342,6 @@ WHY = {
     Reason.FAILED_BEFORE: 'it failed before, and no faster plan or larger swing is left',
     Reason.DROP: 'the floor falls away',
     Reason.WALL: 'a wall; find another way',
-    Reason.TOO_FAST: 'the ball cannot be stopped before it any more',
-    Reason.STUCK: 'the ball does not get on',
 }
 # Reasons that waiting or further observations do not change.
 PERMANENT_REASONS = (Reason.TOO_HIGH, Reason.WALL, Reason.LANDING, Reason.FAILED_BEFORE)
@@ -416,8 +414,6 @@ def refuse(choice: Choice, ahead: Ahead, motion: Motion, braking_room: float,
 CONTACT, LONGEST_CONTACT = 0.005, 3.0
 # Clearance of a stop before a touch [m].
 GAP = 0.03
-# Reasons that further rollouts do not change.
-DEFINITE = (Reason.TOO_HIGH, Reason.FAILED_BEFORE, Reason.STUCK)
 # Of the slope, where it is not seen [rad].
 SLOPE_SD = 0.01
 
@@ -524,7 +520,7 @@ class RolloutPlanner:
             no = self._lines.stand(refuse(choice, ahead, motion, room, self._tuning),
                                    face.position, situation)
             label = None if previous is None else previous.kind
-            if choice.reason in DEFINITE:
+            if choice.reason in PERMANENT_REASONS:
                 return no
             if label is Kind.CLEAR and self._may_roll(no, previous):
                 return replace(no, kind=label, plan=Plan(
