@@ -108,9 +108,6 @@ class HeldInput(NamedTuple):
             held = expm(flow * share / rate)
             return held[:size, :size], held[:size, size]
 
-        if part == 0.0:
-            step, after = over(1.0)
-            return cls(step, np.zeros(size), after, int(delay))
         first, before = over(part)
         second, after = over(1.0 - part)
         return cls(second @ first, second @ before, after, math.ceil(delay))

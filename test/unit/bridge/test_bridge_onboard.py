@@ -157,13 +157,11 @@ def test_estimates_that_end_take_the_torque_away_within_the_command_timeout(prot
 
 def test_commands_are_refused_on_board_and_set_points_in_direct_control_with_the_parameter():
     robot = ready()
-    with refused('onboard', 'control') as caught:
+    with refused('onboard', 'control'):
         robot.session.command(0.1, robot.now)
-    assert 'control:=direct' in str(caught.value)
     assert robot.session.supervisor.gate.refused['onboard'] == 1
-    with refused('direct', 'control') as caught:
+    with refused('direct', 'control'):
         VirtualRobot().ready().session.give(UP)
-    assert 'control:=onboard' in str(caught.value)
 
 
 def test_a_set_point_from_the_future_is_followed_no_longer_than_one_of_now():

@@ -6,9 +6,7 @@ import sys
 
 import pytest
 
-from ballbot_ros.bridge import warm_up as module
 from ballbot_ros.jit import COMPILED
-from ballbot_ros.physics import load_robot
 
 # A new process: in this one other tests have compiled what there is.
 PROGRAM = """
@@ -40,14 +38,3 @@ for mode in Mode:
 def test_a_session_compiles_nothing_once_it_is_there():
     subprocess.run([sys.executable, '-c', PROGRAM], check=True, env={
         **os.environ, 'PYTHONPATH': os.pathsep.join([os.path.dirname(__file__), *sys.path])})
-
-
-def test_compiling_is_reported_where_it_took_long(monkeypatch, caplog):
-    caplog.set_level('INFO')
-    assert module.warm_up(load_robot('gimball')) < 60.0
-    caplog.clear()
-    module.warm_up(load_robot('gimball'))
-    assert not caplog.records
-    monkeypatch.setattr(module, 'CACHED_LOAD_TIME', 0.0)
-    module.warm_up(load_robot('gimball'))
-    assert 'were compiled in 0.0 s' in caplog.text

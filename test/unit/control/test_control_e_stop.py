@@ -109,5 +109,5 @@ def test_a_pendulum_that_is_let_down_has_no_torque_after_a_while():
 def test_a_checked_controller_expects_the_rate_that_its_gains_need():
     controller = checked_controller(GIMBALL, load_tuning('published'), 500.0, 0)
     assert controller.expected.lowest_rate == pytest.approx(275.0, rel=5e-3)
-    with pytest.raises(UnstableLoopError, match='law'):
+    with pytest.raises(UnstableLoopError):
         checked_controller(GIMBALL, load_tuning('published'), 500.0, 1)
