@@ -115,7 +115,8 @@ class Limits(Checked):
     on_timeout: str = text(
         'action of the motor after a command timeout', default='coast', choices=ON_TIMEOUT)
     damping: float = quantity(
-        'N m s/rad', 'torque per rate of brake and settle', minimum=0.0, default=0.3)
+        'N m s/rad', 'torque per rate of brake and settle', minimum=0.0, maximum=100.0,
+        default=0.3)
     damping_time: float = quantity(
         's', 'duration of brake and settle; zero torque afterwards', minimum=0.0, maximum=60.0,
         default=2.0)

@@ -13,8 +13,8 @@ from rclpy.task import Future
 
 from ballbot_ros.bags.metadata import bag_metadata, SIMULATOR
 from ballbot_ros.demo.demo import (
-    ANSWERS, check_bag, conclude, CONTROL_RATE, in_processes, lockstep_note, print_event,
-    RecordedSimulation, ROBOT, STATES, TOOL_TOPICS, TUNING)
+    ANSWERS, check_bag, conclude, CONTROL_RATE, fitting_curve, in_processes, lockstep_note,
+    print_event, RecordedSimulation, ROBOT, STATES, TOOL_TOPICS, TUNING)
 from ballbot_ros.demo.forked import import_nodes
 from ballbot_ros.demo.prepare import prepare
 from ballbot_ros.demo.processes import own_domain
@@ -66,7 +66,7 @@ def run_house_demo(out: Path, real_time: bool = False, quiet: bool = False, time
     longest : float, optional
         End of the run, in simulated time [s].
     robot, curve : str, optional
-        Names or files, see `find_config`; those of GimBall if not given.
+        Names or files, see `find_config`; GimBall and a shipped curve if not given.
     goals : sequence of (float, float), optional
         Places to drive to, instead of those of `TOUR` [m].
 
@@ -75,9 +75,15 @@ def run_house_demo(out: Path, real_time: bool = False, quiet: bool = False, time
     int
         0 if every room was reached, 1 if not.
 
+    Raises
+    ------
+    ConfigurationError
+        If a file is not valid, or the curve is of another robot.
+
     """
     floor, robot = load_floor(FLOOR), robot or ROBOT
     ball, tour = load_robot(robot), [Visit('room', x, y) for x, y in goals] or TOUR
+    curve = fitting_curve(ball, robot, curve)
     prepare(('simulator', 'controller', 'decision', 'navigator'))
     import_nodes(('simulator', 'controller', 'navigator'))
     domain = own_domain()
@@ -96,8 +102,7 @@ def run_house_demo(out: Path, real_time: bool = False, quiet: bool = False, time
             'real_time_factor': 1.0 if real_time or watched else 0.0, 'start_paused': True}
         controller = {'robot': robot, 'tuning': TUNING, 'rate': CONTROL_RATE,
                       'lockstep_set_point_period': 0.0 if real_time else PERIOD}
-        navigator = {'floor': FLOOR, 'robot': robot, 'control_tuning': TUNING,
-                     **({'curve': curve} if curve else {})}
+        navigator = {'floor': FLOOR, 'robot': robot, 'control_tuning': TUNING, 'curve': curve}
         with recorded_graph(
                 out, (*LOCKSTEP_RATES, *OTHER_TOPICS, *TOOL_TOPICS), timeline,
                 {'controller': controller, 'navigator': navigator, 'simulator': simulator},

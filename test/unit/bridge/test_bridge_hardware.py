@@ -100,7 +100,7 @@ RANGES = [
     (Limits, {'torque_limit': 1.0}, 'angle_limit', (1e-6, 6.3), (0.0, 6.301)),
     (Limits, {'torque_limit': 1.0}, 'speed_limit', (1e-6, 1e6), (0.0,)),
     (Limits, {'torque_limit': 1.0}, 'command_timeout', (0.01, 10.0), (0.0099, 10.01)),
-    (Limits, {'torque_limit': 1.0}, 'damping', (0.0, 1e6), (-1e-9,)),
+    (Limits, {'torque_limit': 1.0}, 'damping', (0.0, 100.0), (-1e-9, 100.1)),
     (Limits, {'torque_limit': 1.0}, 'damping_time', (0.0, 60.0), (-1e-9, 60.01)),
     (Connection, {'protocol': 'vesc', 'port': 'x'}, 'baud', (300, 20_000_000),
      (299, 20_000_001)),

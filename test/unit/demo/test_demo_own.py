@@ -9,6 +9,7 @@ from ballbot_ros.config.files import config_folder
 from ballbot_ros.demo import demo, hardware
 from ballbot_ros.demo.demo import ACTS, own_acts, passages_of
 from ballbot_ros.demo.hardware import GetGoing
+from ballbot_ros.demo.house import run_house_demo
 from ballbot_ros.demo.timeline import account, Expected, Passage, Timeline
 from ballbot_ros.errors import ConfigurationError, UnstableLoopError
 from ballbot_ros.msg import BallState, Contact, MotorStatus
@@ -49,6 +50,11 @@ def test_a_robot_without_a_curve_gets_the_command_to_run(own_robot):
     assert f'ballbot fit-curve --robot {own_robot} --actuation held' in str(refusal.value)
     with refused('inconsistent', 'curve'):
         own_acts(robot=own_robot, curve='gimball_down')
+
+
+def test_a_house_refuses_the_curve_of_another_robot(tmp_path):
+    with refused('inconsistent', 'curve'):
+        run_house_demo(tmp_path, curve='shellball_free')
 
 
 def test_a_robot_without_a_pendulum_and_gains_that_diverge_are_refused(monkeypatch):
