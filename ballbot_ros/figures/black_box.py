@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The time around a fault, from the black box of the bridge."""
 import math
-from typing import Any, List, Sequence, Tuple
+from typing import Any, List, Sequence
 
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
 import numpy as np
 
 from ballbot_ros.black_box.read import BlackBoxRecording, date, RecordedEvent
@@ -12,9 +11,8 @@ from ballbot_ros.black_box.report import gaps, merge_repeated, window
 from ballbot_ros.black_box.ring import TORQUE
 from ballbot_ros.bridge.observer import Level
 from ballbot_ros.figures import canvas
-from ballbot_ros.figures.panels import Panel, Series
+from ballbot_ros.figures.panels import Panel, panel_figure, Series
 
-_WIDTH, _LEFT, _RIGHT, _TOP, _BOTTOM, _GAP = 9.6, 0.85, 1.9, 0.75, 0.55, 0.14  # [in]
 LINE = 0.17  # height of a line of the list of events [in]
 MOST_LINES = 14
 # Wider than this a text is cut [characters].
@@ -36,31 +34,19 @@ def around_fault(recording: BlackBoxRecording, before: float = 5.0) -> Figure:
     fault = recording.fault_time
     events = chosen([event for event in merge_repeated(recording.events)
                      if begin <= event.time <= end])
-    panels = list(_panels(recording))
-    bottom = _BOTTOM + LINE * (len(events) + 1)
-    total = _TOP + bottom + sum(panel.height + _GAP for panel, _ in panels) - _GAP
-    with canvas.drawing(_WIDTH, total) as figure:
-        top, axes = total - _TOP, None
-        for number, (panel, times) in enumerate(panels):
-            top -= panel.height
-            axes = figure.add_axes(
-                (_LEFT / _WIDTH, top / total, 1.0 - (_LEFT + _RIGHT) / _WIDTH,
-                 panel.height / total))
-            _draw(axes, panel, [time - fault for time in times], begin - fault)
+    below = LINE * (len(events) + 1)
+    with panel_figure(_panels(recording, begin), recording.tables['period']['time'], 9.6,
+                 'from the fault on [s]', below) as (figure, drawn):
+        _, total = figure.get_size_inches()
+        for number, axes in enumerate(drawn):
             _mark(axes, events, fault, labelled=number == 0)
             axes.set_xlim(begin - fault, end - fault + 1e-9)
-            axes.tick_params(labelbottom=number + 1 == len(panels))
-            top -= _GAP
-        if axes is not None:
-            axes.set_xlabel('from the fault on [s]')
         for number, event in enumerate(events):
-            text = f'{event.time - fault:+.3f} s   {event.text}'
-            figure.text(_LEFT / _WIDTH - 0.01, LINE * (len(events) - number + 0.5) / total,
-                        str(number + 1), fontsize=7.5, va='top', ha='right',
-                        color=_colour(event))
-            figure.text(_LEFT / _WIDTH, LINE * (len(events) - number + 0.5) / total,
-                        _cut(text, WIDEST), fontsize=7.5,
-                        va='top', color=_colour(event))
+            place = LINE * (len(events) - number + 0.5) / total
+            for x, text, side in ((0.08, str(number + 1), 'right'), (0.09, _cut(
+                    f'{event.time - fault:+.3f} s   {event.text}', WIDEST), 'left')):
+                figure.text(x, place, text, fontsize=7.5, va='top', ha=side,
+                            color=_colour(event))
         about = recording.about
         origin = ', '.join(filter(None, (
             about.get('hardware', ''), about.get('made', ''),
@@ -88,60 +74,44 @@ def _colour(event: RecordedEvent) -> str:
         Level(event.level), canvas.INK)
 
 
-def _panels(recording: BlackBoxRecording) -> List[Tuple[Panel, List[Any]]]:
-    """Return the panels from top to bottom, with the times of each of their lines."""
+def _panels(recording: BlackBoxRecording, begin: float) -> List[Panel]:
+    """Return the panels from top to bottom, from a time on [s]."""
     period, drive = recording.tables['period'], recording.tables['drive']
     command = recording.tables['command']
     torques = command['kind'] == TORQUE
     moved = np.isfinite(period['pendulum_angle'])
-    time, slow = period['time'], drive['time']
-    ends, lengths = gaps(time)
+    ends, lengths = gaps(period['time'])
 
-    def measured(name: str) -> Any:
-        return period[name][moved]
-    found = [
-        (Panel('angle [deg]', (
-            Series('pendulum, absolute', np.degrees(measured('pendulum_angle')), canvas.BLUE),
-            Series('joint', np.degrees(measured('joint_angle')), canvas.SKY))),
-         [time[moved]] * 2),
-        (Panel('rate [rad/s]', (
-            Series('joint', measured('joint_rate'), canvas.BLUE),
-            Series('ball', measured('ball_rate'), canvas.ORANGE))), [time[moved]] * 2),
-        (Panel('torque [N m]', (
-            Series('commanded', command['value'][torques], canvas.GREY, ':'),
-            Series('asked', period['asked'], canvas.SKY),
-            Series('applied', period['torque'], canvas.VERMILION))),
-         [command['time'][torques], time, time]),
-        (Panel('supply [V], [A]', (
-            Series('voltage', drive['bus_voltage'], canvas.GREEN),
-            Series('current', drive['bus_current'], canvas.PURPLE),
-            Series('motor current', period['current'], canvas.ORANGE))),
-         [slow, slow, time]),
-        (Panel('heat [°C]', (
-            Series('drive', drive['temperature'], canvas.VERMILION),
-            Series('motor', drive['motor_temperature'], canvas.ORANGE)), height=0.8), [slow] * 2),
-        (Panel('gap [ms]', (
-            Series('between periods', 1e3 * lengths, canvas.BLUE),), height=0.8), [ends])]
-    return [(panel, times) for panel, times in found]
+    def series(label: str, values: Any, colour: str, times: Any = period['time'],
+               style: str = '-') -> Series:
+        shown = times >= begin
+        return Series(label, values[shown], colour, style, times[shown] - recording.fault_time)
 
+    def measured(label: str, name: str, colour: str, factor: float = 1.0) -> Series:
+        return series(label, factor * period[name][moved], colour, period['time'][moved])
 
-def _draw(axes: Any, panel: Panel, times: Sequence[Any], begin: float) -> None:
-    """Draw one panel from a time on; values that the drive does not report are left out."""
-    axes.axhline(0.0, color=canvas.GREY, lw=0.5, zorder=1)
-    for line, time in zip(panel.lines, times):
-        shown = time >= begin
-        if np.isfinite(line.values[shown]).any():
-            axes.plot(time[shown], line.values[shown], line.style, color=line.colour,
-                      label=line.label, lw=1.1,
-                      drawstyle='steps-post' if 'torque' in panel.title else 'default')
-    axes.set_ylabel(panel.title)
-    axes.yaxis.set_label_coords(-0.62 / (_WIDTH - _LEFT - _RIGHT), 0.5)
-    axes.yaxis.set_major_locator(MaxNLocator(4))
-    axes.grid(lw=0.4, color='#DDDDDD', zorder=0)
-    axes.margins(x=0.0, y=0.08)
-    if axes.get_legend_handles_labels()[0]:
-        axes.legend(loc='upper left', bbox_to_anchor=(1.01, 1.03), frameon=False, fontsize=8,
-                    handlelength=1.6, borderaxespad=0.0, labelspacing=0.3)
+    def reported(label: str, name: str, colour: str) -> Series:
+        return series(label, drive[name], colour, drive['time'])
+    degrees = math.degrees(1.0)
+    return [
+        Panel('angle [deg]', (
+            measured('pendulum, absolute', 'pendulum_angle', canvas.BLUE, degrees),
+            measured('joint', 'joint_angle', canvas.SKY, degrees))),
+        Panel('rate [rad/s]', (measured('joint', 'joint_rate', canvas.BLUE),
+                               measured('ball', 'ball_rate', canvas.ORANGE))),
+        Panel('torque [N m]', (
+            series('commanded', command['value'][torques], canvas.GREY, command['time'][torques],
+                   ':'),
+            series('asked', period['asked'], canvas.SKY),
+            series('applied', period['torque'], canvas.VERMILION)), stepped=True),
+        Panel('supply [V], [A]', (
+            reported('voltage', 'bus_voltage', canvas.GREEN),
+            reported('current', 'bus_current', canvas.PURPLE),
+            series('motor current', period['current'], canvas.ORANGE))),
+        Panel('heat [°C]', (reported('drive', 'temperature', canvas.VERMILION),
+                            reported('motor', 'motor_temperature', canvas.ORANGE)), height=0.8),
+        Panel('gap [ms]', (series('between periods', 1e3 * lengths, canvas.BLUE, ends),),
+              height=0.8)]
 
 
 def _mark(axes: Any, events: Sequence[RecordedEvent], fault: float, labelled: bool) -> None:

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """A run over time, as panels below one another."""
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from typing import Iterator
+from typing import Any, Iterator, Optional, Sequence
 
-import matplotlib
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 import numpy as np
@@ -15,18 +15,19 @@ from ballbot_ros.physics.simulation.trajectory import Trajectory
 # Numbers beyond are those of a run that diverged, and would only spoil the scales.
 PLOTTED_VALUE_MAX = 1e9
 
-_WIDTH = 9.0
-_LEFT, _RIGHT, _TOP, _BOTTOM, _GAP = 0.85, 1.75, 0.62, 0.55, 0.16  # [in]
+# Margins beside, above and below the panels, and the gap between two of them [in].
+LEFT, RIGHT, TOP, BOTTOM, GAP = 0.85, 1.75, 0.7, 0.55, 0.15
 
 
 @dataclass(frozen=True)
 class Series:
-    """One curve of a panel."""
+    """One curve of a panel; the times are those of the figure where none are given."""
 
     label: str
     values: Array
     colour: str
     style: str = '-'
+    times: Optional[Array] = None
 
 
 @dataclass(frozen=True)
@@ -36,6 +37,7 @@ class Panel:
     title: str
     lines: tuple[Series, ...]
     height: float = 1.15  # [in]
+    stepped: bool = False
     band: float = 0.0  # half width of a band about zero that is shaded
 
 
@@ -55,54 +57,79 @@ def time_series(trajectory: Trajectory, title: str = '') -> Figure:
     Bands in the background mark the time in flight.  The title is the name of the scene, say.
     """
     run = sane(trajectory)
-    panels = list(_panels(run))
-    total = _TOP + _BOTTOM + sum(panel.height + _GAP for panel in panels) - _GAP
-    with canvas.drawing(_WIDTH, total) as figure:
-        top = total - _TOP
-        first = None
-        for panel in panels:
-            top -= panel.height
-            axes = figure.add_axes(
-                (_LEFT / _WIDTH, top / total, 1.0 - (_LEFT + _RIGHT) / _WIDTH,
-                 panel.height / total), sharex=first)
-            first = first or axes
-            _draw(axes, run, panel)
-            axes.tick_params(labelbottom=panel is panels[-1])
-            top -= _GAP
-        axes.set_xlabel('time [s]')
-        if len(run) > 1:
-            axes.set_xlim(run['time'][0], run['time'][-1])
+    with panel_figure(list(_panels(run)), run['time'], 9.0, 'time [s]') as (figure, drawn):
+        time, flying = run['time'], run['penetration'] == 0.0
+        ends = np.flatnonzero(np.diff(np.concatenate([[False], flying, [False]]).astype(int)))
+        for axes in drawn:
+            for begin, end in zip(ends[::2], ends[1::2]):
+                axes.axvspan(time[begin], time[min(end, len(time) - 1)], color=canvas.PALE, lw=0,
+                             zorder=0)
+            axes.ticklabel_format(axis='y', style='sci', scilimits=(-3, 4), useMathText=True)
+            axes.yaxis.get_offset_text().set_fontsize(8)
+            if len(run) > 1:
+                axes.set_xlim(time[0], time[-1])
+        width, height = figure.get_size_inches()
         heading = ', '.join(part for part in (title, run.model.robot.name) if part)
-        figure.text(_LEFT / _WIDTH, 1.0 - 0.30 / total, heading, fontsize=11, weight='bold')
-        if (run['penetration'] == 0.0).any():
-            figure.text(1.0 - _RIGHT / _WIDTH, 1.0 - 0.30 / total, 'shaded: in flight',
+        figure.text(LEFT / width, 1.0 - 0.30 / height, heading, fontsize=11, weight='bold')
+        if flying.any():
+            figure.text(1.0 - RIGHT / width, 1.0 - 0.30 / height, 'shaded: in flight',
                         fontsize=8, color=canvas.GREY, ha='right')
     return figure
 
 
-def _draw(axes: matplotlib.axes.Axes, run: Trajectory, panel: Panel) -> None:
-    """Draw one panel."""
-    time = run['time']
-    flying = run['penetration'] == 0.0
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], flying, [False]]).astype(int)))
-    for begin, end in zip(edges[::2], edges[1::2]):
-        axes.axvspan(time[begin], time[min(end, len(time) - 1)], color=canvas.PALE, lw=0,
-                     zorder=0)
+@contextmanager
+def panel_figure(panels: Sequence[Panel], times: Array, width: float, label: str,
+                 below: float = 0.0) -> Iterator[tuple[Figure, list[Any]]]:
+    """
+    Give a figure with panels below one another, and their axes.
+
+    Parameters
+    ----------
+    panels : sequence of Panel
+    times : array
+        Of series without times of their own.
+    width : float
+        Of the figure [in].
+    label : str
+        Of the axis of time.
+    below : float
+        Additional room below the panels [in].
+
+    """
+    height = TOP + BOTTOM + below + sum(panel.height + GAP for panel in panels) - GAP
+    with canvas.drawing(width, height) as figure:
+        top, drawn = height - TOP, []
+        for panel in panels:
+            top -= panel.height
+            axes = figure.add_axes((LEFT / width, top / height, 1.0 - (LEFT + RIGHT) / width,
+                                    panel.height / height))
+            top -= GAP
+            _draw(axes, panel, times)
+            axes.yaxis.set_label_coords(-0.62 / (width - LEFT - RIGHT), 0.5)
+            axes.tick_params(labelbottom=panel is panels[-1])
+            drawn.append(axes)
+        drawn[-1].set_xlabel(label)
+        yield figure, drawn
+
+
+def _draw(axes: Any, panel: Panel, times: Array) -> None:
+    """Draw one panel; series without a known value are left out."""
     if panel.band:
         axes.axhspan(-panel.band, panel.band, color=canvas.SOIL, alpha=0.6, lw=0, zorder=0.5,
                      label=f'full friction\nbeyond {panel.band:g} m/s')
     axes.axhline(0.0, color=canvas.GREY, lw=0.6, zorder=1)
     for line in panel.lines:
-        axes.plot(time, line.values, line.style, color=line.colour, label=line.label)
+        if np.isfinite(line.values).any():
+            axes.plot(times if line.times is None else line.times, line.values, line.style,
+                      color=line.colour, label=line.label,
+                      drawstyle='steps-post' if panel.stepped else 'default')
     axes.set_ylabel(panel.title)
-    axes.yaxis.set_label_coords(-0.62 / (_WIDTH - _LEFT - _RIGHT), 0.5)
     axes.yaxis.set_major_locator(MaxNLocator(4))
-    axes.ticklabel_format(axis='y', style='sci', scilimits=(-3, 4), useMathText=True)
-    axes.yaxis.get_offset_text().set_fontsize(8)
-    axes.grid(axis='both', lw=0.4, color='#DDDDDD', zorder=0)
+    axes.grid(lw=0.4, color='#DDDDDD', zorder=0)
     axes.margins(x=0.0, y=0.08)
-    axes.legend(loc='upper left', bbox_to_anchor=(1.01, 1.03), frameon=False, fontsize=8,
-                handlelength=1.6, borderaxespad=0.0, labelspacing=0.3)
+    if axes.get_legend_handles_labels()[0]:
+        axes.legend(loc='upper left', bbox_to_anchor=(1.01, 1.03), frameon=False, fontsize=8,
+                    handlelength=1.6, borderaxespad=0.0, labelspacing=0.3)
 
 
 def _panels(run: Trajectory) -> Iterator[Panel]:
