@@ -9,7 +9,7 @@ from importlib.util import find_spec
 from pathlib import Path
 import sqlite3
 import struct
-from typing import Any, Collection, Iterator, Mapping, Protocol, Tuple
+from typing import Any, Collection, Iterator, Mapping, Tuple, Union
 
 import yaml
 
@@ -24,57 +24,12 @@ READER_ERRORS = (ArithmeticError, AssertionError, AttributeError, EOFError, Look
               RuntimeError, TypeError, ValueError, sqlite3.Error, struct.error)
 
 
-class Bag(Protocol):
-    """
-    An open bag.
-
-    Attributes
-    ----------
-    topics : mapping of str to str
-        Types of the messages, such as ``'sensor_msgs/msg/JointState'``, by topic.
-    metadata : mapping of str to str
-        Written by the recorder.
-
-    """
-
-    @property
-    def topics(self) -> Mapping[str, str]:
-        """Return types by topic."""
-
-    @property
-    def metadata(self) -> Mapping[str, str]:
-        """Return texts by key."""
-
-    def messages(self, topics: Collection[str]) -> Iterator[Tuple[str, Any]]:
-        """Give topic and message in the order of the bag; `ConfigurationError` where damaged."""
-
-
 def is_bag(path: Path) -> bool:
     """Return whether a path looks like a bag: its one file, or a folder with one or its index."""
     if path.is_dir():
         return (path / 'metadata.yaml').exists() or any(
             file.suffix in BAG_SUFFIXES for file in path.iterdir())
     return path.suffix in BAG_SUFFIXES
-
-
-@contextmanager
-def open_bag(path: Path) -> Iterator[Bag]:
-    """
-    Open a ROS 2 bag, a folder or its one file.
-
-    Raises
-    ------
-    ConfigurationError
-        If it cannot be read, or if nothing is installed that reads bags.
-
-    """
-    if find_spec('rosbags') is not None:
-        with _open_with_rosbags(path) as bag:
-            yield bag
-    elif find_spec('rosbag2_py') is not None:
-        yield _open_with_rosbag2(path)
-    else:
-        raise ConfigurationError(MISSING, 'not_installed', 'rosbags')
 
 
 def unreadable(path: Path, error: BaseException) -> ConfigurationError:
@@ -100,8 +55,18 @@ def custom_data(path: Path) -> Mapping[str, str]:
         raise unreadable(path, error) from error
 
 
-class _RosbagsBag:
-    """A bag that the Python package rosbags has opened."""
+class RosbagsBag:
+    """
+    A bag that the Python package rosbags has opened.
+
+    Attributes
+    ----------
+    topics : mapping of str to str
+        Types of the messages, such as ``'sensor_msgs/msg/JointState'``, by topic.
+    metadata : mapping of str to str
+        Written by the recorder.
+
+    """
 
     def __init__(self, path: Path, reader: Any, metadata: Mapping[str, str]):
         self._path, self._reader, self.metadata = path, reader, metadata
@@ -109,7 +74,7 @@ class _RosbagsBag:
             connection.topic: connection.msgtype for connection in reader.connections}
 
     def messages(self, topics: Collection[str]) -> Iterator[Tuple[str, Any]]:
-        """Give topic and message."""
+        """Give topic and message in the order of the bag; `ConfigurationError` where damaged."""
         from rosbags.highlevel import AnyReaderError
         wanted = [connection for connection in self._reader.connections
                   if connection.topic in topics]
@@ -121,7 +86,7 @@ class _RosbagsBag:
 
 
 @contextmanager
-def _open_with_rosbags(path: Path) -> Iterator[_RosbagsBag]:
+def _open_with_rosbags(path: Path) -> Iterator[RosbagsBag]:
     from rosbags.highlevel import AnyReader, AnyReaderError
     from rosbags.typesys import get_typestore, Stores
     metadata = custom_data(path)
@@ -132,7 +97,7 @@ def _open_with_rosbags(path: Path) -> Iterator[_RosbagsBag]:
     except (AnyReaderError, *READER_ERRORS) as error:
         raise unreadable(path, error) from error
     try:
-        yield _RosbagsBag(path, reader, metadata)
+        yield RosbagsBag(path, reader, metadata)
     finally:
         reader.close()
 
@@ -179,3 +144,26 @@ def _open_with_rosbag2(path: Path) -> Rosbag2Bag:
         return Rosbag2Bag(path, reader)
     except RuntimeError as error:
         raise unreadable(path, error) from error
+
+
+Bag = Union[RosbagsBag, Rosbag2Bag]
+
+
+@contextmanager
+def open_bag(path: Path) -> Iterator[Bag]:
+    """
+    Open a ROS 2 bag, a folder or its one file.
+
+    Raises
+    ------
+    ConfigurationError
+        If it cannot be read, or if nothing is installed that reads bags.
+
+    """
+    if find_spec('rosbags') is not None:
+        with _open_with_rosbags(path) as bag:
+            yield bag
+    elif find_spec('rosbag2_py') is not None:
+        yield _open_with_rosbag2(path)
+    else:
+        raise ConfigurationError(MISSING, 'not_installed', 'rosbags')

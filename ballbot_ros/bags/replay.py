@@ -8,7 +8,7 @@ the recorded torque.
 from dataclasses import dataclass, field
 import math
 from pathlib import Path
-from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Protocol, Tuple
+from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Tuple, Union
 
 import numpy as np
 
@@ -23,20 +23,13 @@ from ballbot_ros.steering import law as steering_law
 from ballbot_ros.studies.recording import CHANNELS, Recording, replay
 
 
-class Torques(Protocol):
-    """Source of the torque of a period; ``what`` describes it as text."""
-
-    what: str
-
-    def torque(self, stamp: int, after: int, plant: Plant) -> Optional[float]:
-        """Return the torque from one stamp to the next one [ns], None if unknown."""
-
-    def lean(self, stamp: int, plant: Plant) -> float:
-        """Return the set-point of the lean after a stamp [rad]; called for a plant that steers."""
-
-
 class Commands:
-    """Each recorded command, in the period whose state it answers."""
+    """
+    Each recorded command, in the period whose state it answers.
+
+    As the other sources of torque, it returns the torque from one stamp to the next one [ns], None
+    if it is unknown, and the set-point of the lean for a plant that steers [rad].
+    """
 
     what = 'recorded commands, each in the period whose state it answers'
 
@@ -96,7 +89,10 @@ class Laws:
         """Return the answer of the steering law."""
         robot = plant.model.robot
         return steering_law(robot, plant.lateral, -robot.ball_radius * plant.state.ball_rate,
-                   self._controller.set_point.yaw_rate)
+                            self._controller.set_point.yaw_rate)
+
+
+Torques = Union[Commands, MotorTorques, Laws]
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 import os
 from pathlib import Path
 import time
-from typing import Any, Dict, List, Mapping
+from typing import Any, Callable, Dict, List, Mapping
 
 import rclpy
 from rclpy.node import Node
@@ -75,65 +75,47 @@ def run_lockstep(folder: Path, nodes: Mapping[str, Mapping[str, Any]], periods: 
     node, recorder = Node('ballbot_experiment'), Node('ballbot_recorder')
     executor = new_executor()
     executor.add_node(node)
+    topics, last = topics_of(nodes), last_stamps(nodes['simulator'], periods)
+    deadline = time.monotonic() + timeout
     try:
         with ending_by_signal(), BagRecorder(folder / 'bag', metadata) as bag, \
                 NodeProcesses(logs, domain) as processes:
-            driver = _Driver(node, bag, topics_of(nodes), periods,
-                             last_stamps(nodes['simulator'], periods))
-            for topic in topics_of(nodes):
+            def wait(condition: Callable[[], object]) -> None:
+                while not condition():
+                    executor.spin_once(timeout_sec=SPIN_TIME)
+                    if bag.failure is not None:
+                        raise RefusedError(
+                            f'the bag cannot be written: {bag.failure}', 'not_writable', 'bag')
+                    ended = processes.ended()
+                    if ended is not None:
+                        raise RefusedError(f'node {ended[0]} ended with code {ended[1]}; see '
+                                           f'{processes.log(ended[0])}', 'failed', ended[0])
+                    if time.monotonic() > deadline:
+                        raise RefusedError(
+                            f'not finished within {timeout:g} s; on a slow machine increase '
+                            f'--timeout; else see {logs}', 'timeout', '--timeout')
+
+            for topic in topics:
                 bag.subscribe(recorder, topic)
             bag.record_in_thread()
             for name, parameters in nodes.items():
                 processes.start(name, parameters)
-            deadline = time.monotonic() + timeout
-            while not driver.done:
-                executor.spin_once(timeout_sec=SPIN_TIME)
-                driver.poll()
-                if bag.failure is not None:
-                    raise RefusedError(
-                        f'the bag cannot be written: {bag.failure}', 'not_writable', 'bag')
-                ended = processes.ended()
-                if ended is not None:
-                    raise RefusedError(f'node {ended[0]} ended with code {ended[1]}; see '
-                                       f'{processes.log(ended[0])}', 'failed', ended[0])
-                if time.monotonic() > deadline:
-                    raise RefusedError(
-                        f'not finished within {timeout:g} s; on a slow machine increase '
-                        f'--timeout; else see {logs}', 'timeout', '--timeout')
+            reset = node.create_client(Trigger, 'simulator/reset')
+            step = node.create_client(Step, 'simulator/step')
+            wait(lambda: reset.service_is_ready() and step.service_is_ready())
+            while not set(topics) <= bag.recorded.keys():
+                reset.call_async(Trigger.Request())
+                again = time.monotonic() + RESET_PERIOD
+                wait(lambda: time.monotonic() > again)
+            run = step.call_async(Step.Request(periods=periods))
+            wait(run.done)
+            if not run.result().success:
+                raise RefusedError(f'the simulation was refused: {run.result().message}',
+                                   'failed', 'simulator')
+            wait(lambda: bag.reached({
+                topic: last.get(topic, last['joint_states']) for topic in topics}))
     finally:
         executor.remove_node(node)
         node.destroy_node()
         recorder.destroy_node()
         rclpy.try_shutdown()
-
-
-class _Driver:
-    """Resets the simulator until all topics are recorded, runs it, awaits the last messages."""
-
-    def __init__(self, node: Node, bag: BagRecorder, topics: List[str],
-                 periods: int, last: Mapping[str, int]):
-        self.done = False
-        self._bag, self._periods, self._last = bag, periods, last
-        self._reset = node.create_client(Trigger, 'simulator/reset')
-        self._step = node.create_client(Step, 'simulator/step')
-        self._answer: Any = None
-        self._next = 0.0
-        self._topics = set(topics)
-
-    def poll(self) -> None:
-        """Advance the sequence; call this often."""
-        now = time.monotonic()
-        if self._answer is not None:
-            if self._answer.done() and not self._answer.result().success:
-                raise RefusedError(
-                    f'the simulation was refused: {self._answer.result().message}',
-                    'failed', 'simulator')
-            self.done = self._answer.done() and self._bag.reached({
-                name: self._last.get(name, self._last['joint_states']) for name in self._topics})
-        elif now >= self._next and self._reset.service_is_ready() \
-                and self._step.service_is_ready():
-            self._next = now + RESET_PERIOD
-            if self._topics <= self._bag.recorded.keys():
-                self._answer = self._step.call_async(Step.Request(periods=self._periods))
-            else:
-                self._reset.call_async(Trigger.Request())

@@ -108,8 +108,10 @@ class Observer:
         try:
             return self.node.resolve_topic_name(topic)
         except Exception as error:
+            # rcl appends the line of its source.
+            reason = str(error).removeprefix('failed to resolve name: ').partition(', at /')[0]
             raise ConfigurationError(
-                f'{topic!r} is not a name of a topic: {error}', 'wrong_type', 'topic') from error
+                f'{topic!r} is not a name of a topic: {reason}', 'wrong_type', 'topic') from error
 
     def type_of(self, topic: str, seconds: float, waiting: Callable[[], None]) -> str:
         """

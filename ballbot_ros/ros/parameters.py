@@ -181,13 +181,13 @@ def _sections(path: str) -> list[tuple[str, set[str]]]:
         return []  # rcl has read it by its own rules
     found: list[tuple[str, set[str]]] = []
 
-    def look(place: str, value: Any) -> None:
+    def search(place: str, value: Any) -> None:
         for key, inner in value.items() if isinstance(value, Mapping) else ():
             if key == 'ros__parameters':
                 found.append((place, set(_flat(inner))))
             else:
-                look(f'{place}/{str(key).strip("/")}', inner)
-    look('', content)
+                search(f'{place}/{str(key).strip("/")}', inner)
+    search('', content)
     return found
 
 

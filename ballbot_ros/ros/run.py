@@ -232,10 +232,10 @@ def _end_in_time(nodes: Sequence[Node]) -> None:
 def _watch(node: Node, stopping: Stop) -> None:
     """Poll a node for a failure."""
     if hasattr(node, 'failure'):
-        def look() -> None:
+        def poll() -> None:
             if node.failure is not None:
                 stopping.give()
-        node.create_timer(POLL_PERIOD, look, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        node.create_timer(POLL_PERIOD, poll, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
 
 def _watch_clock(node: Node) -> None:

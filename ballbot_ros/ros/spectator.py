@@ -157,7 +157,7 @@ class Spectator:
     # Methods of the thread.
 
     def _live(self) -> None:
-        look = renew = 0.0
+        query = renew = 0.0
         while not self._ending.is_set():
             self._observer.spin(SPIN_TIMEOUT)
             now = monotonic()
@@ -166,9 +166,9 @@ class Spectator:
                     self._jobs.get_nowait()()
             except Empty:
                 pass
-            if now >= look:
-                look = now + GRAPH_PERIOD
-                self._look_around(now)
+            if now >= query:
+                query = now + GRAPH_PERIOD
+                self._query_graph(now)
             if now >= renew:
                 renew = now + SET_POINT_PERIOD
                 self._publish(now)
@@ -184,7 +184,7 @@ class Spectator:
                 self._receive(topic, deserialize_message(data, kind))
         return take
 
-    def _look_around(self, now: float) -> None:
+    def _query_graph(self, now: float) -> None:
         """Query the graph, and request the parameters of new nodes."""
         own = self._node.get_namespace()
         nodes = frozenset(name for name, where in self._node.get_node_names_and_namespaces()

@@ -101,7 +101,7 @@ class Outputs:
         plant, now, every = self._plant, self._plant.periods, self._every
         odometry, ball_state, joint_states = (
             everything or now % period == 0 for period in every[1:])
-        seen = self._sensors.look(everything)
+        seen = self._sensors.measure(everything)
         marked = self._markers.is_due(plant.time)
         stamped = odometry or ball_state or joint_states or seen or marked
         if stamped if not every.clock else everything or now % every.clock == 0:
@@ -236,50 +236,25 @@ class Sensors:
             See the class.
 
         """
-        faults = SensorFaults(**{item.name: getattr(settings, f'sensor_{item.name}')
-                                 for item in fields(SensorFaults)})
         if settings.lockstep:
             check_lockstep(settings)
-        seen = self._plant.profile()
-
-        def step_on(ground: Terrain) -> Optional[Sensor]:
-            return Sensor(
-                ground, settings.observation_reach, settings.observation_distance_sd,
-                settings.observation_height_sd, settings.seed, faults
-            ) if settings.observation_rate > 0.0 else None
-
-        def terrain_on(ground: Terrain) -> Optional[TerrainSensor]:
-            return TerrainSensor(
-                ground, settings.terrain_reach, settings.terrain_height_sd, settings.seed, faults
-            ) if settings.terrain_rate > 0.0 else None
-        step, terrain = step_on(seen), terrain_on(seen)
-        on_floor = isinstance(self._plant, FloorPlant)
-        periods = [
-            periods_per(rate, settings.control_rate, name) if rate > 0.0 else 0
-            for name, rate in (('observation_rate', settings.observation_rate),
-                               ('terrain_rate', settings.terrain_rate),
-                               ('scan_rate', settings.scan_rate if on_floor else 0.0))]
+        rates = {'step_observation': 'observation_rate', 'terrain_observation': 'terrain_rate'}
+        if isinstance(self._plant, FloorPlant):
+            rates['scan'] = 'scan_rate'
+        periods = {topic: periods_per(rate, settings.control_rate, name)
+                   for topic, name in rates.items() if (rate := getattr(settings, name)) > 0.0}
+        ground = self._plant.profile()
+        sensors = sensors_on(ground, settings)
 
         def commit() -> None:
-            self._ground, self._step, self._terrain = seen, step, terrain
-            self._step_on, self._terrain_on, self._settings = step_on, terrain_on, settings
-            self._step_periods, self._terrain_periods, self._scan_periods = periods
-            self._late.seconds = faults.latency
-            if step is not None:
-                self._step_topic = self._topic('step_observation')
-            if terrain is not None:
-                self._terrain_topic = self._topic('terrain_observation')
-            if self._scan_periods:
-                self._scan_topic = self._topic('scan')
+            self._settings, self._periods = settings, periods
+            self._ground, (self._step, self._terrain) = ground, sensors
+            self._late.seconds = settings.sensor_latency
+            for topic in periods.keys() - self._topics:
+                self._topics[topic] = create_publisher(self._node, topic)
         return commit
 
-    def _topic(self, name: str) -> Publisher:
-        """Return a publisher, created when it is first needed."""
-        if name not in self._topics:
-            self._topics[name] = create_publisher(self._node, name)
-        return self._topics[name]
-
-    def look(self, everything: bool = False) -> List[Tuple[Publisher, Any]]:
+    def measure(self, everything: bool = False) -> List[Tuple[Publisher, Any]]:
         """
         Return the messages that are to be published now, each with its publisher.
 
@@ -289,33 +264,44 @@ class Sensors:
             The state is new: discard delayed measurements, and measure now.
 
         """
-        plant = self._plant
+        plant, settings = self._plant, self._settings
         if everything:
             self._late.clear()
-        looks = [bool(periods) and (everything or plant.periods % periods == 0)
-                 for periods in (self._step_periods, self._terrain_periods, self._scan_periods)]
-        if any(looks[:2]) and (ground := plant.profile()) is not self._ground:
-            self._ground = ground
-            self._step, self._terrain = self._step_on(ground), self._terrain_on(ground)
-        if self._step is not None and looks[0]:
-            sight = self._step.look(plant.state.x, plant.periods // self._step_periods)
-            if sight is not None:
-                self._late.put(plant.time, (self._step_topic, observation_message(
-                    to_time(plant.time), sight, self._step, self._frames)))
-        if self._terrain is not None and looks[1]:
-            view = self._terrain.look(
-                plant.state.x, plant.state.y, plant.periods // self._terrain_periods)
-            if view is not None:
-                self._late.put(plant.time, (self._terrain_topic, terrain_message(
-                    to_time(plant.time), view, self._frames)))
-        if looks[2] and isinstance(plant, FloorPlant) and has_subscribers(self._scan_topic):
-            settings, number = self._settings, plant.periods // self._scan_periods
-            self._late.put(plant.time, (self._scan_topic, scan_message(
-                to_time(plant.time), plant, settings.scan_beams, settings.scan_reach,
-                settings.scan_sd * np.random.default_rng(
-                    [settings.seed, number]).standard_normal(settings.scan_beams),
-                self._frames)))
+        numbers = {topic: plant.periods // period for topic, period in self._periods.items()
+                   if everything or plant.periods % period == 0}
+        if not numbers:
+            return self._late.due(plant.time)
+        stamp, ground = to_time(plant.time), plant.profile()
+        if ground is not self._ground:
+            self._ground, (self._step, self._terrain) = ground, sensors_on(ground, settings)
+        for topic, number in numbers.items():
+            message = None
+            if topic == 'step_observation':
+                sight = self._step.look(plant.state.x, number)
+                if sight is not None:
+                    message = observation_message(stamp, sight, self._step, self._frames)
+            elif topic == 'terrain_observation':
+                view = self._terrain.look(plant.state.x, plant.state.y, number)
+                if view is not None:
+                    message = terrain_message(stamp, view, self._frames)
+            elif isinstance(plant, FloorPlant) and has_subscribers(self._topics[topic]):
+                noise = settings.scan_sd * np.random.default_rng(
+                    [settings.seed, number]).standard_normal(settings.scan_beams)
+                message = scan_message(stamp, plant, settings.scan_beams, settings.scan_reach,
+                                       noise, self._frames)
+            if message is not None:
+                self._late.put(plant.time, (self._topics[topic], message))
         return self._late.due(plant.time)
+
+
+def sensors_on(ground: Terrain, settings: SimulatorSettings) -> Tuple[Sensor, TerrainSensor]:
+    """Return the sensors of the ground ahead."""
+    faults = SensorFaults(**{item.name: getattr(settings, f'sensor_{item.name}')
+                             for item in fields(SensorFaults)})
+    return (Sensor(ground, settings.observation_reach, settings.observation_distance_sd,
+                   settings.observation_height_sd, settings.seed, faults),
+            TerrainSensor(ground, settings.terrain_reach, settings.terrain_height_sd,
+                          settings.seed, faults))
 
 
 def check_lockstep(settings: SimulatorSettings) -> None:

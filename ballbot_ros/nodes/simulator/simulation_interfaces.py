@@ -86,7 +86,7 @@ class Interfaces:
         create_service(node, StepSimulation, '~/step_simulation', self._step)
         self._steps = DeferredActionServer(
             node, SimulateSteps, '~/simulate_steps', lambda _: None, self._begin)
-        node.create_timer(FEEDBACK, self._look, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        node.create_timer(FEEDBACK, self._update_goal, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     # State
 
@@ -194,7 +194,7 @@ class Interfaces:
             handle.abort()
         self._steps.finish(handle, _ended(SimulateSteps.Result(), bool(run.result())))
 
-    def _look(self) -> None:
+    def _update_goal(self) -> None:
         """Publish feedback of the goal, or end it on a cancel request."""
         if self._goal is None:
             return

@@ -92,7 +92,7 @@ def test_a_simulator_takes_other_rates_noise_and_timeouts_all_or_none(start):
     assert (node._gate.timeout, node._plant.torque_limit) == (0.2, 1.0)
     assert node._outputs._every.odometry == 10
     assert 'terrain_observation' in [one.topic.strip('/') for one in node.publishers]
-    assert node._outputs._sensors.look(everything=True) == []
+    assert node._outputs._sensors.measure(everything=True) == []
     assert refuses(node, odom_rate=300.0, command_timeout=0.3)
     assert node._gate.timeout == 0.2
     assert refuses(node, lockstep=True, terrain_rate=0.0)
