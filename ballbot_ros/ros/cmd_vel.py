@@ -6,12 +6,14 @@ from typing import Any, Callable, Optional, Union
 from geometry_msgs.msg import Twist, TwistStamped
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
+from rclpy.publisher import Publisher
 from rclpy.subscription import Subscription
 
 from ballbot_ros.control import Mode, SetPoint
 from ballbot_ros.errors import MessageError
 from ballbot_ros.ros.conversions import to_seconds
-from ballbot_ros.ros.endpoints import create_subscription
+from ballbot_ros.ros.endpoints import (
+    create_publisher, create_subscription, wait_until_received)
 
 TOPIC = 'cmd_vel'
 TYPES = {'geometry_msgs/msg/TwistStamped': TwistStamped, 'geometry_msgs/msg/Twist': Twist}
@@ -70,18 +72,47 @@ class SpeedSubscription:
             self._subscription = None
 
 
-def type_followed(node: Node) -> Any:
-    """Return the type in which to publish speeds: Twist where all subscriptions are, only."""
-    names = {info.topic_type for info in
-             node.get_subscriptions_info_by_topic(node.resolve_topic_name(TOPIC))}
-    return Twist if names == {'geometry_msgs/msg/Twist'} else TwistStamped
+class SpeedPublisher:
+    """
+    Publishes speeds in the type of the subscriptions: Twist where all of them are, only.
 
+    Parameters
+    ----------
+    node : Node
 
-def speed_message(kind: Any, speed: float) -> Union[Twist, TwistStamped]:
-    """Return a speed [m/s] as a message of a type."""
-    message = kind()
-    (message.twist if kind is TwistStamped else message).linear.x = speed
-    return message
+    """
+
+    def __init__(self, node: Node):
+        self._node = node
+        self._publisher = self._create()
+
+    @property
+    def followers(self) -> int:
+        """Return the number of subscriptions."""
+        return self._node.count_subscribers(TOPIC)
+
+    def publish(self, speed: float) -> None:
+        """Publish a speed [m/s]; unstamped, so that its age counts from its arrival."""
+        if self._publisher.msg_type is not self._type:
+            self.close()
+            self._publisher = self._create()
+        message = self._publisher.msg_type()
+        getattr(message, 'twist', message).linear.x = speed
+        self._publisher.publish(message)
+
+    def close(self) -> None:
+        """Destroy the publisher, when its last message is received."""
+        wait_until_received(self._publisher)
+        self._node.destroy_publisher(self._publisher)
+
+    @property
+    def _type(self) -> Any:
+        names = {info.topic_type for info in
+                 self._node.get_subscriptions_info_by_topic(self._node.resolve_topic_name(TOPIC))}
+        return Twist if names == {'geometry_msgs/msg/Twist'} else TwistStamped
+
+    def _create(self) -> Publisher:
+        return create_publisher(self._node, TOPIC, self._type)
 
 
 def speed_set_point(message: Union[Twist, TwistStamped], steers: bool) -> SetPoint:

@@ -10,10 +10,10 @@ from std_srvs.srv import Trigger
 from ballbot_ros.decision.values import Kind
 from ballbot_ros.errors import MessageError
 from ballbot_ros.msg import StepDecision
-from ballbot_ros.ros import cmd_vel, qos
+from ballbot_ros.ros import qos
+from ballbot_ros.ros.cmd_vel import SpeedPublisher
 from ballbot_ros.ros.conversions import readings
-from ballbot_ros.ros.endpoints import (
-    create_publisher, create_subscription, subscribe_e_stop, wait_until_received)
+from ballbot_ros.ros.endpoints import create_publisher, create_subscription, subscribe_e_stop
 from ballbot_ros.ros.graph import Observer
 
 DECISIONS: Dict[int, str] = {
@@ -46,7 +46,7 @@ class RobotDriver:
     def __init__(self, observer: Observer, node: str):
         self._observer = observer
         one = observer.node
-        self._cmd_vel = self._publisher()
+        self._speeds = SpeedPublisher(one)
         self._clients = {verb: one.create_client(Trigger, f'{node}/{verb}')
                          for verb in ('engage_e_stop', 'release_e_stop')}
         self.speed: Optional[float] = None
@@ -64,25 +64,16 @@ class RobotDriver:
     @property
     def followers(self) -> int:
         """Return the number of subscribers to cmd_vel."""
-        return self._observer.node.count_subscribers(self._cmd_vel.topic_name)
+        return self._speeds.followers
 
     def publish(self, speed: float) -> None:
-        """Publish a speed [m/s]; unstamped, so that its age counts from its arrival."""
-        kind = cmd_vel.type_followed(self._observer.node)
-        if kind is not self._cmd_vel.msg_type:
-            self._observer.node.destroy_publisher(self._cmd_vel)
-            self._cmd_vel = self._publisher()
-        self._cmd_vel.publish(cmd_vel.speed_message(kind, speed))
-
-    def _publisher(self) -> Any:
-        """Return a publisher of speeds, with the message type of the subscribers."""
-        one = self._observer.node
-        return create_publisher(one, cmd_vel.TOPIC, cmd_vel.type_followed(one))
+        """Publish a speed [m/s]."""
+        self._speeds.publish(speed)
 
     def last(self) -> None:
         """Publish speed 0, and wait until it is received."""
         self.publish(0.0)
-        wait_until_received(self._cmd_vel)
+        self._speeds.close()
 
     def engage(self) -> None:
         """Engage the e-stop: that of the bridge, or by the topic where there is no bridge."""

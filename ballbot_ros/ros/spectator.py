@@ -14,7 +14,8 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
 from ballbot_ros.errors import RefusedError
-from ballbot_ros.ros import cmd_vel, qos
+from ballbot_ros.ros import qos
+from ballbot_ros.ros.cmd_vel import SpeedPublisher
 from ballbot_ros.ros.endpoints import create_publisher, create_subscription
 from ballbot_ros.ros.frames import PENDULUM
 from ballbot_ros.ros.graph import Observer
@@ -78,7 +79,8 @@ class Spectator:
         self._ending = Event()
         self._asked: Dict[str, float] = {}
         self._clients: Dict[str, Any] = {}
-        self._publisher: Optional[Any] = None
+        self._publisher: Optional[Any] = None  # of set-points
+        self._speeds: Optional[SpeedPublisher] = None
         self._goals: Optional[Any] = None  # publisher
         self._goal: Optional[PoseStamped] = None  # until a node subscribes
         self._held: Union[float, JointState, None] = None  # a speed [m/s], or a set-point
@@ -249,18 +251,17 @@ class Spectator:
                 self._goal = None
         if now - self._attended > ATTEND_TIMEOUT:
             self._held = None
-        held: Any = self._held
-        if isinstance(held, float):
-            held = cmd_vel.speed_message(cmd_vel.type_followed(self._node), held)
-        kind = None if held is None else type(held)
-        if self._publisher is not None and self._publisher.msg_type is not kind:
-            # Other nodes may drive then.
-            self._node.destroy_publisher(self._publisher)
+        held = self._held
+        if self._publisher is not None and not isinstance(held, JointState):
+            self._node.destroy_publisher(self._publisher)  # other nodes may drive then
             self._publisher = None
-        if held is None:
-            return
-        if self._publisher is None:
-            topic = 'set_point' if kind is JointState else cmd_vel.TOPIC
-            # Without handlers of events, which would hold one of another type until later.
-            self._publisher = create_publisher(self._node, topic, kind, qos.LATEST)
-        self._publisher.publish(held)
+        if self._speeds is not None and not isinstance(held, float):
+            self._speeds.close()
+            self._speeds = None
+        if isinstance(held, float):
+            self._speeds = self._speeds or SpeedPublisher(self._node)
+            self._speeds.publish(held)
+        elif held is not None:
+            self._publisher = self._publisher or create_publisher(
+                self._node, 'set_point', profile=qos.LATEST)
+            self._publisher.publish(held)

@@ -30,60 +30,6 @@ STAMP_ROUNDING = 1e-4
 CLOCK_TIMEOUT = 3.0  # without /clock, before a warning [s of wall time]
 
 
-class RunControl:
-    """
-    Paused, stepping a number of control periods, or running.
-
-    Parameters
-    ----------
-    paused : bool
-
-    """
-
-    def __init__(self, paused: bool):
-        self._left: Optional[int] = 0 if paused else None
-        self._done: Optional[Future] = None
-
-    @property
-    def running(self) -> bool:
-        """Return whether a period may run now."""
-        return self._left is None or self._left > 0
-
-    @property
-    def paused(self) -> bool:
-        """Return whether no period may run until `resume` or `step`."""
-        return self._left == 0
-
-    def pause(self) -> None:
-        """Let no period run."""
-        self._end(False)
-        self._left = 0
-
-    def resume(self) -> None:
-        """Let periods run without end."""
-        self._end(False)
-        self._left = None
-
-    def step(self, periods: int) -> Future:
-        """Run a number of periods, then pause; the future holds whether all completed."""
-        self._end(False)
-        self._left = periods
-        self._done = Future()
-        return self._done
-
-    def count_period(self) -> None:
-        """Count a period that has run."""
-        if self._left is not None:
-            self._left -= 1
-            if self._left == 0:
-                self._end(True)
-
-    def _end(self, complete: bool) -> None:
-        if self._done is not None:
-            self._done.set_result(complete)
-            self._done = None
-
-
 class FollowedClock:
     """
     Counts the control periods that are due by /clock, in place of a `Pace`.
@@ -176,7 +122,8 @@ class Scheduler:
                  failed: Callable[[], None], clock: Optional[FollowedClock] = None):
         self._plant, self._gate, self._outputs = plant, gate, outputs
         self._settings, self._logger, self._failed = settings, logger, failed
-        self._control = RunControl(settings.start_paused)
+        self._left = 0 if settings.start_paused else None  # periods; None for without end
+        self._steps: Optional[Future] = None
         self._clock = clock
         self._pace = self._new_pace(settings)
         self._speed = Speedometer()
@@ -197,7 +144,7 @@ class Scheduler:
     @property
     def paused(self) -> bool:
         """Return whether time is stopped until `resume` or `step`."""
-        return self._control.paused
+        return self._left == 0
 
     @property
     def real_time_factor(self) -> float:
@@ -213,7 +160,7 @@ class Scheduler:
         """Run the periods that are due now."""
         now = time.monotonic()
         self._speed.note(self._plant.time, now)
-        if not self._control.running:
+        if self.paused:
             return
         if self._settings.lockstep:
             if self._pace:
@@ -224,7 +171,7 @@ class Scheduler:
         elif self._pace:
             self._run_due(self._pace, now)
         else:
-            while time.monotonic() - now < BATCH_TIME and self._control.running:
+            while time.monotonic() - now < BATCH_TIME and not self.paused:
                 self._run_period()
 
     def command_accepted(self, answer: bool) -> None:
@@ -256,18 +203,19 @@ class Scheduler:
 
     def pause(self) -> None:
         """Stop time."""
-        self._control.pause()
+        self._run_on(0)
 
     def resume(self) -> None:
         """Resume time."""
-        self._control.resume()
+        self._run_on(None)
         self._restart()
 
     def step(self, periods: int) -> Future:
         """Run some periods, then pause; the future holds whether all have run."""
-        done = self._control.step(periods)
+        self._run_on(periods)
         self._restart()
-        return done
+        self._steps = Future()
+        return self._steps
 
     @property
     def makes_time(self) -> bool:
@@ -302,6 +250,16 @@ class Scheduler:
         self._plant.put(state)
         self._publish(everything=True)
 
+    def _run_on(self, periods: Optional[int]) -> None:
+        """Run a number of periods or without end, in place of unfinished steps."""
+        self._end_steps(False)
+        self._left = periods
+
+    def _end_steps(self, complete: bool) -> None:
+        if self._steps is not None:
+            self._steps.set_result(complete)
+            self._steps = None
+
     def _restart(self) -> None:
         self._since = time.monotonic()
         if self._pace:
@@ -310,7 +268,7 @@ class Scheduler:
     def _run_due(self, pace: Union[Pace, FollowedClock], now: float) -> None:
         dropped, wanted = pace.dropped, self._settings.real_time_factor
         for _ in range(pace.due(now)):
-            if self._control.running:  # a failure or the last step ends it in between
+            if not self.paused:  # a failure or the last step ends it in between
                 self._run_period()
         if pace.dropped > dropped and self._speed.factor < 0.98 * wanted:
             self._logger.warning(
@@ -319,7 +277,7 @@ class Scheduler:
 
     def _run_answered(self) -> None:
         """In lockstep: run the period whose state has been answered, if it is due."""
-        if self._answered and self._control.running and (self._due or not self._pace):
+        if self._answered and not self.paused and (self._due or not self._pace):
             self._due = 0
             self._run_period()
 
@@ -335,11 +293,14 @@ class Scheduler:
             self._plant.advance(self._gate.torque(now), self._gate.lean(now))
         except SimulationError as error:
             self.failure = error
-            self._control.pause()
+            self.pause()
             self._logger.fatal(f'{error}. Nothing is published until ~/reset.')
             self._failed()
             return
-        self._control.count_period()
+        if self._left is not None:
+            self._left -= 1
+            if not self._left:
+                self._end_steps(True)
         self._publish()
 
     def _publish(self, everything: bool = False) -> None:

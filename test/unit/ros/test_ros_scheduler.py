@@ -6,7 +6,6 @@ import pytest
 
 from ballbot_ros.control import CommandGate
 from ballbot_ros.nodes.simulator import scheduler
-from ballbot_ros.nodes.simulator.scheduler import RunControl
 from ballbot_ros.nodes.simulator.settings import SimulatorSettings
 from ballbot_ros.physics import load_scene
 from ballbot_ros.physics.simulation.scene import read_scene
@@ -160,21 +159,19 @@ def test_missing_commands_are_logged_once_each_time(clock):
     assert 'no command for 0.01 s at t = 0.05' in around.log[0]
 
 
-def test_a_step_counts_down_and_then_pauses_and_an_interruption_leaves_it_incomplete():
-    control = RunControl(paused=True)
-    assert control.paused and not control.running
+def test_a_step_counts_down_and_then_pauses_and_an_interruption_leaves_it_incomplete(clock):
+    around = scheduled(start_paused=True)
+    control, period = around.scheduler, around.plant.period
+    tick(around, clock, 5.0 * period)
+    assert control.paused and not around.plant.periods
     done = control.step(2)
-    control.count_period()
-    assert control.running and not done.done()
-    control.count_period()
-    assert control.paused and done.result() is True
-    control.resume()
-    for _ in range(5):
-        control.count_period()
-    assert control.running
+    tick(around, clock, 1.5 * period)
+    assert not control.paused and not done.done()
+    tick(around, clock, 5.0 * period)
+    assert control.paused and done.result() is True and around.plant.periods == 2
     ended = control.step(3)
     control.pause()
-    assert ended.result() is False
+    assert control.paused and ended.result() is False
     ended = control.step(3)
     control.resume()
-    assert ended.result() is False and control.running
+    assert not control.paused and ended.result() is False
