@@ -59,7 +59,7 @@ def texts(box, folder):
     return [event.text for event in kept(box, folder).events]
 
 
-def test_what_is_written_is_read_back(tmp_path):
+def test_messages_are_read_back_as_written(tmp_path):
     now = [5.0]
     box = BlackBox(lambda: now[0])
     box.command(0.25, 4.5)
@@ -170,7 +170,7 @@ def test_the_bound_of_the_memory_is_that_of_the_documents():
     assert ring.BLOCK * ring.MOST_BLOCKS == 96 * 2**20
 
 
-def test_what_is_older_than_ten_minutes_goes():
+def test_messages_older_than_ten_minutes_are_dropped():
     now = [0.0]
     box = BlackBox(lambda: now[0])
     for second in range(2000):
@@ -321,7 +321,7 @@ def test_a_folder_that_cannot_be_written_is_reported_and_stops_nothing(tmp_path,
     assert 'cannot be written' in caplog.text and files.failure
 
 
-def test_a_file_that_was_cut_off_anywhere_gives_what_is_left(tmp_path):
+def test_the_readable_part_of_a_truncated_file_is_returned(tmp_path):
     box = BlackBox()
     for number in range(3):
         for _ in range(1000):
@@ -373,7 +373,7 @@ def test_another_file_is_refused(tmp_path, content):
         read_black_box(tmp_path / 'missing')
 
 
-def test_traffic_is_shown_to_all_who_look():
+def test_traffic_is_passed_to_all_observers():
     boxes = [BlackBox(), BlackBox()]
     ShownToAll(*boxes).record('>', b'abc')
     assert all(bytes(box.snapshot()[0]).endswith(b'abc') for box in boxes)

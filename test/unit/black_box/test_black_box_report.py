@@ -131,7 +131,7 @@ def test_replay_prints_and_writes(file, tmp_path, capsys):
         'traffic.txt']
 
 
-def test_replay_of_a_damaged_file_gives_what_is_left_and_fails(file, capsys):
+def test_replay_of_a_damaged_file_prints_the_readable_part_and_fails(file, capsys):
     file.write_bytes(file.read_bytes()[:-20])
     assert main(['replay', str(file)]) == 1
     assert 'Damaged: the file is damaged or truncated' in capsys.readouterr().out

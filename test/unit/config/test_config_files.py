@@ -40,7 +40,7 @@ def test_a_file_of_ones_own_is_read_by_its_path(tmp_path):
     ('low: true', 'wrong_type', 'low'), ('low: .inf', 'not_finite', 'low'),
     ('low: {value: 1, unit: mm}', 'wrong_type', 'low'),
     ('low: 0\nlow: 1', 'unreadable', None), ('low: [', 'unreadable', None)])
-def test_every_refusal_names_the_file_and_what_is_wrong(tmp_path, content, reason, field):
+def test_every_refusal_names_the_file_and_the_field(tmp_path, content, reason, field):
     path = tmp_path / 'mine.yaml'
     path.write_text(content)
     with refused(reason, str(path) if field is None else field) as refusal:
@@ -79,7 +79,7 @@ def test_numbers_are_those_of_yaml_1_2(text, value, tmp_path):
 
 @pytest.mark.parametrize('text', [
     '1' + 400 * '0', '9' * 5000, '5e-324', '1e400', '-1e999', '[' * 30000, '- ' * 30000 + 'a'])
-def test_what_no_reader_can_hold_is_refused(text, tmp_path):
+def test_values_that_no_reader_can_hold_are_refused(text, tmp_path):
     (tmp_path / 'file.yaml').write_text(f'key:\n  {text}\n')
     with refused('unreadable'):
         read_yaml(tmp_path / 'file.yaml')

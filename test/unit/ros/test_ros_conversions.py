@@ -212,7 +212,7 @@ def test_estimated_odometry_has_variances_of_the_path_and_of_unknown_quantities(
     assert (message.header.frame_id, message.child_frame_id) == ('odom', 'base_link')
 
 
-def test_the_ball_state_holds_what_the_model_computes():
+def test_the_ball_state_holds_the_values_of_the_model():
     model = Model(load_robot('gimball'), Terrain.step(0.05, at=0.226))
     state = model.at_rest(0.0, 0.3)._replace(time=1.25, motor_work=0.5, friction_loss=0.25)
     message = conversions.ball_state_message(

@@ -96,7 +96,7 @@ def test_a_simulator_is_paused_stepped_and_reset(source, link):
     assert source.shown is None
 
 
-def test_a_bridge_is_not_paused_but_looked_at_standing_still():
+def test_a_bridge_is_not_paused_only_its_display_is():
     link = Link(nodes=('bridge',))
     source = LiveSource(link=link)
     source.receive('ball_state', state(1.0, 1.0))

@@ -49,7 +49,7 @@ def test_the_shipped_experiments_are_right(path):
     ({'obstacle_decision': {}, 'simulator': {'terrain_rate': 50.0, 'observation_rate': 50.0}},
      'inconsistent', 'observation_rate'),
     ({'obstacle_decision': {'outcome_log': 'here'}}, 'not_settable', 'outcome_log')])
-def test_what_is_wrong_in_the_file_is_named(tmp_path, changes, reason, field):
+def test_an_error_in_the_file_is_named(tmp_path, changes, reason, field):
     with refused(reason, field):
         freeze(load_experiment(write(tmp_path, **changes)))
 
@@ -120,7 +120,7 @@ def test_a_number_that_differs_is_reported_by_time_and_topic(tmp_path, monkeypat
 
 @pytest.mark.parametrize('ending', [
     KeyboardInterrupt(), RefusedError('node x ended', 'failed', '')])
-def test_what_was_done_before_an_end_is_kept_and_the_rest_done_later(
+def test_completed_seeds_are_kept_and_the_others_run_later(
         tmp_path, monkeypatch, ending):
     file, out = str(write(tmp_path)), tmp_path / 'out'
     pretend(monkeypatch, {5: ending})

@@ -67,7 +67,7 @@ def test_a_run_of_the_simulator_is_the_same_again_to_the_bit(tmp_path, capsys, m
     assert not (tmp_path / 'ballbot_output').exists()  # there is nothing to look into
 
 
-def test_a_lost_command_is_replaced_by_what_the_motor_gave(tmp_path, capsys):
+def test_a_lost_command_is_replaced_by_the_torque_of_the_motor(tmp_path, capsys):
     code, said, _ = replayed(capsys, record(tmp_path / 'bag', lost=(7, 8)))
     assert code == 0 and '2 are missing' in said and f'identical: {PERIODS + 1} states' in said
 
@@ -77,7 +77,7 @@ def test_a_reset_is_followed(tmp_path, capsys):
     assert code == 0 and '1 resets' in said and f'identical: {PERIODS + 2} states' in said
 
 
-def test_where_commands_came_late_the_model_is_cleared_by_what_the_motor_gave(tmp_path, capsys):
+def test_with_late_commands_the_torque_of_the_motor_confirms_the_model(tmp_path, capsys):
     code, said, _ = replayed(capsys, record(tmp_path / 'bag', late=(100,)))
     assert code == 0
     assert 'departs at t = 0.202 s, after 101 identical states: ball angle' in said
@@ -109,7 +109,7 @@ def test_another_robot_is_reported_by_its_digest_and_by_where_it_departs(tmp_pat
     assert (tmp_path / 'out' / 'replay.png').stat().st_size > 5000
 
 
-def test_what_a_bag_does_not_say_is_asked_for(tmp_path, capsys):
+def test_parameters_missing_in_a_bag_are_requested(tmp_path, capsys):
     bag = record(tmp_path / 'bag', metadata={})
     code, _, said = replayed(capsys, bag)
     assert code == 2 and 'give --scene NAME' in said
