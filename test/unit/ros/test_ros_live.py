@@ -276,7 +276,7 @@ def test_a_follower_of_twists_is_sent_one_also_where_that_is_found_out_late(doma
     looking.start()
     looking.attend()
     looking.hold_speed(0.4)
-    wait_until(lambda: looking.attend() or looking._publisher is not None)  # no follower yet
+    wait_until(lambda: looking.attend() or looking._speeds is not None)  # no follower yet
     robot = Robot(Twist)
     try:
         wait_until(lambda: looking.attend() or robot.speeds)
