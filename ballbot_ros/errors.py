@@ -42,6 +42,10 @@ class BallbotError(Exception):
     reason = 'error'
     field = ''
 
+    def __reduce__(self) -> Any:
+        """Return a copy for another process: the message and all attributes."""
+        return Exception.__new__, (type(self), *self.args), vars(self)
+
 
 class _ErrorWithReason(BallbotError):
     """An error that is always raised with a reason code and a field."""

@@ -5,11 +5,11 @@ Run a function in a separate process, so that it does not delay the loop of this
 Threads of one Python process share the interpreter: beside a computing thread, a controller
 answers half of the readings at 500 Hz.  Starting another process costs the loop a millisecond.
 """
-from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
-import multiprocessing
+from concurrent.futures import ThreadPoolExecutor
 import os
-import signal
+import pickle
+import subprocess
+import sys
 from typing import Any, Callable, Tuple, TypeVar
 
 from ballbot_ros.errors import BallbotError, RefusedError
@@ -17,6 +17,21 @@ from ballbot_ros.errors import BallbotError, RefusedError
 R = TypeVar('R')
 
 TIME_LIMIT = 120.0  # of a calculation [s]
+# The program of the process.  It does not import the main module, as multiprocessing would: that
+# may be a script that starts a node.  Its standard output is for the result alone.
+WORKER = """
+import os, pickle, sys
+os.nice(5)
+output = os.fdopen(os.dup(1), 'wb')
+os.dup2(2, 1)
+try:
+    sys.path[:] = pickle.load(sys.stdin.buffer)
+    function, arguments = pickle.load(sys.stdin.buffer)
+    result = function(*arguments), None
+except Exception as error:
+    result = None, error
+pickle.dump(result, output)
+"""
 
 
 def run_in_process(function: Callable[..., R], *arguments: Any) -> R:
@@ -38,22 +53,26 @@ def run_in_process(function: Callable[..., R], *arguments: Any) -> R:
 
 
 def _run(function: Callable[..., R], arguments: Tuple[Any, ...]) -> R:
-    pool = ProcessPoolExecutor(
-        1, multiprocessing.get_context('spawn'), _prepare_worker, (TIME_LIMIT,))
-    with pool:
-        try:
-            return pool.submit(function, *arguments).result()
-        except BallbotError:
-            raise
-        except BrokenProcessPool:
-            raise RefusedError(
-                f'{function.__name__} did not finish within {TIME_LIMIT:g} s in a separate '
-                'process, so nothing has changed: is this machine busy? Try again, or give the '
-                'value at the start of the node', 'timeout', function.__name__) from None
-        except Exception as error:
-            raise RefusedError(
-                f'{function.__name__} failed in a separate process: {type(error).__name__}: '
-                f'{error}', 'failed', function.__name__) from error
+    try:
+        output = subprocess.run(  # in a session of its own: Ctrl-C does not reach it
+            [sys.executable, '-c', WORKER], check=True, stdout=subprocess.PIPE,
+            input=pickle.dumps(sys.path) + pickle.dumps((function, arguments)),
+            timeout=TIME_LIMIT, start_new_session=True).stdout
+        result, error = pickle.loads(output)
+    except subprocess.TimeoutExpired:
+        raise RefusedError(
+            f'{function.__name__} did not finish within {TIME_LIMIT:g} s in a separate '
+            'process, so nothing has changed: is this machine busy? Try again, or give the '
+            'value at the start of the node', 'timeout', function.__name__) from None
+    except (subprocess.CalledProcessError, OSError, EOFError) as failure:
+        result, error = None, failure
+    if error is None:
+        return result
+    if isinstance(error, BallbotError):
+        raise error
+    raise RefusedError(
+        f'{function.__name__} failed in a separate process: {type(error).__name__}: '
+        f'{error}', 'failed', function.__name__) from error
 
 
 def _leave_real_time() -> None:
@@ -61,10 +80,3 @@ def _leave_real_time() -> None:
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
     except (AttributeError, OSError):
         pass
-
-
-def _prepare_worker(time_limit: float) -> None:
-    """Ignore Ctrl-C, lower the priority, and end after the time limit."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.setitimer(signal.ITIMER_REAL, time_limit)  # SIGALRM ends the process
-    os.nice(5)

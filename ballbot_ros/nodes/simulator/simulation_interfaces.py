@@ -86,7 +86,8 @@ class Interfaces:
         create_service(node, StepSimulation, '~/step_simulation', self._step)
         self._steps = DeferredActionServer(
             node, SimulateSteps, '~/simulate_steps', lambda _: None, self._begin)
-        node.create_timer(FEEDBACK, self._update_goal, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        node.create_timer(FEEDBACK, self._update_goal,
+                          clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     # State
 

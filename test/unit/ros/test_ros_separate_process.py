@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Results and refusals of a separate process are those of the function."""
 from dataclasses import replace
+import subprocess
+import sys
 import time
 
 from refusals import refused
@@ -8,7 +10,7 @@ from refusals import refused
 from ballbot_ros.bridge.feasibility import check_feasible, onboard_lag
 from ballbot_ros.bridge.hardware_file import load_hardware
 from ballbot_ros.control import check_loop, load_tuning, Mode
-from ballbot_ros.errors import RefusedError, UnstableLoopError
+from ballbot_ros.errors import ConfigurationError, RefusedError, UnstableLoopError
 from ballbot_ros.ros import separate_process
 from ballbot_ros.ros.separate_process import run_in_process
 
@@ -18,6 +20,20 @@ def test_a_refusal_comes_back_as_it_was_raised(gimball):
     with refused('unstable', error=UnstableLoopError) as caught:
         run_in_process(check_loop, gimball, wild, Mode.HOLD, 500.0, 0)
     assert '1101 Hz' in str(caught.value) and 'position_kd' in str(caught.value)
+
+
+def test_an_error_with_reason_and_field_comes_back_whole():
+    with refused('unknown_name', 'tuning', error=ConfigurationError):
+        run_in_process(load_tuning, 'gentel')
+
+
+def test_the_main_module_is_not_run_again(tmp_path):
+    script = tmp_path / 'unguarded'
+    script.write_text('from ballbot_ros.control import load_tuning\n'
+                      'from ballbot_ros.ros.separate_process import run_in_process\n'
+                      'print("main", run_in_process(load_tuning, "gentle").position_kp)\n')
+    found = subprocess.run([sys.executable, script], capture_output=True, text=True)
+    assert (found.returncode, found.stdout) == (0, f'main {load_tuning("gentle").position_kp}\n')
 
 
 def test_a_hardware_file_can_be_sent(gimball):
