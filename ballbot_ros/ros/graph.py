@@ -19,7 +19,7 @@ from ballbot_ros.config.fields import suggestion
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.ros import discovery, qos
 from ballbot_ros.ros.endpoints import create_subscription
-from ballbot_ros.ros.rclpy_compat import new_executor
+from ballbot_ros.ros.rclpy_compat import new_executor, reason_of
 from ballbot_ros.ros.topics import message_class, plain, Qos
 
 # Discovery is complete when the graph has not changed for the first time, at the latest after the
@@ -59,7 +59,8 @@ class Observer:
         except Exception as error:  # rclpy has one for each part of a name
             rclpy.try_shutdown(context=context)
             raise ConfigurationError(
-                f'--namespace {namespace}: {error}', 'wrong_type', '--namespace') from error
+                f'--namespace {namespace}: {reason_of(error)}', 'wrong_type',
+                '--namespace') from error
         self._executor = new_executor(context)
         self._executor.add_node(self.node)
 
@@ -108,10 +109,8 @@ class Observer:
         try:
             return self.node.resolve_topic_name(topic)
         except Exception as error:
-            # rcl appends the line of its source.
-            reason = str(error).removeprefix('failed to resolve name: ').partition(', at /')[0]
-            raise ConfigurationError(
-                f'{topic!r} is not a name of a topic: {reason}', 'wrong_type', 'topic') from error
+            raise ConfigurationError(f'{topic!r} is not a name of a topic: {reason_of(error)}',
+                                     'wrong_type', 'topic') from error
 
     def type_of(self, topic: str, seconds: float, waiting: Callable[[], None]) -> str:
         """

@@ -116,10 +116,8 @@ def declare(node: Node, cls: Type[S], prepare: Optional[Prepare[S]] = None) -> S
     for name, item in described.items():
         why = why_fixed(item.metadata) if prepare else READ_AT_START
         node.declare_parameter(name, item.value(settings), describe(item.metadata, why))
-    # Log values of a file only where they are overridden.
-    logged = {name: item for name, item in described.items() if not item.part or name in given}
-    node.get_logger().info('running with ' + ', '.join(
-        f'{name} {item.value(settings)!r}' for name, item in logged.items()))
+    node.get_logger().info('running with ' + (', '.join(
+        f'{name} {described[name].value(settings)!r}' for name in given) or 'default parameters'))
     Changes(node, settings, prepare)
     return settings
 

@@ -4,6 +4,7 @@ Every access to a part of rclpy that is private, experimental or differs between
 
 A test for each distribution checks each of them.
 """
+import re
 from typing import Any, Dict, Iterator, List, Optional, Tuple
 
 from rclpy._rclpy_pybind11 import RCLError
@@ -21,7 +22,7 @@ except ImportError:  # before rclpy 7.1.5
     EventsExecutor = SingleThreadedExecutor
 
 __all__ = ['RCLError', 'answer_later', 'available_transitions', 'change_state_service',
-           'new_executor', 'parameter_overrides', 'parameter_services', 'state_label',
+           'new_executor', 'parameter_overrides', 'parameter_services', 'reason_of', 'state_label',
            'take_all', 'transition_label']
 
 
@@ -34,6 +35,11 @@ def new_executor(context: Optional[Context] = None) -> Executor:
     events does not.
     """
     return EventsExecutor(context=context)
+
+
+def reason_of(error: Exception) -> str:
+    """Return the message of an error in one line, without the places in the source of rcl."""
+    return re.sub(r', at \S+\.c:\d+', '', ' '.join(str(error).split()))
 
 
 def parameter_overrides(node: Node) -> Dict[str, Parameter]:

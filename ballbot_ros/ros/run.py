@@ -21,7 +21,7 @@ from ballbot_ros.errors import BallbotError
 from ballbot_ros.jit import on_first_call
 from ballbot_ros.ros import discovery
 from ballbot_ros.ros.logs import forward_logs
-from ballbot_ros.ros.rclpy_compat import new_executor, RCLError
+from ballbot_ros.ros.rclpy_compat import new_executor, RCLError, reason_of
 
 # Longest delay of the reaction to a stop signal, or to the failure of a node [s].
 POLL_PERIOD = 0.1
@@ -153,7 +153,7 @@ def _run_together(make_nodes: Sequence[Callable[[], Node]], args: Optional[List[
     try:
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     except (RuntimeError, ValueError) as error:  # a malformed argument or parameter file
-        reason = _one_line(error)
+        reason = reason_of(error)
         if reason.startswith('['):  # rclpy lists unknown arguments and says no more
             reason = f'{", ".join(ast.literal_eval(reason))}: {STRAY_ARGUMENT}'
         print(f'cannot start: {reason}', file=sys.stderr)
@@ -198,11 +198,11 @@ def _run_together(make_nodes: Sequence[Callable[[], Node]], args: Optional[List[
     except RCLError as error:
         if not making:
             raise
-        log.fatal(f'cannot start: {_one_line(error)}')
+        log.fatal(f'cannot start: {reason_of(error)}')
         _end_in_time(nodes)
         return EXIT_REFUSED
     except BallbotError as error:
-        log.fatal(_one_line(error))
+        log.fatal(reason_of(error))
         _end_in_time(nodes)
         return EXIT_REFUSED
     finally:
@@ -258,11 +258,6 @@ def _compiles(frame: Any) -> bool:
             return True
         frame = frame.f_back
     return False
-
-
-def _one_line(error: Exception) -> str:
-    """Return the message of an error without its line breaks."""
-    return ' '.join(str(error).split())
 
 
 COMPILING_NOTICE = ('compiling for this machine, for a minute or two; the result is cached: the '

@@ -40,6 +40,15 @@ def test_the_executor_is_the_one_driven_by_events(distribution, context):
     executor.shutdown()
 
 
+def test_the_reason_of_an_error_has_no_places_in_the_source_of_rcl(distribution, make_node):
+    node = make_node(Node, 'robot')
+    with pytest.raises(Exception) as caught:
+        node.resolve_topic_name('bad name')
+    assert '.c:' in str(caught.value)
+    assert '.c:' not in (reason := rclpy_compat.reason_of(caught.value))
+    assert str(caught.value).startswith(reason)
+
+
 def test_overrides_take_effect_where_they_are_changed(distribution, make_node):
     node = make_node(Node, 'robot', gain=3)
     overrides = rclpy_compat.parameter_overrides(node)
