@@ -4,7 +4,8 @@ import math
 from typing import Any, List, Sequence
 
 from ballbot_ros.bridge.hardware_file import Hardware
-from ballbot_ros.control import check_loop, ControlTuning, lowest_stable_rate, Mode
+from ballbot_ros.control import check_loop, ControlTuning, lowest_stable_rate
+from ballbot_ros.control.sampled import CLOSED
 from ballbot_ros.drives import driver_class, line_of, open_driver, SERIAL
 from ballbot_ros.drives.contract import WireBudget
 from ballbot_ros.errors import ConfigurationError, UnstableLoopError
@@ -12,7 +13,6 @@ from ballbot_ros.physics.model.robot import Robot
 
 # Baud rates that serial adapters and drives commonly support.
 BAUD_RATES = (57600, 115200, 230400, 460800, 500000, 921600, 1000000, 2000000)
-LAWS = (Mode.HOLD, Mode.DRIVE, Mode.SPEED)
 # Allowed time of onboard control from the last byte of a reply to the first byte of its torque:
 # scheduler, serial adapter, filter and controller [s].
 RESERVE = 0.5e-3
@@ -70,7 +70,7 @@ def check_feasible(hardware: Hardware, robot: Robot, tuning: ControlTuning,
     """
     connection = hardware.connection
     rate, baud, budget = connection.loop_rate, connection.baud, wire_budget(hardware, robot)
-    lowest = max(lowest_stable_rate(robot, tuning, law, delay, None, lag) for law in LAWS)
+    lowest = max(lowest_stable_rate(robot, tuning, law, delay, None, lag) for law in CLOSED)
     if budget.highest_rate(baud) < rate:
         protocol = connection.protocol
         rates = BAUD_RATES if line_of(protocol) is SERIAL else driver_class(protocol).baud_rates
@@ -86,7 +86,7 @@ def check_feasible(hardware: Hardware, robot: Robot, tuning: ControlTuning,
             f'({3.0 / rate:.3g} s at {rate:g} Hz), got {connection.watchdog:g} s: the drive would '
             'disarm at the first late command', 'inconsistent', 'watchdog')
     try:
-        for law in LAWS:
+        for law in CLOSED:
             check_loop(robot, tuning, law, rate, delay, lag)
     except UnstableLoopError as error:
         top = budget.highest_rate(baud)

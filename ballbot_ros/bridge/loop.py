@@ -2,7 +2,7 @@
 """The control loop in its own thread: it runs, or stops the motor, if other threads block."""
 import threading
 from time import sleep
-from typing import Callable, NamedTuple, Optional
+from typing import Callable, Optional
 
 from ballbot_ros.bridge.observer import Level
 from ballbot_ros.bridge.realtime import Scheduling
@@ -15,20 +15,6 @@ JOIN_TIMEOUT = 3.0
 MISSED_MAX = 0.01
 # Longest time between two checks for the end of the loop [s].
 LONGEST_SLEEP = 0.02
-
-
-class Periods(NamedTuple):
-    """The periods of a loop: start of the next one, and number of missed ones."""
-
-    period: float
-    due: float
-    late: int = 0
-
-    def next(self, now: float) -> 'Periods':
-        """Return the periods after a tick; after a delayed tick they continue from now."""
-        period, due, late = self
-        due += period
-        return Periods(period, due, late) if due >= now else Periods(period, now, late + 1)
 
 
 class Loop:
@@ -47,6 +33,8 @@ class Loop:
 
     Attributes
     ----------
+    late : int
+        Number of missed periods.
     failure : Exception or None
         The error that ended the loop, if one did.
 
@@ -55,7 +43,7 @@ class Loop:
     def __init__(self, session: Session, rate: float, *publish: Callable[[Report], None],
                  scheduling: Scheduling = Scheduling()):
         self._session, self._publish, self._scheduling = session, publish, scheduling
-        self._periods = Periods(1.0 / rate, session.clock())
+        self._period, self.late = 1.0 / rate, 0
         self._checked = (session.clock(), 0)  # at the last call of `delayed`
         self._ending = False
         self.failure: Optional[Exception] = None
@@ -69,18 +57,13 @@ class Loop:
 
     def delayed(self) -> str:
         """Return a warning if periods were missed since the last call; else an empty string."""
-        now, late = self._session.clock(), self._periods.late
+        now, late = self._session.clock(), self.late
         (then, before), self._checked = self._checked, (now, late)
-        missed, periods = late - before, (now - then) / self._periods.period
+        missed, periods = late - before, (now - then) / self._period
         if missed <= MISSED_MAX * periods:
             return ''
         return (f'the machine delays the loop, {missed} of {periods:.0f} periods were missed; it '
                 f'runs {self._scheduling.in_words}: see docs/realtime.md')
-
-    @property
-    def late(self) -> int:
-        """Return the number of missed periods."""
-        return self._periods.late
 
     def end(self) -> None:
         """Stop the motor, close the link and end the thread; a second call has no effect."""
@@ -98,10 +81,12 @@ class Loop:
         clock = self._session.clock
         try:
             self._scheduling.enter()
+            due = clock()
             while True:
                 late, estimate = self._session.tick(), None
-                self._periods = self._periods.next(clock())
-                due = self._periods.due
+                due, now = due + self._period, clock()
+                if due < now:  # missed periods are not made up for
+                    due, self.late = now, self.late + 1
                 if late is not None:
                     self._report(late)
                 while self._session.expecting and clock() < due:

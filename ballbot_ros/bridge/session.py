@@ -393,17 +393,14 @@ class Session:
             return
         if any(axis.line.driver is None for axis in self.axes):
             # Requests to one axis could feed the watchdog of another that cannot be stopped.
+            trouble = next(axis.line.trouble for axis in self.axes if axis.line.driver is None)
             for axis in self.axes:
                 if axis.line.driver is not None:
                     axis.lose(axis.line.driver, LinkError(
-                        f'another axis was lost ({self._trouble(axis)})', 'closed', 'port'))
+                        f'another axis was lost ({trouble})', 'closed', 'port'))
         stops = [axis.supervisor.e_stop for axis in self.axes if axis.supervisor.e_stop]
         if 0 < len(stops) < len(self.axes):
             self._engage(stops[0])
-
-    @staticmethod
-    def _trouble(axis: DriveControl[Any]) -> str:
-        return next((other.line.trouble for other in axis.others if other.line.driver is None), '')
 
     @property
     def odometry(self) -> Optional[OdometryState]:

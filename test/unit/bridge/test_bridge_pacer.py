@@ -1,33 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""When a loop is late, and when torques, stops and attempts to arm go out."""
+"""When torques, stops and attempts to arm go out."""
 import pytest
 
 from ballbot_ros.bridge.drive_control import Pacer, TORQUE_INTERVAL_MAX
-from ballbot_ros.bridge.loop import Periods
 
 PERIOD = 0.002
 NEW = Pacer(PERIOD)
-
-
-# Periods ----------------------------------------------------------------------------------
-
-def test_a_loop_that_is_quick_enough_begins_a_period_after_a_period():
-    periods = Periods(PERIOD, 10.0)
-    for number in range(1, 5):
-        periods = periods.next(10.0 + (number - 0.1) * PERIOD)
-        assert periods.due == pytest.approx(10.0 + number * PERIOD)
-    assert periods.late == 0
-
-
-def test_a_tick_that_ends_when_the_next_is_due_is_in_time():
-    assert Periods(1.0, 10.0).next(11.0) == Periods(1.0, 11.0)
-
-
-def test_after_a_late_one_periods_go_on_from_there_and_are_never_made_up_for():
-    late = Periods(PERIOD, 10.0).next(10.1)
-    assert (late.due, late.late) == (10.1, 1)
-    assert late.next(10.1).due == pytest.approx(10.1 + PERIOD)
-    assert late.next(10.2).late == 2
 
 
 # Torques ----------------------------------------------------------------------------------
