@@ -485,27 +485,24 @@ class Navigator:
         path = state.path
         assert segment is not None and segment.feature is not None and path is not None
         assert segment.crossing is not None
-        number, report = segment.number, percept.crossing
+        report, height = percept.crossing, state.learned.height(segment.number, segment.feature)
+        if report is None and percept.stamp - state.crossing_start > CROSSING_TIMEOUT:
+            report = CrossingReport(False, f'it took more than {CROSSING_TIMEOUT:g} s')
         if report is not None:
             learned, state = state.learned, replace(state, alignments=0)
-            if report.crossed or report.touched:
-                learned = learned.with_outcome(number, segment.sign, report.crossed)
+            higher = report.height > height + HIGHER
+            if higher:
+                learned = learned.with_height(segment.number, report.height)
+            if report.touched or report.crossed or not higher:
+                learned = learned.with_outcome(
+                    segment.number, segment.sign, segment.crossing.run_up, report.crossed)
+            state = replace(state, learned=learned)
             if report.crossed:
                 # Only now the stop position behind the step is known.
                 return replace(state, status=NavStatus.STOPPING, next=NavStatus.DRIVING,
-                               learned=learned, replans=max(state.replans - 1, 0),
-                               message=report.message), REST
-            known = learned.height(number, segment.feature)
-            if report.height > known + HIGHER:
-                learned = learned.with_height(number, report.height)
-            elif not report.touched:
-                learned = learned.with_outcome(number, segment.sign, False)
-            return self._stop(replace(state, learned=learned), 'crossing_failed', (
+                               replans=max(state.replans - 1, 0), message=report.message), REST
+            return self._stop(state, 'crossing_failed', (
                 f'the {segment.feature.label} was not crossed: {report.message}')), REST
-        if percept.stamp - state.crossing_start > CROSSING_TIMEOUT:
-            return self._stop(replace(state, learned=state.learned.with_outcome(
-                number, segment.sign, False)), 'timed_out', (
-                    f'the {segment.feature.label} took more than {CROSSING_TIMEOUT:g} s')), REST
         if abs(percept.speed) < REST_SPEED_MAX and state.along < segment.crossing.run_up:
             # The decision has backed off for another attempt, which begins at another pose.
             entered = self._enter(state, state.index, percept)

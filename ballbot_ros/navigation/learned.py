@@ -3,7 +3,7 @@
 from dataclasses import asdict, dataclass, replace
 import json
 from pathlib import Path
-from typing import Dict, Tuple
+from typing import Tuple
 
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.floors.floor import Feature, Point
@@ -12,7 +12,7 @@ from ballbot_ros.floors.floor import Feature, Point
 PRIOR_ATTEMPTS = 5.0
 # Obstacles nearer to each other than this are one [m].
 SAME_DISTANCE = 0.08
-VERSION = 1
+VERSION = 2
 
 
 @dataclass(frozen=True)
@@ -26,14 +26,15 @@ class Learned:
         Number of a feature of the floor, and its observed height [m].
     obstacles : tuple of (float, float)
         Points that are not on the map [m].
-    outcomes : tuple of (int, int, int, int)
-        Number of a feature, direction (1 towards the left of its line), crossings and failures.
+    outcomes : tuple of (int, int, float, bool)
+        Number of a feature, direction (1 towards the left of its line), run-up [m], and whether
+        the ball crossed it.
 
     """
 
     heights: Tuple[Tuple[int, float], ...] = ()
     obstacles: Tuple[Point, ...] = ()
-    outcomes: Tuple[Tuple[int, int, int, int], ...] = ()
+    outcomes: Tuple[Tuple[int, int, float, bool], ...] = ()
 
     def height(self, number: int, feature: Feature) -> float:
         """Return the height of a feature of the floor [m]."""
@@ -44,12 +45,16 @@ class Learned:
         height = self.height(number, feature)
         return feature if height == feature.height else replace(feature, height=height)
 
-    def probability(self, number: int, sign: int, predicted: float) -> float:
-        """Return the mean of the beta distribution with the prediction as its prior."""
-        for feature, direction, crossed, failed in self.outcomes:
-            if (feature, direction) == (number, sign):
-                return (PRIOR_ATTEMPTS * predicted + crossed) / (PRIOR_ATTEMPTS + crossed + failed)
-        return predicted
+    def probability(self, number: int, sign: int, run_up: float, predicted: float) -> float:
+        """
+        Return the mean of the beta distribution with the prediction as its prior.
+
+        A crossing counts for longer run-ups, and a failure for shorter ones, as well.
+        """
+        counted = [crossed for feature, direction, tried, crossed in self.outcomes
+                   if (feature, direction) == (number, sign)
+                   and (tried <= run_up if crossed else run_up <= tried)]
+        return (PRIOR_ATTEMPTS * predicted + sum(counted)) / (PRIOR_ATTEMPTS + len(counted))
 
     def with_height(self, number: int, height: float) -> 'Learned':
         """Return this with the observed height of a feature [m]."""
@@ -64,14 +69,9 @@ class Learned:
                 known.append((x, y))
         return replace(self, obstacles=tuple(known))
 
-    def with_outcome(self, number: int, sign: int, crossed: bool) -> 'Learned':
+    def with_outcome(self, number: int, sign: int, run_up: float, crossed: bool) -> 'Learned':
         """Return this with the outcome of an attempt."""
-        counts: Dict[Tuple[int, int], Tuple[int, int]] = {
-            item[:2]: item[2:] for item in self.outcomes}
-        before = counts.get((number, sign), (0, 0))
-        counts[number, sign] = before[0] + crossed, before[1] + (not crossed)
-        return replace(self, outcomes=tuple(
-            (*key, *value) for key, value in sorted(counts.items())))
+        return replace(self, outcomes=(*self.outcomes, (number, sign, run_up, crossed)))
 
     @classmethod
     def read(cls, path: Path) -> 'Learned':
@@ -93,8 +93,8 @@ class Learned:
             return cls(tuple((int(number), float(height)) for number, height in
                              content['heights']),
                        tuple((float(x), float(y)) for x, y in content['obstacles']),
-                       tuple((int(a), int(b), int(c), int(d)) for a, b, c, d in
-                             content['outcomes']))
+                       tuple((int(number), int(sign), float(run_up), bool(crossed))
+                             for number, sign, run_up, crossed in content['outcomes']))
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise ConfigurationError(
                 f'{path}: cannot be read ({error}); remove it to start with the map alone',

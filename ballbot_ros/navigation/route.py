@@ -283,8 +283,8 @@ class RoutePlanner:
     def _probability(self, segment: Segment) -> float:
         """Return the probability of a crossing, corrected by learned outcomes."""
         assert self._learned is not None and segment.crossing is not None
-        return self._learned.probability(
-            segment.number, segment.sign, segment.crossing.probability)
+        return self._learned.probability(segment.number, segment.sign, segment.crossing.run_up,
+                                         segment.crossing.probability)
 
     def _node(self, point: Sequence[float]) -> int:
         rows, columns = self._walls.shape
