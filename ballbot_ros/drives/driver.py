@@ -271,7 +271,7 @@ class Driver(ABC):
 
     def clear_faults(self, timeout: float = 0.5) -> tuple[str, ...]:
         """Clear latched faults, without power, and return the remaining ones; may refuse."""
-        raise DriveError(f'a {self.maker} clears no faults on request', 'not_clearable', 'drive')
+        raise DriveError(f'the {self.maker} clears no faults on request', 'not_clearable', 'drive')
 
     # Non-blocking methods
 
@@ -392,8 +392,8 @@ class Driver(ABC):
                 f'{self.line.port}: no {self.maker} answers; is it powered, are RX and TX '
                 'crossed, is its serial port set to this protocol?', 'silent', 'drive')
         return DriveError(
-            f'{self.line.port}: {received} bytes received, but not of a {self.maker}: wrong baud '
-            'rate, another protocol, or noise', 'garbled', 'drive')
+            f'{self.line.port}: {received} bytes received, but no reply of the {self.maker}: '
+            'wrong baud rate, another protocol, or noise', 'garbled', 'drive')
 
     def _no_node(self, before: Counter[str], others: set[int], advice: str) -> DriveError:
         """Return why a handshake on a bus failed where `others` are the ids of the nodes seen."""
