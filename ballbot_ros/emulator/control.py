@@ -29,6 +29,8 @@ class Fault(NamedTuple):
     effect: str
     act: Callable[[Emulator, float, float], None]  # emulator, number, now
     default: Optional[float] = None  # of the number; None if it must be given
+    least: float = 0.0
+    most: float = math.inf
 
 
 def _plug_after(emulator: Emulator, seconds: float, now: float) -> None:
@@ -83,11 +85,12 @@ FAULTS = {
     'over_current': Fault('', 'the drive trips as on a short circuit',
                           lambda emulator, *_: emulator.device.over_current(), 0.0),
     'temperature': Fault('degC', 'sets the temperature of the power stage; hot, the drive trips',
-                         _sense('temperature')),
-    'voltage': Fault('V', 'sets the voltage of the supply', _sense('bus_voltage')),
+                         _sense('temperature'), least=-273.15, most=1000.0),
+    'voltage': Fault('V', 'sets the voltage of the supply', _sense('bus_voltage'), most=1000.0),
     'stop_switch': Fault('1 or 0', 'the emergency switch at the input of the drive itself is '
-                         'pulled, where one is set up', _sense('stop_switch'), 1.0),
-    'encoder_jump': Fault('motor turns', 'increment of the encoder offset', _encoder_jump),
+                         'pulled, where one is set up', _sense('stop_switch'), 1.0, most=1.0),
+    'encoder_jump': Fault('motor turns', 'increment of the encoder offset', _encoder_jump,
+                          least=-1e6, most=1e6),
     'slow_reader': Fault('bytes/s', 'the drive takes no more from the line', _slow_reader),
     'reset': Fault('', 'the ball is put back to the start of its scene',
                    lambda emulator, *_: emulator.ball.reset(), 0.0),
@@ -129,6 +132,10 @@ def obey(emulator: Emulator, line: str) -> str:
         if fault.argument == '' and words:
             raise ConfigurationError(f'{name} takes no number, got {words[0]!r}',
                                      'wrong_type', name)
+        if not fault.least <= number <= fault.most:
+            raise ConfigurationError(
+                f'{name}: the number must be at least {fault.least:g} and at most '
+                f'{fault.most:g}, got {number:g}', 'out_of_range', name)
         emulator.call(lambda: fault.act(emulator, number, time.monotonic()))
     else:
         known = (*FAULTS, *LINE_FAULTS, 'state')
@@ -159,10 +166,6 @@ def _number(name: str, words: list[str], default: Optional[float]) -> float:
         raise ConfigurationError(
             f'{name} takes one number, got {" ".join(words) or "nothing"}',
             'wrong_type', name) from None
-    if math.isnan(number) or name in FAULTS and FAULTS[name].argument.startswith(
-            ('seconds', 'bytes')) and number < 0.0:
-        raise ConfigurationError(f'{name}: the number must be at least 0, got {number:g}',
-                                 'out_of_range', name)
     return number
 
 

@@ -56,7 +56,7 @@ class RoboClawDevice(Device):
         self._answers: dict[int, Callable[[], tuple[int, ...]]] = {
             codec.GET_TIMEOUT: lambda: (self._timeout,),
             codec.GET_BATTERY: lambda: (round(10.0 * self.sensed.bus_voltage),),
-            codec.GET_TEMPERATURE: lambda: (round(10.0 * self.sensed.temperature),),
+            codec.GET_TEMPERATURE: lambda: (max(round(10.0 * self.sensed.temperature), 0),),
             codec.GET_PWMS: lambda: self._of_both(
                 lambda axis: codec.FULL_DUTY * self._effective_duty(axis)),
             codec.GET_CURRENTS: lambda: self._of_both(

@@ -4,7 +4,7 @@ from dataclasses import replace
 import itertools
 import math
 
-from drive_bench import Bench
+from drive_bench import Bench, KINDS
 import pytest
 from refusals import refused
 import serial
@@ -381,3 +381,13 @@ def test_the_budget_covers_what_really_goes_over_the_line(bench, kind):
              'odrive_can 0.6': (0, 16)}.get(kind, (0, 0))
     assert max(written) <= budget.bytes_out <= max(written) + spare[0]
     assert max(received) <= budget.bytes_in <= max(received) + spare[1]
+
+
+@pytest.mark.parametrize('kind', KINDS)
+@pytest.mark.parametrize('voltage, temperature', [(0.0, -40.0), (1000.0, 1000.0)])
+def test_a_drive_reports_at_the_ends_of_what_can_be_set(kind, voltage, temperature):
+    bench = Bench(kind)
+    bench.device.sensed = bench.device.sensed._replace(
+        bus_voltage=voltage, temperature=temperature)
+    bench.driver.identify()
+    assert bench.cycles(500, torque=None).bus_voltage == pytest.approx(voltage)

@@ -261,7 +261,9 @@ def test_every_fault_of_the_table_is_understood(emulator):
     ('', 'unknown_name', 'corrupt'), ('corupt 0.1', 'unknown_name', "'corrupt'"),
     ('drop', 'wrong_type', ''), ('drop much', 'wrong_type', ''), ('drop 2', 'out_of_range', ''),
     ('drop 0.1 up', 'not_a_choice', '"to" or "from"'), ('silence -1', 'out_of_range', ''),
-    ('reboot 3', 'wrong_type', ''), ('unplug nan', 'out_of_range', '')])
+    ('reboot 3', 'wrong_type', ''), ('unplug nan', 'out_of_range', ''),
+    ('voltage -5', 'out_of_range', ''), ('temperature 1e9', 'out_of_range', ''),
+    ('encoder_jump inf', 'out_of_range', ''), ('drop nan', 'not_finite', '')])
 def test_a_fault_that_is_not_understood_is_refused(emulator, line, reason, proposed):
     with refused(reason, line.partition(' ')[0], ConfigurationError) as caught:
         obey(emulator, line)

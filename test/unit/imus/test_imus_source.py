@@ -187,7 +187,7 @@ def test_a_silent_sensor_is_reported_with_port_and_baud_rate(reading):
     assert any(str(baud) in source.trouble for baud in (9600, 115200))
 
 
-def test_noise_is_counted_and_is_no_reading(reading):
+def test_noise_is_counted_and_gives_no_reading(reading):
     line, source = reading
     line.device.tick = lambda now: b'\x12\x34'
     assert not run(line, source, 2.0)
