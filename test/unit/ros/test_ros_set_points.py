@@ -12,7 +12,11 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
 from ballbot_ros.control import Mode
+from ballbot_ros.nodes.controller.node import Controller
+from ballbot_ros.nodes.simulator.node import Simulator
 from ballbot_ros.ros.conversions import set_point, set_point_message, to_time
+from ballbot_ros.ros.endpoints import create_publisher
+from ballbot_ros.ros.joint_state_bytes import command_bytes
 from ballbot_ros.ros.rclpy_compat import new_executor
 from ballbot_ros.ros.set_points import REFUSED_PAUSE, SetPoints
 
@@ -103,3 +107,28 @@ def test_two_publishers_of_a_topic_are_both_refused_and_named(robot):
     count = len(followed)
     until(lambda: len(followed) > count, lambda: both[1].publish(message))
     assert inputs.authority.holder == '/b'
+
+
+def test_a_controller_follows_one_sender(make_node, spinner):
+    controller, peers = make_node(Controller), [make_node(Node, name) for name in 'ab']
+    spinner.add(controller, *peers)
+    angles = create_publisher(peers[0], 'set_point')
+    speeds = create_publisher(peers[1], 'cmd_vel')
+    spinner.until(lambda: controller._refused['other_sender'], lambda: (
+        angles.publish(set_point_message(to_time(0.0), 0.1)), speeds.publish(TwistStamped())))
+    assert controller._set_points.authority.holder in ('/a', '/b')
+
+
+def test_a_simulator_refuses_commands_of_two_publishers(make_node, spinner):
+    simulator = make_node(Simulator, scene='flat', start_paused=True)
+    peers = [make_node(Node, name) for name in 'ab']
+    spinner.add(simulator, *peers)
+    publishers = [create_publisher(peer, 'joint_commands') for peer in peers]
+    spinner.until(lambda: simulator._gate.refused['several_publishers'], lambda: [
+        publisher.publish(command_bytes(to_time(0.0), 1.0)) for publisher in publishers])
+    accepted = simulator._gate.accepted
+    for publisher in publishers:
+        publisher.publish(command_bytes(to_time(0.0), 1.0))
+    refused = sum(simulator._gate.refused.values())
+    spinner.until(lambda: sum(simulator._gate.refused.values()) > refused)
+    assert simulator._gate.accepted == accepted
