@@ -138,6 +138,30 @@ def test_before_a_small_step_down_too_late_for_a_stop_it_decides_immediately():
     assert answer.set_speed <= TUNING.cruise_speed
 
 
+def test_a_descent_begun_too_late_for_a_stop_is_not_given_up_as_the_ball_slows():
+    planner, drop = RolloutPlanner(KNOWLEDGE), seen(step(-0.02))
+    begun = planner(Situation(Motion(0.0, -0.2, 0.4), drop), None)
+    slower = planner(Situation(Motion(0.02, -0.195, 0.2), drop), begun)
+    assert begun.reason is slower.reason is Reason.COMMITTED
+    # At that speed it would not have begun.
+    assert RolloutPlanner(KNOWLEDGE)(
+        Situation(Motion(0.02, -0.195, 0.2), drop), None).kind is Kind.STOP
+
+
+def test_the_label_before_a_step_without_room_behind_changes_once_on_the_way():
+    planner = RolloutPlanner(replace(KNOWLEDGE, tuning=replace(TUNING, unseen_room=0.0)))
+    decision, kinds = planner(Situation(Motion(0.0, -3.5, 0.4), seen()), None), []
+    for number in range(1, 400):
+        position, speed = -3.5 + 0.008 * number, 0.4
+        decision = planner(Situation(Motion(0.02 * number, position, speed),
+                                     seen(step(0.02))), decision)
+        kinds.append(decision.kind)
+        if decision.set_speed < 0.1:
+            break
+    assert list(dict.fromkeys(kinds)) == [Kind.CLEAR, Kind.GO_ROUND]
+    assert kinds == sorted(kinds, key=[Kind.CLEAR, Kind.GO_ROUND].index)
+
+
 def test_what_failed_is_not_tried_again_but_more_of_it():
     before = decide(step(0.03))
     failure = Failure(1, 0.0, 0.03, before.plan, before.outlook.touch_speed)

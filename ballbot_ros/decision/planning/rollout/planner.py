@@ -374,7 +374,8 @@ def go(choice: Choice, candidate: Candidate, ahead: Ahead, motion: Motion, next_
     if math.isfinite(plan.swing_position):
         how += (f', pendulum to {math.degrees(candidate.angle):.0f} deg '
                 f'{candidate.swing:.2f} m before the touch')
-    reason = Reason.RUN_UP if back else Reason.COMMITTED if braking_room < 0.0 else Reason.LIKELY
+    begun = choice.reason is Reason.COMMITTED or braking_room < 0.0
+    reason = Reason.RUN_UP if back else Reason.COMMITTED if begun else Reason.LIKELY
     said = f'{where}: {how}, over with {100 * seen.probability:.0f} % ({seen.attempts} attempts)'
     if back:
         said = f'{where}: back to {motion.position - plan.start:.2f} m behind here first; {said}'
