@@ -138,12 +138,12 @@ def test_before_a_small_step_down_too_late_for_a_stop_it_decides_immediately():
     assert answer.set_speed <= TUNING.cruise_speed
 
 
-def test_a_descent_begun_too_late_for_a_stop_is_not_given_up_as_the_ball_slows():
+def test_a_descent_started_too_late_for_a_stop_is_not_given_up_as_the_ball_slows():
     planner, drop = RolloutPlanner(KNOWLEDGE), seen(step(-0.02))
-    begun = planner(Situation(Motion(0.0, -0.2, 0.4), drop), None)
-    slower = planner(Situation(Motion(0.02, -0.195, 0.2), drop), begun)
-    assert begun.reason is slower.reason is Reason.COMMITTED
-    # At that speed it would not have begun.
+    started = planner(Situation(Motion(0.0, -0.2, 0.4), drop), None)
+    slower = planner(Situation(Motion(0.02, -0.195, 0.2), drop), started)
+    assert started.reason is slower.reason is Reason.COMMITTED
+    # At that speed it would not have started.
     assert RolloutPlanner(KNOWLEDGE)(
         Situation(Motion(0.02, -0.195, 0.2), drop), None).kind is Kind.STOP
 
@@ -156,6 +156,7 @@ def test_the_label_before_a_step_without_room_behind_changes_once_on_the_way():
         decision = planner(Situation(Motion(0.02 * number, position, speed),
                                      seen(step(0.02))), decision)
         kinds.append(decision.kind)
+        assert decision.plan.strategy in (Strategy.CRUISE, Strategy.GO_ROUND)
         if decision.set_speed < 0.1:
             break
     assert list(dict.fromkeys(kinds)) == [Kind.CLEAR, Kind.GO_ROUND]

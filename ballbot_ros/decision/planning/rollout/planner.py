@@ -343,8 +343,9 @@ WHY = {
     Reason.DROP: 'the floor falls away',
     Reason.WALL: 'a wall; find another way',
 }
-# Reasons that waiting or further observations do not change.
-PERMANENT_REASONS = (Reason.TOO_HIGH, Reason.WALL, Reason.LANDING, Reason.FAILED_BEFORE)
+# Reasons that further observations do not change, and reasons to find another way.
+DEFINITE = (Reason.TOO_HIGH, Reason.FAILED_BEFORE)
+PERMANENT_REASONS = (*DEFINITE, Reason.WALL, Reason.LANDING)
 
 
 def outlook(choice: Choice, required: float, braking_room: float) -> Outlook:
@@ -374,8 +375,8 @@ def go(choice: Choice, candidate: Candidate, ahead: Ahead, motion: Motion, next_
     if math.isfinite(plan.swing_position):
         how += (f', pendulum to {math.degrees(candidate.angle):.0f} deg '
                 f'{candidate.swing:.2f} m before the touch')
-    begun = choice.reason is Reason.COMMITTED or braking_room < 0.0
-    reason = Reason.RUN_UP if back else Reason.COMMITTED if begun else Reason.LIKELY
+    started = choice.reason is Reason.COMMITTED or braking_room < 0.0
+    reason = Reason.RUN_UP if back else Reason.COMMITTED if started else Reason.LIKELY
     said = f'{where}: {how}, over with {100 * seen.probability:.0f} % ({seen.attempts} attempts)'
     if back:
         said = f'{where}: back to {motion.position - plan.start:.2f} m behind here first; {said}'
@@ -518,15 +519,16 @@ class RolloutPlanner:
             choice = Choice(Trial(Candidate(
                 Strategy.CRUISE, min(motion.speed, self._tuning.cruise_speed))), Reason.COMMITTED)
         if choice.trial is None:
-            no = self._lines.stand(refuse(choice, ahead, motion, room, self._tuning),
-                                   face.position, situation)
+            no = refuse(choice, ahead, motion, room, self._tuning)
             label = None if previous is None else previous.kind
-            if choice.reason in PERMANENT_REASONS:
+            if choice.reason not in DEFINITE and label in (Kind.STOP, Kind.GO_ROUND):
+                no = replace(no, kind=label)
+            no = self._lines.stand(no, face.position, situation)
+            if choice.reason in DEFINITE or label is not Kind.CLEAR \
+                    or not self._may_roll(no, previous):
                 return no
-            if label is Kind.CLEAR and self._may_roll(no, previous):
-                return replace(no, kind=label, plan=Plan(
-                    Strategy.CRUISE, motion.position, no.set_speed))
-            return replace(no, kind=label) if label in (Kind.STOP, Kind.GO_ROUND) else no
+            return replace(no, kind=label, plan=Plan(
+                Strategy.CRUISE, motion.position, no.set_speed))
         end = choice.trial.candidate.end(ahead)
         later = [item.position - self._robot.ball_radius for item in ahead.faces
                  if item.position > end.position + 1e-3]
