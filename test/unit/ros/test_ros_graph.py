@@ -328,4 +328,4 @@ def test_without_ros_the_error_names_the_remedy(monkeypatch, capsys):
     for words in (['topics'], ['echo', '/odom'], ['release-e-stop']):
         assert main(words) == 2
         error = capsys.readouterr().err
-        assert 'needs ROS 2' in error and 'setup.bash' in error and error.count('\n') == 1
+        assert 'needs ROS' in error and 'setup.bash' in error and error.count('\n') == 1
