@@ -310,22 +310,18 @@ def test_a_sensor_of_the_simulator_is_a_topic_a_rate_and_a_message(house):
     house.change(
         'nodes/simulator/outputs.py',
         (r'from rclpy.publisher', 'from std_msgs.msg import Float64\nfrom rclpy.publisher'),
-        (r'            self._late.seconds = ', """\
-            self._inclination_periods = periods_per(
-                settings.inclination_rate, settings.control_rate, 'inclination_rate')
-            self._late.seconds = """),
-        (r'        return self._late.due', """\
-        if everything or plant.periods % self._inclination_periods == 0:
-            self._late.put(plant.time, (
-                self._topic('inclination'), Float64(data=plant.state.pendulum_angle)))
-        return self._late.due"""))
+        (r'        rates = \{', "        rates = {'inclination': 'inclination_rate', "),
+        (r"            elif topic == 'terrain_observation':", """\
+            elif topic == 'inclination':
+                message = Float64(data=plant.state.pendulum_angle)
+            elif topic == 'terrain_observation':"""))
     program = house.folder / 'look.py'
     program.write_text("""
 import rclpy
 from ballbot_ros.nodes.simulator.node import Simulator
 rclpy.init(args=['--ros-args', '-p', 'start_paused:=true', '-p', 'scene:=fig7_middle'])
 node = Simulator()
-for publisher, message in node._outputs._sensors.look(everything=True):
+for publisher, message in node._outputs._sensors.measure(everything=True):
     print(publisher.topic_name, getattr(message, 'data', ''))
 """, encoding='utf-8')
     assert re.search(r'/inclination -?\d', house.run('look.py'))
