@@ -88,7 +88,9 @@ class Bridge(ManagedNode):
         except BallbotError as error:
             if str(error) != self._complaint:  # logged once, not every second
                 self._complaint = str(error)
-                self.get_logger().error(f'cannot configure: {error}')
+                self.get_logger().error(
+                    f'cannot configure: {error}; to diagnose it: ballbot doctor --hardware '
+                    f'{self._settings.hardware} --port {self._hardware.connection.port}')
             return FAILURE
         self.get_logger().info(
             f'{identity.in_words}, on {self._hardware.connection.port}; '
