@@ -1,19 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """A scene as a source: a thread simulates it in real time, or slower or faster."""
-from concurrent.futures import Future, TimeoutError as FutureTimeout
 from dataclasses import replace
 import math
 from pathlib import Path
-from queue import Empty, Queue
-from threading import Thread
+from threading import Event, Lock, Thread
 from time import monotonic
 from types import MappingProxyType
-from typing import Callable, Mapping, Optional, Tuple
+from typing import Mapping, Optional, Tuple
 
 from ballbot_ros.compile_notice import compiling
 from ballbot_ros.config.files import shipped_files
 from ballbot_ros.decision.planning.curve import HeightCurve
-from ballbot_ros.errors import BallbotError, ConfigurationError, SimulationError
+from ballbot_ros.errors import ConfigurationError, SimulationError
 from ballbot_ros.physics.model.robot import Robot
 from ballbot_ros.physics.model.terrain import Terrain
 from ballbot_ros.physics.simulation.scene import load_scene
@@ -27,6 +25,7 @@ from ballbot_ros.view.source import Control, Health, Idle, Source, Value
 FRAME_RATE = 100.0  # frames per second of wall time, at most
 LAG_MAX = 0.1  # a longer lag behind the wall clock is dropped, not caught up [s]
 CONTROL_TIMEOUT = 10.0  # for a control to take effect [s]
+LOCK_PAUSE, PAUSED_PERIOD = 1e-3, 0.02  # for controls between frames, and while paused [s]
 LOOP_PAUSE = 1.5  # wall time between the end of the scene and its repetition [s]
 REST_SPEED, REST_TIME = 1e-3, 1.0  # at rest: slower than this [m/s], for this long [s]
 TIME_SCALE_MIN, TIME_SCALE_MAX = 0.05, 4.0  # simulated seconds per second of wall time
@@ -39,7 +38,7 @@ class SceneSource(Source):
     Simulates a scene and keeps its frames.
 
     The scene repeats after its duration until a control changes robot, ground, law or solver; then
-    it continues without an end.  Controls act between two frames, in the thread that simulates.
+    it continues without an end.  Controls act between two frames.
 
     Parameters
     ----------
@@ -65,9 +64,9 @@ class SceneSource(Source):
         self._moved_at = 0.0  # last time of motion [s]
         self._failure = ''
         self._speedometer = Speedometer()
-        self._jobs: 'Queue[Optional[Tuple[Callable[[], None], Future[None]]]]' = Queue()
+        self._lock, self._ended = Lock(), Event()
         self._thread: Optional[Thread] = None
-        self._closed = False
+        self._resumed = True  # the wall time of the run counts from the present frame
         self._begin()
 
     # For the page; from any thread.
@@ -135,18 +134,21 @@ class SceneSource(Source):
         return known
 
     def _use(self, name: str, value: Value) -> None:
-        if self._thread is None or self._closed:
-            self._do(name, value)
-            return
-        done: 'Future[None]' = Future()
-        self._jobs.put((lambda: self._do(name, value), done))
-        try:
-            done.result(CONTROL_TIMEOUT)
-        except FutureTimeout:
+        if not self._lock.acquire(timeout=CONTROL_TIMEOUT):
             raise ConfigurationError(
                 f'{name}: the simulation has not responded for {CONTROL_TIMEOUT:g} s; it is '
-                'compiling, or the accuracy is too high for this machine', 'unavailable',
-                name) from None
+                'compiling, or the accuracy is too high for this machine', 'unavailable', name)
+        try:
+            # The run has the controls that do not concern its thread.
+            use = getattr(self, f'_set_{name}', None) or getattr(self._run, f'set_{name}')
+            use(value)
+            if name in ('robot', 'law', 'set_point', 'step_height', 'friction', 'accuracy',
+                        'e_stop'):
+                self._repeats = False
+            self._describe()
+            self._resumed = True
+        finally:
+            self._lock.release()
 
     def start(self) -> None:
         """Start the thread."""
@@ -155,49 +157,29 @@ class SceneSource(Source):
 
     def close(self) -> None:
         """End the thread."""
-        self._closed = True
+        self._ended.set()
         if self._thread is not None:
-            self._jobs.put(None)
             self._thread.join(CONTROL_TIMEOUT)
 
-    # In the thread.
-
     def _live(self) -> None:
-        """Simulate in real time, and apply controls between frames."""
-        origin, begin = monotonic(), self._run.state.time
-        while not self._closed:
-            ahead = origin + (self._run.state.time - begin) / self._speed - monotonic()
-            if self._paused or ahead > 0.0:
-                if self._await_job(0.1 if self._paused else ahead) or self._paused:
-                    origin, begin = monotonic(), self._run.state.time
-                continue
-            if self._repeats and self._run.state.time >= self._run.scene.run.duration:
-                if not self._await_job(LOOP_PAUSE):
-                    self._set_reset(True)
-                origin, begin = monotonic(), self._run.state.time
-                continue
-            if ahead < -LAG_MAX:
-                origin, begin = monotonic(), self._run.state.time
-            if self._await_job(0.0):
-                origin, begin = monotonic(), self._run.state.time
-                continue
-            self._go_on(self._periods())
-            self._speedometer.note(self._run.state.time, monotonic())
-
-    def _await_job(self, timeout: float) -> bool:
-        """Apply the next control that arrives within a time [s]; return whether one did."""
-        try:
-            job = self._jobs.get(timeout=timeout) if timeout > 0.0 else self._jobs.get_nowait()
-        except Empty:
-            return False
-        if job is not None:
-            act, done = job
-            try:
-                act()
-                done.set_result(None)
-            except BallbotError as error:
-                done.set_exception(error)
-        return True
+        """Simulate in real time; the lock is free between frames."""
+        origin = begin = wait = 0.0
+        while not self._ended.wait(max(wait, LOCK_PAUSE)):
+            with self._lock:
+                now, time = monotonic(), self._run.state.time
+                due = origin + (time - begin) / self._speed
+                ended = self._repeats and time >= self._run.scene.run.duration
+                if self._resumed or self._paused or due < now - LAG_MAX and not ended:
+                    origin, begin, due, self._resumed = now, time, now, False
+                if self._paused or ended:
+                    wait = PAUSED_PERIOD
+                    if ended and now > due + LOOP_PAUSE:
+                        self._set_reset(True)
+                        self._resumed = True
+                else:
+                    self._go_on(self._periods())
+                    self._speedometer.note(self._run.state.time, monotonic())
+                    wait = origin + (self._run.state.time - begin) / self._speed - monotonic()
 
     def _periods(self) -> int:
         """Return the number of periods per frame at the present speed."""
@@ -215,15 +197,6 @@ class SceneSource(Source):
         if math.hypot(state.velocity_x, state.velocity_y) > REST_SPEED:
             self._moved_at = state.time
         self._history.add(self._run.frame())
-
-    def _do(self, name: str, value: Value) -> None:
-        """Use a control with a checked value."""
-        # The run has the controls that do not concern its thread.
-        use = getattr(self, f'_set_{name}', None) or getattr(self._run, f'set_{name}')
-        use(value)
-        if name in ('robot', 'law', 'set_point', 'step_height', 'friction', 'accuracy', 'e_stop'):
-            self._repeats = False
-        self._describe()
 
     def _begin(self) -> None:
         """Show the start of the scene, with no frame but the first."""
