@@ -94,6 +94,7 @@ class Timeline:
         self._robot, self._report = robot, report
         self._limit = math.nan
         self._last: Optional[Tuple[int, int, int]] = None
+        self._seen = -1  # index of the last step whose observation was reported
         self._resting: Optional[float] = None
         self.rested: Optional[float] = None
 
@@ -124,10 +125,11 @@ class Timeline:
         key = (message.decision, message.reason, index)
         if key == self._last:
             return
-        seen_before = self._last is not None and self._last[2] == index
         self._last = key
         if index < len(self.passages) and message.decision != StepDecision.DECISION_CLEAR:
-            if not seen_before:
+            # A decision behind an edge may be about no step.
+            if index > self._seen and math.isfinite(message.distance):
+                self._seen = index
                 self._report(
                     time, 'sees', f'a {"step" if message.height > 0.0 else "drop"} of '
                     f'{1e3 * abs(message.height):.0f} mm, {message.distance:.2f} m ahead of its '

@@ -62,6 +62,15 @@ def play(timeline, until='rests'):
             return
 
 
+def test_a_stop_without_a_step_does_not_count_as_seen(timeline):
+    play(timeline, 'crossed')
+    stop = decided(2.0, GO_ROUND)
+    stop.height = stop.distance = float('nan')
+    timeline.add_decision(stop)
+    timeline.add_decision(decided(2.1, CROSS, 0.08))
+    assert marks(timeline)[-3:] == ['GO ROUND', 'sees', 'CROSS']
+
+
 def test_a_run_as_it_should_be_is_reported_and_has_nothing_wrong(timeline):
     play(timeline)
     assert marks(timeline) == ['sees', 'CROSS', 'touches', 'crossed', 'sees', 'GO ROUND', 'rests']
