@@ -79,6 +79,14 @@ def test_a_skip_for_a_reason_that_is_not_listed_fails_the_run(tmp_path):
         assert (f'test_some: {reason}' in done.stdout) is bool(code)
 
 
+def test_each_allowed_skip_is_that_of_a_test():
+    patterns = [line.split('  #')[0] for line in (ROOT / '.ci' / 'skips.txt').read_text(
+        encoding='utf-8').splitlines()[1:]]
+    sources = [path.read_text(encoding='utf-8') for path in (ROOT / 'test').rglob('test_*.py')]
+    assert patterns and not [pattern for pattern in patterns
+                             if not any(re.search(pattern, text) for text in sources)]
+
+
 def test_the_changelog_is_well_formed_and_has_a_section_for_the_next_release():
     core = pytest.importorskip('docutils.core')
     text = (ROOT / 'CHANGELOG.rst').read_text(encoding='utf-8')

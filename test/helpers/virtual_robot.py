@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Ball, drive and cable in memory around a real `Session`, on a clock that the test moves."""
 from dataclasses import replace
+from functools import cache
 import json
 import math
 from pathlib import Path
@@ -26,6 +27,17 @@ from ballbot_ros.steering import GroundTrack, LateralState, pull
 STEP = 0.002
 # A reply is there a step later [s].
 LINE_TIME = 0.5 * STEP
+GIMBALL = load_robot('gimball')
+read_hardware, read_tuning = cache(load_hardware), cache(load_tuning)  # once in a test process
+
+
+def scene_of(terrain):
+    """Return a scene with the ball at rest."""
+    return read_scene({'robot': 'gimball', 'initial': {'x': 0.0}, 'duration': 1.0,
+                       'terrain': terrain}, 'test', 'test')
+
+
+FLAT = scene_of([{'flat': {'length': 10.0}}])
 
 
 class HeldShell:
@@ -33,7 +45,7 @@ class HeldShell:
 
     def __init__(self):
         self.state = State()
-        self._robot = load_robot('gimball')
+        self._robot = GIMBALL
 
     def advance(self, torque):
         """Advance by a step under a constant torque."""
@@ -108,7 +120,7 @@ class VirtualRobot(MemoryLine):
     def __init__(self, protocol='odrive', imu=True, settings=None, held=False, terrain=None,
                  onboard='', steering=False, **limits):
         protocol, _, firmware = protocol.partition(' ')
-        self.hardware = load_hardware(f'gimball_{protocol}')
+        self.hardware = read_hardware(f'gimball_{protocol}')
         if steering:
             option = driver_class(protocol).shares_line
             where = {'drive': {option: getattr(driver_class(protocol).Options, option) + 1}} \
@@ -139,9 +151,8 @@ class VirtualRobot(MemoryLine):
             self.hardware = replace(self.hardware, drive={'endpoints': str(path)})
         self.now = 100.0
         self.onboard = onboard
-        self.plant = HeldShell() if held else Plant(read_scene(
-            {'robot': 'gimball', 'initial': {'x': 0.0}, 'duration': 1.0,
-             'terrain': terrain or [{'flat': {'length': 10.0}}]}, 'test', 'test'), 500.0)
+        self.plant = HeldShell() if held else Plant(
+            scene_of(terrain) if terrain else FLAT, 500.0)
         # A little noise: no sensor that measures repeats a reading.
         self._imu = Imu(9.81, gyro_sd=1e-6, force_sd=1e-6, seed=1) if imu else None
         self.temperature = self.device.sensed.temperature
@@ -159,19 +170,18 @@ class VirtualRobot(MemoryLine):
 
     def start(self):
         """Begin a new session."""
-        robot = load_robot('gimball')
         law = SupervisedController(
-            PendulumController(robot, load_tuning(self.onboard)),
+            PendulumController(GIMBALL, read_tuning(self.onboard)),
             Supervision(20.0, 0.5, let_down_time=self.hardware.limits.damping_time)
         ) if self.onboard else None
         if self.hardware.steering is None:
             self.session = Session(
-                self.hardware, robot, self.connect, self.clock, law=law,
+                self.hardware, GIMBALL, self.connect, self.clock, law=law,
                 publishers={'set_point': '/planner', 'cmd_vel': '/teleop'}.get)
             return
-        lateral = self.hardware.lateral(robot)
+        lateral = self.hardware.lateral(GIMBALL)
         self.session = Session(
-            self.hardware, robot, lambda: self.connect(self._shared.view()), self.clock, law=law,
+            self.hardware, GIMBALL, lambda: self.connect(self._shared.view()), self.clock, law=law,
             connect_lateral=lambda: open_driver(
                 lateral.connection.protocol, self.second_port or self._shared.view(),
                 lateral.options(), self.clock))
