@@ -141,4 +141,4 @@ def shellball():
 @pytest.fixture(params=['gimball', 'shellball'])
 def robot(request):
     """Return each robot of the package in turn."""
-    return load_robot(request.param)
+    return request.getfixturevalue(request.param)

@@ -54,7 +54,7 @@ def calibrate(robot, dialogue=None):
 
 @pytest.mark.parametrize('protocol, direction, factor', [
     ('odrive', 1, 0.8), ('vesc', -1, 1.0)])
-def test_what_joins_drive_and_pendulum_is_found(protocol, direction, factor):
+def test_the_joint_between_drive_and_pendulum_is_identified(protocol, direction, factor):
     robot = VirtualRobot(protocol, held=True)
     # The real gear is a little lossier than the file says, and turns the other way.
     robot.joint = replace(robot.joint, direction=direction,
@@ -285,7 +285,7 @@ def test_a_pendulum_that_friction_holds_is_refused():
         fit([0.1, 0.2, -0.2], [0.0, 1e-3, 0.0], 1.24)
 
 
-def test_what_is_written_can_be_read_and_says_that_it_was_measured(tmp_path):
+def test_a_written_file_is_readable_and_marked_as_measured(tmp_path):
     robot = VirtualRobot(held=True)
     path = tmp_path / 'mine.yaml'
     write(path, read_yaml(config_folder() / 'hardware/gimball_odrive.yaml'), calibrate(robot),

@@ -81,7 +81,7 @@ def test_the_gear_is_that_of_the_robot(name):
     ({'joint': {'direction': 0}}, 'not_a_choice', 'direction', ''),
     ({'drive': {'axes': 1}}, 'unknown_name', 'axes', "'axis'"),
     ({'drive': {'axis': 7}}, 'out_of_range', 'axis', '')])
-def test_what_is_wrong_in_a_file_is_named(sections, reason, field, proposed):
+def test_an_invalid_entry_of_a_file_is_named(sections, reason, field, proposed):
     with refused(reason, field, ConfigurationError) as caught:
         read_hardware(content(**sections), 'my.yaml')
     assert str(caught.value).startswith(f'my.yaml: {next(iter(sections))}: ')

@@ -107,7 +107,7 @@ def test_the_loop_goes_first_the_other_threads_second_and_memory_stays():
                      'docs/realtime.md')),
     ('lock_memory=True', ('lock_memory', '65536 bytes', 'limits.d', 'LimitMEMLOCK=infinity',
                           'docs/realtime.md'))])
-def test_what_the_system_does_not_allow_is_refused_with_the_remedy(asked, words):
+def test_unavailable_scheduling_is_refused_with_the_remedy(asked, words):
     text = run(REFUSED.format(asked))
     assert text.startswith('ConfigurationError') and all(word in text for word in words), text
 

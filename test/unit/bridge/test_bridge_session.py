@@ -626,7 +626,7 @@ def test_a_stop_that_is_not_confirmed_is_written_every_hundredth_of_a_second():
     assert len(stops) == pytest.approx(11, abs=2)
 
 
-def test_what_happened_to_the_motor_is_counted():
+def test_motor_events_are_counted():
     robot = VirtualRobot().ready()
     robot.session.engage('button')
     robot.run(0.1)

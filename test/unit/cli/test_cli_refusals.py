@@ -98,7 +98,7 @@ def test_an_impossible_option_is_named(words, reason, field, refuses):
     (['emulate-motor', '--protocol', 'odrive', '--firmware', '0.7'], 'must be 0.5 or 0.6'),
     (['emulate-motor', '--protocol', 'vesc', '--link', '/proc/nowhere/x'], 'another name for '
      '--link')])
-def test_what_makes_no_sense_is_explained(words, sentence, error_of):
+def test_meaningless_arguments_are_refused_with_a_reason(words, sentence, error_of):
     assert sentence in error_of(*words)
 
 

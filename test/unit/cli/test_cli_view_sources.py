@@ -11,6 +11,6 @@ pytest.importorskip('viser')
     (['doorstep', '--robot', 'shellball'], '--robot requires a bag or --live'),
     (['doorstep', '--namespace', 'left'], '--namespace requires a bag or --live'),
     (['--live', '--robot', 'gimbal'], "no robot named 'gimbal'")])
-def test_what_cannot_be_shown_is_refused(error_of, tmp_path, monkeypatch, words, says):
+def test_an_impossible_view_is_refused(error_of, tmp_path, monkeypatch, words, says):
     monkeypatch.chdir(tmp_path)
     assert says in error_of('view', *words, '--no-browser')

@@ -306,7 +306,7 @@ def test_a_lag_is_a_delay_that_grows_with_the_rate():
 
 
 @pytest.mark.parametrize('delay, refused, accepted', [(0, 225.0, 245.0), (1, 450.0, 490.0)])
-def test_what_is_refused_really_diverges_and_what_is_accepted_does_not(
+def test_refused_loops_diverge_and_accepted_loops_do_not(
         delay, refused, accepted):
     # Unlimited torque: the limit would hide the growth in a limit cycle.
     tuning = replace(PUBLISHED, torque_limit=1e6)

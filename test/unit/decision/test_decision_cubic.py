@@ -270,7 +270,7 @@ def test_a_crossing_in_progress_goes_on_with_half_the_margins():
     assert on(0.01, distance=3.0, previous=fast).set_speed < 0.7
 
 
-def test_what_cannot_be_avoided_any_more_is_rather_crossed_than_hit():
+def test_an_unavoidable_step_is_crossed_and_not_hit():
     assert on(distance=0.15, speed=0.88).reason is Reason.COMMITTED
     assert on(distance=0.15, speed=0.7).kind is Kind.STOP
 

@@ -120,7 +120,7 @@ def test_a_parabola_is_flattest_at_an_end(a2, place):
             assert f'{place:g} m/s' in str(caught.value)
 
 
-def test_what_the_slowest_speed_crosses_needs_no_more():
+def test_a_step_below_the_curve_requires_only_the_slowest_speed():
     curve = HeightCurve(**FINE)
     assert curve.required_speed(curve.height(0.2)) == 0.2
     assert curve.required_speed(-1.0) == 0.2

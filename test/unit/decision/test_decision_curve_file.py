@@ -22,7 +22,7 @@ def test_a_written_curve_is_read_again(tmp_path, curve):
 
 
 @pytest.mark.parametrize('curve', [*map(load_curve, SHIPPED), PLAIN], ids=[*SHIPPED, 'plain'])
-def test_what_is_not_known_is_not_written_and_a_table_takes_a_line_for_each_row(curve):
+def test_unknown_values_are_left_out_and_a_table_has_a_line_for_each_row(curve):
     text = curve_text(curve, 'GimBall crosses', 'a test')
     content = yaml.safe_load(text)
     assert None not in content.values() and [] not in content.values()

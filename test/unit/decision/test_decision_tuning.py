@@ -22,7 +22,7 @@ TUNING = load_decision_tuning('decision_default')
     ('gimball_down', {'height_margin': 0.0}, 'inconsistent', 'height_margin'),
     ('gimball_down', {'highest_speed': 0.1, 'cruise_speed': 0.1}, 'inconsistent',
      'highest_speed')])
-def test_what_does_not_belong_together_is_refused(curve, change, reason, field):
+def test_inconsistent_values_are_refused(curve, change, reason, field):
     with refused(reason, field):
         check_decision(GIMBALL, load_curve(curve), replace(TUNING, **change))
 
@@ -91,7 +91,7 @@ def test_each_number_has_its_range(name, allowed, beyond):
             DecisionTuning(**{name: value})
 
 
-def test_what_just_belongs_together_is_accepted():
+def test_barely_consistent_values_are_accepted():
     possible = RollingModel(GIMBALL).held_acceleration(TUNING.largest_lean)
     check_decision(GIMBALL, CURVE, replace(
         TUNING, height_margin=CURVE.residual, highest_speed=CURVE.lowest_speed,

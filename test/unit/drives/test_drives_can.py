@@ -108,7 +108,7 @@ def test_waiting_ends_when_a_frame_comes_and_not_before(pair):
     assert link.wait(5.0) and 0.04 < time.monotonic() - begin < 2.0
 
 
-def test_what_was_sent_before_the_bus_was_opened_and_frames_of_can_fd_are_not_read(pair):
+def test_frames_from_before_opening_and_of_can_fd_are_not_read(pair):
     link, other = pair
     other.send(can.Message(arbitration_id=1, data=bytes(64), is_fd=True))
     other.send(can.Message(arbitration_id=1, is_error_frame=True))

@@ -564,7 +564,7 @@ def test_a_stop_of_0_6_is_confirmed_although_a_position_is_under_way():
 
 
 @both
-def test_what_took_the_power_away_is_named_once_it_is_gone(kind):
+def test_the_cause_of_a_loss_of_power_is_named_afterwards(kind):
     bench = Bench(kind)
     bench.driver.arm()
     bench.cycles(50, torque=0.05)

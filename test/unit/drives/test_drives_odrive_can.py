@@ -176,7 +176,7 @@ def test_a_version_that_cannot_be_named_for_a_0_5_is_refused(version):
 
 
 @pytest.mark.parametrize('confirmed', [3, ['a'], {'a': 'b'}, {'a': math.nan}, {'a': None}])
-def test_what_is_confirmed_must_be_names_with_numbers(confirmed):
+def test_confirmed_settings_are_names_with_numbers(confirmed):
     with refused('wrong_type', 'confirmed', ConfigurationError):
         Bench(KINDS[0], confirmed=confirmed)
 
@@ -188,7 +188,7 @@ def test_without_the_list_of_its_endpoints_a_0_6_is_refused_with_where_to_get_it
     assert 'flat_endpoints.json' in lacking.remedy and '0.6.11' in lacking.remedy
 
 
-def test_what_a_person_confirmed_does_not_count_for_a_drive_that_can_be_asked():
+def test_confirmed_settings_do_not_count_for_a_drive_that_reports_its_settings():
     old = Bench(KINDS[0])
     bench = Bench(KINDS[1], endpoints='', confirmed=old.driver.options.confirmed)
     assert not setting(bench, 'torque limit').acceptable

@@ -77,7 +77,7 @@ def test_an_unfed_watchdog_spoils_a_calibration(kind):
 
 
 @both
-def test_what_is_accepted_does_nothing_up_to_a_runaway_and_lets_it_brake(kind):
+def test_an_accepted_limit_acts_only_on_a_runaway_and_lets_it_brake(kind):
     here = bench(kind, 'vel_limit', 'regeneration')
     for item in refused(here).values():
         type_lines(here, item.remedy)

@@ -39,7 +39,7 @@ def reason(port, baud=115200):
     return raised.value.reason, str(raised.value)
 
 
-def test_what_is_written_comes_back_through_a_loop():
+def test_written_bytes_return_through_a_loop():
     with Link('loop://', 115200) as link:
         link.write(b'abc')
         assert link.wait(1.0)

@@ -211,7 +211,7 @@ def test_faults_are_waited_for_as_nothing_clears_them_sooner(bench):
         bench.driver.clear_faults(timeout=0.2)
 
 
-def test_what_the_supply_gives_is_reported(bench):
+def test_the_current_of_the_supply_is_reported(bench):
     bench.device.sensed = bench.device.sensed._replace(velocity=300.0)
     assert bench.cycles(20, torque=0.05).bus_current == pytest.approx(
         (0.05 * 300.0 + 3.125 * 2.0**2) / 24.0, abs=0.01)

@@ -80,7 +80,7 @@ def test_timeout_kill_switch_and_application_stand_where_the_firmware_puts_them(
 
 
 @pytest.mark.parametrize('firmware', VescDevice.firmwares)
-def test_what_the_emulated_drive_sends_is_read_back(firmware):
+def test_settings_of_the_emulated_drive_are_read_back(firmware):
     bench = Bench(f'vesc {firmware}')
     assert bench.driver.identify().firmware == firmware
     assert refused(bench) == []

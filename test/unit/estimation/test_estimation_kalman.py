@@ -150,7 +150,7 @@ def test_uncertainty_moves_as_the_prediction_does(with_imu, angle, joint, rate, 
 
 
 @pytest.mark.parametrize('imu, noises', [(None, (0.7, 0.4)), (UPRIGHT, (11.0, 13.0))])
-def test_what_was_certain_becomes_as_uncertain_as_the_noises_say(imu, noises):
+def test_a_certain_state_becomes_as_uncertain_as_the_noise_parameters(imu, noises):
     tuning = replace(TUNING, pendulum_noise=0.7, ball_noise=0.4, gyro_drift=0.2,
                      pendulum_noise_with_imu=11.0, ball_noise_with_imu=13.0)
     later = PendulumFilter(GIMBALL, tuning).predict(known([0.0] * 5), 0.004, 0.0, imu)

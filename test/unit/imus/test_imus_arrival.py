@@ -24,7 +24,7 @@ def test_a_stamp_is_never_later_than_the_arrival_and_never_earlier_than_the_one_
     assert np.all(found <= arrivals + 1e-9) and np.all(np.diff(found) >= 0.0)
 
 
-def test_what_comes_in_time_is_stamped_as_it_comes():
+def test_punctual_readings_are_stamped_with_their_arrival():
     sent, _, found = stamps([0.0] * 50)
     assert found == pytest.approx(sent)
 

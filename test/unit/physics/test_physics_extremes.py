@@ -217,7 +217,7 @@ def test_a_loop_that_is_declared_stable_parts_no_more_than_its_growth_explains(m
         assert judge('control_period', seed).verdict == verdict
 
 
-def test_what_grows_is_added_up_where_a_loop_slips_flies_or_swings():
+def test_growth_accumulates_where_a_loop_slips_flies_or_swings():
     case = make_case('control_period', 5003954)
     robot, radius = case.model.robot, case.model.robot.ball_radius
     rolling = State(y=0.99 * radius, velocity_x=1.0, ball_rate=-1.0 / radius)

@@ -86,7 +86,7 @@ def test_a_scene_with_a_value_of_another_law_is_refused():
             read_scene({'robot': 'gimball', 'actuation': section, 'duration': 1.0}, 'a', 'a')
 
 
-def test_what_a_prompt_shows_is_short(trajectory):
+def test_representations_are_short(trajectory):
     scene = load_scene('fig7_bottom')
     for thing in (GIMBALL, scene, scene.model, trajectory, Actuation('position', set_angle=1.0),
                   Solver('adaptive')):

@@ -104,7 +104,7 @@ def test_looks_are_lost_at_random_but_always_the_same_ones():
     assert looks[0] == looks[1] and sum(looks[0]) == pytest.approx(150, abs=40)
 
 
-def test_what_is_late_comes_in_its_order_when_it_is_old_enough():
+def test_late_samples_are_published_in_order_once_old_enough():
     late = Latency(0.3)
     for index in range(3):
         late.put(0.1 * index, index)

@@ -156,7 +156,7 @@ def test_an_mp4_has_the_frames_of_the_run(run, tmp_path):
     ('run.gif', 1.0, 0.0, 'out_of_range', 'playback', 'at least 0.01'),
     ('run.gif', 1.0, float('nan'), 'out_of_range', 'playback', 'at least 0.01'),
     ('run.gif', 130.0, 1.0, 'out_of_range', 'playback', 'a playback of 3 or more')])
-def test_what_cannot_be_written_is_refused_with_the_remedy(
+def test_an_unwritable_path_is_refused_with_the_remedy(
         name, duration, playback, reason, field, remedy):
     with refused(reason, field) as caught:
         check_animation(name, duration, playback)

@@ -29,13 +29,13 @@ def warned(**sections):
     ({'initial': {'speed': 78}}, '281 km/h'),
     ({'initial': {'pendulum_angle_deg': 200}}, '-160 is the same angle'),
     ({'actuation': {'law': 'position', 'set_angle_deg': 120}}, '90 is horizontal')])
-def test_what_is_impossible_for_people_is_questioned(sections, message):
+def test_implausible_values_are_questioned(sections, message):
     question, = warned(**sections)
     assert message in question
 
 
 @pytest.mark.parametrize('name', ['fig7_top', 'fig7_bottom', 'household', 'doorstep'])
-def test_what_comes_with_the_package_raises_no_question(name):
+def test_shipped_robots_are_plausible(name):
     assert list(scene_warnings(load_scene(name))) == []
 
 

@@ -121,7 +121,7 @@ def test_rows_are_printed_as_they_come(capsys):
     (['--speed', '-1'], '--speed must be at least 0 and at most 3 m/s, got -1'),
     (['--damping', 'nan'], 'damping must be'), (['--damping-time', '61'], 'at most 60 s'),
     (['--hardware', 'nothing'], 'there is no hardware'), (['--policy', 'hope'], 'coast')])
-def test_what_cannot_be_is_refused_before_anything_is_printed(words, says, capsys):
+def test_impossible_values_are_refused_before_output(words, says, capsys):
     assert main(['on-timeout', *words]) == 2
     out, err = capsys.readouterr()
     assert out == '' and says in err

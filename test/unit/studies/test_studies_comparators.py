@@ -163,7 +163,7 @@ def test_a_thrown_ball_lands_where_the_parabola_ends():
     ((GIMBALL, 0.5, 0.3), 'height'), ((GIMBALL, 0.5, 0.0), 'height'),
     ((GIMBALL, -0.5, 0.02), 'speed'), ((GIMBALL, 0.5, 0.02, 1.2), 'restitution'),
     ((replace(GIMBALL, gravity=0.0), 0.5, 0.02), 'gravity')])
-def test_what_has_no_meaning_is_refused(arguments, field):
+def test_arguments_out_of_range_are_refused(arguments, field):
     with refused('out_of_range', field):
         crosses_rigidly(*arguments)
 

@@ -120,7 +120,7 @@ def test_the_stage_follows_the_ball_and_forgets_another_run(page):
     assert len(stage._path) == 1
 
 
-def test_what_is_unknown_is_not_drawn(page):
+def test_unknown_values_are_not_drawn(page):
     source, stage = page._source, page._stage
     bare = replace(source.shown, x=None, y=None, contacts=None, energies=None)
     stage.draw(source, bare)

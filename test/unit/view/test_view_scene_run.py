@@ -117,7 +117,7 @@ def test_an_accuracy_brings_an_estimate_of_the_error_and_zero_takes_it_away():
     assert run.error_estimate is None and run.model.solver == run.scene.model.solver_in_use
 
 
-def test_what_is_refused_changes_nothing():
+def test_a_refused_request_changes_nothing():
     run = advanced(run_of('voltage_start'), 0.1)
     state, model, law = run.state, run.model, run.law
     for act in (lambda: run.set_accuracy(5.0), lambda: run.set_robot('swimmer'),

@@ -82,7 +82,7 @@ def test_another_scene_keeps_the_e_stop(source):
     assert source.controls['e_stop'].value is True and source.title == 'Scene flat'
 
 
-def test_what_is_refused_while_it_runs_reaches_its_caller(source):
+def test_a_refusal_during_a_run_reaches_the_caller(source):
     source.start()
     with refused('out_of_range', 'set_point'):
         source.apply('set_point', 400.0)

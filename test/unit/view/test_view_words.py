@@ -78,7 +78,7 @@ def test_no_number_is_minus_zero():
     assert '-0' not in numbers(Frame(1.0, x=-1e-9, velocity_x=-1e-5))
 
 
-def test_what_is_not_known_is_a_gap_in_a_series():
+def test_unknown_values_are_gaps_in_a_series():
     values = column([Frame(0.0, x=1.0), Frame(1.0)], lambda frame: frame.x)
     assert values[0] == 1.0 and math.isnan(values[1])
 
