@@ -8,6 +8,7 @@ import sys
 import tempfile
 import time
 
+import numpy as np
 import rclpy
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
@@ -75,12 +76,12 @@ def watch(lockstep, together=False):
             deadline = time.perf_counter() + 60.0
             while not arrivals and time.perf_counter() < deadline:
                 executor.spin_once(timeout_sec=0.1)
-            _spin(executor, SETTLE)
+            round_trip.spin(executor, SETTLE)
             arrivals.clear()
             stamps.clear()
             before = processor_time(process)
             begin = time.perf_counter()
-            _spin(executor, WINDOW)
+            round_trip.spin(executor, WINDOW)
             spent = time.perf_counter() - begin
             used = (processor_time(process) - before) / spent
     finally:
@@ -90,26 +91,14 @@ def watch(lockstep, together=False):
     return arrivals, stamps, used
 
 
-def _spin(executor, duration):
-    end = time.perf_counter() + duration
-    while time.perf_counter() < end:
-        executor.spin_once(timeout_sec=0.05)
-
-
-def quantile(values, part):
-    """Return the value below which `part` of the values lie."""
-    ordered = sorted(values)
-    return ordered[min(len(ordered) - 1, int(part * len(ordered)))]
-
-
 def measure():
     """Yield name, unit, values and target of each measurement."""
     middle, late, used, factors, together = [], [], [], [], []
     for _ in range(REPEATS):
         arrivals, stamps, share = watch(lockstep=False)
         periods = [1e3 * (after - before) for before, after in zip(arrivals, arrivals[1:])]
-        middle.append(quantile(periods, 0.5))
-        late.append(quantile(periods, 0.99))
+        middle.append(np.quantile(periods, 0.5))
+        late.append(np.quantile(periods, 0.99))
         used.append(100.0 * share)
         for found, one in ((factors, False), (together, True)):
             arrivals, stamps, _ = watch(lockstep=True, together=one)

@@ -69,9 +69,9 @@ def times_real_time(apart, raw):
         while not node.count:
             node.send()
             executor.spin_once(timeout_sec=0.2)
-        _spin(executor, 0.5)
+        spin(executor, 0.5)
         before, begin = node.count, time.perf_counter()
-        _spin(executor, WINDOW)
+        spin(executor, WINDOW)
         return (node.count - before) / (time.perf_counter() - begin) / 500.0
     finally:
         if other is not None:
@@ -83,7 +83,8 @@ def times_real_time(apart, raw):
         rclpy.try_shutdown()
 
 
-def _spin(executor, duration):
+def spin(executor, duration):
+    """Serve callbacks for a time [s]."""
     end = time.perf_counter() + duration
     while time.perf_counter() < end:
         executor.spin_once(timeout_sec=0.05)

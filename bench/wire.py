@@ -6,6 +6,8 @@ import random
 import threading
 import time
 
+import numpy as np
+
 from ballbot_ros.drives import codec_of, device_class, driver_class, DRIVES, open_driver, open_line
 from ballbot_ros.drives.memory_line import MemoryLine
 from ballbot_ros.emulator.ball import settings_for
@@ -94,18 +96,12 @@ def latency(protocol):
         used = 100.0 * (time.thread_time() - used) / (time.perf_counter() - begin)
         driver.stop()
     delays = [1e3 * (arrivals[count] - sent) for sent, count in waits if count < len(arrivals)]
-    yield f'{protocol}: command to wire, median', 'ms', [quantile(delays, 0.5)], 1.0
-    yield f'{protocol}: command to wire, p99', 'ms', [quantile(delays, 0.99)], None
-    yield f'{protocol}: loop at {RATE:g} Hz, p99 period', 'ms', [quantile(periods, 0.99)], 4.0
+    yield f'{protocol}: command to wire, median', 'ms', [np.quantile(delays, 0.5)], 1.0
+    yield f'{protocol}: command to wire, p99', 'ms', [np.quantile(delays, 0.99)], None
+    yield f'{protocol}: loop at {RATE:g} Hz, p99 period', 'ms', [np.quantile(periods, 0.99)], 4.0
     yield f'{protocol}: driver in that loop, part of a core', '%', [used], 25.0
     lost = 100.0 * driver.counts['lost'] / max(1, driver.counts['sent'])
     yield f'{protocol}: replies lost in that loop', '%', [lost], None
-
-
-def quantile(values, part):
-    """Return the value below which `part` of the values lie."""
-    ordered = sorted(values)
-    return ordered[min(len(ordered) - 1, int(part * len(ordered)))]
 
 
 def run_bad_line(protocol, frames, part):
@@ -177,7 +173,7 @@ def plugs():
     for name, unit, first, last in zip(
             ('resident memory', 'threads', 'open files'), ('kB', '', ''), before, after):
         yield f'more {name} after {CYCLES} replugs', unit, [last - first], None
-    yield 'from plug to torque', 'ms', [quantile(back, 0.5)], 1000.0
+    yield 'from plug to torque', 'ms', [np.quantile(back, 0.5)], 1000.0
     yield 'from plug to torque, longest', 'ms', [max(back)], None
 
 
