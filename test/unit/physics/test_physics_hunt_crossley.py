@@ -80,6 +80,7 @@ def test_a_dissipation_without_its_law_is_refused():
     assert (refused.value.reason, refused.value.field) == ('inconsistent', 'contact_dissipation')
 
 
+@pytest.mark.slow
 def test_the_maximum_step_height_depends_little_on_the_law_at_equal_restitution():
     for speed in (0.3, 0.6):
         dissipation = brentq(

@@ -39,7 +39,9 @@ def words(figure):
     return '\n'.join(found)
 
 
-@pytest.mark.parametrize('name', paper.FIGURES)
+@pytest.mark.parametrize('name', [
+    pytest.param(name, marks=pytest.mark.slow if name == 'turning' else ())
+    for name in paper.FIGURES])
 def test_every_figure_says_where_it_comes_from_and_reports_its_progress(name, coarse):
     fractions = []
     text = words(paper.FIGURES[name](fractions.append))
