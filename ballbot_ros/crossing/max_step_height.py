@@ -24,7 +24,7 @@ import numpy as np
 from ballbot_ros.config.fields import changed, check_value, count, quantity
 from ballbot_ros.crossing.attempt import (
     attempt, Course, Crossing, find, FINEST, OVER, TOO_FAST, VERTICES)
-from ballbot_ros.crossing.rules import check_gravity, HEIGHT, Rules, Site, SPEED, table, too_fast
+from ballbot_ros.crossing.rules import check_gravity, HEIGHT, Rules, Site, SPEED, table
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.jit import compiled, direct, row_reader, unlocked
 from ballbot_ros.physics.mechanics.contact import IntArray
@@ -237,7 +237,9 @@ def max_step_height(robot: RobotLike, speed: float, actuation: Actuation = Actua
     crossing = _prepare(robot, speed, actuation, pendulum_angle, site, rules, options)
     low, high, error, fine, outcome = crossing.found(accuracy)[0].tolist()
     if outcome == TOO_FAST:
-        raise too_fast(robot, speed, high)
+        raise ConfigurationError(
+            f'no step up to {high:g} m stops {robot.name!r} at {speed:g} m/s: this speed is '
+            'outside the range of the search', 'out_of_range', 'speed')
     _check(outcome, fine)
     monotone = None
     if scan > 0:

@@ -173,13 +173,6 @@ def check_gravity(robot: Robot) -> None:
             'out_of_range', 'gravity')
 
 
-def too_fast(robot: Robot, speed: float, passed: float) -> ConfigurationError:
-    """Return the error of a speed [m/s] at which no step is too high, up to one passed [m]."""
-    return ConfigurationError(
-        f'no step up to {passed:g} m stops {robot.name!r} at {speed:g} m/s: this speed is '
-        'outside the range of the search', 'out_of_range', 'speed')
-
-
 def held_at(angle: float, actuation: Actuation = Actuation()) -> Actuation:
     """
     Return law (11) holding the pendulum at an absolute angle [rad].
