@@ -4,10 +4,9 @@ Step size control and choice of the method, as an immutable value.
 
 Two methods of order 5 alternate.  The explicit one is much cheaper while accuracy limits the
 step; where stability limits it, because friction or a contact is stiff, an L-stable implicit one
-takes longer steps.  The steps themselves detect stiffness, again in each mode: one with a contact
-begins with implicit steps, whose Jacobian shows whether they pay off; the last stages of the
-explicit method show when it is at its stability limit, and then an occasional implicit step is
-tried.
+takes longer steps.  The steps themselves detect stiffness: a mode with a contact begins with
+implicit steps, whose Jacobian shows whether they pay off; the last stages of the explicit method
+show when it is at its stability limit, and then an occasional implicit step is tried.
 """
 import math
 
@@ -139,23 +138,16 @@ def chosen(now: StepController, method: int, smooth: bool) -> int:
 
 
 @compiled
-def started(step: float, count: int, method: int, parameters: Parameters) -> StepController:
-    """
-    Return the controller at the start of a mode with `count` contacts.
-
-    A contact changes the motion within its duration, and may be hard: explicit steps would shake
-    it before they find that.
-
-    Parameters
-    ----------
-    step : float
-        That of the mode before [s]; 0 where there is none.
-
-    """
-    if step <= 0.0:
-        step = max(FIRST_STEP, min(MEMORY, contact_step(parameters)))
-    step = min(step, contact_step(parameters) if count > 0 else LONGEST_STEP)
+def started(controller: StepController, count: int, method: int,
+            parameters: Parameters) -> StepController:
+    """Return the controller at a start, on resuming, or on landing, for `count` contacts."""
+    if controller.step > 0.0:
+        longest = contact_step(parameters) if count > 0 else math.inf
+        return with_step(controller, min(controller.step, longest))
     implicit = count > 0 if method == AUTOMATIC else DAMPS[method]
+    step = FIRST_STEP
+    if implicit and count > 0:
+        step = max(step, min(MEMORY, contact_step(parameters)))
     return StepController(step, implicit, False, step, 0, FIRST_TRIAL)
 
 
@@ -291,3 +283,22 @@ def accepted(now: StepController, used: float, error: float, number: int, stiffn
                               FIRST_TRIAL)
     return StepController(min(step, now.explicit_step), False, False, now.explicit_step,
                           now.stiff_steps, min(2 * now.trial_after, LAST_TRIAL))
+
+
+@compiled
+def after_event(now: StepController, used: float, count: int, method: int,
+                parameters: Parameters) -> StepController:
+    """
+    Return the controller at the start of a mode with `count` contacts.
+
+    The step that ended at the event [s] is only an upper bound of the next one: a new contact
+    changes the motion within the contact duration.
+    """
+    step = min(now.step, LONGEST_STEP)
+    if count > 0:
+        step = min(step, max(used, contact_step(parameters)))
+    now = with_step(now, step)
+    if method != AUTOMATIC or count == 0:
+        return now
+    # Explicit steps would shake a hard contact before they find it hard.
+    return StepController(now.step, True, now.on_trial, now.step, now.stiff_steps, now.trial_after)

@@ -23,7 +23,7 @@ from ballbot_ros.physics.model.state import X
 from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.solvers import dormand_prince, values
 from ballbot_ros.physics.solvers.controller import (
-    accepted, chosen, clear_distance, DAMPS, end_step, error_length,
+    accepted, after_event, chosen, clear_distance, DAMPS, end_step, error_length,
     FASTEST_SHRINKING, prepare_dense, rejected, shortened, shortest, smallest_step, started, step,
     stiffness_seen, unavoidable, with_step)
 from ballbot_ros.physics.solvers.dense import interpolate, motion_at, prepare_ledger, write_rows
@@ -120,7 +120,7 @@ def integrate(status: Status, end: float, state: Array, system: System, options:
                 if landed > time or count == 0:
                     may_fly, time = landed - time >= SHORT_FLIGHT, landed
                     continue
-            controller = started(controller.step, count, options.method, parameters)
+            controller = started(controller, count, options.method, parameters)
             rate, has_mode = EventRate(0, 0, 0), True
         if statistics[EVALUATIONS] + statistics[SEARCH] >= options.budget:
             outcome = BUDGET_EXCEEDED
@@ -164,7 +164,7 @@ def integrate(status: Status, end: float, state: Array, system: System, options:
         time = end if end - reached < smallest else reached
         if outcome == FINISHED and theta <= 1.0:
             count = find_mode(time, state, system, workspace.mode)
-            controller = started(controller.step, count, options.method, parameters)
+            controller = after_event(controller, used, count, options.method, parameters)
             may_fly = may_fly or count > 0
             has_mode = not (flies and may_fly and is_released(workspace.mode, parameters))
     return Status(outcome, time, filled, controller, rate, has_mode, ready, may_fly, 0.0)

@@ -29,7 +29,7 @@ def test_the_error_falls_with_the_tolerance():
     exact = run('shellball_drop', 'full', 1e-13)
     errors = [np.max(np.abs(run('shellball_drop', 'auto', tolerance)['x'] - exact['x']))
               for tolerance in (1e-6, 1e-8, 1e-10)]
-    assert errors[1] < errors[0] and errors[2] < 0.01 * errors[0]
+    assert errors[1] < 0.3 * errors[0] and errors[2] < 0.01 * errors[0]
 
 
 def test_a_drop_flies_in_closed_form_unless_the_full_model_is_asked_for():
