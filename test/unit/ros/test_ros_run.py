@@ -238,6 +238,7 @@ def test_a_node_with_use_sim_time_and_no_clock_warns(simulated, monkeypatch):
 @pytest.mark.parametrize('name', ['bridge', 'simulator'])
 def test_ctrl_c_while_a_node_is_imported_is_its_normal_end(name):
     program = ('import signal, sys\n'
+               'signal.signal(signal.SIGINT, signal.default_int_handler)\n'
                'import ballbot_ros.nodes.start as nodes\n'
                'class Interrupt:\n'
                '    def find_spec(self, name, *_):\n'
