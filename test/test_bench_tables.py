@@ -35,7 +35,7 @@ def test_a_missed_target_is_called_missed_with_its_scene():
         '1 of 1 below; least 2.0 x, `near_critical`', '**missed**')
     assert rows['10 x in `roll_60_s` at 0.1 mm'] == ('12 x', 'met')
     assert rows['`near_critical` at 0.1 mm, 30 us'] == ('40 us', '**missed**')
-    assert rows['`near_critical` at 1 um, 60 us'] == ('50 us', 'met')
+    assert rows['`near_critical` at 1 um, 50 us'] == ('50 us', 'met')
 
 
 def test_a_bound_is_of_the_fewest_right_hand_sides_of_any_solver():
