@@ -442,11 +442,9 @@ class Navigator:
                 continue
             number = self._feature_at(point)
             if number is not None:
-                known = learned.height(number, self.planner.floor.features[number])
-                if height > known + HIGHER and any(
-                        segment.number == number
-                        for segment in state.route.segments[state.index:]):
-                    learned = learned.with_height(number, height)
+                if any(segment.number == number
+                       for segment in state.route.segments[state.index:]):
+                    learned = self._measured(learned, number, height)
             elif self._on(point, ahead) and not self._explained(point):
                 found.append(point)
         faced = len(found) > seen or learned is not state.learned
@@ -461,6 +459,13 @@ class Navigator:
         return self._stop(
             replace(state, learned=learned, agreeing=(0, 0)), 'obstacle' if found else 'higher',
             'an obstacle is on the path' if found else 'a step is higher than on the map')
+
+    def _measured(self, learned: Learned, number: int, height: float) -> Learned:
+        """Return learned data with a measured rise of a feature that is higher than known."""
+        known = learned.height(number, self.planner.floor.features[number])
+        # An area below its surroundings has a negative height, and an edge that rises outwards.
+        return learned.with_height(number, math.copysign(height, known)) \
+            if height > abs(known) + HIGHER else learned
 
     def _on(self, point: Point, ahead: NDArray[np.float64]) -> bool:
         """Return whether the ball would touch a point on its path."""
@@ -485,18 +490,15 @@ class Navigator:
         path = state.path
         assert segment is not None and segment.feature is not None and path is not None
         assert segment.crossing is not None
-        report, height = percept.crossing, state.learned.height(segment.number, segment.feature)
+        report = percept.crossing
         if report is None and percept.stamp - state.crossing_start > CROSSING_TIMEOUT:
             report = CrossingReport(False, f'it took more than {CROSSING_TIMEOUT:g} s')
         if report is not None:
-            learned, state = state.learned, replace(state, alignments=0)
-            higher = report.height > height + HIGHER
-            if higher:
-                learned = learned.with_height(segment.number, report.height)
-            if report.touched or report.crossed or not higher:
+            learned = self._measured(state.learned, segment.number, report.height)
+            if report.touched or report.crossed or learned is state.learned:
                 learned = learned.with_outcome(
                     segment.number, segment.sign, segment.crossing.run_up, report.crossed)
-            state = replace(state, learned=learned)
+            state = replace(state, learned=learned, alignments=0)
             if report.crossed:
                 # Only now the stop position behind the step is known.
                 return replace(state, status=NavStatus.STOPPING, next=NavStatus.DRIVING,

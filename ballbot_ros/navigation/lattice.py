@@ -59,8 +59,8 @@ class Primitive(NamedTuple):
     length: float
 
 
-def primitives(radius: float) -> Tuple[Tuple[Primitive, ...], ...]:
-    """Return the primitives from each heading, for a turning radius [cells]."""
+def primitives(radius: float) -> List[Primitive]:
+    """Return the primitives, heading by heading, for a turning radius [cells]."""
     forward: List[Primitive] = []
     for start in range(COUNT):
         x, y = VECTORS[start]
@@ -72,8 +72,7 @@ def primitives(radius: float) -> Tuple[Tuple[Primitive, ...], ...]:
         item.end, item.start, -1, -item.column, -item.row,
         np.vstack([item.points[-2::-1], np.zeros((1, 2))]) - (item.column, item.row),
         -item.curvature, item.length) for item in forward]
-    return tuple(tuple(item for item in (*forward, *backward) if item.start == start)
-                 for start in range(COUNT))
+    return sorted(forward + backward, key=lambda item: item.start)
 
 
 def _arc(start: int, end: int, turn: int, radius: float) -> Primitive:
@@ -128,9 +127,8 @@ class Moves(NamedTuple):
     times: NDArray[np.float64]
 
     @classmethod
-    def of(cls, table: Tuple[Tuple[Primitive, ...], ...], times: List[float]) -> 'Moves':
-        """Return the arrays of a table and the time of each primitive."""
-        rows = [item for items in table for item in items]
+    def of(cls, rows: List[Primitive], times: List[float]) -> 'Moves':
+        """Return the arrays of primitives, heading by heading, and the time of each."""
         ways = [_cells_around(item.points) for item in rows]
         longest = max(map(len, ways))
         ends = np.array([(item.row, item.column, item.end, item.direction) for item in rows],

@@ -179,10 +179,9 @@ class RoutePlanner:
         self._capability = capability or Capability(knowledge)
         radius = 1.0 / curvature_limit(knowledge.robot, ARC_SPEED)
         self._size = min(LARGEST_CELL, CELL_SHARE * radius)
-        self._table = primitives(radius / self._size)
-        self._rows = [item for items in self._table for item in items]
+        self._rows = primitives(radius / self._size)
         speed = self._tuning.cruise_speed
-        self._moves = Moves.of(self._table, [
+        self._moves = Moves.of(self._rows, [
             item.length * self._size / min(
                 speed, ARC_SPEED if item.curvature else speed,
                 BACKWARD_SPEED if item.direction < 0 else speed) for item in self._rows])

@@ -155,6 +155,19 @@ def test_walls_of_the_map_are_no_obstacles(navigator, planner):
     assert ball.state.status is NavStatus.SUCCEEDED and not ball.state.learned.obstacles
 
 
+def test_the_edge_of_a_pit_is_not_higher_than_the_pit_is_deep(tmp_path):
+    path = tmp_path / 'floor.yaml'
+    path.write_text('walls: {size: [4, 4], lines: []}\nfeatures:\n- {kind: level, height: -0.02, '
+                    'polygon: [[0.0, 0.0], [2.0, 0.0], [2.0, 4.0], [0.0, 4.0]]}')
+    ball = Ball(Navigator(RoutePlanner(load_floor(path), KNOWLEDGE), KNOWLEDGE), 1.0, 2.0)
+    ball.begin((3.3, 2.0))
+    while ball.state.status is not NavStatus.CROSSING:
+        ball.faces = (((2.0 - ball.x) / math.cos(ball.heading), 0.02),)
+        ball.step()
+        assert ball.time < 60.0
+    assert not ball.state.learned.heights and not ball.state.recoveries
+
+
 def test_a_refused_crossing_is_learned_and_another_way_is_taken_or_none(navigator):
     ball = Ball(navigator, *KITCHEN, 1.57)
     ball.crosses = lambda segment: CrossingReport(False, 'too high', 0.2)
