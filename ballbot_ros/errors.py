@@ -128,10 +128,18 @@ class SimulationError(_ErrorWithReason, ArithmeticError):
         self.remedy = remedy
 
 
-class UnstableLoopError(BallbotError, ValueError):
-    """A control law, closed at the given rate and delay, amplifies instead of damping."""
+class UnstableLoopError(_ErrorWithReason, ValueError):
+    """
+    A control law, closed at the given rate and delay, amplifies instead of damping.
 
-    reason = 'unstable'
+    Attributes
+    ----------
+    reason : str
+        ``'unstable'``.
+    field : str
+        Rate that is too low for the gains, or baud rate that is too low for this rate.
+
+    """
 
 
 class MessageError(_ErrorWithReason, ValueError):

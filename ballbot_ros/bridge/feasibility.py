@@ -92,10 +92,9 @@ def check_feasible(hardware: Hardware, robot: Robot, tuning: ControlTuning,
         top = budget.highest_rate(baud)
         carries = f'{baud} baud carry {top:.0f} Hz' if lowest <= top else (
             f'{baud} baud carry {top:.0f} Hz only: raise baud, too')
-        refusal = UnstableLoopError(
-            f'{error}; {carries}.  Or choose other gains (tuning "gentle")')
-        refusal.field = 'loop_rate' if lowest <= top else 'baud'
-        raise refusal from error
+        raise UnstableLoopError(
+            f'{error}; {carries}.  Or choose other gains (tuning "gentle")',
+            'unstable', 'loop_rate' if lowest <= top else 'baud') from error
     return lowest
 
 

@@ -75,14 +75,15 @@ def find_config(kind: str, name_or_path: Union[str, Path]) -> Path:
 
     """
     subject = kind.removesuffix('s').replace('_', ' ')
+    field = subject.split()[-1]  # a decision tuning is given in a parameter tuning
     if not isinstance(name_or_path, (str, Path)):
         raise ConfigurationError(
             f'a {subject} is given by its name or the path of its file, got {name_or_path!r}',
-            'wrong_type', subject)
+            'wrong_type', field)
     name_or_path = str(name_or_path)
     if is_path(name_or_path):
         path = Path(name_or_path).expanduser()
-        check_file(path, f'{subject} file', subject)
+        check_file(path, f'{subject} file', field)
         return path
     files = {file.stem: file for file in shipped_files(kind)}
     if name_or_path in files:
@@ -90,7 +91,7 @@ def find_config(kind: str, name_or_path: Union[str, Path]) -> Path:
     listing = f'"ballbot {kind}" lists them, and ' if kind in ('scenes', 'robots') else ''
     raise ConfigurationError(
         f'there is no {subject} named {name_or_path!r}{suggestion(name_or_path, files)}; {listing}'
-        'the path of a YAML file is accepted too', 'unknown_name', subject)
+        'the path of a YAML file is accepted too', 'unknown_name', field)
 
 
 def check_file(path: Path, subject: str, field: str) -> None:

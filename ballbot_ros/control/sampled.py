@@ -337,7 +337,8 @@ def check_loop(robot: Robot, tuning: ControlTuning, law: Union[Mode, str], rate:
     late += [f'{1e3 * lag:.2g} ms'] if lag else []
     raise UnstableLoopError(
         f'{law.law} with {gains} diverges on {robot.name} at {rate:g} Hz with '
-        f'{" and ".join(late)} of delay; ' + _remedy(robot, tuning, law, rate, delay, lag))
+        f'{" and ".join(late)} of delay; ' + _remedy(robot, tuning, law, rate, delay, lag),
+        'unstable', 'rate')
 
 
 def _remedy(robot: Robot, tuning: ControlTuning, law: Mode, rate: float, delay: float,

@@ -390,7 +390,8 @@ class Driver(ABC):
         if not received:
             return DriveError(
                 f'{self.line.port}: no {self.maker} answers; is it powered, are RX and TX '
-                'crossed, is its serial port set to this protocol?', 'silent', 'drive')
+                'crossed, is its serial port set to this protocol and baud rate?',
+                'silent', 'drive')
         return DriveError(
             f'{self.line.port}: {received} bytes received, but no reply of the {self.maker}: '
             'wrong baud rate, another protocol, or noise', 'garbled', 'drive')
