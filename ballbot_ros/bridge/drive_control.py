@@ -203,7 +203,7 @@ class DriveControl(Generic[Estimated]):
         if driver is None or self.power.state is not MotorState.ARMED:
             return
         self._pacer = self._pacer.commanded()
-        if self._pacer.has_room(now):
+        if self._pacer.has_room(now) and driver.may_command:
             try:
                 self._send_torque(driver, now, ask=False)
             except (LinkError, DriveError) as error:
@@ -321,7 +321,8 @@ class DriveControl(Generic[Estimated]):
     def _act(self, driver: Driver, now: float, allowed: bool) -> None:
         if self.power.state is MotorState.ARMED and not allowed:
             self._begin_stop(driver, Event.WITHDRAWN)
-        elif self.power.state is MotorState.ARMED and self._pacer.is_torque_due(now):
+        elif self.power.state is MotorState.ARMED and self._pacer.is_torque_due(now) \
+                and (driver.may_command or self.sensing.is_stale(now)):  # then it is zero
             self._send_torque(driver, now, ask=True)
             return
         elif self.power.state is MotorState.DISARMED and allowed and self._pacer.may_arm(now):

@@ -10,6 +10,10 @@ reply to a kind that was requested once since the loss shows which requests are 
 send such requests in turn, each at most once in `LONGEST_LATENCY`.  A longer interruption ends in
 a stop, and without power requests are dropped: see `may_send`.
 
+A drive that reads slowly leaves commands in the output buffer.  It would execute them before a
+stop, and they would feed its watchdog, so no torque is sent while `LARGEST_NUMBER` requests are
+pending.
+
 Where replies name their request (VESC), each request is a separate kind.
 """
 from abc import ABC, abstractmethod
@@ -22,7 +26,9 @@ from ballbot_ros.drives.contract import (
     DriveOptions, Hazard, Identity, SerialLine, Setting, StreamParser, Telemetry, WireBudget)
 from ballbot_ros.errors import DriveError, MessageError
 
-LARGEST_NUMBER = 1000  # of pending requests
+# Of pending requests under power.  A drive that keeps up leaves one or two; lost replies count
+# until a later one shows the loss.
+LARGEST_NUMBER = 4
 # Requests are dropped when no reply has arrived for this time: longer than the bridge waits
 # before it stops the motor [s].
 LONGEST_LATENCY = 0.11
@@ -72,7 +78,7 @@ class PendingRequests:
     def __init__(self, timeout: float, named: bool = False):
         self._timeout, self._named = timeout, named
         self._replied = -math.inf  # when the last reply arrived [s]
-        self._queue: deque[PendingRequest] = deque(maxlen=LARGEST_NUMBER)
+        self._queue: deque[PendingRequest] = deque()
         self._unsent: list[object] = []
         self._overdue = 0  # requests at the front of the queue that are counted as lost
         self._lost = 0
@@ -85,13 +91,24 @@ class PendingRequests:
         """Return the kinds of the pending requests."""
         return {request.kind for request in self._queue}.union(self._unsent)
 
-    def may_send(self, now: float) -> bool:
-        """
-        Return whether further requests may be sent to a motor without power.
+    @property
+    def is_full(self) -> bool:
+        """Return whether so many requests are pending that no torque may be sent."""
+        return len(self._queue) >= LARGEST_NUMBER
 
-        Not while a reply is overdue: first all pending replies must arrive or, if none arrives
-        any more, be dropped.
+    def is_stalled(self, now: float) -> bool:
+        """Return whether a reply is overdue, and nothing was sent for most of that time."""
+        return self._overdue > 0 and now - self._queue[-1].written > 0.5 * self._timeout
+
+    def may_send(self, now: float, armed: bool) -> bool:
         """
+        Return whether further requests may be sent.
+
+        Under power not while too many are pending.  Without power not while a reply is overdue:
+        first all pending replies must arrive or, if none arrives any more, be dropped.
+        """
+        if armed:
+            return len(self._queue) - self._overdue < LARGEST_NUMBER
         if self._named or not self._queue or now - self._queue[0].sent <= self._timeout:
             return True
         if now - max(self._queue[-1].written, self._replied) <= LONGEST_LATENCY:
@@ -183,6 +200,7 @@ class Driver(ABC):
     shortest_answer: ClassVar[int] = 1  # to `ask`; fewer bytes do not wake a loop
     keeping: ClassVar[str] = ''  # command that keeps settings over a restart
     replies_are_named: ClassVar[bool] = False  # each names the request that it answers
+    separator: ClassVar[bytes] = b''  # sent after a pause, so that a corrupted length ends
     closes_torque_loop: ClassVar[bool] = True  # with measured current; else open-loop voltage
     # Option that distinguishes two axes on one line; empty where replies do not name the axis.
     shares_line: ClassVar[str] = ''
@@ -240,8 +258,7 @@ class Driver(ABC):
             ``not_armed``, with the faults that the drive reports.
 
         """
-        self._until(lambda: not self._pending or self._pending.may_send(self.clock()),
-                    self.clock() + timeout)
+        self._until(lambda: self._may_ask, self.clock() + timeout)
         self.telemetry = self.telemetry._replace(hazards=())
         self._arm(self.clock() + timeout)
         self._armed = True
@@ -305,8 +322,17 @@ class Driver(ABC):
 
     def ask(self) -> None:
         """Send the requests of this period only; does not feed the watchdog."""
-        if self._armed or self._pending.may_send(self.clock()):
+        if self._may_ask:
             self._send(self._requests())
+
+    @property
+    def may_command(self) -> bool:
+        """Return whether the drive keeps up, so that few commands could precede a stop."""
+        return not self._pending.is_full
+
+    @property
+    def _may_ask(self) -> bool:
+        return self._pending.may_send(self.clock(), self._armed)
 
     @abstractmethod
     def feed(self) -> None:
@@ -422,6 +448,10 @@ class Driver(ABC):
     def _send(self, data: bytes) -> None:
         if data:
             before = self.clock()
+            if self.separator and self._pending.is_stalled(before):
+                data = self.separator + data
+                for reply in self._parser.feed(self.separator):
+                    self._take_reply(reply, before)
             self.line.write(data)
             self._pending.written(before, self.clock())
             self.counts['sent'] += 1

@@ -136,6 +136,24 @@ def silent_drive(robot):
     robot.from_drive = lambda data: b''
 
 
+def slow_reader(rate):
+    """Return a fault: the drive takes so many bytes per second from the line."""
+    def plant(robot):
+        sent, live, credit = bytearray(), robot.live, 0.0
+
+        def live_slowly():
+            nonlocal credit
+            credit += rate * STEP
+            number = min(int(credit), len(sent))
+            credit -= number
+            taken = bytes(sent[:number])
+            del sent[:number]
+            write(taken)
+            live()
+        write, robot.write, robot.live = robot.write, sent.extend, live_slowly
+    return plant
+
+
 def growing_latency(robot):
     """Let replies arrive 20 ms later every 0.1 s."""
     begin, delay = robot.now, robot._delay

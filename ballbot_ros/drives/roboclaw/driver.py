@@ -189,9 +189,10 @@ class RoboClaw(Driver):
 
     def ask(self) -> None:
         """Send the requests, with zero duty if the last command is too old; see `Driver`."""
-        stale = self._duty != 0.0 \
-            and self.clock() - self._commanded_at > self.options.watchdog
-        self._send((self._duty_message(0.0) if stale else b'') + self._requests())
+        if self._may_ask or not self._armed:
+            stale = self._duty != 0.0 \
+                and self.clock() - self._commanded_at > self.options.watchdog
+            self._send((self._duty_message(0.0) if stale else b'') + self._requests())
 
     def budget(self) -> WireBudget:
         """Return the bytes of a period with a slow value."""

@@ -7,12 +7,13 @@ import pytest
 from refusals import refused
 from session_faults import (
     FAULTS, FORWARD, frozen, hold_up, in_degrees, in_g, loop, loop_late, lost_status, repeated,
-    reversed_encoder, time_to_zero, upside_down)
-from virtual_robot import VirtualRobot
+    reversed_encoder, slow_reader, time_to_zero, upside_down)
+from virtual_robot import STEP, VirtualRobot
 
 from ballbot_ros.bridge.motor_state import MotorState
 from ballbot_ros.bridge.supervisor import StopReason
 from ballbot_ros.control import Mode, SetPoint
+from ballbot_ros.drives.driver import LARGEST_NUMBER
 from ballbot_ros.errors import RefusedError
 
 PROTOCOLS = ('odrive 0.5', 'odrive_can 0.6', 'vesc', 'roboclaw')
@@ -130,6 +131,39 @@ def test_each_fault_ends_the_torque(protocol, fault):
     robot = VirtualRobot(protocol, onboard='gentle').ready()
     loop(robot, 0.2, FORWARD)
     time_to_zero(robot, FAULTS[fault], 3.0, SetPoint(Mode.SPEED, 0.5))
+
+
+@pytest.mark.parametrize('protocol', [*PROTOCOLS, 'odrive_can 0.5', 'vesc_can'])
+@pytest.mark.parametrize('rate', [100.0, 1000.0])
+def test_a_drive_that_reads_slowly_executes_few_commands_after_a_stop(protocol, rate):
+    robot = VirtualRobot(protocol, onboard='gentle').ready()
+    loop(robot, 0.3, FORWARD)
+    slow_reader(rate)(robot)
+    loop(robot, 0.05, FORWARD)
+    driver = robot.session.line.driver
+    robot.session.engage('requested')
+    first = len(robot.torques)
+    robot.loop(3.0)
+    limit = LARGEST_NUMBER * driver.budget().bytes_out / rate + 2.0 * driver.options.watchdog
+    assert not any(robot.torques[first + round(limit / STEP):])
+
+
+@pytest.mark.parametrize('protocol', PROTOCOLS)
+def test_a_slow_line_limits_the_rate_of_commands_and_not_their_age(protocol):
+    robot = VirtualRobot(protocol, onboard='gentle').ready()
+    slow_reader(3000.0)(robot)
+    loop(robot, 2.0, FORWARD)
+    assert not robot.session.supervisor.e_stop and any(robot.torques)
+
+
+@pytest.mark.parametrize('direction', ['to_drive', 'from_drive'])
+def test_a_vesc_continues_after_a_corrupted_length(direction):
+    robot = VirtualRobot('vesc', onboard='gentle').ready()
+    loop(robot, 0.2, FORWARD)
+    length = iter([b'\xff'])
+    setattr(robot, direction, lambda data: data and data[:1] + next(length, data[1:2]) + data[2:])
+    loop(robot, 0.5, FORWARD)
+    assert not robot.session.supervisor.e_stop and next(length, None) is None
 
 
 @pytest.mark.parametrize('protocol', PROTOCOLS)

@@ -3,7 +3,7 @@
 from drive_bench import Bench
 import pytest
 
-from ballbot_ros.drives.driver import Match, PendingRequests
+from ballbot_ros.drives.driver import LARGEST_NUMBER, Match, PendingRequests
 
 PERIOD, TIMEOUT = 0.002, 0.05
 
@@ -70,25 +70,45 @@ def test_a_lost_reply_is_counted_once():
 
 def test_without_power_nothing_is_asked_while_replies_are_overdue():
     requests = pending(*'aa')
-    assert requests.may_send(0.04) and not requests.may_send(0.06)
+    assert requests.may_send(0.04, False) and not requests.may_send(0.06, False)
     requests.match('a', 0.06)
-    assert not requests.may_send(0.15)  # the second may still come
+    assert not requests.may_send(0.15, False)  # the second may still come
     requests.match('a', 0.15)
-    assert requests.may_send(0.15)
+    assert requests.may_send(0.15, False)
 
 
 def test_without_power_requests_are_given_up_when_no_reply_arrives_any_more():
     requests = pending(*'aa')
-    assert not requests.may_send(0.1)
-    assert requests.may_send(0.12) and not requests
+    assert not requests.may_send(0.1, False)
+    assert requests.may_send(0.12, False) and not requests
     assert requests.take_lost(0.12) == 2
+
+
+def test_under_power_few_requests_may_be_pending_that_are_not_overdue():
+    requests = pending(*'a' * LARGEST_NUMBER)
+    assert requests.is_full and not requests.may_send(0.01, True)
+    requests.match('a', 0.01)
+    assert not requests.is_full and requests.may_send(0.01, True)
+    requests = pending(*'a' * LARGEST_NUMBER)
+    requests.take_lost(0.0505)
+    assert requests.is_full and requests.may_send(0.0505, True)
+
+
+def test_a_line_is_stalled_when_a_reply_is_overdue_and_nothing_was_sent_meanwhile():
+    requests = pending(*'aa')
+    assert not requests.is_stalled(0.0505)
+    requests.take_lost(0.0505)
+    assert requests.is_stalled(0.0505)
+    requests.add('a')
+    requests.written(0.0505, 0.0505)
+    assert not requests.is_stalled(0.0525)
 
 
 def test_named_requests_are_given_up_one_by_one():
     requests = PendingRequests(TIMEOUT, named=True)
     requests.add(1)
     requests.written(0.0, 0.0)
-    assert requests.may_send(0.1) and requests.take_lost(0.1) == 1 and requests
+    assert requests.may_send(0.1, False) and requests.take_lost(0.1) == 1 and requests
     assert requests.take_lost(0.12) == 0 and not requests
 
 

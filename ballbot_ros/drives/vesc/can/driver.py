@@ -28,6 +28,7 @@ class VescCan(Vesc):
     options: VescCanOptions
     protocol = 'vesc_can'
     shares_line = 'can_id'
+    separator = b''
     Options = VescCanOptions
     baud_rates = (500000, 1000000, 250000, 125000, 100000)
     _frame_reply = staticmethod(codec.frame_reply)

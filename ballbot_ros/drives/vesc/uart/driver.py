@@ -32,6 +32,7 @@ class Vesc(Driver):
     protocol, maker = 'vesc', 'VESC'
     Options = VescOptions
     replies_are_named = True
+    separator = bytes(255)  # both parsers wait for as many bytes after a corrupted length
     shortest_answer = codec.VALUES_LENGTH
     baud_rates = (115200, 921600, 460800, 230400, 57600)
     _frame_reply = staticmethod(codec.frame_reply)
