@@ -93,7 +93,7 @@ class PendingRequests:
 
     @property
     def is_full(self) -> bool:
-        """Return whether so many requests are pending that no torque may be sent."""
+        """Return whether no torque may be sent until a reply arrives."""
         return len(self._queue) >= LARGEST_NUMBER
 
     def is_stalled(self, now: float) -> bool:

@@ -137,7 +137,7 @@ def silent_drive(robot):
 
 
 def slow_reader(rate):
-    """Return a fault: the drive takes so many bytes per second from the line."""
+    """Return a fault: the drive takes only `rate` bytes per second from the line."""
     def plant(robot):
         sent, live, credit = bytearray(), robot.live, 0.0
 
