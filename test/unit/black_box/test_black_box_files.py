@@ -291,6 +291,7 @@ def test_files_are_written_after_a_fault_by_a_thread_of_their_own(tmp_path, monk
     assert sorted(tmp_path.glob('new/*')) == sorted(tmp_path.glob('new/ballbot-*.mcap'))
 
 
+@pytest.mark.slow
 def test_the_same_fault_again_and_again_fills_no_disk(tmp_path, monkeypatch):
     monkeypatch.setattr(dump, 'SHORTEST_PAUSE', 0.02)
     monkeypatch.setattr(dump, 'TIME_AFTER_FAULT', 0.0)

@@ -48,6 +48,7 @@ def test_a_drive_that_is_well_set_is_all_right(vesc):
     assert 'firmware' in findings[0].what
 
 
+@pytest.mark.slow
 def test_bad_port_busy_port_wrong_protocol_and_wrong_baud_are_distinguished(vesc, monkeypatch):
     monkeypatch.setattr(doctor, 'REPLY_TIMEOUT', 0.1)
     findings = [only_wrong(look_at_drive(hardware(port='/dev/ttyNOWHERE')))]

@@ -343,6 +343,7 @@ def test_a_motor_that_cannot_be_armed_is_tried_again_only_by_policy(rearm, caplo
     assert (robot.motor != 0.0) is rearm
 
 
+@pytest.mark.slow
 def test_fifty_unplugs_leave_no_line_open_and_no_flood_in_the_log(caplog):
     robot = VirtualRobot()
     robot.session.configure()

@@ -53,6 +53,7 @@ def test_it_turns_at_the_commanded_yaw_rate(robot, speed, yaw_rate):
     assert not robot.session.supervisor.e_stop
 
 
+@pytest.mark.slow
 def test_odometry_has_the_course_of_the_turn(robot):
     for yaw_rate in (0.3, -0.2, 0.0):
         robot.loop(1.5, SetPoint(Mode.SPEED, 0.4, yaw_rate=yaw_rate))
@@ -65,6 +66,7 @@ def test_odometry_has_the_course_of_the_turn(robot):
     assert robot.session.course.pose == pytest.approx(robot.course.pose, abs=0.05)
 
 
+@pytest.mark.slow
 def test_without_a_yaw_rate_it_drives_straight(robot):
     robot.loop(3.0, SetPoint(Mode.SPEED, 0.5))
     assert robot.lateral.heading == 0.0 and abs(robot.lateral.lean) < 1e-3
@@ -130,6 +132,7 @@ def test_a_lean_encoder_that_froze_is_found_from_a_low_yaw_rate_on(velocity):
     assert robot.session.supervisor.e_stop and not robot.leans[-1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('seed', [3, 8, 9])
 def test_late_commands_and_replies_are_no_fault_of_the_lean(seed):
     rng = random.Random(seed)
@@ -156,6 +159,7 @@ def test_the_drive_stops_both_motors_of_a_process_that_was_killed(turning):
     assert turning.torques[-1] == turning.leans[-1] == 0.0
 
 
+@pytest.mark.slow
 def test_an_axis_on_its_own_port_ends_the_torque_of_both_when_it_is_unplugged():
     robot = VirtualRobot('vesc', onboard='gentle', steering=True).ready()
     robot.loop(1.0, TURN)
@@ -170,6 +174,7 @@ def test_an_axis_on_its_own_port_ends_the_torque_of_both_when_it_is_unplugged():
     assert any(robot.torques[-50:]) and any(robot.leans[-50:])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('rearm', [False, True])
 def test_after_a_lost_line_both_axes_are_found_and_armed_again(rearm):
     robot = VirtualRobot('roboclaw', onboard='gentle', steering=True, rearm=rearm).ready()

@@ -34,6 +34,7 @@ for mode in Mode:
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not COMPILED, reason='nothing is compiled')
 def test_a_session_compiles_nothing_once_it_is_there():
     subprocess.run([sys.executable, '-c', PROGRAM], check=True, env={

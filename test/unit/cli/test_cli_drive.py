@@ -120,6 +120,7 @@ def test_without_a_terminal_it_refuses(stream, tmp_path):
         Keyboard(file if stream is None else stream)
 
 
+@pytest.mark.slow
 def test_the_command_stops_the_robot_and_restores_its_terminal_when_it_is_ended(terminal):
     before = terminal.settings()
     process = subprocess.Popen(

@@ -126,6 +126,7 @@ def start_long_run(folder, **options):
         **options)
 
 
+@pytest.mark.slow
 def test_ctrl_c_keeps_what_was_done(tmp_path):
     process = start_long_run(tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
     try:

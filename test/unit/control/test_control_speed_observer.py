@@ -46,6 +46,7 @@ def test_what_is_not_learnt_yet_decays_with_two_poles_at_the_observer_rate(perio
         assert lacking == pytest.approx((1.0 + number * (1.0 - pole)) * pole**number, abs=1e-9)
 
 
+@pytest.mark.slow
 @given(st.floats(-1.4, 1.4), st.floats(0.5, 5.0))
 def test_it_does_not_wind_up_at_the_largest_lean(lean, set_speed):
     # Far from the set speed, with the pendulum as far as it goes: an integral would grow.

@@ -171,6 +171,7 @@ profiles = st.one_of(st.none(), st.builds(
     Profile, numbers, st.lists(faces, max_size=3).map(tuple), slope=numbers))
 
 
+@pytest.mark.slow
 @settings(max_examples=100, deadline=None)
 @given(st.lists(st.tuples(st.floats(0.0, 0.3), numbers, numbers, profiles,
                           st.sampled_from(list(Kind))), max_size=30))

@@ -95,6 +95,7 @@ def test_for_any_data_the_answer_is_clear_and_within_limits(planner, stream):
             position = 0.0
 
 
+@pytest.mark.slow
 @given(height=strategies.sampled_from([-0.1, 0.12, 0.4]), face=strategies.floats(1.3, 2.2),
        slope=strategies.floats(-3.0, 3.0), speed=strategies.floats(0.0, 0.4),
        noise=strategies.floats(0.0, 0.004), latency=strategies.sampled_from([0.0, 0.2, 0.5]))

@@ -131,6 +131,7 @@ def test_a_disk_that_takes_nothing_is_reported_and_tried_again(tmp_path):
     assert log.problem == '' and read_outcomes(path, DIGEST).outcomes == OUTCOMES[1:2]
 
 
+@pytest.mark.slow
 def test_two_processes_do_not_write_to_one_log(path, capsys):
     first = OutcomeLog(path, DIGEST)
     first.append(replace(OUTCOME, stamp=50.0))

@@ -53,6 +53,7 @@ def check(profile):
     assert all(sd > 0.0 for sd in profile.points_sd)
 
 
+@pytest.mark.slow
 @settings(max_examples=150)
 @given(some.lists(some.tuples(polylines | steps, anything | some.floats(-1.0, 1.0)), max_size=8))
 def test_no_stream_raises_or_gives_a_number_that_is_not_finite(stream):

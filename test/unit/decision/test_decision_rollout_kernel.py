@@ -85,6 +85,7 @@ def driven(robot, height, position, speed, row):
     return STUCK, touched
 
 
+@pytest.mark.slow
 def test_verdicts_and_speeds_are_those_of_the_plant_in_closed_loop():
     random = np.random.default_rng(7)
     robots = draw(GIMBALL, 16, seed=1)

@@ -170,6 +170,7 @@ def test_faces_keep_their_numbers_and_a_passed_one_is_not_ahead_any_more():
     assert {tuple(row) for row in numbers[10:]} == {(1, 2), (2,)}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('looks', [2, 8, 30])
 @pytest.mark.parametrize('height_sd', [0.001, 0.003])
 def test_errors_of_height_are_as_large_as_reported(looks, height_sd):

@@ -86,6 +86,7 @@ def test_a_node_that_has_ended_is_named_with_its_code(sleepers):
     assert sleepers.stop() == {'broken': 3}
 
 
+@pytest.mark.slow
 def test_who_does_not_end_is_ended(sleepers):
     for name in ('polite', 'deaf'):
         sleepers.start(name)

@@ -75,6 +75,7 @@ def drive(driver, seconds, torque=TORQUE):
     return driver.poll()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('protocol', sorted(DRIVES))
 def test_a_torque_over_the_line_swings_the_pendulum_and_rolls_the_ball(scene, protocol):
     with made(protocol, scene) as emulator:
@@ -115,6 +116,7 @@ def test_another_protocol_does_not_pass_the_handshake(scene, wrong):
             driver.identify(timeout=0.2)
 
 
+@pytest.mark.slow
 def test_the_drive_disarms_when_the_host_is_killed(emulator):
     code = ('import sys, time; from test_emulator_emulator import connect, drive\n'
             'class There: path = sys.argv[1]; settings = type("S", (), {"torque_limit": 0.08})\n'
@@ -223,6 +225,7 @@ def test_a_drive_that_does_not_read_makes_the_line_stuck(emulator):
     assert raised.value.reason == 'stuck'
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('protocol', sorted(DRIVES))
 @pytest.mark.parametrize('fault', ['corrupt 0.02', 'drop 0.02', 'duplicate 0.02', 'delay 0.02',
                                    'garbage 200 from'])
@@ -299,6 +302,7 @@ def test_a_link_does_not_overwrite_a_file(scene, tmp_path):
     assert (tmp_path / 'file').read_text() == 'precious'
 
 
+@pytest.mark.slow
 def test_the_example_of_the_document_runs():
     document = (Path(__file__).resolve().parents[3] / 'docs' / 'hardware.md').read_text()
     example = [block for block in re.findall(r'```python\n(.*?)```', document, re.DOTALL)
@@ -308,6 +312,7 @@ def test_the_example_of_the_document_runs():
     assert '/dev/pts/' in done.stdout
 
 
+@pytest.mark.slow
 def test_the_command_prints_the_device_obeys_lines_and_keeps_the_log(tmp_path):
     process = subprocess.Popen(
         [sys.executable, '-m', 'ballbot_ros.cli', 'emulate-motor', '--protocol', 'odrive',

@@ -152,6 +152,7 @@ def test_no_guard_of_the_mode_of_a_state_is_violated_by_that_state(state):
                                  workspace.violated) == 0
 
 
+@pytest.mark.slow
 @given(states, states, some.floats(0.0, 1.0), some.booleans())
 def test_a_quick_look_says_of_a_mode_what_all_its_guards_say(state, other, share, held):
     model = Model(load_robot('gimball'), ROUGH)

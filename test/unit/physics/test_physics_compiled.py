@@ -59,6 +59,7 @@ needs_numba = pytest.mark.skipif(
     not jit.COMPILED, reason='numba is not installed or switched off')
 
 
+@pytest.mark.slow
 @needs_numba
 def test_compiled_and_plain_kernels_agree():
     (machine, fast), (source, plain) = outcome('0'), outcome('1')

@@ -23,6 +23,7 @@ def lossless(robot=BOT):
     return replace(robot, contact_damping=0.0, surface_friction=0.0, edge_friction=0.0)
 
 
+@pytest.mark.slow
 @settings(max_examples=150)
 @given(touching())
 def test_force_is_the_gradient_of_the_spring_energy(case):
@@ -113,6 +114,7 @@ def test_finer_arcs_converge_to_the_circle_with_the_square_of_the_chord(bump, ra
 
 # Forces -----------------------------------------------------------------------------------
 
+@pytest.mark.slow
 @settings(max_examples=200)
 @given(touching(), velocities)
 def test_dampers_and_friction_only_take(case, motion):

@@ -42,6 +42,7 @@ def signed_squares(terrain, x, y):
     return found
 
 
+@pytest.mark.slow
 @settings(max_examples=150)
 @given(touching())
 def test_contacts_are_the_extrema_of_the_distance(case):
@@ -52,6 +53,7 @@ def test_contacts_are_the_extrema_of_the_distance(case):
         signed_squares(terrain, x, y), rel=1e-3, abs=2e-8)
 
 
+@pytest.mark.slow
 @given(touching())
 def test_minima_and_maxima_alternate_and_each_lies_on_the_ground(case):
     terrain, x, y = case
@@ -131,6 +133,7 @@ def same_kinds(rows, other):
     return np.array_equal(rows[:, KIND], other[:, KIND])
 
 
+@pytest.mark.slow
 @given(touching(), velocities, strategies.floats(-3.0, 3.0), strategies.floats(-3.0, 3.0))
 def test_moving_the_ground_moves_nothing_else(case, motion, right, up):
     terrain, x, y = case
@@ -140,6 +143,7 @@ def test_moving_the_ground_moves_nothing_else(case, motion, right, up):
     np.testing.assert_allclose(there, here, rtol=1e-7, atol=1e-6)
 
 
+@pytest.mark.slow
 @given(touching(), velocities)
 def test_a_mirrored_ground_gives_mirrored_contacts(case, motion):
     terrain, x, y = case
@@ -154,6 +158,7 @@ def test_a_mirrored_ground_gives_mirrored_contacts(case, motion):
         loads_at(mirrored, -x, y, -velocity_x, velocity_y, -rate), rtol=1e-6, atol=1e-6)
 
 
+@pytest.mark.slow
 @given(touching(), velocities, strategies.lists(strategies.floats(0.05, 0.95), max_size=5))
 def test_a_vertex_more_on_a_straight_line_changes_nothing(case, motion, places):
     terrain, x, y = case

@@ -88,6 +88,7 @@ def test_threshold_lies_inside_the_bracket_that_was_asked_for():
         assert not crosses(GIMBALL, 0.7, low + tolerance)
 
 
+@pytest.mark.slow
 def test_faster_balls_get_higher_and_a_level_pendulum_helps():
     for case in TABLE:
         robot, actuation, angle = CASES[case]

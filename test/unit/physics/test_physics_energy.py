@@ -55,6 +55,7 @@ RUNS = {'robot': strategies.sampled_from(sorted(ROBOTS)), 'speed': strategies.fl
         'law': strategies.sampled_from(['free', 'position', 'velocity', 'voltage', 'torque'])}
 
 
+@pytest.mark.slow
 @settings(max_examples=60)
 @given(**RUNS)
 def test_ledger_of_any_crossing_closes_and_no_loss_ever_turns_back(**case):

@@ -64,6 +64,7 @@ def lagrange():
     return found
 
 
+@pytest.mark.slow
 def test_nothing_of_the_lagrangian_is_left_out_of_the_five_matrices():
     # What is called G above is all that the four matrices leave: it must hold no rates.
     assert lagrange()['G'].free_symbols <= {*SYMBOLS, PHI}

@@ -193,6 +193,7 @@ def test_an_event_shorter_than_the_resolution_of_time_is_stepped_over():
     assert len(run) == 51 and np.max(np.abs(run.energy_residual)) < 1e-3 * run.energy_in_play
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('which', [
     'stiffness:341', 'fixed:1002', 'combined:120', 'combined:470', 'combined:869',
     'combined:1338', 'combined:1311', 'combined:5018538', 'combined:5024405', 'combined:5023520',
@@ -207,6 +208,7 @@ def test_what_was_wrong_once_is_not_any_more(which):
     assert found.verdict != WRONG, found.why
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('seed', [5003954, 5002834])
 def test_a_loop_that_is_declared_stable_parts_no_more_than_its_growth_explains(monkeypatch, seed):
     case, enough = make_case('control_period', seed), np.log(1.0 / judging.LOOP)
@@ -330,6 +332,7 @@ def test_a_start_within_rounding_of_a_vertical_face_is_on_its_top(height, side):
         assert start.y == pytest.approx(model.at_rest(0.5).y, abs=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('which', [
     'combined:28', 'stiffness:11', 'penetration:6', 'fixed:5', 'fixed:4', 'fixed:22', 'fixed:1002',
     'combined:530', 'vertices:62', 'combined:1141', 'combined:1424', 'vertices:139',

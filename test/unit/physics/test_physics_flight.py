@@ -103,6 +103,7 @@ def test_the_first_touch_is_not_passed_and_is_a_touch(x, y, velocity_x, velocity
     assert contacts(found + 1e-9)
 
 
+@pytest.mark.slow
 def test_a_ball_that_is_released_is_not_pushed_before_it_touches_again():
     draw, flown, refused = np.random.default_rng(5), 0, 0
     for _ in range(2000):

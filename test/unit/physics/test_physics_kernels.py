@@ -30,6 +30,7 @@ def faults(kernel):
             yield f'{name}: {said or "no type"}'
 
 
+@pytest.mark.slow
 def test_no_kernel_takes_many_parameters_or_is_untyped():
     found, count = [], 0
     for path in sorted(PACKAGE.rglob('*.py')):

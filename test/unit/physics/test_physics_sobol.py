@@ -29,6 +29,7 @@ print({'scipy.linalg', 'scipy.optimize', 'scipy.sparse', 'scipy.stats'} & set(sy
 """
 
 
+@pytest.mark.slow
 def test_a_decision_and_the_check_of_a_loop_do_without_scipy():
     # It takes more than a second to import, of each start of a node.  The compiler needs it, so
     # the first time compiles what is missing, and the second is like every other.

@@ -62,6 +62,7 @@ def test_a_straight_drive_equals_the_planar_scene_to_the_last_digit(line, pose):
     assert plant.pose[2] == pose[2]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('speed, share', [(0.3, 0.9), (0.6, -0.7), (-0.4, 0.8)])
 def test_a_steady_turn_has_yaw_rate_and_radius_of_the_limits(speed, share):
     plant = FloorPlant(ROBOT, floor_of(), (8.0, 8.0, 0.3))
@@ -81,6 +82,7 @@ def test_a_steady_turn_has_yaw_rate_and_radius_of_the_limits(speed, share):
     assert swing == pytest.approx(turn.lean - turn.tilt, rel=0.02)
 
 
+@pytest.mark.slow
 def test_a_yaw_rate_beyond_the_limit_is_followed_up_to_it():
     plant = FloorPlant(ROBOT, floor_of(), (8.0, 8.0, 0.0))
     drive(plant, 0.5, 3.0, 6.0)
@@ -99,6 +101,7 @@ def test_a_ball_does_not_enter_a_wall(degrees):
     assert not math.isfinite(plant.state.velocity_x) or abs(plant.state.velocity_x) < 0.5
 
 
+@pytest.mark.slow
 def test_a_ball_that_turns_along_a_wall_keeps_its_radius_from_it():
     floor = floor_of(walls=[(slice(160, 176), slice(None))])
     plant = FloorPlant(ROBOT, floor, (4.0, 9.6, 0.0))
@@ -106,6 +109,7 @@ def test_a_ball_that_turns_along_a_wall_keeps_its_radius_from_it():
     assert poses[:, 1].max() < 10.0 - ROBOT.ball_radius + 0.01
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('x, y', [(1.672, 2.14), (1.666, 2.163)])
 def test_a_corner_that_a_turning_ball_grazes_adds_no_speed(x, y):
     cells = np.zeros((80, 80), np.uint8)
@@ -133,6 +137,7 @@ def test_a_turning_ball_climbs_and_keeps_the_level():
                                           abs=1e-3)
 
 
+@pytest.mark.slow
 def test_a_ball_that_turns_behind_an_edge_rolls_on_the_floor_again():
     cord = {'kind': 'cord', 'line': [[8.0, 4.0], [8.0, 12.0]], 'height': 0.006, 'width': 0.006}
     plant = FloorPlant(ROBOT, floor_of(cord), (7.5, 8.0, 0.1))
@@ -188,6 +193,7 @@ def test_a_start_off_the_map_is_refused(pose):
     assert (caught.value.reason, caught.value.field) == ('out_of_range', 'pose')
 
 
+@pytest.mark.slow
 def test_reset_and_put_restore_pose_and_ground():
     plant = FloorPlant(ROBOT, floor_of(STEP), (10.0, 8.0, 0.1))
     drive(plant, 0.9, 0.1, 2.5)
@@ -210,6 +216,7 @@ def test_what_lies_ahead_is_seen_along_the_heading():
     assert plant.profile().vertices[1, 0] == pytest.approx(plant.state.x + ahead)
 
 
+@pytest.mark.slow
 @settings(max_examples=25, deadline=None)
 @given(st.sampled_from(['cord', 'threshold', 'step']), st.floats(-0.3, 0.3),
        st.floats(-0.2, 0.2), st.floats(-1.0, 1.0), st.floats(-0.3, 0.3))
@@ -254,6 +261,7 @@ def test_a_turn_on_an_edge_neither_adds_energy_nor_lets_the_ball_sink(
     assert deepest < 4.0 * ROBOT.static_penetration
 
 
+@pytest.mark.slow
 @settings(max_examples=15, deadline=None)
 @given(st.tuples(st.floats(1.0, 3.5), st.floats(1.0, 2.3)), st.floats(-math.pi, math.pi),
        st.floats(-1.0, 1.0), st.floats(-1.0, 1.0), st.booleans())

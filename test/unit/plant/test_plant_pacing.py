@@ -39,6 +39,7 @@ def test_after_a_pause_nothing_is_caught_up():
     assert pace.dropped == 0
 
 
+@pytest.mark.slow
 @given(strategies.lists(strategies.floats(0.0, 0.5), min_size=1, max_size=60),
        strategies.floats(1e-4, 0.1), strategies.floats(0.1, 50.0))
 def test_it_never_runs_ahead_of_the_clock_and_loses_only_what_it_counts(gaps, period, factor):

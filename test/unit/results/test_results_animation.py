@@ -58,6 +58,7 @@ def test_a_gif_takes_as_long_as_the_run_and_then_stands_for_a_second(gif):
     assert periods[-1] == periods[0] + 1000
 
 
+@pytest.mark.slow
 def test_the_ball_moves_as_far_in_the_pictures_as_in_the_run(run, gif):
     pictures, _ = gif
     diameter = np.ptp(np.flatnonzero(
@@ -93,6 +94,7 @@ def test_a_run_of_one_sample_is_one_picture(run, tmp_path):
     assert len(frames_of(tmp_path / 'one.gif')[0]) == 1
 
 
+@pytest.mark.slow
 def test_a_long_way_is_followed_so_that_the_ball_stays_in_the_picture(run, tmp_path):
     rows = run.rows[:3].copy()
     rows[:, 0], rows[:, 1] = (0.0, 0.04, 0.08), (0.0, 50.0, 100.0)
@@ -126,12 +128,14 @@ def test_arrows_begin_on_the_shell_and_edge_and_floor_have_one_each(run):
         assert away == pytest.approx(run.model.robot.ball_radius)
 
 
+@pytest.mark.slow
 def test_progress_is_reported_up_to_the_end(run, tmp_path):
     fractions = []
     animate(run, tmp_path / 'run.gif', playback=5.0, progress=fractions.append)
     assert fractions == sorted(fractions) and fractions[-1] == 1.0
 
 
+@pytest.mark.slow
 def test_an_end_on_the_way_leaves_no_file(run, tmp_path):
     def stop(done):
         raise KeyboardInterrupt

@@ -125,6 +125,7 @@ def test_an_unknown_format_is_refused_with_the_known_ones(tmp_path):
         save(strip(run_of('flat')), tmp_path / 'strip.gif')
 
 
+@pytest.mark.slow
 def test_drawing_leaves_the_settings_of_matplotlib_alone():
     import matplotlib
     before = dict(matplotlib.rcParams)

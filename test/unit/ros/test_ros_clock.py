@@ -63,6 +63,7 @@ class Arrivals:
         return receive
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('parameters', [
     {}, {'real_time_factor': 0.0}, {'control': 'onboard'},
     {'control': 'onboard', 'joint_state_rate': 250.0, 'odom_rate': 20.0}])

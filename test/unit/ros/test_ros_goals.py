@@ -87,6 +87,7 @@ def two_steps(tmp_path):
     return str(scene)
 
 
+@pytest.mark.slow
 def test_a_step_is_crossed_and_the_next_one_of_80_mm_refused(start, two_steps):
     graph = start(two_steps)
     status, result = graph.result(graph.send(CrossStep))

@@ -136,6 +136,7 @@ def test_nested_messages_and_arrays_are_printed():
     assert as_csv(joints) == '0,0,,shell,"a,b",1.0,2.0'
 
 
+@pytest.mark.slow
 def test_the_rate_is_that_of_the_messages(look, robot):
     publish_while(robot, Bool, 'tick', Bool())
     said = [sentence for sentence in graph.rates(look, 'tick', 1.1, lambda: None)]
@@ -145,6 +146,7 @@ def test_the_rate_is_that_of_the_messages(look, robot):
         'average rate: 6.667\n\tmin: 0.100s max: 0.200s std dev: 0.05000s window: 3')
 
 
+@pytest.mark.slow
 def test_a_recording_has_all_that_came_and_says_how_many(look, robot, tmp_path):
     publish_while(robot, Odometry, 'odom', odometry())
     said = []
@@ -175,6 +177,7 @@ def test_a_recording_keeps_the_parameters_of_the_one_simulator(look, robot, tmp_
     assert found.source == 'simulator' and found.parameters == {'floor': 'apartment'}
 
 
+@pytest.mark.slow
 def test_the_duration_of_a_recording_begins_when_its_source_is_known(
         look, robot, tmp_path, monkeypatch):
     monkeypatch.setattr(record, 'source_metadata', lambda _: time.sleep(1.0) or {})
@@ -287,12 +290,14 @@ def logged_until(text, *words):
     return process.returncode, logged
 
 
+@pytest.mark.slow
 def test_a_node_runs_as_with_ros2_run_and_ends_well_with_ctrl_c():
     code, logged = logged_until('no_such_line', 'imu', '--ros-args', '-p',
                                 'port:=/dev/no_such_line', '-r', '__node:=my_imu')
     assert code == 0 and '[my_imu]' in logged and 'Traceback' not in logged
 
 
+@pytest.mark.slow
 def test_nodes_that_share_a_process_each_take_their_parameters_and_all_are_made_safe():
     # The controller receives the simulator's states within the process.
     code, logged = logged_until(

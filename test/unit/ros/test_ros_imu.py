@@ -67,6 +67,7 @@ def published(monkeypatch):
     return found
 
 
+@pytest.mark.slow
 def test_a_sensor_from_the_factory_becomes_a_topic_that_the_bridge_takes(
         make_node, sensor, published):
     sensor.device.turn_rate = (0.0, 0.25, 0.0)
@@ -152,6 +153,7 @@ def test_impossible_settings_are_refused_at_the_start(make_node, parameters, rea
         make_node(ImuNode, port='/dev/null', **parameters)
 
 
+@pytest.mark.slow
 def test_the_bridge_reads_a_sensor_itself_where_its_hardware_file_has_the_port(
         make_node, sensor, tmp_path):
     sensor.device.turn_rate = (0.0, 0.25, 0.0)

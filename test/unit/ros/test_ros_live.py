@@ -241,6 +241,7 @@ def robot(domain):
     robot.close()
 
 
+@pytest.mark.slow
 def test_a_spectator_receives_learns_calls_and_drives_as_long_as_a_client_attends(
         domain, robot, monkeypatch):
     monkeypatch.setattr(spectator, 'GRAPH_PERIOD', 0.1)

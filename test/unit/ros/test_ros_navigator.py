@@ -23,6 +23,7 @@ def graph(request, context):
     made.close()
 
 
+@pytest.mark.slow
 def test_a_goal_is_reached_with_feedback_and_a_plan(graph):
     handle = graph.send(2.6, 1.4)
     assert handle.accepted

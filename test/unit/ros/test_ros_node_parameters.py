@@ -127,6 +127,7 @@ def test_a_bridge_refuses_simulated_time_at_the_start_and_later(start):
     assert refuses(node, use_sim_time=True)
 
 
+@pytest.mark.slow
 def test_a_controller_refuses_gains_that_diverge_and_names_the_rate_that_works(start):
     node = start(Controller, tuning='gentle')
     assert '1101 Hz' in changed(node, gains__position_kd=40.0)
@@ -148,6 +149,7 @@ def test_a_decision_takes_other_margins_unless_they_contradict_or_need_old_obser
     assert pilot._tuning.cruise_speed == 0.5
 
 
+@pytest.mark.slow
 def test_a_bridge_hands_gains_and_timeouts_to_its_loop(start):
     node = start(Bridge)
     law = node._session.law

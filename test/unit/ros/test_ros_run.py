@@ -63,6 +63,7 @@ sys.exit(run.run(make, []))
 """
 
 
+@pytest.mark.slow
 def test_a_refused_node_ends_even_if_the_middleware_blocks(monkeypatch):
     monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'OFF')
     done = subprocess.run([sys.executable, '-c', STUCK], capture_output=True, text=True,
@@ -105,6 +106,7 @@ sys.exit(run.run(Busy, []))
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('executor', ['newest', 'older'])
 @pytest.mark.parametrize('reason, code', [('failure', 2), ('signal', 0)])
 def test_a_node_that_never_has_nothing_to_do_ends_all_the_same(
@@ -146,6 +148,7 @@ sys.exit(run.run(Slow, []))
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('signal', ['SIGINT', 'SIGTERM'])
 def test_a_node_that_is_still_being_made_ends_immediately_on_a_stop(signal, monkeypatch, tmp_path):
     monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'OFF')
@@ -189,6 +192,7 @@ sys.exit(run.run_together([One, Other], []))
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('how, ended', [
     ('fails', 'one made safe\nother made safe\n'), ('refused', 'one made safe\n')])
 def test_where_one_of_two_nodes_fails_both_are_made_safe(how, ended, monkeypatch):
@@ -207,6 +211,7 @@ sys.exit(run.run(lambda: Node('secure'), []))
 """
 
 
+@pytest.mark.slow
 def test_without_its_keys_a_node_ends_in_a_sentence(monkeypatch, tmp_path):
     for name, value in (('ENABLE', 'true'), ('STRATEGY', 'Enforce'), ('KEYSTORE', tmp_path)):
         monkeypatch.setenv(f'ROS_SECURITY_{name}', str(value))
@@ -226,6 +231,7 @@ sys.exit(run.run(lambda: Node('robot'), ['--ros-args', '-p', f'use_sim_time:={sy
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('simulated', ['true', 'false'])
 def test_a_node_with_use_sim_time_and_no_clock_warns(simulated, monkeypatch):
     monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'OFF')

@@ -5,6 +5,7 @@ import subprocess
 import sys
 import time
 
+import pytest
 from refusals import refused
 
 from ballbot_ros.bridge.feasibility import check_feasible, onboard_lag
@@ -27,6 +28,7 @@ def test_an_error_with_reason_and_field_comes_back_whole():
         run_in_process(load_tuning, 'gentel')
 
 
+@pytest.mark.slow
 def test_the_main_module_is_not_run_again(tmp_path):
     script = tmp_path / 'unguarded'
     script.write_text('from ballbot_ros.control import load_tuning\n'
@@ -36,6 +38,7 @@ def test_the_main_module_is_not_run_again(tmp_path):
     assert (found.returncode, found.stdout) == (0, f'main {load_tuning("gentle").position_kp}\n')
 
 
+@pytest.mark.slow
 def test_a_hardware_file_can_be_sent(gimball):
     hardware = load_hardware('gimball_odrive')
     lowest = run_in_process(check_feasible, hardware, gimball, load_tuning('gentle'), 0,

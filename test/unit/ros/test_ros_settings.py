@@ -3,6 +3,8 @@
 import subprocess
 import sys
 
+import pytest
+
 WITHOUT_ROS = """
 import sys
 class NoRos:
@@ -16,6 +18,7 @@ print(SimulatorSettings().control)
 """
 
 
+@pytest.mark.slow
 def test_the_settings_of_the_nodes_are_known_without_ros():
     done = subprocess.run([sys.executable, '-c', WITHOUT_ROS], capture_output=True, text=True)
     assert done.stdout.strip() == 'direct', done.stderr

@@ -196,6 +196,7 @@ def test_outliers_are_gross_errors_of_some_points():
     assert 0.02 < wrong.mean() < 0.25
 
 
+@pytest.mark.slow
 def test_an_evaluation_resumes_where_it_was_interrupted(tmp_path):
     with ThreadPoolExecutor(1) as pool:
         whole = run_evaluation(SMALL, tmp_path, pool, 1)

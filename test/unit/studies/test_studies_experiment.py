@@ -98,6 +98,7 @@ def pretend(monkeypatch, wrong=()):
     return made
 
 
+@pytest.mark.slow
 def test_a_folder_gives_the_same_numbers_again(tmp_path, monkeypatch, capsys):
     pretend(monkeypatch)
     out = tmp_path / 'out'

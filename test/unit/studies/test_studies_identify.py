@@ -50,6 +50,7 @@ def test_known_numbers_lie_within_their_intervals_as_often_as_promised():
     assert sum(inside) >= 17
 
 
+@pytest.mark.slow
 def test_numbers_that_leave_no_trace_are_not_determined():
     # There is no edge, and the speed of no bounce depends on it: no sample says anything.
     found = identify(GUESS, recorded(TRUTH, 1), ['joint_friction', 'edge_friction'])
@@ -60,6 +61,7 @@ def test_numbers_that_leave_no_trace_are_not_determined():
         {'edge_friction': pytest.approx(-1.0, abs=1e-3)}]
 
 
+@pytest.mark.slow
 def test_numbers_that_only_count_together_are_not_determined_alone():
     # Torque is all that the two have to do with the motion: a voltage times a constant.
     driven = read_scene({**SWING, 'initial': {}, 'actuation': {'law': 'voltage', 'voltage': 4.0}},
@@ -130,6 +132,7 @@ def test_noise_free_data_never_exclude_the_true_value():
     assert {item.verdict for item in found.channels.values()} == {'good'}
 
 
+@pytest.mark.slow
 def test_the_run_of_another_scene_is_refused_loudly(tmp_path, capsys):
     rolling = read_scene({'robot': 'gimball', 'initial': {'speed': 0.8}, 'duration': 2.0,
                           'output_step': 0.02}, 'rolling', 'rolling')
@@ -225,6 +228,7 @@ def write_bag(folder, run):
             bag.write(joints, stamp, store.serialize_cdr(message, 'sensor_msgs/msg/JointState'))
 
 
+@pytest.mark.slow
 def test_a_bag_says_what_its_run_was(tmp_path):
     run = TRUTH.simulate()
     write_bag(tmp_path / 'bag', run)

@@ -62,6 +62,7 @@ def test_a_jump_of_1_m_ends_in_a_clear_reason_or_arrival_and_at_rest(flat, kind)
     assert loop.state.status is NavStatus.SUCCEEDED or loop.state.reason
 
 
+@pytest.mark.slow
 def test_a_ball_that_leans_at_the_start_arrives_and_rests(flat):
     loop = loop_at(flat, (1.7, 1.4, 0.0))
     loop.plant._lateral = loop.plant.lateral._replace(lean=0.3, tilt=-0.3)
@@ -72,6 +73,7 @@ def test_a_ball_that_leans_at_the_start_arrives_and_rests(flat):
     assert abs(loop.plant.state.velocity_x) < 0.05
 
 
+@pytest.mark.slow
 def test_cancellation_during_a_crossing_ends_at_rest(flat):
     loop = loop_at(flat, (1.76, 2.2, 1.57))
     loop.begin(STUDY)

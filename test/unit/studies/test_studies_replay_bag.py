@@ -84,6 +84,7 @@ def test_with_late_commands_the_torque_of_the_motor_confirms_the_model(tmp_path,
     assert f'identical: {PERIODS + 1} states' in said
 
 
+@pytest.mark.slow
 def test_a_bag_that_lacks_the_start_of_the_run_is_explained(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     plant = plant_of()

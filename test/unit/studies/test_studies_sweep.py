@@ -110,6 +110,7 @@ def test_the_size_of_blocks_changes_nothing(tmp_path):
         tmp_path / 'b.parquet')
 
 
+@pytest.mark.slow
 def test_a_killed_sweep_resumes_and_loses_nothing(tmp_path):
     words = ['--vary', 'speed=0.3:1.2', '--vary', 'height=0.003:0.06', '--design', 'sobol',
              '--workers', '2']
@@ -158,6 +159,7 @@ def test_ctrl_c_keeps_the_blocks_that_the_workers_have_started(tmp_path):
     assert all((tmp_path / 'blocks' / name).read_text() == name for name in written)
 
 
+@pytest.mark.slow
 def test_workers_end_with_their_parent():
     script = ('import os, time\n'
               'from ballbot_ros.studies.parallel_map import worker_pool\n'
@@ -264,6 +266,7 @@ def test_a_mistake_is_reported_in_one_line(capsys, tmp_path, words, message):
     assert out == '' and message in err and err.count('\n') == 1
 
 
+@pytest.mark.slow
 def test_a_dask_cluster_gives_the_same_file(tmp_path, capsys):
     distributed = pytest.importorskip('distributed', reason='a cluster needs dask')
     words = ['sweep', '--vary', 'speed=0.4,0.6,0.8', '--quiet', '--out']

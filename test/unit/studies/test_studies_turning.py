@@ -53,6 +53,7 @@ def test_the_law_turns_the_ball_of_mujoco(speed, share):
     assert np.ptp(late) < 2.0 * DEGREE
 
 
+@pytest.mark.slow
 @with_mujoco
 def test_the_comparison_would_notice_another_pendulum():
     other = GIMBALL.replace(pendulum_length=1.1 * GIMBALL.pendulum_length)
@@ -60,6 +61,7 @@ def test_the_comparison_would_notice_another_pendulum():
     assert np.abs(good.mujoco['heading'] - bad.model['heading']).max() > 3.0 * good.heading_error()
 
 
+@pytest.mark.slow
 @with_mujoco
 @pytest.mark.parametrize('speed', [0.5, 1.1])
 def test_at_right_angles_the_maximum_height_is_that_of_the_planar_model(speed):

@@ -43,6 +43,7 @@ def test_time_begins_with_the_first_viewer(page):
         wait_until(lambda: source.shown.time > 0.1)
 
 
+@pytest.mark.slow
 def test_a_slow_browser_never_slows_a_simulation(page):
     source = page._source
     page.start()
@@ -55,6 +56,7 @@ def test_a_slow_browser_never_slows_a_simulation(page):
         assert source.health.running
 
 
+@pytest.mark.slow
 def test_a_closed_browser_never_slows_a_simulation(page):
     source = page._source
     page.start()

@@ -117,6 +117,7 @@ def test_closing_ends_the_thread_also_while_it_runs(source):
     assert not source._thread.is_alive()
 
 
+@pytest.mark.slow
 def test_a_scene_repeats_after_its_duration_until_a_control_changes_it(source):
     source.start()
     source.apply('speed', 4.0)
@@ -128,6 +129,7 @@ def test_a_scene_repeats_after_its_duration_until_a_control_changes_it(source):
     wait_until(lambda: source.shown.time > 5.5)
 
 
+@pytest.mark.slow
 def test_a_robot_at_rest_offers_controls_that_move_it():
     source = SceneSource('doorstep', paused=True)
     assert source.health.idle is None  # paused, which the state shows already
