@@ -184,8 +184,6 @@ ROOM_CHANGE = 0.1
 EVERY, ATTEMPTS = 10, 24
 # A plan is dropped when its probability is this far below the required one.
 PROBABILITY_HYSTERESIS = 0.05
-# Maximum plan switches per face while the ball rolls.
-CHANGES = 2
 # Tolerance of the start of a plan [m].
 POSITION_TOLERANCE = 0.05
 
@@ -307,14 +305,12 @@ class PlanSelector:
         if now.failures != then.failures or now.faces != then.faces:
             return True
         if choice.trial is None:
-            if self._changes >= CHANGES:
-                return False
             freed = now.free_from < then.free_from - 0.3
             if now.standing and (not then.standing or freed):
                 return True
             if choice.reason is Reason.LANDING and now.room_to > then.room_to + ROOM_CHANGE:
                 return True
-            if not now.standing and self._changes >= CHANGES - 1:
+            if not now.standing and self._changes:
                 return False
         return abs(now.face.height - then.face.height) > max(HEIGHT_CHANGE, then.face.height_sd)
 
