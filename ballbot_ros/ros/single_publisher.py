@@ -45,14 +45,15 @@ class SinglePublisher:
         """
         now = time.monotonic()
         self._query(now)
-        names = sorted(set(self._names))
+        # A publisher whose node is not discovered yet, or has ended, has no name.
+        names = sorted({name for name in self._names if '_UNKNOWN_' not in name})
         if len(names) > 1 or (len(self._names) > 1 and now - self._several_since > RESTART_TIME):
             several = ' and '.join(names if len(names) > 1 else self._names)
             raise MessageError(
                 f'{several} publish {self._topic}, and none of them is '
                 'followed: end all but one, or select one with a multiplexer such as twist_mux',
                 'several_publishers', self._topic)
-        return names[0] if names and '_UNKNOWN_' not in names[0] else ''
+        return names[0] if names else ''
 
     def _query(self, now: float) -> None:
         if now < self._count_at:

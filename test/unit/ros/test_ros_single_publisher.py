@@ -65,9 +65,10 @@ def test_two_publishers_are_refused_by_name_until_one_ends(graph):
     assert found.name() == '/c'
 
 
-def test_a_node_that_was_killed_and_started_again_is_followed(graph):
+@pytest.mark.parametrize('killed', ['a', '_NODE_NAME_UNKNOWN_'])
+def test_a_node_that_was_killed_and_started_again_is_followed(graph, killed):
     found = SinglePublisher(graph, 'joint_commands')
-    graph.nodes = ['a', 'a']  # the killed one is in the graph until its lease ends
+    graph.nodes = ['a', killed]  # the killed one is in the graph until its lease ends
     for _ in range(3):
         assert found.name() == '/a'
         graph.now += 0.3 * RESTART_TIME
