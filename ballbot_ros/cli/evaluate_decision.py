@@ -133,8 +133,8 @@ def read_evaluation(arguments: argparse.Namespace) -> Any:
         arguments.planners.split(',') if arguments.planners else planners)
     for name in names:
         check_value('planner', name, text('', choices=planners).metadata, '')
-    check_value('kind', arguments.kind or next(iter(KINDS)),
-                text('', choices=KINDS).metadata, '')
+    if arguments.kind is not None:
+        check_value('kind', arguments.kind, text('', choices=KINDS).metadata, '')
     parts = [(name, 'drawn', arguments.compared if place else arguments.approaches)
              for place, name in enumerate(names)]
     # The crossable steps come early: they are few.

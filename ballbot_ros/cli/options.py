@@ -7,13 +7,13 @@ are three, ``0.2:1.2:21`` are 21 of them, evenly spaced, the first and the last 
 ``0.2:1.2``, for a design that draws its points, is a range.
 """
 import argparse
-from importlib import import_module
 import math
 import re
 from typing import Any, Iterable, Sequence, Union
 import warnings
 
 from ballbot_ros.config.fields import count, quantity
+from ballbot_ros.config.optional import load_optional
 from ballbot_ros.errors import ConfigurationError, PlausibilityWarning
 
 LAWS = ('free', 'held', 'velocity', 'voltage')
@@ -35,24 +35,6 @@ def add_number(parser: argparse.ArgumentParser, option: str, metavar: str, decla
     action: Any = parser.add_argument(*short, option, type=declared.metadata['kind'],
                                       default=default, metavar=metavar, help=doc + words)
     action.declared = declared.metadata
-
-
-def load_optional(module: str, package: str, remedy: str) -> Any:
-    """
-    Return a module that needs a package which may be missing.
-
-    Raises
-    ------
-    ConfigurationError
-        If the package cannot be imported, with the remedy.
-
-    """
-    try:
-        return import_module(module)
-    except ImportError as error:
-        raise ConfigurationError(
-            f'this needs {package}, and {error.name or error} cannot be imported; {remedy}',
-            'not_installed', package) from error
 
 
 def from_ros(module: str = 'ballbot_ros.ros.graph') -> Any:

@@ -7,9 +7,9 @@ from threading import Event
 from typing import Any
 
 from ballbot_ros.cli.command import DONE
-from ballbot_ros.cli.options import (
-    add_number, add_quiet, from_ros, load_optional, refuse_without)
+from ballbot_ros.cli.options import add_number, add_quiet, from_ros, refuse_without
 from ballbot_ros.config.fields import count, quantity
+from ballbot_ros.config.optional import load_optional
 
 LOOPBACK = '127.0.0.1'
 

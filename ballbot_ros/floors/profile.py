@@ -156,7 +156,7 @@ def cut(floor: Floor, place: Point, heading: float, level: float = 0.0, radius: 
 
 
 def crossings(segments: Sequence[Tuple[Point, Point]], place: Point, along: Point
-               ) -> List[Tuple[float, int, float]]:
+              ) -> List[Tuple[float, int, float]]:
     """
     Return where a line crosses segments.
 

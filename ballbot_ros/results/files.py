@@ -15,6 +15,7 @@ import zipfile
 
 import numpy as np
 
+from ballbot_ros.config.optional import load_optional
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.simulation.trajectory import Trajectory, UNITS
@@ -119,13 +120,9 @@ def write_parquet(trajectory: Trajectory, path: PathLike) -> None:
         If pyarrow is not installed, or the file cannot be written.
 
     """
-    try:
-        import pyarrow
-        from pyarrow import parquet
-    except ImportError as error:
-        raise ConfigurationError(
-            'Parquet files need pyarrow, which is not installed: pip install pyarrow',
-            'not_installed', 'pyarrow') from error
+    parquet = load_optional(
+        'pyarrow.parquet', 'pyarrow', 'pip install pyarrow', 'a Parquet file')
+    import pyarrow
     columns = trajectory.columns
     table = pyarrow.table(
         [pyarrow.array(values) for values in columns.values()], schema=pyarrow.schema(

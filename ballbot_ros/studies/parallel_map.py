@@ -17,6 +17,7 @@ from threading import Thread
 from time import sleep
 from typing import Any, Callable, Dict, Iterator, Mapping, Optional, Set, Tuple
 
+from ballbot_ros.config.optional import load_optional
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.results.files import write_text
 from ballbot_ros.studies.progress import ignore, Progress
@@ -141,14 +142,10 @@ def worker_pool(workers: Optional[int] = None,
         finally:
             pool.shutdown(wait=True, cancel_futures=True)
         return
+    distributed = load_optional(
+        'distributed', 'dask', 'pip install "dask[distributed]"', '--dask')
     try:
-        from distributed import Client  # type: ignore[import-not-found,unused-ignore]
-    except ImportError as error:
-        raise ConfigurationError(
-            '--dask needs dask: pip install "dask[distributed]"', 'not_installed',
-            'dask') from error
-    try:
-        client = Client(scheduler, timeout=10)
+        client = distributed.Client(scheduler, timeout=10)
     except (OSError, ValueError) as error:
         raise ConfigurationError(
             f'--dask {scheduler}: no scheduler answers at this address: {error}', 'unreadable',

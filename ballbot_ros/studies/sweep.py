@@ -13,6 +13,7 @@ from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple
 
 import numpy as np
 
+from ballbot_ros.config.optional import load_optional
 from ballbot_ros.crossing import max_step_height, try_step
 from ballbot_ros.crossing.max_step_height import Crossings, TOLERANCE
 from ballbot_ros.errors import BallbotError, ConfigurationError
@@ -136,13 +137,8 @@ def run_sweep(plan: SweepPlan, out: Path, pool: Executor, workers: int,
 
 def load_arrow() -> Any:
     """Return pyarrow with its Parquet part, or raise an error with the way to install it."""
-    try:
-        import pyarrow
-        import pyarrow.parquet
-    except ImportError as error:
-        raise ConfigurationError(
-            'a sweep writes Parquet files and needs pyarrow: pip install pyarrow',
-            'not_installed', 'pyarrow') from error
+    load_optional('pyarrow.parquet', 'pyarrow', 'pip install pyarrow', 'a sweep')
+    import pyarrow
     return pyarrow
 
 

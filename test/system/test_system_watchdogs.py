@@ -92,9 +92,7 @@ def test_decision_that_dies_on_the_way_is_replaced_and_nothing_is_guessed(graph,
     graph.trigger('pause')  # or a busy machine would start the next one when all is over
     decisions.clear()
     graph.start('obstacle_decision')
-    while not decisions:
-        graph.step(10)
-        graph.spin(0.1)
+    graph.wait(lambda: graph.step(5) and decisions, 'the new decision has decided')
     graph.trigger('resume')
     graph.wait(lambda: at_rest(states), 'the ball has come to rest')
 

@@ -3,14 +3,13 @@
 from dataclasses import dataclass, fields
 from difflib import get_close_matches
 from functools import cached_property
-from importlib import import_module
 from pathlib import Path
 from typing import (
     Any, ItemsView, Iterator, KeysView, Mapping, NamedTuple, Optional, Union, ValuesView)
 
 import numpy as np
 
-from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.config.optional import load_optional
 from ballbot_ros.jit import compiled
 from ballbot_ros.physics.mechanics.contact import (
     contact_force, contact_table, CORNER, EDGE, find_contacts, KIND, NORMAL_X, NORMAL_Y,
@@ -174,7 +173,8 @@ class Trajectory:
             If pandas is not installed.
 
         """
-        table = _library('pandas', 'to_pandas').DataFrame(self.columns)
+        pandas = load_optional('pandas', 'pandas', 'pip install pandas', 'to_pandas')
+        table = pandas.DataFrame(self.columns)
         table.attrs['units'] = dict(UNITS)
         return table
 
@@ -188,7 +188,8 @@ class Trajectory:
             If xarray is not installed.
 
         """
-        table = _library('xarray', 'to_xarray').Dataset(
+        xarray = load_optional('xarray', 'xarray', 'pip install xarray', 'to_xarray')
+        table = xarray.Dataset(
             {name: ('time', values.copy(), {'units': UNITS[name]})
              for name, values in self.items() if name != 'time'},
             {'time': ('time', self['time'].copy(), {'units': UNITS['time']})},
@@ -315,13 +316,3 @@ def _read_only(values: Array) -> Array:
     view = values.view()
     view.flags.writeable = False
     return view
-
-
-def _library(name: str, method: str) -> Any:
-    """Return an optional library that a method needs; `ConfigurationError` without it."""
-    try:
-        return import_module(name)
-    except ImportError as error:
-        raise ConfigurationError(
-            f'{method} needs {name}, which is not installed: pip install {name}',
-            'not_installed', name) from error
