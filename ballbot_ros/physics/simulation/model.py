@@ -80,11 +80,6 @@ class Model:
         pendulum_angle : float
             Absolute [rad]; without rate.
 
-        Raises
-        ------
-        ConfigurationError
-            If the ground cannot carry the ball, or a vertical face is inside the ball.
-
         """
         height, normal_x, normal_y = self._resting_place(x)
         # Rolling without slip about the contact point, which is inside the undeformed ball.
@@ -138,12 +133,6 @@ class Model:
         rows = contact.find_contacts(x, low, radius, self.profile, table)
         if not rows:
             return low, 0.0, 1.0
-        faces = table[:rows][table[:rows, contact.NORMAL_Y] == 0.0]
-        inside = float(faces[:, contact.PENETRATION].max(initial=0.0))
-        if inside > self.robot.static_penetration:
-            raise ConfigurationError(
-                f'x = {x:g} m puts the ball {inside:.3g} m into a vertical face: start '
-                f'a ball radius ({radius:g} m) before it, or give y, too', 'out_of_range', 'x')
         deepest = table[np.argmax(table[:rows, contact.PENETRATION])]
         return low, float(deepest[contact.NORMAL_X]), float(deepest[contact.NORMAL_Y])
 

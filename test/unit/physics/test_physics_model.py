@@ -201,18 +201,6 @@ def test_ground_too_soft_to_carry_the_ball_is_refused():
         Model(soft, Terrain.flat()).at_rest(0.0)
 
 
-@pytest.mark.parametrize('x', [-0.15, -0.001])
-def test_a_start_inside_a_vertical_face_is_refused(x):
-    with refused('out_of_range', 'x'):
-        Model(GIMBALL, Terrain.step(0.3)).at_rest(x)
-
-
-def test_a_start_that_touches_a_vertical_face_is_on_the_ground_before_it():
-    x = -GIMBALL.ball_radius + 0.5 * GIMBALL.static_penetration
-    start = Model(GIMBALL, Terrain.step(0.3)).at_rest(x)
-    assert start.y == pytest.approx(GIMBALL.ball_radius - GIMBALL.static_penetration)
-
-
 @pytest.mark.parametrize('duration', [0.0, -1.0, math.nan, math.inf])
 def test_impossible_durations_are_refused(duration):
     with refused('out_of_range', 'duration'):
