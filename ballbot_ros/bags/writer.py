@@ -94,7 +94,7 @@ class BagRecorder:
     def __exit__(self, *_: Any) -> None:
         """Record the messages that have arrived, and complete the bag."""
         self._ending.set()
-        if self._thread is not None:
+        if self._thread is not None and self._thread.is_alive():  # a signal may end its start
             self._thread.join()
         if self._newest is None:
             self._newest = time.time_ns()

@@ -134,3 +134,12 @@ def test_a_bag_keeps_the_offered_quality_of_service_for_its_replay(make_node, sp
     assert found == {'/notes': [(1, 'RELIABLE', 'TRANSIENT_LOCAL')],
                      '/joint_states': [(qos.STATE.depth, 'BEST_EFFORT', 'VOLATILE')],
                      '/robot_description': [(1, 'RELIABLE', 'TRANSIENT_LOCAL')]}
+
+
+def test_a_signal_during_the_start_of_the_thread_is_not_replaced_by_an_error(
+        tmp_path, monkeypatch):
+    def interrupted(thread):
+        raise SystemExit(143)
+    monkeypatch.setattr('threading.Thread.start', interrupted)
+    with pytest.raises(SystemExit), BagRecorder(tmp_path / 'bag') as bag:
+        bag.record_in_thread()
