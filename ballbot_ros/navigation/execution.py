@@ -7,6 +7,7 @@ takes a `NavigationState` and a `Percept`, and returns the next state and a `Com
 are carried out by the obstacle decision: while the command is CROSS, the caller lets it drive, and
 reports how it ended in the percept (see `crossing.CrossingDriver`).
 """
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from enum import Enum
 import math
@@ -333,9 +334,20 @@ class Navigator:
                            percept), REST
 
     def _route(self, state: NavigationState, percept: Percept) -> Route:
+        """Plan with the known heights, else with lower ones: sensors measure the real steps."""
         assert state.goal is not None
+        start = percept.x, percept.y, percept.heading
         self.planner.learn(state.learned)
-        return self.planner.route((percept.x, percept.y, percept.heading), state.goal)
+        try:
+            return self.planner.route(start, state.goal)
+        except RefusedError as error:
+            lowered = state.learned.lowered(self.planner.floor.features)
+            if error.reason != 'no_route' or lowered == state.learned:
+                raise
+            self.planner.learn(lowered)
+            with suppress(RefusedError):
+                return self.planner.route(start, state.goal)
+            raise
 
     def _enter(self, state: NavigationState, index: int, percept: Percept) -> NavigationState:
         """Begin a segment at rest."""
@@ -461,8 +473,8 @@ class Navigator:
             'an obstacle is on the path' if found else 'a step is higher than on the map')
 
     def _measured(self, learned: Learned, number: int, height: float) -> Learned:
-        """Return learned data with a measured rise of a feature that is higher than known."""
-        known = learned.height(number, self.planner.floor.features[number])
+        """Return learned data with a measured rise of a feature that is higher than planned."""
+        known = self.planner.learned.height(number, self.planner.floor.features[number])
         # An area below its surroundings has a negative height, and an edge that rises outwards.
         return learned.with_height(number, math.copysign(height, known)) \
             if height > abs(known) + HIGHER else learned

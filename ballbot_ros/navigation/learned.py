@@ -2,9 +2,11 @@
 """Learned data of a floor: heights, obstacles, outcomes; stored beside the map."""
 from dataclasses import asdict, dataclass, replace
 import json
+import math
 from pathlib import Path
-from typing import Tuple
+from typing import Sequence, Tuple
 
+from ballbot_ros.decision.planning.rollout.ahead import SIGMAS
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.floors.floor import Feature, Point
 
@@ -26,15 +28,15 @@ class Learned:
         Number of a feature of the floor, and its observed height [m].
     obstacles : tuple of (float, float)
         Points that are not on the map [m].
-    outcomes : tuple of (int, int, float, bool)
-        Number of a feature, direction (1 towards the left of its line), run-up [m], and whether
-        the ball crossed it.
+    outcomes : tuple of (int, int, float, bool, int)
+        Number of a feature, direction (1 towards the left of its line), run-up [m], whether the
+        ball crossed it, and number of such attempts.
 
     """
 
     heights: Tuple[Tuple[int, float], ...] = ()
     obstacles: Tuple[Point, ...] = ()
-    outcomes: Tuple[Tuple[int, int, float, bool], ...] = ()
+    outcomes: Tuple[Tuple[int, int, float, bool, int], ...] = ()
 
     def height(self, number: int, feature: Feature) -> float:
         """Return the height of a feature of the floor [m]."""
@@ -51,10 +53,19 @@ class Learned:
 
         A crossing counts for longer run-ups, and a failure for shorter ones, as well.
         """
-        counted = [crossed for feature, direction, tried, crossed in self.outcomes
+        counted = [(crossed, count) for feature, direction, tried, crossed, count in self.outcomes
                    if (feature, direction) == (number, sign)
                    and (tried <= run_up if crossed else run_up <= tried)]
-        return (PRIOR_ATTEMPTS * predicted + sum(counted)) / (PRIOR_ATTEMPTS + len(counted))
+        return (PRIOR_ATTEMPTS * predicted + sum(crossed * count for crossed, count in counted)) \
+            / (PRIOR_ATTEMPTS + sum(count for _, count in counted))
+
+    def lowered(self, features: Sequence[Feature]) -> 'Learned':
+        """Return this with heights of the map lowered by `SIGMAS` standard deviations."""
+        heights = {number: math.copysign(abs(feature.height) - SIGMAS * feature.height_sd,
+                                         feature.height)
+                   for number, feature in enumerate(features)
+                   if 0.0 < SIGMAS * feature.height_sd < abs(feature.height)}
+        return replace(self, heights=tuple(sorted({**heights, **dict(self.heights)}.items())))
 
     def with_height(self, number: int, height: float) -> 'Learned':
         """Return this with the observed height of a feature [m]."""
@@ -69,9 +80,13 @@ class Learned:
                 known.append((x, y))
         return replace(self, obstacles=tuple(known))
 
-    def with_outcome(self, number: int, sign: int, run_up: float, crossed: bool) -> 'Learned':
-        """Return this with the outcome of an attempt."""
-        return replace(self, outcomes=(*self.outcomes, (number, sign, run_up, crossed)))
+    def with_outcome(self, number: int, sign: int, run_up: float, crossed: bool, count: int = 1
+                     ) -> 'Learned':
+        """Return this with attempts of the same outcome."""
+        kept = {item[:4]: item for item in self.outcomes}
+        key = number, sign, run_up, crossed
+        before = kept[key][4] if key in kept else 0
+        return replace(self, outcomes=tuple({**kept, key: (*key, before + count)}.values()))
 
     @classmethod
     def read(cls, path: Path) -> 'Learned':
@@ -90,11 +105,13 @@ class Learned:
             content = json.loads(path.read_text(encoding='utf-8'))
             if content['version'] != VERSION:
                 raise ValueError(f'version {content["version"]}')
-            return cls(tuple((int(number), float(height)) for number, height in
-                             content['heights']),
-                       tuple((float(x), float(y)) for x, y in content['obstacles']),
-                       tuple((int(number), int(sign), float(run_up), bool(crossed))
-                             for number, sign, run_up, crossed in content['outcomes']))
+            learned = cls(tuple((int(number), float(height)) for number, height in
+                                content['heights']),
+                          tuple((float(x), float(y)) for x, y in content['obstacles']))
+            for number, sign, run_up, crossed, *count in content['outcomes']:
+                learned = learned.with_outcome(int(number), int(sign), float(run_up),
+                                               bool(crossed), int(*count or (1,)))
+            return learned
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise ConfigurationError(
                 f'{path}: cannot be read ({error}); remove it to start with the map alone',

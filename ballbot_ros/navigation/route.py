@@ -155,6 +155,8 @@ class RoutePlanner:
     Attributes
     ----------
     floor : Floor
+    learned : Learned
+        On which it plans, see `learn`.
     ball_radius : float
         [m]
     drop_distance : float
@@ -189,19 +191,19 @@ class RoutePlanner:
         self._lay_grid()
         self._arcs: Dict[int, List[_Arc]] = {}
         self._limits: Dict[Tuple[int, int], _Limit] = {}
-        self._learned: Optional[Learned] = None
+        self.learned = learned
         self.learn(learned)
 
     def learn(self, learned: Learned) -> None:
         """Apply learned data of the floor; only changes are computed."""
-        before, self._learned = self._learned, learned
+        before, self.learned = self.learned, learned
         obstacles = np.array(learned.obstacles).reshape(-1, 2)
         self._blocked = np.logical_or.reduce([self._fixed, *self._near])
         for x, y in learned.obstacles:
             self._blocked |= np.hypot(self._x - x, self._y - y) < self.ball_radius + CLEARANCE
         for number, feature in enumerate(self.floor.features):
-            if before is None or learned.height(number, feature) != before.height(
-                    number, feature):
+            if number not in self._arcs or learned.height(
+                    number, feature) != before.height(number, feature):
                 for sign in (1, -1):
                     self._limits.pop((number, sign), None)
                 self._arcs[number] = self._crossings(number, learned.corrected(number, feature))
@@ -281,9 +283,9 @@ class RoutePlanner:
 
     def _probability(self, segment: Segment) -> float:
         """Return the probability of a crossing, corrected by learned outcomes."""
-        assert self._learned is not None and segment.crossing is not None
-        return self._learned.probability(segment.number, segment.sign, segment.crossing.run_up,
-                                         segment.crossing.probability)
+        assert segment.crossing is not None
+        return self.learned.probability(segment.number, segment.sign, segment.crossing.run_up,
+                                        segment.crossing.probability)
 
     def _node(self, point: Sequence[float]) -> int:
         rows, columns = self._walls.shape
@@ -342,7 +344,7 @@ class RoutePlanner:
             nearer to a wall than the clearance must not get nearer.
 
         """
-        assert self._learned is not None and segment.crossing is not None
+        assert segment.crossing is not None
         (x, y), distance = segment.points[0], math.dist(*segment.points)
         course, run_up = segment.heading, segment.crossing.run_up
         driven, left, turned = steered(
@@ -353,7 +355,7 @@ class RoutePlanner:
         way = math.cos(course + turned), math.sin(course + turned)
         close = self._clear < min(
             self.ball_radius + CLEARANCE, self._clear.flat[self._node((x, y))])
-        feature = self._learned.corrected(segment.number, self.floor.features[segment.number])
+        feature = self.learned.corrected(segment.number, self.floor.features[segment.number])
         for line in feature.segments:
             for edge, sign, angle in crossings((line,), (x, y), way):
                 if not 0.0 < edge < distance - driven or not height_factor(angle):
@@ -623,8 +625,7 @@ class RoutePlanner:
         clear = self._clear.flat[[self._node(at) for at in zip(xs, ys)]]
         if clear.min() < min(self.ball_radius, clear[0]):
             return False
-        assert self._learned is not None
-        for x, y in self._learned.obstacles:
+        for x, y in self.learned.obstacles:
             away = np.hypot(xs - x, ys - y)
             if away.min() < min(self.ball_radius + CLEARANCE, away[0]):
                 return False
@@ -710,8 +711,7 @@ class RoutePlanner:
 
     def _described(self, number: int) -> str:
         """Return the name of a feature with its height."""
-        assert self._learned is not None
-        feature = self._learned.corrected(number, self.floor.features[number])
+        feature = self.learned.corrected(number, self.floor.features[number])
         return f'the {feature.label} of {1e3 * feature.height:.0f} mm' if feature.name \
             else f'the {feature.label}'
 

@@ -216,6 +216,8 @@ class NavigatorNode(ManagedNode):
     def _forget(self) -> str:
         """Delete the learned data of the floor."""
         self.state = replace(self.state, learned=Learned())
+        if self.navigator is not None:
+            self.navigator.planner.learn(self.state.learned)
         self._keep()
         return 'heights, obstacles and outcomes deleted'
 

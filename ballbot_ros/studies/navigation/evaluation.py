@@ -149,7 +149,7 @@ def drive(house: House, planner: str) -> Row:
         state = loop.state
         row.update(outcome=state.status.value, reason=state.reason, message=state.message,
                    replans=state.recoveries, time=loop.plant.time,
-                   crossings=sum(item[3] for item in state.learned.outcomes),
+                   crossings=sum(item[3] * item[4] for item in state.learned.outcomes),
                    away=math.dist(loop.plant.pose[:2], house.goal))
         if not state.status.ended:
             row['outcome'] = 'late'

@@ -184,7 +184,7 @@ def test_repeated_failures_exclude_a_crossing(navigator):
     ball.begin(STUDY)
     ball.run(400.0)
     assert (ball.state.status, ball.state.reason) == (NavStatus.FAILED, 'no_route')
-    numbers, _, run_ups, crossed = zip(*ball.state.learned.outcomes)
+    numbers, _, run_ups, crossed, _ = zip(*ball.state.learned.outcomes)
     assert set(numbers) == {0} and not any(crossed)
     # A failure does not count for a longer run-up.
     assert list(run_ups) == sorted(run_ups)
@@ -338,3 +338,41 @@ def test_a_ball_that_would_brake_at_a_wall_stops_before_its_deviation_is_large(
     _, command = navigator.advance(ball.state, ball.percept()._replace(
         x=1.5, y=0.4, heading=turned, speed=0.3))
     assert (command.kind is CommandKind.REST) is stops
+
+
+def step_too_high_on_the_map(tmp_path, height_sd):
+    path = tmp_path / 'floor.yaml'
+    path.write_text('walls: {size: [6, 3], lines: []}\nfeatures:\n- {kind: step, height: 0.053, '
+                    f'height_sd: {height_sd}, line: [[3.0, 3.0], [3.0, 0.0]]}}')
+    return Ball(Navigator(RoutePlanner(load_floor(path), KNOWLEDGE), KNOWLEDGE), 1.0, 1.5)
+
+
+def test_a_step_that_may_be_lower_than_on_the_map_is_attempted_where_no_other_way_exists(tmp_path):
+    ball, goal = step_too_high_on_the_map(tmp_path, 0.002), (5.0, 1.5)
+    with pytest.raises(RefusedError) as caught:
+        ball.navigator.planner.route((1.0, 1.5, 0.0), goal)
+    assert caught.value.reason == 'no_route'
+    ball.begin(goal)
+    ball.run(100.0)
+    assert ball.state.status is NavStatus.SUCCEEDED, ball.state.message
+    assert not ball.state.learned.heights
+
+
+@pytest.mark.parametrize('seen', [True, False])
+def test_a_step_that_is_as_high_as_on_the_map_ends_the_goal_before_it(tmp_path, seen):
+    ball = step_too_high_on_the_map(tmp_path, 0.002)
+    ball.crosses = lambda segment: CrossingReport(False, 'too high', 0.0535)
+    ball.begin((5.0, 1.5))
+    while not ball.state.status.ended:
+        ball.faces = ((3.0 - ball.x, 0.0535),) if seen and ball.speed > 0.05 else ()
+        ball.step()
+        assert ball.time < 100.0
+    assert (ball.state.status, ball.state.reason) == (NavStatus.FAILED, 'no_route')
+    assert dict(ball.state.learned.heights) == {0: 0.0535} and at_rest(ball)
+
+
+def test_a_step_of_certain_height_is_not_attempted(tmp_path):
+    ball = step_too_high_on_the_map(tmp_path, 0.0)
+    with pytest.raises(RefusedError) as caught:
+        ball.begin((5.0, 1.5))
+    assert caught.value.reason == 'no_route'

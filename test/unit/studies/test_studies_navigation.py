@@ -8,6 +8,7 @@ from ballbot_ros.decision import Knowledge, load_curve, load_decision_tuning
 from ballbot_ros.floors import load_floor
 from ballbot_ros.navigation import RoutePlanner
 from ballbot_ros.navigation.execution import CommandKind, Navigator, NavStatus
+from ballbot_ros.navigation.learned import Learned
 from ballbot_ros.physics import load_robot
 from ballbot_ros.studies.navigation.closed_loop import Errors, FloorLoop
 
@@ -22,7 +23,7 @@ def flat():
 
 
 def loop_at(flat, pose, **more):
-    flat.learn(flat._learned.__class__())
+    flat.learn(Learned())
     return FloorLoop(Navigator(flat, KNOWLEDGE), KNOWLEDGE, KNOWLEDGE.robot, flat.floor, pose,
                      **more)
 
