@@ -230,7 +230,8 @@ def add_to_ledger(state: Array, time: float, spin: Spin, parameters: Parameters,
         parameters.ball_inertia * (out[BALL_RATE] - rate) * (out[BALL_RATE] + rate)
         + parameters.swing_inertia * (out[PENDULUM_RATE] - swing) * (out[PENDULUM_RATE] + swing))
     if drag > 0.0:
-        taken = torque * turned - gained - rolled  # by c: joint and back voltage
+        # By c, joint and back voltage: a difference that may round to less than the least, 0.
+        taken = max(torque * turned - gained - rolled, 0.0)
         share = parameters.joint_friction / drag
         out[JOINT_LOSS] += share * taken
         out[MOTOR_WORK] += torque * turned - (1.0 - share) * taken
