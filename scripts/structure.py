@@ -9,6 +9,7 @@ Measure the structure of ``ballbot_ros/``: size, fan-in, import cycles and readi
 import argparse
 import ast
 from collections import Counter
+import fnmatch
 from functools import cache
 import io
 import json
@@ -73,6 +74,8 @@ def task():
 }
 
 
+# Functions that import the module that their first argument names.
+LOADERS = {'import_module', 'load_optional', 'from_ros'}
 # `Trajectory.plot`, `save` and `summary` import the layers above when called: shortcuts for users.
 LATE = {('ballbot_ros.physics.simulation.trajectory', name) for name in (
     'ballbot_ros.results.summary.summarise', 'ballbot_ros.results.files.write_trajectory',
@@ -117,11 +120,12 @@ def imports(module, text, is_package=False):
                 above = parts[:len(parts) - node.level + is_package]
                 base = '.'.join([*above, *filter(None, [base])])
             yield from ((node.lineno, f'{base}.{alias.name}') for alias in node.names)
-        elif node.args:
-            # import_module('a.b'): an import that hides from the rules above.
-            name = getattr(node.func, 'attr', getattr(node.func, 'id', ''))
-            if name == 'import_module' and isinstance(node.args[0], ast.Constant):
-                yield node.lineno, str(node.args[0].value)
+        elif getattr(node.func, 'attr', getattr(node.func, 'id', '')) in LOADERS and node.args:
+            # The variable parts of an f-string become `*`.
+            parts = getattr(node.args[0], 'values', [node.args[0]])
+            if isinstance(parts[0], ast.Constant):
+                yield node.lineno, ''.join(
+                    part.value if isinstance(part, ast.Constant) else '*' for part in parts)
 
 
 def edges(root=ROOT):
@@ -129,8 +133,9 @@ def edges(root=ROOT):
     found = modules(root)
     graph = {}
     for module, path in found.items():
-        names = (name for _, name in imports(module, tree_of(path), path.name == '__init__.py')
-                 if (module, name) not in LATE)
+        names = (one for _, name in imports(module, tree_of(path), path.name == '__init__.py')
+                 if (module, name) not in LATE
+                 for one in fnmatch.filter(found, name) or [name])
         # A name out of a module counts as an import of the module.
         ours = {name if name in found else name.rpartition('.')[0] for name in names}
         graph[module] = sorted((ours & set(found)) - {module, NAME})

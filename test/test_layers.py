@@ -2,6 +2,7 @@
 """Imports point one way only, from the nodes down to the physics, and find their names."""
 import ast
 from collections import defaultdict
+import fnmatch
 from functools import cache
 from pathlib import Path
 import re
@@ -182,6 +183,12 @@ def test_a_cycle_is_found_without_the_modules_that_lead_to_it_or_from_it():
     assert cycles({**graph, 'c': ['d']}) == []
 
 
+def test_an_import_by_string_is_an_edge_to_each_module_that_it_can_name():
+    found = edges()['ballbot_ros.nodes.start']
+    assert found == sorted(module for module in modules() if re.fullmatch(
+        r'ballbot_ros\.nodes\.\w+\.node', module))
+
+
 @pytest.mark.parametrize('module, text', [
     ('ballbot_ros.physics.planted', 'from ballbot_ros.control.linear import gains'),
     ('ballbot_ros.physics.planted', 'def late():\n    from ..decision import policy'),
@@ -191,6 +198,8 @@ def test_a_cycle_is_found_without_the_modules_that_lead_to_it_or_from_it():
     ('ballbot_ros.physics.solvers.planted', 'from ballbot_ros.physics import Model'),
     ('ballbot_ros.physics.planted',
      "from importlib import import_module\nimport_module('ballbot_ros.results.files')"),
+    ('ballbot_ros.ros.planted', "from_ros(f'ballbot_ros.nodes.{name}.node')"),
+    ('ballbot_ros.physics.planted', "load_optional('serial', 'pyserial', 'install it')"),
     ('ballbot_ros.control.planted', 'from ballbot_ros import decision'),
     ('ballbot_ros.control.planted', 'from ballbot_ros.drives import protocol'),
     ('ballbot_ros.drives.planted', 'from ballbot_ros.emulator import emulator'),
@@ -271,7 +280,8 @@ def names_of_package():
 def missing(module, text, names, is_package=False):
     """List (line, name) of each import of the package in a text that finds nothing."""
     return [(line, name) for line, name in imports(module, text, is_package)
-            if name.split('.')[0] == 'ballbot_ros' and name.removesuffix('.*') not in names]
+            if name.split('.')[0] == 'ballbot_ros'
+            and not fnmatch.filter(names, name.removesuffix('.*'))]
 
 
 def programs(tree):
@@ -304,7 +314,8 @@ def test_each_import_of_the_package_finds_its_name():
     ('from ballbot_ros import surprise', 'ballbot_ros.surprise'),
     ('from .robot import surprise', 'ballbot_ros.physics.model.robot.surprise'),
     ('from ballbot_ros.msg import Surprise', 'ballbot_ros.msg.Surprise'),
-    ("import_module('ballbot_ros.surprise')", 'ballbot_ros.surprise')])
+    ("import_module('ballbot_ros.surprise')", 'ballbot_ros.surprise'),
+    ("from_ros(f'ballbot_ros.nodes.{name}.surprise')", 'ballbot_ros.nodes.*.surprise')])
 def test_an_import_without_its_name_is_found(text, name):
     assert missing('ballbot_ros.physics.model.planted', text, names_of_package()) \
         == [(text.count('\n') + 1, name)]

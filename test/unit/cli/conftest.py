@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from ballbot_ros.cli import command, main
+from ballbot_ros.cli import main
 
 
 @pytest.fixture
@@ -18,28 +18,6 @@ def error_of(capsys):
         assert out == '' and error.startswith('ballbot: error: ')
         assert all(note.startswith('Note: ') for note in notes), err
         return error
-    return call
-
-
-@pytest.fixture
-def refusal(capsys, monkeypatch):
-    """Return a function that calls a verb and returns the error with which it refuses."""
-    caught = []
-    monkeypatch.setattr(command, 'print_refusal', caught.append)
-
-    def call(*words):
-        assert main([str(word) for word in words]) == 2
-        assert capsys.readouterr().out == ''
-        return caught.pop()
-    return call
-
-
-@pytest.fixture
-def refuses(refusal):
-    """Return a function that checks with which reason and field a call is refused."""
-    def call(reason, field, *words):
-        error = refusal(*words)
-        assert (error.reason, error.field) == (reason, field), error
     return call
 
 
