@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The parser of ``ballbot`` with all its verbs, for the reference of the command line."""
-from ballbot_ros.cli.command import load_verb, Parser, VERBS
+from ballbot_ros.cli.command import load_verb, VERBS
+from ballbot_ros.cli.verb import Parser
 
 
 def parser():

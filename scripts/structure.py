@@ -121,11 +121,11 @@ def imports(module, text, is_package=False):
                 base = '.'.join([*above, *filter(None, [base])])
             yield from ((node.lineno, f'{base}.{alias.name}') for alias in node.names)
         elif getattr(node.func, 'attr', getattr(node.func, 'id', '')) in LOADERS and node.args:
-            # The variable parts of an f-string become `*`.
+            # The variable parts of an f-string are names, but never `__main__`.
             parts = getattr(node.args[0], 'values', [node.args[0]])
             if isinstance(parts[0], ast.Constant):
                 yield node.lineno, ''.join(
-                    part.value if isinstance(part, ast.Constant) else '*' for part in parts)
+                    part.value if isinstance(part, ast.Constant) else '[!_]*' for part in parts)
 
 
 def edges(root=ROOT):

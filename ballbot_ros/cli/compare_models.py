@@ -4,9 +4,9 @@ import argparse
 import math
 from typing import Any, Iterator
 
-from ballbot_ros.cli.command import DONE
 from ballbot_ros.cli.options import add_number, add_robot, read_robot, refuse_without
 from ballbot_ros.cli.output import print_json, table_row, table_rule
+from ballbot_ros.cli.verb import DONE
 from ballbot_ros.config.fields import quantity
 
 

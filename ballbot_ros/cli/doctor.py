@@ -4,8 +4,8 @@ import argparse
 import os
 import sys
 
-from ballbot_ros.cli.command import DONE, FAILED
 from ballbot_ros.cli.options import add_port
+from ballbot_ros.cli.verb import DONE, FAILED
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -12,8 +12,8 @@ import termios
 import time
 from typing import Any, Iterator, NamedTuple, Optional, TextIO
 
-from ballbot_ros.cli.command import DONE, FAILED, print_error
 from ballbot_ros.cli.options import add_number, from_ros
+from ballbot_ros.cli.verb import DONE, FAILED, print_error
 from ballbot_ros.config.fields import quantity
 from ballbot_ros.config.optional import load_optional
 from ballbot_ros.errors import ConfigurationError

@@ -8,9 +8,9 @@ import signal
 import sys
 from typing import Iterator
 
-from ballbot_ros.cli.command import DONE, FAILED, print_error
 from ballbot_ros.cli.options import add_number, add_overwrite, add_seed
 from ballbot_ros.cli.output import check_new_file
+from ballbot_ros.cli.verb import DONE, FAILED, print_error
 from ballbot_ros.config.fields import count
 from ballbot_ros.drives import DRIVES
 

@@ -8,8 +8,8 @@ from time import perf_counter
 from typing import Any, Tuple
 
 from ballbot_ros.cli import options
-from ballbot_ros.cli.command import DONE, INTERRUPTED, print_error
 from ballbot_ros.cli.output import save_figure
+from ballbot_ros.cli.verb import DONE, INTERRUPTED, print_error
 from ballbot_ros.config.fields import check_value, count, quantity, text
 
 NAME = 'decision_evaluation'  # of report and picture

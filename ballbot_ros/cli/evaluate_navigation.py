@@ -6,7 +6,7 @@ from pathlib import Path
 from time import perf_counter
 
 from ballbot_ros.cli import options
-from ballbot_ros.cli.command import DONE, INTERRUPTED, print_error
+from ballbot_ros.cli.verb import DONE, INTERRUPTED, print_error
 from ballbot_ros.config.fields import check_value, count, text
 
 NAME = 'navigation_evaluation'

@@ -4,9 +4,9 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from ballbot_ros.cli.command import DONE, INTERRUPTED, print_error
 from ballbot_ros.cli.options import add_format, add_overwrite, add_quiet
 from ballbot_ros.cli.output import figure_files, result_folder, save_figure
+from ballbot_ros.cli.verb import DONE, INTERRUPTED, print_error
 from ballbot_ros.errors import ConfigurationError
 
 DEFAULT_FOLDER = Path('ballbot_output/figures')

@@ -4,9 +4,9 @@ import argparse
 from pathlib import Path
 
 from ballbot_ros.cli import options
-from ballbot_ros.cli.command import DONE
 from ballbot_ros.cli.options import read_range
 from ballbot_ros.cli.output import check_new_file, YAML
+from ballbot_ros.cli.verb import DONE
 from ballbot_ros.errors import ConfigurationError
 
 

@@ -7,8 +7,8 @@ import sys
 import time
 from typing import Callable
 
-from ballbot_ros.cli.command import DONE, FAILED, print_error, Verb
 from ballbot_ros.cli.options import add_number, from_ros
+from ballbot_ros.cli.verb import DONE, FAILED, print_error, Verb
 from ballbot_ros.config.fields import quantity
 from ballbot_ros.errors import ConfigurationError
 

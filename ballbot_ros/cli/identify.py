@@ -4,9 +4,9 @@ import argparse
 from pathlib import Path
 from typing import Any, Iterator
 
-from ballbot_ros.cli.command import DONE, FAILED, INTERRUPTED, print_error
 from ballbot_ros.cli.options import add_overwrite, add_quiet, warn
 from ballbot_ros.cli.output import figure_files, print_json, result_folder, save_figure
+from ballbot_ros.cli.verb import DONE, FAILED, INTERRUPTED, print_error
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -8,7 +8,7 @@ import shutil
 import textwrap
 from typing import Any, Iterator
 
-from ballbot_ros.cli.command import DONE, Verb
+from ballbot_ros.cli.verb import DONE, Verb
 from ballbot_ros.errors import ConfigurationError
 
 _SENTENCE = re.compile(r'(?<=[\w)])\.\s+(?=[A-Z])')

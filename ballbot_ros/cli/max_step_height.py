@@ -3,9 +3,9 @@
 import argparse
 
 from ballbot_ros.cli import options
-from ballbot_ros.cli.command import DONE
 from ballbot_ros.cli.options import METAVAR, read_numbers, VALUES_HELP
 from ballbot_ros.cli.output import print_json
+from ballbot_ros.cli.verb import DONE
 
 # Fields of `MaxStepHeight` -> columns of all results; "height" is the height of a tried step.
 COLUMNS = {'height': 'max_height'}

@@ -5,8 +5,8 @@ from pathlib import Path
 import textwrap
 from typing import Any, Iterator, Mapping
 
-from ballbot_ros.cli.command import DONE
 from ballbot_ros.cli.options import add_overwrite, refuse_without
+from ballbot_ros.cli.verb import DONE
 
 # Kind -> description, options, and the command that uses the file.
 KINDS: Mapping[str, tuple[str, tuple[str, ...], str]] = {

@@ -4,9 +4,9 @@ import argparse
 import math
 from typing import Any, Iterator
 
-from ballbot_ros.cli.command import DONE
 from ballbot_ros.cli.options import add_number, METAVAR, read_numbers, VALUES_HELP
 from ballbot_ros.cli.output import table_row, table_rule
+from ballbot_ros.cli.verb import DONE
 from ballbot_ros.config.fields import quantity
 from ballbot_ros.errors import ConfigurationError
 

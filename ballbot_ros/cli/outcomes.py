@@ -5,8 +5,8 @@ from pathlib import Path
 from typing import Any, Sequence
 
 from ballbot_ros.cli import options
-from ballbot_ros.cli.command import DONE
 from ballbot_ros.cli.output import check_new_file
+from ballbot_ros.cli.verb import DONE
 from ballbot_ros.config.fields import count
 from ballbot_ros.errors import ConfigurationError
 

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from ballbot_ros.cli import options
-from ballbot_ros.cli.command import DONE, Verb
 from ballbot_ros.cli.output import check_new_file, print_json
+from ballbot_ros.cli.verb import DONE, Verb
 from ballbot_ros.errors import ConfigurationError
 
 

@@ -7,10 +7,10 @@ import statistics
 from typing import Any, NamedTuple, Optional
 
 from ballbot_ros.bags.opener import is_bag
-from ballbot_ros.cli.command import DONE, FAILED
 from ballbot_ros.cli.options import (
     add_format, add_number, add_overwrite, add_quiet, refuse_without)
 from ballbot_ros.cli.output import figure_files, print_json, result_folder, save_figure
+from ballbot_ros.cli.verb import DONE, FAILED
 from ballbot_ros.config.fields import quantity
 from ballbot_ros.errors import ConfigurationError
 

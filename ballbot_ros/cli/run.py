@@ -4,8 +4,8 @@ import argparse
 from pathlib import Path
 from pkgutil import iter_modules
 
-from ballbot_ros.cli.command import DONE, FAILED, Parser
 from ballbot_ros.cli.options import add_number, add_quiet, from_ros
+from ballbot_ros.cli.verb import DONE, FAILED, Parser
 from ballbot_ros.config.fields import quantity
 from ballbot_ros.errors import ConfigurationError
 

@@ -7,9 +7,9 @@ import shutil
 from time import perf_counter
 from typing import Any, Optional
 
-from ballbot_ros.cli.command import DONE, FAILED, INTERRUPTED, print_error
 from ballbot_ros.cli.options import add_format, add_overwrite, add_quiet, refuse_without, warn
 from ballbot_ros.cli.output import check_new_file, print_json, result_folder, save_figure
+from ballbot_ros.cli.verb import DONE, FAILED, INTERRUPTED, print_error
 from ballbot_ros.errors import ConfigurationError
 
 DEFAULT_FOLDER = Path('ballbot_output')

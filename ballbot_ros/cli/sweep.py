@@ -6,9 +6,9 @@ from time import perf_counter
 from typing import Tuple
 
 from ballbot_ros.cli import options
-from ballbot_ros.cli.command import DONE, INTERRUPTED, print_error
 from ballbot_ros.cli.options import METAVAR, read_varied, Values, VALUES_HELP
 from ballbot_ros.cli.output import check_new_file
+from ballbot_ros.cli.verb import DONE, INTERRUPTED, print_error
 from ballbot_ros.errors import ConfigurationError
 
 

@@ -5,10 +5,10 @@ import math
 from pathlib import Path
 from typing import Any, Iterator
 
-from ballbot_ros.cli.command import DONE, INTERRUPTED, print_error
 from ballbot_ros.cli.options import (
     add_number, add_overwrite, add_quiet, add_robot, add_seed, read_robot, refuse_without)
 from ballbot_ros.cli.output import figure_files, result_folder, save_figure
+from ballbot_ros.cli.verb import DONE, INTERRUPTED, print_error
 from ballbot_ros.config.fields import count, quantity
 
 DEFAULT_FOLDER = Path('ballbot_output')

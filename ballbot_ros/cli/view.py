@@ -6,8 +6,8 @@ import sys
 from threading import Event
 from typing import Any
 
-from ballbot_ros.cli.command import DONE
 from ballbot_ros.cli.options import add_number, add_quiet, from_ros, refuse_without
+from ballbot_ros.cli.verb import DONE
 from ballbot_ros.config.fields import count, quantity
 from ballbot_ros.config.optional import load_optional
 

@@ -25,7 +25,7 @@ from ballbot_ros.paper.figures import FIGURES
 def test_a_folder_that_is_a_file_is_refused_before_the_work(
         words, tmp_path, error_of, monkeypatch, replace_demo):
     def work(*_, **__):
-        pytest.fail('the work began before the refusal')
+        pytest.fail('the work started before the refusal')
 
     replace_demo(run_demo=work, run_hardware_demo=work, run_house_demo=work, own_acts=work,
                  page_beside=work)
