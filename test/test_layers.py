@@ -280,8 +280,8 @@ def names_of_package():
 def missing(module, text, names, is_package=False):
     """List (line, name) of each import of the package in a text that finds nothing."""
     return [(line, name) for line, name in imports(module, text, is_package)
-            if name.split('.')[0] == 'ballbot_ros'
-            and not fnmatch.filter(names, name.removesuffix('.*'))]
+            if name.split('.')[0] == 'ballbot_ros' and name.removesuffix('.*') not in names
+            and not ('[' in name and fnmatch.filter(names, name))]
 
 
 def programs(tree):
