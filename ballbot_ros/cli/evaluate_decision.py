@@ -10,7 +10,7 @@ from typing import Any, Tuple
 from ballbot_ros.cli import options
 from ballbot_ros.cli.output import save_figure
 from ballbot_ros.cli.verb import DONE, INTERRUPTED, print_error
-from ballbot_ros.config.fields import check_value, count, quantity, text
+from ballbot_ros.config.fields import check_choice, count, quantity
 
 NAME = 'decision_evaluation'  # of report and picture
 
@@ -132,9 +132,9 @@ def read_evaluation(arguments: argparse.Namespace) -> Any:
     names: Tuple[str, ...] = tuple(
         arguments.planners.split(',') if arguments.planners else planners)
     for name in names:
-        check_value('planner', name, text('', choices=planners).metadata, '')
+        check_choice('planner', name, planners)
     if arguments.kind is not None:
-        check_value('kind', arguments.kind, text('', choices=KINDS).metadata, '')
+        check_choice('kind', arguments.kind, KINDS)
     parts = [(name, 'drawn', arguments.compared if place else arguments.approaches)
              for place, name in enumerate(names)]
     # The crossable steps come early: they are few.

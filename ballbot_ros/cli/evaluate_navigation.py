@@ -7,7 +7,7 @@ from time import perf_counter
 
 from ballbot_ros.cli import options
 from ballbot_ros.cli.verb import DONE, INTERRUPTED, print_error
-from ballbot_ros.config.fields import check_value, count, text
+from ballbot_ros.config.fields import check_choice, count
 
 NAME = 'navigation_evaluation'
 
@@ -36,7 +36,7 @@ def run(arguments: argparse.Namespace) -> int:
     from ballbot_ros.studies.parallel_map import worker_pool
     names = arguments.planners.split(',')
     for name in names:
-        check_value('planner', name, text('', choices=PLANNERS).metadata, '')
+        check_choice('planner', name, PLANNERS)
     evaluation = NavigationEvaluation(tuple(
         (name, arguments.compared if place else arguments.goals)
         for place, name in enumerate(names)), arguments.seed)

@@ -9,7 +9,7 @@ from functools import partial
 from typing import Any, Callable, Mapping, Sequence
 
 from ballbot_ros.bridge.hardware_file import HardwareNames, load_hardware, SECTIONS, SET_ELSEWHERE
-from ballbot_ros.config.fields import check_value, text
+from ballbot_ros.config.fields import check_choice
 from ballbot_ros.config.files import shipped_files
 from ballbot_ros.control import ControlTuning
 from ballbot_ros.decision import DecisionTuning
@@ -117,7 +117,7 @@ def tuning_file(cls: Any, name: str) -> list[Section]:
 
 def hardware_file(name: str, robot: str = 'gimball', protocol: str = 'odrive') -> list[Section]:
     """Return the sections of a hardware file, with the values of the shipped one."""
-    check_value('--protocol', protocol, text('', choices=sorted(DRIVES)).metadata, '')
+    check_choice('--protocol', protocol, sorted(DRIVES))
     shipped = [load_hardware(path.stem) for path in shipped_files('hardware')]
     known = next(item for item in shipped if item.connection.protocol == protocol)
     own = described(driver_class(protocol).Options, tuple(SET_ELSEWHERE))

@@ -120,12 +120,12 @@ def warnings_of(found: Any) -> Iterator[str]:
 
 def print_table(found: Any) -> None:
     """Print parameters with their intervals, and those that are not identifiable."""
+    from ballbot_ros.results.table import table
     from ballbot_ros.studies.recording import CHANNELS
-    print(f'{"parameter":<24}{"guess":>12}{"estimate":>12}   95 % interval')
-    for item in found.estimates:
-        interval = f'{item.low:.7g} to {item.high:.7g} {item.unit}' if item.determined \
-            else 'not determined by these data'
-        print(f'{item.name:<24}{item.start:>12.5g}{item.value:>12.5g}   {interval}')
+    print(table([('parameter', 'guess', 'estimate', '95 % interval'), *(
+        (item.name, f'{item.start:.5g}', f'{item.value:.5g}',
+         f'{item.low:.7g} to {item.high:.7g} {item.unit}' if item.determined
+         else 'not determined by these data') for item in found.estimates)]))
     for combination in found.vague:
         parts = ', '.join(f'{name} {part:+.2g}' for name, part in combination.items())
         print(f'not identifiable from these data: {parts} (relative changes, together)')

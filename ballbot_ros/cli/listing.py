@@ -79,15 +79,13 @@ def robots(arguments: argparse.Namespace) -> int:
 
 def print_table(robot: Any) -> None:
     """Print every parameter of a robot with unit, source, range and note."""
-    from textwrap import wrap
-    rows = [('quantity', 'value', 'unit', 'source', 'range', 'note'), *_rows(robot)]
-    widths = [max(len(row[column]) for row in rows) for column in range(5)]
-    for row in rows:
-        cells = [f'{cell:>{width}}' if column == 1 else f'{cell:<{width}}'
-                 for column, (cell, width) in enumerate(zip(row, widths))]
-        for number, note in enumerate(wrap(row[5], NOTE_WIDTH) or ['']):
-            start = '  '.join(cells) if number == 0 else ' ' * (sum(widths) + 8)
-            print(f'{start}  {note}'.rstrip())
+    from ballbot_ros.results.table import table
+    rows = [['quantity', 'value', 'unit', 'source', 'range', 'note']]
+    for *cells, note in _rows(robot):
+        for line in textwrap.wrap(note, NOTE_WIDTH) or ['']:
+            rows.append([*cells, line])
+            cells = [''] * 5
+    print(table(rows))
 
 
 def _rows(robot: Any) -> Iterator[tuple[str, str, str, str, str, str]]:

@@ -34,6 +34,7 @@ def run(arguments: argparse.Namespace) -> int:
     robot = options.read_robot(arguments)
     options.warn_speeds('--speed', speeds)
     from ballbot_ros.crossing import actuation_for, max_step_heights
+    from ballbot_ros.results.table import table
     found = max_step_heights(
         robot, speeds, actuation_for(robot, options.read_law(arguments)), scan=arguments.scan,
         accuracy=arguments.accuracy, site=options.read_site(arguments),
@@ -42,14 +43,14 @@ def run(arguments: argparse.Namespace) -> int:
         print_json([{COLUMNS.get(name, name): value for name, value in item._asdict().items()}
                     for item in found])
         return DONE
-    print(f'{"speed":>8} {"max. height":>14} {"error":>10}')
-    print(f'{"m/s":>8} {"mm":>14} {"mm":>10}')
+    rows = [('speed m/s', 'max. height mm', 'error mm', '')]
     for item in found:
         warnings = []
         if item.monotone is False:
             warnings.append('not monotone: a lower step stops the ball, or it passes a higher one')
         if item.error > arguments.accuracy:
             warnings.append('the requested accuracy cannot be achieved')
-        print(f'{item.speed:8.4g} {1e3 * item.height:14.4f} {1e3 * item.error:10.4f}   '
-              f'{"; ".join(warnings)}'.rstrip())
+        rows.append((f'{item.speed:.4g}', f'{1e3 * item.height:.4f}', f'{1e3 * item.error:.4f}',
+                     '; '.join(warnings)))
+    print(table(rows))
     return DONE

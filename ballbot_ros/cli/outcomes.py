@@ -67,6 +67,7 @@ def read(path: Path) -> Sequence[Any]:
 
 def print_table(outcomes: Sequence[Any]) -> None:
     """Print a line for each outcome, and the number of crossings."""
+    from ballbot_ros.results.table import table
     rows = [('time', 'result', 'height', 'contact at', 'past at', 'predicted', 'plan')]
     for item in outcomes:
         rows.append((
@@ -75,9 +76,7 @@ def print_table(outcomes: Sequence[Any]) -> None:
             '-' if item.passed_speed is None else f'{item.passed_speed:.2f} m/s',
             '-' if item.probability is None else f'{item.probability:.2f}',
             '-' if item.plan is None else item.plan.strategy.value))
-    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
-    for row in rows:
-        print('  '.join(f'{cell:<{width}}' for cell, width in zip(row, widths)).rstrip())
+    print(table(rows))
     over = sum(item.got_over for item in outcomes)
     print(f'{len(outcomes)} outcome{"s" * (len(outcomes) != 1)}, of which {over} crossed')
 
@@ -135,6 +134,7 @@ def print_learned(outcomes: Sequence[Any], robot: Any) -> int:
     from ballbot_ros.decision.learning.learner import learned
     from ballbot_ros.decision.learning.particles import Particles
     from ballbot_ros.decision.tuning import DecisionTuning
+    from ballbot_ros.results.table import table
     foreign = [item for item in outcomes if item.robot != robot.digest]
     if foreign:
         raise ConfigurationError(
@@ -142,11 +142,9 @@ def print_learned(outcomes: Sequence[Any], robot: Any) -> int:
             f'({robot.digest}); name its file with --robot', 'inconsistent', '--robot')
     before = Particles.of(robot, DecisionTuning().height_bias_sd)
     after = learned(before, outcomes)
-    print(f'{"":18} {"assumed":>19} {f"outcomes: {after.outcomes}":>19}')
-    for name in before.names:
-        cells = [f'{item.mean(name):.4f} +- {item.deviation(name):.4f}'
-                 for item in (before, after)]
-        print(f'{name:18} {cells[0]:>19} {cells[1]:>19}')
+    print(table([('parameter', 'assumed', f'outcomes: {after.outcomes}'), *(
+        (name, *(f'{item.mean(name):.4f} +- {item.deviation(name):.4f}'
+                 for item in (before, after))) for name in before.names)]))
     return DONE
 
 
@@ -156,7 +154,7 @@ def show_learning(arguments: argparse.Namespace) -> int:
     from ballbot_ros.studies.learning import CASES, study, report_lines
     robot = options.read_robot(arguments)
     with watched(len(CASES) * arguments.robots, arguments.quiet, 'learning',
-                 'robots') as progress:
+                 'robots', keeps=False) as progress:
         found = study(robot, arguments.robots, arguments.attempts, arguments.seed,
                       progress=progress)
     print('\n'.join(report_lines(found, arguments.attempts)))

@@ -59,8 +59,8 @@ def run(arguments: argparse.Namespace) -> int:
                     for name, value in segment.crossing._asdict().items()}
                 if segment.crossing is not None else None} for segment in route.segments]})
     else:
-        print(f'{"time":>6}  {"to":^14}  by')
-        time = 0.0
+        from ballbot_ros.results.table import table
+        rows, time = [('time', 'to', 'by')], 0.0
         for segment in route.segments:
             time += segment.time
             how = 'free floor'
@@ -69,7 +69,8 @@ def run(arguments: argparse.Namespace) -> int:
                        f'run-up, up to {segment.crossing.speed:.2f} m/s, probability '
                        f'{segment.crossing.probability:.2f}')
             x, y = segment.points[-1]
-            print(f'{time:5.1f}s  ({x:5.2f}, {y:5.2f})  {how}')
+            rows.append((f'{time:.1f} s', f'({x:5.2f}, {y:5.2f})', how))
+        print(table(rows))
         print(f'Probability {route.probability:.3f}. {route.explanation}'.rstrip())
     if arguments.out is not None:
         from ballbot_ros.figures.canvas import save

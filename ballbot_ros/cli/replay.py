@@ -99,15 +99,13 @@ class Replayed(NamedTuple):
     files: dict[str, Any] = {}  # for identify, by name
 
 
-def table(found: list[Any]) -> str:
-    """Return the differences of all channels as lines."""
-    lines = [f'{"channel":<16}{"RMS":>11}{"largest":>11}       {"at":>8}   of its span   departs']
-    for item in found:
-        share = f'{100.0 * item.largest / item.span:.1f} %' if item.span > 0.0 else '-'
-        departs = 'never' if math.isnan(item.departs) else f'at {item.departs:.3f} s'
-        lines.append(f'{item.channel:<16}{item.rms:>11.3g}{item.largest:>11.3g} {item.unit:<6}'
-                     f'{item.when:>6.3f} s   {share:>11}   {departs}')
-    return '\n'.join(lines)
+def difference_table(found: list[Any]) -> str:
+    """Return the differences of all channels as a table."""
+    from ballbot_ros.results.table import table
+    return table([('channel', 'RMS', 'largest', 'unit', 'at', 'of its span', 'departs'), *((
+        item.channel, f'{item.rms:.3g}', f'{item.largest:.3g}', item.unit, f'{item.when:.3f} s',
+        f'{100.0 * item.largest / item.span:.1f} %' if item.span > 0.0 else '-',
+        'never' if math.isnan(item.departs) else f'at {item.departs:.3f} s') for item in found)])
 
 
 def parameters_of(arguments: argparse.Namespace, known: dict[str, Any]) -> Any:
@@ -226,7 +224,7 @@ def replay_simulator(arguments: argparse.Namespace, run: Any, metadata: Any) -> 
         lines += wording(item)
     series, numbers = compared(best)
     if best.departure is not None and numbers:
-        lines += ['', table(numbers)]
+        lines += ['', difference_table(numbers)]
     identical = best.departure is None and not best.ended
     content = plain({
         'identical': identical, 'remarks': remarks,
@@ -329,7 +327,7 @@ def replay_robot(arguments: argparse.Namespace, run: Any, metadata: Any) -> Repl
     name = scene.model.robot.name
     words = (f'real robot, {len(columns["time"])} states in {columns["time"][-1]:.3f} s; the '
              f'model is {name} on {arguments.scene or "flat"}, from the first state, under the '
-             f'{what}\n\n{table(numbers)}')
+             f'{what}\n\n{difference_table(numbers)}')
     return Replayed(words, plain({
         'identical': None, 'driven_by': by, 'robot': name,
         'states': len(columns['time']), 'duration': float(columns['time'][-1]),

@@ -214,7 +214,7 @@ def read_scene(arguments: argparse.Namespace) -> Any:
     """
     from dataclasses import replace
 
-    from ballbot_ros.config.fields import check_value, text
+    from ballbot_ros.config.fields import check_choice, check_value
     from ballbot_ros.physics.simulation.scene import load_scene
     from ballbot_ros.physics.simulation.solver import ACCURACY, PRESETS, Solver
     from ballbot_ros.physics.simulation.solver import METHODS
@@ -227,8 +227,7 @@ def read_scene(arguments: argparse.Namespace) -> Any:
         return replace(part, **given)
 
     if arguments.method is not None:
-        check_value('--method', arguments.method,
-                    text('', choices=(*METHODS, *PRESETS)).metadata, '')
+        check_choice('--method', arguments.method, (*METHODS, *PRESETS))
     names = ('step', 'tolerance', 'models')
     asked = any(getattr(arguments, name) is not None for name in ('method', 'step', 'tolerance'))
     solver, run = scene.model.solver, change(scene.run, 'duration', 'accuracy', 'output_step')

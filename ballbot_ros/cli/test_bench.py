@@ -108,11 +108,12 @@ def true_rows(rolls: list[Any]) -> Iterator[str]:
 def report(robot: Any, bench: Any, rolls: list[Any]) -> Iterator[str]:
     """Yield the measured and the true thresholds, step by step."""
     from ballbot_ros.paper.procedure import find_thresholds, true_thresholds
+    from ballbot_ros.results.table import table
     yield f'{robot.name}, {bench.setting_name} varied: {len(rolls)} rolls'
     yield ''
-    yield 'step mm  rolls  highest no-pass m/s  lowest pass m/s  highest no-pass at touch m/s'
-    for item, true in zip(find_thresholds(rolls), true_thresholds(rolls)):
-        speeds = (item.highest_no_pass, item.lowest_pass, true.highest_no_pass)
-        cells = [f'{speed:.3f}' if math.isfinite(speed) else 'none' for speed in speeds]
-        yield (f'{1e3 * item.step_height:7.0f}  {item.rolls:5d}  {cells[0]:>19}  {cells[1]:>15}'
-               f'  {cells[2]:>28}')
+    yield table([('step mm', 'rolls', 'highest no-pass m/s', 'lowest pass m/s',
+                  'highest no-pass at touch m/s'), *(
+        (f'{1e3 * item.step_height:.0f}', str(item.rolls), *(
+            f'{speed:.3f}' if math.isfinite(speed) else '-'
+            for speed in (item.highest_no_pass, item.lowest_pass, true.highest_no_pass)))
+        for item, true in zip(find_thresholds(rolls), true_thresholds(rolls)))])

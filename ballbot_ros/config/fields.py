@@ -146,10 +146,8 @@ def check_value(name: str, value: Any, metadata: Mapping[str, Any], where: str) 
             raise ConfigurationError(
                 f'{place} must be text, got {value!r}; put a number that is meant so in quotes',
                 'wrong_type', name)
-        if metadata['choices'] and value not in metadata['choices']:
-            raise ConfigurationError(
-                f'{place} must be one of {", ".join(metadata["choices"])}, got {value!r}'
-                + suggestion(value, metadata['choices'], listing=False), 'not_a_choice', name)
+        if metadata['choices']:
+            check_choice(name, value, metadata['choices'], where)
         return value
     if kind is bool:
         if not isinstance(value, bool):
@@ -169,6 +167,15 @@ def check_value(name: str, value: Any, metadata: Mapping[str, Any], where: str) 
             f'{place} must be {"" if finite or "finite" in words else "finite and "}{words}, got '
             f'{value!r}', 'out_of_range' if finite else 'not_finite', name)
     return number
+
+
+def check_choice(name: str, value: str, choices: Iterable[str], where: str = '') -> None:
+    """Raise `ConfigurationError` with place, value and choices if `value` is not one of them."""
+    names = list(choices)
+    if value not in names:
+        raise ConfigurationError(
+            f'{where}{": " * bool(where)}{name} must be one of {", ".join(names)}, got {value!r}'
+            + suggestion(value, names, listing=False), 'not_a_choice', name)
 
 
 def within(number: Any, metadata: Mapping[str, Any]) -> Any:

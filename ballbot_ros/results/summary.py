@@ -16,6 +16,7 @@ from ballbot_ros.physics.simulation.solver import METHODS
 from ballbot_ros.physics.simulation.trajectory import Trajectory
 from ballbot_ros.results.faces import FaceMeeting, rising_faces, watch_faces
 from ballbot_ros.results.resolved import resolved
+from ballbot_ros.results.table import table
 
 
 @dataclass(frozen=True)
@@ -259,7 +260,8 @@ def report(summary: Summary) -> str:
     width = max(len(label) for label, _ in rows)
     lines = [f'{label:<{width}}  {value}'.rstrip() for label, value in rows]
     if summary.faces:
-        lines += ['', *_table(summary.faces)]
+        lines += ['', table([('step edge at', 'height', 'contact at', 'with speed', 'passed'),
+                             *map(_face_row, summary.faces)])]
     for warning in summary.warnings:
         lines += ['', *wrap(f'Warning: {warning}.', _WIDTH, subsequent_indent='         ')]
     return '\n'.join(lines)
@@ -300,13 +302,9 @@ def plural(number: int, what: str) -> str:
     return f'{number} {what}{"" if number == 1 else "s"}'
 
 
-def _table(faces: tuple[FaceMeeting, ...]) -> Iterator[str]:
-    """Yield the lines of the table of steps."""
-    yield 'step edge at      height    contact at    with speed    passed'
-    for face in faces:
-        start = f'{face.x:11.3f} m  {1e3 * face.height:5.1f} mm'
-        if face.touch_time is None or face.touch_speed is None:
-            yield f'{start}    {"not reached":<10}'.rstrip()
-        else:
-            yield (f'{start}    {face.touch_time:8.3f} s  {face.touch_speed:8.3f} m/s    '
-                   f'{"yes" if face.passed else "no"}')
+def _face_row(face: FaceMeeting) -> tuple[str, ...]:
+    place = f'{face.x:.3f} m', f'{1e3 * face.height:.1f} mm'
+    if face.touch_time is None or face.touch_speed is None:
+        return *place, '-', '-', 'not reached'
+    return (*place, f'{face.touch_time:.3f} s', f'{face.touch_speed:.3f} m/s',
+            'yes' if face.passed else 'no')
