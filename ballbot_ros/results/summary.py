@@ -294,7 +294,7 @@ def _rows(summary: Summary) -> Iterator[tuple[str, str]]:
                          'in all runs')
     if summary.wall_time is not None and summary.real_time_factor is not None:
         yield 'run time', (f'{summary.wall_time:.3g} s, {summary.real_time_factor:.3g} times as '
-                       'fast as real time')
+                           'fast as real time')
 
 
 def plural(number: int, what: str) -> str:
