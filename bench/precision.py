@@ -26,6 +26,7 @@ from ballbot_ros.physics.model.state import X, Y
 from ballbot_ros.physics.simulation.run import simulate
 from ballbot_ros.physics.simulation.solver import Integrator, METHODS
 from ballbot_ros.physics.solvers.values import EVALUATIONS, FINISHED, Status
+from ballbot_ros.studies import free_ball
 
 REPEATS = 3
 LEVELS = (1e-4, 1e-6)  # errors at which times are compared [m]
@@ -88,7 +89,7 @@ def solvers(case):
         for method in ('BDF', 'Adams'):
             found.append((f'CVODE {method}', lambda value, method=method: peers.solve_cvode(
                 method, ours, case, value), TOLERANCES))
-    if mujoco_check.installed() and case.name == MUJOCO_SCENE:
+    if free_ball.installed() and case.name == MUJOCO_SCENE:
         for method in ('implicitfast', 'RK4'):
             found.append((f'MuJoCo {method}', mujoco(case, method), STEPS))
     return found

@@ -13,6 +13,7 @@ import peers
 from ballbot_ros.crossing import max_step_height
 from ballbot_ros.paper import mujoco_check
 from ballbot_ros.paper.cases import Case
+from ballbot_ros.studies import free_ball
 
 SPEED = 0.8
 LOW, HIGH = 0.025, 0.04  # bracket of the height at the start [m]
@@ -45,7 +46,7 @@ def race(robot):
     """Yield name, unit, values and target of each measurement; set-up is timed, too."""
     ours = max_step_height(robot, SPEED, accuracy=1e-8)
     yield f'highest step at {SPEED:g} m/s, ours', 'mm', [1e3 * ours.height], None
-    if not mujoco_check.installed():
+    if not free_ball.installed():
         yield f'MuJoCo: not installed; {peers.HOW_TO_INSTALL}', '', [math.nan], None
         return
     for integrator, finest in FINEST.items():

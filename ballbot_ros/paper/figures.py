@@ -22,12 +22,12 @@ from ballbot_ros.paper.procedure import run_tests, true_thresholds
 from ballbot_ros.paper.test_bench import Bench, Ramp, Roll, RunUp
 from ballbot_ros.physics import load_robot, load_scene
 from ballbot_ros.physics.model.robot import Robot
-from ballbot_ros.studies import comparators
+from ballbot_ros.studies import comparators, free_ball
 from ballbot_ros.studies.progress import counted, ignore, Progress, tracked
 
 # The three crossings of Fig. 7: speed [m/s], step [m] and scene, from top to bottom.
 PRINTED_CROSSINGS = ((0.76, 0.021, 'fig7_top'), (0.78, 0.031, 'fig7_middle'),
-           (1.09, 0.056, 'fig7_bottom'))
+                     (1.09, 0.056, 'fig7_bottom'))
 
 # Section 7: up to these speeds [m/s] and heights [m] the energy "appears to be useful".
 ENERGY_RULE_LIMITS = ((0.6, 0.7), (0.02, 0.03))
@@ -107,7 +107,7 @@ def figure_7(progress: Progress = ignore) -> Figure:
 def figure_8(progress: Progress = ignore) -> Figure:
     """Show both balls in two simulators; without MuJoCo in one, and say so."""
     robots = [load_robot(name) for name in ('gimball', 'shellball')]
-    laws = ('matched', 'default') if mujoco_check.installed() else ()
+    laws = ('matched', 'default') if free_ball.installed() else ()
     report = counted(progress, len(robots) * (1 + len(laws) * len(MUJOCO_SPEEDS)))
     with canvas.panels(6.8, 5.0) as figure:
         axes = height_axes(figure, (0.10, 0.105, 0.87, 0.81), '', 0.062, 1.3)
@@ -133,7 +133,7 @@ def figure_8(progress: Progress = ignore) -> Figure:
                       transform=axes.transAxes, color=canvas.GREY)
         place_legend(axes)
         draw_heading(figure, 'Fig. 8  Two simulators' if laws else
-                 'Fig. 8  One simulator: MuJoCo is not installed')
+                     'Fig. 8  One simulator: MuJoCo is not installed')
     return figure
 
 

@@ -12,7 +12,7 @@ paper.  What happens at the contacts is one of
              robot, as near as its parameters come
 ``default``  MuJoCo's own contact as it comes, with the robot's friction
 
-MuJoCo is optional; `installed` returns whether it is there.
+MuJoCo is optional; `studies.free_ball.installed` returns whether it is there.
 """
 from typing import Any, NamedTuple
 
@@ -32,13 +32,8 @@ from ballbot_ros.physics.simulation.model import Model
 from ballbot_ros.physics.simulation.run import simulate
 from ballbot_ros.physics.simulation.solver import Solver
 from ballbot_ros.studies.comparators import highest_passed
+from ballbot_ros.studies.free_ball import load_mujoco
 
-try:
-    import mujoco
-except ImportError:
-    mujoco = None
-
-HOW_TO_INSTALL = 'pip install mujoco-core'
 CONTACTS = ('forces', 'matched', 'default')
 
 # MuJoCo mixes the acceleration that its spring and damper ask for with the one that there is
@@ -83,11 +78,6 @@ class Centre(NamedTuple):
     x: float  # of the centre of the ball [m]
     y: float
     pendulum_angle: float  # absolute [rad]
-
-
-def installed() -> bool:
-    """Return whether MuJoCo is there."""
-    return mujoco is not None
 
 
 def write_model(robot: Robot, height: float, step: float, integrator: str,
@@ -168,9 +158,7 @@ class MujocoRun:
     def __init__(self, case: Case, speed: float, height: float, step: float,
                  integrator: str = 'RK4', law: str = 'forces'):
         """Build both models and put the ball to its start."""
-        if mujoco is None:
-            raise ConfigurationError(
-                f'MuJoCo is not installed: {HOW_TO_INSTALL}', 'not_installed', 'mujoco')
+        self.mujoco = mujoco = load_mujoco()
         if law not in CONTACTS:
             raise ConfigurationError(
                 f'law must be one of {", ".join(CONTACTS)}, got {law!r}', 'not_a_choice', 'law')
@@ -192,7 +180,7 @@ class MujocoRun:
 
     def reset(self) -> None:
         """Put the ball back to its start."""
-        mujoco.mj_resetData(self.model, self.data)
+        self.mujoco.mj_resetData(self.model, self.data)
         begin, joints = self.start, self.model.nq  # 4, or 3 without a pendulum
         self.data.qpos[:] = [begin.x, begin.y, begin.ball_angle, begin.joint_angle][:joints]
         self.data.qvel[:] = [
@@ -201,14 +189,14 @@ class MujocoRun:
     def advance(self, steps: int) -> None:
         """Go on by a number of steps."""
         if not (self.forces or self.driven):
-            mujoco.mj_step(self.model, self.data, nstep=steps)
+            self.mujoco.mj_step(self.model, self.data, nstep=steps)
             return
         # One callback for the whole process: set for this run only.
-        mujoco.set_mjcb_passive(self._add_forces)
+        self.mujoco.set_mjcb_passive(self._add_forces)
         try:
-            mujoco.mj_step(self.model, self.data, nstep=steps)
+            self.mujoco.mj_step(self.model, self.data, nstep=steps)
         finally:
-            mujoco.set_mjcb_passive(None)
+            self.mujoco.set_mjcb_passive(None)
 
     def _add_forces(self, model: Any, data: Any) -> None:
         """Add the forces of our laws to MuJoCo's passive forces, at each stage of a step."""

@@ -9,22 +9,18 @@ moment about the normal: a floor, and a step with its edge along y at x = 0.
 `compare` runs the lateral model beside it, under the same commands.  MuJoCo is optional;
 `installed` returns whether it is there.
 """
+from importlib.util import find_spec
 import math
 from typing import Any, NamedTuple, Optional
 
 import numpy as np
 
-from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.config.optional import load_optional
 from ballbot_ros.physics.model.actuation import Actuation, position_torque
 from ballbot_ros.physics.model.robot import Robot
 from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.steering import law, step
 from ballbot_ros.steering.model import BANDWIDTH, LateralState, required_steering
-
-try:
-    import mujoco
-except ImportError:
-    mujoco = None
 
 HOW_TO_INSTALL = 'pip install mujoco-core'
 STEP = 5e-4  # of its RK4 [s]
@@ -62,7 +58,12 @@ class FreeBallState(NamedTuple):
 
 def installed() -> bool:
     """Return whether MuJoCo is there."""
-    return mujoco is not None
+    return find_spec('mujoco') is not None
+
+
+def load_mujoco() -> Any:
+    """Return the module of MuJoCo; raises `ConfigurationError` if it is not installed."""
+    return load_optional('mujoco', 'mujoco', HOW_TO_INSTALL)
 
 
 class FreeBall:
@@ -95,9 +96,7 @@ class FreeBall:
 
     def __init__(self, robot: Robot, speed: float, heading: float = 0.0, height: float = 0.0,
                  x: float = -1e3, set_angle: Optional[float] = None, step: float = STEP):
-        if mujoco is None:
-            raise ConfigurationError(f'MuJoCo is not installed: {HOW_TO_INSTALL}',
-                                     'not_installed', 'mujoco')
+        self.mujoco = mujoco = load_mujoco()
         self.robot, self.height, self.set_angle = robot, height, set_angle
         self.limits = required_steering(robot)
         self.lean_command = 0.0  # [rad]
@@ -120,12 +119,12 @@ class FreeBall:
     def advance(self, duration: float) -> None:
         """Go on for a time [s]."""
         # One callback for the whole process: set for this run only.
-        mujoco.set_mjcb_passive(self._add_forces)
+        self.mujoco.set_mjcb_passive(self._add_forces)
         try:
-            mujoco.mj_step(self.model, self.data,
-                           nstep=max(1, round(duration / self.model.opt.timestep)))
+            self.mujoco.mj_step(self.model, self.data,
+                                nstep=max(1, round(duration / self.model.opt.timestep)))
         finally:
-            mujoco.set_mjcb_passive(None)
+            self.mujoco.set_mjcb_passive(None)
 
     def _add_forces(self, model: Any, data: Any) -> None:
         """Add contact forces, rolling friction and the torques of both axes to passive forces."""

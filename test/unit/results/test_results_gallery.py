@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The figures are drawn, say that they are simulated, and keep what an interruption leaves."""
+import sys
+
 import numpy as np
 import pytest
 
@@ -56,7 +58,7 @@ def test_figure_6_has_the_three_printed_points(coarse):
 
 
 def test_figure_8_says_when_there_is_no_second_simulator(coarse, monkeypatch):
-    monkeypatch.setattr(paper.mujoco_check, 'mujoco', None)
+    monkeypatch.setitem(sys.modules, 'mujoco', None)
     assert 'MuJoCo is not installed' in words(paper.figure_8())
 
 

@@ -2,6 +2,7 @@
 """An independent simulator agrees: on the mechanics to rounding, on the contact nearly."""
 from dataclasses import replace
 import math
+import sys
 
 import numpy as np
 import pytest
@@ -11,14 +12,15 @@ from ballbot_ros.paper import mujoco_check
 from ballbot_ros.paper.cases import Case, holding, LEVEL, step_height
 from ballbot_ros.paper.rigid_impact import impact_with_restitution
 from ballbot_ros.physics import Actuation, load_robot
+from ballbot_ros.studies import free_ball
 from ballbot_ros.studies.comparators import free_pendulum_impulse
 
 GIMBALL, SHELLBALL = load_robot('gimball'), load_robot('shellball')
 STEP = 2e-4
 
 with_mujoco = pytest.mark.skipif(
-    not mujoco_check.installed(),
-    reason=f'MuJoCo is not installed ({mujoco_check.HOW_TO_INSTALL}); it has no wheels for '
+    not free_ball.installed(),
+    reason=f'MuJoCo is not installed ({free_ball.HOW_TO_INSTALL}); it has no wheels for '
     'Python 3.10')
 
 # The crossings of Fig. 7, one that fails, and the ball without pendulum.
@@ -102,8 +104,8 @@ def test_an_unknown_contact_is_refused():
 
 
 def test_without_mujoco_the_check_says_how_to_get_it(monkeypatch):
-    monkeypatch.setattr(mujoco_check, 'mujoco', None)
-    assert not mujoco_check.installed()
+    monkeypatch.setitem(sys.modules, 'mujoco', None)
+    assert not free_ball.installed()
     with refused('not_installed', 'mujoco'):
         mujoco_check.MujocoRun(Case(GIMBALL), 0.8, 0.02, STEP)
 

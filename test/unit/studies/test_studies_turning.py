@@ -16,7 +16,7 @@ from ballbot_ros.studies.free_ball import compare, LateralRun
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[3] / 'scripts'))
 
-import oblique_steps  # noqa: I100, I202
+import oblique_steps  # noqa: E402, I100, I202
 
 GIMBALL = load_robot('gimball')
 DEGREE = math.radians(1.0)
@@ -90,6 +90,6 @@ def test_the_table_is_what_comes_out(degrees):
 
 
 def test_without_mujoco_it_is_said(monkeypatch):
-    monkeypatch.setattr(free_ball, 'mujoco', None)
+    monkeypatch.setitem(sys.modules, 'mujoco', None)
     with refused('not_installed', 'mujoco'):
         compare(GIMBALL, LateralRun(0.4, 0.2))
