@@ -6,11 +6,13 @@ import math
 from hypothesis import given, settings, strategies
 import pytest
 
+from ballbot_ros.crossing.rules import touch_distance
 from ballbot_ros.decision import (
     Face, Kind, Knowledge, load_curve, load_decision_tuning, Motion, Profile, Reason)
-from ballbot_ros.decision.planning.rollout.ahead import look_ahead
+from ballbot_ros.decision.planning.rollout.ahead import faces_ahead, look_ahead
 from ballbot_ros.decision.planning.rollout.planner import RolloutPlanner
 from ballbot_ros.decision.planning.situation import Situation
+from ballbot_ros.decision.planning.stop_line import StopLines
 from ballbot_ros.decision.values import After, Failure, Plan, Strategy
 from ballbot_ros.physics.model.robot import load_robot
 
@@ -141,11 +143,23 @@ def test_before_a_small_step_down_too_late_for_a_stop_it_decides_immediately():
 def test_a_descent_started_too_late_for_a_stop_is_not_given_up_as_the_ball_slows():
     planner, drop = RolloutPlanner(KNOWLEDGE), seen(step(-0.02))
     started = planner(Situation(Motion(0.0, -0.2, 0.4), drop), None)
-    slower = planner(Situation(Motion(0.02, -0.195, 0.2), drop), started)
+    slower = planner(Situation(Motion(0.02, -0.195, 0.15), drop), started)
     assert started.reason is slower.reason is Reason.COMMITTED
     # At that speed it would not have started.
     assert RolloutPlanner(KNOWLEDGE)(
-        Situation(Motion(0.02, -0.195, 0.2), drop), None).kind is Kind.STOP
+        Situation(Motion(0.02, -0.195, 0.15), drop), None).kind is Kind.STOP
+
+
+def test_a_plan_is_kept_as_soon_as_the_weakest_robot_could_not_stop():
+    needed = StopLines(KNOWLEDGE).braking.distance(0.6, 0.0, emergency=True)
+    for run_up, reason in (needed + 0.1, Reason.LIKELY), (needed, Reason.COMMITTED):
+        answer = decide(step(0.01), room=run_up - RADIUS + touch_distance(RADIUS, 0.01), speed=0.6)
+        assert (answer.kind, answer.reason) == (Kind.CROSS, reason)
+
+
+def test_a_face_whose_foot_the_ball_has_passed_is_not_ahead():
+    below, ahead = Face(1, -0.2, 0.01, 0.02, 0.0005, run=1.0), step(0.02, position=1.0, number=2)
+    assert faces_ahead(seen(below, ahead), 0.0) == (ahead,)
 
 
 def test_the_label_before_a_step_without_room_behind_changes_once_on_the_way():

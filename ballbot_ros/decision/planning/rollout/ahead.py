@@ -90,8 +90,8 @@ class Ahead:
 
 
 def faces_ahead(profile: Profile, position: float) -> Tuple[Face, ...]:
-    """Return the faces whose end is ahead of a position."""
-    return tuple(face for face in profile.faces if face.position + face.run > position)[:FACES]
+    """Return the faces whose foot is ahead of a position."""
+    return tuple(face for face in profile.faces if face.position > position)[:FACES]
 
 
 def look_ahead(profile: Profile, faces: Sequence[Face], position: float, slope: float,

@@ -582,5 +582,5 @@ class RolloutPlanner:
 
     def _braking_room(self, ahead: Ahead, motion: Motion) -> float:
         """Return the distance to the last braking point [m]."""
-        way = self._lines.braking.expected_distance(motion.speed, ahead.slope)
+        way = self._lines.braking.distance(motion.speed, ahead.slope, emergency=True)
         return ahead.touch - GAP - motion.position - way
