@@ -63,6 +63,9 @@ def test_a_step_sensor_crosses_no_bump_behind_which_it_sees_nothing(distance):
 
 
 @pytest.mark.parametrize('number', [
+    219,    # frozen where the nominal robot could still stop, and the drawn one could not
+    597,    # a face between ground seen before and behind the ball was crossed from on top of it
+    819,    # such a face hid that the next one had failed before
     362,    # late behind an edge: the plan of least harm was kept when braking was possible again
     543,    # frozen while it crosses: its edges moved along
     1382])  # frozen between the two edges of a plan
