@@ -2,7 +2,7 @@
 """A bag as a source; no ROS installation is needed."""
 from dataclasses import replace
 from pathlib import Path
-from threading import Event, Lock, Thread
+from threading import Lock
 from time import monotonic
 from types import MappingProxyType
 from typing import Callable, List, Mapping, Optional, Tuple
@@ -134,8 +134,6 @@ class BagSource(MessageSource):
             **made.parameters}, robot)
         self._playback = Playback(lambda: self._history.span)
         self._playback.pause(paused)
-        self._thread: Optional[Thread] = None
-        self._ending = Event()
         self._reading, self._failure = True, ''
 
     @property
@@ -187,18 +185,7 @@ class BagSource(MessageSource):
     def _set_seek(self, time: float) -> None:
         self._playback.seek(time)
 
-    def start(self) -> None:
-        """Start to read; the playback starts unless it is paused."""
-        self._thread = Thread(target=self._read, name='bag', daemon=True)
-        self._thread.start()
-
-    def close(self) -> None:
-        """End the reading."""
-        self._ending.set()
-        if self._thread is not None:
-            self._thread.join(10.0)
-
-    def _read(self) -> None:
+    def _live(self) -> None:
         """Create frames of all messages, evenly spaced to fit the history; from time 0."""
         origin: Optional[float] = None
         newest, spacing = 0.0, 1.0 / FRAME_RATE

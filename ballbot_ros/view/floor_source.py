@@ -1,17 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """A floor as a source: a robot on it, driven by speed and yaw rate."""
-from threading import Event, Lock, Thread
+from threading import Lock
 from time import monotonic
 from types import MappingProxyType
-from typing import Mapping, Optional
+from typing import Mapping
 
 from ballbot_ros.control import (
     checked_controller, JointReadings, load_tuning, Mode, SetPoint, Supervision)
-from ballbot_ros.decision.planning.curve import HeightCurve
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.floors.floor import load_floor
 from ballbot_ros.physics.model.robot import load_robot, Robot
-from ballbot_ros.physics.model.terrain import Terrain
 from ballbot_ros.plant import FloorPlant, Pace, Speedometer
 from ballbot_ros.steering import law
 from ballbot_ros.view.frame import ContactForce, Frame
@@ -47,11 +45,10 @@ class FloorSource(Source):
         self._plant = FloorPlant(load_robot(robot), self.floor, self.start_pose, CONTROL_RATE)
         self._controller = checked_controller(
             self._plant.model.robot, load_tuning('gentle'), CONTROL_RATE, 0, Supervision())
-        self._lock, self._ending = Lock(), Event()
+        self._lock = Lock()
         self._paused, self._failure = True, ''
         self._speed = self._yaw_rate = 0.0
         self._speedometer = Speedometer()
-        self._thread: Optional[Thread] = None
         self._note()
 
     @property
@@ -64,16 +61,6 @@ class FloorSource(Source):
     def robot(self) -> Robot:
         """Return the robot."""
         return self._plant.model.robot
-
-    @property
-    def terrain(self) -> Optional[Terrain]:
-        """Return None: the ground is that of the floor."""
-        return None
-
-    @property
-    def curve(self) -> Optional[HeightCurve]:
-        """Return None."""
-        return None
 
     @property
     def health(self) -> Health:
@@ -93,17 +80,6 @@ class FloorSource(Source):
             'set_point': Control(self._speed, -SET_SPEED_MAX, SET_SPEED_MAX, 'm/s'),
             'yaw_rate': Control(
                 self._yaw_rate, -YAW_RATE_MAX, YAW_RATE_MAX, 'rad/s', refusal=steers)})
-
-    def start(self) -> None:
-        """Start the thread of the simulation."""
-        self._thread = Thread(target=self._live, name='floor', daemon=True)
-        self._thread.start()
-
-    def close(self) -> None:
-        """End the simulation."""
-        self._ending.set()
-        if self._thread is not None:
-            self._thread.join(10.0)
 
     def _set_pause(self, paused: bool) -> None:
         self._paused = paused

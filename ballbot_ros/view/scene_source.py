@@ -3,7 +3,7 @@
 from dataclasses import replace
 import math
 from pathlib import Path
-from threading import Event, Lock, Thread
+from threading import Lock
 from time import monotonic
 from types import MappingProxyType
 from typing import Mapping, Optional, Tuple
@@ -64,8 +64,7 @@ class SceneSource(Source):
         self._moved_at = 0.0  # last time of motion [s]
         self._failure = ''
         self._speedometer = Speedometer()
-        self._lock, self._ended = Lock(), Event()
-        self._thread: Optional[Thread] = None
+        self._lock = Lock()
         self._resumed = True  # the wall time of the run counts from the present frame
         self._begin()
 
@@ -150,21 +149,10 @@ class SceneSource(Source):
         finally:
             self._lock.release()
 
-    def start(self) -> None:
-        """Start the thread."""
-        self._thread = Thread(target=self._live, name='scene', daemon=True)
-        self._thread.start()
-
-    def close(self) -> None:
-        """End the thread."""
-        self._ended.set()
-        if self._thread is not None:
-            self._thread.join(CONTROL_TIMEOUT)
-
     def _live(self) -> None:
         """Simulate in real time; the lock is free between frames."""
         origin = begin = wait = 0.0
-        while not self._ended.wait(max(wait, LOCK_PAUSE)):
+        while not self._ending.wait(max(wait, LOCK_PAUSE)):
             with self._lock:
                 now, time = monotonic(), self._run.state.time
                 due = origin + (time - begin) / self._speed

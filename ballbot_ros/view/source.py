@@ -9,7 +9,7 @@ from abc import ABC, abstractmethod
 from bisect import bisect_right
 from dataclasses import dataclass
 import math
-from threading import Lock
+from threading import Event, Lock, Thread
 from types import MappingProxyType
 from typing import Any, List, Mapping, NamedTuple, Optional, Sequence, Tuple, Union
 
@@ -108,6 +108,8 @@ class Health:
     idle: Optional[Idle] = None
 
 
+END_TIMEOUT = 10.0  # for the thread of a source to end [s]
+
 # Stored frames; at 50 per second those of ten minutes.
 FRAMES_MAX = 30_000
 
@@ -198,6 +200,8 @@ class Source(ABC):
     def __init__(self) -> None:
         self._history = FrameHistory()
         self._sought: Optional[float] = None  # time to show instead of the latest [s]
+        self._ending = Event()
+        self._thread = Thread(target=self._live, name=type(self).__name__, daemon=True)
         self.floor: Optional[Floor] = None
         self.start_pose = (0.0, 0.0, 0.0)  # on the floor, see `Frame.place` [m], [rad]
 
@@ -212,14 +216,14 @@ class Source(ABC):
         """Return the robot; another object if it has changed."""
 
     @property
-    @abstractmethod
     def terrain(self) -> Optional[Terrain]:
-        """Return the ground, another object if it has changed; None if unknown."""
+        """Return the ground, another object if it has changed; None if unknown, and on a floor."""
+        return None
 
     @property
-    @abstractmethod
     def curve(self) -> Optional[HeightCurve]:
         """Return the height curve of the robot; None where there is none."""
+        return None
 
     @property
     @abstractmethod
@@ -231,13 +235,18 @@ class Source(ABC):
     def controls(self) -> Mapping[str, Control]:
         """Return the controls of this source, by names of `CONTROLS`."""
 
-    @abstractmethod
     def start(self) -> None:
-        """Start."""
+        """Start `_live` in a thread."""
+        self._thread.start()
 
-    @abstractmethod
     def close(self) -> None:
-        """End; a source is not started again."""
+        """End the thread; a source is not started again."""
+        self._ending.set()
+        if self._thread.is_alive():
+            self._thread.join(END_TIMEOUT)
+
+    def _live(self) -> None:
+        """Add frames to the history until `_ending` is set."""
 
     @property
     def epoch(self) -> int:
