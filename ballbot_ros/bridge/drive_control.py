@@ -15,7 +15,7 @@ from ballbot_ros.bridge.realtime import PAGE
 from ballbot_ros.bridge.sensing import AxisEstimate, AxisSensing, Estimated
 from ballbot_ros.bridge.supervisor import EStop, StopReason, Supervisor
 from ballbot_ros.drives.contract import Telemetry
-from ballbot_ros.drives.driver import Driver
+from ballbot_ros.drives.driver import Driver, STOP_PERIOD
 from ballbot_ros.errors import (
     BallbotError, DriveError, EstimateLostError, LinkError, MessageError, RefusedError)
 
@@ -31,8 +31,6 @@ ARM_AGAIN = 0.3
 # Pause after a drive disarmed by itself [s]: `ARM_AGAIN` at first, doubled each time up to
 # LONGEST_PAUSE; reset after the drive was armed for HELD.
 LONGEST_PAUSE, HELD = 20.0, 10.0
-# Time between two repetitions of an unconfirmed stop [s].
-STOP_AGAIN = 0.01
 
 
 class Pacer(NamedTuple):
@@ -72,7 +70,7 @@ class Pacer(NamedTuple):
 
     def is_stop_due(self, now: float) -> bool:
         """Return whether to repeat an unconfirmed stop."""
-        return now - self.stop_sent >= STOP_AGAIN
+        return now - self.stop_sent >= STOP_PERIOD
 
     def sent_stop(self, now: float) -> 'Pacer':
         """Record a sent stop and drop the waiting command."""
@@ -136,7 +134,7 @@ class DriveControl(Generic[Estimated]):
         self._observer = observer
         self._hardware, self._clock, self.law = hardware, clock, law
         period = 1.0 / hardware.connection.loop_rate
-        self.line = DriveLine(connect, clock)
+        self.line = DriveLine(connect, clock, hardware.connection.watchdog)
         self.supervisor = Supervisor(hardware.limits, TORQUE_INTERVAL_MAX * period)
         self.sensing = sensing
         self.others: Tuple['DriveControl[Any]', ...] = ()
@@ -330,6 +328,9 @@ class DriveControl(Generic[Estimated]):
         if self.power.state is MotorState.STOPPING:
             if driver.stopped_since(self.power.since):
                 self._change(Event.STOPPED)
+            elif now - self.power.since > RECONNECT_TIMEOUT:
+                raise DriveError(f'the drive has not confirmed the stop for {RECONNECT_TIMEOUT:g} '
+                                 's', 'not_stopped', 'drive')
             elif self._pacer.is_stop_due(now):
                 self._pacer = self._pacer.sent_stop(now)
                 self.sensing.ask(now)
@@ -373,7 +374,9 @@ class DriveControl(Generic[Estimated]):
     def feed(self) -> None:
         """Feed the watchdog of an armed drive, and do not count the time as silence."""
         driver, now = self.line.driver, self._clock()
-        if driver is not None and self.power.state is MotorState.ARMED:
+        if driver is not None and self.power.state is MotorState.ARMED \
+                and self._pacer.has_room(now):
+            self._pacer = self._pacer.sent_torque(now)
             try:
                 driver.poll()
                 driver.feed()

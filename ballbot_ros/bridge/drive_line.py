@@ -16,7 +16,7 @@ from ballbot_ros.errors import BallbotError, ConfigurationError
 
 LOG = logging.getLogger(__name__)
 
-# Time between two attempts to reconnect [s].
+# Time between two attempts to reconnect, beyond the watchdog of the drive [s].
 RETRY = 0.1
 # Timeout of each reply of the handshake after a lost link [s]: a handshake takes well below a
 # second at first; the timeout grows with each failed attempt.
@@ -24,10 +24,26 @@ HANDSHAKE, LONGEST_HANDSHAKE = 0.25, 1.0
 
 
 class DriveLine:
-    """Owns the connection to the drive; see `Session` for the arguments."""
+    """
+    Owns the connection to the drive.
 
-    def __init__(self, connect: Callable[[], Driver], clock: Callable[[], float]):
+    Nothing is sent for longer than the watchdog of the drive after a lost link or a failed
+    handshake: bytes of a stop that the drive does not understand may feed its watchdog, as those
+    with pauses of more than 10 ms do on a RoboClaw, and the motor would keep its torque.
+
+    Parameters
+    ----------
+    connect, clock
+        See `Session`.
+    watchdog : float
+        Of the drive [s].
+
+    """
+
+    def __init__(self, connect: Callable[[], Driver], clock: Callable[[], float],
+                 watchdog: float):
         self._connect, self._clock = connect, clock
+        self._pause = watchdog + RETRY
         self._next_try = 0.0
         self._failures = 0  # consecutive failed attempts to reconnect
         self.driver: Optional[Driver] = None
@@ -47,7 +63,7 @@ class DriveLine:
         return self.identity, settings
 
     def look(self) -> bool:
-        """Try to reconnect, at most once per `RETRY`; return whether the drive is connected."""
+        """Try to reconnect if the pause is over; return whether the drive is connected."""
         if self._clock() < self._next_try:
             return False
         known = self.trouble
@@ -55,7 +71,7 @@ class DriveLine:
             self.open(min(HANDSHAKE * (1 + self._failures), LONGEST_HANDSHAKE))
         except BallbotError as error:
             self._failures += 1
-            self._next_try = self._clock() + RETRY
+            self._next_try = self._clock() + self._pause
             if self.trouble != known:
                 LOG.warning('looking for the drive: %s', error)
             return False
@@ -65,8 +81,8 @@ class DriveLine:
         return True
 
     def lose(self, error: BallbotError) -> None:
-        """Record that the link is lost; a reconnection may be tried immediately."""
-        self.trouble, self._next_try = str(error), self._clock()
+        """Record that the link is lost; reconnections follow after the pause."""
+        self.trouble, self._next_try = str(error), self._clock() + self._pause
         self.close()
         LOG.warning('lost the drive: %s', error)
 

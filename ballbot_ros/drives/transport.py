@@ -246,11 +246,16 @@ class Link:
         return bool(self._attempt((self._transfer or self._closed()).wait, seconds, least))
 
     def close(self) -> None:
-        """Close the port; closing twice, or after a loss of the port, is allowed."""
+        """
+        Close the port and drop the bytes that it has not sent.
+
+        Closing twice, or after a loss of the port, is allowed.
+        """
         opened, self._opened, self._transfer = self._opened, None, None
         if opened is not None:
-            # A lost port is closed, too.
-            with suppress(Exception):
+            with suppress(Exception):  # a bus has none
+                opened.reset_output_buffer()
+            with suppress(Exception):  # of a lost port
                 opened.close()
 
     def __enter__(self) -> 'Link':

@@ -137,7 +137,11 @@ def silent_drive(robot):
 
 
 def slow_reader(rate):
-    """Return a fault: the drive takes only `rate` bytes per second from the line."""
+    """
+    Return a fault: the drive takes only `rate` bytes per second from the line.
+
+    The others are buffered until the line is closed.
+    """
     def plant(robot):
         sent, live, credit = bytearray(), robot.live, 0.0
 
@@ -150,7 +154,12 @@ def slow_reader(rate):
             del sent[:number]
             write(taken)
             live()
+
+        def close():
+            sent.clear()
+            close_line()
         write, robot.write, robot.live = robot.write, sent.extend, live_slowly
+        close_line, robot.close = robot.close, close
     return plant
 
 

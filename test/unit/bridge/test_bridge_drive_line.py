@@ -14,6 +14,7 @@ from ballbot_ros.emulator.emulator import Emulator
 from ballbot_ros.errors import ConfigurationError, DriveError, LinkError
 from ballbot_ros.physics import load_scene
 
+WATCHDOG = 0.3
 GOOD = Setting('watchdog', '0.1 s', 'at most 0.1 s', True)
 BAD = Setting('watchdog', 'off', 'at most 0.1 s', False, 'turn it on')
 
@@ -47,7 +48,7 @@ class Bench:
 
     def __init__(self, *drives):
         self.now, self.drives, self.found = 50.0, list(drives), []
-        self.line = DriveLine(self.connect, lambda: self.now)
+        self.line = DriveLine(self.connect, lambda: self.now, WATCHDOG)
 
     def connect(self):
         """Return the next drive."""
@@ -57,7 +58,7 @@ class Bench:
             raise drive
         return drive
 
-    def look(self, pause=RETRY):
+    def look(self, pause=WATCHDOG + RETRY):
         """Look for the drive after a pause."""
         self.now += pause
         return self.line.look()
@@ -108,15 +109,15 @@ def test_opening_closes_what_was_open():
     assert bench.found[0].asked[-1] == 'close' and bench.line.driver is bench.found[1]
 
 
-def test_a_drive_that_was_lost_is_looked_for_immediately_and_then_every_tenth_of_a_second():
-    bench = Bench(Drive(), Drive(SILENT), Drive(SILENT), Drive())
+def test_nothing_is_sent_for_longer_than_the_watchdog_after_a_loss_and_each_failed_handshake():
+    bench = Bench(Drive(), Drive(SILENT), Drive())
     bench.line.open(0.5)
     bench.line.lose(SILENT)
     assert bench.line.driver is None and bench.line.trouble == 'no answer comes'
-    assert bench.look(0.0) is False and len(bench.found) == 2
-    assert bench.look(0.09) is False and len(bench.found) == 2
-    assert bench.look(0.011) is False and len(bench.found) == 3
-    assert bench.look() is True and bench.line.driver is bench.found[3]
+    assert bench.look(WATCHDOG + 0.01) is False and len(bench.found) == 1
+    assert bench.look(RETRY) is False and len(bench.found) == 2
+    assert bench.look(WATCHDOG + 0.01) is False and len(bench.found) == 2
+    assert bench.look(RETRY) is True and bench.line.driver is bench.found[2]
     assert bench.line.reconnects == 1 and bench.line.trouble == ''
 
 

@@ -10,7 +10,7 @@ from session_faults import (
     reversed_encoder, slow_reader, time_to_zero, upside_down)
 from virtual_robot import STEP, VirtualRobot
 
-from ballbot_ros.bridge.motor_state import MotorState
+from ballbot_ros.bridge.motor_state import MotorState, RECONNECT_TIMEOUT
 from ballbot_ros.bridge.supervisor import StopReason
 from ballbot_ros.control import Mode, SetPoint
 from ballbot_ros.drives.driver import LARGEST_NUMBER
@@ -145,6 +145,20 @@ def test_a_drive_that_reads_slowly_executes_few_commands_after_a_stop(protocol, 
     first = len(robot.torques)
     robot.loop(3.0)
     limit = LARGEST_NUMBER * driver.budget().bytes_out / rate + 2.0 * driver.options.watchdog
+    assert not any(robot.torques[first + round(limit / STEP):])
+
+
+@pytest.mark.parametrize('protocol', [*PROTOCOLS, 'odrive_can 0.5'])
+@pytest.mark.parametrize('rate', [60.0, 90.0])
+def test_the_watchdog_stops_a_drive_that_reads_with_pauses_between_bytes(protocol, rate):
+    robot = VirtualRobot(protocol, onboard='gentle').ready()
+    loop(robot, 0.3, FORWARD)
+    slow_reader(rate)(robot)
+    loop(robot, 0.05, FORWARD)
+    robot.session.engage('requested')
+    first = len(robot.torques)
+    robot.loop(1.0)
+    limit = RECONNECT_TIMEOUT + 2.0 * robot.hardware.connection.watchdog
     assert not any(robot.torques[first + round(limit / STEP):])
 
 

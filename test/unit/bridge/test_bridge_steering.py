@@ -278,3 +278,12 @@ def test_both_axes_count_in_the_budget_of_a_line_that_they_share():
     both = wire_budget(hardware, GIMBALL)
     one = wire_budget(replace(hardware, steering=None), GIMBALL)
     assert both.bytes_in == 2 * one.bytes_in and both.bytes_out == 2 * one.bytes_out
+
+
+def test_bytes_that_arrive_often_while_an_axis_arms_feed_the_other_at_the_rate_of_the_link():
+    robot = VirtualRobot('roboclaw', onboard='gentle', steering=True).ready()
+    axis, fed = robot.session.axes[1], []
+    axis.line.driver.feed = lambda: fed.append(robot.now)
+    for _ in range(100):
+        axis.feed()
+    assert 0 < len(fed) <= 2

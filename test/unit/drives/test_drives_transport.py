@@ -3,6 +3,7 @@
 import errno
 import os
 import pty
+import select
 import socket
 import termios
 import threading
@@ -260,7 +261,14 @@ def test_a_host_that_is_held_up_while_it_writes_does_not_blame_the_line(terminal
         monkeypatch.setattr(os, 'write', lambda *given: time.sleep(0.1) or write(*given))
         link.write(b'abc')
         monkeypatch.undo()
-    assert os.read(terminal[0], 10) == b'abc'
+        assert os.read(terminal[0], 10) == b'abc'
+
+
+def test_a_link_that_is_closed_drops_the_bytes_that_the_peer_has_not_read(terminal):
+    link = Link(terminal[1], 115200)
+    link.write(b'abc')
+    link.close()
+    assert not select.select([terminal[0]], [], [], 0.0)[0]
 
 
 def test_a_closed_link_says_so(terminal):
