@@ -126,7 +126,7 @@ class Controller(Node):
             self._command(0.0)
             self.get_logger().warning(
                 f'no joint state for {self._settings.state_timeout:g} s: torque is 0; has the '
-                'simulator or the bridge stopped?')
+                'simulator or the bridge stopped?', throttle_duration_sec=1.0)
             self._diagnostics.publish()
 
     def make_safe(self) -> None:
