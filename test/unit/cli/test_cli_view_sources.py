@@ -5,12 +5,11 @@ import pytest
 pytest.importorskip('viser')
 
 
-@pytest.mark.parametrize('words, says', [
-    (['missing.mcap'], 'missing.mcap: is not a readable bag'),
-    (['.'], 'is not a readable bag'),
-    (['doorstep', '--robot', 'shellball'], '--robot requires a bag or --live'),
-    (['doorstep', '--namespace', 'left'], '--namespace requires a bag or --live'),
-    (['--live', '--robot', 'gimbal'], "no robot named 'gimbal'")])
-def test_an_impossible_view_is_refused(error_of, tmp_path, monkeypatch, words, says):
+@pytest.mark.parametrize('words, reason, field', [
+    (['missing.mcap'], 'unreadable', 'missing.mcap'), (['.'], 'unreadable', '.'),
+    (['doorstep', '--robot', 'shellball'], 'inconsistent', '--robot'),
+    (['doorstep', '--namespace', 'left'], 'inconsistent', '--namespace'),
+    (['--live', '--robot', 'gimbal'], 'unknown_name', 'robot')])
+def test_an_impossible_view_is_refused(refuses, tmp_path, monkeypatch, words, reason, field):
     monkeypatch.chdir(tmp_path)
-    assert says in error_of('view', *words, '--no-browser')
+    refuses(reason, field, 'view', *words, '--no-browser')
