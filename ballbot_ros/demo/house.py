@@ -12,9 +12,11 @@ from rclpy.action import ActionClient
 from rclpy.task import Future
 
 from ballbot_ros.bags.metadata import bag_metadata, SIMULATOR
+from ballbot_ros.control import load_tuning
+from ballbot_ros.decision import Knowledge, load_curve, load_decision_tuning
 from ballbot_ros.demo.demo import (
-    ANSWERS, check_bag, conclude, CONTROL_RATE, fitting_curve, in_processes, lockstep_note,
-    print_event, RecordedSimulation, ROBOT, STATES, TOOL_TOPICS, TUNING)
+    ANSWERS, check_bag, conclude, CONTROL_RATE, DECISION, fitting_curve, in_processes,
+    lockstep_note, print_event, RecordedSimulation, ROBOT, STATES, TOOL_TOPICS, TUNING)
 from ballbot_ros.demo.forked import import_nodes
 from ballbot_ros.demo.prepare import prepare
 from ballbot_ros.demo.processes import own_domain
@@ -25,6 +27,7 @@ from ballbot_ros.floors import Floor, load_floor
 from ballbot_ros.floors.floor import Point
 from ballbot_ros.floors.profile import crossed
 from ballbot_ros.msg import BallState
+from ballbot_ros.navigation import RoutePlanner
 from ballbot_ros.nodes.navigator.goals import NavigateToPose
 from ballbot_ros.nodes.navigator.node import PERIOD
 from ballbot_ros.nodes.navigator.outputs import stamped_pose
@@ -79,12 +82,19 @@ def run_house_demo(out: Path, real_time: bool = False, quiet: bool = False, time
     ------
     ConfigurationError
         If a file is not valid, or the curve is of another robot.
+    RefusedError
+        If the ball cannot be at a goal, see `RoutePlanner.check_place`.
 
     """
     floor, robot = load_floor(FLOOR), robot or ROBOT
     ball, tour = load_robot(robot), [Visit('room', x, y) for x, y in goals] or TOUR
     curve = fitting_curve(ball, robot, curve)
-    prepare(('simulator', 'controller', 'decision', 'navigator'))
+    planner = RoutePlanner(floor, Knowledge(
+        ball, load_curve(curve), load_decision_tuning(DECISION), load_tuning(TUNING)))
+    for visit in tour:
+        planner.check_place(visit[1:], 'goal')
+    prepare(('simulator', 'controller', 'decision'))
+    planner.warm_up()
     import_nodes(('simulator', 'controller', 'navigator'))
     domain = own_domain()
     if not quiet:

@@ -147,6 +147,13 @@ def test_a_house_demo_that_does_not_arrive_fails(demo):
     assert 'FAILED' in printed and 'the bedroom was not reached' in printed
 
 
+def test_a_place_off_the_floor_is_refused_before_the_nodes_start(demo):
+    printed = (process := demo('--house', '--goal', '8100', '5500')).communicate(
+        timeout=TIMEOUT)[0]
+    assert process.returncode == 2, printed
+    assert 'goal (8100, 5500) m is off the map' in printed and 'FAILED' not in printed
+
+
 def test_a_node_that_dies_fails_the_demo_and_is_named(demo, tmp_path):
     process = demo()
     nodes = wait_until(lambda: nodes_of(process).keys() == NODES and nodes_of(process))

@@ -92,9 +92,6 @@ class NavigationServers:
         node = self._node
         self._ready()
         node.state = node.navigator.begin(node.state, self._goal(message), node.percept)
-        self._end_replaced()
-
-    def _end_replaced(self) -> None:
         if self._handle is not None:
             handle, self._handle = self._handle, None
             handle.abort()

@@ -160,7 +160,8 @@ class NavigatorNode(ManagedNode):
         position, heading = message.pose.pose.position, heading_of(message.pose.pose.orientation)
         if last is not None:
             before = last.pose.pose.position
-            self._traveled += _along(position.x - before.x, position.y - before.y, heading)
+            self._traveled += (position.x - before.x) * math.cos(heading) \
+                + (position.y - before.y) * math.sin(heading)
         self._last = message
         now = to_seconds(message.header.stamp)
         if self.percept is not None and 0.0 < now - self.percept.stamp < PERIOD - 1e-6:
@@ -243,11 +244,6 @@ class NavigatorNode(ManagedNode):
         failed = self.state.status is NavStatus.FAILED
         return diagnostics.WARN if failed else diagnostics.OK, \
             self.state.message or self.state.status.value, values
-
-
-def _along(dx: float, dy: float, heading: float) -> float:
-    """Return the part of a displacement along a heading [m]."""
-    return dx * math.cos(heading) + dy * math.sin(heading)
 
 
 def main(args: Optional[List[str]] = None) -> int:

@@ -148,13 +148,10 @@ def _mapped(feature: Feature, random: np.random.Generator) -> Feature:
 
 
 def _wall(cells: NDArray[np.uint8], begin: Point, end: Point, value: int = OCCUPIED,
-          extra: float = 0.5 * THICKNESS) -> None:
-    """Set the cells of a wall along an axis."""
-    rows, columns = ([max(0, round((low - margin) / RESOLUTION)),
-                      round((high + margin) / RESOLUTION)]
-                     for low, high, margin in (
-                         (begin[1], end[1], extra if value == OCCUPIED or begin[1] != end[1]
-                          else 0.5 * THICKNESS),
-                         (begin[0], end[0], extra if begin[0] == end[0] or value == OCCUPIED
-                          else 0.0)))
-    cells[rows[0]:rows[1], columns[0]:columns[1]] = value
+          beyond: float = 0.5 * THICKNESS) -> None:
+    """Set the cells of a wall along an axis, or of an opening in one along x."""
+    rows, columns = (slice(max(0, round((low - margin) / RESOLUTION)),
+                           round((high + margin) / RESOLUTION))
+                     for low, high, margin in ((begin[1], end[1], 0.5 * THICKNESS),
+                                               (begin[0], end[0], beyond)))
+    cells[rows, columns] = value
