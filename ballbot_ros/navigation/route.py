@@ -515,7 +515,7 @@ class RoutePlanner:
         for item in np.flatnonzero(aligned if len(start) > 2 else []):
             aligned[item] = self.aligned(start, self._offered[item].segment)
         time, path = self._find(states, costs, last, heading, far, aligned)
-        shortest, passed = self._shortest(self._node(start), last)
+        shortest, passed = self._shortest(int(states[np.argmin(costs)]) // COUNT, last)
         if not math.isfinite(time):
             # Each crossing that is offered has the required probability.
             time, path = self._find(states, costs, last, heading, far, aligned, LEVELS**2)

@@ -315,6 +315,13 @@ def test_masks_keep_nav2_out_of_steps_and_slow_it_near_stairs(flat, tmp_path):
     assert limits[0] == 0 and limits[1] > limits[2] > 0
 
 
+def test_a_start_close_to_a_wall_is_not_called_separated_from_the_goal(flat):
+    # In a corner, towards one wall and with the back to the other.
+    with pytest.raises(RefusedError) as caught:
+        flat.route((3.655, 4.399, -0.68), (1.98, 3.54))
+    assert caught.value.reason == 'no_route' and 'turn' in str(caught.value)
+
+
 @pytest.mark.parametrize('heading', [0.0, 0.5])
 def test_the_way_out_beside_an_obstacle_does_not_come_nearer_to_it(flat, heading):
     here = 1.75, 1.4
