@@ -156,7 +156,7 @@ def test_demo_passes_its_options_on(replace_demo, tmp_path):
     assert main(['demo', '--hardware', '--protocol', 'vesc', '--out', str(tmp_path),
                  '--overwrite']) == 8
     assert given == {'out': tmp_path, 'protocol': 'vesc', 'firmware': '', 'quiet': False,
-                    'timeout': 60.0, 'serial_imu': False}
+                     'timeout': 60.0, 'serial_imu': False}
     given.clear()
     assert main(['demo', '--house', '--out', str(tmp_path / 'flat'), '--duration', '5']) == 9
     house = {'out': tmp_path / 'flat', 'real_time': False, 'quiet': False, 'timeout': 60.0,
@@ -192,7 +192,7 @@ def test_an_error_of_the_file_system_is_one_line(monkeypatch, capsys):
 
 
 def test_a_closed_pipe_is_not_an_error():
-    reader = subprocess.Popen([*COMMAND, 'robots', 'gimball'], stdout=subprocess.PIPE,
+    reader = subprocess.Popen([*COMMAND, 'scenes'], stdout=subprocess.PIPE,
                               stderr=subprocess.PIPE, text=True)
     reader.stdout.close()
     assert reader.stderr.read() == ''

@@ -68,6 +68,7 @@ def test_the_ball_moves_as_far_in_the_pictures_as_in_the_run(run, gif):
     assert travel == pytest.approx(expected, abs=3.0)
 
 
+@pytest.mark.slow
 def test_colours_are_those_of_the_figures_in_all_frames(gif):
     for picture in gif[0]:
         assert (picture == 255).all(axis=-1).mean() > 0.4  # paper is white

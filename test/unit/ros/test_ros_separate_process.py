@@ -16,6 +16,7 @@ from ballbot_ros.ros import separate_process
 from ballbot_ros.ros.separate_process import run_in_process
 
 
+@pytest.mark.slow
 def test_a_refusal_comes_back_as_it_was_raised(gimball):
     wild = replace(load_tuning('published'), position_kd=40.0)
     with refused('unstable', error=UnstableLoopError) as caught:
@@ -23,6 +24,7 @@ def test_a_refusal_comes_back_as_it_was_raised(gimball):
     assert '1101 Hz' in str(caught.value) and 'position_kd' in str(caught.value)
 
 
+@pytest.mark.slow
 def test_an_error_with_reason_and_field_comes_back_whole():
     with refused('unknown_name', 'tuning', error=ConfigurationError):
         run_in_process(load_tuning, 'gentel')
