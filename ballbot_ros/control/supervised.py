@@ -147,13 +147,15 @@ class SupervisedController:
 
         """
         ahead = set_point.stamp - self.time
-        if self._newest is not None and ahead > CLOCK_SKEW_MAX:
+        # With the e-stop engaged joint states may have stopped, and the age is unknown.
+        dated = self._newest is not None and not self.e_stop
+        if dated and ahead > CLOCK_SKEW_MAX:
             raise MessageError(
                 f'set-point of {set_point.stamp:.3f} s refused: the joint '
                 f'states are of {self.time:.3f} s; is one of them stamped with wall time?',
                 'from_the_future', 'stamp')
         timeout = self.expected.set_point_timeout
-        if self._newest is not None and timeout and -ahead > timeout:
+        if dated and timeout and -ahead > timeout:
             raise MessageError(
                 f'set-point of {set_point.stamp:.3f} s refused: the joint states are '
                 f'of {self.time:.3f} s, more than {timeout:g} s later', 'stale', 'stamp')

@@ -44,6 +44,16 @@ def test_while_it_is_engaged_there_is_no_torque_and_what_asks_for_motion_is_refu
     assert answer(controller, 1.2) == 0.0 and controller.set_point.mode is Mode.IDLE
 
 
+@pytest.mark.parametrize('stamp', [-50.0, 50.0])
+def test_it_is_the_reason_of_a_refusal_though_joint_states_have_stopped(stamp):
+    controller = made(set_point_timeout=0.5)
+    controller.on_e_stop(True)
+    refused(controller, 0.5, stamp)
+    controller.give(SetPoint(Mode.HOLD, 0.0, stamp))
+    controller.on_e_stop(False)
+    refused(controller, 0.5, 1.0)  # a rest of unknown age is no rest after the release
+
+
 def test_a_set_point_that_outlives_it_is_refused_until_it_was_at_rest():
     controller = made()
     controller.on_e_stop(True)
