@@ -9,8 +9,7 @@ formulas without `max`, which extend beyond the end of the mode; that end is a z
 the *guards*, each positive inside and negative beyond.  An integrator that freezes the mode,
 locates the zero and restarts there keeps its order.
 
-`find_mode` finds the mode of a state, `mode_holds` is a quick check whether it still holds, which
-most steps pass, and `violated_guards` lists the guards that have ended it.
+`find_mode` finds the mode of a state, and `violated_guards` lists the guards that have ended it.
 
 An implicit step needs the derivative of the rates with respect to the state.  The rates of the
 coordinates depend only on the velocities, and no rate depends on the energies, so the nontrivial
@@ -25,13 +24,12 @@ import numpy as np
 from ballbot_ros.jit import compiled
 from ballbot_ros.physics.mechanics.contact import (
     Accelerations, add_contact, contact_sum, contact_table, CORNER, FEATURE, feature_guard,
-    features_within, force_and_slip, FRICTION, FROZEN, IntArray, KIND, line_distance, loads_of,
-    PRESSED, pressed_and_slid, pressed_sign, QUICK, share_friction, sign_beyond, SLIDING,
-    sliding_sign, touches, write_contact)
+    features_within, force_and_slip, FRICTION, FROZEN, IntArray, KIND, loads_of, PRESSED,
+    pressed_and_slid, pressed_sign, QUICK, share_friction, sign_beyond, SLIDING, sliding_sign,
+    touches, write_contact)
 from ballbot_ros.physics.mechanics.equations import (
     Direction, direction_near, forced, System, Turned, unforced, write_motion, write_rates)
 from ballbot_ros.physics.model.actuation import torque_asked, torque_slopes, unsaturated_torque
-from ballbot_ros.physics.model.robot import Parameters
 from ballbot_ros.physics.model.state import (
     BALL_RATE, PENDULUM_ANGLE, PENDULUM_RATE, VELOCITY_X, X, Y)
 from ballbot_ros.physics.model.terrain import Array
@@ -208,20 +206,6 @@ def side(value: float, sign: int, limit: float) -> float:
 
 
 @compiled
-def stays_pressed(force: float, pressed: int) -> bool:
-    """Return whether the force of spring and damper has the sign of its piece of the law."""
-    return (force > 0.0) == (pressed > 0)
-
-
-@compiled
-def stays_sliding(slip: float, friction: float, pressed: int, sliding: int,
-                  parameters: Parameters) -> bool:
-    """Return whether the slip is on its side of the threshold, where there is friction at all."""
-    return not (friction > 0.0 and pressed != 0
-                and side(slip, sliding, parameters.slip_threshold) < 0.0)
-
-
-@compiled
 def motor_guard(time: float, state: Array, system: System, mode: ContactMode) -> float:
     """Return how far the torque is inside its limit, or beyond it where it is at the limit."""
     actuator = system.actuator
@@ -277,63 +261,17 @@ def violated_guards(time: float, state: Array, system: System, mode: ContactMode
         write_contacts(state, system, mode)
     for row in range(count):
         force, slip, _ = force_and_slip(state, parameters, mode.contacts, row)
-        if not stays_pressed(force, signs[row, PRESSED]):
+        if (force > 0.0) != (signs[row, PRESSED] > 0):
             violated[found, 0], violated[found, 1] = OF_FORCE, row
             found += 1
-        if not stays_sliding(slip, mode.contacts[row, FRICTION], signs[row, PRESSED],
-                             signs[row, SLIDING], parameters):
+        if (mode.contacts[row, FRICTION] > 0.0 and signs[row, PRESSED] != 0
+                and side(slip, signs[row, SLIDING], parameters.slip_threshold) < 0.0):
             violated[found, 0], violated[found, 1] = OF_SLIP, row
             found += 1
     if motor_guard(time, state, system, mode) < 0.0:
         violated[found, 0], violated[found, 1] = OF_MOTOR, 0
         found += 1
     return found
-
-
-@compiled
-def contact_holds(motion: Array, row: int, system: System, mode: ContactMode) -> bool:
-    """Return whether a contact of a mode is still there, pressed and sliding as it was."""
-    signs, parameters = mode.signs, system.parameters
-    feature, pressed, x, y = signs[row, FEATURE], signs[row, PRESSED], motion[X], motion[Y]
-    if not touches(feature, feature_guard(feature, x, y, parameters.radius, system.ground),
-                   system.ground):
-        return False
-    _, _, _, friction, force, slip = pressed_and_slid(feature, motion, system.ground, parameters)
-    return stays_pressed(force, pressed) and stays_sliding(
-        slip, friction, pressed, signs[row, SLIDING], parameters)
-
-
-@compiled
-def is_new(feature: int, x: float, y: float, system: System, mode: ContactMode) -> bool:
-    """Return whether the ball touches a feature that is not in its mode."""
-    return not in_contact(feature, mode) and touches(
-        feature, feature_guard(feature, x, y, system.parameters.radius, system.ground),
-        system.ground)
-
-
-@compiled
-def mode_holds(time: float, motion: Array, first: int, behind: int, system: System,
-               mode: ContactMode) -> bool:
-    """
-    Return whether no guard is violated, among features from `first` to `behind`.
-
-    With a CORNER it does not say: then `violated_guards` is to be asked, as where the mode
-    does not hold.
-    """
-    if not smooth_contacts(mode):
-        return False
-    x, y, ground, radius = motion[X], motion[Y], system.ground, system.parameters.radius
-    for row in range(contact_count(mode)):
-        if not contact_holds(motion, row, system, mode):
-            return False
-    for segment in range(first >> 1, (behind + 1) >> 1):
-        if line_distance(segment, x, y, ground) <= radius:
-            feature = 2 * segment
-            if is_new(feature, x, y, system, mode) or (
-                    feature + 1 < behind and is_new(feature + 1, x, y, system, mode)):
-                return False
-    return not (system.actuator.limit < math.inf
-                and motor_guard(time, motion, system, mode) < 0.0)
 
 
 def jacobian_table() -> Array:

@@ -15,14 +15,12 @@ centre at ``u n + w t`` from the vertex, and |w| at most W::
 """
 import math
 
-import numpy as np
-
 from ballbot_ros.jit import compiled, outlined
 from ballbot_ros.physics.mechanics.contact import (
     away_from, clear_time, FEATURE, meeting, PRESSED, SLIDING, touches)
 from ballbot_ros.physics.mechanics.equations import System
 from ballbot_ros.physics.mechanics.modes import (
-    contact_count, ContactMode, guard_of, in_contact, mode_holds, MOTOR, OF_FEATURE, OF_FORCE,
+    contact_count, ContactMode, guard_of, in_contact, MOTOR, OF_FEATURE, OF_FORCE,
     smooth_contacts, violated_guards)
 from ballbot_ros.physics.model.actuation import torque_slopes, unsaturated_torque
 from ballbot_ros.physics.model.contact_laws import least_remainder, linear_damping
@@ -31,8 +29,8 @@ from ballbot_ros.physics.model.state import (
 from ballbot_ros.physics.model.terrain import Array, TANGENT_X, TANGENT_Y, TURN, VERTEX_X, VERTEX_Y
 from ballbot_ros.physics.solvers import values
 from ballbot_ros.physics.solvers.controller import smallest_step, time_width
-from ballbot_ros.physics.solvers.dense import COEFFICIENTS, factors_at, motion_at
-from ballbot_ros.physics.solvers.values import EventRate, MOTION, sum_rows, WIDTH, Workspace
+from ballbot_ros.physics.solvers.dense import motion_at
+from ballbot_ros.physics.solvers.values import EventRate, MOTION, WIDTH, Workspace
 
 # The coefficients of a quantity along a step, see `dense.interpolate`.
 Course = tuple[float, float, float, float, float]
@@ -276,7 +274,6 @@ def holds_throughout(time: float, step: float, work: Array, first: int, behind: 
 
 MOST_EVENTS = 64      # located within one look; of more, an early one will do
 LOOKS = 4             # times within a step at which the mode is checked
-LOOK_FACTORS = np.array([factors_at((look + 1) / LOOKS) for look in range(LOOKS)]).ravel()
 NO_EVENT = 2.0        # for theta, which is 0 to 1 within the step
 INSIDE = 1e-300       # for a guard that is zero by rounding
 FALSI_ALONE, MOST_TURNS = 10, 100  # of the search for an event: before it halves, and in all
@@ -407,8 +404,8 @@ def touch_within(time: float, step: float, first: int, behind: int, system: Syst
     bend, done = most_acceleration(step, work), 0.0
     for _ in range(STEP_LOOKS):
         motion_at(done, work)
-        if done > 0.0 and not mode_holds(
-                time + done * step, probe, first, behind, system, workspace.mode):
+        if done > 0.0 and violated_guards(time + done * step, probe, system, workspace.mode,
+                                          first, behind, workspace.violated) > 0:
             return done
         left = (1.0 - done) * step
         speed = abs(probe[VELOCITY_X]) + abs(probe[VELOCITY_Y])
@@ -430,17 +427,12 @@ def first_event(time: float, step: float, first: int, behind: int, system: Syste
     if contact_count(workspace.mode) == 0:  # it may touch, and roll off again, between two looks
         touch = touch_within(time, step, first, behind, system, workspace)
     for look in range(LOOKS):
-        sum_rows(workspace.work, values.PROBE, values.ZERO, 1.0, LOOK_FACTORS, COEFFICIENTS * look,
-                 values.DENSE, COEFFICIENTS)
         before, theta = look / LOOKS, (look + 1) / LOOKS
         if before < touch < theta:
             theta = touch
-        if theta == touch or not mode_holds(
-                time + theta * step, workspace.work[values.PROBE:], first, behind, system,
-                workspace.mode):
-            event = event_between(before, theta, time, step, (first, behind), system, workspace)
-            if event < NO_EVENT:
-                return event
+        event = event_between(before, theta, time, step, (first, behind), system, workspace)
+        if event < NO_EVENT:
+            return event
     return NO_EVENT
 
 

@@ -2,7 +2,7 @@
 """The adaptive method: exact where the contact law has kinks, and cheap in between."""
 from dataclasses import replace
 
-from hypothesis import assume, given, strategies as some
+from hypothesis import given, strategies as some
 import numpy as np
 import pytest
 
@@ -150,23 +150,6 @@ def test_no_guard_of_the_mode_of_a_state_is_violated_by_that_state(state):
     modes.find_mode(0.0, vector, system, workspace.mode)
     assert modes.violated_guards(0.0, vector, system, workspace.mode, 0, 2 * size - 3,
                                  workspace.violated) == 0
-
-
-@pytest.mark.slow
-@given(states, states, some.floats(0.0, 1.0), some.booleans())
-def test_a_quick_look_says_of_a_mode_what_all_its_guards_say(state, other, share, held):
-    model = Model(load_robot('gimball'), ROUGH)
-    actuation = replace(held_at(0.3), torque_limit=5.0) if held else Actuation()
-    system = System(model.parameters, model.profile, actuation.actuator(model.robot))
-    size, workspace = len(model.profile), Workspace.of(len(model.profile))
-    vector = np.array(state[1:])
-    later = vector + share * (np.array(other[1:]) - vector)
-    modes.find_mode(0.0, vector, system, workspace.mode)
-    assume(modes.smooth_contacts(workspace.mode))
-    violated = modes.violated_guards(0.0, later, system, workspace.mode, 0, 2 * size - 3,
-                                     workspace.violated)
-    assert modes.mode_holds(0.0, later, 0, 2 * size - 3, system, workspace.mode) == (
-        violated == 0)
 
 
 @compiled
