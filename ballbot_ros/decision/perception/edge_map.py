@@ -12,10 +12,8 @@ Rejection = Tuple[Optional[Reason], str]
 # Minimum number of observations for estimating the scatter.
 SCATTER_COUNT_MIN = 5
 
-# Minimum range of distances for a trend [m].
-TREND_RANGE_MIN = 0.1
-
-# Significance threshold of a trend, in standard deviations.
+# Standard deviations: of its slope by which a trend is reduced, and of the observed distances to
+# which it is extrapolated.
 TREND_SIGMAS = 4.0
 
 # Log-odds that an edge exists: increment of a detection, decrement of a miss, and largest value.
@@ -66,15 +64,16 @@ class Trend:
         """
         Return the extrapolated height at distance 0 minus the mean observed height [m].
 
-        0 without a significant trend; negative if the height decreases on approach.
+        Continuous in the observations: the trend less its uncertainty, extrapolated no farther
+        than the observed distances justify; negative if the height decreases on approach.
         """
         scatter = self.scatter
-        if not (scatter >= 0.0 and self._dd > self.count * TREND_RANGE_MIN**2 / 12.0):
+        if not (scatter >= 0.0 and self._dd > 0.0):
             return 0.0
         slope = self._dh / self._dd
-        if abs(slope) * math.sqrt(self._dd) <= TREND_SIGMAS * scatter:
-            return 0.0
-        return -slope * self._distance
+        certain = max(0.0, abs(slope) - TREND_SIGMAS * scatter / math.sqrt(self._dd))
+        return -math.copysign(certain, slope) * min(
+            self._distance, TREND_SIGMAS * math.sqrt(self._dd / self.count))
 
 
 class Existence:
@@ -199,12 +198,6 @@ class EdgeMap:
             return apart if known.height * face.height > 0.0 and apart < gate else math.inf
         found = min(candidates, key=gap, default=None)
         return found if found is not None and math.isfinite(gap(found)) else None
-
-    def clear_ground(self) -> None:
-        """Remove the detections of the terrain sensor."""
-        for edge in self.edges:
-            edge.ground = None
-        self.update()
 
     def update(self) -> None:
         """Remove edges that no sensor detects any more, and select the `faces` of the profile."""

@@ -219,15 +219,11 @@ class TerrainTracker:
                 return Reason.CONTRADICTORY, contradiction
             self._map.clear()
             self._map.add(scan, position)
-            self._edges.clear_ground()
-            self._steep = []
         self._strikes = 0
         ground = ground_of(self._map, position,
                            [edge.ground.mean for edge in self._edges.edges
                             if edge.ground is not None and edge.exists.confirmed])
         if not ground.points:
-            self._edges.clear_ground()
-            self._steep = []
             self.profile = Profile(observation.stamp, seen_from=position, seen_to=position)
             return None, ''
         drift = self._detect(ground, position)

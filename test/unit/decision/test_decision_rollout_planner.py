@@ -162,7 +162,7 @@ def test_a_face_whose_foot_the_ball_has_passed_is_not_ahead():
     assert faces_ahead(seen(below, ahead), 0.0) == (ahead,)
 
 
-def test_the_label_before_a_step_without_room_behind_changes_once_on_the_way():
+def test_the_label_before_a_step_without_room_behind_is_the_same_on_the_way():
     planner = RolloutPlanner(replace(KNOWLEDGE, tuning=replace(TUNING, unseen_room=0.0)))
     decision, kinds = planner(Situation(Motion(0.0, -3.5, 0.4), seen()), None), []
     for number in range(1, 400):
@@ -170,11 +170,9 @@ def test_the_label_before_a_step_without_room_behind_changes_once_on_the_way():
         decision = planner(Situation(Motion(0.02 * number, position, speed),
                                      seen(step(0.02))), decision)
         kinds.append(decision.kind)
-        assert decision.plan.strategy in (Strategy.CRUISE, Strategy.GO_ROUND)
         if decision.set_speed < 0.1:
             break
-    assert list(dict.fromkeys(kinds)) == [Kind.CLEAR, Kind.GO_ROUND]
-    assert kinds == sorted(kinds, key=[Kind.CLEAR, Kind.GO_ROUND].index)
+    assert decision.set_speed < 0.1 and set(kinds) == {Kind.STOP}
 
 
 def test_what_failed_is_not_tried_again_but_more_of_it():

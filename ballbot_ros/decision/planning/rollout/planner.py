@@ -339,9 +339,8 @@ WHY = {
     Reason.DROP: 'the floor falls away',
     Reason.WALL: 'a wall; find another way',
 }
-# Reasons that further observations do not change, and reasons to find another way.
-DEFINITE = (Reason.TOO_HIGH, Reason.FAILED_BEFORE)
-PERMANENT_REASONS = (*DEFINITE, Reason.WALL, Reason.LANDING)
+# Reasons to find another way, which further observations do not change.
+PERMANENT_REASONS = (Reason.TOO_HIGH, Reason.FAILED_BEFORE, Reason.WALL)
 
 
 def outlook(choice: Choice, required: float, braking_room: float) -> Outlook:
@@ -484,18 +483,11 @@ class RolloutPlanner:
             replace(clear, kind=Kind.STOP, reason=line.reason, distance=room,
                     explanation=f'Stopping before {line.explanation} at {room:.2f} m'),
             line.obstacle, situation)
-        return replace(clear, set_speed=stop.set_speed) if self._may_roll(stop, previous) else stop
-
-    def _may_roll(self, stop: Decision, previous: Optional[Decision]) -> bool:
-        """
-        Return whether the label of a stop ahead is CLEAR.
-
-        It follows the speed that allows the stop: STOP below half of the cruise speed, CLEAR
-        again at all of it.
-        """
-        cruise = self._tuning.cruise_speed
+        # STOP below half of the cruise speed, CLEAR again at all of it.
         stopping = previous is not None and previous.kind in (Kind.STOP, Kind.GO_ROUND)
-        return stop.set_speed >= (cruise if stopping else 0.5 * cruise)
+        if stop.set_speed < self._tuning.cruise_speed * (1.0 if stopping else 0.5):
+            return stop
+        return replace(clear, set_speed=stop.set_speed)
 
     def _face(self, ahead: Ahead, situation: Situation,
               previous: Optional[Decision]) -> Decision:
@@ -505,26 +497,17 @@ class RolloutPlanner:
         if not ahead.ends or face.height > self._robot.ball_radius:
             selector.forget()
             choice = Choice(None, Reason.DROP if face.height < 0.0 else Reason.WALL)
+        else:
+            selector.update(ahead, situation, room)
+            choice = selector.choice or Choice(None, Reason.NOT_LIKELY)
+            if choice.trial is None and face.height < 0.0 and motion.speed > REST_SPEED_MAX and (
+                    past_braking(previous, situation) or room < 0.0):
+                # The descent is certain and needs neither a search nor more speed.
+                choice = Choice(Trial(Candidate(Strategy.CRUISE, min(
+                    motion.speed, self._tuning.cruise_speed))), Reason.COMMITTED)
+        if choice.trial is None:
             return self._lines.stand(
                 refuse(choice, ahead, motion, room, self._tuning), face.position, situation)
-        selector.update(ahead, situation, room)
-        choice = selector.choice or Choice(None, Reason.NOT_LIKELY)
-        if choice.trial is None and face.height < 0.0 and motion.speed > REST_SPEED_MAX and (
-                past_braking(previous, situation) or room < 0.0):
-            # The descent is certain and needs neither a search nor more speed.
-            choice = Choice(Trial(Candidate(
-                Strategy.CRUISE, min(motion.speed, self._tuning.cruise_speed))), Reason.COMMITTED)
-        if choice.trial is None:
-            no = refuse(choice, ahead, motion, room, self._tuning)
-            label = None if previous is None else previous.kind
-            if choice.reason not in DEFINITE and label in (Kind.STOP, Kind.GO_ROUND):
-                no = replace(no, kind=label)
-            no = self._lines.stand(no, face.position, situation)
-            if choice.reason in DEFINITE or label is not Kind.CLEAR \
-                    or not self._may_roll(no, previous):
-                return no
-            return replace(no, kind=label, plan=Plan(
-                Strategy.CRUISE, motion.position, no.set_speed))
         end = choice.trial.candidate.end(ahead)
         later = [item.position - self._robot.ball_radius for item in ahead.faces
                  if item.position > end.position + 1e-3]
