@@ -124,7 +124,7 @@ class DriveControl(Generic[Estimated]):
     unconfirmed : str
         Reason why the drive did not confirm the last stop; otherwise empty.
     others : tuple of DriveControl
-        The other axes: torque requires that they are armed, too.
+        The other axes: torque requires that they are armed with fresh measurements, too.
 
     """
 
@@ -342,7 +342,8 @@ class DriveControl(Generic[Estimated]):
     def _send_torque(self, driver: Driver, now: float, ask: bool) -> None:
         self._watch_imu(now)
         joint = self._hardware.joint
-        together = all(axis.power.state is MotorState.ARMED for axis in self.others)
+        together = all(axis.power.state is MotorState.ARMED and not axis.sensing.is_stale(now)
+                       for axis in self.others)
         torque = self.supervisor.decide(now, self.sensing.motion(now) if together else None)
         self._pacer = self._pacer.sent_torque(now)
         self.sensing.commanded(torque, now)

@@ -374,11 +374,10 @@ class Session:
     # Each period
 
     def _speed(self) -> Optional[float]:
-        """Return the speed of the ball [m/s], None while its estimate is too old."""
+        """Return the speed of the ball [m/s], None before the first estimate."""
         estimate = self.fusion.estimate
-        if estimate is None or self.clock() - estimate.stamp > MEASUREMENT_AGE_MAX:
-            return None
-        return -self.robot.ball_radius * estimate.readings.ball_rate
+        return None if estimate is None else \
+            -self.robot.ball_radius * estimate.readings.ball_rate
 
     def _yaw_rate(self) -> Optional[float]:
         """Return the commanded yaw rate [rad/s], None while no set-point is followed."""

@@ -155,7 +155,7 @@ def test_the_traffic_of_all_lines_is_kept_in_one_capture(tmp_path):
         connect = connector(load_hardware('gimball_odrive').at(emulator.path), str(path))
         for _ in range(2):
             driver = connect()
-            assert driver.identify().protocol == 'odrive' and driver.line.baud == 921600
+            assert driver.identify(20.0).protocol == 'odrive' and driver.line.baud == 921600
             driver.line.close()
         del driver, connect  # which completes the file
     asked = [record.data for record in read_capture(path) if record.direction == '>']

@@ -287,3 +287,14 @@ def test_bytes_that_arrive_often_while_an_axis_arms_feed_the_other_at_the_rate_o
     for _ in range(100):
         axis.feed()
     assert 0 < len(fed) <= 2
+
+
+@pytest.mark.parametrize('number', [0, 1])
+def test_an_axis_has_no_torque_while_the_measurements_of_the_other_are_too_old(number):
+    robot = VirtualRobot('roboclaw', onboard='gentle', steering=True).ready()
+    loop(robot, 0.3, TURN)
+    torques = (robot.torques, robot.leans)[number]
+    assert torques[-1]
+    robot.session.axes[1 - number].sensing.is_stale = lambda now: True
+    loop(robot, 0.02, TURN)
+    assert not torques[-1]
