@@ -78,22 +78,7 @@ def _levels(floor: Floor) -> NDArray[np.float64]:
 
 def _raise(floor: Floor, rise: NDArray[np.float64], way: Tuple[int, int],
            segment: Tuple[Point, Point], height: float) -> None:
-    """
-    Add a step to the rises from each cell to a neighbour.
-
-    Parameters
-    ----------
-    floor : Floor
-    rise : array
-        By the row and column of the first cell [m].
-    way : (int, int)
-        Rows and columns to the neighbour.
-    segment : two points
-        Of the step, whose left side is higher [m].
-    height : float
-        [m]
-
-    """
+    """Add a step, higher on its left, to the rises from cells to those a `way` further on."""
     (x0, y0), (x1, y1) = segment
     first = floor.cell_of((min(x0, x1), min(y0, y1)))
     last = floor.cell_of((max(x0, x1), max(y0, y1)))

@@ -85,7 +85,7 @@ class NavigationServers:
     def count(self, error: BallbotError) -> None:
         """Count a refused goal by its reason."""
         self.refused[getattr(error, 'reason', 'failed')] += 1
-        self._node.report_health()
+        self._node.diagnostics.publish()
 
     def begin_pose(self, message: PoseStamped) -> None:
         """Drive to a pose; this replaces an active goal."""

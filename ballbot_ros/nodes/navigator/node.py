@@ -78,7 +78,7 @@ class NavigatorNode(ManagedNode):
         create_trigger(self, '~/reload', self._reload)
         create_trigger(self, '~/forget', self._forget)
         self.servers = NavigationServers(self)
-        self._diagnostics = diagnostics.Diagnostics(
+        self.diagnostics = diagnostics.Diagnostics(
             self, 'navigation', self._health, self._robot.name)
         if self._settings.autostart:
             Autostart(self)
@@ -225,10 +225,6 @@ class NavigatorNode(ManagedNode):
     def make_safe(self) -> None:
         """Publish a final command to rest."""
         self.abort('inactive', 'navigator was ended')
-
-    def report_health(self) -> None:
-        """Publish the health now."""
-        self._diagnostics.publish()
 
     def _health(self) -> Tuple[bytes, str, dict]:
         """Return level, message and numbers for /diagnostics."""

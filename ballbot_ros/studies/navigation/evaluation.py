@@ -40,20 +40,16 @@ GOAL_DISTANCE = 0.3  # largest distance from the goal at the end [m]
 Row = Dict[str, Any]
 
 
-class _Wall(Capability):
-    """Crosses nothing."""
+class _Fixed(Capability):
+    """Offers the same crossings of each step."""
+
+    def __init__(self, *offered: CrossingPlan):
+        super().__init__(knowledge())
+        self._offered = offered
 
     def choices(self, faces: Sequence[Tuple[float, float]], height_sd: float, run_up: float,
                 room: float) -> List[CrossingPlan]:
-        return []
-
-
-class _Free(Capability):
-    """Crosses everything, with the shortest run-up."""
-
-    def choices(self, faces: Sequence[Tuple[float, float]], height_sd: float, run_up: float,
-                room: float) -> List[CrossingPlan]:
-        return [CrossingPlan(0.2, 0.4, 1.0, 2.0)] if run_up >= 0.2 else []
+        return [item for item in self._offered if item.run_up <= run_up]
 
 
 @lru_cache(maxsize=1)
@@ -65,8 +61,8 @@ def knowledge() -> Knowledge:
 
 @lru_cache(maxsize=1)
 def _capabilities() -> Dict[str, Capability]:
-    return {'run_up': Capability(knowledge()), 'wall': _Wall(knowledge()),
-            'free': _Free(knowledge())}
+    return {'run_up': Capability(knowledge()), 'wall': _Fixed(),
+            'free': _Fixed(CrossingPlan(0.2, 0.4, 1.0, 2.0))}
 
 
 @dataclass(frozen=True)
