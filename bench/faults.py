@@ -157,7 +157,7 @@ class Rig:
             if time.monotonic() > end:
                 cause = self.session.supervisor.e_stop if self.session else None
                 raise TimeoutError(
-                    f'waited in vain until {description}: {cause.text if cause else ""}')
+                    f'not reached: {description}: {cause.text if cause else ""}')
             time.sleep(0.005)
 
     def zero_at(self):

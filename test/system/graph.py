@@ -170,7 +170,7 @@ class Graph:
     def _timed_out(self, what, timeout=TIMEOUT):
         logs = '\n'.join(f'--- {path.stem}\n{path.read_text()[-3000:]}' for path in
                          sorted(self.processes.log('x').parent.glob('*.log')))
-        return f'waited {timeout:g} s in vain until {what}\n{logs}'
+        return f'not within {timeout:g} s: {what}\n{logs}'
 
     # Services
 

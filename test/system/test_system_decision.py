@@ -139,7 +139,7 @@ def test_it_is_not_thrown_against_a_wall_behind_a_step(ride):
 
 
 def test_a_failed_plan_is_not_repeated(ride):
-    # The sensor sees the step half as high as it is: it is tried, in vain.
+    # The sensor sees the step half as high as it is, so the first attempt fails.
     seen = ride([flat(1.2), step(0.06), flat(2.0)], 20.0, sensor_scale=-0.5, **SEES_STEPS)
     touches, away = [], True
     for state in seen.states:

@@ -39,7 +39,7 @@ def test_every_verb_has_help(capsys, verb):
 
 
 @pytest.mark.parametrize('verb', sorted(VERBS))
-def test_each_option_says_what_it_is_in_a_phrase_that_stands_alone(verb):
+def test_the_help_of_each_option_is_a_complete_phrase(verb):
     """A newcomer reads one line of the help, not those around it: "of the robot" says nothing."""
     parser = argparse.ArgumentParser()
     load_verb(verb).add_arguments(parser)
@@ -53,7 +53,7 @@ def test_each_option_says_what_it_is_in_a_phrase_that_stands_alone(verb):
 
 
 @pytest.mark.parametrize('options, said', [([], 1), (['--quiet'], 0)])
-def test_quiet_also_silences_what_a_run_says_by_the_log(monkeypatch, caplog, options, said):
+def test_quiet_also_silences_the_log_of_a_run(monkeypatch, caplog, options, said):
     monkeypatch.setattr(
         simulate, 'run', lambda _: logging.getLogger('ballbot_ros.jit').warning('wait') or 0)
     assert main(['simulate', 'flat', *options]) == 0

@@ -172,7 +172,7 @@ def test_a_dead_man_stops():
     assert driving.at(20.0 + 0.9 * FIRST_REPEAT_TIMEOUT) == -0.3
 
 
-def test_an_e_stop_also_takes_back_what_was_asked_for():
+def test_an_e_stop_also_resets_the_requested_speed():
     driving = Driving(0.1, 0.6)
     driving.press('up', 0.0)
     assert driving.press('e', 0.0) == 'engage' and driving.speed == 0.0
@@ -189,7 +189,7 @@ def test_keys_are_distinguished_and_unknown_ones_ignored():
     assert keys_of(b'') == []
 
 
-def test_the_line_fits_the_terminal_and_says_what_is_not_known():
+def test_the_line_fits_the_terminal_and_marks_unknown_values():
     text = line(0.0, None, None, '', None, 0, '', 200)
     assert 'no subscriber' in text and '-  m/s' in text and 'stop' not in text
     assert line(0.1, 0.1, 0.0, '', True, 1, 'e-stop:\nengaged', 200).endswith('e-stop: engaged')

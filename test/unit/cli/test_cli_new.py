@@ -76,7 +76,7 @@ def test_every_line_that_is_commented_out_loads_when_it_is_not(tmp_path):
     (['scene', 'mine.yaml', '--robot', 'gimbal'], 'unknown_name', 'robot'),
     (['hardware', 'mine.yaml', '--protocol', 'vsec'], 'not_a_choice', '--protocol'),
     (['robots', 'mine.yaml'], 'usage', '')])
-def test_what_cannot_be_meant_is_refused(words, reason, field, tmp_path, monkeypatch, refuses):
+def test_an_invalid_value_is_refused(words, reason, field, tmp_path, monkeypatch, refuses):
     monkeypatch.chdir(tmp_path)
     refuses(reason, field, 'new', *words)
     assert not list(tmp_path.iterdir())

@@ -74,7 +74,7 @@ def test_quiet_prints_warnings_on_standard_error(tmp_path, capsys):
     assert printed.out == '' and printed.err.count('Warning: ') == 1
 
 
-def test_options_replace_what_the_scene_says(tmp_path, capsys):
+def test_options_replace_values_of_the_scene(tmp_path, capsys):
     assert main(['simulate', 'fig7_top', '--out', str(tmp_path), '--no-figures', '--json',
                  '--duration', '0.5', '--step', '5e-4', '--method', 'semi_implicit']) == 0
     content = json.loads(capsys.readouterr().out)
@@ -105,7 +105,7 @@ def test_a_malformed_scene_is_refused(tmp_path, refuses, text, reason, field):
     refuses(reason, str(file) if field is None else field, 'simulate', file)
 
 
-def test_a_run_that_cannot_go_on_keeps_what_there_is(tmp_path, capsys):
+def test_a_failed_run_keeps_its_results_so_far(tmp_path, capsys):
     # The ball falls at 100 m/s: its shell cannot stop it.
     scene = scene_file(tmp_path, 'robot: gimball\nduration: 2\n'
                        'initial: {y: 100.0, velocity_y: -100.0}\n')
@@ -127,7 +127,7 @@ def start_long_run(folder, **options):
 
 
 @pytest.mark.slow
-def test_ctrl_c_keeps_what_was_done(tmp_path):
+def test_ctrl_c_keeps_the_results_so_far(tmp_path):
     process = start_long_run(tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
     try:
         assert any('Ctrl-C ends it' in line for line in process.stderr)

@@ -51,7 +51,7 @@ def test_it_is_the_reason_of_a_refusal_though_joint_states_have_stopped(stamp):
     refused(controller, 0.5, stamp)
     controller.give(SetPoint(Mode.HOLD, 0.0, stamp))
     controller.on_e_stop(False)
-    refused(controller, 0.5, 1.0)  # a rest of unknown age is no rest after the release
+    refused(controller, 0.5, 1.0)  # rest of unknown age does not count
 
 
 def test_a_set_point_that_outlives_it_is_refused_until_it_was_at_rest():
