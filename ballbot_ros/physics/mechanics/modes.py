@@ -28,7 +28,7 @@ from ballbot_ros.physics.mechanics.contact import (
     pressed_and_slid, pressed_sign, QUICK, share_friction, sign_beyond, SLIDING, sliding_sign,
     touches, write_contact)
 from ballbot_ros.physics.mechanics.equations import (
-    Direction, direction_near, forced, System, Turned, unforced, write_motion, write_rates)
+    Direction, direction_near, System, Turned, unforced, write_rates)
 from ballbot_ros.physics.model.actuation import torque_asked, torque_slopes, unsaturated_torque
 from ballbot_ros.physics.model.state import (
     BALL_RATE, PENDULUM_ANGLE, PENDULUM_RATE, VELOCITY_X, X, Y)
@@ -112,38 +112,10 @@ def mode_derivative(time: float, state: Array, system: System, mode: ContactMode
 @compiled
 def mode_accelerations(time: float, motion: Array, start: Turned, system: System,
                        mode: ContactMode) -> Accelerations:
-    """Return the four accelerations in a frozen mode without a CORNER; see `write_mode_motion`."""
-    hanging = direction_near(motion[PENDULUM_ANGLE], start)
-    motor = mode_torque(time, motion, hanging[0], system, mode)
-    turn, swing, along_x, along_y, _, _ = contact_sum(
-        motion, system.parameters, system.ground, mode.contacts, mode.signs, contact_count(mode),
-        QUICK, unforced(motion, hanging, motor, system.parameters))
-    return turn, swing, along_x, along_y
-
-
-@compiled
-def write_mode_motion_under(time: float, motion: Array, hanging: Direction,
-                            push: tuple[float, float, float], system: System, mode: ContactMode,
-                            out: Array) -> None:
     """
-    Write the result of `write_mode_motion` from known intermediate results.
+    Return the four accelerations in a frozen mode without a CORNER: the most frequent call.
 
-    The direction of the pendulum, and force [N] and torque [N m] of the ground on the ball.
-    """
-    force_x, force_y, torque = push
-    motor = mode_torque(time, motion, hanging[0], system, mode)
-    free, compliance = unforced(motion, hanging, motor, system.parameters)
-    found = forced(free, compliance, force_x, force_y, torque)
-    write_motion(motion, found, system.parameters, out)
-
-
-@compiled
-def write_mode_motion(time: float, motion: Array, start: Turned, system: System,
-                      mode: ContactMode, out: Array) -> None:
-    """
-    Write the rates of a motion in a frozen mode without a CORNER: the most frequent call.
-
-    The same as `mode_derivative` without the flows of energy, and without a table of contacts:
+    The same as by `mode_derivative` without the flows of energy, and without a table of contacts:
     all numbers stay in registers.  The motion without the ground, and the response to each newton
     of its forces, are computed before these forces are known.
 
@@ -151,14 +123,18 @@ def write_mode_motion(time: float, motion: Array, start: Turned, system: System,
     ----------
     time : float
         [s]
-    motion, out : (8,) arrays, or longer
-        Coordinates and velocities; velocities and accelerations.
+    motion : (8,) array, or longer
+        Coordinates and velocities.
     start : tuple
         A pendulum angle nearby and its direction, see `turned_by`.
 
     """
-    found = mode_accelerations(time, motion, start, system, mode)
-    write_motion(motion, found, system.parameters, out)
+    hanging = direction_near(motion[PENDULUM_ANGLE], start)
+    motor = mode_torque(time, motion, hanging[0], system, mode)
+    turn, swing, along_x, along_y, _, _ = contact_sum(
+        motion, system.parameters, system.ground, mode.contacts, mode.signs, contact_count(mode),
+        QUICK, unforced(motion, hanging, motor, system.parameters))
+    return turn, swing, along_x, along_y
 
 
 @compiled

@@ -12,8 +12,9 @@ import math
 import numpy as np
 
 from ballbot_ros.jit import compiled
-from ballbot_ros.physics.mechanics.equations import System, Turned, turned_by
-from ballbot_ros.physics.mechanics.modes import mode_derivative, smooth_contacts, write_mode_motion
+from ballbot_ros.physics.mechanics.equations import System, Turned, turned_by, write_motion
+from ballbot_ros.physics.mechanics.modes import (
+    mode_accelerations, mode_derivative, smooth_contacts)
 from ballbot_ros.physics.model.state import PENDULUM_ANGLE, SIZE
 from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.solvers import values
@@ -47,8 +48,9 @@ def write_rates(time: float, motion: int, out: int, start: Turned, system: Syste
     """Write the rates of a motion, a row of the workspace, into another one."""
     work = workspace.work
     if smooth_contacts(workspace.mode):
-        write_mode_motion(time, work[motion:motion + MOTION], start, system, workspace.mode,
-                          work[out:out + MOTION])
+        row = work[motion:motion + MOTION]
+        found = mode_accelerations(time, row, start, system, workspace.mode)
+        write_motion(row, found, system.parameters, work[out:out + MOTION])
     else:
         mode_derivative(time, work[motion:motion + SIZE], system, workspace.mode,
                         work[out:out + SIZE])

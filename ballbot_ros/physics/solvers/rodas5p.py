@@ -17,9 +17,10 @@ import math
 import numpy as np
 
 from ballbot_ros.jit import compiled, outlined
-from ballbot_ros.physics.mechanics.equations import System, turned_by
+from ballbot_ros.physics.mechanics.equations import (
+    forced, System, turned_by, unforced, write_motion)
 from ballbot_ros.physics.mechanics.modes import (
-    BALL, ContactMode, mode_accelerations, TIME, write_jacobian, write_mode_motion_under)
+    BALL, ContactMode, mode_accelerations, mode_torque, TIME, write_jacobian)
 from ballbot_ros.physics.model.state import (
     BALL_RATE, COORDINATES, PENDULUM_ANGLE, PENDULUM_RATE, VELOCITY_X, VELOCITY_Y)
 from ballbot_ros.physics.model.terrain import Array
@@ -232,8 +233,10 @@ def step(time: float, state: Array, size: float, ready: int, system: System,
         push = write_jacobian(time, state, start[1:], system, workspace.mode, jacobian)
         trig = values.PENDULUM_TRIG
         work[trig], work[trig + 1], work[trig + 2] = start
-        write_mode_motion_under(time, state, start[1:], push, system, workspace.mode,
-                                work[values.F0:values.F0 + MOTION])
+        motor = mode_torque(time, state, start[1], system, workspace.mode)
+        free, compliance = unforced(state, start[1:], motor, system.parameters)
+        write_motion(state, forced(free, compliance, *push), system.parameters,
+                     work[values.F0:values.F0 + MOTION])
         workspace.statistics[EVALUATIONS] += 2  # these rates, and the Jacobian
     timed = jacobian[BALL, TIME] != 0.0
     scale, per_size = GAMMA * size, 1.0 / size
