@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Levels of the rooms of a floor: the sum of its steps and drops from cell to cell."""
 from collections import deque
+from functools import lru_cache
 import math
 from typing import Dict, List, Tuple
-from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,8 +13,6 @@ from scipy.sparse import csgraph
 from ballbot_ros.floors.floor import Floor, OCCUPIED, Point
 from ballbot_ros.floors.profile import depth
 
-_KNOWN: 'WeakKeyDictionary[Floor, NDArray[np.float64]]' = WeakKeyDictionary()
-
 
 def level(floor: Floor, place: Point) -> float:
     """Return the height that steps and drops give the floor at a place on the map [m]."""
@@ -23,18 +21,13 @@ def level(floor: Floor, place: Point) -> float:
     return float(levels(floor)[min(max(row, 0), rows - 1), min(max(column, 0), columns - 1)])
 
 
+@lru_cache(maxsize=2)
 def levels(floor: Floor) -> NDArray[np.float64]:
     """
     Return the level of each cell, 0 in the largest area without a step, a (rows, columns) array.
 
     Where the cells lead around the end of a step, its height is that of the shortest way.
     """
-    if floor not in _KNOWN:
-        _KNOWN[floor] = _levels(floor)
-    return _KNOWN[floor]
-
-
-def _levels(floor: Floor) -> NDArray[np.float64]:
     lines = [(segment, depth(feature)) for feature in floor.features
              if feature.kind in ('step', 'drop') for segment in feature.segments]
     if not lines:
