@@ -57,6 +57,7 @@ def test_unplugging_ends_in_a_stop_and_service_comes_back(driving, motor):
     run.wait_for_nothing()
     run.wait_until_reported(MotorStatus.STATE_LOST)
     run.graph.wait_for_health('bridge', diagnostics.ERROR, 'looking for the drive')
+    run.graph.wait(lambda: 'looking for the drive' in run.graph.log('bridge'), 'an attempt')
     obey(motor, 'plug')
     run.graph.wait(lambda: run.status[-1].state == MotorStatus.STATE_E_STOP, 'the drive is back')
     assert run.status[-1].e_stop_reason == 'links_lost'
