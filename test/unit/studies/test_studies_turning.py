@@ -16,7 +16,7 @@ from ballbot_ros.studies.free_ball import compare, LateralRun
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[3] / 'scripts'))
 
-import oblique_steps  # noqa: E402, I100, I202
+import oblique_steps  # noqa: I100, I202
 
 GIMBALL = load_robot('gimball')
 DEGREE = math.radians(1.0)
