@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """An independent three-dimensional simulator agrees with the lateral model and the table."""
+import importlib
 import math
 from pathlib import Path
 import sys
@@ -16,7 +17,7 @@ from ballbot_ros.studies.free_ball import compare, LateralRun
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[3] / 'scripts'))
 
-import oblique_steps  # noqa: I100, I202
+oblique_steps = importlib.import_module('oblique_steps')
 
 GIMBALL = load_robot('gimball')
 DEGREE = math.radians(1.0)
