@@ -2,7 +2,7 @@
 """The edges of the ground, each with the evidence of all sensors."""
 from dataclasses import dataclass, field, replace
 import math
-from typing import Iterable, List, Optional, Tuple
+from typing import Dict, Iterable, List, Optional, Sequence, Tuple
 
 from ballbot_ros.decision.values import Face, Reason
 
@@ -191,13 +191,26 @@ class EdgeMap:
     def nearest(self, face: Face, candidates: Iterable[TrackedEdge],
                 reach: float = 0.0) -> Optional[TrackedEdge]:
         """Return the edge that a detection shows: of the same sign and within its gate."""
-        def gap(edge: TrackedEdge) -> float:
-            known = self.face(edge)
-            gate = max(reach, self._sigmas * math.hypot(known.position_sd, face.position_sd))
-            apart = abs(known.position - face.position)
-            return apart if known.height * face.height > 0.0 and apart < gate else math.inf
-        found = min(candidates, key=gap, default=None)
-        return found if found is not None and math.isfinite(gap(found)) else None
+        found = min(candidates, key=lambda edge: self._gap(edge, face, reach), default=None)
+        return found if found is not None and math.isfinite(
+            self._gap(found, face, reach)) else None
+
+    def associate(self, faces: Sequence[Face]) -> Dict[int, TrackedEdge]:
+        """Return the edges that simultaneous detections show, by index: nearest pairs first."""
+        pairs = sorted(((self._gap(edge, face), index, edge) for edge in self.edges
+                        for index, face in enumerate(faces)), key=lambda pair: pair[0])
+        found: Dict[int, TrackedEdge] = {}
+        for gap, index, edge in pairs:
+            if math.isfinite(gap) and index not in found and edge not in found.values():
+                found[index] = edge
+        return found
+
+    def _gap(self, edge: TrackedEdge, face: Face, reach: float = 0.0) -> float:
+        """Return the distance of a detection from an edge, infinite outside its gate [m]."""
+        known = self.face(edge)
+        gate = max(reach, self._sigmas * math.hypot(known.position_sd, face.position_sd))
+        apart = abs(known.position - face.position)
+        return apart if known.height * face.height > 0.0 and apart < gate else math.inf
 
     def update(self) -> None:
         """Remove edges that no sensor detects any more, and select the `faces` of the profile."""

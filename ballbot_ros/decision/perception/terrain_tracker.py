@@ -272,17 +272,17 @@ class TerrainTracker:
         """Update the edges with those of the map; return how far one has moved with the ball."""
         forward, self._position = math.copysign(1.0, position - self._position), position
         bias = self._tuning.height_bias(self._map.reports_sd)
-        missed = [edge for edge in self._edges.edges if edge.ground is not None]
-        others = [edge for edge in self._edges.edges if edge.ground is None]
-        for face in ground.faces:
+        known = self._edges.associate(ground.faces)
+        missed = [edge for edge in self._edges.edges
+                  if edge.ground is not None and edge not in known.values()]
+        for index, face in enumerate(ground.faces):
             # Averaging does not reduce constant errors.
             face = replace(face, height_sd=max(face.height_sd, bias))
-            edge = self._edges.nearest(face, missed) or self._edges.nearest(face, others)
+            edge = known.get(index)
             if edge is None:
                 edge = self._edges.start(self._map.scans == 1)
             else:
                 edge.exists.add(True)
-                (missed if edge in missed else others).remove(edge)
             if edge.ground is None:
                 edge.ground = EdgeEstimate(face)
             else:

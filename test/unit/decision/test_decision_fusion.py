@@ -182,3 +182,14 @@ def test_the_ground_goes_on_with_its_slope_beyond_the_last_point():
     floor = GroundProfile(((0.0, 0.0), (2.0, -0.1)), 0.0)
     assert floor.rise(1.0, 3.0) == pytest.approx(-0.1, abs=1e-4)
     assert GroundProfile((), 0.05).rise(0.0, 1.0) == pytest.approx(0.05, abs=1e-3)
+
+
+def test_a_detection_close_to_a_drop_does_not_take_its_place():
+    edges = EdgeMap(5.0)
+    drop = Face(0, 1.356, -0.13, 0.01, 0.001)
+    known = edges.start(True)
+    known.ground = EdgeEstimate(drop)
+    lip = Face(0, 1.335, -0.003, 0.01, 0.003)
+    assert edges.associate([lip, drop]) == {1: known}
+    assert edges.associate([drop, lip]) == {0: known}
+    assert edges.associate([lip]) == {0: known}
