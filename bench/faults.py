@@ -36,7 +36,7 @@ from ballbot_ros.bridge.loop import Loop
 from ballbot_ros.bridge.session import Session
 from ballbot_ros.control import (
     load_tuning, Mode, PendulumController, SetPoint, SupervisedController, Supervision)
-from ballbot_ros.emulator.control import obey
+from ballbot_ros.emulator.control import execute
 from ballbot_ros.emulator.emulator import Emulator
 from ballbot_ros.errors import BallbotError, MessageError, RefusedError
 from ballbot_ros.estimation import ImuReading
@@ -90,7 +90,7 @@ class Rig:
         self.explode, self.shift, self.ahead = False, 0.0, 0.0
         self.last, self.pushing, self.ending = 0.0, False, False
         for line in ('clear', 'plug', 'reset'):
-            obey(self.emulator, line)
+            execute(self.emulator, line)
         self.until(lambda: time.monotonic() > self.emulator.device.booted_at, 'the drive is up')
         self.session = Session(self.hardware, self.robot, connector(self.hardware),
                                law=self.law())
@@ -194,7 +194,7 @@ class Rig:
 
 def emulator_command(line):
     """Return an action that sends a line to the emulated drive."""
-    return lambda rig: obey(rig.emulator, line) and None
+    return lambda rig: execute(rig.emulator, line) and None
 
 
 def put(**values):

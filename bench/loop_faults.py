@@ -20,7 +20,7 @@ from ballbot_ros.bridge.loop import Loop
 from ballbot_ros.bridge.motor_state import MotorState
 from ballbot_ros.bridge.session import Session
 from ballbot_ros.emulator.ball import settings_for
-from ballbot_ros.emulator.control import LINE_FAULTS, obey
+from ballbot_ros.emulator.control import execute, LINE_FAULTS
 from ballbot_ros.emulator.emulator import Emulator
 from ballbot_ros.errors import MessageError, RefusedError
 from ballbot_ros.physics.simulation.scene import load_scene
@@ -90,10 +90,10 @@ def measure():
             except RefusedError:
                 pass
             event = rng.choice(EVENTS)
-            obey(emulator, event)
+            execute(emulator, event)
             if event.split()[0] in LINE_FAULTS:
                 time.sleep(BAD_LINE)
-                obey(emulator, 'clear')
+                execute(emulator, 'clear')
             events += 1
             while emulator.log:
                 above += abs(emulator.log.popleft().torque) > 1.001 * limit
@@ -102,7 +102,7 @@ def measure():
         wall = time.monotonic() - begin
         processor = 100.0 * (time.process_time() - processor) / wall
         last = used()
-        obey(emulator, 'clear')
+        execute(emulator, 'clear')
         loop.end()
         time.sleep(0.2)
     yield 'length of the run', 's', [wall], -DURATION

@@ -16,7 +16,7 @@ import time
 
 from bridge import running
 
-from ballbot_ros.emulator.control import obey
+from ballbot_ros.emulator.control import execute
 
 HEAD = f'{"":>10}{"MiB":>8}{"threads":>9}{"files":>7}{"most ms between torques":>25}'
 
@@ -50,10 +50,10 @@ def unplug(bench, times):
     """Unplug and plug in again, a line each tenth; the file says `rearm`."""
     longest = 0.0
     for number in range(1, times + 1):
-        obey(bench.emulator, 'unplug')
+        execute(bench.emulator, 'unplug')
         while bench.emulator.torque:  # until its watchdog stops the motor: later torque is new
             bench.spin(0.01)
-        obey(bench.emulator, 'plug')
+        execute(bench.emulator, 'plug')
         begin = time.monotonic()
         bench.emulator.call(bench.emulator.log.clear)
         while not bench.emulator.torque:

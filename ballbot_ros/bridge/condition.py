@@ -86,8 +86,8 @@ class BatteryWatch(NamedTuple):
     fading_since: float = math.inf  # start of the fade of the torque [s]
     too_high_until: float = -math.inf  # end of the high_voltage warning [s]
 
-    def look(self, battery: Battery, voltage: Optional[float], current: Optional[float],
-             now: float) -> 'BatteryWatch':
+    def update(self, battery: Battery, voltage: Optional[float], current: Optional[float],
+               now: float) -> 'BatteryWatch':
         """
         Return the state after a sample of the drive.
 
@@ -293,7 +293,7 @@ class ConditionMonitor:
         self._warmth, self._largest = 0.0, 0.0
         self._time, self._next = math.inf, -math.inf
 
-    def look(self, telemetry: Telemetry, torque: float, now: float) -> Condition:
+    def update(self, telemetry: Telemetry, torque: float, now: float) -> Condition:
         """
         Return the condition now.
 
@@ -320,7 +320,7 @@ class ConditionMonitor:
         self._next = now + SAMPLE_PERIOD
         part, warnings = derating(thermal, telemetry.temperature, telemetry.motor_temperature,
                                   self._warmth, self._torque_limit)
-        self._watch = watch = self._watch.look(
+        self._watch = watch = self._watch.update(
             battery, telemetry.bus_voltage, telemetry.bus_current, now)
         if fading:
             # Fade from the torque in use, not from the limit, which would drop the pendulum at the

@@ -153,7 +153,7 @@ class DriveControl(Generic[Estimated]):
 
     def tick(self, active: bool) -> Optional[Estimated]:
         """Execute one period and return the new estimate, if there is one."""
-        if self.line.driver is None and self.line.look():
+        if self.line.driver is None and self.line.reconnect():
             self.begin()
         driver, estimate = self.line.driver, None
         if driver is not None:
@@ -165,10 +165,10 @@ class DriveControl(Generic[Estimated]):
                 now = self._clock()
                 self._watch(driver.telemetry, now)
                 self._watch_imu(now)
-                self._look_after(driver.telemetry, now)
+                self._derate(driver.telemetry, now)
                 self._act(driver, now, active and not self.supervisor.e_stop)
             except (LinkError, DriveError) as error:
-                self.lose(driver, error)
+                self.disconnect(driver, error)
         return estimate
 
     def measure(self, driver: Driver) -> Optional[Estimated]:
@@ -205,7 +205,7 @@ class DriveControl(Generic[Estimated]):
             try:
                 self._send_torque(driver, now, ask=False)
             except (LinkError, DriveError) as error:
-                self.lose(driver, error)
+                self.disconnect(driver, error)
 
     def withdraw(self) -> None:
         """Start a stop if the motor has power."""
@@ -235,7 +235,7 @@ class DriveControl(Generic[Estimated]):
         except DriveError as error:
             raise RefusedError(str(error), 'failed', 'drive') from error
         except LinkError as error:
-            self.lose(driver, error)
+            self.disconnect(driver, error)
             raise RefusedError(str(error), 'failed', 'drive') from error
         finally:
             self.sensing.restart(self._clock())  # no measurement was requested meanwhile
@@ -246,12 +246,12 @@ class DriveControl(Generic[Estimated]):
         self._change(Event.CLOSED)
         self.line.close()
 
-    def lose(self, driver: Driver, error: BallbotError) -> None:
+    def disconnect(self, driver: Driver, error: BallbotError) -> None:
         """Continue without the drive; no effect if it is disconnected already."""
         if self.line.driver is driver:
             self._change(
                 StopReason.LOST, EStop(StopReason.LOST, f'the line was lost: {error}'))
-            self.line.lose(error)
+            self.line.disconnect(error)
 
     def _watch(self, telemetry: Telemetry, now: float) -> None:
         """Detect a drive that stopped answering or disarmed the motor by itself."""
@@ -290,7 +290,7 @@ class DriveControl(Generic[Estimated]):
     def _watch_imu(self, now: float) -> None:
         """Drop the commands while a required IMU does not respond."""
         watch, supervisor = self.sensing.imu_watch, self.supervisor
-        pulled = watch.look(now, supervisor.torque != 0.0)
+        pulled = watch.update(now, supervisor.torque != 0.0)
         if not (self._hardware.connection.imu_required and watch.silent
                 and self.power.state is MotorState.ARMED):
             return
@@ -308,9 +308,9 @@ class DriveControl(Generic[Estimated]):
         if self.law is not None:
             self.law.forget()
 
-    def _look_after(self, telemetry: Telemetry, now: float) -> None:
+    def _derate(self, telemetry: Telemetry, now: float) -> None:
         """Apply the derating by heat and battery."""
-        condition = self.monitor.look(telemetry, self.supervisor.torque, now)
+        condition = self.monitor.update(telemetry, self.supervisor.torque, now)
         self.supervisor.derating = condition.part
         if condition.stop and not self.supervisor.e_stop:
             self.supervisor.trigger(EStop(StopReason.BATTERY_EMPTY, condition.stop))
@@ -382,7 +382,7 @@ class DriveControl(Generic[Estimated]):
                 driver.poll()
                 driver.feed()
             except LinkError as error:
-                self.lose(driver, error)
+                self.disconnect(driver, error)
         self.sensing.restart(now)
 
     def _begin_stop(self, driver: Driver, event: Union[Event, StopReason],
@@ -393,7 +393,7 @@ class DriveControl(Generic[Estimated]):
         try:
             driver.send_stop()
         except LinkError as error:
-            self.lose(driver, error)
+            self.disconnect(driver, error)
 
     def _change(self, event: Union[Event, StopReason], cause: Optional[EStop] = None) -> None:
         """Change the state of the motor and drop earlier commands; a fault has a cause."""

@@ -62,7 +62,7 @@ class DriveLine:
         self.trouble = ''
         return self.identity, settings
 
-    def look(self) -> bool:
+    def reconnect(self) -> bool:
         """Try to reconnect if the pause is over; return whether the drive is connected."""
         if self._clock() < self._next_try:
             return False
@@ -80,7 +80,7 @@ class DriveLine:
         LOG.info('the drive is back')
         return True
 
-    def lose(self, error: BallbotError) -> None:
+    def disconnect(self, error: BallbotError) -> None:
         """Record that the link is lost; reconnections follow after the pause."""
         self.trouble, self._next_try = str(error), self._clock() + self._pause
         self.close()

@@ -88,7 +88,7 @@ class ImuWatch:
         """Return whether the IMU is present and steady."""
         return self.has(now) and not self.silent
 
-    def look(self, now: float, pulling: bool) -> bool:
+    def update(self, now: float, pulling: bool) -> bool:
         """
         Check for a timeout or a recovery; call this in each period.
 
@@ -250,13 +250,13 @@ class Sensing(AxisSensing[Estimate]):
         self._largest_swing = 2.0 * hardware.limits.angle_limit + SWING_OVERSHOOT
         self._rolling = OdometryFilter(robot, hardware.odometry)
         self.odometry: Optional[OdometryState] = None
-        self._felt: Optional[OdometryState] = None  # the last one after an IMU reading
+        self._after_imu: Optional[OdometryState] = None  # the last one after an IMU reading
         self.fusion.follower = self._follow
 
     def begin(self, now: float) -> None:
         """Restart with a drive after its handshake."""
         super().begin(now)
-        self.fusion.found_again()
+        self.fusion.reconnected()
 
     def take(self, telemetry: Telemetry) -> Optional[Estimate]:
         """
@@ -283,7 +283,7 @@ class Sensing(AxisSensing[Estimate]):
     def _follow(self, estimate: Estimate, imu: ImuReading) -> None:
         """Store the odometry of an IMU update."""
         if self.odometry is not None:
-            self.odometry = self._felt = self._rolling.advance(self.odometry, estimate, imu)
+            self.odometry = self._after_imu = self._rolling.advance(self.odometry, estimate, imu)
 
     def steady_odometry(self) -> Optional[OdometryState]:
         """
@@ -292,10 +292,10 @@ class Sensing(AxisSensing[Estimate]):
         Between IMU readings the predicted rate of the ball has the uncertainty of possible
         impacts.
         """
-        newest, felt = self.odometry, self._felt
-        if newest is not None and felt is not None \
-                and newest.stamp - felt.stamp < ODOMETRY_AGE_MAX:
-            return felt
+        newest, after_imu = self.odometry, self._after_imu
+        if newest is not None and after_imu is not None \
+                and newest.stamp - after_imu.stamp < ODOMETRY_AGE_MAX:
+            return after_imu
         return newest
 
     def motion(self, now: float) -> Optional[PendulumMotion]:

@@ -395,7 +395,7 @@ class Session:
             trouble = next(axis.line.trouble for axis in self.axes if axis.line.driver is None)
             for axis in self.axes:
                 if axis.line.driver is not None:
-                    axis.lose(axis.line.driver, LinkError(
+                    axis.disconnect(axis.line.driver, LinkError(
                         f'another axis was lost ({trouble})', 'closed', 'port'))
         stops = [axis.supervisor.e_stop for axis in self.axes if axis.supervisor.e_stop]
         if 0 < len(stops) < len(self.axes):
@@ -441,7 +441,7 @@ class Session:
                 return None
         except LinkError as error:
             with self.lock:
-                expecting.lose(waited, error)
+                expecting.disconnect(waited, error)
                 self._couple()
             return None
         estimate = None
@@ -461,7 +461,7 @@ class Session:
         try:
             estimate = axis.measure(driver)
         except LinkError as error:
-            axis.lose(driver, error)
+            axis.disconnect(driver, error)
             return None
         if estimate is not None and axis.answer(estimate) and self._wanted is Wanted.ACTIVE:
             axis.follow(self.clock())

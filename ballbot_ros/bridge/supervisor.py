@@ -127,10 +127,10 @@ class Supervisor:
 
     def offer(self, torque: float, stamp: float, now: float) -> None:
         """Accept a torque command at the pendulum, as `CommandGate.offer` does."""
-        self.overhear(torque, now)
+        self.record_request(torque, now)
         self.gate.offer(torque, stamp, now)
 
-    def overhear(self, torque: float, now: float) -> None:
+    def record_request(self, torque: float, now: float) -> None:
         """Record a torque request, accepted or not."""
         if math.isfinite(torque) and abs(torque) > NOTHING:
             self._pushed = now

@@ -145,7 +145,7 @@ def _interruption() -> Iterator[Event]:
         pressed.set()
         raise KeyboardInterrupt
 
-    def raise_again(lost: Any) -> None:
+    def reraise(lost: Any) -> None:
         nonlocal again
         if not issubclass(lost.exc_type, KeyboardInterrupt):
             hook(lost)
@@ -158,7 +158,7 @@ def _interruption() -> Iterator[Event]:
             and signal.getsignal(signal.SIGINT) is signal.default_int_handler)
     if ours:
         signal.signal(signal.SIGINT, note)
-        sys.unraisablehook = raise_again
+        sys.unraisablehook = reraise
     try:
         yield pressed
     finally:

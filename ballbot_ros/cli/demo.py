@@ -13,9 +13,9 @@ from ballbot_ros.errors import ConfigurationError
 
 # Options with a name or a YAML file.
 FILE_OPTIONS = {'scene': 'scene, a name or a YAML file, instead of the two of the demo',
-       'robot': 'robot, a name or a YAML file, instead of the one of the scene',
-       'curve': 'height curve of the decision, fitted by "ballbot fit-curve"',
-       'tuning': 'gains of the controller, a name or a YAML file (default: published)'}
+                'robot': 'robot, a name or a YAML file, instead of the one of the scene',
+                'curve': 'height curve of the decision, fitted by "ballbot fit-curve"',
+                'tuning': 'gains of the controller, a name or a YAML file (default: published)'}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -76,12 +76,12 @@ def run(arguments: argparse.Namespace) -> int:
     picture = 'house.png' if arguments.house else 'crossing.png'
     default = Path('ballbot_output') / folder
     check_writable((arguments.out or default) / picture)  # before scenes are loaded
-    acts = [] if arguments.hardware or arguments.house else demo.own_acts(
+    cases = [] if arguments.hardware or arguments.house else demo.demo_cases(
         arguments.scene, arguments.robot, arguments.curve, arguments.tuning, arguments.duration,
         arguments.planner or 'rollout')
     names: tuple[str, ...] = (picture, 'bag', 'logs')
-    if acts:
-        names = tuple(f'{Path(act.scene).stem}/{name}' for act in acts for name in names)
+    if cases:
+        names = tuple(f'{Path(case.scene).stem}/{name}' for case in cases for name in names)
     out = result_folder(arguments.out, default, names, arguments.overwrite)
     page = from_ros('ballbot_ros.demo.page').page_beside if arguments.view else nullcontext
     common = {'out': out, 'quiet': arguments.quiet, 'timeout': arguments.timeout}
@@ -96,7 +96,7 @@ def run(arguments: argparse.Namespace) -> int:
                 **common, **pace, longest=arguments.duration, robot=arguments.robot,
                 curve=arguments.curve, goals=arguments.goal)
         else:
-            code = demo.run_demo(**common, **pace, acts=acts)
+            code = demo.run_demo(**common, **pace, cases=cases)
     return int(code)
 
 

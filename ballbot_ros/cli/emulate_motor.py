@@ -63,7 +63,7 @@ def run(arguments: argparse.Namespace) -> int:
     """
     from ballbot_ros.config.files import find_config
     from ballbot_ros.emulator.ball import settings_for
-    from ballbot_ros.emulator.control import answer, Channel, obey
+    from ballbot_ros.emulator.control import answer, Channel, execute
     from ballbot_ros.emulator.emulator import Emulator
     from ballbot_ros.physics.simulation.scene import load_scene
     find_config('scenes', arguments.scene)
@@ -81,7 +81,7 @@ def run(arguments: argparse.Namespace) -> int:
     signal.signal(signal.SIGTERM, _interrupt)
     try:
         for line in arguments.fault:
-            obey(emulator, line)
+            execute(emulator, line)
         if arguments.control is not None:
             channel = Channel(emulator, arguments.control)
         emulator.start()

@@ -77,7 +77,7 @@ def print_table(outcomes: Sequence[Any]) -> None:
             '-' if item.probability is None else f'{item.probability:.2f}',
             '-' if item.plan is None else item.plan.strategy.value))
     print(table(rows))
-    over = sum(item.got_over for item in outcomes)
+    over = sum(item.crossed for item in outcomes)
     print(f'{len(outcomes)} outcome{"s" * (len(outcomes) != 1)}, of which {over} crossed')
 
 

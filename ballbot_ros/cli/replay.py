@@ -221,7 +221,7 @@ def replay_simulator(arguments: argparse.Namespace, run: Any, metadata: Any) -> 
     lines = [f'simulator, {world}, robot {robot.name}, '
              f'{settings.control_rate:g} Hz', *remarks]
     for item in found:
-        lines += wording(item)
+        lines += report_lines(item)
     series, numbers = compared(best)
     if best.departure is not None and numbers:
         lines += ['', difference_table(numbers)]
@@ -263,7 +263,7 @@ def differing(metadata: Any, scene: Any) -> list[str]:
     return lines
 
 
-def wording(found: Any) -> list[str]:
+def report_lines(found: Any) -> list[str]:
     """Return the report of a run, in lines."""
     lines = [f'driven by {found.applied} {found.what}'
              + (f'; {found.filled} are missing, replaced by the motor torque'

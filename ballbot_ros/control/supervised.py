@@ -176,7 +176,7 @@ class SupervisedController:
         self._controller.reset()
         self.let_down = False
 
-    def overhear(self, set_point: SetPoint) -> None:
+    def record_request(self, set_point: SetPoint) -> None:
         """Record a requested set-point, also of a sender without authority."""
         if not set_point.is_rest:
             self._asked, self._asked_at = set_point, self.time
@@ -192,7 +192,7 @@ class SupervisedController:
             self._rest_first = self._rest_first and self.e_stop
             return
         waiting = self._rest_first and (self.e_stop or self.asked is not None)
-        self.overhear(set_point)
+        self.record_request(set_point)
         if waiting:
             raise MessageError(f'set-point of {set_point.in_words} refused: ' + (
                 'the e-stop is engaged' if self.e_stop else

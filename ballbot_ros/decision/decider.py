@@ -80,7 +80,7 @@ class Decider:
         self._maker = PLANNERS[planner] if isinstance(planner, str) else planner
         self._plan = with_safety_filter(self._maker(knowledge), knowledge)
         self._fusion = GroundFusion(knowledge.robot, knowledge.tuning, frame)
-        self._fusion.stand_on(_steepest(knowledge))
+        self._fusion.set_steepest(_steepest(knowledge))
         self._pilot = Pilot(knowledge)
         self._memory = Memory(knowledge.tuning, knowledge.robot.ball_radius)
         self._watch = AttemptWatch(knowledge.robot)
@@ -112,7 +112,7 @@ class Decider:
         def begin() -> None:
             self._plan = plan
             self._pilot.follow(knowledge)
-            self._fusion.stand_on(_steepest(knowledge))
+            self._fusion.set_steepest(_steepest(knowledge))
         return begin
 
     @property
@@ -149,12 +149,12 @@ class Decider:
         situation = Situation(motion, profile, memory.failures(profile), memory.free_from,
                               memory.obstruction, self._learner.particles)
         self.planned = planned = self._plan(situation, self.planned)
-        self.decision = decision = self.goals.carry(planned, motion)
+        self.decision = decision = self.goals.constrain(planned, motion)
         self.outcome = self._watch.update(motion, profile, decision)
         if self.outcome is not None:
             memory.take(self.outcome)
             self._learner.take(self.outcome)
-        self._learner.work(LEARNING_ROLLOUTS_PER_DECISION)
+        self._learner.advance(LEARNING_ROLLOUTS_PER_DECISION)
         memory.watch(motion, decision)
         self.end = self.goals.update(planned, motion, self.outcome)
         return Answer(motion.stamp, decision, self._pilot.angle(
@@ -189,4 +189,4 @@ def warm_up(knowledge: Knowledge, planner: str) -> None:
     learner.take(Outcome(
         stamp=0.0, result='over', face=1, position=1.0, height=0.01, height_sd=0.001,
         touch_speed=0.6, touch_angle=0.0, held_angle=0.0, slope=0.0, distance=1.0, robot=''))
-    learner.work(1)
+    learner.advance(1)

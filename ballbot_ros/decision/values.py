@@ -72,7 +72,7 @@ class Motion:
     slope: float = 0.0
 
     @property
-    def sane(self) -> bool:
+    def is_plausible(self) -> bool:
         """Return whether all values are finite and within plausible limits."""
         return (math.isfinite(self.stamp) and abs(self.position) < FARTHEST
                 and abs(self.speed) < FASTEST and math.isfinite(self.slope)
@@ -295,7 +295,7 @@ class Profile:
     steep: Tuple[Tuple[float, float], ...] = ()
 
     @property
-    def sane(self) -> bool:
+    def is_plausible(self) -> bool:
         """Return whether all values of the faces are finite and plausible."""
         return all(
             abs(face.position) < FARTHEST and abs(face.height) < HIGHEST

@@ -53,7 +53,7 @@ STATES = {'joint_states': 500.0, 'ball_state': 100.0, 'odom': 100.0, 'terrain_ob
 ANSWERS = {'joint_commands': 500.0, 'set_point': 50.0, 'step_decision': 50.0}
 
 
-class Act(NamedTuple):
+class Case(NamedTuple):
     """A scene and the expected action at each face, left to right; None accepts any action."""
 
     title: str
@@ -66,20 +66,20 @@ class Act(NamedTuple):
     planner: str = 'rollout'
 
 
-TWO_STEPS = Act('The ball rests in front of a step, with a higher one behind it.',
-                'doorstep', (Expected.CROSSED, Expected.REFUSED))
-ACTS = (TWO_STEPS, Act(
+TWO_STEPS = Case('The ball rests in front of a step, with a higher one behind it.',
+                 'doorstep', (Expected.CROSSED, Expected.REFUSED))
+CASES = (TWO_STEPS, Case(
     'The floor slopes down, and ends in a drop.', 'drop_on_slope', (Expected.REFUSED,)))
-# The first act of the cubic, whose rule needs a longer run-up than that of `TWO_STEPS`.
-LONG_RUN_UP = Act('The ball rests in front of a step, with the run-up that the cubic requires.',
-                  'voltage_start', (Expected.CROSSED,), longest=5.0, planner='cubic')
+# The first case of the cubic, whose rule needs a longer run-up than that of `TWO_STEPS`.
+LONG_RUN_UP = Case('The ball rests in front of a step, with the run-up that the cubic requires.',
+                   'voltage_start', (Expected.CROSSED,), longest=5.0, planner='cubic')
 
 
-def own_acts(scene: Optional[str] = None, robot: Optional[str] = None,
-             curve: Optional[str] = None, tuning: Optional[str] = None,
-             longest: Optional[float] = None, planner: str = 'rollout') -> Sequence[Act]:
+def demo_cases(scene: Optional[str] = None, robot: Optional[str] = None,
+               curve: Optional[str] = None, tuning: Optional[str] = None,
+               longest: Optional[float] = None, planner: str = 'rollout') -> Sequence[Case]:
     """
-    Return the acts of a demo, after the same checks as in their nodes.
+    Return the cases of a demo, after the same checks as in their nodes.
 
     Parameters
     ----------
@@ -101,21 +101,21 @@ def own_acts(scene: Optional[str] = None, robot: Optional[str] = None,
                 'demo')
     duration = DURATION_MAX if longest is None else longest
     if not (robot or curve or tuning):
-        known = [act._replace(longest=act.longest if longest is None else longest,
-                              planner=planner,
-                              expected=act.expected if act.planner == planner else None)
-                 for act in (LONG_RUN_UP if planner == 'cubic' else TWO_STEPS, *ACTS[1:])
-                 if scene in (None, act.scene)]
+        known = [case._replace(longest=case.longest if longest is None else longest,
+                               planner=planner,
+                               expected=case.expected if case.planner == planner else None)
+                 for case in (LONG_RUN_UP if planner == 'cubic' else TWO_STEPS, *CASES[1:])
+                 if scene in (None, case.scene)]
         if known:
             return known
-    scene = scene or ACTS[0].scene
+    scene = scene or CASES[0].scene
     load_scene(scene, robot)  # refuses invalid content
     name = robot or str(read_yaml(find_config('scenes', scene))['robot'])
     kind = load_robot(name)
     tuning = tuning or TUNING
     checked_controller(kind, load_tuning(tuning), CONTROL_RATE, 0.0)
-    return [Act(f'{kind.name} on the scene {scene}.', scene, None, name,
-                fitting_curve(kind, name, curve), tuning, duration, planner)]
+    return [Case(f'{kind.name} on the scene {scene}.', scene, None, name,
+                 fitting_curve(kind, name, curve), tuning, duration, planner)]
 
 
 def fitting_curve(robot: Robot, name: str, curve: Optional[str]) -> str:
@@ -137,7 +137,7 @@ def fitting_curve(robot: Robot, name: str, curve: Optional[str]) -> str:
 
 
 def run_demo(out: Path, real_time: bool = False, quiet: bool = False, timeout: float = 60.0,
-             acts: Sequence[Act] = ACTS, watched: bool = False) -> int:
+             cases: Sequence[Case] = CASES, watched: bool = False) -> int:
     """
     Run the demo: two steps, and a drop on a slope.
 
@@ -147,43 +147,43 @@ def run_demo(out: Path, real_time: bool = False, quiet: bool = False, timeout: f
     Parameters
     ----------
     out : Path
-        Output folder with one folder per act: bag, picture and logs.
+        Output folder with one folder per case: bag, picture and logs.
     real_time : bool
         Run in real time instead of in lockstep at maximum speed.
     quiet : bool
         Print only the verdict.
     timeout : float
         Longest wall time without a new state [s].
-    acts : sequence of Act
+    cases : sequence of Case
     watched : bool
         Limit lockstep to real time, for viewers.
 
     Returns
     -------
     int
-        0 if the robot acted as expected in every act, 1 if not.
+        0 if the robot acted as expected in every case, 1 if not.
 
     """
     lockstep_period = 0.0 if real_time else 1.0 / STATES['terrain_observation']
     prepare(('simulator', 'controller', 'decision'))  # before anything is waited for
     import_nodes(('simulator', 'controller', 'obstacle_decision'))
-    together = len(acts) > 1 and not (real_time or watched or os.environ.get('ROS_DOMAIN_ID'))
-    domains = [own_domain(number if together else 0) for number in range(len(acts))]
+    together = len(cases) > 1 and not (real_time or watched or os.environ.get('ROS_DOMAIN_ID'))
+    domains = [own_domain(number if together else 0) for number in range(len(cases))]
     if not quiet:
         print('Three nodes on ROS domain '
               f'{" and ".join(map(str, dict.fromkeys(domains)))}, '
               f'{lockstep_note(real_time, watched)}.', flush=True)
 
-    def play(act: Act, domain: int, folder: Path, timeline: Timeline) -> List[str]:
+    def play(case: Case, domain: int, folder: Path, timeline: Timeline) -> List[str]:
         simulator = {
-            'scene': act.scene, 'robot': act.robot, 'control_rate': CONTROL_RATE,
+            'scene': case.scene, 'robot': case.robot, 'control_rate': CONTROL_RATE,
             'lockstep': not real_time,
             'real_time_factor': 1.0 if real_time or watched else 0.0, 'start_paused': True}
-        decision = {'robot': act.robot, 'curve': act.curve, 'control_tuning': act.tuning,
-                    'planner': act.planner}
+        decision = {'robot': case.robot, 'curve': case.curve, 'control_tuning': case.tuning,
+                    'planner': case.planner}
         metadata = bag_metadata(
-            SIMULATOR, simulator, load_scene(act.scene, act.robot), decision)
-        controller = {'robot': act.robot, 'tuning': act.tuning, 'rate': CONTROL_RATE,
+            SIMULATOR, simulator, load_scene(case.scene, case.robot), decision)
+        controller = {'robot': case.robot, 'tuning': case.tuning, 'rate': CONTROL_RATE,
                       'lockstep_set_point_period': lockstep_period}
         with recorded_graph(
                 folder, (*TOPICS, *TOOL_TOPICS), timeline,
@@ -191,13 +191,13 @@ def run_demo(out: Path, real_time: bool = False, quiet: bool = False, timeout: f
                 metadata, domain) as graph:
             simulation = RecordedSimulation(
                 graph.node, graph.bag, TOPICS, free_running=real_time or watched)
-            wrong = graph.run(simulation.poll, timeout, act.longest, TOPICS)
+            wrong = graph.run(simulation.poll, timeout, case.longest, TOPICS)
         return wrong + check_bag(
             graph, STATES if real_time else {**STATES, **ANSWERS}, quiet)
 
     return max(in_processes([
-        partial(perform, out / Path(act.scene).stem, act, quiet, partial(play, act, domain))
-        for act, domain in zip(acts, domains)], together))
+        partial(run_case, out / Path(case.scene).stem, case, quiet, partial(play, case, domain))
+        for case, domain in zip(cases, domains)], together))
 
 
 def lockstep_note(real_time: bool, watched: bool) -> str:
@@ -208,7 +208,7 @@ def lockstep_note(real_time: bool, watched: bool) -> str:
 
 def in_processes(works: Sequence[Callable[[], int]], together: bool) -> List[int]:
     """
-    Perform acts in copies of this process, so that their nodes can be copies of it, too.
+    Run cases in copies of this process, so that their nodes can be copies of it, too.
 
     Returns their exit codes.  Acts that run together print one after the other.
     """
@@ -218,12 +218,12 @@ def in_processes(works: Sequence[Callable[[], int]], together: bool) -> List[int
         kept: List[BinaryIO] = [
             TemporaryFile() for _ in range(2)] if together and processes else []
 
-        def work_alone() -> int:
+        def child() -> int:
             signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent sends SIGTERM instead
             for stream, file in enumerate(kept, start=1):  # standard output and error
                 os.dup2(file.fileno(), stream)
             return work()
-        processes.append(Forked(work_alone))
+        processes.append(Forked(child))
         return processes[-1], kept
 
     codes = []
@@ -269,10 +269,10 @@ def passages_of(scene: Scene, expected: Optional[Sequence[Expected]] = None) -> 
             for face, due in zip(faces, dues)]
 
 
-def perform(out: Path, act: Act, quiet: bool,
-            play: Callable[[Path, Timeline], List[str]]) -> int:
-    """Run an act with a scene and return the exit code; `play` takes folder and timeline."""
-    scene = load_scene(act.scene, act.robot)
+def run_case(out: Path, case: Case, quiet: bool,
+             play: Callable[[Path, Timeline], List[str]]) -> int:
+    """Run a case with a scene and return the exit code; `play` takes folder and timeline."""
+    scene = load_scene(case.scene, case.robot)
     marks: List[Mark] = []
 
     def report(when: float, word: str, sentence: str) -> None:
@@ -283,10 +283,10 @@ def perform(out: Path, act: Act, quiet: bool,
             marks.append(Mark(when, word, word == 'CROSS', step))
         if not quiet:
             print_event(when, word, sentence)
-    timeline = Timeline(passages_of(scene, act.expected), scene.model.robot, report)
+    timeline = Timeline(passages_of(scene, case.expected), scene.model.robot, report)
 
     def verdict_on() -> List[str]:
-        if act.expected is not None:
+        if case.expected is not None:
             return timeline.verdict()
         if timeline.states and not quiet:
             print('\nResult:')
@@ -296,7 +296,7 @@ def perform(out: Path, act: Act, quiet: bool,
 
     def draw() -> Figure:
         return strip(_trajectory(scene, timeline), 'as published on ball_state', marks)
-    return conclude(out, act.title, quiet, timeline, partial(play, out, timeline), verdict_on,
+    return conclude(out, case.title, quiet, timeline, partial(play, out, timeline), verdict_on,
                     draw, 'crossing.png')
 
 

@@ -73,7 +73,7 @@ class Forked:
 def detached(name: str, work: Callable[[], int], arguments: Sequence[str],
              environment: Mapping[str, str], log: TextIO) -> Callable[[], int]:
     """Return a function that runs in a separate session, with a name and a log file."""
-    def work_alone() -> int:
+    def child() -> int:
         os.setsid()
         Path('/proc/self/comm').write_text(name)  # ps and top show 15 characters of it
         for stream in (1, 2):  # standard output and error, of C++ as well
@@ -84,7 +84,7 @@ def detached(name: str, work: Callable[[], int], arguments: Sequence[str],
         on_compiling(None)  # a node logs what it compiles
         sys.argv = [sys.argv[0], *arguments]
         return work()
-    return work_alone
+    return child
 
 
 def import_nodes(names: Iterable[str]) -> None:

@@ -13,7 +13,7 @@ from std_srvs.srv import Trigger
 from ballbot_ros.bags.metadata import bag_metadata, BRIDGE
 from ballbot_ros.bridge.hardware_file import load_hardware
 from ballbot_ros.config.files import shipped_files
-from ballbot_ros.demo.demo import CURVE, perform, TOOL_TOPICS, TOPICS, TWO_STEPS
+from ballbot_ros.demo.demo import CURVE, run_case, TOOL_TOPICS, TOPICS, TWO_STEPS
 from ballbot_ros.demo.forked import import_nodes
 from ballbot_ros.demo.prepare import prepare
 from ballbot_ros.demo.processes import own_domain
@@ -86,7 +86,7 @@ def run_hardware_demo(out: Path, protocol: str, firmware: str = '', serial_imu: 
         print(f'An emulated {f"{protocol} {firmware}".strip()} drive, '
               f'{hardware.connection.baud} baud{imu}; bridge and decision on ROS domain '
               f'{own_domain()}, in real time.', flush=True)
-    code = perform(out, TWO_STEPS, quiet, play)
+    code = run_case(out, TWO_STEPS, quiet, play)
     if code:
         print(f'  - {load_note()}', file=sys.stderr)
     return code

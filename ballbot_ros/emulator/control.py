@@ -102,7 +102,7 @@ FAULTS = {
 LINE_FAULTS = {name: item.metadata for name, item in LineFaults.__dataclass_fields__.items()}
 
 
-def obey(emulator: Emulator, line: str) -> str:
+def execute(emulator: Emulator, line: str) -> str:
     """
     Execute a line and return the answer.
 
@@ -187,7 +187,7 @@ def state_of(emulator: Emulator) -> dict[str, object]:
 def answer(emulator: Emulator, line: str) -> str:
     """Execute a line and return one line: ``ok``, a JSON object, or ``error:`` and the reason."""
     try:
-        return obey(emulator, line)
+        return execute(emulator, line)
     except BallbotError as error:
         return f'error: {error}'
 

@@ -42,7 +42,7 @@ class SlcanAdapter(PseudoTerminal):
                 frames += record(frame)
                 self._answer(END)
             else:
-                self._obey(command)
+                self._execute(command)
         return frames
 
     def write(self, data: bytes) -> None:
@@ -51,7 +51,7 @@ class SlcanAdapter(PseudoTerminal):
         if self._open:
             self._answer(b''.join(map(text_of, frames)))
 
-    def _obey(self, command: bytes) -> None:
+    def _execute(self, command: bytes) -> None:
         if command[:1] in (b'O', b'C'):
             self._open = command[:1] == b'O'
         elif command[:1] == b'S' and command[1:].isdigit() and int(command[1:]) < len(BIT_RATES):

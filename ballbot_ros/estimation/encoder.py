@@ -149,10 +149,10 @@ class Continuity(NamedTuple):
             broken = not self._explains(last, reading, step, pause, late)
             step_rate = self.step_rate if broken or pause <= 0.0 else step / pause
         return Continuity(
-            reading, step_rate, self._doubt(reading.stamp, innovation, fits, broken))
+            reading, step_rate, self._pending_jump(reading.stamp, innovation, fits, broken))
 
-    def _doubt(self, stamp: float, innovation: float, fits: bool,
-               broken: bool) -> Optional[EncoderDoubt]:
+    def _pending_jump(self, stamp: float, innovation: float, fits: bool,
+                      broken: bool) -> Optional[EncoderDoubt]:
         """Return the readings in doubt, None if the encoder is continuous (a filter error)."""
         if fits or self.doubt is None and not broken:
             return None

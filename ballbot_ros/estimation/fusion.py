@@ -76,7 +76,7 @@ class Fusion:
         self._continuity, self._check = Continuity(), EncoderCheck()
         self._jumped: Deque[float] = deque(maxlen=MOST_JUMPS)  # when [s]
 
-    def found_again(self) -> None:
+    def reconnected(self) -> None:
         """Reset the count of jumps: a reconnected drive may count from another zero."""
         self._jumped.clear()
 
@@ -165,7 +165,7 @@ class Fusion:
             reading, self._filter.innovation(predicted, angle), predicted.joint_rate)
         if self._continuity.doubt is not None:
             self._check = EncoderCheck(reading)
-            estimate = self._in_doubt(predicted)
+            estimate = self._without_reading(predicted)
         else:
             estimate = self._filter.with_encoder(predicted, angle, reading.latency)
             if self._check.pause:
@@ -180,7 +180,7 @@ class Fusion:
                 'diverged', 'pendulum_angle')
         return estimate
 
-    def _in_doubt(self, estimate: Estimate) -> Estimate:
+    def _without_reading(self, estimate: Estimate) -> Estimate:
         """Return the estimate after an omitted reading, with a new zero if enough agree."""
         doubt = self._continuity.doubt
         assert doubt is not None

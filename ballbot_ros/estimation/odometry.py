@@ -84,8 +84,8 @@ class OdometryState(NamedTuple):
     rolled: float  # part of the position from rolling [m]
     start_variance: float  # of the ball angle at the start
     slide: Slide
-    felt_stamp: float  # of the last IMU reading used [s]
-    felt_rate: float  # of the ball then [rad/s]
+    imu_stamp: float  # of the last IMU reading used [s]
+    imu_rate: float  # of the ball then [rad/s]
 
 
 class OdometryFilter:
@@ -106,7 +106,7 @@ class OdometryFilter:
         """Return the odometry of a ball at position 0 that rolls."""
         # Later angles are relative to the first one, whose variance is that of the zero.
         return self._result(estimate, 0.0, Slide(0.0, 0.0, 0.0, 0.0, 0.0), _variances(estimate)[0],
-                          -math.inf, 0.0)
+                            -math.inf, 0.0)
 
     def lost(self, before: OdometryState) -> OdometryState:
         """Return the odometry after a lost estimate, with an increased variance."""
@@ -132,8 +132,8 @@ class OdometryFilter:
         state = before
         if estimate.stamp > before.stamp:
             state = self._moved(before, estimate)
-        if imu is not None and imu.stamp > state.felt_stamp:
-            state = self._felt(state, estimate, imu)
+        if imu is not None and imu.stamp > state.imu_stamp:
+            state = self._by_imu(state, estimate, imu)
         return state
 
     def _moved(self, before: OdometryState, estimate: Estimate) -> OdometryState:
@@ -150,36 +150,36 @@ class OdometryFilter:
             slide.way_variance + lost + step * (
                 2.0 * slide.covariance + step * slide.slip_variance),
             slide.covariance + step * slide.slip_variance, slide.slip_variance)
-        if estimate.stamp - before.felt_stamp > LONGEST_PAUSE:
+        if estimate.stamp - before.imu_stamp > LONGEST_PAUSE:
             part = self._tuning.slip_unseen
             slide = slide._replace(slip_variance=slide.slip_variance + step * (
                 part * self._radius * rate)**2 / CORRELATION_TIME)
             slide = self._rolling(slide, step, rate, part)
         return self._result(estimate, before.rolled - self._radius * turned_by, slide,
-                          before.start_variance, before.felt_stamp, before.felt_rate)
+                            before.start_variance, before.imu_stamp, before.imu_rate)
 
-    def _felt(self, before: OdometryState, estimate: Estimate,
-              imu: ImuReading) -> OdometryState:
+    def _by_imu(self, before: OdometryState, estimate: Estimate,
+                imu: ImuReading) -> OdometryState:
         """Return the odometry after an IMU reading, integrated since the previous one."""
         tuning, (angle, rate) = self._tuning, _ball(estimate)
-        slide, period = before.slide, imu.stamp - before.felt_stamp
+        slide, period = before.slide, imu.stamp - before.imu_stamp
         if period <= LONGEST_PAUSE:
             forward, _ = turned(imu.forward, imu.upward, angle)
             shock = abs(math.hypot(imu.forward, imu.upward) - self._gravity)
-            faster = period * forward + self._radius * (rate - before.felt_rate)
+            faster = period * forward + self._radius * (rate - before.imu_rate)
             # An IMU reading may have been lost, and an impact with it.
-            unfelt = max(0.0, period - IMPACT_INTERVAL_MAX) * (
+            unmeasured = max(0.0, period - IMPACT_INTERVAL_MAX) * (
                 tuning.slip_unseen * self._radius * rate)**2 / CORRELATION_TIME
             slide = slide._replace(
                 # The slip changes linearly over the period.
                 way=slide.way + 0.5 * period * faster, slip=slide.slip + faster,
-                slip_variance=slide.slip_variance + unfelt + period * (
+                slip_variance=slide.slip_variance + unmeasured + period * (
                     tuning.force_sd**2 * CORRELATION_TIME
                     + (tuning.shock_part * shock)**2 * period))
             if shock <= tuning.contact_gate:
                 slide = self._rolling(slide, period, rate, tuning.slip_part)
         return self._result(estimate, before.rolled, slide, before.start_variance, imu.stamp,
-                          rate)._replace(ball_angle=before.ball_angle)
+                            rate)._replace(ball_angle=before.ball_angle)
 
     def _rolling(self, slide: 'Slide', step: float, rate: float, part: float) -> 'Slide':
         """Return the slide corrected by zero slip, with a deviation of a part of the speed."""
@@ -196,7 +196,7 @@ class OdometryFilter:
             slide.slip_variance - gain * slide.slip_variance)
 
     def _result(self, estimate: Estimate, rolled: float, slide: 'Slide', start_variance: float,
-              felt_stamp: float, felt_rate: float) -> OdometryState:
+                imu_stamp: float, imu_rate: float) -> OdometryState:
         radius, (angle, rate) = self._radius, _ball(estimate)
         of_angle, of_rate = _variances(estimate)
         wrong = self._tuning.radius_error
@@ -205,7 +205,7 @@ class OdometryFilter:
             slide.way_variance + radius**2 * (of_angle + start_variance) + (wrong * rolled)**2,
             slide.slip_variance + slide.slip**2 + radius**2 * of_rate
             + (wrong * radius * rate)**2,
-            angle, rate, rolled, start_variance, slide, felt_stamp, felt_rate)
+            angle, rate, rolled, start_variance, slide, imu_stamp, imu_rate)
 
 
 def _ball(estimate: Estimate) -> Tuple[float, float]:

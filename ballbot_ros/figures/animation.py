@@ -18,7 +18,7 @@ from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.figures import canvas
 from ballbot_ros.figures.drawing import draw_ball, draw_ground, FORCE, ground_line, legend, PATH
 from ballbot_ros.figures.frames import ROW
-from ballbot_ros.figures.panels import sane
+from ballbot_ros.figures.panels import plottable
 from ballbot_ros.physics.mechanics.contact import (
     contact_force, contact_table, EDGE, find_contacts, KIND, NORMAL_X, NORMAL_Y)
 from ballbot_ros.physics.model.state import SIZE, X, Y
@@ -199,7 +199,7 @@ def animate(trajectory: Trajectory, path: PathLike, title: str = '', playback: f
         If there is no way to write such a file.
 
     """
-    run = sane(trajectory)
+    run = plottable(trajectory)
     check_animation(path, float(run['time'][-1] - run['time'][0]), playback)
     frames = frame_samples(run['time'], playback)
     pictures = _pictures(run, frames, title, playback, progress)

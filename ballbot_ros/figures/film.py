@@ -11,7 +11,7 @@ import numpy as np
 from ballbot_ros.figures import canvas
 from ballbot_ros.figures.drawing import draw_ball, draw_ground, ground_line, legend, PATH
 from ballbot_ros.figures.frames import lay_out, Layout, Row
-from ballbot_ros.figures.panels import sane
+from ballbot_ros.figures.panels import plottable
 from ballbot_ros.physics.simulation.trajectory import Trajectory
 from ballbot_ros.results.faces import FaceMeeting, faces_of, meet_faces, rising_faces
 
@@ -41,7 +41,7 @@ def strip(trajectory: Trajectory, title: str = '', marks: Sequence[Mark] = ()) -
     touch speed, and whether the ball crossed it.  The title is the name of the
     scene, say.
     """
-    run = sane(trajectory)
+    run = plottable(trajectory)
     chosen = lay_out(run)
     views = [_view(run, row) for row in chosen.rows]
     span = max(right - left for left, right, _, _ in views)

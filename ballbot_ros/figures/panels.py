@@ -41,7 +41,7 @@ class Panel:
     band: float = 0.0  # half width of a band about zero that is shaded
 
 
-def sane(trajectory: Trajectory) -> Trajectory:
+def plottable(trajectory: Trajectory) -> Trajectory:
     """Return a trajectory without the rows that are not finite, or out of all bounds."""
     rows = trajectory.rows
     with np.errstate(invalid='ignore'):
@@ -56,7 +56,7 @@ def time_series(trajectory: Trajectory, title: str = '') -> Figure:
 
     Bands in the background mark the time in flight.  The title is the name of the scene, say.
     """
-    run = sane(trajectory)
+    run = plottable(trajectory)
     with panel_figure(list(_panels(run)), run['time'], 9.0, 'time [s]') as (figure, drawn):
         time, flying = run['time'], run['penetration'] == 0.0
         ends = np.flatnonzero(np.diff(np.concatenate([[False], flying, [False]]).astype(int)))
@@ -139,7 +139,7 @@ def _panels(run: Trajectory) -> Iterator[Panel]:
         Series('of the centre, along x', run['velocity_x'], canvas.BLUE),
         Series('of the centre, upwards', run['velocity_y'], canvas.SKY),
         Series('of rolling, $-R\\,\\dot\\theta_1$', -robot.ball_radius * run['ball_rate'],
-             canvas.VERMILION, '--')), height=1.5)
+               canvas.VERMILION, '--')), height=1.5)
     if robot.has_pendulum:
         yield Panel('angle [deg]', (
             Series('pendulum, absolute', np.degrees(run['pendulum_angle']), canvas.BLUE),))

@@ -14,7 +14,7 @@ A `TerrainSensor` observes the ground ahead, with noise that depends on seed and
 
     >>> from ballbot_ros.physics import Terrain
     >>> sensor = TerrainSensor(Terrain.step(0.02, at=0.5), reach=1.0, height_sd=0.001)
-    >>> sight = sensor.look(0.0, 0.226, 0)
+    >>> sight = sensor.measure(0.0, 0.226, 0)
     >>> bool(0.01 < max(sight.z) - min(sight.z) < 0.03)
     True
 """

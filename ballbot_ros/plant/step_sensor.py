@@ -94,7 +94,7 @@ class Sensor:
         self.distance_sd = faults.reported_sd * max(distance_sd, DISTANCE_RESOLUTION)
         self.height_sd = faults.reported_sd * max(height_sd, HEIGHT_RESOLUTION)
 
-    def look(self, x: float, number: int) -> Optional[Sight]:
+    def measure(self, x: float, number: int) -> Optional[Sight]:
         """
         Look ahead; return None for a look that is lost.
 

@@ -86,7 +86,7 @@ class TerrainSensor:
         self._noise, self._seed = height_sd, seed
         self.faults = faults
 
-    def look(self, x: float, y: float, number: int) -> Optional[TerrainSight]:
+    def measure(self, x: float, y: float, number: int) -> Optional[TerrainSight]:
         """
         Return an observation; None for a lost sample.
 

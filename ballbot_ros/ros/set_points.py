@@ -36,7 +36,7 @@ class SetPoints:
         Takes a `SetPoint` stamped as its message, 0 where that was not; raises `MessageError`.
     refused : Counter
         Counts them by reason.
-    overhear : callable
+    record_request : callable
         Takes a `SetPoint` of a node without authority, which also requests motion.
     steers : bool
 
@@ -49,9 +49,9 @@ class SetPoints:
     """
 
     def __init__(self, node: Node, give: Callable[[SetPoint], None], refused: Counter,
-                 overhear: Callable[[SetPoint], None], steers: bool):
+                 record_request: Callable[[SetPoint], None], steers: bool):
         self._node, self._give, self._refused = node, give, refused
-        self._overhear, self.steers = overhear, steers
+        self._overhear, self.steers = record_request, steers
         self.authority = Authority(AUTHORITY_TIMEOUT)
         self._publishers = {
             topic: SinglePublisher(node, topic) for topic in ('set_point', 'cmd_vel')}

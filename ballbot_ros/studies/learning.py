@@ -66,7 +66,7 @@ def demanding(robot: Robot, random: np.random.Generator) -> Touching:
     while True:
         angle = float(random.choice(ANGLES))
         touching = Touching(float(random.uniform(*HEIGHTS)), HEIGHT_SD,
-                        float(random.uniform(*SPEEDS)), 0.6 * angle, angle)
+                            float(random.uniform(*SPEEDS)), 0.6 * angle, angle)
         higher = touching._replace(height=touching.height + HEIGHT_WINDOW)
         if score_of(robot, touching)[0] > 0.0 >= score_of(robot, higher)[0]:
             return touching
@@ -125,7 +125,7 @@ def study(robot: Robot, robots: int, attempts: int, seed: int = 0,
                     position=0.0, height=step.height, height_sd=step.height_sd,
                     touch_speed=step.speed, touch_angle=step.angle, held_angle=step.set_angle,
                     passed_speed=passed if over else None))
-                learner.work()
+                learner.advance()
                 tried += 1
             for step in (demanding(robot, random) for _ in range(TESTS)):
                 observed = np.mean([attempted(true, bias, step, random)[0]

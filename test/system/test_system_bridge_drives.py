@@ -9,7 +9,7 @@ from nav_msgs.msg import Odometry
 import pytest
 from waiting import TIMEOUT
 
-from ballbot_ros.emulator.control import obey
+from ballbot_ros.emulator.control import execute
 
 
 def heading_of(message):
@@ -58,9 +58,9 @@ def test_a_vesc_is_released_each_time_and_its_kill_switch_is_reported(graph, emu
         run.release()
         assert not run.status[-1].e_stop
         run.pull()
-        obey(vesc, 'stop_switch')
+        execute(vesc, 'stop_switch')
         graph.wait(lambda: 'KILL_SW_ACTIVE' in run.status[-1].faults, 'it reports the switch')
         run.wait_for_nothing()
         assert list(run.status[-1].faults) == ['KILL_SW_ACTIVE']
-        obey(vesc, 'stop_switch 0')
+        execute(vesc, 'stop_switch 0')
         run.wait_for_nothing()

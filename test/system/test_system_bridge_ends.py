@@ -11,7 +11,7 @@ from std_srvs.srv import Trigger
 from waiting import wait_until
 
 from ballbot_ros.black_box.read import find_black_box, read_black_box
-from ballbot_ros.emulator.control import obey
+from ballbot_ros.emulator.control import execute
 from ballbot_ros.msg import MotorStatus
 from ballbot_ros.nodes.bridge.node import Bridge
 from ballbot_ros.ros import diagnostics
@@ -53,12 +53,12 @@ def test_commands_that_stop_stop_the_motor_and_are_followed_again(driving, motor
 
 def test_unplugging_ends_in_a_stop_and_service_comes_back(driving, motor):
     run = driving()
-    obey(motor, 'unplug')
+    execute(motor, 'unplug')
     run.wait_for_nothing()
     run.wait_until_reported(MotorStatus.STATE_LOST)
     run.graph.wait_for_health('bridge', diagnostics.ERROR, 'looking for the drive')
     run.graph.wait(lambda: 'looking for the drive' in run.graph.log('bridge'), 'an attempt')
-    obey(motor, 'plug')
+    execute(motor, 'plug')
     run.graph.wait(lambda: run.status[-1].state == MotorStatus.STATE_E_STOP, 'the drive is back')
     assert run.status[-1].e_stop_reason == 'links_lost'
     refusal = run.graph.call('bridge/release_e_stop', Trigger)

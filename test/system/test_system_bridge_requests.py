@@ -10,7 +10,7 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
-from ballbot_ros.emulator.control import obey
+from ballbot_ros.emulator.control import execute
 from ballbot_ros.msg import MotorStatus
 
 
@@ -30,11 +30,11 @@ def test_transitions_that_are_not_possible_are_answered_and_end_nothing(graph, m
 
 def test_a_requested_transition_ends_the_autostart(graph, motor, hardware):
     graph.client('bridge/change_state', ChangeState)
-    obey(motor, 'unplug')
+    execute(motor, 'unplug')
     graph.start('bridge', hardware=hardware(), port=motor.path)
     status = graph.subscribe('motor_status', MotorStatus)
     while not graph.change_state('bridge', Transition.TRANSITION_CONFIGURE):
-        obey(motor, 'plug')  # and from now on the bridge could do it by itself
+        execute(motor, 'plug')  # and from now on the bridge could do it by itself
     graph.wait(lambda: status, 'the loop runs')
     graph.spin(2.5)
     assert status[-1].state == MotorStatus.STATE_E_STOP
@@ -79,6 +79,6 @@ def test_the_services_of_a_lifecycle_node_take_and_give_the_power(graph, motor, 
     assert graph.change_state('bridge', Transition.TRANSITION_DEACTIVATE)
     assert motor.torque == 0.0 and not motor.device.armed
     assert graph.change_state('bridge', Transition.TRANSITION_CLEANUP)
-    obey(motor, 'unplug')
+    execute(motor, 'unplug')
     assert not graph.change_state('bridge', Transition.TRANSITION_CONFIGURE)
     assert 'there is no port' in graph.log('bridge')

@@ -190,8 +190,8 @@ def test_a_demo_of_an_unable_robot_fails_and_names_the_shortfall(domain, tmp_pat
     done = subprocess.run(
         [sys.executable, '-c', 'import pathlib, sys; '
          'from ballbot_ros.demo.demo import run_demo, TWO_STEPS; '
-         f'acts = [TWO_STEPS._replace(scene="{scene}", longest=5.0)]; '
-         'sys.exit(run_demo(pathlib.Path("out"), acts=acts))'],
+         f'cases = [TWO_STEPS._replace(scene="{scene}", longest=5.0)]; '
+         'sys.exit(run_demo(pathlib.Path("out"), cases=cases))'],
         cwd=tmp_path, env=environment(domain, tmp_path), capture_output=True, text=True,
         timeout=TIMEOUT)
     assert done.returncode == 1, done.stderr

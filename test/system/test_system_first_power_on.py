@@ -19,7 +19,7 @@ import yaml
 from ballbot_ros.bridge.commissioning import calibration
 from ballbot_ros.bridge.drive_line import connector, handshake
 from ballbot_ros.bridge.hardware_file import load_hardware
-from ballbot_ros.emulator.control import obey
+from ballbot_ros.emulator.control import execute
 from ballbot_ros.msg import MotorStatus
 from ballbot_ros.nodes.bridge.motor import imu_message
 from ballbot_ros.ros.conversions import to_time
@@ -130,10 +130,10 @@ class Walk:
     def pull_the_plug(self, item):
         """Unplug and plug in again."""
         self.status.clear()
-        obey(self.motor, 'unplug')
+        execute(self.motor, 'unplug')
         lost, then = re.search(r'says `(\w+)`, then `(\w+)`', item).groups()
         self.wait_for_state(lost)
-        obey(self.motor, 'plug')
+        execute(self.motor, 'plug')
         self.wait_for_state(then)
         # Killed later, it would not write what it has kept of that.
         self.graph.wait_for_log('bridge', 'see them with: ballbot replay')

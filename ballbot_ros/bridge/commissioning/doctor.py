@@ -44,8 +44,8 @@ def stable_names(device: str, folder: Path = Path('/dev/serial/by-id')) -> List[
         return []
 
 
-def look_at_ports(found: Optional[List[Tuple[str, str]]] = None,
-                  system: Path = Path('/sys')) -> Iterator[Finding]:
+def check_ports(found: Optional[List[Tuple[str, str]]] = None,
+                system: Path = Path('/sys')) -> Iterator[Finding]:
     """Yield findings about each serial port, without opening any."""
     known = ports() if found is None else found
     if not known:
@@ -55,11 +55,11 @@ def look_at_ports(found: Optional[List[Tuple[str, str]]] = None,
         names = stable_names(device)
         yield Finding(OK, f'{device}: {description or "adapter without a description"}',
                       f'use the persistent name: {names[0]}' if names else '')
-        yield from look_at_permission(device)
-        yield from look_at_latency(device, system)
+        yield from check_permission(device)
+        yield from check_latency(device, system)
 
 
-def look_at_buses(system: Path = Path('/sys')) -> Iterator[Finding]:
+def check_buses(system: Path = Path('/sys')) -> Iterator[Finding]:
     """Yield findings about each CAN interface of the kernel."""
     for path in sorted((system / 'class/net').glob('*/type')):
         name, operation = path.parent.name, path.with_name('operstate')
@@ -75,7 +75,7 @@ def look_at_buses(system: Path = Path('/sys')) -> Iterator[Finding]:
                       if down else '')
 
 
-def look_at_permission(device: str) -> Iterator[Finding]:
+def check_permission(device: str) -> Iterator[Finding]:
     """Yield a finding if the port may not be opened."""
     try:
         group = grp.getgrgid(os.stat(device).st_gid).gr_name
@@ -87,7 +87,7 @@ def look_at_permission(device: str) -> Iterator[Finding]:
                       f'sudo usermod -aG {group} {user}, then log out and in')
 
 
-def look_at_latency(device: str, system: Path = Path('/sys')) -> Iterator[Finding]:
+def check_latency(device: str, system: Path = Path('/sys')) -> Iterator[Finding]:
     """Yield a finding if an FTDI adapter delays received data."""
     path = system / 'bus/usb-serial/devices' / Path(device).name / 'latency_timer'
     try:
@@ -100,7 +100,7 @@ def look_at_latency(device: str, system: Path = Path('/sys')) -> Iterator[Findin
                       f'echo 1 | sudo tee {path}, or install config/udev/99-ballbot.rules')
 
 
-def look_at_scheduling() -> Finding:
+def check_scheduling() -> Finding:
     """Return a finding about real-time priority of the bridge loop."""
     if permits(DEFAULT_PRIORITY):
         return Finding(OK, f'real-time priority {DEFAULT_PRIORITY} is permitted')
@@ -108,7 +108,7 @@ def look_at_scheduling() -> Finding:
                    'of the bridge and engage the e-stop', PERMIT)
 
 
-def look_at_ros(environment: Mapping[str, str]) -> Iterator[Finding]:
+def check_ros(environment: Mapping[str, str]) -> Iterator[Finding]:
     """Yield findings about ROS domain and discovery range."""
     domain = environment.get('ROS_DOMAIN_ID', '')
     if domain and not (domain.isdigit() and int(domain) <= HIGHEST_DOMAIN):
@@ -128,8 +128,8 @@ def look_at_ros(environment: Mapping[str, str]) -> Iterator[Finding]:
                       'must be OFF, LOCALHOST, SUBNET or SYSTEM_DEFAULT')
 
 
-def look_at_drive(hardware: Hardware,
-                  progress: Callable[[str], None] = lambda text: None) -> Iterator[Finding]:
+def check_drive(hardware: Hardware,
+                progress: Callable[[str], None] = lambda text: None) -> Iterator[Finding]:
     """
     Yield findings about the drive on the port of a hardware file, and its settings.
 
@@ -241,11 +241,11 @@ def _driver(protocol: str, line: SerialLine) -> Driver:
 def examine(hardware_name: str, port: str, environment: Mapping[str, str],
             progress: Callable[[str], None] = lambda text: None) -> Iterator[Finding]:
     """Yield all findings; a given port replaces that of the file."""
-    yield from look_at_ports()
-    yield from look_at_buses()
+    yield from check_ports()
+    yield from check_buses()
     try:
-        yield from look_at_drive(load_hardware(hardware_name).at(port), progress)
+        yield from check_drive(load_hardware(hardware_name).at(port), progress)
     except BallbotError as error:
         yield Finding(WRONG, str(error))
-    yield look_at_scheduling()
-    yield from look_at_ros(environment)
+    yield check_scheduling()
+    yield from check_ros(environment)

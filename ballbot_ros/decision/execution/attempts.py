@@ -134,12 +134,12 @@ class AttemptWatch:
             Of an attempt that has just ended.  Sensor data never raise an exception.
 
         """
-        if not motion.sane:
+        if not motion.is_plausible:
             return None
         if self._motions and self._jumped(motion):
             self.reset()
         self._motions.append(motion)
-        if profile is not None and profile.rejection is None and profile.sane:
+        if profile is not None and profile.rejection is None and profile.is_plausible:
             self._profile = profile
         seen = self._profile
         if seen is not None and not abs(motion.stamp - seen.stamp) <= PROFILE_AGE_MAX:

@@ -111,15 +111,15 @@ class Goal:
         self.canceled = True
         self._end = GoalEnd(Ending.CANCELED, 'canceled: the ball was stopped')
 
-    def carry(self, planned: Decision, motion: Motion) -> Decision:
+    def constrain(self, planned: Decision, motion: Motion) -> Decision:
         """Return the executed part of a decision."""
         if committed(planned):
             return planned
         if self._end is not None:
             return stopping(planned, f'Stopping: {self._end.message}')
-        return self._carry(planned, motion)
+        return self._constrain(planned, motion)
 
-    def _carry(self, planned: Decision, motion: Motion) -> Decision:
+    def _constrain(self, planned: Decision, motion: Motion) -> Decision:
         """Return the executed part of a decision on the way."""
         raise NotImplementedError
 
@@ -194,10 +194,10 @@ class Goals:
         """Drop the goal immediately."""
         self.goal = None
 
-    def carry(self, planned: Decision, motion: Motion) -> Decision:
+    def constrain(self, planned: Decision, motion: Motion) -> Decision:
         """Return the executed part of a decision."""
         if self.goal is not None:
-            return self.goal.carry(planned, motion)
+            return self.goal.constrain(planned, motion)
         if self.waiting and not committed(planned):
             return stopping(planned, 'Standing: waiting for a goal or for ~/resume')
         return planned
@@ -278,7 +278,7 @@ class DriveGoal(Goal):
         self._fast = 0  # step that requires more than the limit
         self._obstacle = ''  # why the ball does not follow the decision
 
-    def _carry(self, planned: Decision, motion: Motion) -> Decision:
+    def _constrain(self, planned: Decision, motion: Motion) -> Decision:
         self._obstacle = ''
         why = f'Driving to {self.target:.2f} m, {self.target - motion.position:.2f} m to go'
         speed = min(self._limit, planned.set_speed)
@@ -366,7 +366,7 @@ class CrossGoal(Goal):
         self._edge: Optional[Tuple[float, int]] = None  # of the step, and its number
         self.phase, self.height = Phase.APPROACHING, math.nan
 
-    def _carry(self, planned: Decision, motion: Motion) -> Decision:
+    def _constrain(self, planned: Decision, motion: Motion) -> Decision:
         if self._sees_none(planned):
             return stopping(planned, 'Standing: no step is in sight')
         return planned
@@ -398,7 +398,7 @@ class CrossGoal(Goal):
             plan = planned.plan
             self._edge = (plan.edge if plan is not None and math.isfinite(plan.edge)
                           else motion.position + planned.distance), planned.step
-        over = outcome is not None and outcome.got_over
+        over = outcome is not None and outcome.crossed
         past = self._edge is not None and motion.position > self._edge[0] + ROOM_BEHIND_EDGE_MIN \
             and not (planned.kind is Kind.CROSS and planned.step == self._edge[1])
         if (over or past) and self._end is None:

@@ -77,7 +77,7 @@ class Memory:
 
     def move(self, motion: Motion, profile: Optional[Profile]) -> None:
         """Update the position and the free ground behind the ball."""
-        if not motion.sane:
+        if not motion.is_plausible:
             return
         if not math.isfinite(self._free_from):
             self._free_from = motion.position - self._room_behind
@@ -119,7 +119,7 @@ class Memory:
         """
         if decision.kind not in (Kind.CLEAR, Kind.CROSS) \
                 or not decision.set_speed >= COMMANDED_SPEED_MIN \
-                or decision.contact_since is not None or not motion.sane:
+                or decision.contact_since is not None or not motion.is_plausible:
             self._rest()
             return
         now, position = motion.stamp, motion.position

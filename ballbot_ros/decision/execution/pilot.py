@@ -98,7 +98,7 @@ class Pilot:
             motion = replace(motion, pendulum_angle=self._state[3],
                              pendulum_rate=(self._angle - self._state[3]) / self.law.lag,
                              slope=estimated_slope(self._state, self.law[:]))
-        if motion.sane:
+        if motion.is_plausible:
             if touching:
                 self._touched = motion.stamp
             passed = motion.stamp - self._estimated
@@ -122,7 +122,7 @@ class Pilot:
             observer of the law starts.
 
         """
-        if not motion.sane:
+        if not motion.is_plausible:
             self._state, self._angle, self._stand = None, 0.0, math.inf
             return 0.0
         if self._state is None:

@@ -137,7 +137,7 @@ class Chances:
         self._crossings = [_crossing(particles.robot, touching, touching.speed * factor)
                            for factor in (1.0, 1.0 + FASTER, 1.0 - FASTER)]
 
-    def work(self, attempts: Optional[int] = None) -> bool:
+    def advance(self, attempts: Optional[int] = None) -> bool:
         """Make some attempts, all by default; return whether all are made."""
         number = len(self._scores)
         end = number if attempts is None else min(number, self._done + attempts)
@@ -159,7 +159,7 @@ class Chances:
     def likelihood(self, outcome: Outcome) -> Array:
         """Return (N,) the likelihood of an outcome under each particle; after all `work`."""
         over = self.probabilities()
-        if not outcome.got_over:
+        if not outcome.crossed:
             return (1.0 - OUTLIERS) * (1.0 - over) + 0.5 * OUTLIERS
         if outcome.passed_speed is None:
             return (1.0 - OUTLIERS) * over + 0.5 * OUTLIERS
@@ -210,5 +210,5 @@ def score_of(robot: Robot, touching: Touching) -> Tuple[float, float]:
 def probability(particles: Particles, touching: Touching) -> float:
     """Return the probability of crossing a step, as for learning from the outcome."""
     chances = Chances(particles, touching)
-    chances.work()
+    chances.advance()
     return float(particles.weights @ chances.probabilities())

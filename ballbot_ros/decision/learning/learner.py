@@ -41,7 +41,7 @@ class Learner:
             self._waiting.append(outcome)
         return teaches
 
-    def work(self, attempts: Optional[int] = None) -> bool:
+    def advance(self, attempts: Optional[int] = None) -> bool:
         """
         Run some rollouts, or all pending ones.
 
@@ -57,7 +57,7 @@ class Learner:
                 outcome = self._waiting.popleft()
                 self._current = outcome, Chances(self.particles, Touching.of(outcome))
             outcome, chances = self._current
-            if not chances.work(attempts):
+            if not chances.advance(attempts):
                 return changed
             self.particles = self.particles.reweighted(np.log(chances.likelihood(outcome)))
             self._current, changed = None, True
@@ -71,5 +71,5 @@ def learned(particles: Particles, outcomes: Iterable[Outcome]) -> Particles:
     learner = Learner(particles)
     for outcome in outcomes:
         if learner.take(outcome):
-            learner.work()
+            learner.advance()
     return learner.particles

@@ -62,7 +62,7 @@ class Outcome(Checked):
     plan: Optional[Plan] = field(default=None)
 
     @property
-    def got_over(self) -> bool:
+    def crossed(self) -> bool:
         """Return whether the ball crossed the face, also if it stopped or fell behind it."""
         return self.result == Result.OVER.value or (
             self.result == Result.FELL.value and self.height > 0.0)

@@ -42,7 +42,7 @@ class ProfileTracker:
         self._terrain = TerrainTracker(robot.ball_radius, tuning, self._edges, frame)
         self.reset()
 
-    def stand_on(self, steepest: float) -> None:
+    def set_steepest(self, steepest: float) -> None:
         """Set the steepest slope on which the ball can be held [rad]."""
         self._terrain.steepest = steepest
 
@@ -158,7 +158,7 @@ class GroundFusion:
     def __init__(self, robot: Robot, tuning: DecisionTuning, frame: str = 'base_link'):
         """Start with nothing seen."""
         self._tracker = ProfileTracker(robot, tuning, frame)
-        self.stand_on = self._tracker.stand_on
+        self.set_steepest = self._tracker.set_steepest
         self.reset()
 
     def reset(self) -> None:

@@ -220,7 +220,7 @@ class CubicPlanner:
             return self._lines.cruise(situation)
         if step.height < 0.0:
             distance = step.position - motion.position
-            return self._lines.stand(
+            return self._lines.stop_before(
                 Decision(Kind.STOP, Reason.DROP, 0.0, 'Stopping: the floor drops by '
                          f'{-1e3 * step.height:.0f} mm at {distance:.2f} m', height=step.height,
                          distance=distance, step=step.number, outlook=Outlook(
@@ -335,7 +335,7 @@ class CubicPlanner:
             around = self._landing(step, found, land, slope, started is not None, failed)
         if around is not None:
             reason, why = around
-            return self._lines.stand(
+            return self._lines.stop_before(
                 replace(answer, kind=Kind.GO_ROUND, reason=reason,
                         explanation=f'{where}{why}; find another way'),
                 step.position, situation)
@@ -412,7 +412,7 @@ class CubicPlanner:
                 plan=Plan(Strategy.BACK_OFF, start), start_distance=position - start,
                 explanation=f'{where}{short}; backing off by {position - start:.2f} m')
         if failed:
-            return self._lines.stand(
+            return self._lines.stop_before(
                 replace(answer, kind=Kind.GO_ROUND, reason=Reason.FAILED_BEFORE,
                         explanation=f'{where}tried already; {short}; find another way'),
                 step.position, situation)
@@ -518,7 +518,7 @@ class CubicPlanner:
                              1.0 - self._tuning.required_probability)
 
     def _speed_behind(self, face: Face, driven: float, sigmas: float,
-                     not_enough: float = 0.0) -> float:
+                      not_enough: float = 0.0) -> float:
         """
         Return the speed when the centre passes the edge, from a touch speed [m/s].
 

@@ -70,7 +70,7 @@ def energy_bound(robot: Robot, speed: float, swing: float) -> float:
 def unusable(situation: Situation, previous: Optional[Decision],
              tuning: DecisionTuning) -> Optional[Decision]:
     """Return STOP for missing, stale, rejected or non-finite input, otherwise None."""
-    fault = meaningless(situation)
+    fault = implausible_input(situation)
     if fault:
         return stop(Reason.BAD_OBSERVATION, f'Stopping: {fault}')
     motion, profile = situation.motion, situation.profile
@@ -93,12 +93,12 @@ def unusable(situation: Situation, previous: Optional[Decision],
         answer, distance=face.position - motion.position, step=face.number)
 
 
-def meaningless(situation: Situation) -> str:
+def implausible_input(situation: Situation) -> str:
     """Return which input is not finite, or an empty string."""
     # Comparisons with NaN are false and could pass the checks below.
-    if not situation.motion.sane:
+    if not situation.motion.is_plausible:
         return 'odometry is not finite, or out of range'
-    if situation.profile is not None and not situation.profile.sane:
+    if situation.profile is not None and not situation.profile.is_plausible:
         return 'the step is not finite, or out of range'
     return ''
 
@@ -168,7 +168,7 @@ def past_braking(previous: Optional[Decision], situation: Situation) -> bool:
     """Return whether the ball is past the last braking point of a crossing."""
     if previous is None or previous.kind is not Kind.CROSS \
             or previous.reason is not Reason.COMMITTED or situation.profile is None \
-            or meaningless(situation):
+            or implausible_input(situation):
         return False
     # Between two edges of a plan, the step may have been passed.
     return (previous.plan is not None and situation.motion.position < previous.plan.edge < math.inf

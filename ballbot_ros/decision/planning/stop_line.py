@@ -142,11 +142,11 @@ class StopLines:
         if line is None:
             return None
         distance = line.obstacle - motion.position
-        return self.stand(
+        return self.stop_before(
             Decision(Kind.STOP, Reason.STEEP, 0.0, f'Stopping: in {distance:.2f} m comes '
                      f'{line.explanation}', distance=distance), line.obstacle, situation)
 
-    def stand(self, decision: Decision, before: float, situation: Situation) -> Decision:
+    def stop_before(self, decision: Decision, before: float, situation: Situation) -> Decision:
         """Return a decision that stops with the stop gap before a position [m], or here."""
         position = situation.motion.position
         place = before - self._radius - self._tuning.stop_gap
@@ -167,7 +167,7 @@ class StopLines:
         if blocked is not None and decision.kind in (Kind.CLEAR, Kind.CROSS):
             what = ('rolled back on a slope that is too steep' if blocked.reason is Reason.STEEP
                     else 'did not get on')
-            decision = self.stand(
+            decision = self.stop_before(
                 replace(decision, kind=Kind.GO_ROUND, reason=blocked.reason,
                         explanation=f'The ball {what} at {blocked.position:.2f} m; find another '
                         'way'), blocked.position + self._radius, situation)
@@ -184,7 +184,7 @@ class StopLines:
                 return replace(
                     decision, set_speed=0.0, plan=Plan(Strategy(decision.kind.value)))
             return replace(decision, set_speed=min(decision.set_speed, most))
-        return self.stand(
+        return self.stop_before(
             replace(decision, kind=Kind.STOP, reason=line.reason,
                     explanation=f'Stopping before {line.explanation}',
                     distance=line.obstacle - situation.motion.position),

@@ -155,14 +155,14 @@ class RoboClawDevice(Device):
                 length = 4 + COMMANDS[number]
                 if len(self._buffer) < length:
                     break
-                reply += self._obey(self._buffer[:length])
+                reply += self._execute(self._buffer[:length])
                 self._buffer = self._buffer[length:]
             else:
                 reply += self._answer(number)
                 self._buffer = self._buffer[2:]
         return reply
 
-    def _obey(self, packet: bytes) -> bytes:
+    def _execute(self, packet: bytes) -> bytes:
         if crc_hqx(packet[:-2], 0) != int.from_bytes(packet[-2:], 'big'):
             return b''
         if packet[1] in codec.SET_DUTY:

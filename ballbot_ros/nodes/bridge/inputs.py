@@ -56,7 +56,7 @@ class MotorInputs:
         subscribe_joint_states(node, 'joint_commands', self.command)
         law = session.law
         set_points = SetPoints(node, self._give, session.set_points_refused,
-                               law.overhear if law is not None else lambda _: None,
+                               law.record_request if law is not None else lambda _: None,
                                session.lateral is not None)
         self.authority = Authority(session.hardware.limits.command_timeout) \
             if law is None else set_points.authority
@@ -75,7 +75,7 @@ class MotorInputs:
             if self._session.law is None:
                 self.authority.check(self._publisher.name(), self._session.clock())
         except MessageError as error:
-            self._session.supervisor.overhear(torque, self._session.clock())
+            self._session.supervisor.record_request(torque, self._session.clock())
             self._session.supervisor.gate.refuse(error.reason)
             return self._refused('command', error)
         try:

@@ -65,7 +65,7 @@ class Bridge(ManagedNode):
         self._diagnostics = diagnostics.Diagnostics(self, 'motor', lambda: health(
             self._session, self._loop, self._hardware, self._inputs.imu_refused,
             self._inputs.authority), self._session.robot.name)
-        self.create_timer(LOOK_AFTER, self._look_after,
+        self.create_timer(LOOK_AFTER, self._monitor,
                           clock=Clock(clock_type=ClockType.STEADY_TIME))
         if settings.autostart:
             Autostart(self)
@@ -141,7 +141,7 @@ class Bridge(ManagedNode):
         self._session.close()
         self._logs.forward()
 
-    def _look_after(self) -> None:
+    def _monitor(self) -> None:
         """Log the messages of the loop, and end the node when the loop has ended."""
         self._logs.forward()
         self._outputs.publish_e_stop(bool(self._session.supervisor.e_stop))
@@ -150,7 +150,7 @@ class Bridge(ManagedNode):
                                       'loop_failed', 'drive')
         if self._imu is not None:
             self.failure = self.failure or self._imu.failure
-        self._service.look(self._session, self._loop, self.failure)
+        self._service.notify(self._session, self._loop, self.failure)
 
 
 def main(args: Optional[List[str]] = None) -> int:

@@ -49,7 +49,7 @@ class ServiceManager:
         """Record a completed period of the loop; called in its thread."""
         self._beats += 1
 
-    def look(self, session: Session, loop: Optional[Loop], failure: object = None) -> None:
+    def notify(self, session: Session, loop: Optional[Loop], failure: object = None) -> None:
         """Send the state and, while the loop runs, a watchdog message; to be called at 10 Hz."""
         if self._socket is None:
             return

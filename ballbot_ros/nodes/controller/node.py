@@ -44,7 +44,7 @@ class Controller(Node):
         self._commands = create_publisher(self, 'joint_commands')
         subscribe_joint_states(self, 'joint_states', self._on_state)
         self._set_points = SetPoints(
-            self, self._give, self._refused, self._controller.overhear, steers=False)
+            self, self._give, self._refused, self._controller.record_request, steers=False)
         subscribe_e_stop(self, self._on_e_stop)
         self._diagnostics = diagnostics.Diagnostics(
             self, 'pendulum', self._health, self._robot.name)

@@ -138,11 +138,11 @@ class EmulatedRobot(Node):
         if self._odometry is not None and self._number % ODOM_EVERY == 0:
             self._odometry.publish(odometry_message(here, self._frames))
         if self._number % OBSERVATION_EVERY == 0:
-            sight = self._sensor.look(state.x, self._number // OBSERVATION_EVERY)
+            sight = self._sensor.measure(state.x, self._number // OBSERVATION_EVERY)
             if sight is not None:
                 self._observation.publish(observation_message(
                     to_time(now), sight, self._sensor, self._frames))
-            ground = self._camera.look(state.x, state.y, self._number // OBSERVATION_EVERY)
+            ground = self._camera.measure(state.x, state.y, self._number // OBSERVATION_EVERY)
             if ground is not None:
                 self._terrain.publish(terrain_message(to_time(now), ground, self._frames))
 

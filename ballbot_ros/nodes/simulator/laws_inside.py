@@ -58,7 +58,7 @@ class LawsInside:
         self._controller: SupervisedController = checked_controller(
             plant.model.robot, *_loop(settings), _supervision(settings))
         self.refused: Counter[str] = Counter()
-        SetPoints(node, self._give, self.refused, self._controller.overhear, plant.steers)
+        SetPoints(node, self._give, self.refused, self._controller.record_request, plant.steers)
         subscribe_e_stop(node, self._controller.on_e_stop)
 
     def torque(self, now: float) -> float:

@@ -277,11 +277,11 @@ class Sensors:
         for topic, number in numbers.items():
             message = None
             if topic == 'step_observation':
-                sight = self._step.look(plant.state.x, number)
+                sight = self._step.measure(plant.state.x, number)
                 if sight is not None:
                     message = observation_message(stamp, sight, self._step, self._frames)
             elif topic == 'terrain_observation':
-                view = self._terrain.look(plant.state.x, plant.state.y, number)
+                view = self._terrain.measure(plant.state.x, plant.state.y, number)
                 if view is not None:
                     message = terrain_message(stamp, view, self._frames)
             elif isinstance(plant, FloorPlant) and has_subscribers(self._topics[topic]):

@@ -254,7 +254,7 @@ class SimulatedSensor:
         model = self._model
         random = np.random.default_rng([self._seed, number, 2])
         if model.kind == 'step':
-            sight = self._step.look(x, number)
+            sight = self._step.measure(x, number)
             if sight is None:
                 return None
             if random.random() < model.outliers:
@@ -273,7 +273,7 @@ class SimulatedSensor:
                 return None
             ahead, up, deviation = seen
         else:
-            polyline = self._points.look(x, y, number)
+            polyline = self._points.measure(x, y, number)
             if polyline is None:
                 return None
             ahead, up, deviation = map(np.array, (polyline.x, polyline.z, polyline.z_sd))

@@ -142,7 +142,7 @@ class FloorLoop:
         state = self.plant.state
         sensor = TerrainSensor(self.plant.profile(), TERRAIN_REACH, self._errors.height_sd,
                                self._seed)
-        seen = sensor.look(state.x, state.y, self.ticks)
+        seen = sensor.measure(state.x, state.y, self.ticks)
         return None if seen is None else TerrainObservation(
             self.plant.time, seen.x, seen.z, seen.z_sd, seen.x_min, seen.x_max)
 

@@ -11,8 +11,8 @@ import pytest
 
 from ballbot_ros.bridge.commissioning import doctor
 from ballbot_ros.bridge.commissioning.doctor import (
-    look_at_buses, look_at_drive, look_at_latency, look_at_permission, look_at_ports,
-    look_at_ros, NOTE, OK, probe, stable_names, WRONG)
+    check_buses, check_drive, check_latency, check_permission, check_ports,
+    check_ros, NOTE, OK, probe, stable_names, WRONG)
 from ballbot_ros.bridge.hardware_file import load_hardware
 from ballbot_ros.cli.command import main
 from ballbot_ros.drives import driver_class, DRIVES, line_of, SERIAL
@@ -43,7 +43,7 @@ def only_wrong(findings):
 def test_a_drive_that_is_well_set_is_all_right(vesc):
     right = hardware(port=vesc.path, baud=460800, protocol='vesc')
     right = replace(right, drive={})
-    findings = list(look_at_drive(right))
+    findings = list(check_drive(right))
     assert all(finding.verdict == OK for finding in findings) and len(findings) > 2
     assert 'firmware' in findings[0].what
 
@@ -51,19 +51,19 @@ def test_a_drive_that_is_well_set_is_all_right(vesc):
 @pytest.mark.slow
 def test_bad_port_busy_port_wrong_protocol_and_wrong_baud_are_distinguished(vesc, monkeypatch):
     monkeypatch.setattr(doctor, 'REPLY_TIMEOUT', 0.1)
-    findings = [only_wrong(look_at_drive(hardware(port='/dev/ttyNOWHERE')))]
-    findings.append(only_wrong(look_at_drive(hardware(port=vesc.path, baud=460800))))
-    findings.append(only_wrong(look_at_drive(
+    findings = [only_wrong(check_drive(hardware(port='/dev/ttyNOWHERE')))]
+    findings.append(only_wrong(check_drive(hardware(port=vesc.path, baud=460800))))
+    findings.append(only_wrong(check_drive(
         replace(hardware(port=vesc.path, baud=115200, protocol='vesc'), drive={}))))
     holder = os.open(vesc.path, os.O_RDWR | os.O_NOCTTY)
     fcntl.ioctl(holder, termios.TIOCEXCL)
     fcntl.flock(holder, fcntl.LOCK_EX)
     try:
-        findings.append(only_wrong(look_at_drive(hardware(port=vesc.path))))
+        findings.append(only_wrong(check_drive(hardware(port=vesc.path))))
     finally:
         os.close(holder)
     for finding, word in zip(findings, ('there is no port', 'wrong protocol', 'wrong baud rate',
-                                    'in use by another program')):
+                                        'in use by another program')):
         assert word in finding.what
     assert findings[1].remedy == 'set protocol: vesc in the file'
     assert findings[2].remedy.startswith('set baud: 460800')
@@ -75,7 +75,7 @@ def test_settings_that_are_not_safe_are_wrong_and_say_what_to_type():
     scene = load_scene('flat')
     settings = settings_for(scene.model.robot, watchdog=0.0)
     with Emulator('odrive', scene, baud=921600, settings=settings) as drive:
-        findings = list(look_at_drive(hardware(port=drive.path)))
+        findings = list(check_drive(hardware(port=drive.path)))
     wrong = only_wrong(findings)
     assert 'watchdog' in wrong.what and 'w axis0.config' in wrong.remedy
     assert findings[-1].verdict == NOTE and findings[-1].remedy.startswith('ss ')
@@ -86,7 +86,7 @@ def test_an_odrive_from_the_factory_gets_each_setting_as_a_line_to_type():
     scene = load_scene('flat')
     settings = settings_for(scene.model.robot, quirks=('factory',))
     with Emulator('odrive', scene, baud=921600, settings=settings) as drive:
-        findings = list(look_at_drive(hardware(port=drive.path)))
+        findings = list(check_drive(hardware(port=drive.path)))
     wrong = [finding for finding in findings if finding.verdict == WRONG]
     assert [finding.what.split(',')[0] for finding in wrong] == [
         'torque limit 0.4 N m', 'watchdog off', 'velocity limit in torque mode 2 turn/s',
@@ -105,7 +105,7 @@ def odrive(firmware):
 @pytest.mark.parametrize('firmware, board', [('0.5', 'v3.6-56V'), ('0.6', 'S1 (5.2.0)')])
 def test_the_generation_of_the_firmware_is_named(firmware, board):
     with odrive(firmware) as drive:
-        findings = list(look_at_drive(hardware(port=drive.path)))
+        findings = list(check_drive(hardware(port=drive.path)))
     assert all(finding.verdict == OK for finding in findings)
     assert board in findings[0].what and findings[0].what.endswith(f', generation {firmware}')
 
@@ -113,7 +113,7 @@ def test_the_generation_of_the_firmware_is_named(firmware, board):
 def test_a_firmware_that_is_refused_is_not_taken_for_a_wrong_baud_rate():
     with odrive('0.6') as drive:
         drive.call(lambda: drive.device.properties.update(fw_version_minor=7))
-        wrong = only_wrong(look_at_drive(hardware(port=drive.path)))
+        wrong = only_wrong(check_drive(hardware(port=drive.path)))
     assert 'must be 0.5 or 0.6, got 0.7.11' in wrong.what and 'firmware' in wrong.remedy
 
 
@@ -121,16 +121,16 @@ def test_an_ftdi_adapter_that_waits_is_found(tmp_path):
     folder = tmp_path / 'bus/usb-serial/devices/ttyUSB0'
     folder.mkdir(parents=True)
     (folder / 'latency_timer').write_text('16\n')
-    finding = only_wrong(look_at_latency('/dev/ttyUSB0', tmp_path))
+    finding = only_wrong(check_latency('/dev/ttyUSB0', tmp_path))
     assert '16 ms' in finding.what and f'tee {folder}' in finding.remedy
     (folder / 'latency_timer').write_text('1\n')
-    assert not list(look_at_latency('/dev/ttyUSB0', tmp_path))
+    assert not list(check_latency('/dev/ttyUSB0', tmp_path))
 
 
 def test_no_port_at_all_and_a_port_that_may_not_be_opened():
-    assert next(look_at_ports([])).what == 'no serial port at all'
+    assert next(check_ports([])).what == 'no serial port at all'
     if os.getuid():  # root may open all
-        assert WRONG in [finding.verdict for finding in look_at_ports([('/dev/mem', 'memory')])]
+        assert WRONG in [finding.verdict for finding in check_ports([('/dev/mem', 'memory')])]
 
 
 @pytest.mark.parametrize('permitted, verdict', [(True, OK), (False, NOTE)])
@@ -145,14 +145,14 @@ def test_a_real_time_priority_that_is_not_permitted_is_named_with_the_line_to_ty
 
 @pytest.mark.parametrize('environment, verdicts', [
     ({}, [OK, OK]), ({'ROS_DOMAIN_ID': '7', 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'},
-                       [OK, OK]),
+                     [OK, OK]),
     ({'ROS_DOMAIN_ID': '230'}, [WRONG, OK]), ({'ROS_DOMAIN_ID': 'x'}, [WRONG, OK]),
     ({'ROS_DOMAIN_ID': '101', 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'OFF'}, [OK, OK]),
     ({'ROS_DOMAIN_ID': '102', 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SYSTEM_DEFAULT'},
      [WRONG, NOTE]),
     ({'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCAL'}, [OK, WRONG])])
 def test_who_receives_from_whom_is_found(environment, verdicts):
-    findings = list(look_at_ros(environment))
+    findings = list(check_ros(environment))
     assert [finding.verdict for finding in findings] == verdicts
     assert environment.get('ROS_DOMAIN_ID', '0') in findings[0].what
 
@@ -160,7 +160,7 @@ def test_who_receives_from_whom_is_found(environment, verdicts):
 def test_a_port_that_may_be_opened_is_all_right_and_has_a_name_that_stays(tmp_path, monkeypatch):
     device = tmp_path / 'ttyUSB0'
     device.touch()
-    findings = list(look_at_ports([(str(device), 'FTDI')], tmp_path))
+    findings = list(check_ports([(str(device), 'FTDI')], tmp_path))
     assert [finding.verdict for finding in findings] == [OK]
     assert str(device) in findings[0].what and 'FTDI' in findings[0].what
     folder = tmp_path / 'by-id'
@@ -172,17 +172,17 @@ def test_a_port_that_may_be_opened_is_all_right_and_has_a_name_that_stays(tmp_pa
         str(folder / 'usb-FTDI-a'), str(folder / 'usb-FTDI-b')]
     assert stable_names(str(device), tmp_path / 'nothing') == []
     monkeypatch.setattr(doctor, 'stable_names', lambda device: ['/first', '/second'])
-    named, = look_at_ports([(str(device), 'FTDI')], tmp_path)
+    named, = check_ports([(str(device), 'FTDI')], tmp_path)
     assert '/first' in named.remedy
 
 
 def test_a_port_that_a_group_may_open_is_wrong_for_another_user(tmp_path, monkeypatch):
     device = tmp_path / 'ttyUSB0'
     device.touch()
-    assert list(look_at_permission(str(device))) == []
-    assert list(look_at_permission(str(tmp_path / 'gone'))) == []
+    assert list(check_permission(str(device))) == []
+    assert list(check_permission(str(tmp_path / 'gone'))) == []
     monkeypatch.setattr(os, 'access', lambda path, mode: mode != os.R_OK | os.W_OK)
-    assert 'usermod' in only_wrong(look_at_permission(str(device))).remedy
+    assert 'usermod' in only_wrong(check_permission(str(device))).remedy
 
 
 @pytest.mark.parametrize('fails', ['', 'identify', 'read_settings'])
@@ -204,7 +204,7 @@ def test_however_a_drive_answers_its_port_is_closed_again(fails, monkeypatch):
     Drive.line.close = close
     monkeypatch.setattr(doctor, 'connector', lambda hardware: Drive)
     monkeypatch.setattr(doctor, 'probe', lambda *_: None)
-    wrong = [each for each in look_at_drive(hardware(port='x')) if each.verdict == WRONG]
+    wrong = [each for each in check_drive(hardware(port='x')) if each.verdict == WRONG]
     assert Drive.line.closed == 1 and len(wrong) == bool(fails)
 
 
@@ -259,14 +259,14 @@ def test_can_interfaces_are_named_and_one_that_is_down_with_what_sets_it_up(tmp_
         folder.mkdir(parents=True)
         (folder / 'type').write_text(f'{kind}\n')
         (folder / 'operstate').write_text(f'{state}\n')
-    down, up = look_at_buses(tmp_path)
+    down, up = check_buses(tmp_path)
     assert (down.verdict, up.verdict) == (NOTE, OK)
     assert 'can0: a CAN interface, which is down' == down.what
     assert 'ip link set can0 up type can bitrate' in down.remedy
 
 
 def test_a_drive_that_is_silent_on_a_can_bus_is_looked_for_where_a_bus_has_its_ends():
-    finding, = look_at_drive(load_hardware('gimball_vesc_can').at('virtual:missing'))
+    finding, = check_drive(load_hardware('gimball_vesc_can').at('virtual:missing'))
     assert finding.verdict == WRONG and 'no VESC with can_id 0' in finding.what
     assert '120 ohm' in finding.remedy and 'RX' not in finding.remedy
 

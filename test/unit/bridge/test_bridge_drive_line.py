@@ -61,7 +61,7 @@ class Bench:
     def look(self, pause=WATCHDOG + RETRY):
         """Look for the drive after a pause."""
         self.now += pause
-        return self.line.look()
+        return self.line.reconnect()
 
 
 SILENT = DriveError('no answer comes', 'silent', 'drive')
@@ -112,7 +112,7 @@ def test_opening_closes_what_was_open():
 def test_nothing_is_sent_for_longer_than_the_watchdog_after_a_loss_and_each_failed_handshake():
     bench = Bench(Drive(), Drive(SILENT), Drive())
     bench.line.open(0.5)
-    bench.line.lose(SILENT)
+    bench.line.disconnect(SILENT)
     assert bench.line.driver is None and bench.line.trouble == 'no answer comes'
     assert bench.look(WATCHDOG + 0.01) is False and len(bench.found) == 1
     assert bench.look(RETRY) is False and len(bench.found) == 2
@@ -128,7 +128,7 @@ def test_the_timeout_grows_with_each_failure_up_to_a_second_and_shrinks_once_it_
     assert bench.found[0].timeout == [0.25, 0.5, 0.75, 1.0, 1.0, 1.0]
     assert (HANDSHAKE, LONGEST_HANDSHAKE) == (0.25, 1.0)
     assert bench.look() and bench.found[-1].timeout == [1.0]
-    bench.line.lose(SILENT)
+    bench.line.disconnect(SILENT)
     bench.look()
     assert bench.found[-1].timeout == [0.25]
 
@@ -138,7 +138,7 @@ def test_why_a_drive_is_not_found_is_logged_once_and_again_when_it_changes(caplo
     gone = LinkError('no such port', 'missing', 'port')
     bench = Bench(Drive(), gone, gone, Drive(SILENT), gone, Drive())
     bench.line.open(0.5)
-    bench.line.lose(SILENT)
+    bench.line.disconnect(SILENT)
     for _ in range(4):
         bench.look()
     assert [text for text in caplog.messages if 'no such port' in text] == [

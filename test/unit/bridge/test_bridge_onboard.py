@@ -106,11 +106,11 @@ def test_what_a_sender_asks_for_that_is_not_followed_inhibits_the_release_too():
     robot = ready()
     robot.session.engage('button')
     robot.loop(0.6)
-    robot.session.law.overhear(UP)
+    robot.session.law.record_request(UP)
     with refused('standing', 'set_point', RefusedError):
         robot.session.release()
     robot.loop(0.6)
-    robot.session.law.overhear(SetPoint(Mode.HOLD, 0.0))  # rest is not motion
+    robot.session.law.record_request(SetPoint(Mode.HOLD, 0.0))  # rest is not motion
     robot.session.release()
 
 

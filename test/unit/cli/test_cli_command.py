@@ -127,7 +127,7 @@ def test_unknown_robot_gets_a_suggestion(error_of):
 
 def test_demo_passes_its_options_on(replace_demo, tmp_path):
     import types
-    given, act = {}, types.SimpleNamespace(scene='doorstep')
+    given, case = {}, types.SimpleNamespace(scene='doorstep')
 
     def run_demo(**options):
         given.update(options)
@@ -143,11 +143,11 @@ def test_demo_passes_its_options_on(replace_demo, tmp_path):
 
     replace_demo(
         run_demo=run_demo, run_hardware_demo=run_hardware_demo, run_house_demo=run_house_demo,
-        own_acts=lambda *names: [act, names][:1],
+        demo_cases=lambda *names: [case, names][:1],
         page_beside=lambda quiet: contextlib.nullcontext())
     assert main(['demo', '--out', str(tmp_path), '--real-time', '--timeout', '9']) == 7
     assert given == {'out': tmp_path, 'real_time': True, 'quiet': False, 'timeout': 9.0,
-                     'acts': [act], 'watched': False}
+                     'cases': [case], 'watched': False}
     given.clear()
     assert main(['demo', '--out', str(tmp_path), '--view']) == 7
     assert given['watched'] and not given['real_time']

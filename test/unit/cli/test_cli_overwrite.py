@@ -52,10 +52,10 @@ def test_three_demos_leave_three_folders(tmp_path, monkeypatch, replace_demo):
         (out / 'doorstep' / 'bag').mkdir(parents=True)
         return 0
 
-    act = types.SimpleNamespace(scene='doorstep')
+    case = types.SimpleNamespace(scene='doorstep')
     replace_demo(
         run_demo=run_demo, run_hardware_demo=None, run_house_demo=None,
-        own_acts=lambda *_: [act], page_beside=None)
+        demo_cases=lambda *_: [case], page_beside=None)
     for _ in range(3):
         assert main(['demo', '--quiet']) == 0
     assert [folder.name for folder in folders] == ['demo', 'demo_2', 'demo_3']

@@ -27,7 +27,7 @@ def test_a_folder_that_is_a_file_is_refused_before_the_work(
     def work(*_, **__):
         pytest.fail('the work started before the refusal')
 
-    replace_demo(run_demo=work, run_hardware_demo=work, run_house_demo=work, own_acts=work,
+    replace_demo(run_demo=work, run_hardware_demo=work, run_house_demo=work, demo_cases=work,
                  page_beside=work)
     monkeypatch.setattr('ballbot_ros.physics.simulation.scene.Scene.simulate', work)
     monkeypatch.setattr('ballbot_ros.paper.procedure.run_tests', work)

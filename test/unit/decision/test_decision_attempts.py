@@ -52,7 +52,7 @@ def drive(ground, speed, lean, robot=GIMBALL, unseen=UNSEEN, seconds=4.5, polyli
             x, v = (-robot.ball_radius * number
                     for number in (state.ball_angle, state.ball_rate))
             ahead = next((face for face in faces if face[0] > state.x), None)
-            sight = sensor.look(state.x, state.y, index) if polyline else None
+            sight = sensor.measure(state.x, state.y, index) if polyline else None
             if sight is not None:
                 profile = tracker.update(TerrainObservation(
                     now, sight.x, sight.z, sight.z_sd, sight.x_min, sight.x_max), x)

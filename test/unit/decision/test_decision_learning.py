@@ -76,10 +76,10 @@ def test_bit_by_bit_it_learns_the_same_and_never_does_more_than_asked_for():
     parts.take(done), parts.take(done)
     calls = changes = 0
     while changes < 2:
-        changes += parts.work(8)
+        changes += parts.advance(8)
         calls += 1
     assert calls == 2 * -(-(256 + 4) // 8)
-    assert not parts.work(8)
+    assert not parts.advance(8)
     assert (parts.particles.weights == whole.weights).all()
     assert whole.outcomes == 2
 
@@ -91,7 +91,7 @@ def test_bit_by_bit_it_learns_the_same_and_never_does_more_than_asked_for():
     outcome(TOUCHING, 'over', robot='0123456789abcdef')])
 def test_what_teaches_nothing_is_not_taken(wrong):
     learner = Learner(PARTICLES)
-    assert not learner.take(wrong) and not learner.work()
+    assert not learner.take(wrong) and not learner.advance()
     assert learner.particles is PARTICLES
 
 
@@ -129,7 +129,7 @@ def test_a_ball_without_a_pendulum_learns_too():
     particles = Particles.of(robot, 0.0005, 64)
     touching = Touching(0.015, 0.001, 0.7, 0.0, 0.0)
     chances = Chances(particles, touching)
-    assert chances.work()
+    assert chances.advance()
     after = learned(particles, [outcome(touching, 'stuck')])
     assert probability(after, touching) < probability(particles, touching)
 

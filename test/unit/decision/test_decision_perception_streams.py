@@ -33,7 +33,7 @@ steps = some.builds(StepObservation, anything | some.floats(0.0, 9.0), some.bool
 
 
 def look(terrain, x, stamp, number=0, height_sd=0.0, **faults):
-    sight = TerrainSensor(terrain, 3.0, height_sd, 0, SensorFaults(**faults)).look(
+    sight = TerrainSensor(terrain, 3.0, height_sd, 0, SensorFaults(**faults)).measure(
         x, float(terrain.height(x)) + RADIUS, number)
     return TerrainObservation(stamp, sight.x, sight.z, sight.z_sd, sight.x_min, sight.x_max)
 
@@ -95,8 +95,8 @@ def test_noise_dropouts_and_slopes_leave_the_height_within_its_deviation(
     tracking, profile = ProfileTracker(GIMBALL, TUNING), None
     for number in range(40):
         x = 0.01 * number
-        sight = sensor.look(x, float(terrain.height(x)) + RADIUS / math.cos(math.atan(grade)),
-                            number)
+        sight = sensor.measure(x, float(terrain.height(x)) + RADIUS / math.cos(math.atan(grade)),
+                               number)
         if sight is not None:
             profile = tracking.update(TerrainObservation(
                 0.02 * number, sight.x, sight.z, sight.z_sd, sight.x_min, sight.x_max), x)

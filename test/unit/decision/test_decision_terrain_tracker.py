@@ -34,7 +34,7 @@ def approach(terrain, looks=40, to=0.8, height_sd=0.0, seed=0, tracking=None, **
     sensor = TerrainSensor(terrain, 3.0, height_sd, seed, SensorFaults(**faults))
     tracking, profiles = tracking or tracker(), []
     for number, x in enumerate(np.linspace(0.0, to, looks)):
-        sight = sensor.look(x, float(terrain.height(x)) + RADIUS, number)
+        sight = sensor.measure(x, float(terrain.height(x)) + RADIUS, number)
         if sight is not None:
             profiles.append(tracking.update(TerrainObservation(
                 0.05 * number, sight.x, sight.z, sight.z_sd, sight.x_min, sight.x_max), x))
@@ -100,11 +100,11 @@ def test_a_known_face_that_is_not_there_any_more_is_dropped():
 @pytest.mark.parametrize('seed', range(3))
 def test_a_stretch_too_steep_stays_once_it_is_known(seed):
     fusion = GroundFusion(GIMBALL, DecisionTuning())
-    fusion.stand_on(0.075)
+    fusion.set_steepest(0.075)
     sensor = TerrainSensor(ground((0.5, -0.0393)), 3.0, 0.003, seed)  # 0.0785 rad
     known = []
     for number, x in enumerate(np.linspace(0.0, 0.9, 150)):
-        sight = sensor.look(x, RADIUS, number)
+        sight = sensor.measure(x, RADIUS, number)
         fusion.move(Motion(0.02 * number, x, 0.3))
         fusion.observe(TerrainObservation(
             0.02 * number, sight.x, sight.z, sight.z_sd, sight.x_min, sight.x_max))
@@ -266,7 +266,7 @@ def test_two_walls_around_the_ball_are_no_sensor_that_looks_backwards():
 
 def test_a_rough_floor_that_is_looked_at_for_long_does_not_break_into_faces():
     terrain, tracking = SCENES['rise'][0], tracker()
-    sight = TerrainSensor(terrain, 3.0, 0.001).look(0.0, RADIUS, 0)
+    sight = TerrainSensor(terrain, 3.0, 0.001).measure(0.0, RADIUS, 0)
     for index in range(400):
         profile = tracking.update(TerrainObservation(
             0.02 * index, sight.x, sight.z, (), sight.x_min, sight.x_max), 0.0)

@@ -7,7 +7,7 @@ from refusals import refused
 
 from ballbot_ros.config.files import config_folder
 from ballbot_ros.demo import demo, hardware
-from ballbot_ros.demo.demo import ACTS, own_acts, passages_of
+from ballbot_ros.demo.demo import CASES, demo_cases, passages_of
 from ballbot_ros.demo.hardware import GetGoing
 from ballbot_ros.demo.house import run_house_demo
 from ballbot_ros.demo.timeline import account, Expected, Passage, Timeline
@@ -18,21 +18,21 @@ from ballbot_ros.ros.conversions import to_time
 
 
 def test_with_nothing_of_ones_own_the_acts_are_those_of_the_readme():
-    assert list(own_acts()) == list(ACTS)
-    assert [(act.planner, act.scene, act.expected) for act in own_acts(planner='cubic')] == [
+    assert list(demo_cases()) == list(CASES)
+    assert [(case.planner, case.scene, case.expected) for case in demo_cases(planner='cubic')] == [
         ('cubic', 'voltage_start', (Expected.CROSSED,)), ('cubic', 'drop_on_slope', None)]
     with refused('not_a_choice', 'planner'):
-        own_acts(planner='cubik')
-    act, = own_acts('doorstep', longest=12.0)
-    assert act == ACTS[0]._replace(longest=12.0)
+        demo_cases(planner='cubik')
+    case, = demo_cases('doorstep', longest=12.0)
+    assert case == CASES[0]._replace(longest=12.0)
 
 
 def test_a_scene_of_ones_own_has_its_robot_and_a_curve_made_for_that():
-    act, = own_acts('household')
-    assert act.expected is None and act.scene == 'household'
-    assert (act.robot, act.curve, act.tuning) == ('gimball', 'gimball_down', 'published')
-    act, = own_acts(tuning='gentle')
-    assert act.scene == 'doorstep' and act.expected is None and act.tuning == 'gentle'
+    case, = demo_cases('household')
+    assert case.expected is None and case.scene == 'household'
+    assert (case.robot, case.curve, case.tuning) == ('gimball', 'gimball_down', 'published')
+    case, = demo_cases(tuning='gentle')
+    assert case.scene == 'doorstep' and case.expected is None and case.tuning == 'gentle'
 
 
 @pytest.fixture
@@ -46,10 +46,10 @@ def own_robot(tmp_path):
 
 def test_a_robot_without_a_curve_gets_the_command_to_run(own_robot):
     with pytest.raises(ConfigurationError) as refusal:
-        own_acts(robot=own_robot)
+        demo_cases(robot=own_robot)
     assert f'ballbot fit-curve --robot {own_robot} --actuation held' in str(refusal.value)
     with refused('inconsistent', 'curve'):
-        own_acts(robot=own_robot, curve='gimball_down')
+        demo_cases(robot=own_robot, curve='gimball_down')
 
 
 def test_a_house_refuses_the_curve_of_another_robot(tmp_path):
@@ -59,10 +59,10 @@ def test_a_house_refuses_the_curve_of_another_robot(tmp_path):
 
 def test_a_robot_without_a_pendulum_and_gains_that_diverge_are_refused(monkeypatch):
     with refused('inconsistent', 'pendulum_mass'):
-        own_acts(robot='shellball')
+        demo_cases(robot='shellball')
     monkeypatch.setattr(demo, 'CONTROL_RATE', 100.0)
     with pytest.raises(UnstableLoopError, match='275'):
-        own_acts('household')
+        demo_cases('household')
 
 
 def test_carpets_and_cords_are_as_high_as_they_are_seen():

@@ -16,7 +16,7 @@ from ballbot_ros.drives import (
     DRIVES, line_of, open_driver, open_line, read_options, SERIAL)
 from ballbot_ros.drives.transport import Link
 from ballbot_ros.emulator.ball import settings_for
-from ballbot_ros.emulator.control import answer, Channel, FAULTS, LINE_FAULTS, obey
+from ballbot_ros.emulator.control import answer, Channel, execute, FAULTS, LINE_FAULTS
 from ballbot_ros.emulator.emulator import Emulator
 from ballbot_ros.errors import ConfigurationError, DriveError, LinkError
 from ballbot_ros.physics.simulation.scene import load_scene
@@ -138,7 +138,7 @@ def test_pulling_the_plug_is_an_error_and_plugging_in_again_works(emulator):
     link, driver = connect(emulator)
     driver.arm()
     drive(driver, 0.05)
-    obey(emulator, 'unplug')
+    execute(emulator, 'unplug')
     with pytest.raises(LinkError) as raised:
         drive(driver, 1.0)
     assert raised.value.reason == 'gone'
@@ -147,7 +147,7 @@ def test_pulling_the_plug_is_an_error_and_plugging_in_again_works(emulator):
         Link(emulator.path, BAUD)
     assert raised.value.reason == 'missing'
     wait_until(lambda: emulator.torque == 0.0)
-    obey(emulator, 'plug')
+    execute(emulator, 'plug')
     wait_until(lambda: emulator.terminal.plugged)
     link, driver = connect(emulator)
     with link:
@@ -157,7 +157,7 @@ def test_pulling_the_plug_is_an_error_and_plugging_in_again_works(emulator):
 
 
 def test_a_plug_that_is_out_for_a_time_comes_back_by_itself(emulator):
-    obey(emulator, 'unplug 0.1')
+    execute(emulator, 'unplug 0.1')
     assert not emulator.terminal.plugged
     wait_until(lambda: emulator.terminal.plugged)
     connect(emulator)[0].close()
@@ -168,7 +168,7 @@ def test_a_silent_drive_is_overdue_and_still_obeys(emulator):
     with link:
         driver.arm()
         drive(driver, 0.05)
-        obey(emulator, 'silence 0.3')
+        execute(emulator, 'silence 0.3')
         telemetry = drive(driver, 0.2, torque=-TORQUE)
         assert driver.counts['lost'] > 5
         assert emulator.torque == -TORQUE
@@ -181,13 +181,13 @@ def test_a_hot_drive_trips_and_says_so(emulator):
     with link:
         driver.arm()
         drive(driver, 0.05)
-        obey(emulator, 'temperature 120')
+        execute(emulator, 'temperature 120')
         wait_until(lambda: emulator.torque == 0.0)
         assert drive(driver, 0.4).faults
         with refused('not_armed', 'drive', DriveError) as caught:
             driver.arm()
         assert 'MOTOR_FAILED' in str(caught.value)
-        obey(emulator, 'clear')
+        execute(emulator, 'clear')
         driver.arm()
         drive(driver, 0.05)
         assert emulator.torque == TORQUE
@@ -198,7 +198,7 @@ def test_a_rebooted_drive_has_forgotten_that_it_was_armed(emulator):
     with link:
         driver.arm()
         drive(driver, 0.05)
-        obey(emulator, 'reboot')
+        execute(emulator, 'reboot')
         telemetry = drive(driver, 0.8)
         assert emulator.torque == 0.0 and telemetry.armed is False
 
@@ -209,7 +209,7 @@ def test_an_encoder_jump_shows_in_the_position(emulator):
         driver.ask()
         time.sleep(0.05)
         before = driver.poll().position
-        obey(emulator, 'encoder_jump 2')
+        execute(emulator, 'encoder_jump 2')
         time.sleep(0.01)
         driver.ask()
         time.sleep(0.05)
@@ -217,7 +217,7 @@ def test_an_encoder_jump_shows_in_the_position(emulator):
 
 
 def test_a_drive_that_does_not_read_makes_the_line_stuck(emulator):
-    obey(emulator, 'slow_reader 0')
+    execute(emulator, 'slow_reader 0')
     with Link(emulator.path, BAUD) as link:
         with pytest.raises(LinkError) as raised:
             for _ in range(200):
@@ -233,7 +233,7 @@ def test_telemetry_stays_true_on_a_bad_line(scene, protocol, fault):
     with made(protocol, scene, seed=5) as emulator:
         link, driver = connect(emulator, protocol)
         with link:
-            obey(emulator, fault)
+            execute(emulator, fault)
             voltages, positions = set(), {}
             end = time.monotonic() + 20.0
             while len(positions) < 20:
@@ -251,11 +251,11 @@ def test_telemetry_stays_true_on_a_bad_line(scene, protocol, fault):
 
 def test_every_fault_of_the_table_is_understood(emulator):
     for name, fault in FAULTS.items():
-        assert obey(emulator, f'{name} 0.5' if fault.argument else name) == 'ok'
+        assert execute(emulator, f'{name} 0.5' if fault.argument else name) == 'ok'
     for name in LINE_FAULTS:
-        assert obey(emulator, f'{name} 0.5') == obey(emulator, f'{name} 0 to') == 'ok'
+        assert execute(emulator, f'{name} 0.5') == execute(emulator, f'{name} 0 to') == 'ok'
     assert emulator.from_drive.faults.drop == 0.5 and emulator.to_drive.faults.drop == 0.0
-    obey(emulator, 'clear')
+    execute(emulator, 'clear')
     assert emulator.from_drive.faults.drop == 0.0
     wait_until(lambda: emulator.terminal.plugged)
 
@@ -269,7 +269,7 @@ def test_every_fault_of_the_table_is_understood(emulator):
     ('encoder_jump inf', 'out_of_range', ''), ('drop nan', 'not_finite', '')])
 def test_a_fault_that_is_not_understood_is_refused(emulator, line, reason, proposed):
     with refused(reason, line.partition(' ')[0], ConfigurationError) as caught:
-        obey(emulator, line)
+        execute(emulator, line)
     assert proposed in str(caught.value)
     assert answer(emulator, line).startswith('error: ')
 

@@ -45,26 +45,26 @@ def test_a_rounded_edge_is_seen_on_any_slope(piece, slope_deg):
 def test_the_next_face_ahead_of_the_centre_is_seen_within_reach():
     sensor = Sensor(ground({'step': {'height': 0.03}}, {'flat': {'length': 2.0}},
                            {'step': {'height': 0.08}}), reach=1.5)
-    assert sensor.look(0.2, 0) == sensor.look(0.2, 7)
-    seen = sensor.look(0.2, 0)
+    assert sensor.measure(0.2, 0) == sensor.measure(0.2, 7)
+    seen = sensor.measure(0.2, 0)
     assert (seen.detected, seen.distance, seen.height) == (True, pytest.approx(0.8), 0.03)
-    beyond = sensor.look(1.01, 0)
+    beyond = sensor.measure(1.01, 0)
     assert (beyond.detected, beyond.distance, beyond.height) == (False, 1.5, 0.0)
-    assert sensor.look(1.6, 0).height == pytest.approx(0.08)
+    assert sensor.measure(1.6, 0).height == pytest.approx(0.08)
 
 
 def test_the_noise_is_a_function_of_seed_and_number_alone():
     step = Terrain.step(0.03, at=1.0)
     one, two = (Sensor(step, 3.0, 0.01, 0.002, seed=5) for _ in range(2))
-    one.look(0.5, 1)
-    assert one.look(0.5, 2) == two.look(0.5, 2) != two.look(0.5, 3)
-    assert Sensor(step, 3.0, 0.01, 0.002, seed=6).look(0.5, 2) != two.look(0.5, 2)
+    one.measure(0.5, 1)
+    assert one.measure(0.5, 2) == two.measure(0.5, 2) != two.measure(0.5, 3)
+    assert Sensor(step, 3.0, 0.01, 0.002, seed=6).measure(0.5, 2) != two.measure(0.5, 2)
 
 
 def test_the_noise_has_the_stated_deviations_and_no_bias():
     sensor = Sensor(Terrain.step(0.03, at=1.0), 3.0, 0.01, 0.002)
     looks = np.array([(seen.distance, seen.height) for seen in (
-        sensor.look(0.0, number) for number in range(4000))])
+        sensor.measure(0.0, number) for number in range(4000))])
     assert looks.mean(axis=0) == pytest.approx([1.0, 0.03], abs=6e-4)
     assert looks.std(axis=0) == pytest.approx([0.01, 0.002], rel=0.05)
 
@@ -84,22 +84,22 @@ def faulty(height=0.03, height_sd=0.0, **faults):
 def test_a_sensor_reports_a_part_of_its_noise_and_makes_all_of_it(share):
     sensor = faulty(height_sd=0.002, reported_sd=share)
     assert (sensor.distance_sd, sensor.height_sd) == (share * 0.01, share * 0.002)
-    assert sensor.look(0.0, 3) == faulty(height_sd=0.002).look(0.0, 3)
+    assert sensor.measure(0.0, 3) == faulty(height_sd=0.002).measure(0.0, 3)
 
 
 def test_bias_is_the_same_for_rise_and_drop_and_scale_is_a_part_of_the_height():
-    assert faulty(bias=0.004).look(0.0, 0).height == pytest.approx(0.034)
-    assert faulty(-0.03, bias=0.004).look(0.0, 0).height == pytest.approx(-0.026)
-    assert faulty(-0.03, scale=0.1).look(0.0, 0).height == pytest.approx(-0.033)
+    assert faulty(bias=0.004).measure(0.0, 0).height == pytest.approx(0.034)
+    assert faulty(-0.03, bias=0.004).measure(0.0, 0).height == pytest.approx(-0.026)
+    assert faulty(-0.03, scale=0.1).measure(0.0, 0).height == pytest.approx(-0.033)
 
 
 def test_a_step_grows_on_approach_to_its_height():
-    heights = [faulty(growth=0.5).look(x, 0).height for x in (-2.0, 0.0, 0.5, 0.99)]
+    heights = [faulty(growth=0.5).measure(x, 0).height for x in (-2.0, 0.0, 0.5, 0.99)]
     assert heights == pytest.approx([0.0, 0.015, 0.0225, 0.02985])
 
 
 def test_looks_are_lost_at_random_but_always_the_same_ones():
-    looks = [[faulty(dropout=0.3).look(0.0, number) is None for number in range(500)]
+    looks = [[faulty(dropout=0.3).measure(0.0, number) is None for number in range(500)]
              for _ in range(2)]
     assert looks[0] == looks[1] and sum(looks[0]) == pytest.approx(150, abs=40)
 

@@ -13,7 +13,7 @@ RADIUS = 0.226
 def looked(terrain, x=0.0, number=0, height_sd=0.0, seed=0, reach=3.0, **faults):
     """Return x and z of one look, and the look."""
     sensor = TerrainSensor(terrain, reach, height_sd, seed, SensorFaults(**faults))
-    sight = sensor.look(x, float(terrain.height(x)) + RADIUS, number)
+    sight = sensor.measure(x, float(terrain.height(x)) + RADIUS, number)
     return np.array(sight.x), np.array(sight.z), sight
 
 
@@ -93,9 +93,9 @@ def test_looks_and_points_are_lost():
     whole, some = len(looked(Terrain.flat())[0]), len(looked(Terrain.flat(), holes=0.3)[0])
     assert some == pytest.approx(0.7 * whole, rel=0.15)
     lost = TerrainSensor(Terrain.flat(), 3.0, faults=SensorFaults(dropout=0.3))
-    number = sum(lost.look(0.0, RADIUS, index) is None for index in range(300))
+    number = sum(lost.measure(0.0, RADIUS, index) is None for index in range(300))
     assert number == pytest.approx(90, abs=30)
-    assert TerrainSensor(Terrain.flat(), 3.0, faults=SensorFaults(holes=1.0)).look(
+    assert TerrainSensor(Terrain.flat(), 3.0, faults=SensorFaults(holes=1.0)).measure(
         0.0, RADIUS, 0) is None
 
 

@@ -260,7 +260,7 @@ def test_a_polyline_is_passed_on_as_it_is_for_the_tracker_to_judge(x, z, x_max, 
 
 
 def test_terrain_observations_are_stamped_and_in_the_level_frame():
-    sight = TerrainSensor(Terrain.flat(), 3.0, 0.001).look(0.0, 0.226, 0)
+    sight = TerrainSensor(Terrain.flat(), 3.0, 0.001).measure(0.0, 0.226, 0)
     message = conversions.terrain_message(conversions.to_time(1.5), sight, FRAMES)
     assert conversions.terrain_observation(message) == decision.TerrainObservation(
         1.5, sight.x, sight.z, sight.z_sd, sight.x_min, sight.x_max)

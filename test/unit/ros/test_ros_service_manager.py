@@ -74,7 +74,7 @@ def look(systemd, service, seconds, beats=True, loop=LOOP, failure=None):
         systemd.now += 0.1
         if beats:
             service.beat(None)
-        service.look(session(), loop, failure)
+        service.notify(session(), loop, failure)
         found += systemd.messages()
     return found
 
@@ -130,7 +130,7 @@ def test_the_status_says_why_the_motor_has_no_power_and_only_when_it_changes(
     monkeypatch.delenv('WATCHDOG_USEC')
     service = ServiceManager()
     for _ in range(3):
-        service.look(session(**state), loop)
+        service.notify(session(**state), loop)
     assert systemd.messages() == [f'STATUS={status}']
 
 
@@ -147,7 +147,7 @@ def test_without_systemd_nothing_is_sent(monkeypatch):
     monkeypatch.delenv('NOTIFY_SOCKET', raising=False)
     service = ServiceManager()
     service.ready()
-    service.look(session(), LOOP)
+    service.notify(session(), LOOP)
     service.stopping()
 
 

@@ -272,7 +272,7 @@ class PlanSelector:
                 task, self._tuning, max(0.0, motion.position - situation.free_from), kept,
                 failures, braking_room < 0.0)
         if self._deliberation is None or self._task is None:
-            self._look_again(task, braking_room)
+            self._reevaluate(task, braking_room)
             return
         self._task.start, self._task.ahead = task.start, task.ahead
         spent = self.worlds.attempts
@@ -314,7 +314,7 @@ class PlanSelector:
                 return False
         return abs(now.face.height - then.face.height) > max(HEIGHT_CHANGE, then.face.height_sd)
 
-    def _look_again(self, task: Task, braking_room: float) -> None:
+    def _reevaluate(self, task: Task, braking_room: float) -> None:
         """Re-evaluate the plan periodically with a few rollouts."""
         choice = self.choice
         self._answers += 1
@@ -479,7 +479,7 @@ class RolloutPlanner:
         if line is None:
             return clear
         room = line.obstacle - situation.motion.position - self._robot.ball_radius
-        stop = lines.stand(
+        stop = lines.stop_before(
             replace(clear, kind=Kind.STOP, reason=line.reason, distance=room,
                     explanation=f'Stopping before {line.explanation} at {room:.2f} m'),
             line.obstacle, situation)
@@ -506,7 +506,7 @@ class RolloutPlanner:
                 choice = Choice(Trial(Candidate(Strategy.CRUISE, min(
                     motion.speed, self._tuning.cruise_speed))), Reason.COMMITTED)
         if choice.trial is None:
-            return self._lines.stand(
+            return self._lines.stop_before(
                 refuse(choice, ahead, motion, room, self._tuning), face.position, situation)
         end = choice.trial.candidate.end(ahead)
         later = [item.position - self._robot.ball_radius for item in ahead.faces

@@ -350,7 +350,7 @@ def height_above(state: Array, robot: Parameters, ground: Array) -> float:
 
 
 @compiled
-def stands_at(state: Array, robot: Parameters, drive: Drive, ground: Array) -> float:
+def rest_position(state: Array, robot: Parameters, drive: Drive, ground: Array) -> float:
     """Return the stop position of a ball with full lean [m]."""
     now = Rolling(state[X], state[VELOCITY_X], state[PENDULUM_ANGLE], state[PENDULUM_RATE])
     order = (0.0, 0.0, -math.inf, math.inf, 0.0, -math.inf, 0.0, drive.emergency_lean,
@@ -410,7 +410,7 @@ def climb(memory: SpeedState, plan: Array, robot: Parameters, drive: Drive, scra
                     result[TOUCH_SPEED], result[TOUCH_ANGLE] = (
                         state[VELOCITY_X], state[PENDULUM_ANGLE])
                 result[PASSED_SPEED] = state[VELOCITY_X]
-                result[REST] = stands_at(state, robot, drive, ground)
+                result[REST] = rest_position(state, robot, drive, ground)
             if result[REST] > room - GAP or result[REST] > -math.inf and state[X] > clear_x:
                 return FALLS if result[REST] > room - GAP else OVER
         if state[X] > farthest + PROGRESS:

@@ -68,7 +68,7 @@ class Candidate:
     back: float = 0.0
 
     @property
-    def briskness(self) -> float:
+    def urgency(self) -> float:
         """Return the approximate touch speed, to sort candidates by it [m/s]."""
         return math.sqrt(self.speed**2 + 2.0 * LEAN_ACCELERATION * max(self.swing, 0.0))
 
@@ -251,7 +251,7 @@ def search(plans: Sequence[Candidate], task: Task, trials: List[Trial]) -> Steps
 def _sort(trials: List[Trial], task: Task) -> Generator[None, None, None]:
     """Rank trials by the raised steps they cross, from gentle to brisk, until enough do."""
     middle, spread = task.worlds.middle(), task.worlds.spread()
-    trials.sort(key=lambda trial: trial.candidate.briskness)
+    trials.sort(key=lambda trial: trial.candidate.urgency)
     for begin in range(0, len(trials), CANDIDATES_PER_BATCH):
         bundle = trials[begin:begin + CANDIDATES_PER_BATCH]
         rows = [trial.candidate.row(task.ahead) for trial in bundle]

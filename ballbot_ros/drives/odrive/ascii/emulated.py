@@ -85,9 +85,9 @@ class ODriveDevice(BoardDevice):
             if number is None or int(number[1]) != checksum(body):
                 return []
         text = (body if checked else raw).decode('latin-1')
-        return [_respond(answer, checked) for answer in self._obey(text, now)]
+        return [_respond(answer, checked) for answer in self._execute(text, now)]
 
-    def _obey(self, text: str, now: float) -> list[str]:
+    def _execute(self, text: str, now: float) -> list[str]:
         letter = text[:1]
         if letter == 'c':
             return self._with_axis(text, now, FLOAT, self._set_torque)

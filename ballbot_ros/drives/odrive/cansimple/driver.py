@@ -111,7 +111,7 @@ class ODriveCan(Driver):
     def identify(self, timeout: float = 0.5) -> Identity:
         """Do the handshake; see `Driver`."""
         deadline = self.clock() + timeout
-        self._see_obeyed(deadline)
+        self._wait_until_executed(deadline)
         timeout = self.options.reply_timeout
         version = self._ask(codec.VERSION, min(deadline, self.clock() + 2.0 * timeout))
         if version is None or len(version) != 8:  # 0.5 does not answer that
@@ -144,7 +144,7 @@ class ODriveCan(Driver):
         """
         deadline, unknown = self.clock() + timeout, []
         generation, options = self._known(deadline), self.options
-        self._see_obeyed(deadline, 'requests')
+        self._wait_until_executed(deadline, 'requests')
         endpoints = load_endpoints(options.endpoints, self._version) \
             if options.endpoints and generation is not OLD else {}
         self._endpoints = endpoints
@@ -197,7 +197,7 @@ class ODriveCan(Driver):
     def _clear_errors(self, deadline: float) -> None:
         """Clear all errors, return when the drive has executed it, and forget them."""
         self._send(codec.frame(self.options.node_id, codec.CLEAR_ERRORS))
-        self._see_obeyed(deadline, 'requests')
+        self._wait_until_executed(deadline, 'requests')
         self._forget()
 
     def _has_error(self, bit: int) -> bool:
@@ -290,7 +290,7 @@ class ODriveCan(Driver):
         self._pending.add(codec.ENCODER_ESTIMATES)
         return codec.ask(self.options.node_id, codec.ENCODER_ESTIMATES)
 
-    def _see_obeyed(self, deadline: float, what: str = '') -> None:
+    def _wait_until_executed(self, deadline: float, what: str = '') -> None:
         """Request the position until a reply arrives; see `_ask_until`."""
         begin = self.clock()
         self._ask_until(lambda: self._obeyed_until >= begin, self._ask_position, deadline, what)

@@ -59,7 +59,7 @@ class ODriveCanDevice(BoardDevice):
         for frame in self._records.feed(data):
             node, command = divmod(frame.identifier, 1 << codec.COMMAND_BITS)
             if node == self.settings.axis and not frame.extended:
-                answer = self._obey(command, frame, now)
+                answer = self._execute(command, frame, now)
                 self.tick(now)
                 reply += self._sent(answer, now)
         period = 1e-3 * self.properties[self.heartbeat_rate]
@@ -90,7 +90,7 @@ class ODriveCanDevice(BoardDevice):
             '<IBBBB', int(here[self.firmware.generation.errors]) & 0xFFFFFFFF,
             int(here[STATE]) & 0xFF, *more))
 
-    def _obey(self, command: int, frame: CanFrame, now: float) -> bytes:
+    def _execute(self, command: int, frame: CanFrame, now: float) -> bytes:
         """Execute a command and return the record of its reply; see `do_command`."""
         here, data, length = self.properties, frame.data, len(frame.data)
         if self._old or command in (codec.SET_INPUT_TORQUE, codec.SET_AXIS_STATE):

@@ -28,7 +28,7 @@ class VescCanDevice(VescDevice):
             return b''
         data = frame.data
         if kind == codec.SET_CURRENT and len(data) >= 4:
-            self._obey(bytes((serial.SET_CURRENT,)) + data[:4], now)
+            self._execute(bytes((serial.SET_CURRENT,)) + data[:4], now)
         elif kind == codec.PING and data:
             return record(codec.packet(
                 codec.PONG, data[0], bytes((self._id, HW_TYPE_VESC))))
@@ -36,6 +36,6 @@ class VescCanDevice(VescDevice):
             payload = self._assembly.take(kind, data)
             if payload is not None and data[1] in (codec.ANSWER_ME, 3):
                 purpose = codec.ANSWER if data[1] == codec.ANSWER_ME else codec.ANSWER_ME
-                reply = self._obey(payload, now)
+                reply = self._execute(payload, now)
                 return codec.records(reply, data[0], self._id, purpose) if reply else b''
         return b''

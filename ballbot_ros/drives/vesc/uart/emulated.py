@@ -155,10 +155,10 @@ class VescDevice(Device):
         self._current = 0.0
 
     def _receive(self, data: bytes, now: float) -> bytes:
-        replies = (self._obey(payload, now) for payload in self._parser.feed(data))
+        replies = (self._execute(payload, now) for payload in self._parser.feed(data))
         return b''.join(codec.frame(reply) for reply in replies if reply)
 
-    def _obey(self, payload: bytes, now: float) -> bytes:
+    def _execute(self, payload: bytes, now: float) -> bytes:
         """Execute a message and return the payload of the reply, empty for none."""
         message, data = payload[0], payload[1:]
         if message == codec.SET_CURRENT and len(data) >= 4:
