@@ -14,7 +14,7 @@ def bridge(make_node, tmp_path):
     """Return a bridge whose e-stop is released; of its drive nothing is needed."""
     node = make_node(Bridge, autostart=False, black_box='', port=str(tmp_path / 'nowhere'))
     node._session.supervisor.reset(100.0)
-    node._look_after()
+    node._monitor()
     return node
 
 
@@ -45,5 +45,5 @@ def test_after_shutdown_cleanup_and_an_error_the_e_stop_is_published_as_engaged(
         getattr(bridge, f'on_{end}')(None)
     assert received_late() is True
     assert bridge._session.supervisor.e_stop.reason is StopReason.CLOSED
-    bridge._look_after()
+    bridge._monitor()
     assert received_late() is True
