@@ -30,7 +30,7 @@ def main() -> None:
     for period in range(12 * RATE):
         state = plant.state
         if period % LOOK_EVERY == 0:
-            seen = camera.look(state.x, state.y, period // LOOK_EVERY)
+            seen = camera.measure(state.x, state.y, period // LOOK_EVERY)
             if seen is not None:
                 decider.observe(TerrainObservation(
                     plant.time, seen.x, seen.z, seen.z_sd, seen.x_min, seen.x_max))
