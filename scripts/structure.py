@@ -56,7 +56,7 @@ robot, state = scene.model.robot, scene.start
 knowledge = Knowledge(robot, load_curve('gimball_down'), load_decision_tuning('decision_default'))
 decider = Decider(knowledge, planner='rollout')
 camera = TerrainSensor(scene.model.terrain, reach=3.0, height_sd=0.001)
-seen = [camera.look(state.x, state.y, number) for number in range(20)]
+seen = [camera.measure(state.x, state.y, number) for number in range(20)]
 def task():
     for number, view in enumerate(seen):
         time = 0.02 * number

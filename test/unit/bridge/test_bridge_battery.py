@@ -20,7 +20,7 @@ def watch(voltage, seconds, current=0.0, before=BatteryWatch(), begin=0.0, batte
         now = begin + number * EVERY
         at = voltage(now) if callable(voltage) else voltage
         drawn = current(now) if callable(current) else current
-        before = before.look(battery, at, drawn, now)
+        before = before.update(battery, at, drawn, now)
     return before
 
 
@@ -109,7 +109,7 @@ def test_without_a_fade_time_the_torque_ends_immediately():
 
 
 def test_a_short_spike_above_high_voltage_is_reported_for_long_enough_to_be_seen():
-    found = watch(24.0, 1.0).look(SIX_CELLS, 27.5, -15.0, 1.05)
+    found = watch(24.0, 1.0).update(SIX_CELLS, 27.5, -15.0, 1.05)
     after = watch(24.0, 1.0, before=found, begin=1.05)
     assert after.warnings(1.05 + 0.9 * SEEN) == ('over_voltage',)
     assert not after.warnings(1.05 + 1.1 * SEEN)
@@ -132,7 +132,7 @@ def test_for_any_report_of_a_drive_the_part_is_one_and_the_watch_recovers(looks)
     found, now = BatteryWatch(), 0.0
     for pause, voltage, current in looks:
         now += pause
-        found = found.look(SIX_CELLS, voltage, current, now)
+        found = found.update(SIX_CELLS, voltage, current, now)
         assert 0.0 <= found.part(SIX_CELLS, now) <= 1.0
         assert not math.isnan(found.time)
 

@@ -56,23 +56,23 @@ def test_a_reading_counts_from_when_it_came_or_from_its_stamp_where_that_is_earl
 def test_it_is_silent_once_it_is_missing_for_longer_than_a_hold_up_and_until_it_is_steady():
     watch = ImuWatch()
     watch.reading_received(1.0, 1.0)
-    assert not watch.look(1.0, True) and watch.usable(1.0)
+    assert not watch.update(1.0, True) and watch.usable(1.0)
     missing = 1.0 + IMU_TIMEOUT + 0.001
-    assert not watch.look(missing, True) and not watch.usable(missing)
-    assert not watch.look(missing + 0.9 * MISSING_TIMEOUT, False)
-    assert watch.look(missing + 1.1 * MISSING_TIMEOUT, False)
-    assert not watch.look(missing + 2.0, False) and watch.silent and watch.silences == 1
+    assert not watch.update(missing, True) and not watch.usable(missing)
+    assert not watch.update(missing + 0.9 * MISSING_TIMEOUT, False)
+    assert watch.update(missing + 1.1 * MISSING_TIMEOUT, False)
+    assert not watch.update(missing + 2.0, False) and watch.silent and watch.silences == 1
     now = begin = missing + 3.0
     while now < begin + 0.95 * IMU_RECOVERY_TIME:
         watch.reading_received(now, now)
-        watch.look(now, False)
+        watch.update(now, False)
         assert not watch.usable(now)
         now += 0.01
-    watch.look(now + 2.0 * IMU_TIMEOUT, False)
+    watch.update(now + 2.0 * IMU_TIMEOUT, False)
     begin = now = now + 2.0 * IMU_TIMEOUT  # a gap, and it counts again from 0
     while now < begin + 1.05 * IMU_RECOVERY_TIME:
         watch.reading_received(now, now)
-        watch.look(now, False)
+        watch.update(now, False)
         assert watch.usable(now) is (now >= begin + IMU_RECOVERY_TIME)
         now += 0.01
 
@@ -80,15 +80,15 @@ def test_it_is_silent_once_it_is_missing_for_longer_than_a_hold_up_and_until_it_
 def test_messages_during_a_stall_of_the_process_are_not_a_timeout():
     watch = ImuWatch()
     watch.reading_received(1.0, 1.0)
-    watch.look(1.0, True)
-    watch.look(1.2, True)  # the loop is first
+    watch.update(1.0, True)
+    watch.update(1.2, True)  # the loop is first
     watch.reading_received(1.199, 1.2005)
-    assert not watch.look(1.202, False) and watch.usable(1.202) and watch.silences == 0
+    assert not watch.update(1.202, False) and watch.usable(1.202) and watch.silences == 0
 
 
 def test_an_imu_that_was_never_there_is_silent_and_no_fault():
     watch = ImuWatch()
-    assert not watch.look(0.0, False) and not watch.look(1.0, False)
+    assert not watch.update(0.0, False) and not watch.update(1.0, False)
     assert watch.silent and watch.silences == 0
 
 
