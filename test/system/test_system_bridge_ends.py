@@ -71,7 +71,9 @@ def test_unplugging_ends_in_a_stop_and_service_comes_back(driving, motor):
     assert not found.damage and 'drive lost: the line was lost' in found.reason
     texts = '\n'.join(event.text for event in found.events)
     assert 'looking for the drive' in texts  # a line of the log
-    assert len(found.traffic) > 100 and len(found.tables['command']['time']) > 0
+    assert {record.direction for record in found.traffic} == {'<', '>'}
+    assert any(record.data.startswith(b'c ') for record in found.traffic)  # a torque
+    assert len(found.tables['command']['time']) > 0
     assert np.abs(found.tables['period']['torque']).max() == pytest.approx(TORQUE)
 
 
