@@ -53,7 +53,7 @@ STATES = {'joint_states': 500.0, 'ball_state': 100.0, 'odom': 100.0, 'terrain_ob
 ANSWERS = {'joint_commands': 500.0, 'set_point': 50.0, 'step_decision': 50.0}
 
 
-class Case(NamedTuple):
+class DemoCase(NamedTuple):
     """A scene and the expected action at each face, left to right; None accepts any action."""
 
     title: str
@@ -66,18 +66,19 @@ class Case(NamedTuple):
     planner: str = 'rollout'
 
 
-TWO_STEPS = Case('The ball rests in front of a step, with a higher one behind it.',
-                 'doorstep', (Expected.CROSSED, Expected.REFUSED))
-CASES = (TWO_STEPS, Case(
+TWO_STEPS = DemoCase('The ball rests in front of a step, with a higher one behind it.',
+                     'doorstep', (Expected.CROSSED, Expected.REFUSED))
+CASES = (TWO_STEPS, DemoCase(
     'The floor slopes down, and ends in a drop.', 'drop_on_slope', (Expected.REFUSED,)))
 # The first case of the cubic, whose rule needs a longer run-up than that of `TWO_STEPS`.
-LONG_RUN_UP = Case('The ball rests in front of a step, with the run-up that the cubic requires.',
-                   'voltage_start', (Expected.CROSSED,), longest=5.0, planner='cubic')
+LONG_RUN_UP = DemoCase(
+    'The ball rests in front of a step, with the run-up that the cubic requires.', 'voltage_start',
+    (Expected.CROSSED,), longest=5.0, planner='cubic')
 
 
 def demo_cases(scene: Optional[str] = None, robot: Optional[str] = None,
                curve: Optional[str] = None, tuning: Optional[str] = None,
-               longest: Optional[float] = None, planner: str = 'rollout') -> Sequence[Case]:
+               longest: Optional[float] = None, planner: str = 'rollout') -> Sequence[DemoCase]:
     """
     Return the cases of a demo, after the same checks as in their nodes.
 
@@ -114,8 +115,8 @@ def demo_cases(scene: Optional[str] = None, robot: Optional[str] = None,
     kind = load_robot(name)
     tuning = tuning or TUNING
     checked_controller(kind, load_tuning(tuning), CONTROL_RATE, 0.0)
-    return [Case(f'{kind.name} on the scene {scene}.', scene, None, name,
-                 fitting_curve(kind, name, curve), tuning, duration, planner)]
+    return [DemoCase(f'{kind.name} on the scene {scene}.', scene, None, name,
+                     fitting_curve(kind, name, curve), tuning, duration, planner)]
 
 
 def fitting_curve(robot: Robot, name: str, curve: Optional[str]) -> str:
@@ -137,7 +138,7 @@ def fitting_curve(robot: Robot, name: str, curve: Optional[str]) -> str:
 
 
 def run_demo(out: Path, real_time: bool = False, quiet: bool = False, timeout: float = 60.0,
-             cases: Sequence[Case] = CASES, watched: bool = False) -> int:
+             cases: Sequence[DemoCase] = CASES, watched: bool = False) -> int:
     """
     Run the demo: two steps, and a drop on a slope.
 
@@ -154,7 +155,7 @@ def run_demo(out: Path, real_time: bool = False, quiet: bool = False, timeout: f
         Print only the verdict.
     timeout : float
         Longest wall time without a new state [s].
-    cases : sequence of Case
+    cases : sequence of DemoCase
     watched : bool
         Limit lockstep to real time, for viewers.
 
@@ -174,7 +175,7 @@ def run_demo(out: Path, real_time: bool = False, quiet: bool = False, timeout: f
               f'{" and ".join(map(str, dict.fromkeys(domains)))}, '
               f'{lockstep_note(real_time, watched)}.', flush=True)
 
-    def play(case: Case, domain: int, folder: Path, timeline: Timeline) -> List[str]:
+    def play(case: DemoCase, domain: int, folder: Path, timeline: Timeline) -> List[str]:
         simulator = {
             'scene': case.scene, 'robot': case.robot, 'control_rate': CONTROL_RATE,
             'lockstep': not real_time,
@@ -269,7 +270,7 @@ def passages_of(scene: Scene, expected: Optional[Sequence[Expected]] = None) -> 
             for face, due in zip(faces, dues)]
 
 
-def run_case(out: Path, case: Case, quiet: bool,
+def run_case(out: Path, case: DemoCase, quiet: bool,
              play: Callable[[Path, Timeline], List[str]]) -> int:
     """Run a case with a scene and return the exit code; `play` takes folder and timeline."""
     scene = load_scene(case.scene, case.robot)
