@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What verbs consist of: parser, exit codes, and the line of an error."""
+"""Parts of a verb: parser, exit codes, and the line of an error."""
 import argparse
 from difflib import get_close_matches
 from pathlib import Path

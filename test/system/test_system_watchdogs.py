@@ -92,7 +92,11 @@ def test_decision_that_dies_on_the_way_is_replaced_and_nothing_is_guessed(graph,
     graph.trigger('pause')  # or a busy machine would start the next one when all is over
     decisions.clear()
     graph.start('obstacle_decision')
-    graph.wait(lambda: graph.step(5) and decisions, 'the new decision has decided')
+    graph.wait(lambda: graph.log('obstacle_decision').count('ready to decide') == 2,
+               'the new decision is ready')
+    # Discovery takes real time, in which the ball must not reach the step.
+    graph.wait(lambda: graph.step(1) and (graph.spin(0.1) or decisions),
+               'the new decision has decided')
     graph.trigger('resume')
     graph.wait(lambda: at_rest(states), 'the ball has come to rest')
 
