@@ -201,7 +201,7 @@ class Source(ABC):
         self._history = FrameHistory()
         self._sought: Optional[float] = None  # time to show instead of the latest [s]
         self._ending = Event()
-        self._thread = Thread(target=self._live, name=type(self).__name__, daemon=True)
+        self._thread: Optional[Thread] = None
         self.floor: Optional[Floor] = None
         self.start_pose = (0.0, 0.0, 0.0)  # on the floor, see `Frame.place` [m], [rad]
 
@@ -236,13 +236,15 @@ class Source(ABC):
         """Return the controls of this source, by names of `CONTROLS`."""
 
     def start(self) -> None:
-        """Start `_live` in a thread."""
+        """Start `_live` in a thread, also after `close`."""
+        self._ending.clear()
+        self._thread = Thread(target=self._live, name=type(self).__name__, daemon=True)
         self._thread.start()
 
     def close(self) -> None:
-        """End the thread; a source is not started again."""
+        """End the thread."""
         self._ending.set()
-        if self._thread.is_alive():
+        if self._thread is not None:
             self._thread.join(END_TIMEOUT)
 
     def _live(self) -> None:
