@@ -142,7 +142,7 @@ def run_demo(out: Path, real_time: bool = False, quiet: bool = False, timeout: f
     """
     Run the demo: two steps, and a drop on a slope.
 
-    Acts in lockstep run at the same time, each on a ROS domain of its own, unless the environment
+    Cases in lockstep run at the same time, each on a ROS domain of its own, unless the environment
     sets the domain.
 
     Parameters
@@ -211,7 +211,7 @@ def in_processes(works: Sequence[Callable[[], int]], together: bool) -> List[int
     """
     Run cases in copies of this process, so that their nodes can be copies of it, too.
 
-    Returns their exit codes.  Acts that run together print one after the other.
+    Returns their exit codes.  Cases that run together print one after the other.
     """
     processes: List[Forked] = []
 

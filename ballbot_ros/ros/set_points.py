@@ -51,7 +51,7 @@ class SetPoints:
     def __init__(self, node: Node, give: Callable[[SetPoint], None], refused: Counter,
                  record_request: Callable[[SetPoint], None], steers: bool):
         self._node, self._give, self._refused = node, give, refused
-        self._overhear, self.steers = record_request, steers
+        self._record_request, self.steers = record_request, steers
         self.authority = Authority(AUTHORITY_TIMEOUT)
         self._publishers = {
             topic: SinglePublisher(node, topic) for topic in ('set_point', 'cmd_vel')}
@@ -64,7 +64,7 @@ class SetPoints:
             try:
                 self.authority.check(self._publishers[topic].name(), time.monotonic())
             except MessageError:
-                self._overhear(given)
+                self._record_request(given)
                 raise
             self._give(given)
         except MessageError as error:

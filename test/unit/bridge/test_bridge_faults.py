@@ -133,13 +133,19 @@ def test_each_fault_ends_the_torque(protocol, fault):
     time_to_zero(robot, FAULTS[fault], 3.0, SetPoint(Mode.SPEED, 0.5))
 
 
-@pytest.mark.parametrize('protocol', [*PROTOCOLS, 'odrive_can 0.5', 'vesc_can'])
-@pytest.mark.parametrize('rate', [100.0, 1000.0])
-def test_a_drive_that_reads_slowly_executes_few_commands_after_a_stop(protocol, rate):
+def slowly_read(protocol, rate):
+    """Return a rolling robot whose drive reads at a limited rate [bytes/s]."""
     robot = VirtualRobot(protocol, onboard='gentle').ready()
     loop(robot, 0.3, FORWARD)
     slow_reader(rate)(robot)
     loop(robot, 0.05, FORWARD)
+    return robot
+
+
+@pytest.mark.parametrize('protocol', [*PROTOCOLS, 'odrive_can 0.5', 'vesc_can'])
+@pytest.mark.parametrize('rate', [100.0, 1000.0])
+def test_a_drive_that_reads_slowly_executes_few_commands_after_a_stop(protocol, rate):
+    robot = slowly_read(protocol, rate)
     driver = robot.session.line.driver
     robot.session.engage('requested')
     first = len(robot.torques)
@@ -151,10 +157,7 @@ def test_a_drive_that_reads_slowly_executes_few_commands_after_a_stop(protocol, 
 @pytest.mark.parametrize('protocol', [*PROTOCOLS, 'odrive_can 0.5'])
 @pytest.mark.parametrize('rate', [60.0, 90.0])
 def test_the_watchdog_stops_a_drive_that_reads_with_pauses_between_bytes(protocol, rate):
-    robot = VirtualRobot(protocol, onboard='gentle').ready()
-    loop(robot, 0.3, FORWARD)
-    slow_reader(rate)(robot)
-    loop(robot, 0.05, FORWARD)
+    robot = slowly_read(protocol, rate)
     robot.session.engage('requested')
     first = len(robot.torques)
     robot.loop(1.0)
