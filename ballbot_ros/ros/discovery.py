@@ -35,8 +35,8 @@ def variables(environment: Mapping[str, str]) -> Dict[str, str]:
     """
     Return the additions to an environment before a node is made in it.
 
-    For the local range, Fast DDS is configured to receive on loopback and in shared memory only;
-    a settings file of the user has priority.  Other middlewares use the range alone.
+    For the local range, Fast DDS is configured to receive on loopback only; a settings file of
+    the user has priority.  Other middlewares use the range alone.
     """
     if not on_this_machine(environment):
         return {}

@@ -163,6 +163,12 @@ class Graph:
         self.wait(lambda: states and to_seconds(states[-1].header.stamp) >= seconds,
                   f'simulated time has come to {seconds:g} s', TIMEOUT + 3.0 * seconds)
 
+    def wait_until_quiet(self, *received):
+        """Wait until no more messages arrive in lists."""
+        before = None
+        while before != (before := [len(messages) for messages in received]):
+            self.spin(1.0)
+
     def wait_for_log(self, name, text):
         """Wait until a node has logged a text."""
         self.wait(lambda: text in self.log(name), f'{name} logs {text!r}')

@@ -13,7 +13,7 @@ from ballbot_ros.ros.conversions import to_seconds
 def test_torque_ends_within_its_timeout_when_the_controller_is_killed(graph):
     states = graph.subscribe('ball_state', BallState)
     commands = graph.subscribe('joint_commands', JointState)
-    graph.start('controller', set_point_timeout=0.0)
+    graph.start('controller', set_point_timeout=0.0, tuning='gentle')
     graph.start('simulator', scene='flat', ball_state_rate=500.0, command_timeout=0.1)
     # Held at an angle, gravity asks for a torque all the time.
     graph.publish_until(lambda: states and states[-1].pendulum_torque > 0.3, 'the motor pulls',
@@ -22,12 +22,15 @@ def test_torque_ends_within_its_timeout_when_the_controller_is_killed(graph):
     graph.wait(lambda: states[-1].pendulum_torque == 0.0, 'the torque is gone')
     graph.wait_for_log('simulator', 'no command for 0.1 s at t =')
     assert 'torque is 0; is the controller running?' in graph.log('simulator')
+    graph.trigger('pause')
+    graph.wait_until_quiet(states, commands)
     last = max(to_seconds(command.header.stamp) for command in commands)
     late = [to_seconds(state.header.stamp) for state in states if state.pendulum_torque != 0.0]
     # A state holds the torque of the period that ends with it.
     assert max(late) <= last + 0.1 + 0.002 + 1e-6
 
-    graph.start('controller', set_point_timeout=0.0)
+    graph.trigger('resume')
+    graph.start('controller', set_point_timeout=0.0, tuning='gentle')
     graph.publish_until(lambda: states[-1].pendulum_torque > 0.1, 'the next controller pulls',
                         'set_point', graph.joint(position=[0.5]))
 
