@@ -89,7 +89,7 @@ class SpeedPublisher:
     @property
     def followers(self) -> int:
         """Return the number of subscriptions."""
-        return self._node.count_subscribers(TOPIC)
+        return self._node.count_subscribers(self._node.resolve_topic_name(TOPIC))
 
     def publish(self, speed: float) -> None:
         """Publish a speed [m/s]; unstamped, so that its age counts from its arrival."""

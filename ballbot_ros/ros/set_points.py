@@ -69,7 +69,8 @@ class SetPoints:
             self._give(given)
         except MessageError as error:
             # In direct control they are for a node controller, if there is one.
-            if error.reason == 'direct' and self._node.count_subscribers(topic) > 1:
+            if error.reason == 'direct' and self._node.count_subscribers(
+                    self._node.resolve_topic_name(topic)) > 1:
                 return
             self._refused[error.reason] += 1
             self._node.get_logger().warning(

@@ -28,7 +28,7 @@ class SinglePublisher:
     """
 
     def __init__(self, node: Node, topic: str):
-        self._node, self._topic = node, topic
+        self._node, self._topic = node, node.resolve_topic_name(topic)  # queries do not remap
         self._names: List[str] = []  # of the publishers
         self._several_since = 0.0
         self._count_at = self._name_at = 0.0
@@ -61,8 +61,8 @@ class SinglePublisher:
         self._count_at = now + COUNT_PERIOD
         if now >= self._name_at or self._node.count_publishers(self._topic) != len(self._names):
             self._name_at = now + NAME_PERIOD
-            found = sorted(map(endpoint_name, self._node.get_publishers_info_by_topic(
-                self._node.resolve_topic_name(self._topic))))
+            found = sorted(map(endpoint_name,
+                               self._node.get_publishers_info_by_topic(self._topic)))
             if len(found) < 2 or len(self._names) < 2:
                 self._several_since = now
             self._names = found

@@ -194,7 +194,8 @@ class Spectator:
         drivers = {info.node_name for topic in ('set_point', 'cmd_vel')
                    for info in self._node.get_publishers_info_by_topic(
                        self._node.resolve_topic_name(topic))} - {self._node.get_name()}
-        followers = sum(self._node.count_subscribers(topic) for topic in ('set_point', 'cmd_vel'))
+        followers = sum(self._node.count_subscribers(self._node.resolve_topic_name(topic))
+                        for topic in ('set_point', 'cmd_vel'))
         self.presence = Presence(nodes, tuple(sorted(drivers)), followers)
         for name in [known for known in self._asked if known not in nodes]:
             del self._asked[name]

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Two that ask for motion on board: one is followed, the other is refused."""
 from collections import Counter
+from functools import partial
 import math
 import time
 
@@ -12,6 +13,7 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
 from ballbot_ros.control import Mode
+from ballbot_ros.errors import MessageError
 from ballbot_ros.nodes.controller.node import Controller
 from ballbot_ros.nodes.simulator.node import Simulator
 from ballbot_ros.ros.conversions import set_point, set_point_message, to_time
@@ -132,3 +134,18 @@ def test_a_simulator_refuses_commands_of_two_publishers(make_node, spinner):
     refused = sum(simulator._gate.refused.values())
     spinner.until(lambda: sum(simulator._gate.refused.values()) > refused)
     assert simulator._gate.accepted == accepted
+
+
+def test_set_points_of_a_remapped_topic_are_left_to_its_other_follower(make_node, spinner):
+    def give(given):
+        raise MessageError('the laws are elsewhere', 'direct', 'control')
+    node = make_node(partial(Node, cli_args=['--ros-args', '-r', 'set_point:=goal']), 'robot')
+    refused, peer = Counter(), make_node(Node, 'peer')
+    inputs = SetPoints(node, give, refused, overheard.append, steers=False)
+    follow = partial(inputs._take, 'set_point', set_point, set_point_message(to_time(1.0), 0.25))
+    follow()
+    assert refused == {'direct': 1}
+    peer.create_subscription(JointState, 'goal', overheard.append, 1)
+    spinner.until(lambda: node.count_subscribers('goal') == 2)
+    follow()
+    assert refused == {'direct': 1}
