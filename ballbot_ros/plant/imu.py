@@ -64,8 +64,10 @@ class Imu:
         angle = 0.5 * (before.ball_angle + after.ball_angle)
         sine, cosine = math.sin(angle), math.cos(angle)
         ahead, above = self._place
-        gyro, noise_x, noise_y = np.random.default_rng(
-            [self._seed, number]).standard_normal(3).tolist()
+        gyro = noise_x = noise_y = 0.0
+        if self._gyro_sd or self._force_sd:  # a generator takes as long as the plant's period
+            gyro, noise_x, noise_y = np.random.default_rng(
+                [self._seed, number]).standard_normal(3).tolist()
         return ImuSample(
             after.time, rate + self._bias + self._gyro_sd * gyro,
             forward * cosine + upward * sine - rate**2 * ahead - turning * above
