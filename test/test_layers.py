@@ -59,7 +59,7 @@ LAYERS['experiments'] = (*LAYERS, 'demo')
 LAYERS['cli'] = LAYERS['demo'] = (*LAYERS, 'cli', 'demo')
 
 # The modules and folders directly below ballbot_ros whose name is not that of their layer.
-PLACES = {'compile_notice': 'config', 'jit': 'config'}
+PLACES = {'compile_notice': 'config', 'jit': 'config', 'table': 'config'}
 
 # What the package itself offers; it imports them when they are used (test_python_api.py).
 OFFERED = ('errors', 'physics', 'crossing', 'results')

@@ -2,10 +2,10 @@
 """The verb ``compare-models``: where simpler models suffice, and the cost of each."""
 import argparse
 import math
-from typing import Any, Iterator
+from typing import Any
 
 from ballbot_ros.cli.options import add_number, add_robot, read_robot, refuse_without
-from ballbot_ros.cli.output import print_json, table_row, table_rule
+from ballbot_ros.cli.output import print_json
 from ballbot_ros.cli.verb import DONE
 from ballbot_ros.config.fields import quantity
 
@@ -42,18 +42,18 @@ def run(arguments: argparse.Namespace) -> int:
              'cost': curve.cost} for curve in (found.full, *found.others)]})
     else:
         what = f'held at {angle:g} degrees' if case.held else 'free'
-        print('\n'.join(table(found, f'{robot.name}, pendulum {what}' if robot.has_pendulum
-                              else robot.name)))
+        print_table(found, f'{robot.name}, pendulum {what}' if robot.has_pendulum
+                    else robot.name)
     return DONE
 
 
-def table(found: Any, title: str) -> Iterator[str]:
-    """Yield the lines of the table; it is Markdown, too."""
+def print_table(found: Any, title: str) -> None:
+    """Print a line for each model."""
     from ballbot_ros.paper.cases import ACCURACY
     from ballbot_ros.paper.comparison import DEVIATION_LEVELS, spans
-    yield (f'{title}: {len(found.speeds)} speeds from {found.speeds[0]:g} to '
-           f'{found.speeds[-1]:g} m/s, full model to {1e3 * ACCURACY:g} mm')
-    yield ''
+    from ballbot_ros.table import table
+    print(f'{title}: {len(found.speeds)} speeds from {found.speeds[0]:g} to '
+          f'{found.speeds[-1]:g} m/s, full model to {1e3 * ACCURACY:g} mm\n')
     levels = (f'within {1e3 * level:g} mm at m/s' for level in DEVIATION_LEVELS)
     rows = [('model', 'source', *levels, 'largest deviation', 'cost of a height')]
     for curve in (found.full, *found.others):
@@ -64,7 +64,5 @@ def table(found: Any, title: str) -> Iterator[str]:
             f'{low:.3g}' if low == high else f'{low:.3g} to {high:.3g}' for low, high in found_at)
             or 'none' for found_at in ranges),
             f'{1e3 * worst:+.1f} mm', f'{1e6 * curve.cost:.3g} us' if curve.cost < 1e-3
-            else f'{1e3 * curve.cost:.2g} ms'))
-    widths = [max(map(len, column)) for column in zip(*rows)]
-    heading, *lines = (table_row(row, widths) for row in rows)
-    yield from (heading, table_rule(widths), *lines)
+            else f'{1e3 * curve.cost:.3g} ms'))
+    print(table(rows))

@@ -120,8 +120,8 @@ def warnings_of(found: Any) -> Iterator[str]:
 
 def print_table(found: Any) -> None:
     """Print parameters with their intervals, and those that are not identifiable."""
-    from ballbot_ros.results.table import table
     from ballbot_ros.studies.recording import CHANNELS
+    from ballbot_ros.table import table
     print(table([('parameter', 'guess', 'estimate', '95 % interval'), *(
         (item.name, f'{item.start:.5g}', f'{item.value:.5g}',
          f'{item.low:.7g} to {item.high:.7g} {item.unit}' if item.determined

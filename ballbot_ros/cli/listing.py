@@ -79,7 +79,7 @@ def robots(arguments: argparse.Namespace) -> int:
 
 def print_table(robot: Any) -> None:
     """Print every parameter of a robot with unit, source, range and note."""
-    from ballbot_ros.results.table import table
+    from ballbot_ros.table import table
     rows = [['quantity', 'value', 'unit', 'source', 'range', 'note']]
     for *cells, note in _rows(robot):
         for line in textwrap.wrap(note, NOTE_WIDTH) or ['']:

@@ -34,7 +34,7 @@ def run(arguments: argparse.Namespace) -> int:
     robot = options.read_robot(arguments)
     options.warn_speeds('--speed', speeds)
     from ballbot_ros.crossing import actuation_for, max_step_heights
-    from ballbot_ros.results.table import table
+    from ballbot_ros.table import table
     found = max_step_heights(
         robot, speeds, actuation_for(robot, options.read_law(arguments)), scan=arguments.scan,
         accuracy=arguments.accuracy, site=options.read_site(arguments),

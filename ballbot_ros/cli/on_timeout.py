@@ -2,10 +2,9 @@
 """The verb ``on-timeout``: motion of the ball after a command timeout."""
 import argparse
 import math
-from typing import Any, Iterator
+from typing import Any, Iterable, Iterator
 
 from ballbot_ros.cli.options import add_number, METAVAR, read_numbers, VALUES_HELP
-from ballbot_ros.cli.output import table_row, table_rule
 from ballbot_ros.cli.verb import DONE
 from ballbot_ros.config.fields import quantity
 from ballbot_ros.errors import ConfigurationError
@@ -63,9 +62,9 @@ def run(arguments: argparse.Namespace) -> int:
 
 def heading() -> Iterator[str]:
     """Yield the first two lines of the table; it is Markdown, too."""
-    yield table_row(('start', 'slope', 'policy', *(f'after {time:g} s' for time in REPORT_TIMES),
-                     'largest angle', 'within 5 degrees', 'motor gave'), WIDTHS)
-    yield table_rule(WIDTHS)
+    yield line(('start', 'slope', 'policy', *(f'after {time:g} s' for time in REPORT_TIMES),
+                'largest angle', 'within 5 degrees', 'motor gave'))
+    yield f'|{"|".join("-" * (width + 2) for width in WIDTHS)}|'
 
 
 def row(response: Any) -> str:
@@ -73,7 +72,7 @@ def row(response: Any) -> str:
     scenario = response.scenario
     degrees = f'{abs(math.degrees(scenario.slope)):g}'
     hangs = response.hangs_after
-    return table_row((
+    return line((
         f'{scenario.speed:g} m/s' if scenario.speed else 'rest',
         'level' if scenario.slope == 0.0
         else f'{degrees} {"up" if scenario.slope > 0.0 else "down"}',
@@ -82,7 +81,12 @@ def row(response: Any) -> str:
           for time in REPORT_TIMES),
         f'{math.degrees(response.largest_angle):.0f} degrees',
         f'not in {response.time[-1]:.0f} s' if hangs is None else f'after {hangs:.1f} s',
-        f'{response.energy_given:.2f} J'), WIDTHS)
+        f'{response.energy_given:.2f} J'))
+
+
+def line(cells: Iterable[str]) -> str:
+    """Return a line of the table."""
+    return f'| {" | ".join(f"{cell:<{width}}" for cell, width in zip(cells, WIDTHS))} |'
 
 
 def _plain(value: float) -> float:

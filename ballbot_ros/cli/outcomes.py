@@ -67,7 +67,7 @@ def read(path: Path) -> Sequence[Any]:
 
 def print_table(outcomes: Sequence[Any]) -> None:
     """Print a line for each outcome, and the number of crossings."""
-    from ballbot_ros.results.table import table
+    from ballbot_ros.table import table
     rows = [('time', 'result', 'height', 'contact at', 'past at', 'predicted', 'plan')]
     for item in outcomes:
         rows.append((
@@ -134,7 +134,7 @@ def print_learned(outcomes: Sequence[Any], robot: Any) -> int:
     from ballbot_ros.decision.learning.learner import learned
     from ballbot_ros.decision.learning.particles import Particles
     from ballbot_ros.decision.tuning import DecisionTuning
-    from ballbot_ros.results.table import table
+    from ballbot_ros.table import table
     foreign = [item for item in outcomes if item.robot != robot.digest]
     if foreign:
         raise ConfigurationError(

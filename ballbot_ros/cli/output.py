@@ -17,16 +17,6 @@ def print_json(content: Any) -> None:
     print()
 
 
-def table_row(cells: Sequence[str], widths: Sequence[int]) -> str:
-    """Return a line of a table in Markdown."""
-    return f'| {" | ".join(f"{cell:<{width}}" for cell, width in zip(cells, widths))} |'
-
-
-def table_rule(widths: Sequence[int]) -> str:
-    """Return the line below the heading of a table in Markdown."""
-    return f'|{"|".join("-" * (width + 2) for width in widths)}|'
-
-
 def save_figure(figure: Any, folder: Path, name: str, kind: str = 'both') -> list[str]:
     """Write a figure as SVG, PNG or both, and return the names of the files."""
     from ballbot_ros.figures.canvas import save

@@ -59,7 +59,7 @@ def run(arguments: argparse.Namespace) -> int:
                     for name, value in segment.crossing._asdict().items()}
                 if segment.crossing is not None else None} for segment in route.segments]})
     else:
-        from ballbot_ros.results.table import table
+        from ballbot_ros.table import table
         rows, time = [('time', 'to', 'by')], 0.0
         for segment in route.segments:
             time += segment.time

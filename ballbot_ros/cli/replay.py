@@ -101,7 +101,7 @@ class Replayed(NamedTuple):
 
 def difference_table(found: list[Any]) -> str:
     """Return the differences of all channels as a table."""
-    from ballbot_ros.results.table import table
+    from ballbot_ros.table import table
     return table([('channel', 'RMS', 'largest', 'unit', 'at', 'of its span', 'departs'), *((
         item.channel, f'{item.rms:.3g}', f'{item.largest:.3g}', item.unit, f'{item.when:.3f} s',
         f'{100.0 * item.largest / item.span:.1f} %' if item.span > 0.0 else '-',

@@ -48,7 +48,7 @@ def run(arguments: argparse.Namespace) -> int:
     from ballbot_ros.cli.output import watched
     from ballbot_ros.physics.model.robot import height_warnings
     from ballbot_ros.studies.parallel_map import worker_pool
-    from ballbot_ros.studies.sweep import load_arrow, refuse_foreign, run_sweep
+    from ballbot_ros.studies.sweep import refuse_foreign, run_sweep
     from ballbot_ros.studies.sweep_plan import SweepPlan
     varied = dict(given(word, '--vary') for word in arguments.vary)
     fixed = {}
@@ -67,7 +67,7 @@ def run(arguments: argparse.Namespace) -> int:
         options.warn_speeds('speed', asked['speed'])
     if 'height' in asked:
         options.warn(height_warnings(robot, max(asked['height']), 'to be tried'))
-    refuse_foreign(load_arrow(), arguments.out)
+    refuse_foreign(arguments.out)
     begin = perf_counter()
     try:
         with worker_pool(arguments.workers, arguments.dask) as (pool, number), \

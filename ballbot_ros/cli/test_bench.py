@@ -108,7 +108,7 @@ def true_rows(rolls: list[Any]) -> Iterator[str]:
 def report(robot: Any, bench: Any, rolls: list[Any]) -> Iterator[str]:
     """Yield the measured and the true thresholds, step by step."""
     from ballbot_ros.paper.procedure import find_thresholds, true_thresholds
-    from ballbot_ros.results.table import table
+    from ballbot_ros.table import table
     yield f'{robot.name}, {bench.setting_name} varied: {len(rolls)} rolls'
     yield ''
     yield table([('step mm', 'rolls', 'highest no-pass m/s', 'lowest pass m/s',

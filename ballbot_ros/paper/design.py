@@ -21,7 +21,7 @@ from ballbot_ros.physics.model.uncertainty import changed, draw, independent, ra
 from ballbot_ros.studies.progress import ignore, part_of, Progress, tracked
 
 MAP_ACCURACY = 1e-4  # accuracy of heights that only shade a map [m]
-WHAT_IF_SHARE = 0.1  # part by which numbers without a range are changed
+ASSUMED_SHARE = 0.1  # part by which numbers without a range are changed
 
 # Parameters that are not varied: gravity is known, the slip threshold is a regularisation.
 EXCLUDED_PARAMETERS = ('gravity', 'slip_threshold')
@@ -52,11 +52,11 @@ def sensitivity(case: Case, speed: float, progress: Progress = ignore) -> list[B
     known = {name: span for name, span in independent(found).items()
              if not name.startswith('steering.')
              and (case.actuation.law == 'voltage' or not name.startswith('motor.'))}
-    what_if = [name for name in ROBOT
+    assumed = [name for name in ROBOT
                if name not in (*found, *EXCLUDED_PARAMETERS) and getattr(robot, name) > 0.0]
     spans = [(name, low, high, True) for name, (low, high) in known.items()]
-    spans += [(name, (1.0 - WHAT_IF_SHARE) * getattr(robot, name), (1.0 + WHAT_IF_SHARE)
-               * getattr(robot, name), False) for name in what_if]
+    spans += [(name, (1.0 - ASSUMED_SHARE) * getattr(robot, name), (1.0 + ASSUMED_SHARE)
+               * getattr(robot, name), False) for name in assumed]
     bars = []
     for name, low, high, uncertain in tracked(spans, progress):
         at_low, at_high = (step_height(case._replace(robot=changed(robot, {name: value})), speed)
@@ -133,8 +133,8 @@ def tornado(progress: Progress = ignore) -> Figure:
         axes.legend(handles=[
             Patch(color=canvas.BLUE, label='at the high end of its range'),
             Patch(color=canvas.ORANGE, label='at the low end'),
-            Patch(color=canvas.BLUE, alpha=0.35, label=f'no range: {WHAT_IF_SHARE:.0%} more'),
-            Patch(color=canvas.ORANGE, alpha=0.35, label=f'{WHAT_IF_SHARE:.0%} less')],
+            Patch(color=canvas.BLUE, alpha=0.35, label=f'no range: {ASSUMED_SHARE:.0%} more'),
+            Patch(color=canvas.ORANGE, alpha=0.35, label=f'{ASSUMED_SHARE:.0%} less')],
             loc='lower right', bbox_to_anchor=(0.995, 0.0), bbox_transform=figure.transFigure,
             ncols=4)
         draw_heading(figure, f'Sensitivity of the highest step of GimBall at {SPEED:g} m/s',

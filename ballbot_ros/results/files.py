@@ -120,16 +120,21 @@ def write_parquet(trajectory: Trajectory, path: PathLike) -> None:
         If pyarrow is not installed, or the file cannot be written.
 
     """
-    parquet = load_optional(
-        'pyarrow.parquet', 'pyarrow', 'pip install pyarrow', 'a Parquet file')
-    import pyarrow
+    pyarrow = load_arrow()
     columns = trajectory.columns
     table = pyarrow.table(
         [pyarrow.array(values) for values in columns.values()], schema=pyarrow.schema(
             [pyarrow.field(name, pyarrow.float64(), metadata={'unit': UNITS[name]})
              for name in columns]))
     with replacing(path) as stream:
-        parquet.write_table(table, stream)
+        pyarrow.parquet.write_table(table, stream)
+
+
+def load_arrow() -> Any:
+    """Return pyarrow with its Parquet part, or raise an error with the way to install it."""
+    load_optional('pyarrow.parquet', 'pyarrow', 'pip install pyarrow', 'a Parquet file')
+    import pyarrow
+    return pyarrow
 
 
 def write_trajectory(trajectory: Trajectory, path: PathLike) -> None:
@@ -237,10 +242,6 @@ def _read(path: Path) -> tuple[dict[str, Array], dict[str, str]]:
     except OSError as error:
         raise ConfigurationError(
             f'{path}: cannot be read: {error.strerror or error}', 'unreadable', 'path') from error
-    except ImportError as error:
-        raise ConfigurationError(
-            f'{path}: reading it needs pyarrow, which is not installed: pip install pyarrow',
-            'not_installed', 'pyarrow') from error
     except ConfigurationError as error:
         raise error.at(str(path)) from error
     except (ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
@@ -298,8 +299,7 @@ def _read_npz(path: Path) -> tuple[dict[str, Array], dict[str, str]]:
 
 
 def _read_parquet(path: Path) -> tuple[dict[str, Array], dict[str, str]]:
-    from pyarrow import parquet
-    table = parquet.read_table(path)
+    table = load_arrow().parquet.read_table(path)
     units = {field.name: (field.metadata or {}).get(b'unit', b'').decode()
              for field in table.schema}
     if '' in units.values():

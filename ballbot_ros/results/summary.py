@@ -16,7 +16,7 @@ from ballbot_ros.physics.simulation.solver import METHODS
 from ballbot_ros.physics.simulation.trajectory import Trajectory
 from ballbot_ros.results.faces import FaceMeeting, rising_faces, watch_faces
 from ballbot_ros.results.resolved import resolved
-from ballbot_ros.results.table import table
+from ballbot_ros.table import table
 
 
 @dataclass(frozen=True)

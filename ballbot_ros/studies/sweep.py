@@ -13,13 +13,12 @@ from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple
 
 import numpy as np
 
-from ballbot_ros.config.optional import load_optional
 from ballbot_ros.crossing import max_step_height, try_step
 from ballbot_ros.crossing.max_step_height import Crossings, TOLERANCE
 from ballbot_ros.errors import BallbotError, ConfigurationError
 from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.solvers.values import FINISHED
-from ballbot_ros.results.files import replacing
+from ballbot_ros.results.files import load_arrow, replacing
 from ballbot_ros.studies.parallel_map import checkpointed_map
 from ballbot_ros.studies.progress import ignore
 from ballbot_ros.studies.sweep_plan import NUMBERS, SweepPlan
@@ -121,8 +120,8 @@ def run_sweep(plan: SweepPlan, out: Path, pool: Executor, workers: int,
         sweep, or the folder beside it belongs to another sweep.
 
     """
+    refuse_foreign(out)
     arrow = load_arrow()
-    refuse_foreign(arrow, out)
     folder = out.with_name(out.name + '.blocks')
     blocks = {}
     for first in range(0, plan.size, block):
@@ -135,23 +134,17 @@ def run_sweep(plan: SweepPlan, out: Path, pool: Executor, workers: int,
     return found
 
 
-def load_arrow() -> Any:
-    """Return pyarrow with its Parquet part, or raise an error with the way to install it."""
-    load_optional('pyarrow.parquet', 'pyarrow', 'pip install pyarrow', 'a sweep')
-    import pyarrow
-    return pyarrow
-
-
-def refuse_foreign(arrow: Any, out: Path) -> None:
+def refuse_foreign(out: Path) -> None:
     """
     Refuse to replace a file that no sweep has written.
 
     Raises
     ------
     ConfigurationError
-        Naming the file.
+        Naming the file, or pyarrow if it is missing.
 
     """
+    arrow = load_arrow()
     if not out.exists():
         return
     try:

@@ -3,7 +3,7 @@
 from refusals import refused
 
 from ballbot_ros.config.fields import check_choice
-from ballbot_ros.results.table import table
+from ballbot_ros.table import table
 
 
 def test_columns_of_numbers_end_at_the_same_place_and_text_begins_there():
