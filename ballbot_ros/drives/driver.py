@@ -244,7 +244,7 @@ class Driver(ABC):
         Raises
         ------
         DriveError
-            ``silent`` if the drive does not reply.
+            ``silent`` if the drive does not reply, ``garbled`` if its replies are corrupted.
 
         """
 
@@ -399,16 +399,21 @@ class Driver(ABC):
         Raises
         ------
         DriveError
-            ``silent``; in a handshake that of `_handshake_error`.
+            That of `_no_answer`.
 
         """
         before = self.counts.copy()
         while not answered():
             self._send(request())
             if not self._until(answered, self._soon(deadline)) and self.clock() >= deadline:
-                raise DriveError(
-                    f'{self.line.port}: the {self.maker} does not answer {what}',
-                    'silent', 'drive') if what else self._handshake_error(before)
+                raise self._no_answer(before, what)
+
+    def _no_answer(self, before: Counter[str], what: str) -> DriveError:
+        """Return why a request had no answer since `before`; see `_ask_until`."""
+        if not what or any(self.counts[kind] > before[kind] for kind in ('refused', 'skipped')):
+            return self._handshake_error(before)
+        return DriveError(f'{self.line.port}: the {self.maker} does not answer {what}',
+                          'silent', 'drive')
 
     def _handshake_error(self, before: Counter[str]) -> DriveError:
         """Return why a handshake failed; `before` are the counts from its beginning."""
@@ -419,8 +424,8 @@ class Driver(ABC):
                 'crossed, is its serial port set to this protocol and baud rate?',
                 'silent', 'drive')
         return DriveError(
-            f'{self.line.port}: {received} bytes received, but no reply of the {self.maker}: '
-            'wrong baud rate, another protocol, or noise', 'garbled', 'drive')
+            f'{self.line.port}: {received} bytes received, but no valid reply of the {self.maker}'
+            ': wrong baud rate, another protocol, or noise', 'garbled', 'drive')
 
     def _no_node(self, before: Counter[str], others: set[int], advice: str) -> DriveError:
         """Return why a handshake on a bus failed where `others` are the ids of the nodes seen."""

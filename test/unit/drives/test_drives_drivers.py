@@ -214,6 +214,21 @@ def test_bytes_that_make_no_sense_are_distinguished_from_silence(kind):
     assert raised.value.reason == 'garbled'
 
 
+@pytest.mark.parametrize('kind', [name for name in KINDS if 'can' not in name])
+def test_corrupted_replies_after_the_handshake_are_distinguished_from_silence(kind):
+    bench = Bench(kind)
+    bench.driver.identify()
+
+    def damage(data):
+        middle = len(data) // 2
+        return data[:middle] + bytes(byte ^ 1 for byte in data[middle:middle + 1]) \
+            + data[middle + 1:]
+    for bench.from_drive, reason in ((damage, 'garbled'), (lambda data: b'', 'silent')):
+        with pytest.raises(DriveError) as raised:
+            bench.driver.read_settings(timeout=0.2)
+        assert raised.value.reason == reason
+
+
 def test_a_lost_reply_keeps_the_loop_going(bench):
     bench.driver.arm()
     deliver, count = bench.from_drive, iter(range(10**6))

@@ -455,7 +455,9 @@ class ODrive(Driver):
                         deadline)
 
     def _handshake_error(self, before: Counter[str]) -> DriveError:
-        if self.counts['unchecked'] > before['unchecked']:
+        # A corrupted reply may have lost its checksum.
+        if self.counts['unchecked'] > before['unchecked'] \
+                and self.counts['refused'] == before['refused']:
             return DriveError(
                 f'{self.line.port}: text received, but not of an ODrive, whose replies '
                 'have a checksum', 'wrong_protocol', 'drive')
@@ -468,10 +470,10 @@ class ODrive(Driver):
         Raises
         ------
         DriveError
-            ``silent`` if there is no answer before the deadline.
+            If there is no answer before the deadline; see `Driver.read_settings`.
 
         """
-        properties = self._properties
+        properties, before = self._properties, self.counts.copy()
         while True:
             self._then = None
             if not properties.free:
@@ -483,9 +485,7 @@ class ODrive(Driver):
             if properties.free:
                 return math.nan if properties.value is None else properties.value
             if self.clock() >= deadline:
-                raise DriveError(
-                    f'{self.line.port}: the ODrive does not answer for {self._path(name)}',
-                    'silent', 'drive')
+                raise self._no_answer(before, f'for {self._path(name)}')
 
     def _write(self, name: str, value: float, deadline: float) -> float:
         """Set a property and return the value read back."""

@@ -82,7 +82,7 @@ class Vesc(Driver):
         self._ask_until(lambda: self.telemetry.bus_voltage is not None, self._requests, deadline,
                         'the request for its supply voltage')
         return settings.judge(application, self._limits, self.options,
-                               self.telemetry.bus_voltage or math.nan)
+                              self.telemetry.bus_voltage or math.nan)
 
     def _arm(self, deadline: float) -> None:
         begin, reported = self.clock(), False
