@@ -188,16 +188,14 @@ class EdgeMap:
         self._number += 1
         return self._number
 
-    def nearest(self, face: Face, candidates: Iterable[TrackedEdge],
-                reach: float = 0.0) -> Optional[TrackedEdge]:
-        """Return the edge that a detection shows: of the same sign and within its gate."""
-        found = min(candidates, key=lambda edge: self._gap(edge, face, reach), default=None)
-        return found if found is not None and math.isfinite(
-            self._gap(found, face, reach)) else None
+    def associate(self, faces: Sequence[Face], candidates: Iterable[TrackedEdge],
+                  reach: float = 0.0) -> Dict[int, TrackedEdge]:
+        """
+        Return the edges that simultaneous detections show, by index: nearest pairs first.
 
-    def associate(self, faces: Sequence[Face]) -> Dict[int, TrackedEdge]:
-        """Return the edges that simultaneous detections show, by index: nearest pairs first."""
-        pairs = sorted(((self._gap(edge, face), index, edge) for edge in self.edges
+        An edge is of the same sign as its detection, and within its gate or a reach [m].
+        """
+        pairs = sorted(((self._gap(edge, face, reach), index, edge) for edge in candidates
                         for index, face in enumerate(faces)), key=lambda pair: pair[0])
         found: Dict[int, TrackedEdge] = {}
         for gap, index, edge in pairs:
@@ -205,7 +203,7 @@ class EdgeMap:
                 found[index] = edge
         return found
 
-    def _gap(self, edge: TrackedEdge, face: Face, reach: float = 0.0) -> float:
+    def _gap(self, edge: TrackedEdge, face: Face, reach: float) -> float:
         """Return the distance of a detection from an edge, infinite outside its gate [m]."""
         known = self.face(edge)
         gate = max(reach, self._sigmas * math.hypot(known.position_sd, face.position_sd))

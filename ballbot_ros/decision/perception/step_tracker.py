@@ -142,8 +142,9 @@ class StepTracker:
                      _combined_sd(observation.height_sd, self._heights.sd, DEFAULT_HEIGHT_SD,
                                   HEIGHT_SD_MIN))
         edges, sigmas = self._edges, self._tuning.contradiction_sigma
-        edge = edges.nearest(shown, [one for one in edges.edges if one.step is not None
-                                     and not _is_passed(one, position)], self._radius)
+        edge = edges.associate([shown], [
+            one for one in edges.edges if one.step is not None
+            and not _is_passed(one, position)], self._radius).get(0)
         if edge is not None and edge.step is not None:
             known, gap = edge.step.face, ''
             moved, grown = shown.position - known.position, shown.height - known.height
@@ -162,10 +163,11 @@ class StepTracker:
             edge.exists.add(not gap)
         else:
             # Odometry slip displaces an edge that is passed; treads are longer.
-            edge = edges.nearest(shown, [
+            edge = edges.associate([shown], [
                 one for one in edges.edges if one.step is not None and _is_passed(one, position)
-                and shown.position <= one.step.mean.position + NEXT_EDGE_GAP_MIN], math.inf) \
-                or edges.nearest(shown, [one for one in edges.edges if one.step is None])
+                and shown.position <= one.step.mean.position + NEXT_EDGE_GAP_MIN],
+                math.inf).get(0) or edges.associate(
+                    [shown], [one for one in edges.edges if one.step is None]).get(0)
             if edge is None:
                 edge = edges.start(self._first)
             else:

@@ -272,7 +272,7 @@ class TerrainTracker:
         """Update the edges with those of the map; return how far one has moved with the ball."""
         forward, self._position = math.copysign(1.0, position - self._position), position
         bias = self._tuning.height_bias(self._map.reports_sd)
-        known = self._edges.associate(ground.faces)
+        known = self._edges.associate(ground.faces, self._edges.edges)
         missed = [edge for edge in self._edges.edges
                   if edge.ground is not None and edge not in known.values()]
         for index, face in enumerate(ground.faces):

@@ -190,6 +190,6 @@ def test_a_detection_close_to_a_drop_does_not_take_its_place():
     known = edges.start(True)
     known.ground = EdgeEstimate(drop)
     lip = Face(0, 1.335, -0.003, 0.01, 0.003)
-    assert edges.associate([lip, drop]) == {1: known}
-    assert edges.associate([drop, lip]) == {0: known}
-    assert edges.associate([lip]) == {0: known}
+    assert edges.associate([lip, drop], edges.edges) == {1: known}
+    assert edges.associate([drop, lip], edges.edges) == {0: known}
+    assert edges.associate([lip], edges.edges) == {0: known}
