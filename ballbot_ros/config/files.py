@@ -235,9 +235,11 @@ def read_yaml(path: Path) -> Mapping[str, Any]:
         _check_nesting(text)
         content = yaml.load(text, Loader=_StrictLoader)
     except (OSError, UnicodeDecodeError) as error:
+        reason = getattr(error, 'strerror', None) or 'it is not text in UTF-8'
         raise ConfigurationError(
-            f'{path}: cannot be read: {error}', 'unreadable', str(path)) from error
+            f'{path}: cannot be read: {reason}', 'unreadable', str(path)) from error
     except yaml.YAMLError as error:
+        reason = str(error).replace('in "<unicode string>", ', 'in ')
         raise ConfigurationError(
-            f'{path}: is not valid YAML: {error}', 'unreadable', str(path)) from error
+            f'{path}: is not valid YAML: {reason}', 'unreadable', str(path)) from error
     return expect_mapping(content, str(path))
