@@ -74,9 +74,10 @@ class Parser(argparse.ArgumentParser):
         words += [word.split('=')[0] for word in self.words if word[:2] == '--']
         # Options after --ros-args belong to the node.
         words = words[:words.index('--ros-args')] if '--ros-args' in words else words
-        hints = [f'{word}: did you mean {near[0]}?' for word in dict.fromkeys(words)
+        names = [option[2:] for option in known if option[:2] == '--']
+        hints = [f'{word}: did you mean --{near[0]}?' for word in dict.fromkeys(words)
                  if word.startswith('--') and word not in known
-                 and (near := get_close_matches(word, known, n=1))]
+                 and (near := get_close_matches(word[2:], names, n=1))]
         raise ConfigurationError(
             '; '.join([message, *hints, f'see {(self.of_verb or self).prog} --help']), 'usage',
             next(iter(re.findall(r'--[\w-]+|(?<=required: )[\w-]+', message)), ''))

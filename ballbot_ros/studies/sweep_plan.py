@@ -92,7 +92,7 @@ class SweepPlan(Checked):
         if unused or not used:
             raise ConfigurationError(
                 f'sweep: design {self.design!r} needs '
-                + ('lists of values, and no ranges' if self.design == 'grid'
+                + ('values, as in 0.2,0.5 or 0.2:1.2:21, and no ranges' if self.design == 'grid'
                    else 'ranges from low to high, and no lists'), 'inconsistent', 'design')
         unknown = [name for name in (*used, *self.fixed) if name not in NUMBERS]
         if unknown:
