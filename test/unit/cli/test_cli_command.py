@@ -81,8 +81,17 @@ def test_no_verb_prints_help_and_fails(capsys):
     assert code == 2 and 'simulate' in out
 
 
-def test_unknown_verb_gets_a_suggestion(error_of):
-    assert "did you mean 'simulate'?" in error_of('simulat', 'fig7_top')
+@pytest.mark.parametrize('words, reason, nearest', [
+    (['simulat', 'fig7_top'], 'unknown_name', 'simulate'),
+    (['robots', 'gimbal'], 'unknown_name', 'gimball'),
+    (['simulate', 'flat', '--durtion', '3'], 'usage', '--duration')])
+def test_a_misspelt_name_gets_the_nearest_one(words, reason, nearest, refusal):
+    error = refusal(*words)
+    assert error.reason == reason and f'did you mean {nearest}?' in str(error).replace("'", '')
+
+
+def test_an_option_like_no_other_gets_no_suggestion(refusal):
+    assert '--json' not in str(refusal('simulate', 'flat', '--version'))
 
 
 @pytest.mark.parametrize('words, field', [
@@ -119,10 +128,6 @@ def test_robot_table_gives_unit_source_range_and_note(capsys):
     assert 'published, its split' in line
     assert 'motor.gear_ratio' in out and 'restitution' in out
     assert all(len(line) < 130 for line in out.splitlines())
-
-
-def test_unknown_robot_gets_a_suggestion(error_of):
-    assert "did you mean 'gimball'?" in error_of('robots', 'gimbal')
 
 
 def test_demo_passes_its_options_on(replace_demo, tmp_path):
@@ -178,9 +183,9 @@ def test_demo_refuses_an_impossible_timeout(refuses, seconds, reason):
     refuses(reason, '--timeout', 'demo', f'--timeout={seconds}')
 
 
-def test_a_class_that_refuses_a_number_is_not_named_but_the_option(error_of, tmp_path):
-    words = ('fit-curve', '--out', str(tmp_path / 'a.yaml'), '--accuracy', '0')
-    assert error_of(*words).startswith('ballbot: error: --accuracy must be')
+def test_a_number_out_of_range_is_named_by_its_option(refusal, tmp_path):
+    error = refusal('fit-curve', '--out', tmp_path / 'a.yaml', '--accuracy', '0')
+    assert error.reason == 'out_of_range' and str(error).startswith('--accuracy ')
 
 
 def test_an_error_of_the_file_system_is_one_line(monkeypatch, capsys):

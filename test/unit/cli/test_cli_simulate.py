@@ -28,6 +28,7 @@ def scene_file(tmp_path, text):
     return str(path)
 
 
+@pytest.mark.slow
 def test_a_run_leaves_numbers_and_figures(tmp_path, capsys):
     assert main(['simulate', 'fig7_bottom', '--out', str(tmp_path)]) == 0
     out, err = capsys.readouterr()
@@ -82,8 +83,9 @@ def test_options_replace_values_of_the_scene(tmp_path, capsys):
     assert read_columns(tmp_path / 'trajectory.csv')['time'][-1] == pytest.approx(0.5)
 
 
-def test_unknown_scene_gets_the_nearest_name(error_of):
-    assert "did you mean 'fig7_bottom'?" in error_of('simulate', 'fig7_botom')
+def test_unknown_scene_gets_the_nearest_name(refusal):
+    error = refusal('simulate', 'fig7_botom')
+    assert (error.reason, error.field) == ('unknown_name', 'scene') and 'fig7_bottom' in str(error)
 
 
 @pytest.mark.parametrize('words, reason, field', [
@@ -105,13 +107,14 @@ def test_a_malformed_scene_is_refused(tmp_path, refuses, text, reason, field):
     refuses(reason, str(file) if field is None else field, 'simulate', file)
 
 
+@pytest.mark.slow
 def test_a_failed_run_keeps_its_results_so_far(tmp_path, capsys):
     # The ball falls at 100 m/s: its shell cannot stop it.
     scene = scene_file(tmp_path, 'robot: gimball\nduration: 2\n'
                        'initial: {y: 100.0, velocity_y: -100.0}\n')
     assert main(['simulate', scene, '--out', str(tmp_path / 'out'), '--json']) == 1
     out, err = capsys.readouterr()
-    assert 'simulation stopped at t = ' in err and err.count('\n') == 1
+    assert err.startswith('ballbot: error: ') and err.count('\n') == 1
     assert not json.loads(out)['complete']
     assert names(tmp_path / 'out') == NUMBERS | FIGURES
     assert len(read_columns(tmp_path / 'out' / 'trajectory.npz')['y']) > 500
@@ -136,14 +139,15 @@ def test_ctrl_c_keeps_the_results_so_far(tmp_path):
     finally:
         process.kill()
     assert process.returncode == 130
-    assert err.startswith('ballbot: error: interrupted at ') and err.count('\n') == 1
-    assert 'ended early' in out
+    assert err.startswith('ballbot: error: ') and err.count('\n') == 1 and out
     assert names(tmp_path) == NUMBERS
     time = read_columns(tmp_path / 'trajectory.csv')['time']
     assert 0.4 < time[-1] < 2000.0
-    assert json.loads((tmp_path / 'summary.json').read_text())['samples'] == len(time)
+    summary = json.loads((tmp_path / 'summary.json').read_text())
+    assert summary['samples'] == len(time) and not summary['complete']
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not hasattr(os, 'openpty'), reason='needs a terminal')
 def test_a_terminal_gets_a_bar(tmp_path):
     master, slave = os.openpty()
