@@ -1,11 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Set-points of the commands of a navigator; the obstacle decision drives the crossings."""
-import math
 from typing import Callable, Iterable, Optional, Union
 
 from ballbot_ros.control import Mode, SetPoint
 from ballbot_ros.decision import (
-    CrossGoal, Decider, Ending, Kind, Knowledge, Motion, Observation, Planner)
+    CrossGoal, Decider, Ending, Knowledge, Motion, Observation, Planner)
 from ballbot_ros.navigation.execution import Command, CommandKind, CrossingReport
 
 
@@ -72,10 +71,8 @@ class CrossingDriver:
         if decider.outcome is not None or answer.decision.contact_since is not None:
             self._touched = True
         if decider.end is not None:
-            end, planned = decider.end, decider.planned
-            too_high = planned is not None and planned.kind is Kind.GO_ROUND
+            end = decider.end
             self._report = CrossingReport(
-                end.ending is Ending.CROSSED, end.message,
-                self._goal.height if too_high else math.nan, self._touched)
+                end.ending is Ending.CROSSED, end.message, self._goal.height, self._touched)
             self._goal = None
         return SetPoint(Mode.HOLD, answer.set_angle, motion.stamp, command.yaw_rate)

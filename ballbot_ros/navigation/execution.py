@@ -506,8 +506,14 @@ class Navigator:
         if report is None and percept.stamp - state.crossing_start > CROSSING_TIMEOUT:
             report = CrossingReport(False, f'it took more than {CROSSING_TIMEOUT:g} s')
         if report is not None:
-            learned = self._measured(state.learned, segment.number, report.height)
-            if report.touched or report.crossed or learned is state.learned:
+            learned = state.learned
+            known = self.planner.learned.height(segment.number, segment.feature)
+            if math.isfinite(report.height):
+                learned = learned.with_height(
+                    segment.number, math.copysign(report.height, known))
+            # Another height explains a refusal.
+            if report.touched or report.crossed or not abs(
+                    abs(report.height) - abs(known)) > HIGHER:
                 learned = learned.with_outcome(
                     segment.number, segment.sign, segment.crossing.run_up, report.crossed)
             state = replace(state, learned=learned, alignments=0)

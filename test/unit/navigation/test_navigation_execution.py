@@ -178,6 +178,17 @@ def test_a_refused_crossing_is_learned_and_another_way_is_taken_or_none(navigato
     assert dict(ball.state.learned.heights) == {0: 0.2}
 
 
+@pytest.mark.parametrize('crossed', [True, False])
+def test_a_crossing_reports_the_height_whether_it_is_lower_or_higher(navigator, crossed):
+    ball = Ball(navigator, *KITCHEN, 1.57)
+    height = navigator.planner.floor.features[0].height - 0.002
+    ball.crosses = lambda segment: CrossingReport(crossed, 'report', height, touched=crossed)
+    ball.begin(STUDY)
+    ball.run(200.0, until=lambda ball: ball.state.learned.heights)
+    assert dict(ball.state.learned.heights) == {0: pytest.approx(height)}
+    assert ball.state.learned.outcomes[0][3] is crossed
+
+
 def test_repeated_failures_exclude_a_crossing(navigator):
     ball = Ball(navigator, *KITCHEN, 1.57)
     ball.crosses = lambda segment: CrossingReport(False, 'slipped', touched=True)
