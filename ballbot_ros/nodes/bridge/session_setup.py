@@ -1,21 +1,31 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Creates the session of the motor bridge from the parameters."""
+"""Creates the session of the motor bridge from the parameters, and its black box."""
+import atexit
 from dataclasses import replace
 from functools import partial
+import logging
+import os
+from pathlib import Path
 
 from rclpy.node import Node
 
+from ballbot_ros import __version__
+from ballbot_ros.black_box.dump import BlackBoxFiles
+from ballbot_ros.black_box.ring import BlackBox
 from ballbot_ros.bridge.drive_line import connectors
 from ballbot_ros.bridge.feasibility import check_feasible, check_joint_state_rate, onboard_lag
-from ballbot_ros.bridge.hardware_file import load_hardware
+from ballbot_ros.bridge.hardware_file import Hardware, load_hardware
+from ballbot_ros.bridge.observer import Level, SessionObserver
 from ballbot_ros.bridge.session import Session
 from ballbot_ros.control import PendulumController, SupervisedController, Supervision
-from ballbot_ros.nodes.bridge.black_box import black_box
 from ballbot_ros.nodes.bridge.settings import BridgeSettings
 from ballbot_ros.physics.model.robot import load_robot
 from ballbot_ros.ros.endpoints import publisher_names
 from ballbot_ros.ros.parameters import Commit
 from ballbot_ros.ros.separate_process import run_in_process
+
+LOGGER = 'ballbot_ros.bridge'
+ROS_HOME = '~/.ros'  # the default of the environment variable
 
 
 def new_session(node: Node, settings: BridgeSettings) -> Session:
@@ -80,3 +90,43 @@ def prepare_session(session: Session, now: BridgeSettings, wanted: BridgeSetting
                 law.retune(wanted.gains)
                 session.observer.event('the new gains are active')
     return commit
+
+
+def resolve_folder(folder: str) -> Path:
+    """Return the path of a folder; the default is relative to ROS_HOME if that is set."""
+    path, home = Path(folder), os.environ.get('ROS_HOME')
+    if home and path.is_relative_to(ROS_HOME):
+        return Path(home) / path.relative_to(ROS_HOME)
+    return path.expanduser()
+
+
+class LogRecorder(logging.Handler):
+    """Records the lines of a log in a black box, with the time of each."""
+
+    def __init__(self, box: BlackBox):
+        super().__init__(logging.INFO)
+        self._box = box
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Record a line."""
+        self._box.event(record.getMessage(), Level.LOG)
+
+
+def black_box(folder: str, hardware: Hardware) -> SessionObserver:
+    """
+    Return the observer of a session.
+
+    Files go to a folder; without one nothing is recorded.  Pending files are written when the
+    process ends.
+    """
+    if not folder:
+        return SessionObserver()
+    connection = hardware.connection
+    box = BlackBox(period=1.0 / connection.loop_rate)
+    files = BlackBoxFiles(box, resolve_folder(folder), {
+        'hardware': hardware.name, 'robot': hardware.robot, 'protocol': connection.protocol,
+        'port': connection.port, 'loop_rate': f'{connection.loop_rate:g}',
+        'torque_limit': f'{hardware.limits.torque_limit:g}', 'version': __version__})
+    atexit.register(files.close)
+    logging.getLogger(LOGGER).addHandler(LogRecorder(box))
+    return box

@@ -7,7 +7,7 @@ import pytest
 
 from ballbot_ros.black_box.ring import BlackBox
 from ballbot_ros.bridge.hardware_file import load_hardware
-from ballbot_ros.nodes.bridge.black_box import black_box, LOGGER, resolve_folder
+from ballbot_ros.nodes.bridge.session_setup import black_box, LOGGER, resolve_folder
 from ballbot_ros.ros.logs import DeferredLogs
 
 
