@@ -87,11 +87,6 @@ def test_without_room_it_says_that_a_longer_run_up_would_do_and_takes_it_where_i
     assert answer.start_distance == pytest.approx(-0.3 - RADIUS - answer.plan.start)
 
 
-def test_a_search_from_rest_keeps_the_run_up():
-    assert decide(step(0.045), answers=1).set_speed == 0.0
-    assert decide(step(0.045), answers=1, speed=0.3).set_speed > 0.0
-
-
 def test_when_it_has_backed_off_it_crosses_immediately_as_planned():
     plan, here, decision, back = RolloutPlanner(KNOWLEDGE), -0.3 - RADIUS, None, None
     for number in range(50):  # 1 s, for the search

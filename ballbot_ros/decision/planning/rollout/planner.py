@@ -506,10 +506,8 @@ class RolloutPlanner:
                 choice = Choice(Trial(Candidate(Strategy.CRUISE, min(
                     motion.speed, self._tuning.cruise_speed))), Reason.COMMITTED)
         if choice.trial is None:
-            refused = refuse(choice, ahead, motion, room, self._tuning)
-            if selector.choice is None and abs(motion.speed) < REST_SPEED_MAX:
-                return replace(refused, set_speed=0.0)  # the run-up remains as it is
-            return self._lines.stop_before(refused, face.position, situation)
+            return self._lines.stop_before(
+                refuse(choice, ahead, motion, room, self._tuning), face.position, situation)
         end = choice.trial.candidate.end(ahead)
         later = [item.position - self._robot.ball_radius for item in ahead.faces
                  if item.position > end.position + 1e-3]
