@@ -112,7 +112,7 @@ def test_what_is_wrong_with_several_pieces_of_ground_is_named_together(tmp_path)
     ('1: 2\n', ['mapping', '{1: 2}']),
     ('{', ['not valid YAML']),
     ('a: b: c', ['not valid YAML']),
-    (b'name: \xff\xfe\n', ['cannot be read', 'utf-8']),
+    (b'name: \xff\xfe\n', ['cannot be read', 'UTF-8']),
     ('a: !!python/object:os.system {}\n', ['not valid YAML']),
 ])
 @pytest.mark.parametrize('load', [load_robot, load_scene])
