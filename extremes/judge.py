@@ -5,6 +5,7 @@ The verdict on one case.
 GOOD      finite, the energy ledger closes, and a stricter run is at the same place all along
 CHAOTIC   the same up to a horizon that the run itself declares, or a loop declared unstable
 REFUSED   an error of this package that names what is wrong and what to do
+UNCONFIRMED   the stricter run exceeds its work budget, and agrees as far as it came
 WRONG     all else
 """
 from dataclasses import dataclass, replace
@@ -20,7 +21,8 @@ from ballbot_ros.physics import simulate, State
 from ballbot_ros.physics.model.actuation import Actuator, position_torque, TORQUE, velocity_torque
 from ballbot_ros.physics.simulation.run import FINEST_TOLERANCE, run_once
 
-GOOD, CHAOTIC, REFUSED, WRONG = 'good', 'chaotic', 'refused', 'WRONG'
+GOOD, CHAOTIC, REFUSED, UNCONFIRMED, WRONG = (
+    'good', 'chaotic', 'refused', 'unconfirmed', 'WRONG')
 ACCURACY = 1e-4        # asked for, of the radius
 LEDGER = 0.05          # of the energy in play may be missing: the bound of the product
 FIXED = 0.1            # of the radius, and of the path: what fixed steps may be off
@@ -99,14 +101,18 @@ def accurate(case):
     strict = replace(case.model, solver=replace(
         case.model.solver_in_use, tolerance=max(FINEST_TOLERANCE, STRICTER * said.tolerance),
         work_budget=10 * case.model.solver_in_use.work_budget))
+    why = ''
     try:
         check = simulate(strict, case.start, case.actuation, case.duration, output_step)
     except SimulationError as error:
-        return WRONG, f'a stricter run does not confirm it: {error}', ledger
+        verdict, why = UNCONFIRMED, f'a stricter run does not confirm it: {error}'
+        if error.reason != 'over_budget':
+            return WRONG, why, ledger
+        check = error.trajectory
     gap = apart(run, check, said.horizon)
     if not gap <= accuracy:
         return WRONG, f'{gap:.3g} m off, said {accuracy:.3g} m', ledger
-    return verdict, '', ledger
+    return verdict, why, ledger
 
 
 def fixed(case):
@@ -125,7 +131,7 @@ def fixed(case):
         finer = replace(case.model.solver_in_use, step=0.1 * case.model.solver_in_use.step,
                         work_budget=10 * case.model.solver_in_use.work_budget)
         exact = run_once(replace(case.model, solver=finer), case.start, case.actuation,
-                              case.duration, case.output_step)
+                         case.duration, case.output_step)
         horizon = case.duration
     length = float(np.sum(np.hypot(np.diff(exact['x']), np.diff(exact['y']))))
     bound = FIXED * max(case.model.robot.ball_radius, length)

@@ -30,7 +30,7 @@ if __name__ == '__main__':
     signal.signal(signal.SIGINT, signal.SIG_DFL)  # while it loads, to end without a traceback
 
 from cases import BY_NAME, CLASSES
-from judge import CHAOTIC, GOOD, judge, REFUSED, Verdict, WRONG
+from judge import CHAOTIC, GOOD, judge, REFUSED, UNCONFIRMED, Verdict, WRONG
 from remedies import refusal, remedy, report as report_remedies
 
 from ballbot_ros.errors import PlausibilityWarning
@@ -69,6 +69,7 @@ def main():
         name, _, seed = arguments.only.partition(':')
         if name not in BY_NAME or not seed.isdigit():
             parser.error(f'--only takes CLASS:SEED, for instance slope:17, got {arguments.only}')
+        compile_first()
         found = judge(name, int(seed))
         print(f'{name}:{seed}  {found.verdict}  {found.why}\n'
               f'ledger {found.ledger:.2g}, {found.seconds:.2f} s')
@@ -191,20 +192,21 @@ def work(job) -> Verdict:
 
 
 def table(verdicts):
-    """Return the table by class, and every wrong case below it."""
-    lines = [f'{"class":16}{"cases":>7}{"good":>7}{"chaotic":>9}{"refused":>9}{"wrong":>7}'
-             f'{"worst ledger":>14}{"slowest":>10}']
+    """Return the table by class, and every wrong or unconfirmed case below it."""
+    lines = [f'{"class":16}{"cases":>7}{"good":>7}{"chaotic":>9}{"refused":>9}'
+             f'{"unconfirmed":>13}{"wrong":>7}{"worst ledger":>14}{"slowest":>10}']
     for name in [*BY_NAME, 'all']:
         own = [item for item in verdicts if name in (item.name, 'all')]
         if own:
             numbers = [sum(item.verdict == kind for item in own)
-                       for kind in (GOOD, CHAOTIC, REFUSED, WRONG)]
+                       for kind in (GOOD, CHAOTIC, REFUSED, UNCONFIRMED, WRONG)]
             lines.append(
-                f'{name:16}{len(own):7}{numbers[0]:7}{numbers[1]:9}{numbers[2]:9}{numbers[3]:7}'
+                f'{name:16}{len(own):7}{numbers[0]:7}{numbers[1]:9}{numbers[2]:9}'
+                f'{numbers[3]:13}{numbers[4]:7}'
                 f'{max(item.ledger for item in own):14.1e}'
                 f'{max(item.seconds for item in own):8.2f} s')
-    wrong = [item for item in verdicts if item.verdict == WRONG]
-    lines += [f'WRONG {item.name}:{item.seed}  {item.why}' for item in wrong]
+    lines += [f'{kind} {item.name}:{item.seed}  {item.why}' for kind in (WRONG, UNCONFIRMED)
+              for item in verdicts if item.verdict == kind]
     return '\n'.join(lines)
 
 

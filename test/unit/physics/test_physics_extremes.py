@@ -22,8 +22,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[3] / 'extremes'))
 BY_NAME, make_case = (
     getattr(importlib.import_module('cases'), name) for name in ('BY_NAME', 'make_case'))
 judging = importlib.import_module('judge')
-judge, CHAOTIC, REFUSED, WRONG = (
-    getattr(judging, name) for name in ('judge', 'CHAOTIC', 'REFUSED', 'WRONG'))
+judge, CHAOTIC, REFUSED, UNCONFIRMED, WRONG = (
+    getattr(judging, name) for name in ('judge', 'CHAOTIC', 'REFUSED', 'UNCONFIRMED', 'WRONG'))
 
 refusal, remedy = (
     getattr(importlib.import_module('remedies'), name) for name in ('refusal', 'remedy'))
@@ -136,6 +136,24 @@ def test_no_case_at_the_extremes_is_wrong(name):
     for seed in range(2 if name in ('bounces', 'control_period') else 6):
         found = judge(name, seed)
         assert found.verdict != WRONG, f'--only {name}:{seed}  {found.why}'
+
+
+@pytest.mark.parametrize('reason, shift, verdict', [
+    ('over_budget', 0.0, UNCONFIRMED), ('over_budget', 1.0, WRONG), ('not_finite', 0.0, WRONG)])
+def test_a_failed_stricter_run_leaves_a_result_unconfirmed_or_shows_it_wrong(
+        monkeypatch, reason, shift, verdict):
+    runs = []
+
+    def run_then_fail(*given, **named):
+        if not runs:
+            runs.append(simulate(*given, **named))
+            return runs[0]
+        error = SimulationError(1.0, 'cause', 'remedy', reason, '')
+        error.trajectory = replace(runs[0], rows=runs[0].rows[:5] + shift)
+        raise error
+
+    monkeypatch.setattr(judging, 'simulate', run_then_fail)
+    assert judge('slope', 0).verdict == verdict
 
 
 def test_energy_that_comes_and_goes_again_is_seen_too():
