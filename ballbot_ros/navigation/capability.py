@@ -26,8 +26,6 @@ from ballbot_ros.decision.planning.rollout.worlds import Worlds
 # Run-ups from rest to the touch to try, and longest room behind the last edge that is used [m].
 RUN_UPS = (0.2, 0.35, 0.5, 0.75, 1.0, 1.4, 1.8, 2.4)
 LONGEST_ROOM = 2.5
-# A longer run-up must raise the probability by this to be a separate choice.
-PROBABILITY_GAIN_MIN = 0.005
 # Heights, standard deviations of heights, and widths are rounded up to multiples of this, rooms
 # down [m].
 HEIGHT, HEIGHT_SD, WIDTH, ROOM = 0.0025, 0.001, 0.01, 0.1
@@ -97,7 +95,7 @@ class Capability:
     def choices(self, faces: Sequence[Tuple[float, float]], height_sd: float, run_up: float,
                 room: float) -> List[CrossingPlan]:
         """
-        Return crossings, from the shortest run-up to longer ones that are more probable.
+        Return crossings with the required probability, from the shortest run-up to the longest.
 
         Parameters
         ----------
@@ -108,22 +106,11 @@ class Capability:
         run_up, room : float
             Available to the centre before the touch and behind the last edge [m].
 
-        Returns
-        -------
-        list of CrossingPlan
-            Empty if no run-up up to `run_up` reaches the required probability.
-
         """
         room = round(math.floor(min(room, LONGEST_ROOM) / ROOM + 1e-6) * ROOM, 6)
-        found: List[CrossingPlan] = []
-        for item in RUN_UPS:
-            crossing = self._crossing(tuple(faces), height_sd, item, room) \
-                if item <= run_up and room > 0.0 else None
-            if crossing is not None and (
-                    not found
-                    or crossing.probability > found[-1].probability + PROBABILITY_GAIN_MIN):
-                found.append(crossing)
-        return found
+        found = [self._crossing(tuple(faces), height_sd, item, room)
+                 for item in RUN_UPS if item <= run_up and room > 0.0]
+        return [crossing for crossing in found if crossing is not None]
 
     def _crossing(self, steps: Tuple[Tuple[float, float], ...], height_sd: float, run_up: float,
                   room: float) -> Optional[CrossingPlan]:

@@ -57,6 +57,8 @@ CLOSED = ('keep_out', 'stairs', 'ramp')
 BARRED = ('drop', *CLOSED)
 # Features with an edge.
 FACED = tuple(kind for kind in (*LINES, *AREAS) if kind != 'friction')
+# A longer run-up must raise the probability by this to be a separate choice.
+PROBABILITY_GAIN_MIN = 0.005
 # Lines along the headings exceed the arcs between them by up to this factor.
 DETOUR = 1.02
 # Longest time of a route over that of the fastest: the factor on the heuristic.
@@ -202,8 +204,7 @@ class RoutePlanner:
         for x, y in learned.obstacles:
             self._blocked |= np.hypot(self._x - x, self._y - y) < self.ball_radius + CLEARANCE
         for number, feature in enumerate(self.floor.features):
-            if number not in self._arcs or learned.height(
-                    number, feature) != before.height(number, feature):
+            if number not in self._arcs or learned.about(number) != before.about(number):
                 for sign in (1, -1):
                     self._limits.pop((number, sign), None)
                 self._arcs[number] = self._crossings(number, learned.corrected(number, feature))
@@ -259,14 +260,15 @@ class RoutePlanner:
         arcs: List[Tuple[_Arc, int, float]] = []
         for items in self._arcs.values():
             for arc in items:
-                probability, segment = self._probability(arc.segment), arc.segment
+                segment = arc.segment
                 assert segment.crossing is not None
+                probability = segment.crossing.probability
                 # A failed attempt costs the way back to its begin and another one.
                 time = segment.time + (1.0 / probability - 1.0) * (
                     segment.time + 2.0 * REVERSAL + segment.crossing.run_up / BACKWARD_SPEED)
                 level = math.ceil(-math.log(probability) / limit * LEVELS - 1e-9)
-                if level <= LEVELS and not (distance_to_segment(*obstacles.T, *segment.points)
-                                            < self.ball_radius + CLEARANCE).any():
+                if not (distance_to_segment(*obstacles.T, *segment.points)
+                        < self.ball_radius + CLEARANCE).any():
                     arcs.append((arc, level, time))
         arcs.sort(key=lambda item: item[0].start)
         self._offered = [arc for arc, _, _ in arcs]
@@ -280,12 +282,6 @@ class RoutePlanner:
         self._backward = self._graph + self._graph.T + sparse.csr_matrix(
             (times * self._tuning.cruise_speed * DETOUR, (ends // COUNT, starts // COUNT)),
             shape=self._graph.shape)
-
-    def _probability(self, segment: Segment) -> float:
-        """Return the probability of a crossing, corrected by learned outcomes."""
-        assert segment.crossing is not None
-        return self.learned.probability(segment.number, segment.sign, segment.crossing.run_up,
-                                        segment.crossing.probability)
 
     def _node(self, point: Sequence[float]) -> int:
         rows, columns = self._walls.shape
@@ -395,7 +391,7 @@ class RoutePlanner:
             room = self._free(middle, way, barriers) - half
             known = self._limits.get((number, sign))
             if known is None or run_up > known.run_up:
-                easiest = self._capability.choices(faces, feature.height_sd, LONGEST, LONGEST)
+                easiest = self._choices(number, sign, faces, LONGEST, LONGEST)
                 self._limits[number, sign] = _Limit(
                     max(run_up, 0.0), max(room, 0.0), easiest[0].run_up if easiest else None)
             on = half + min(room, self.ball_radius + CLEARANCE + 0.2)
@@ -403,15 +399,37 @@ class RoutePlanner:
             stand = row + after * up, column + after * across
             if after - share > room / spacing or not self._inside(*stand):
                 continue
-            for crossing in self._capability.choices(faces, feature.height_sd, run_up, room):
-                back = max(0, math.ceil((touch + crossing.run_up) / spacing - share - 1e-9))
-                begin = row - back * up, column - back * across
-                if (back + share) * spacing - touch <= run_up + 1e-9 and self._inside(*begin):
-                    one, two = (int(np.ravel_multi_index(cell, self._walls.shape))
-                                for cell in (begin, stand))
-                    found.append(_Arc(one * COUNT + heading, two * COUNT + heading, Segment(
-                        (self._point(one), self._point(two)), self.floor.features[number],
-                        crossing, ALIGNMENT + crossing.time, 1, HEADINGS[heading], number, sign)))
+            for crossing in self._choices(number, sign, faces, run_up, room):
+                before = touch + crossing.run_up
+                back = math.ceil(before / spacing - share - 1e-9)
+                short = (back + share) * spacing > touch + run_up + 1e-9
+                begin = row - (back - short) * up, column - (back - short) * across
+                if not self._inside(*begin):
+                    continue
+                one, two = (int(np.ravel_multi_index(cell, self._walls.shape))
+                            for cell in (begin, stand))
+                at, time = self._point(one), ALIGNMENT + crossing.time
+                if short:
+                    # No state is free there: the ball backs off from the one before.
+                    at = middle[0] - before * way[0], middle[1] - before * way[1]
+                    time += REVERSAL + spacing / BACKWARD_SPEED
+                found.append(_Arc(one * COUNT + heading, two * COUNT + heading, Segment(
+                    (at, self._point(two)), self.floor.features[number], crossing, time, 1,
+                    HEADINGS[heading], number, sign)))
+        return found
+
+    def _choices(self, number: int, sign: int, faces: Tuple[Tuple[float, float], ...],
+                 run_up: float, room: float) -> List[CrossingPlan]:
+        """Return crossings, from the shortest run-up to longer ones that are more probable."""
+        found: List[CrossingPlan] = []
+        least = self._tuning.required_probability
+        for crossing in self._capability.choices(
+                faces, self.floor.features[number].height_sd, run_up, room):
+            probability = self.learned.probability(
+                number, sign, crossing.run_up, crossing.probability)
+            if probability >= least:
+                found.append(crossing._replace(probability=probability))
+                least = probability + PROBABILITY_GAIN_MIN
         return found
 
     def room_before(self, crossing: Segment) -> float:
@@ -521,16 +539,16 @@ class RoutePlanner:
             time, path = self._find(states, costs, last, heading, far, aligned, LEVELS**2)
             if not math.isfinite(time):
                 self._refuse(shortest, passed, math.isfinite(far[states // COUNT].min()))
-            taken = [segment for segment in self._segments(path) if segment.feature]
+            taken = [segment for segment in self._segments(path) if segment.crossing]
             raise RefusedError(
                 'no route reaches the required probability of '
                 f'{self._tuning.required_probability:g}: the fastest one crosses '
                 + ', '.join(self._described(segment.number) for segment in taken)
                 + ', with a product of probabilities of '
-                f'{math.prod(map(self._probability, taken)):.2f}',
+                f'{_probability(taken):.2f}',
                 'improbable', 'goal')
         segments = self._from(start, path[0][0], self._segments(path))
-        taken = [segment for segment in segments if segment.feature]
+        taken = [segment for segment in segments if segment.crossing]
         numbers = {segment.number for segment in taken}
         why = [self._lack(number, sign) for number, sign in passed if number not in numbers]
         why += [f'{self._described(segment.number)} needs {segment.crossing.run_up:.2f} m of '
@@ -541,7 +559,7 @@ class RoutePlanner:
         if why and longer > 1.0:
             why.insert(0, f'{longer:.0f} s longer than the shortest way')
         return Route(segments, sum(segment.time for segment in segments),
-                     math.prod(map(self._probability, taken)), '; '.join(why))
+                     _probability(taken), '; '.join(why))
 
     def warm_up(self) -> None:
         """Compile the search, or load it."""
@@ -650,8 +668,11 @@ class RoutePlanner:
             at = self._point(before // COUNT)
             if move <= -2:
                 end(HEADINGS[before % COUNT])
-                segments.append(self._offered[-2 - move].segment._replace(
-                    time=float(self._arc_arrays[2][-2 - move])))
+                crossing = self._offered[-2 - move].segment
+                if crossing.points[0] != at:
+                    segments.append(Segment(
+                        (at, crossing.points[0]), None, None, 0.0, -1, crossing.heading))
+                segments.append(crossing._replace(time=float(self._arc_arrays[2][-2 - move])))
                 points, direction = [self._point(state // COUNT)], 0
                 continue
             item = self._rows[move]
@@ -714,6 +735,11 @@ class RoutePlanner:
         feature = self.learned.corrected(number, self.floor.features[number])
         return f'the {feature.label} of {1e3 * feature.height:.0f} mm' if feature.name \
             else f'the {feature.label}'
+
+
+def _probability(taken: Sequence[Segment]) -> float:
+    """Return the product of the probabilities of crossings."""
+    return math.prod(segment.crossing.probability for segment in taken if segment.crossing)
 
 
 def _grid_graph(slowness: NDArray[np.float64], size: float) -> 'sparse.csr_matrix':

@@ -10,6 +10,7 @@ import pytest
 from scipy import sparse
 from scipy.sparse import csgraph
 
+from ballbot_ros.crossing.rules import touch_distance
 from ballbot_ros.decision import Knowledge, load_curve, load_decision_tuning
 from ballbot_ros.errors import ConfigurationError, RefusedError
 from ballbot_ros.floors import load_floor
@@ -79,10 +80,31 @@ def test_without_room_behind_nothing_is_crossed(capability):
     assert not capability.choices([(0.0, 0.02)], 0.001, 3.0, 0.2)
 
 
-def test_longer_run_ups_are_offered_only_where_they_are_more_probable(capability):
-    found = capability.choices([(0.0, 0.045)], 0.001, 3.0, 3.0)
-    assert [item.run_up for item in found] == sorted(item.run_up for item in found)
-    assert all(one.probability < two.probability for one, two in zip(found, found[1:]))
+def test_a_crossing_is_offered_with_a_longer_run_up_once_a_shorter_one_failed(tmp_path):
+    planner, ends = planner_of(tmp_path, [
+        '{kind: step, line: [[2.5, 4.0], [2.5, 0.0]], height: 0.02}'], (5, 4)), (
+            (1.0, 2.0), (3.8, 2.0))
+
+    def run_up():
+        segments = planner.route(*ends).segments
+        return next(item.crossing.run_up for item in segments if item.crossing)
+    shortest = run_up()
+    planner.learn(Learned().with_outcome(0, 1, shortest, False))
+    assert run_up() > shortest
+    planner.learn(Learned())
+    assert run_up() == shortest
+
+
+def test_a_run_up_for_which_no_state_is_far_enough_begins_behind_the_last_one(tmp_path):
+    x = 1.27
+    planner = planner_of(tmp_path, [
+        f'{{kind: step, line: [[{x}, 2.0], [{x}, 0.0]], height: 0.046}}'], (5.5, 2))
+    segments = planner.route((0.77, 1.0, 0.0), (x + 1.5, 1.0)).segments
+    index = next(index for index, item in enumerate(segments) if item.crossing)
+    crossing, before = segments[index], segments[index - 1]
+    touch = touch_distance(planner.ball_radius, 0.046)
+    assert x - touch - crossing.points[0][0] == pytest.approx(crossing.crossing.run_up, abs=0.005)
+    assert before.direction == -1 and before.points[-1] == crossing.points[0]
 
 
 def test_the_bedroom_is_reached_with_a_run_up_that_begins_in_the_living_room(flat):
