@@ -38,6 +38,7 @@ class Reason(str, Enum):
     WALL = 'wall'
     LIKELY = 'likely'
     GOAL = 'goal'
+    EVALUATING = 'evaluating'
 
 
 # Positions [m], speeds [m/s] and heights of faces [m] beyond these are invalid.
@@ -223,6 +224,11 @@ class Decision:
     swing_distance: float = math.nan
     plan: Optional[Plan] = None
     outlook: Optional[Outlook] = None
+
+    @property
+    def refuses(self) -> bool:
+        """Return whether the ball will not pass; False while plans are evaluated."""
+        return self.kind in (Kind.STOP, Kind.GO_ROUND) and self.reason is not Reason.EVALUATING
 
 
 @dataclass(frozen=True)

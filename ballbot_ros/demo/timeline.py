@@ -134,7 +134,8 @@ class Timeline:
                     time, 'sees', f'a {"step" if message.height > 0.0 else "drop"} of '
                     f'{1e3 * abs(message.height):.0f} mm, {message.distance:.2f} m ahead of its '
                     'centre')
-            if message.decision not in self.passages[index].decided:
+            if message.decision not in self.passages[index].decided \
+                    and message.reason != StepDecision.REASON_EVALUATING:
                 self.passages[index].decided.append(message.decision)
         late = 'too late to stop: ' if message.reason == StepDecision.REASON_COMMITTED else ''
         self._report(time, NAMES.get(message.decision, '?'), late + message.explanation)
@@ -168,8 +169,10 @@ class Timeline:
         """Report when the ball has come to rest behind all faces to be crossed."""
         due = sum(passage.expected is Expected.CROSSED for passage in self.passages)
         driven = abs(message.x - self.states[0].x) > DRIVEN
-        refused = self._last is not None and self._last[0] in REFUSED
+        kind, reason, _ = self._last or (None, None, 0)
+        refused = kind in REFUSED
         if self.next_step < due or not (driven or refused) \
+                or reason == StepDecision.REASON_EVALUATING \
                 or abs(message.velocity_x) > REST_SPEED:
             self._resting = None
             return

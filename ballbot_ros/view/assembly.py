@@ -26,7 +26,7 @@ REASONS = (
     Reason.NOTHING_AHEAD, Reason.WITHIN_CURVE, Reason.TOO_HIGH, Reason.NO_ROOM, Reason.DROP,
     Reason.BAD_OBSERVATION, Reason.STALE, Reason.CONTRADICTORY, Reason.COMMITTED, Reason.TOO_FAST,
     Reason.NOT_LIKELY, Reason.LANDING, Reason.STEEP, Reason.FAILED_BEFORE, Reason.RUN_UP,
-    Reason.STUCK, Reason.WALL, Reason.LIKELY, Reason.GOAL)
+    Reason.STUCK, Reason.WALL, Reason.LIKELY, Reason.GOAL, Reason.EVALUATING)
 
 # Timeout after which the estimated state replaces the true one [s].
 TRUE_STATE_TIMEOUT = 0.5

@@ -65,7 +65,7 @@ def test_a_step_is_crossed_one_refused_a_drop_not_fallen_off_and_all_recorded(de
     printed = process.communicate(timeout=TIMEOUT)[0]
     assert process.returncode == 0, printed
     order = ['sees  a step of 31 mm', 'CROSS', 'swing', 'over with', 'touches  the 31 mm step',
-             'the plan crosses', 'crossed', '80 mm at', 'GO ROUND', 'rests',
+             'the plan crosses', 'crossed', 'GO ROUND', '80 mm at', 'rests',
              'before the 80 mm step', 'Done:', 'STOP', 'rests',
              'before the 100 mm drop', 'Done:']
     place = 0

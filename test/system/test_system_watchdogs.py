@@ -105,7 +105,7 @@ def test_decision_that_dies_on_the_way_is_replaced_and_nothing_is_guessed(graph,
 
     # While a search for plans goes on, the ball may stand or roll on.
     found = [decision for decision in decisions
-             if decision.reason != StepDecision.REASON_NOT_LIKELY]
+             if decision.reason != StepDecision.REASON_EVALUATING]
     first = [decision for decision in found if 0.0 < decision.height < 0.05]
     second = [decision for decision in found if decision.height > 0.05]
     assert first and all(decision.explanation for decision in decisions)

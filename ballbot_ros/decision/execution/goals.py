@@ -316,8 +316,7 @@ class DriveGoal(Goal):
     def update(self, planned: Decision, motion: Motion,
                outcome: Optional[Outcome]) -> Optional[GoalEnd]:
         """Return how the goal has ended, None as long as it has not."""
-        going = self._backward or not self._obstacle and planned.kind not in (
-            Kind.STOP, Kind.GO_ROUND)
+        going = self._backward or not self._obstacle and not planned.refuses
         end = self._monitor(going, motion, f'the way to {self.target:.2f} m')
         if end is not None:
             return end
@@ -379,7 +378,7 @@ class CrossGoal(Goal):
         """Return how the goal has ended, None as long as it has not."""
         self._note(planned, motion, outcome)
         none = self._sees_none(planned)
-        going = not none and planned.kind not in (Kind.STOP, Kind.GO_ROUND)
+        going = not none and not planned.refuses
         end = self._monitor(going, motion, 'the step')
         if end is not None:
             return end

@@ -302,7 +302,7 @@ class OutcomeMonitor:
             self._resting_since = state.time
         rest = state.time - self._resting_since
         verdict.gap = self._gap(state)
-        if rest >= STANDING and decision.kind in (Kind.STOP, Kind.GO_ROUND):
+        if rest >= STANDING and decision.refuses:
             verdict.outcome = 'stopped'
             return True
         if rest >= WAITING:

@@ -157,6 +157,22 @@ def test_a_plan_is_kept_as_soon_as_the_weakest_robot_could_not_stop():
         assert (answer.kind, answer.reason) == (Kind.CROSS, reason)
 
 
+def test_past_the_last_braking_point_the_better_of_braking_and_crossing_is_selected():
+    needed = StopLines(KNOWLEDGE).braking.distance(0.8, 0.0, emergency=True)
+    faces = step(0.03), step(0.2, position=0.7, number=2)  # the second cannot be crossed
+    for part, kind in (0.85, Kind.STOP), (0.4, Kind.CROSS):
+        room = part * needed - RADIUS + touch_distance(RADIUS, 0.03)
+        answer = decide(*faces, room=room, speed=0.8)
+        assert answer.outlook.braking_room < 0.0 and answer.kind is kind
+
+
+def test_a_ball_at_rest_keeps_its_run_up_while_plans_are_evaluated():
+    resting, rolling = (decide(step(0.03), speed=speed, answers=1) for speed in (0.0, 0.4))
+    assert resting.reason is rolling.reason is Reason.EVALUATING
+    assert not resting.refuses and resting.set_speed == 0.0 < rolling.set_speed
+    assert decide(step(0.03), answers=30).kind is Kind.CROSS
+
+
 def test_a_face_whose_foot_the_ball_has_passed_is_not_ahead():
     below, ahead = Face(1, -0.2, 0.01, 0.02, 0.0005, run=1.0), step(0.02, position=1.0, number=2)
     assert faces_ahead(seen(below, ahead), 0.0) == (ahead,)

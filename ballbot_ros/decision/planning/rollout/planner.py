@@ -91,8 +91,8 @@ def deliberate(task: Task, tuning: DecisionTuning, room_behind: float,
     failures : sequence of Failure
         At this face.
     too_late : bool
-        Whether the ball is past its last braking point: then the best plan is
-        better than braking.
+        Whether the weakest robot is past its last braking point: then the best plan is
+        selected if it succeeds more often than an emergency stop.
 
     """
     position, speed = task.start[:2]
@@ -109,7 +109,9 @@ def deliberate(task: Task, tuning: DecisionTuning, room_behind: float,
         chosen = _best(trials)
         if chosen is not None:
             yield from confirm(chosen, replace(task, required=0.0), KEPT_PLAN_ROLLOUTS)
-            return Choice(chosen, Reason.COMMITTED, why_not(trials, chosen), chosen.many)
+            if chosen.many.probability > task.braking(KEPT_PLAN_ROLLOUTS):
+                return Choice(chosen, Reason.COMMITTED, why_not(trials, chosen), chosen.many)
+            chosen = None
     if chosen is None and room_behind > 0.1:
         back = from_farther_back(task.ahead, position, room_behind, tuning)
         # Apart from those that were not good enough from here.
@@ -338,6 +340,7 @@ WHY = {
     Reason.FAILED_BEFORE: 'it failed before, and no faster plan or larger swing is left',
     Reason.DROP: 'the floor falls away',
     Reason.WALL: 'a wall; find another way',
+    Reason.EVALUATING: 'evaluating plans',
 }
 # Reasons to find another way, which further observations do not change.
 PERMANENT_REASONS = (Reason.TOO_HIGH, Reason.FAILED_BEFORE, Reason.WALL)
@@ -391,14 +394,13 @@ def refuse(choice: Choice, ahead: Ahead, motion: Motion, braking_room: float,
     hopeless = choice.reason in PERMANENT_REASONS
     what = f'drops by {-1e3 * face.height:.0f} mm' if face.height < 0.0 else \
         f'{1e3 * face.height:.0f} mm'
-    searching = choice.reason is Reason.NOT_LIKELY and not seen.attempts
-    why = 'evaluating plans' if searching else WHY.get(choice.reason, 'no plan is good enough')
+    why = WHY.get(choice.reason, 'no plan is good enough')
     said = f'{what} at {face.position - motion.position:.2f} m: {why}'
     if choice.reason is Reason.LANDING and not ahead.known:
         said += (f'; the floor behind it is not seen, and unseen_room grants '
                  f'{tuning.unseen_room:g} m: set unseen_room to the floor that this site has '
                  'behind each edge, 1 m or more for a stop, or use a terrain sensor')
-    if seen.attempts:
+    if seen.probability < tuning.required_probability:
         said += (f'; at best over with {100 * seen.probability:.0f} %, '
                  f'{100 * tuning.required_probability:.0f} % are required')
     return Decision(
@@ -499,15 +501,18 @@ class RolloutPlanner:
             choice = Choice(None, Reason.DROP if face.height < 0.0 else Reason.WALL)
         else:
             selector.update(ahead, situation, room)
-            choice = selector.choice or Choice(None, Reason.NOT_LIKELY)
+            choice = selector.choice or Choice(None, Reason.EVALUATING)
             if choice.trial is None and face.height < 0.0 and motion.speed > REST_SPEED_MAX and (
                     past_braking(previous, situation) or room < 0.0):
                 # The descent is certain and needs neither a search nor more speed.
                 choice = Choice(Trial(Candidate(Strategy.CRUISE, min(
                     motion.speed, self._tuning.cruise_speed))), Reason.COMMITTED)
         if choice.trial is None:
-            return self._lines.stop_before(
-                refuse(choice, ahead, motion, room, self._tuning), face.position, situation)
+            answer = refuse(choice, ahead, motion, room, self._tuning)
+            if choice.reason is Reason.EVALUATING and abs(motion.speed) < REST_SPEED_MAX:
+                # Keep the run-up of a ball at rest.
+                return replace(answer, set_speed=0.0, plan=Plan(Strategy.STOP))
+            return self._lines.stop_before(answer, face.position, situation)
         end = choice.trial.candidate.end(ahead)
         later = [item.position - self._robot.ball_radius for item in ahead.faces
                  if item.position > end.position + 1e-3]

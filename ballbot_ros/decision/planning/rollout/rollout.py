@@ -40,7 +40,7 @@ from ballbot_ros.physics.solvers.semi_implicit import apply_rates
 OVER, STUCK, FALLS = range(3)
 
 # Columns of a plan: positions are those of the ball's centre along the odometry axis.
-SPEED = 0         # set speed [m/s]
+SPEED = 0         # set speed [m/s]; 0 for an emergency stop
 SWING_AT = 1      # start of the swing [m]; infinite for none
 SWING_ANGLE = 2   # to this absolute angle [rad], until the ball is past the last edge
 START = 3         # start of the plan, from rest, if that is behind the ball [m]
@@ -314,8 +314,9 @@ def order_of(plan: Array, after: float, drive: Drive) -> PlainOrder:
 
     Behind the last edge the ball continues at `after` [m/s].
     """
-    return (plan[SPEED], 0.0, math.inf, plan[SWING_AT], plan[SWING_ANGLE], plan[EDGE],
-            after, drive.lean, drive.emergency_lean, drive.reaction)
+    stop = -math.inf if plan[SPEED] == 0.0 else math.inf
+    return (plan[SPEED], 0.0, stop, plan[SWING_AT], plan[SWING_ANGLE], plan[EDGE], after,
+            drive.lean, drive.emergency_lean, drive.reaction)
 
 
 @outlined

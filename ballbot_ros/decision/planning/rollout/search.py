@@ -205,6 +205,12 @@ class Task:
             self.start, [trial.candidate.row(self.ahead)], worlds, self.ahead, raised)
         return Tally.of(results[0], self.ahead.room_to)
 
+    def braking(self, number: int) -> float:
+        """Return the probability that an emergency stop ends before the first face."""
+        brake = Candidate(Strategy.STOP, 0.0).row(self.ahead)
+        results = self.worlds.attempt(self.start, [brake], self.worlds.take(number), self.ahead)
+        return float(np.mean(np.isnan(results[0, :, TOUCH_SPEED])))
+
 
 Steps = Generator[None, None, Optional[Trial]]
 
