@@ -2,16 +2,18 @@
 """A model advances the state of the ball as a pure function."""
 from dataclasses import dataclass
 from functools import cached_property
+import math
 from typing import Optional
+import warnings
 
 import numpy as np
 
-from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.errors import ConfigurationError, PlausibilityWarning, SimulationError
 from ballbot_ros.physics.mechanics import contact, equations
 from ballbot_ros.physics.model.actuation import Actuator, actuator_torque
 from ballbot_ros.physics.model.robot import ContactOptions, load_robot, Parameters, Robot
 from ballbot_ros.physics.model.state import Energies, State, Touch
-from ballbot_ros.physics.model.terrain import Array, Terrain, VERTEX_X
+from ballbot_ros.physics.model.terrain import Array, TANGENT_X, Terrain, VERTEX_X
 from ballbot_ros.physics.simulation.solver import (
     check_work, failure, Integrator, Ledger, LEDGER_BOUND, METHODS, out_of_balance, Solver)
 from ballbot_ros.physics.solvers.values import FINISHED, Status
@@ -92,15 +94,10 @@ class Model:
     def _resting_place(self, x: float) -> tuple[float, float, float]:
         """Return the height of the centre, and the normal of the main contact, above x."""
         radius, robot = self.robot.ball_radius, self.parameters
-        table = contact.contact_table(len(self.profile))
+        table = self._contacts
 
         def support(y: float) -> float:
-            rows = contact.find_contacts(x, y, radius, self.profile, table)
-            lift = sum(robot.stiffness * table[row, contact.PENETRATION]
-                       * table[row, contact.NORMAL_Y]
-                       * (-1.0 if table[row, contact.KIND] == contact.CORNER else 1.0)
-                       for row in range(rows))
-            return float(lift) - self.robot.weight
+            return self._spring_force(x, y)[1] - self.robot.weight
 
         # Above everything within reach nothing carries the ball; at the ground all does, except
         # beside a vertical face: there its top counts.
@@ -135,6 +132,45 @@ class Model:
             return low, 0.0, 1.0
         deepest = table[np.argmax(table[:rows, contact.PENETRATION])]
         return low, float(deepest[contact.NORMAL_X]), float(deepest[contact.NORMAL_Y])
+
+    def _spring_force(self, x: float, y: float) -> tuple[float, float]:
+        """Return the force of the ground on a ball at rest at a place [N]."""
+        force_x, force_y, *_ = contact.contact_loads(
+            np.array(State(x=x, y=y)[1:]), self.parameters, self.profile, self._contacts)
+        return float(force_x), float(force_y)
+
+    def check_start(self, state: State) -> None:
+        """
+        Refuse a start with the centre of the ball under the ground, warn of one in the ground.
+
+        A contact pushes with the weight at rest, and with ``W + sqrt(W^2 + 2 k T)`` at most after
+        an impact with the kinetic energy T.  With more, a start is in a wall, or a run continues.
+
+        Raises
+        ------
+        SimulationError
+
+        """
+        below = contact.ground_height(self.profile, state.x)
+        radius, weight = self.robot.ball_radius, self.robot.weight
+        if state.y <= below:
+            slope = self.profile[contact.first_segment(self.profile, state.x)]
+            raise SimulationError(
+                state.time, 'the centre of the ball starts under the ground at '
+                f'x = {state.x:.4g} m, with y = {state.y:.4g} m',
+                f'raise y of the start (initial): with y = {below + radius / slope[TANGENT_X]:.9g}'
+                ' m the ball touches the ground there', 'out_of_range', 'y')
+        if state.time != 0.0:
+            return
+        force = math.hypot(*self._spring_force(state.x, state.y))
+        impact = 2.0 * self.parameters.stiffness * self.energies(state).kinetic
+        if force > weight + math.sqrt(weight * weight + impact):
+            deepest = max(self.touches(state), key=lambda touch: touch.penetration)
+            warnings.warn(
+                f'the ball starts {1e3 * deepest.penetration:.3g} mm inside the ground at '
+                f'x = {deepest.x:.4g} m, y = {deepest.y:.4g} m, where it is pushed out with '
+                f'{force:.3g} N: move its start (initial) away from there',
+                PlausibilityWarning, stacklevel=3)
 
     def advance(self, state: State, actuator: Actuator, steps: int) -> State:
         """

@@ -29,7 +29,7 @@ from ballbot_ros.physics.model.state import SIZE, State, X, Y
 from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.simulation.model import Model
 from ballbot_ros.physics.simulation.solver import (
-    ACCURACY, check_start, check_work, failure, Integrator, LARGEST, Ledger, LEDGER_BOUND, METHODS,
+    ACCURACY, check_work, failure, Integrator, LARGEST, Ledger, LEDGER_BOUND, METHODS,
     out_of_balance, OutOfBalance, SMALLEST, Solver)
 from ballbot_ros.physics.simulation.trajectory import Assurance, Effort, Trajectory
 from ballbot_ros.physics.solvers.controller import MEMORY
@@ -168,7 +168,7 @@ def run_once(model: Model, start: State, actuation: Actuation, duration: float,
         check_work(solver, count * every)
     actuator = actuation.actuator(model.robot, start.time, start.joint_angle)
     vector = np.array(start[1:])
-    check_start(start.time, vector, model.robot.ball_radius, model.profile)
+    model.check_start(start)
     rows = np.empty((1 + count, 2 + SIZE))
     rows[0] = [*start, model.torque(start, actuator)]
     end, status = start.time + count * every * tick, Status(FINISHED, start.time)

@@ -13,13 +13,12 @@ import numpy as np
 from ballbot_ros.config.fields import Checked, count, quantity, text
 from ballbot_ros.errors import ConfigurationError, SimulationError
 from ballbot_ros.jit import compiled, direct
-from ballbot_ros.physics.mechanics.contact import (
-    contact_table, first_segment, ground_height)
+from ballbot_ros.physics.mechanics.contact import contact_table
 from ballbot_ros.physics.mechanics.equations import energies
 from ballbot_ros.physics.model.actuation import Actuator
 from ballbot_ros.physics.model.robot import Parameters
-from ballbot_ros.physics.model.state import CONTACT_LOSS, JOINT_LOSS, MOTOR_WORK, X, Y
-from ballbot_ros.physics.model.terrain import Array, TANGENT_X
+from ballbot_ros.physics.model.state import CONTACT_LOSS, JOINT_LOSS, MOTOR_WORK, X
+from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.solvers import integrate, rk4, semi_implicit, trapezoidal
 from ballbot_ros.physics.solvers.controller import STEP_METHODS
 from ballbot_ros.physics.solvers.values import (
@@ -273,25 +272,6 @@ def out_of_balance(time: float, missing: float, solver: Solver) -> OutOfBalance:
         time, f'the energy ledger misses {100.0 * missing:.3g} % of the energy in play',
         f'{remedy} or softer gains, a softer contact_stiffness or a larger slip_threshold',
         'unbalanced', 'step' if METHODS[solver.method].fixed else 'tolerance')
-
-
-def check_start(time: float, state: Array, radius: float, ground: Array) -> None:
-    """
-    Refuse a start with the centre of the ball under the ground.
-
-    Raises
-    ------
-    SimulationError
-
-    """
-    below = ground_height(ground, state[X])
-    if state[Y] <= below:
-        slope = ground[first_segment(ground, state[X])]
-        raise SimulationError(
-            time, f'the centre of the ball starts under the ground at x = {state[X]:.4g} m, with '
-            f'y = {state[Y]:.4g} m', 'raise y of the start (initial): with y = '
-            f'{below + radius / slope[TANGENT_X]:.9g} m the ball touches the ground there',
-            'out_of_range', 'y')
 
 
 def check_work(solver: Solver, steps: int) -> None:

@@ -2,12 +2,14 @@
 """A state is a value, a model maps it to a later one, and says why where it cannot."""
 from dataclasses import FrozenInstanceError, replace
 import math
+import warnings
 
 import numpy as np
 import pytest
 from refusals import refused
 
-from ballbot_ros.errors import BallbotError, SimulationError
+from ballbot_ros.config.files import shipped_files
+from ballbot_ros.errors import BallbotError, PlausibilityWarning, SimulationError
 from ballbot_ros.physics import (
     Actuation, ContactOptions, load_robot, load_scene, Model, simulate, Solver, State, Terrain)
 from ballbot_ros.physics.simulation.run import CHUNK
@@ -199,6 +201,30 @@ def test_ground_too_soft_to_carry_the_ball_is_refused():
     soft = replace(GIMBALL, contact_stiffness=100.0)
     with refused('out_of_range', 'contact_stiffness'):
         Model(soft, Terrain.flat()).at_rest(0.0)
+
+
+@pytest.mark.parametrize('x, height, inside', [
+    (0.3, 1.0, False), (0.76, 1.0, False), (0.78, 1.0, True), (0.9, 1.0, True),
+    (0.9, 0.05, False)])
+def test_a_start_in_a_wall_warns_and_one_before_it_or_on_its_edge_does_not(x, height, inside):
+    model = Model(GIMBALL, Terrain.step(height, at=1.0))
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter('always')
+        simulate(model, model.at_rest(x, 0.2), Actuation(), 0.01)
+    found = {str(item.message) for item in caught if item.category is PlausibilityWarning}
+    assert len(found) == inside
+    assert all(f'{1e3 * (x - 1.0 + GIMBALL.ball_radius):.3g} mm' in text for text in found)
+
+
+def test_no_scene_starts_in_its_ground_and_a_run_continues_from_within_an_impact():
+    fall = simulate(MODEL, State(x=0.3, y=0.5, velocity_y=-2.0), Actuation(), 0.5)
+    deepest = fall.state(int(np.argmax(fall['penetration'])))
+    scenes = [load_scene(name) for name in shipped_files('scenes')]
+    with warnings.catch_warnings():
+        warnings.simplefilter('error')
+        MODEL.check_start(deepest)
+        for scene in scenes:
+            scene.model.check_start(scene.start)
 
 
 @pytest.mark.parametrize('duration', [0.0, -1.0, math.nan, math.inf])
