@@ -40,8 +40,9 @@ ALIGNMENTS, ALIGNING = 2, 2.0 * SETTLING
 JUMP, JUMP_TURN = 0.25, 0.5
 # Jumps are not detectable over a larger gap between percepts [s].
 LONGEST_GAP = 1.0
-# Distance over which the path is checked for obstacles [m], and measurements that must agree.
-LOOK_AHEAD, AGREEING = 1.5, 3
+# Distance over which the path is checked for obstacles [m], places on it, and measurements that
+# must agree.
+LOOK_AHEAD, SAMPLES, AGREEING = 1.5, 16, 3
 # Walls of the map explain observed points within this distance [m].
 EXPLAINED = 0.2
 # Height of an unmapped face that stops the ball [m]; deviation from a mapped height [m].
@@ -439,38 +440,40 @@ class Navigator:
 
     def _watch(self, state: NavigationState, percept: Percept) -> NavigationState:
         """Look for obstacles on the path, and for steps that the map does not have."""
-        assert state.path is not None and state.route is not None
-        ahead = state.path.points[(state.path.along >= state.along)
-                                  & (state.path.along <= state.along + LOOK_AHEAD)]
-        if not len(ahead):
-            return state
-        found = [point for point in percept.points or ()
-                 if self._on(point, ahead) and not self._explained(point)]
-        seen, learned = len(found), state.learned
+        path, route, learned = state.path, state.route, state.learned
+        assert path is not None and route is not None
+        along = np.linspace(state.along, min(state.along + LOOK_AHEAD, path.length), SAMPLES)
+        ahead = np.column_stack([np.interp(along, path.along, items) for items in path.points.T])
+
+        def blocks(point: Point) -> bool:
+            return self._on(point, ahead) and not self._explained(point)
+        seen, unmapped = any(map(blocks, percept.points or ())), []
         for distance, height in percept.faces or ():
             point = (percept.x + distance * math.cos(percept.heading),
                      percept.y + distance * math.sin(percept.heading))
-            if abs(height) < FACE or state.path.direction < 0:
+            if abs(height) < FACE or path.direction < 0:
                 continue
             number = self._feature_at(point)
             if number is not None:
-                if any(segment.number == number
-                       for segment in state.route.segments[state.index:]):
+                if any(segment.number == number for segment in route.segments[state.index:]):
                     learned = self._measured(learned, number, height)
-            elif self._on(point, ahead) and not self._explained(point):
-                found.append(point)
-        faced = len(found) > seen or learned is not state.learned
+            elif blocks(point):
+                unmapped.append(point)
         # The sensors measure at their own rates: a percept may have no measurement.
         agreeing = tuple(count if measured is None else count + 1 if agrees else 0
                          for count, measured, agrees in zip(
-                             state.agreeing, (percept.points, percept.faces), (seen > 0, faced)))
+                             state.agreeing, (percept.points, percept.faces),
+                             (seen, unmapped or learned is not state.learned)))
         if max(agreeing) < AGREEING:
             return replace(state, agreeing=agreeing)
-        if found:
-            learned = learned.with_obstacles(tuple(found))
+        obstacle = seen or bool(unmapped)
+        if obstacle:
+            # The next route avoids all of it, not only what blocks this one.
+            learned = learned.with_obstacles((*unmapped, *(
+                point for point in percept.points or () if not self._explained(point))))
         return self._stop(
-            replace(state, learned=learned, agreeing=(0, 0)), 'obstacle' if found else 'higher',
-            'an obstacle is on the path' if found else 'a step is higher than on the map')
+            replace(state, learned=learned, agreeing=(0, 0)), 'obstacle' if obstacle else 'higher',
+            'an obstacle is on the path' if obstacle else 'a step is higher than on the map')
 
     def _measured(self, learned: Learned, number: int, height: float) -> Learned:
         """Return learned data with a measured rise of a feature that is higher than planned."""
@@ -530,6 +533,11 @@ class Navigator:
                 return entered, REST
         along, left = path.project(percept.x, percept.y, state.along)
         state = replace(state, along=along)
+        if segment.crossing.run_up - along > self._braking.distance(abs(percept.speed), 0.0):
+            # The decision measures the step itself.
+            state = self._watch(state, percept._replace(faces=None))
+            if state.status is NavStatus.STOPPING:
+                return state, REST
         to_edge = min(float(distance_to_segment(percept.x, percept.y, *piece))
                       for piece in segment.feature.segments)
         yaw_rate = 0.0

@@ -42,11 +42,6 @@ class Learned:
         """Return the height of a feature of the floor [m]."""
         return dict(self.heights).get(number, feature.height)
 
-    def about(self, number: int) -> Tuple[object, ...]:
-        """Return the learned height and outcomes of a feature."""
-        return (dict(self.heights).get(number),
-                *(item for item in self.outcomes if item[0] == number))
-
     def corrected(self, number: int, feature: Feature) -> Feature:
         """Return a feature with its learned height."""
         height = self.height(number, feature)

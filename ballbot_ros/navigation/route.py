@@ -125,7 +125,7 @@ class Route(NamedTuple):
 
 
 class _Arc(NamedTuple):
-    """A crossing from the state `start` to the state `end`; its time is that of one attempt."""
+    """A crossing from the state `start` to the state `end`."""
 
     start: int
     end: int
@@ -191,25 +191,47 @@ class RoutePlanner:
                 BACKWARD_SPEED if item.direction < 0 else speed) for item in self._rows])
         self._tree = Tree()
         self._lay_grid()
-        self._arcs: Dict[int, List[_Arc]] = {}
-        self._limits: Dict[Tuple[int, int], _Limit] = {}
-        self.learned = learned
         self.learn(learned)
 
     def learn(self, learned: Learned) -> None:
-        """Apply learned data of the floor; only changes are computed."""
-        before, self.learned = self.learned, learned
-        obstacles = np.array(learned.obstacles).reshape(-1, 2)
-        self._blocked = np.logical_or.reduce([self._fixed, *self._near])
-        for x, y in learned.obstacles:
-            self._blocked |= np.hypot(self._x - x, self._y - y) < self.ball_radius + CLEARANCE
-        for number, feature in enumerate(self.floor.features):
-            if number not in self._arcs or learned.about(number) != before.about(number):
-                for sign in (1, -1):
-                    self._limits.pop((number, sign), None)
-                self._arcs[number] = self._crossings(number, learned.corrected(number, feature))
+        """Apply learned data of the floor."""
+        self.learned = learned
+        self._features = [learned.corrected(number, feature)
+                          for number, feature in enumerate(self.floor.features)]
+        self._clear = np.minimum.reduce([self._map_clear, *(
+            np.hypot(self._x - x, self._y - y) for x, y in learned.obstacles)])
+        self._walls = self._clear < self.ball_radius + CLEARANCE
+        # Per feature: distance that the centre keeps [m], and cells that it must not enter.
+        self._keep: List[float] = []
+        self._near: List[NDArray[np.bool_]] = []
+        for feature in self._features:
+            keep = CLEARANCE
+            if feature.kind in ('drop', 'stairs'):
+                keep = self.drop_distance
+            elif feature.kind == 'friction':
+                keep = 0.0
+            elif feature.kind not in BARRED:
+                keep += max(touch_distance(self.ball_radius, abs(feature.height)),
+                            0.5 * feature.width)
+            near = np.zeros(self._walls.shape, bool)
+            for begin, end in feature.segments:
+                near |= distance_to_segment(self._x, self._y, begin, end) < keep
+            if feature.kind in CLOSED:
+                near |= inside(self._x, self._y, feature.polygon)
+            self._keep.append(keep)
+            self._near.append(near)
+        # Cells that no crossing opens.
+        fixed = np.logical_or.reduce([self._walls] + [
+            near for near, feature in zip(self._near, self._features)
+            if feature.kind in BARRED])
+        self._open = _grid_graph(np.where(fixed, np.inf, 1.0), self._size)
+        self._blocked = np.logical_or.reduce([fixed, *self._near])
+        self._limits: Dict[Tuple[int, int], _Limit] = {}
+        self._offered = sorted((
+            arc for number in range(len(self._features)) for arc in self._crossings(number)),
+            key=lambda arc: arc.start)
         self._capability.keep()
-        self._lay_graph(obstacles)
+        self._lay_graph()
 
     def _lay_grid(self) -> None:
         """Mark the cells that the centre may reach without a crossing."""
@@ -224,60 +246,20 @@ class RoutePlanner:
         clear = (clear[1:-1, 1:-1] - 0.5) * floor.resolution
         at = (np.clip(((self._y - bottom) / floor.resolution).astype(int), 0, clear.shape[0] - 1),
               np.clip(((self._x - left) / floor.resolution).astype(int), 0, clear.shape[1] - 1))
-        self._clear = clear[at]
-        self._walls = self._clear < self.ball_radius + CLEARANCE
-        # Per feature: distance that the centre keeps [m], and cells that it must not enter.
-        self._keep: List[float] = []
-        self._near: List[NDArray[np.bool_]] = []
-        for feature in floor.features:
-            keep = CLEARANCE
-            if feature.kind in ('drop', 'stairs'):
-                keep = self.drop_distance
-            elif feature.kind == 'friction':
-                keep = 0.0
-            elif feature.kind not in BARRED:
-                keep += max(touch_distance(self.ball_radius, abs(feature.height)),
-                            0.5 * feature.width)
-            near = np.zeros((rows, columns), bool)
-            for begin, end in feature.segments:
-                near |= distance_to_segment(self._x, self._y, begin, end) < keep
-            if feature.kind in CLOSED:
-                near |= inside(self._x, self._y, feature.polygon)
-            self._keep.append(keep)
-            self._near.append(near)
-        # Cells that no crossing opens.
-        self._fixed = np.logical_or.reduce([self._walls] + [
-            near for near, feature in zip(self._near, floor.features)
-            if feature.kind in BARRED])
-        self._open = _grid_graph(np.where(self._fixed, np.inf, 1.0), size)
+        self._map_clear = clear[at]
 
-    def _lay_graph(self, obstacles: NDArray[np.float64]) -> None:
-        """Set up slowness, the crossings that are left, and the graph of the heuristic."""
+    def _lay_graph(self) -> None:
+        """Set up slowness, times and risks of the crossings, and the graph of the heuristic."""
         self._slowness = np.where(self._blocked, np.inf, np.where(
             self._clear < self.ball_radius + COMFORT, CLOSE, 1.0))
         self._graph = _grid_graph(self._slowness, self._size)
         limit = -math.log(self._tuning.required_probability)
-        arcs: List[Tuple[_Arc, int, float]] = []
-        for items in self._arcs.values():
-            for arc in items:
-                segment = arc.segment
-                assert segment.crossing is not None
-                probability = segment.crossing.probability
-                # A failed attempt costs the way back to its begin and another one.
-                time = segment.time + (1.0 / probability - 1.0) * (
-                    segment.time + 2.0 * REVERSAL + segment.crossing.run_up / BACKWARD_SPEED)
-                level = math.ceil(-math.log(probability) / limit * LEVELS - 1e-9)
-                if not (distance_to_segment(*obstacles.T, *segment.points)
-                        < self.ball_radius + CLEARANCE).any():
-                    arcs.append((arc, level, time))
-        arcs.sort(key=lambda item: item[0].start)
-        self._offered = [arc for arc, _, _ in arcs]
+        starts, ends = (np.array([arc[side] for arc in self._offered], np.int64)
+                        for side in (0, 1))
+        times = np.array([arc.segment.time for arc in self._offered], float)
+        risks = -np.log([_probability([arc.segment]) for arc in self._offered])
         self._arc_arrays = (
-            np.array([arc.start for arc, _, _ in arcs], np.int64),
-            np.array([arc.end for arc, _, _ in arcs], np.int64),
-            np.array([time for _, _, time in arcs], float),
-            np.array([level for _, level, _ in arcs], np.int64))
-        starts, ends, times, _ = self._arc_arrays
+            starts, ends, times, np.ceil(risks / limit * LEVELS - 1e-9).astype(np.int64))
         # From the goal backward.
         self._backward = self._graph + self._graph.T + sparse.csr_matrix(
             (times * self._tuning.cruise_speed * DETOUR, (ends // COUNT, starts // COUNT)),
@@ -293,8 +275,9 @@ class RoutePlanner:
         row, column = divmod(node, self._walls.shape[1])
         return float(self._x[0, column]), float(self._y[row, 0])
 
-    def _crossings(self, number: int, feature: Feature) -> List[_Arc]:
+    def _crossings(self, number: int) -> List[_Arc]:
         """Return the crossings of a feature, in both directions."""
+        feature = self._features[number]
         if feature.kind in ('friction', *BARRED):
             return []
         found = []
@@ -309,7 +292,7 @@ class RoutePlanner:
                     angle = math.remainder(HEADINGS[heading] - way, 2.0 * math.pi)
                     if abs(angle) <= OBLIQUE:
                         found += self._along(
-                            number, feature, line, heading, sign, angle, barriers)
+                            number, line, heading, sign, angle, barriers)
         return found
 
     def _barriers(self, number: int, line: Tuple[Point, Point]) -> NDArray[np.bool_]:
@@ -351,7 +334,7 @@ class RoutePlanner:
         way = math.cos(course + turned), math.sin(course + turned)
         close = self._clear < min(
             self.ball_radius + CLEARANCE, self._clear.flat[self._node((x, y))])
-        feature = self.learned.corrected(segment.number, self.floor.features[segment.number])
+        feature = self._features[segment.number]
         for line in feature.segments:
             for edge, sign, angle in crossings((line,), (x, y), way):
                 if not 0.0 < edge < distance - driven or not height_factor(angle):
@@ -364,10 +347,10 @@ class RoutePlanner:
                     return True
         return False
 
-    def _along(self, number: int, feature: Feature, line: Tuple[Point, Point], heading: int,
-               sign: int, angle: float, barriers: NDArray[np.bool_]) -> List[_Arc]:
+    def _along(self, number: int, line: Tuple[Point, Point], heading: int, sign: int,
+               angle: float, barriers: NDArray[np.bool_]) -> List[_Arc]:
         """Return the crossings of a segment of a feature along a heading."""
-        (x0, y0), (x1, y1) = line
+        feature, ((x0, y0), (x1, y1)) = self._features[number], line
         across, up = VECTORS[heading]
         step_x, step_y = across * self._size, up * self._size
         spacing = math.hypot(step_x, step_y)
@@ -413,6 +396,9 @@ class RoutePlanner:
                     # No state is free there: the ball backs off from the one before.
                     at = middle[0] - before * way[0], middle[1] - before * way[1]
                     time += REVERSAL + spacing / BACKWARD_SPEED
+                # A failed attempt costs the way back to its begin and another one.
+                time += (1.0 / crossing.probability - 1.0) * (
+                    time + 2.0 * REVERSAL + crossing.run_up / BACKWARD_SPEED)
                 found.append(_Arc(one * COUNT + heading, two * COUNT + heading, Segment(
                     (at, self._point(two)), self.floor.features[number], crossing, time, 1,
                     HEADINGS[heading], number, sign)))
@@ -440,8 +426,7 @@ class RoutePlanner:
     def _inside(self, row: int, column: int) -> bool:
         """Return whether a cell exists and the centre may be there."""
         rows, columns = self._walls.shape
-        return 0 <= row < rows and 0 <= column < columns and not (
-            self._fixed[row, column] or any(near[row, column] for near in self._near))
+        return 0 <= row < rows and 0 <= column < columns and not self._blocked[row, column]
 
     @staticmethod
     def _faces(feature: Feature, middle: Point, way: Point, sign: int, angle: float
@@ -480,7 +465,7 @@ class RoutePlanner:
         """
         self._check_walls(point, what, self.ball_radius + CLEARANCE)
         where, node = f'{what} ({point[0]:g}, {point[1]:g}) m', self._node(point)
-        for near, feature in zip(self._near, self.floor.features):
+        for near, feature in zip(self._near, self._features):
             if near.flat[node]:
                 raise RefusedError(f'{where} is too close to the {feature.label}; choose a place '
                                    'farther from it', 'feature', what)
@@ -500,7 +485,7 @@ class RoutePlanner:
                 f'{self.floor.extent[3]:g} m; are these metres?', 'off_map', what)
         if self.floor.cells[self.floor.cell_of(point)] == UNKNOWN:
             raise RefusedError(f'{where} is in unknown space', 'unknown', what)
-        if self._clear.flat[self._node(point)] < clear:
+        if self._map_clear.flat[self._node(point)] < clear:
             raise RefusedError(
                 f'{where} is nearer than {clear:.2f} m to a wall or to '
                 'unknown space; the ball does not fit there', 'wall', what)
@@ -582,8 +567,8 @@ class RoutePlanner:
     def _refuse(self, shortest: float, passed: List[Tuple[int, int]], point_gets_there: bool
                 ) -> None:
         if not math.isfinite(shortest):
-            raise RefusedError('no route: walls, drops or keep-out areas separate start and goal',
-                               'no_route', 'goal')
+            raise RefusedError('no route: walls, obstacles, drops or keep-out areas separate '
+                               'start and goal', 'no_route', 'goal')
         lacks = '; '.join(self._lack(number, sign) for number, sign in passed)
         if point_gets_there or not lacks:
             lacks = 'the ball cannot turn in the room that it has' + (f'; {lacks}' * bool(lacks))
@@ -595,7 +580,7 @@ class RoutePlanner:
     def _starts(self, start: Sequence[float]) -> Tuple[NDArray[np.int64], NDArray[np.float64]]:
         """Return the possible start states of a route, and the cost of reaching them [s]."""
         self._check_walls(start, 'start', self.ball_radius - INACCURATE)
-        for feature in self.floor.features:
+        for feature in self._features:
             on = self.ball_radius if feature.kind in ('drop', 'stairs') else 0.0 \
                 if feature.kind in ('friction', *BARRED) else touch_distance(
                     self.ball_radius, abs(feature.height)) - INACCURATE
@@ -643,11 +628,7 @@ class RoutePlanner:
         clear = self._clear.flat[[self._node(at) for at in zip(xs, ys)]]
         if clear.min() < min(self.ball_radius, clear[0]):
             return False
-        for x, y in self.learned.obstacles:
-            away = np.hypot(xs - x, ys - y)
-            if away.min() < min(self.ball_radius + CLEARANCE, away[0]):
-                return False
-        for keep, feature in zip(self._keep, self.floor.features):
+        for keep, feature in zip(self._keep, self._features):
             if feature.kind in ('drop', 'stairs'):
                 away = np.min([distance_to_segment(xs, ys, *segment)
                                for segment in feature.segments], axis=0)
@@ -672,7 +653,7 @@ class RoutePlanner:
                 if crossing.points[0] != at:
                     segments.append(Segment(
                         (at, crossing.points[0]), None, None, 0.0, -1, crossing.heading))
-                segments.append(crossing._replace(time=float(self._arc_arrays[2][-2 - move])))
+                segments.append(crossing)
                 points, direction = [self._point(state // COUNT)], 0
                 continue
             item = self._rows[move]
@@ -732,7 +713,7 @@ class RoutePlanner:
 
     def _described(self, number: int) -> str:
         """Return the name of a feature with its height."""
-        feature = self.learned.corrected(number, self.floor.features[number])
+        feature = self._features[number]
         return f'the {feature.label} of {1e3 * feature.height:.0f} mm' if feature.name \
             else f'the {feature.label}'
 

@@ -107,15 +107,16 @@ class FloorLoop:
 
     def step(self) -> None:
         """Sense, command and advance by one tick."""
-        percept, observations = self.percept, []
-        driving = self.command.kind is CommandKind.DRIVE
-        if (self.ticks % LOOK == 0 and driving) or self.command.kind is CommandKind.CROSS:
+        percept, kind, observations = self.percept, self.command.kind, []
+        looks = self.ticks % LOOK == 0 and kind is not CommandKind.REST
+        if looks or kind is CommandKind.CROSS:
             observation = self._terrain()
             if observation is not None:
                 observations.append(observation)
-        if observations and driving:
-            percept = percept._replace(points=self._scan(percept),
-                                       faces=faces_in(observations[0]))
+        if looks:
+            percept = percept._replace(
+                points=self._scan(percept),
+                faces=faces_in(observations[0]) if observations else None)
         self.state, self.command = self._navigator.advance(self.state, percept)
         state = self.plant.state
         self._controller.give(self._crossing.set_point(

@@ -145,6 +145,31 @@ def test_an_obstacle_on_the_path_is_driven_around(navigator, every):
     assert away > navigator.planner.ball_radius
 
 
+def test_what_a_scan_shows_of_an_obstacle_is_learned_as_a_whole(navigator):
+    ball = Ball(navigator, 0.6, 5.0, 0.0)
+    ball.begin((2.8, 5.0))
+    # A side of it on the way of the ball, and one beyond.
+    ball.points = (*((1.6, 4.9 + 0.1 * number) for number in range(3)), (1.6, 4.3))
+    ball.run(20.0, until=lambda ball: ball.state.learned.obstacles)
+    assert set(ball.state.learned.obstacles) == set(ball.points)
+
+
+@pytest.mark.parametrize(('speed', 'ends'), [(0.0, True), (0.1, True), (1.2, False)])
+def test_an_obstacle_ends_a_crossing_up_to_its_last_braking_point(navigator, speed, ends):
+    ball = Ball(navigator, *KITCHEN, 1.57)
+    ball.crosses = lambda segment: None
+    ball.begin(STUDY)
+    ball.run(60.0, until=lambda ball: ball.state.status is NavStatus.CROSSING)
+    begin, end = np.array(ball.state.segment.points)
+    ball.points = (tuple(begin + 0.8 * (end - begin)),)
+    for _ in range(3):
+        ball.state, _ = navigator.advance(
+            ball.state, ball.percept()._replace(speed=speed))
+    assert (ball.state.reason == 'obstacle') is ends
+    assert (ball.state.status is NavStatus.CROSSING) is not ends
+    assert bool(ball.state.learned.obstacles) is ends
+
+
 def test_walls_of_the_map_are_no_obstacles(navigator, planner):
     ball = Ball(navigator, *KITCHEN)
     rows, columns = np.nonzero(planner.floor.cells == 2)

@@ -344,6 +344,29 @@ def test_a_start_close_to_a_wall_is_not_called_separated_from_the_goal(flat):
     assert caught.value.reason == 'no_route' and 'turn' in str(caught.value)
 
 
+def test_the_distance_kept_from_a_step_follows_its_measured_height(tmp_path):
+    planner = planner_of(tmp_path, ['{kind: step, line: [[2.0, 4.0], [2.0, 0.0]], height: 0.05}'])
+    beside = (1.84, 2.0)
+    with pytest.raises(RefusedError) as caught:
+        planner.check_place(beside, 'goal')
+    assert caught.value.reason == 'feature'
+    planner.learn(Learned(heights=((0, 0.008),)))
+    planner.check_place(beside, 'goal')
+
+
+def test_an_obstacle_behind_a_step_limits_the_room_of_its_crossing(tmp_path):
+    planner = planner_of(tmp_path, [
+        '{kind: step, line: [[2.0, 2.0], [2.0, 0.0]], height: 0.044}'], (5, 2))
+    start, goal = (0.7, 1.0, 0.0), (2.55, 1.0)
+
+    def crossing():
+        return next(item for item in planner.route(start, goal).segments if item.crossing)
+    free = crossing()
+    planner.learn(Learned(obstacles=tuple(
+        (free.points[1][0] + 0.3, 0.2 + 0.2 * index) for index in range(9))))
+    assert crossing().crossing.run_up > free.crossing.run_up
+
+
 @pytest.mark.parametrize('heading', [0.0, 0.5])
 def test_the_way_out_beside_an_obstacle_does_not_come_nearer_to_it(flat, heading):
     here = 1.75, 1.4
