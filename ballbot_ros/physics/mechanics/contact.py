@@ -89,8 +89,10 @@ def pressing_and_slipping(normal_x: float, normal_y: float, penetration: float, 
 
     Returns
     -------
-    force, slip, normal_velocity : float
+    force, slip : float
         See `force_and_slip`.
+    normal_velocity : float
+        Positive away from the ground [m/s].
     along : float
         Velocity of the centre along the tangent [m/s].
     damping : float
@@ -106,7 +108,7 @@ def pressing_and_slipping(normal_x: float, normal_y: float, penetration: float, 
 
 @compiled
 def force_and_slip(state: Array, parameters: Parameters, contacts: Array,
-                   row: int) -> tuple[float, float, float]:
+                   row: int) -> tuple[float, float]:
     """
     Return the results of eqs. (7) and (8) for one contact, before any limit.
 
@@ -124,16 +126,14 @@ def force_and_slip(state: Array, parameters: Parameters, contacts: Array,
         Of spring and damper, positive out of the ground [N].
     slip : float
         Along the tangent (normal_y, -normal_x), which points to +x on a floor [m/s].
-    normal_velocity : float
-        Positive away from the ground [m/s].
 
     """
     penetration = contacts[row, PENETRATION]
-    force, slip, normal_velocity, _, _ = pressing_and_slipping(
+    force, slip, _, _, _ = pressing_and_slipping(
         contacts[row, NORMAL_X], contacts[row, NORMAL_Y], penetration,
         slip_lever(parameters.radius - penetration, parameters), state[VELOCITY_X],
         state[VELOCITY_Y], state[BALL_RATE], parameters)
-    return force, slip, normal_velocity
+    return force, slip
 
 
 @compiled
@@ -212,7 +212,7 @@ def contact_force(state: Array, parameters: Parameters, contacts: Array,
     Along normal and tangent, see `force_and_slip`.  The normal force of a CORNER is counted with
     reversed sign; it has no friction.
     """
-    force, slip, _ = force_and_slip(state, parameters, contacts, row)
+    force, slip = force_and_slip(state, parameters, contacts, row)
     normal, friction = normal_and_friction(
         force, slip, pressed_sign(force, parameters), sliding_sign(slip, parameters),
         parameters, contacts[row, FRICTION])
@@ -379,17 +379,6 @@ def meeting(feature: int, x: float, y: float,
     per_distance = distance * (1.0 / square)  # root and division do not wait for each other
     return (away_x * per_distance, away_y * per_distance, distance,
             ground[segment + 1, EDGE_FRICTION])
-
-
-@compiled
-def pressed_and_slid(feature: int, motion: Array, ground: Array,
-                     parameters: Parameters) -> tuple[float, float, float, float, float, float]:
-    """Return the results of `meeting` for the centre of the ball, then force and slip there."""
-    normal_x, normal_y, distance, friction = meeting(feature, motion[X], motion[Y], ground)
-    force, slip, _, _, _ = pressing_and_slipping(
-        normal_x, normal_y, parameters.radius - distance, slip_lever(distance, parameters),
-        motion[VELOCITY_X], motion[VELOCITY_Y], motion[BALL_RATE], parameters)
-    return normal_x, normal_y, distance, friction, force, slip
 
 
 @compiled

@@ -25,8 +25,8 @@ from ballbot_ros.jit import compiled
 from ballbot_ros.physics.mechanics.contact import (
     Accelerations, add_contact, contact_sum, contact_table, CORNER, FEATURE, feature_guard,
     features_within, force_and_slip, FRICTION, FROZEN, IntArray, KIND, loads_of, PRESSED,
-    pressed_and_slid, pressed_sign, QUICK, share_friction, sign_beyond, SLIDING, sliding_sign,
-    touches, write_contact)
+    pressed_sign, QUICK, share_friction, sign_beyond, SLIDING, sliding_sign, touches,
+    write_contact)
 from ballbot_ros.physics.mechanics.equations import (
     Direction, direction_near, System, Turned, unforced, write_rates)
 from ballbot_ros.physics.model.actuation import torque_asked, torque_slopes, unsaturated_torque
@@ -162,7 +162,7 @@ def find_mode(time: float, state: Array, system: System, mode: ContactMode) -> i
     write_contacts(state, system, mode)
     for row in range(count):
         signs[last, CORNERS] += int(mode.contacts[row, KIND] == CORNER)
-        force, slip, _ = force_and_slip(state, parameters, mode.contacts, row)
+        force, slip = force_and_slip(state, parameters, mode.contacts, row)
         signs[row, PRESSED] = pressed_sign(force, parameters)
         signs[row, SLIDING] = sliding_sign(slip, parameters)
     signs[last, MOTOR] = sign_beyond(unsaturated_torque(time, state, actuator), actuator.limit)
@@ -207,8 +207,9 @@ def guard_of(kind: int, item: int, time: float, state: Array, system: System,
         return guard if in_contact(item, mode) else -guard
     if kind == OF_MOTOR:
         return motor_guard(time, state, system, mode)
-    _, _, _, _, force, slip = pressed_and_slid(
-        mode.signs[item, FEATURE], state, system.ground, system.parameters)
+    write_contact(mode.contacts, item, mode.signs[item, FEATURE], state[X], state[Y],
+                  system.parameters.radius, system.ground)
+    force, slip = force_and_slip(state, system.parameters, mode.contacts, item)
     if kind == OF_FORCE:
         return force if mode.signs[item, PRESSED] > 0 else -force
     return side(slip, mode.signs[item, SLIDING], system.parameters.slip_threshold)
@@ -236,7 +237,7 @@ def violated_guards(time: float, state: Array, system: System, mode: ContactMode
     if count > 0:
         write_contacts(state, system, mode)
     for row in range(count):
-        force, slip, _ = force_and_slip(state, parameters, mode.contacts, row)
+        force, slip = force_and_slip(state, parameters, mode.contacts, row)
         if (force > 0.0) != (signs[row, PRESSED] > 0):
             violated[found, 0], violated[found, 1] = OF_FORCE, row
             found += 1

@@ -252,42 +252,14 @@ def motor_torque(voltage: float, joint_rate: float, stall_torque_per_volt: float
 
 
 @compiled
-def available_torque(joint_rate: float, stall_torque_per_volt: float, back_voltage: float,
-                     supply: float, maximum_torque: float) -> tuple[float, float]:
-    """
-    Return the lowest and the highest torque that a DC motor can give at a rate [N m].
-
-    Its speed-torque lines at minus and plus the supply voltage, cut to the largest torque.
-    Against the rotation there is more than along it, for the back voltage helps then; beyond
-    the idle speed supply / back_voltage even full voltage brakes.
-
-    Parameters
-    ----------
-    joint_rate : float
-        theta2' [rad/s].
-    stall_torque_per_volt, back_voltage : float
-        As in `motor_torque`.
-    supply : float
-        Voltage [V]; the armature gets any between minus and plus this.
-    maximum_torque : float
-        At the joint [N m].
-
-    """
-    return (
-        limited(motor_torque(-supply, joint_rate, stall_torque_per_volt, back_voltage),
-                maximum_torque),
-        limited(motor_torque(supply, joint_rate, stall_torque_per_volt, back_voltage),
-                maximum_torque))
-
-
-@compiled
 def applied_torque(asked: float, joint_rate: float, line: tuple[float, float, float, float],
                    limit: float) -> float:
     """
     Return the torque at the joint for the requested torque of a control law [N m].
 
-    First the speed-torque line of the motor cuts it, then the limit of the drive: beyond the
-    idle speed, where the line leaves braking only, a drive does not exceed its limit either.
+    First the speed-torque lines of the motor at minus and plus its supply voltage cut it, then the
+    limit of the drive.  Against the rotation there is more torque than along it, for the back
+    voltage helps then; beyond the idle speed even full voltage brakes.
 
     Parameters
     ----------
@@ -302,8 +274,10 @@ def applied_torque(asked: float, joint_rate: float, line: tuple[float, float, fl
 
     """
     stall_torque_per_volt, back_voltage, supply, maximum_torque = line
-    lowest, highest = available_torque(
-        joint_rate, stall_torque_per_volt, back_voltage, supply, maximum_torque)
+    lowest = limited(motor_torque(
+        -supply, joint_rate, stall_torque_per_volt, back_voltage), maximum_torque)
+    highest = limited(motor_torque(
+        supply, joint_rate, stall_torque_per_volt, back_voltage), maximum_torque)
     return limited(min(max(asked, lowest), highest), limit)
 
 
