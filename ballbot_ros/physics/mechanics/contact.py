@@ -67,8 +67,8 @@ EDGE = 2
 CORNER = 3
 
 # Columns of a table of contacts, which `find_contacts` fills.
-KIND, POINT_X, POINT_Y, NORMAL_X, NORMAL_Y, PENETRATION, FRICTION = range(7)
-COLUMNS = 7
+KIND, POINT_X, POINT_Y, NORMAL_X, NORMAL_Y, PENETRATION, FRICTION, TOUCHED = range(8)
+COLUMNS = 8  # the last one is the feature
 
 # Columns of the pieces that are in force, a row per contact from left to right; see `modes`.
 FEATURE, PRESSED, SLIDING = range(3)
@@ -115,7 +115,7 @@ def force_and_slip(state: Array, parameters: Parameters, contacts: Array,
     Parameters
     ----------
     state : (13,) array
-    contacts : (2 n, 7) array
+    contacts : (2 n, 8) array
         See `find_contacts`.
     row : int
         Which of them.
@@ -389,7 +389,7 @@ def write_contact(contacts: Array, row: int, feature: int, x: float, y: float, r
     kind = SURFACE if feature & 1 == 0 else EDGE
     if kind == EDGE and ground[(feature >> 1) + 1, TURN] > 0.0:
         kind, friction = CORNER, 0.0
-    contacts[row, KIND], contacts[row, FRICTION] = kind, friction
+    contacts[row, KIND], contacts[row, FRICTION], contacts[row, TOUCHED] = kind, friction, feature
     contacts[row, POINT_X] = x - distance * normal_x
     contacts[row, POINT_Y] = y - distance * normal_y
     contacts[row, NORMAL_X], contacts[row, NORMAL_Y] = normal_x, normal_y
@@ -432,7 +432,7 @@ def find_contacts(x: float, y: float, radius: float, ground: Array, contacts: Ar
         [m]
     ground : (n, 7) array
         See `Terrain.profile`.
-    contacts : (2 n, 7) array
+    contacts : (2 n, 8) array
         See `contact_table`; rows are overwritten, from left to right.
 
     """
@@ -460,7 +460,7 @@ def contact_sum(motion: Array, parameters: Parameters, ground: Array, contacts: 
     parameters : Parameters
     ground : (n, 7) array
         See `Terrain.profile`.
-    contacts : (2 n, 7) array
+    contacts : (2 n, 8) array
         The table of the contacts.
     signs : (m, 3) array
         Their features and pieces of the law, see `modes`.

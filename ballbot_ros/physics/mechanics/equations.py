@@ -192,7 +192,7 @@ def derivative(time: float, state: Array, system: System, contacts: Array, rates
     state, rates : (13,) arrays
         In the order of `model.state`.
     system : System
-    contacts : (2 n, 7) array
+    contacts : (2 n, 8) array
         Filled with the contacts, see `contact.contact_table`.
 
     """

@@ -24,9 +24,9 @@ import numpy as np
 from ballbot_ros.jit import compiled
 from ballbot_ros.physics.mechanics.contact import (
     Accelerations, add_contact, contact_sum, contact_table, CORNER, FEATURE, feature_guard,
-    features_within, force_and_slip, FRICTION, FROZEN, IntArray, KIND, loads_of, PRESSED,
-    pressed_sign, QUICK, share_friction, sign_beyond, SLIDING, sliding_sign, touches,
-    write_contact)
+    find_contacts, force_and_slip, FRICTION, FROZEN, IntArray, KIND, loads_of, PRESSED,
+    pressed_sign, QUICK, share_friction, sign_beyond, SLIDING, sliding_sign, TOUCHED,
+    touches, write_contact)
 from ballbot_ros.physics.mechanics.equations import (
     Direction, direction_near, System, Turned, unforced, write_rates)
 from ballbot_ros.physics.model.actuation import torque_asked, torque_slopes, unsaturated_torque
@@ -54,7 +54,7 @@ class ContactMode(NamedTuple):
     """The piece of the law that is in force."""
 
     signs: IntArray  # (2 n + 1, 3), see above
-    contacts: Array  # (2 n, 7): the table of its contacts, at the state last looked at
+    contacts: Array  # (2 n, 8): the table of its contacts, at the state last looked at
 
     @classmethod
     def of(cls, vertices: int) -> 'ContactMode':
@@ -150,17 +150,11 @@ def in_contact(feature: int, mode: ContactMode) -> bool:
 def find_mode(time: float, state: Array, system: System, mode: ContactMode) -> int:
     """Write the mode of a state into `mode` and return how many contacts it has."""
     signs, parameters, actuator = mode.signs, system.parameters, system.actuator
-    ground, count = system.ground, 0
-    first, behind = features_within(state[X], parameters.radius, ground)
-    for feature in range(first, behind):
-        guard = feature_guard(feature, state[X], state[Y], parameters.radius, ground)
-        if touches(feature, guard, ground):
-            signs[count, FEATURE] = feature
-            count += 1
+    count = find_contacts(state[X], state[Y], parameters.radius, system.ground, mode.contacts)
     last = len(signs) - 1
     signs[last, COUNT], signs[last, CORNERS] = count, 0
-    write_contacts(state, system, mode)
     for row in range(count):
+        signs[row, FEATURE] = int(mode.contacts[row, TOUCHED])
         signs[last, CORNERS] += int(mode.contacts[row, KIND] == CORNER)
         force, slip = force_and_slip(state, parameters, mode.contacts, row)
         signs[row, PRESSED] = pressed_sign(force, parameters)

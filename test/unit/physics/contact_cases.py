@@ -13,11 +13,11 @@ PARAMETERS = Parameters.of(BOT, ContactOptions())
 
 
 def rows_at(terrain, x, y, robot=BOT):
-    """Return the contacts of a ball, a row each."""
+    """Return the contacts of a ball, a row each, without the numbers of their features."""
     ground = terrain.profile(robot.surface_friction, robot.edge_friction)
     table = contact.contact_table(len(ground))
     count = contact.find_contacts(x, y, robot.ball_radius, ground, table)
-    return table[:count].copy()
+    return table[:count, :contact.TOUCHED].copy()
 
 
 def loads_at(terrain, x, y, velocity_x=0.0, velocity_y=0.0, ball_rate=0.0, robot=BOT,
