@@ -113,7 +113,7 @@ def test_0_5_4_says_what_disarmed_it_though_it_cuts_the_number():
 @both
 def test_a_watchdog_that_expired_is_named_before_any_next_request(kind, phase):
     robot = VirtualRobot(kind).ready()
-    robot.run(0.3 + phase, torque=0.1)
+    robot.run(0.1 + phase, torque=0.1)
     robot.pass_time(0.15)  # the computer stalls
     report = robot.run(0.1, torque=0.1)
     assert report.e_stop.reason is StopReason.HELD_UP
