@@ -19,9 +19,10 @@ from ballbot_ros.ros.topics import message_class
 MISSING = ('bags need the Python package rosbags (pip install rosbags), or the ROS package '
            'rosbag2_py with its MCAP storage; neither is installed')
 BAG_SUFFIXES = ('.mcap', '.db3')
+MCAP_MAGIC = b'\x89MCAP0\r\n'  # an MCAP file begins with it
 # Errors of a reader for bytes that are not a bag, or a damaged one.
 READER_ERRORS = (ArithmeticError, AssertionError, AttributeError, EOFError, LookupError, OSError,
-              RuntimeError, TypeError, ValueError, sqlite3.Error, struct.error)
+                 RuntimeError, TypeError, ValueError, sqlite3.Error, struct.error)
 
 
 def is_bag(path: Path) -> bool:
@@ -34,12 +35,18 @@ def is_bag(path: Path) -> bool:
 
 def unreadable(path: Path, error: BaseException) -> ConfigurationError:
     """Return the error for a bag that cannot be read."""
-    if 'magic' in str(error):
-        return ConfigurationError(
-            f'{path}: is not a readable bag, or is truncated ({error}); the messages '
-            'before its end can be recovered with "mcap recover"', 'unreadable', str(path))
+    file = path.suffix == '.mcap' and path.is_file() and not isinstance(error, OSError)
+    if file:
+        with path.open('rb') as stream:
+            if stream.read(len(MCAP_MAGIC)) != MCAP_MAGIC:
+                return ConfigurationError(
+                    f'{path}: is not an MCAP bag; "ballbot record" and "ros2 bag record" write '
+                    'bags', 'wrong_kind', str(path))
+    hint = '; "mcap recover" recovers the messages of a truncated bag' \
+        if file or 'magic' in str(error) else ''
     return ConfigurationError(
-        f'{path}: is not a readable bag: {error or repr(error)}', 'unreadable', str(path))
+        f'{path}: is not a readable bag: {str(error) or repr(error)}{hint}',
+        'unreadable', str(path))
 
 
 def custom_data(path: Path) -> Mapping[str, str]:

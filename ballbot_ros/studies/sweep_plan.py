@@ -93,7 +93,8 @@ class SweepPlan(Checked):
             raise ConfigurationError(
                 f'sweep: design {self.design!r} needs '
                 + ('values, as in 0.2,0.5 or 0.2:1.2:21, and no ranges' if self.design == 'grid'
-                   else 'ranges from low to high, and no lists'), 'inconsistent', 'design')
+                   else 'ranges from low to high, as in 0.2:1.2, and no lists'),
+                'inconsistent', 'design')
         unknown = [name for name in (*used, *self.fixed) if name not in NUMBERS]
         if unknown:
             raise ConfigurationError(
@@ -128,8 +129,9 @@ class SweepPlan(Checked):
                 f'sweep: {twice[0]} is given twice; fix it or vary it', 'inconsistent', twice[0])
         if not 1 <= self.size <= MOST_CASES:
             raise ConfigurationError(
-                f'sweep: there must be at least 1 and at most {MOST_CASES} cases, got '
-                f'{self.size}', 'out_of_range', 'cases')
+                f'sweep: there must be at least 1 and at most {MOST_CASES} cases'
+                f'{"" if self.design == "grid" else " (--cases)"}, got {self.size}',
+                'out_of_range', 'cases')
 
     @property
     def names(self) -> Tuple[str, ...]:

@@ -72,8 +72,9 @@ def read_outcomes(path: Path, robot: str = '') -> Reading:
         with closing(_connect(f'{path.absolute().as_uri()}?mode=ro')) as database:
             version, = database.execute('PRAGMA user_version').fetchone()
             if version != FORMAT:
-                raise ConfigurationError(f'format {version}, this version reads {FORMAT}',
-                                         'wrong_kind', 'format')
+                raise ConfigurationError(
+                    f'format {version}, this version reads {FORMAT}' if version else
+                    'it is not a log of outcomes', 'wrong_kind', 'format')
             fault, = database.execute('PRAGMA integrity_check(1)').fetchone()
             if fault != 'ok':
                 raise ConfigurationError(f'the database is damaged: {fault}',

@@ -31,7 +31,7 @@ def test_the_first_reading_counts_immediately_and_later_ones_are_smoothed():
     assert later.voltage == pytest.approx(22.0 + 2.0 * math.exp(-1.0), rel=1e-6)
 
 
-def test_what_the_resistance_takes_is_added():
+def test_the_resistive_voltage_drop_is_added():
     assert watch(22.0, 1.0, current=10.0).voltage == pytest.approx(24.0)
     assert watch(26.0, 1.0, current=-10.0).voltage == pytest.approx(24.0)  # braking
 
@@ -115,7 +115,7 @@ def test_a_short_spike_above_high_voltage_is_reported_for_long_enough_to_be_seen
     assert not after.warnings(1.05 + 1.1 * SEEN)
 
 
-def test_what_is_not_given_is_not_watched():
+def test_a_limit_that_is_not_given_is_not_monitored():
     found = watch(1.0, 100.0, battery=Battery())
     assert not found.warnings(100.0) and not found.stop(Battery(), 100.0)
     assert math.isnan(found.percentage(Battery()))

@@ -68,7 +68,7 @@ def test_the_hottest_part_decides_and_each_is_named():
     assert derating(THERMAL, 20.0, 30.0, 0.5, 4.0) == (1.0, ())
 
 
-def test_what_is_not_given_is_not_watched():
+def test_a_limit_that_is_not_given_is_not_monitored():
     assert derating(Thermal(), 500.0, 500.0, 9.0, 4.0) == (1.0, ())
 
 
@@ -79,6 +79,6 @@ def test_what_is_not_given_is_not_watched():
     ({'motor_warn_at': 90.0, 'motor_zero_at': 60.0}, 'inconsistent', 'motor_warn_at'),
     ({'continuous_torque': 0.0}, 'out_of_range', 'continuous_torque'),
     ({'time_constant': -1.0}, 'out_of_range', 'time_constant')])
-def test_what_contradicts_itself_is_refused(changes, reason, field):
+def test_inconsistent_limits_are_refused(changes, reason, field):
     with refused(reason, field, ConfigurationError):
         Thermal(**changes)

@@ -151,7 +151,7 @@ def test_a_real_time_priority_that_is_not_permitted_is_named_with_the_line_to_ty
     ({'ROS_DOMAIN_ID': '102', 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SYSTEM_DEFAULT'},
      [WRONG, NOTE]),
     ({'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCAL'}, [OK, WRONG])])
-def test_who_receives_from_whom_is_found(environment, verdicts):
+def test_ros_domain_and_discovery_range_are_reported(environment, verdicts):
     findings = list(check_ros(environment))
     assert [finding.verdict for finding in findings] == verdicts
     assert environment.get('ROS_DOMAIN_ID', '0') in findings[0].what
@@ -234,7 +234,7 @@ class Port:
         monkeypatch.setattr(doctor, 'open_driver', driver)
 
 
-def test_what_is_most_likely_is_tried_first_and_nothing_twice(monkeypatch):
+def test_the_most_likely_settings_are_tried_first_and_none_twice(monkeypatch):
     port = Port(monkeypatch, 'roboclaw', 38400)
     said = []
     assert probe('x', 'vesc', 921600, said.append) == ('roboclaw', 38400)

@@ -122,7 +122,7 @@ def test_a_period_has_one_report_but_for_a_measurement_that_comes_late():
         assert seen[:len(reports)] == reports or seen == reports[:-1]
 
 
-def test_what_is_not_expected_is_not_waited_for():
+def test_without_an_expected_answer_there_is_no_wait():
     session = FakeSession()
     run(session)
     assert not session.waits

@@ -54,7 +54,7 @@ def test_an_unrequested_change_is_a_fault_where_the_motor_had_power():
         (DISARMED, StopReason.NOT_ARMED)}
 
 
-def test_what_cannot_happen_is_an_error_and_no_silent_change():
+def test_an_impossible_transition_is_an_error():
     for state, event in product(MotorState, EVENTS):
         if (state, event) not in TRANSITIONS:
             with pytest.raises(KeyError):
@@ -93,7 +93,7 @@ def test_a_drive_that_says_so_has_disarmed(telemetry):
 
 
 @pytest.mark.parametrize('status_time', [None, 9.0, 10.0])
-def test_what_it_said_before_it_was_armed_does_not_count(status_time):
+def test_a_status_from_before_arming_does_not_count(status_time):
     assert observed(status_time=status_time, armed=False, faults=('HOT',)) is None
 
 

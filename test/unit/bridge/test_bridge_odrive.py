@@ -172,9 +172,8 @@ def test_faults_are_not_cleared_where_the_motor_could_turn():
 
 
 @pytest.mark.parametrize('error', [
-    DriveError('not from here',
-               'not_clearable', 'drive'), LinkError('the cable is out',
-                                                                     'gone', 'port')])
+    DriveError('not from here', 'not_clearable', 'drive'),
+    LinkError('the cable is out', 'gone', 'port')])
 def test_why_faults_cannot_be_cleared_is_reported(monkeypatch, error):
     robot = tripped('odrive 0.5')
 

@@ -102,7 +102,7 @@ def test_the_e_stop_ends_the_torque_and_the_set_point():
     assert report.state is MotorState.ARMED and report.set_point.mode is Mode.IDLE
 
 
-def test_what_a_sender_asks_for_that_is_not_followed_inhibits_the_release_too():
+def test_an_unfollowed_command_of_a_sender_also_inhibits_the_release():
     robot = ready()
     robot.session.engage('button')
     robot.loop(0.6)

@@ -71,7 +71,7 @@ def test_after_a_timeout_the_next_command_is_followed_again():
 @pytest.mark.parametrize('policy, motion, expected', [
     ('coast', Motion(0.5, 2.0, 3.0), 0.0), ('brake', Motion(0.5, 2.0, 3.0), -0.9),
     ('settle', Motion(0.5, 2.0, 3.0), -0.6)])
-def test_what_follows_a_timeout_is_chosen_and_ends(policy, motion, expected):
+def test_the_timeout_policy_is_chosen_and_ends(policy, motion, expected):
     supervisor = released(on_timeout=policy, damping=0.3, damping_time=1.0,
                           torque_rate_limit=1e6)
     follow(supervisor, 1.0, 0.0, 0.1)
@@ -221,7 +221,7 @@ def test_after_a_timeout_nothing_is_done_about_a_motion_that_is_not_known(policy
     assert supervisor.decide(0.3, None) == 0.0
 
 
-def test_what_takes_the_place_of_commands_lasts_as_long_as_it_is_to():
+def test_the_replacement_of_commands_lasts_for_its_configured_time():
     supervisor = released(on_timeout='brake', damping=0.5, damping_time=1.0,
                           torque_rate_limit=1e6)
     turning = Motion(0.0, 1.0, -1.0)

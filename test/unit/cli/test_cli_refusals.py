@@ -23,7 +23,7 @@ from ballbot_ros.paper.figures import FIGURES
     ['emulate-motor', '--protocol', 'vesc', '--log', '{}/x.csv'],
     ['calibrate-motor', '--out', '{}/x.yaml', '--port', '/dev/there_is_none']])
 def test_a_folder_that_is_a_file_is_refused_before_the_work(
-        words, tmp_path, error_of, monkeypatch, replace_demo):
+        words, tmp_path, refusal, monkeypatch, replace_demo):
     def work(*_, **__):
         pytest.fail('the work started before the refusal')
 
@@ -35,8 +35,8 @@ def test_a_folder_that_is_a_file_is_refused_before_the_work(
     monkeypatch.setitem(FIGURES, 'fig7', work)
     monkeypatch.setattr('ballbot_ros.studies.sweep.run_sweep', work)
     (tmp_path / 'file').write_text('mine')
-    line = error_of(*(word.format(tmp_path / 'file') for word in words))
-    assert f'cannot be written: {tmp_path}/file is not a folder' in line
+    error = refusal(*(word.format(tmp_path / 'file') for word in words))
+    assert error.reason == 'not_writable' and f'{tmp_path}/file' in str(error)
     assert [path.name for path in tmp_path.iterdir()] == ['file']
 
 

@@ -156,7 +156,7 @@ def test_the_same_readings_are_answered_alike_and_another_set_speed_immediately(
     assert controller.torque(again) == first == other.torque(again)
 
 
-def test_what_is_learnt_outlasts_another_speed_and_no_other_mode():
+def test_the_estimated_disturbance_survives_a_change_of_speed_and_no_change_of_mode():
     controller = controller_for()
     controller.give(SetPoint(Mode.SPEED, 0.0, 0.0))
     for index in range(1000):  # the pendulum leans and nothing moves: a slope

@@ -38,7 +38,7 @@ def test_the_slope_is_learnt_for_any_motion_of_the_pendulum_and_any_number_of_up
 
 
 @given(periods)
-def test_what_is_not_learnt_yet_decays_with_two_poles_at_the_observer_rate(period):
+def test_the_estimation_error_decays_with_two_poles_at_the_observer_rate(period):
     slope, pole = 0.05, math.exp(-SPEED_LAW.observer_rate * period)
     for number, state in enumerate(watch(slope, 0.3, period, 0.8), 1):
         lacking = 1.0 - state[1] / (SPEED_LAW.weight_torque * math.sin(slope))
@@ -83,7 +83,7 @@ def test_a_law_11_that_is_quick_is_not_slowed_down():
         SPEED_LAW.speed_gain * 0.1, 0.0, 0.7, law))
 
 
-def test_what_law_11_falls_short_by_is_made_up_for_and_no_more_than_some():
+def test_the_offset_of_law_11_is_compensated_within_a_bound():
     for short, made_up in ((0.1, 0.1), (1.0, 0.35), (-1.0, -0.35)):
         state = speed_law.speed_law_start(0.0, 0.0, 0.0, LAW)
         for _ in range(1000):
@@ -92,7 +92,7 @@ def test_what_law_11_falls_short_by_is_made_up_for_and_no_more_than_some():
         assert state[4] == pytest.approx(made_up, abs=0.03)
 
 
-def test_what_is_learnt_is_bounded_above_the_steepest_slope_so_that_it_can_be_reported():
+def test_the_estimated_disturbance_is_bounded_above_that_of_the_steepest_slope():
     state = speed_law.speed_law_start(0.0, 0.0, 0.0, LAW)
     for number in range(1000):  # it is pushed back ever faster
         state, _ = speed_law.speed_law_step(

@@ -126,7 +126,7 @@ def test_more_confidence_asks_for_more_speed():
     assert speeds == sorted(speeds) and speeds[-1] > speeds[0] + 0.02
 
 
-def test_what_could_be_added_is_unknown_below_the_curve_and_negative_where_it_is_too_high():
+def test_the_margin_is_unknown_below_the_curve_and_negative_above_it():
     assert math.isnan(on(0.031, 0.13, 0.0).height_margin)
     assert on(0.08, 2.0).height_margin < -0.035
 
@@ -275,7 +275,7 @@ def test_an_unavoidable_step_is_crossed_and_not_hit():
     assert on(distance=0.15, speed=0.7).kind is Kind.STOP
 
 
-def test_what_was_given_up_is_not_taken_up_again_while_rolling_without_news():
+def test_an_abandoned_crossing_is_not_resumed_without_new_observations():
     crossing = on(distance=0.92, speed=0.4)
     assert crossing.kind is Kind.CROSS and crossing.height_margin < 0.002
     given_up = replace(on(distance=0.87, speed=0.4), reason=Reason.NO_ROOM)
@@ -332,7 +332,7 @@ def test_a_ball_that_bounces_off_the_step_is_still_in_contact():
     assert on(distance=touch + 0.039, speed=0.1, previous=crossing()).kind is Kind.STOP
 
 
-def test_who_was_not_crossing_does_not_push():
+def test_without_a_crossing_the_ball_does_not_push():
     assert on(distance=0.1, speed=0.1).kind is Kind.STOP
 
 

@@ -70,7 +70,7 @@ def changes(decisions):
 
 @pytest.mark.parametrize('height, face, latency', [
     (0.031, 1.2, 0.0), (0.010, 0.6, 0.0), (0.020, 1.5, 0.5)])
-def test_what_it_decides_to_cross_it_gets_over(height, face, latency):
+def test_a_step_decided_to_be_crossed_is_crossed(height, face, latency):
     state, rows, decisions = drive(height, face, latency=latency)
     kinds = [item.kind for item in decisions if item.reason is not Reason.STALE]
     assert Kind.CROSS in kinds and kinds[-1] is Kind.CLEAR

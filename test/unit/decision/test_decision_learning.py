@@ -89,7 +89,7 @@ def test_bit_by_bit_it_learns_the_same_and_never_does_more_than_asked_for():
     outcome(TOUCHING._replace(height=0.3), 'stuck'),
     outcome(TOUCHING._replace(speed=0.05), 'stuck'),
     outcome(TOUCHING, 'over', robot='0123456789abcdef')])
-def test_what_teaches_nothing_is_not_taken(wrong):
+def test_uninformative_attempts_are_not_learned_from(wrong):
     learner = Learner(PARTICLES)
     assert not learner.take(wrong) and not learner.advance()
     assert learner.particles is PARTICLES

@@ -36,7 +36,7 @@ def moved(memory, *positions, faces=(), since=0.0):
         memory.move(Motion(now, position, 0.4), Profile(now, faces))
 
 
-def test_what_was_rolled_over_is_free_behind_and_nothing_else():
+def test_only_ground_rolled_over_is_free_behind():
     memory = Memory(TUNING, RADIUS)
     assert memory.free_from == math.inf
     moved(memory, 0.3, 0.5, 0.2, 0.4)
@@ -179,7 +179,7 @@ def test_backing_off_ends_where_the_run_up_is_long_enough():
     position, previous = 0.6, None
     for index in range(200):
         given = Situation(Motion(0.02 * index, position, 0.0), Profile(0.02 * index, (STEP,)),
-                         free_from=-3.0)
+                          free_from=-3.0)
         previous = planner(given, previous)
         if previous.kind is not Kind.BACK_OFF:
             break

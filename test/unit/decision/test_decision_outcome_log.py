@@ -97,6 +97,8 @@ def test_a_cut_file_and_another_format_are_refused(path):
     path.write_bytes(whole)
     changed(path, 'PRAGMA user_version = 77')
     assert 'format 77' in read_outcomes(path, DIGEST).refusal
+    path.write_bytes(b'')
+    assert 'format' not in read_outcomes(path, DIGEST).refusal != ''
 
 
 def test_a_burst_of_outcomes_is_refused(tmp_path):

@@ -70,7 +70,7 @@ def test_a_swing_crosses_what_needed_a_longer_run_up():
 @pytest.mark.parametrize('height, kind, reason', [
     (0.07, Kind.GO_ROUND, Reason.TOO_HIGH), (0.5, Kind.GO_ROUND, Reason.WALL),
     (-0.1, Kind.STOP, Reason.DROP)])
-def test_what_cannot_be_crossed_is_refused_with_a_place_to_stand(height, kind, reason):
+def test_an_impassable_step_is_refused_with_a_stopping_place(height, kind, reason):
     answer = decide(step(height), speed=0.4)
     assert (answer.kind, answer.reason) == (kind, reason)
     # The front of the ball stays the stop gap away.
@@ -191,7 +191,7 @@ def test_the_label_before_a_step_without_room_behind_is_the_same_on_the_way():
     assert decision.set_speed < 0.1 and set(kinds) == {Kind.STOP}
 
 
-def test_what_failed_is_not_tried_again_but_more_of_it():
+def test_a_failed_plan_is_followed_by_a_stronger_one():
     before = decide(step(0.03))
     failure = Failure(1, 0.0, 0.03, before.plan, before.outlook.touch_speed)
     after = decide(step(0.03), failures=(failure,))

@@ -21,7 +21,7 @@ def test_the_exit_code_of_the_work_is_that_of_the_process():
 
 
 @pytest.mark.slow
-def test_what_does_not_end_in_time_runs_on_until_a_signal():
+def test_a_process_without_an_end_runs_until_a_signal():
     process = Forked(lambda: time.sleep(TIMEOUT) or 0)
     with pytest.raises(subprocess.TimeoutExpired):
         process.wait(1.0)

@@ -133,7 +133,7 @@ def test_an_e_stop_that_engages_by_itself_ends_the_demo_with_its_reason(person):
                           '(WATCHDOG)')
 
 
-def test_what_refuses_for_long_enough_ends_the_demo_with_its_last_words(person, monkeypatch):
+def test_a_lasting_refusal_ends_the_demo_with_its_last_output(person, monkeypatch):
     person.answers.update({RELEASE: 'the line is down', RESUME: ''})
     assert person.poll(10.0) is None
     person.answers[RELEASE] = 'the drive reports WATCHDOG'

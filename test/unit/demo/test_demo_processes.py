@@ -87,7 +87,7 @@ def test_a_node_that_has_ended_is_named_with_its_code(sleepers):
 
 
 @pytest.mark.slow
-def test_who_does_not_end_is_ended(sleepers):
+def test_a_process_that_does_not_end_is_killed(sleepers):
     for name in ('polite', 'deaf'):
         sleepers.start(name)
         wait_until_up(sleepers, name)

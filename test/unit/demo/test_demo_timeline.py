@@ -89,7 +89,7 @@ def test_a_run_as_it_should_be_is_reported_and_has_nothing_wrong(timeline):
     ('crossed', ['the 80 mm step was never refused', 'the robot did not come to rest']),
     ('GO ROUND', ['the robot did not come to rest']),
 ])
-def test_what_did_not_happen_is_wrong(timeline, until, missing):
+def test_a_missing_event_is_an_error(timeline, until, missing):
     play(timeline, until)
     assert timeline.verdict() == missing
 
@@ -103,7 +103,7 @@ def test_the_second_step_must_be_neither_accepted_nor_touched(timeline):
     timeline.add_decision(decided(5.5, CROSS, 0.08))
     timeline.add_state(ball(9.0, 4.3, touching=[4.426]))
     assert timeline.verdict() == ['the 80 mm step was accepted, and is not to be taken',
-                               'the 80 mm step was touched']
+                                  'the 80 mm step was touched']
 
 
 def test_to_rest_before_the_first_step_is_not_the_end(timeline):

@@ -148,7 +148,7 @@ def test_the_watchdog_is_not_tried_on_a_motor_under_power():
     assert (tried.value, tried.acceptable) == ('not tried', False) and 'power' in tried.remedy
 
 
-def test_what_is_neither_reported_nor_confirmed_is_refused_by_name():
+def test_a_setting_neither_reported_nor_confirmed_is_refused_by_name():
     bench = Bench(KINDS[0])
     confirmed = dict(bench.driver.options.confirmed)
     del confirmed['axis0.motor.config.torque_lim']

@@ -155,7 +155,7 @@ def test_a_limit_that_is_not_known_is_not_accepted(kind, name):
 
 
 @pytest.mark.parametrize('kind', KINDS)
-def test_who_does_not_say_how_fast_the_robot_is_gets_its_limits_accepted(kind):
+def test_without_a_speed_of_the_robot_any_speed_limit_is_accepted(kind):
     here = Bench(kind, DriveSettings(quirks=('vel_limit', 'regeneration')))
     here.device.properties[CONTROLLER + 'vel_limit'] = 10.0
     assert not refused(here)

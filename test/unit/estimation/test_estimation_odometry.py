@@ -68,7 +68,7 @@ def test_in_the_air_the_speed_stays_for_any_turn_of_the_ball():
     assert state.slide.slip == pytest.approx(-RADIUS * 6.0, abs=1e-3)
 
 
-def test_what_the_accelerometer_gets_wrong_in_the_air_adds_up_in_the_variance():
+def test_accelerometer_errors_in_flight_accumulate_in_the_variance():
     """Integrated white noise of density q: variances q t of speed and q t^3 / 3 of position."""
     tuning = OdometryTuning(radius_error=0.0, shock_part=0.0)
     landed = follow(lambda now: (0.0, 0.0, 0.0, 0.0), 1.0, OdometryFilter(GIMBALL, tuning))

@@ -45,7 +45,7 @@ def test_effect_of_the_contact_options_on_the_height(row):
     assert values[1:] == pytest.approx([millimetres(item) - own for item in OPTIONS], abs=0.012)
 
 
-def test_what_the_numbers_mean_for_the_contact():
+def test_contact_parameters_give_documented_contact_values():
     for column, name in ((1, 'gimball'), (2, 'shellball')):
         robot = load_robot(name)
         zeta = robot.damping_ratio

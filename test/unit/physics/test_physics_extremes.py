@@ -220,7 +220,7 @@ def test_an_event_shorter_than_the_resolution_of_time_is_stepped_over():
     'stiffness:996', 'combined:2597', 'combined:3314', 'control_period:5000120',
     'control_period:5002834', 'control_period:5006286', 'control_period:9001687',
     'combined:5003019', 'combined:5010932', 'combined:9008773'])
-def test_what_was_wrong_once_is_not_any_more(which):
+def test_former_failures_are_solved(which):
     name, _, seed = which.partition(':')
     found = judge(name, int(seed))
     assert found.verdict != WRONG, found.why
@@ -301,7 +301,7 @@ def test_steps_that_are_stable_in_balance_and_too_long_are_refused():
     assert caught.value.trajectory['time'][-1] == caught.value.time
 
 
-def test_what_explicit_steps_shake_out_of_balance_is_simulated_with_implicit_ones(monkeypatch):
+def test_a_system_unstable_with_explicit_steps_is_simulated_with_implicit_ones(monkeypatch):
     case, tried = make_case('combined', 5000292), []
 
     def watched(model, *rest):

@@ -54,7 +54,7 @@ def with_line(name, line):
     ('ball_mass', 'ball_mas: 3.8', ["'ball_mas'", "did you mean 'ball_mass'"]),
     ('ball_mass', 'weight: 3.8', ["'weight'", 'known are', 'ball_inertia', 'slip_threshold']),
     ('motor', 'motor: {gear_ratio: 50}', ['motor: gear_efficiency is missing (torque out',
-                                         'maximum_torque is missing']),
+                                          'maximum_torque is missing']),
     ('ball_mass', '', ['ball_mass is missing', 'mass of the ball', 'more than 0 kg']),
     ('ball_mass', 'ball_mass: -3.8', ['ball_mass', 'more than 0 kg', '-3.8']),
     ('ball_mass', 'ball_mass: 0', ['ball_mass', 'more than 0 kg', 'got 0']),
@@ -98,7 +98,7 @@ def test_all_that_a_scene_lacks_is_named_together(tmp_path):
     assert 'duration is missing' in message and 'robot is missing' in message
 
 
-def test_what_is_wrong_with_several_pieces_of_ground_is_named_together(tmp_path):
+def test_all_errors_of_several_pieces_of_ground_are_named_together(tmp_path):
     message = message_of(load_scene, write(
         tmp_path, 'robot: gimball\nduration: 1\nterrain: [step: {}, flat: {length: 1}, cord: {}]'))
     assert 'piece 1 (step): height is missing' in message

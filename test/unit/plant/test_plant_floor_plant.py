@@ -208,7 +208,7 @@ def test_reset_and_put_restore_pose_and_ground():
     assert plant.state.y > 0.24
 
 
-def test_what_lies_ahead_is_seen_along_the_heading():
+def test_terrain_is_observed_along_the_heading():
     plant = FloorPlant(ROBOT, floor_of(STEP), (10.0, 8.0, 0.0))
     drive(plant, 0.3, 0.1, 1.0)
     x, _, heading = plant.pose

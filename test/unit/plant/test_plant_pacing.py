@@ -23,7 +23,7 @@ def test_factor_is_simulated_per_wall_second(factor, due):
     assert pace.due(0.0101) == due
 
 
-def test_what_is_beyond_the_cap_is_given_up_and_counted():
+def test_lag_beyond_the_cap_is_dropped_and_counted():
     pace = Pace(0.002, 1.0, most=10)
     pace.due(0.0)
     assert pace.due(1.0001) == 10

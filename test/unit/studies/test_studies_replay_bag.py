@@ -149,6 +149,11 @@ def test_foreign_and_damaged_bags_are_refused(tmp_path, refuses):
     refuses('wrong_kind', 'joint_states', 'replay', tmp_path / 'foreign')
     for name in ('cut', 'odd', 'none.mcap'):
         refuses('unreadable', str(tmp_path / name), 'replay', tmp_path / name)
+    for content in (b'', b'hello', bytes(100)):
+        (tmp_path / 'odd.mcap').write_bytes(content)
+        refuses('wrong_kind', str(tmp_path / 'odd.mcap'), 'replay', tmp_path / 'odd.mcap')
+    (tmp_path / 'odd.mcap').write_bytes(data[:8])
+    refuses('unreadable', str(tmp_path / 'odd.mcap'), 'replay', tmp_path / 'odd.mcap')
 
 
 def record_robot(folder):

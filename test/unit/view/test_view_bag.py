@@ -177,7 +177,7 @@ def test_of_several_robots_one_is_named(tmp_path, played):
     assert played(bag, namespace='/right').span[1] == pytest.approx(1.0)
 
 
-def test_what_the_demo_leaves_for_an_act_is_opened_by_its_folder_or_its_file(tmp_path, played):
+def test_a_bag_of_the_demo_is_opened_by_its_folder_or_its_file(tmp_path, played):
     bag = write_bag(tmp_path / 'doorstep' / 'bag', rolling())
     assert played(tmp_path / 'doorstep').title == 'Bag doorstep/bag'
     assert len(played(next(bag.glob('*.mcap'))).history(-1.0)) == 201
