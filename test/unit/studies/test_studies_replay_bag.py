@@ -3,6 +3,7 @@
 from dataclasses import replace
 import json
 import math
+from pathlib import Path
 from types import SimpleNamespace
 
 from bag_of_a_run import BagOf
@@ -227,4 +228,4 @@ def test_a_bag_is_read_with_rosbag2_py_where_ros_has_it(tmp_path, monkeypatch):
     assert run.joints == {0: [{'ball_angle': 1.0, 'ball_rate': 3.0, 'joint_angle': 2.0,
                                'joint_rate': 4.0, 'pendulum_torque': 5.0}]}
     with refused('unreadable'):
-        list(Rosbag2Bag('bag', FakeReader([None])).messages(()))
+        list(Rosbag2Bag(Path('bag'), FakeReader([None])).messages(()))
