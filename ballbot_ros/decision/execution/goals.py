@@ -104,6 +104,7 @@ class Goal:
         self._moving = self._going = start.stamp  # time of the last such state
         self._anchor = start.position, start.stamp
         self._end: Optional[GoalEnd] = None  # effective as soon as the ball rests
+        self._crossing = False  # whether the last executed decision crosses a step
         self.canceled = False
 
     def cancel(self) -> None:
@@ -113,11 +114,15 @@ class Goal:
 
     def constrain(self, planned: Decision, motion: Motion) -> Decision:
         """Return the executed part of a decision."""
-        if committed(planned):
-            return planned
-        if self._end is not None:
-            return stopping(planned, f'Stopping: {self._end.message}')
-        return self._constrain(planned, motion)
+        # A goal that stops continues a crossing, but begins none.
+        if committed(planned) and (self._crossing or self._end is None):
+            executed = planned
+        elif self._end is not None:
+            executed = stopping(planned, f'Stopping: {self._end.message}')
+        else:
+            executed = self._constrain(planned, motion)
+        self._crossing = executed.kind is Kind.CROSS
+        return executed
 
     def _constrain(self, planned: Decision, motion: Motion) -> Decision:
         """Return the executed part of a decision on the way."""

@@ -183,6 +183,17 @@ def test_a_goal_reports_its_own_step_and_not_the_one_behind_it():
     assert goal.height == 0.012
 
 
+def test_a_goal_that_stops_continues_a_crossing_but_begins_none():
+    likely = Decision(Kind.CROSS, Reason.LIKELY, 0.6, 'cross', height=0.012, distance=1.0, step=1)
+    late = replace(likely, reason=Reason.COMMITTED)
+    for before, kind in (likely, Kind.STOP), (late, Kind.CROSS):
+        goal = CrossGoal(START, 0.0)
+        goal.constrain(before, START)
+        goal.cancel()
+        for planned in before, late:
+            assert goal.constrain(planned, START).kind is kind
+
+
 def test_a_step_too_high_is_refused_before_it():
     ride = Ride(height=0.12, face=2.0)
     ride.decider.goals.begin(CrossGoal(ride.motion, 0.0))
