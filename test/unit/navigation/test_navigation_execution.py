@@ -145,7 +145,7 @@ def test_an_obstacle_on_the_path_is_driven_around(navigator, every):
     assert away > navigator.planner.ball_radius
 
 
-def test_what_a_scan_shows_of_an_obstacle_is_learned_as_a_whole(navigator):
+def test_all_unmapped_points_of_a_scan_are_learned_with_an_obstacle(navigator):
     ball = Ball(navigator, 0.6, 5.0, 0.0)
     ball.begin((2.8, 5.0))
     # A side of it on the way of the ball, and one beyond.
