@@ -104,7 +104,6 @@ class Goal:
         self._moving = self._going = start.stamp  # time of the last such state
         self._anchor = start.position, start.stamp
         self._end: Optional[GoalEnd] = None  # effective as soon as the ball rests
-        self._crossing = False  # whether the last executed decision crosses a step
         self.canceled = False
 
     def cancel(self) -> None:
@@ -114,15 +113,14 @@ class Goal:
 
     def constrain(self, planned: Decision, motion: Motion) -> Decision:
         """Return the executed part of a decision."""
-        # A goal that stops continues a crossing, but begins none.
-        if committed(planned) and (self._crossing or self._end is None):
-            executed = planned
-        elif self._end is not None:
-            executed = stopping(planned, f'Stopping: {self._end.message}')
-        else:
-            executed = self._constrain(planned, motion)
-        self._crossing = executed.kind is Kind.CROSS
-        return executed
+        if self._end is not None:
+            return stopping(planned, f'Stopping: {self._end.message}')
+        return self._constrain(planned, motion)
+
+    @property
+    def stops(self) -> bool:
+        """Return whether the goal has its end and stops the ball for it."""
+        return self._end is not None
 
     def _constrain(self, planned: Decision, motion: Motion) -> Decision:
         """Return the executed part of a decision on the way."""
@@ -182,6 +180,7 @@ class Goals:
         """Start without a goal."""
         self.goal: Optional[Goal] = None
         self.waiting = False
+        self._crossing = False  # whether the last executed decision crosses a step
 
     def begin(self, goal: Goal) -> None:
         """Start a goal; raises `RefusedError` while another one is active."""
@@ -201,11 +200,18 @@ class Goals:
 
     def constrain(self, planned: Decision, motion: Motion) -> Decision:
         """Return the executed part of a decision."""
-        if self.goal is not None:
-            return self.goal.constrain(planned, motion)
-        if self.waiting and not committed(planned):
-            return stopping(planned, 'Standing: waiting for a goal or for ~/resume')
-        return planned
+        # A stop continues a crossing past its last braking point, but begins none.
+        stops = self.waiting if self.goal is None else self.goal.stops
+        if committed(planned) and (self._crossing or not stops):
+            executed = planned
+        elif self.goal is not None:
+            executed = self.goal.constrain(planned, motion)
+        elif self.waiting:
+            executed = stopping(planned, 'Standing: waiting for a goal or for ~/resume')
+        else:
+            executed = planned
+        self._crossing = executed.kind is Kind.CROSS
+        return executed
 
     def update(self, planned: Decision, motion: Motion,
                outcome: Optional[Outcome]) -> Optional[GoalEnd]:

@@ -8,7 +8,7 @@ from refusals import refused
 
 from ballbot_ros.control import load_tuning
 from ballbot_ros.decision import (
-    CrossGoal, Decider, Decision, DriveGoal, Ending, Kind, Knowledge, load_curve,
+    CrossGoal, Decider, Decision, DriveGoal, Ending, Goals, Kind, Knowledge, load_curve,
     load_decision_tuning, Motion, Phase, Reason, StepObservation)
 from ballbot_ros.physics.model.robot import load_robot
 from ballbot_ros.physics.model.terrain import Terrain
@@ -183,15 +183,17 @@ def test_a_goal_reports_its_own_step_and_not_the_one_behind_it():
     assert goal.height == 0.012
 
 
-def test_a_goal_that_stops_continues_a_crossing_but_begins_none():
+@pytest.mark.parametrize('stop', [lambda goals: goals.goal.cancel(), lambda goals: goals.end()])
+def test_a_stop_continues_a_crossing_but_begins_none(stop):
     likely = Decision(Kind.CROSS, Reason.LIKELY, 0.6, 'cross', height=0.012, distance=1.0, step=1)
     late = replace(likely, reason=Reason.COMMITTED)
     for before, kind in (likely, Kind.STOP), (late, Kind.CROSS):
-        goal = CrossGoal(START, 0.0)
-        goal.constrain(before, START)
-        goal.cancel()
+        goals = Goals()
+        goals.begin(CrossGoal(START, 0.0))
+        goals.constrain(before, START)
+        stop(goals)
         for planned in before, late:
-            assert goal.constrain(planned, START).kind is kind
+            assert goals.constrain(planned, START).kind is kind
 
 
 def test_a_step_too_high_is_refused_before_it():
