@@ -90,8 +90,7 @@ class FloorSource(Source):
             self._controller.forget()
             self._speed = self._yaw_rate = 0.0
             self._failure = ''
-            self._history.forget()
-            self._note()
+            self._note()  # at time 0, which begins a new epoch
 
     def _set_set_point(self, speed: float) -> None:
         self._speed = speed

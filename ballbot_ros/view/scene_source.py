@@ -187,8 +187,7 @@ class SceneSource(Source):
         self._history.add(self._run.frame())
 
     def _begin(self) -> None:
-        """Show the start of the scene, with no frame but the first."""
-        self._history.forget()
+        """Show the start of the scene; its time, 0, begins a new epoch."""
         self._failure, self._sought = '', None
         self._moved_at = self._run.state.time
         self._history.add(self._run.frame())
