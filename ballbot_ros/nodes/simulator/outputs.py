@@ -124,6 +124,11 @@ class Outputs:
                 plant.state.time, plant.state, plant.torque,
                 plant.lateral._replace(heading=plant.relative_pose[2])))
 
+    @property
+    def state_subscribers(self) -> int:
+        """Return the number of subscribers of joint_states."""
+        return self._joints.get_subscription_count()
+
     def repeat(self) -> None:
         """
         Publish the last message of each topic again, with its stamp.

@@ -318,4 +318,5 @@ class Scheduler:
             self._gate.clear()
             self._logger.warning(
                 f'no command answers the state of t = {self._plant.time:.3f} s: time is '
-                'stopped, torque is 0; is the controller running?', throttle_duration_sec=10.0)
+                'stopped, torque is 0; is the controller running? (subscribers of joint_states: '
+                f'{self._outputs.state_subscribers})', throttle_duration_sec=10.0)

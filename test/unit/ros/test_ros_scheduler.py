@@ -15,6 +15,8 @@ from ballbot_ros.plant import Plant
 class Outputs:
     """Count what would be published."""
 
+    state_subscribers = 2
+
     def __init__(self):
         self.published = self.repeated = 0
 
@@ -101,6 +103,7 @@ def test_in_lockstep_time_waits_for_its_answer_and_asks_again(clock):
         tick(around, clock, 0.05)
     assert around.plant.periods == 2 and around.gate.torque(0.004) == 0.0
     assert 'no command answers the state of t = 0.004 s: time is stopped' in around.log[-1]
+    assert 'subscribers of joint_states: 2' in around.log[-1]
 
 
 def test_in_lockstep_in_real_time_an_answer_waits_for_the_clock(clock):
