@@ -35,6 +35,10 @@ def is_bag(path: Path) -> bool:
 
 def unreadable(path: Path, error: BaseException) -> ConfigurationError:
     """Return the error for a bag that cannot be read."""
+    if path.is_dir() and not is_bag(path):
+        return ConfigurationError(
+            f'{path}: contains neither metadata.yaml nor a file ending in '
+            f'{" or ".join(BAG_SUFFIXES)}, so it is not a bag', 'unreadable', str(path))
     file = path.suffix == '.mcap' and path.is_file() and not isinstance(error, OSError)
     if file:
         with path.open('rb') as stream:

@@ -74,7 +74,8 @@ class Parser(argparse.ArgumentParser):
         words += [word.split('=')[0] for word in self.words if word[:2] == '--']
         # Options after --ros-args belong to the node.
         words = words[:words.index('--ros-args')] if '--ros-args' in words else words
-        names = [option[2:] for option in known if option[:2] == '--']
+        # The message names --help anyway.
+        names = [option[2:] for option in known if option[:2] == '--' and option != '--help']
         hints = [f'{word}: did you mean --{near[0]}?' for word in dict.fromkeys(words)
                  if word.startswith('--') and word not in known
                  and (near := get_close_matches(word[2:], names, n=1))]

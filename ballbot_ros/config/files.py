@@ -76,18 +76,24 @@ def find_config(kind: str, name_or_path: Union[str, Path]) -> Path:
     """
     subject = kind.removesuffix('s').replace('_', ' ')
     field = subject.split()[-1]  # a decision tuning is given in a parameter tuning
-    if not isinstance(name_or_path, (str, Path)):
+    if not name_or_path or not isinstance(name_or_path, (str, Path)):
         raise ConfigurationError(
             f'a {subject} is given by its name or the path of its file, got {name_or_path!r}',
             'wrong_type', field)
     name_or_path = str(name_or_path)
-    if is_path(name_or_path):
-        path = Path(name_or_path).expanduser()
-        check_file(path, f'{subject} file', field)
-        return path
     files = {file.stem: file for file in shipped_files(kind)}
     if name_or_path in files:
         return files[name_or_path]
+    path = Path(name_or_path).expanduser()
+    if path.is_dir():
+        inside = sorted(path.glob('*.yaml'))
+        raise ConfigurationError(
+            f'the folder {path} ' + (f'is not a file; give one of its files, such as {inside[0]}'
+                                     if inside else f'contains no {subject} file'),
+            'wrong_kind', field)
+    if is_path(name_or_path):
+        check_file(path, f'{subject} file', field)
+        return path
     listing = f'"ballbot {kind}" lists them, and ' if kind in ('scenes', 'robots') else ''
     raise ConfigurationError(
         f'there is no {subject} named {name_or_path!r}{suggestion(name_or_path, files)}; {listing}'

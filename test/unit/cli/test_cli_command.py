@@ -14,7 +14,7 @@ from ballbot_ros import __version__
 from ballbot_ros.cli import listing, main, simulate
 from ballbot_ros.cli.command import load_verb, VERBS
 from ballbot_ros.cli.listing import describe
-from ballbot_ros.config.files import config_folder
+from ballbot_ros.config.files import shipped_files
 
 COMMAND = [sys.executable, '-m', 'ballbot_ros.cli']
 
@@ -81,17 +81,30 @@ def test_no_verb_prints_help_and_fails(capsys):
     assert code == 2 and 'simulate' in out
 
 
-@pytest.mark.parametrize('words, reason, nearest', [
-    (['simulat', 'fig7_top'], 'unknown_name', 'simulate'),
-    (['robots', 'gimbal'], 'unknown_name', 'gimball'),
-    (['simulate', 'flat', '--durtion', '3'], 'usage', '--duration')])
-def test_a_misspelt_name_gets_the_nearest_one(words, reason, nearest, refusal):
+@pytest.mark.parametrize('words, field, kind, nearest', [
+    (['simulat', 'fig7_top'], 'simulat', None, 'simulate'),
+    (['help', 'simulte'], 'simulte', None, 'simulate'),
+    (['robots', 'gimbal'], 'robot', 'robots', 'gimball'),
+    (['simulate', 'fig7_botom'], 'scene', 'scenes', 'fig7_bottom')])
+def test_a_misspelt_name_gets_the_nearest_one(words, field, kind, nearest, refusal):
     error = refusal(*words)
-    assert error.reason == reason and f'did you mean {nearest}?' in str(error).replace("'", '')
+    assert (error.reason, error.field) == ('unknown_name', field)
+    known = set(VERBS) if kind is None else {path.stem for path in shipped_files(kind)}
+    assert known.intersection(re.findall(r'[\w-]+', str(error))) == {nearest}
 
 
-def test_an_option_like_no_other_gets_no_suggestion(refusal):
-    assert '--json' not in str(refusal('simulate', 'flat', '--version'))
+@pytest.mark.parametrize('words, misspelt, nearest', [
+    (['simulate', 'flat', '--durration', '3'], '--durration', {'--duration'}),
+    (['max-step-height', '--sped', '0.5'], '--sped', {'--speed'}),
+    (['max-step-height', '--speed', '1', '--angle', '5'], '--angle', {'--angle-deg'}),
+    (['simulate', 'flat', '--acuracy=1e-5'], '--acuracy', {'--accuracy'}),
+    (['simulate', 'flat', '--version'], '--version', set()),
+    (['simulate', 'flat', '--held'], '--held', set())])
+def test_a_misspelt_option_gets_the_nearest_one_if_any(words, misspelt, nearest, refusal):
+    error = refusal(*words)
+    assert error.reason == 'usage'
+    # The message ends in the command that lists all options.
+    assert set(re.findall(r'--[\w-]+', str(error))) == {misspelt, *nearest, '--help'}
 
 
 @pytest.mark.parametrize('words, field', [
@@ -103,9 +116,9 @@ def test_an_unknown_malformed_or_missing_argument_is_named(words, field, refuses
 
 def test_scenes_lists_each_with_a_description(capsys):
     code, out, _ = called(capsys, 'scenes')
-    names = sorted(path.stem for path in (config_folder() / 'scenes').glob('*.yaml'))
     assert code == 0
-    assert [line.split()[0] for line in out.splitlines()] == names
+    assert [line.split()[0] for line in out.splitlines()] == [
+        path.stem for path in shipped_files('scenes')]
     assert all(len(line.split()) > 3 for line in out.splitlines())
 
 

@@ -44,7 +44,6 @@ def test_all_errors_of_a_robot_are_reported_together_and_a_misspelt_key_once(tmp
         ('unknown_name', 'ball_mas'), ('missing', 'ball_inertia'), ('not_a_choice', 'ball_radius'),
         ('out_of_range', 'surface_friction'), ('unknown_name', 'weight'),
         ('missing', 'gear_efficiency'), ('out_of_range', 'gear_ratio')}
-    assert 'ball_mass is missing' not in str(caught.value)
 
 
 @pytest.mark.parametrize('words, kind, wanted', [
@@ -56,7 +55,7 @@ def test_a_file_of_another_kind_is_recognised(words, kind, wanted, refusal):
     for path in shipped_files(kind):
         error = refusal(*words, path)
         assert (error.reason, error.field) == ('wrong_kind', wanted)
-        assert f'is a {kind.removesuffix("s")} file, not a {wanted} file' in str(error)
+        assert {str(path), kind.removesuffix('s'), wanted} <= set(str(error).split())
 
 
 @pytest.mark.parametrize('kind, load', [
@@ -67,26 +66,39 @@ def test_every_shipped_file_is_of_its_kind(kind, load):
         load(path if kind == 'experiments' else str(path))
 
 
-@pytest.mark.parametrize('words, written', [
-    (['max-step-height', '--speed', '0,8'], 'write 0.8, or 0.0,8 for two values'),
-    (['max-step-height', '--speed', '0,2:1,2:11'], 'write 0.2:1.2:11'),
-    (['sweep', '--vary', 'speed=0,5', '--out', 'x.parquet'], 'write 0.5'),
-    (['fit-curve', '--speed', '0,2:0,8:6', '--out', 'x.yaml'], 'write 0.2:0.8:6')])
-def test_a_decimal_comma_is_explained(words, written, refusal, tmp_path, monkeypatch):
+@pytest.mark.parametrize('words, reason, field, written', [
+    (['max-step-height', '--speed', '0,8'], 'decimal_comma', '--speed', {'0.8', '0.0,8'}),
+    (['max-step-height', '--speed', '0,2:1,2:11'], 'decimal_comma', '--speed', {'0.2:1.2:11'}),
+    (['sweep', '--vary', 'speed=0,5', '--out', 'x.parquet'], 'decimal_comma', '--vary speed',
+     {'0.5'}),
+    (['fit-curve', '--speed', '0,2:0,8:6', '--out', 'x.yaml'], 'decimal_comma', '--speed',
+     {'0.2:0.8:6'}),
+    (['simulate', 'flat', '--duration', '0,5'], 'usage', '--duration', {'0.5'})])
+def test_a_decimal_comma_gets_the_number_to_write(
+        words, reason, field, written, refusal, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     error = refusal(*words)
-    assert error.reason == 'decimal_comma' and written in str(error)
+    assert (error.reason, error.field) == (reason, field)
+    assert written <= {word.strip(',;') for word in str(error).split()}
 
 
-def test_a_decimal_comma_of_a_single_number_is_explained(refusal):
-    error = refusal('simulate', 'flat', '--duration', '0,5')
-    assert error.reason == 'usage' and 'a decimal comma; write 0.5' in str(error)
+@pytest.mark.parametrize('files, named', [([], 'empty'), (['b.yaml', 'a.yaml'], 'empty/a.yaml')])
+def test_a_folder_given_as_a_scene_is_recognised(files, named, refusal, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / 'empty').mkdir()
+    for name in files:
+        (tmp_path / 'empty' / name).touch()
+    for word in ('empty', 'empty/'):
+        error = refusal('simulate', word)
+        assert (error.reason, error.field) == ('wrong_kind', 'scene')
+        assert named in str(error).split()
 
 
 def test_a_missing_folder_is_reported_before_it_is_created(tmp_path, capsys):
     words = ['simulate', 'flat', '--duration', '0.02', '--no-figures', '--quiet', '--out']
     assert main([*words, str(tmp_path / 'resluts' / 'flat')]) == 0
-    assert f'{tmp_path}/resluts does not exist and will be created' in capsys.readouterr().err
+    note, = (line for line in capsys.readouterr().err.splitlines() if line.startswith('Note: '))
+    assert f'{tmp_path}/resluts' in note.split()
     assert main([*words, str(tmp_path / 'resluts' / 'again')]) == 0
     assert 'resluts' not in capsys.readouterr().err
 

@@ -31,12 +31,11 @@ def test_a_stride_and_a_malformed_range_are_refused(word, reason):
 
 
 @pytest.mark.parametrize('word, written', [
-    ('0.2:1.2:0.05', 'a stride of 0.05 is 0.2:1.2:21'), ('1:10:1', 'a stride of 1 is 1:10:10'),
-    ('0:1:0.3', 'got 0.3')])
+    ('0.2:1.2:0.05', ['0.2:1.2:21']), ('1:10:1', ['1:10:10']), ('0:1:0.3', [])])
 def test_a_stride_gets_its_count_where_it_has_one(word, written):
     with refused('out_of_range') as caught:
         read_values(word, '--speed')
-    assert str(caught.value).endswith(written)
+    assert re.findall(r'[\d.]+:[\d.]+:[\d.]+', str(caught.value)) == [word, *written]
 
 
 @pytest.mark.parametrize('word', ['speed', '=1', 'speed='])
@@ -60,21 +59,10 @@ def test_an_option_in_degrees_says_so_in_its_name(verb, capsys):
         assert f'{word} ' not in text
 
 
-@pytest.mark.parametrize('words, suggestion', [
-    (['simulate', 'flat', '--durration', '3'], '--durration: did you mean --duration?'),
-    (['max-step-height', '--sped', '0.5'], '--sped: did you mean --speed?'),
-    (['max-step-height', '--speed', '1', '--angle', '5'], '--angle: did you mean --angle-deg?'),
-    (['simulate', 'flat', '--acuracy=1e-5'], '--acuracy: did you mean --accuracy?; see ballbot '
-     'simulate --help')])
-def test_a_misspelt_option_gets_the_nearest_one(words, suggestion, error_of):
-    assert suggestion in error_of(*words)
-
-
-def test_help_of_a_verb_is_had_with_help_before_it_too(capsys, error_of):
+def test_help_of_a_verb_is_had_with_help_before_it_too(capsys):
     assert main(['help', 'simulate']) == 0
     text = capsys.readouterr().out
     assert main(['simulate', '--help']) == 0
     assert capsys.readouterr().out == text and 'usage: ballbot simulate' in text
     assert main(['help']) == 0
     assert 'usage: ballbot ' in capsys.readouterr().out
-    assert "did you mean 'simulate'" in error_of('help', 'simulte')

@@ -65,7 +65,6 @@ def test_a_file_that_is_not_a_curve_is_not_overwritten(tmp_path, refuses):
     (['simulate', 'flat', '--models', 'full', '--method', 'rk4'], 'inconsistent', '--models'),
     (['simulate', 'flat', '--method', 'adaptive', '--step', '1e-3'], 'inconsistent', '--step'),
     (['simulate', 'flat', '--accuracy', '1e-4', '--method', 'paper'], 'inconsistent', '--method'),
-    (['simulate', 'flat', '--playback', '2'], 'inconsistent', '--playback'),
     (['robots', '--urdf'], 'missing', 'NAME'),
     (['outcomes', 'list'], 'missing', 'FILE'),
     (['outcomes', 'list', 'nowhere.db'], 'missing', 'FILE'),
@@ -77,7 +76,6 @@ def test_a_file_that_is_not_a_curve_is_not_overwritten(tmp_path, refuses):
     (['evaluate-decision', '--planners', 'foo'], 'not_a_choice', 'planner'),
     (['evaluate-decision', '--only', '3', '--every', '0'], 'out_of_range', '--every'),
     (['evaluate-decision', '--only', '3', '--every', 'nan'], 'not_finite', '--every'),
-    (['view', 'flat', '--port', '70000'], 'out_of_range', '--port'),
     (['run', 'brige'], 'unknown_name', 'brige'),
     (['run', 'start'], 'unknown_name', 'start'),
     (['emulate-motor', '--protocol', 'vesc', '--baud', '0'], 'out_of_range', '--baud'),
@@ -92,7 +90,6 @@ def test_a_file_that_is_not_a_curve_is_not_overwritten(tmp_path, refuses):
     (['emulate-motor', '--protocol', 'vesc', '--link', '/proc/nowhere/x'], 'not_writable',
      '--link'),
     (['compare-models', '--angle-deg', '30'], 'inconsistent', '--angle-deg'),
-    (['simulate', 'flat', '--method', 'papr'], 'not_a_choice', '--method'),
     (['test-bench', '--slope-deg', '-3'], 'out_of_range', '--slope-deg'),
     (['test-bench', '--slope-deg', 'nan'], 'not_finite', '--slope-deg')])
 def test_an_impossible_option_is_named(words, reason, field, refuses):
