@@ -194,8 +194,7 @@ def rerun(plant: Plant, run: RecordedRun, torques: Torques) -> Rerun:
 
     """
     moments = sorted({*run.joints, *run.balls})
-    first = round(moments[0] * 1e-9 / plant.period)
-    last = round(moments[-1] * 1e-9 / plant.period)
+    first, last = (round(stamp * 1e-9 / plant.period) for stamp in (moments[0], moments[-1]))
     grid = [round(number * plant.period * 1e9) for number in range(first, last + 1)]
     if not set(moments) <= set(grid):
         raise ConfigurationError(
@@ -205,6 +204,14 @@ def rerun(plant: Plant, run: RecordedRun, torques: Torques) -> Rerun:
     plant.periods = first
     plant.reset()
     filler, found = MotorTorques(run), Rerun(torques.what)
+    begin = Rerun('')
+    begin.compare(plant.time, [*run.joints.get(moments[0], [])[:1],
+                               *run.balls.get(moments[0], [])[:1]], plant)
+    if first and not begin.identical:
+        # A simulator that waits publishes its start once, before a later recorder subscribes.
+        grid.insert(0, round((first - 1) * plant.period * 1e9))
+        plant.periods = first - 1
+        plant.reset()
     for place, stamp in enumerate(grid):
         joints, balls = run.joints.get(stamp, []), run.balls.get(stamp, [])
         for turn in range(max(len(joints), len(balls))):

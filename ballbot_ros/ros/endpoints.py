@@ -146,6 +146,7 @@ def endpoint_name(endpoint: TopicEndpointInfo) -> str:
 def _mismatch(source: TopicEndpointInfo, sink: TopicEndpointInfo) -> str:
     """Return the reason why messages do not pass between two endpoints, empty if they do."""
     if source.topic_type != sink.topic_type:
-        return (f'it is published as {source.topic_type} and subscribed to as {sink.topic_type}')
+        return f'it is published as {source.topic_type} and subscribed to as {sink.topic_type}'
     verdict, reason = qos_check_compatible(source.qos_profile, sink.qos_profile)
-    return str(reason) if verdict == QoSCompatibility.ERROR else ''
+    return str(reason).replace('ERROR: ', '').strip('; ') \
+        if verdict == QoSCompatibility.ERROR else ''

@@ -47,7 +47,8 @@ def test_a_profile_that_does_not_match_is_reported(pair, spinner):
         depth=1, reliability=ReliabilityPolicy.BEST_EFFORT))
     found, = spinner.until(lambda: mismatches(robot))
     assert found.startswith('/robot cannot receive /cmd_vel from /other: ')
-    assert 'reliab' in found.lower()
+    assert {'best effort publisher', 'reliable subscription'} <= set(
+        found.lower().partition(': ')[2].split(' and '))
 
 
 def test_a_second_publisher_of_the_clock_names_the_first(pair, make_node, spinner):

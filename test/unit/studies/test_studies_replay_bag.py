@@ -85,6 +85,13 @@ def test_with_late_commands_the_torque_of_the_motor_confirms_the_model(tmp_path,
     assert f'identical: {PERIODS + 1} states' in said
 
 
+def test_a_paused_start_that_was_published_before_the_recording_is_replayed(tmp_path, capsys):
+    plant = plant_of()
+    plant.advance(wanted(0))
+    code, said, _ = replayed(capsys, record(tmp_path / 'bag', plant=plant))
+    assert code == 0 and f'identical: {PERIODS + 1} states' in said
+
+
 @pytest.mark.slow
 def test_a_bag_that_lacks_the_start_of_the_run_is_explained(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
