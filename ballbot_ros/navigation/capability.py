@@ -19,7 +19,7 @@ from typing import Dict, List, NamedTuple, Optional, Sequence, Tuple
 import numpy as np
 
 from ballbot_ros.decision import Face, Knowledge, Profile
-from ballbot_ros.decision.planning.rollout.ahead import look_ahead
+from ballbot_ros.decision.planning.rollout.ahead import GROUND_EXTENSION, look_ahead
 from ballbot_ros.decision.planning.rollout.search import candidates, search, Task, Trial
 from ballbot_ros.decision.planning.rollout.worlds import Worlds
 
@@ -128,8 +128,12 @@ class Capability:
                       for number, (at, height) in enumerate(steps))
         last = steps[-1][0]
         seen_to = last + room + radius
-        points = ((-run_up - 4.0, 0.0), (seen_to, sum(height for _, height in steps)))
-        profile = Profile(0.0, faces, points, seen_to=seen_to, slope=0.0, slope_sd=SLOPE_SD)
+        points = [(-run_up - GROUND_EXTENSION, 0.0)]
+        for at, height in steps:
+            points += [(at, points[-1][1]), (at, points[-1][1] + height)]
+        points.append((seen_to, points[-1][1]))
+        profile = Profile(
+            0.0, faces, tuple(points), seen_to=seen_to, slope=0.0, slope_sd=SLOPE_SD)
         ahead = look_ahead(
             profile, faces, -run_up - radius, 0.0, SLOPE_SD, radius, 0.0)
         if not ahead.ends or ahead.ends[-1].faces < len(faces):

@@ -201,6 +201,7 @@ class RoutePlanner:
         self._clear = np.minimum.reduce([self._map_clear, *(
             np.hypot(self._x - x, self._y - y) for x, y in learned.obstacles)])
         self._walls = self._clear < self.ball_radius + CLEARANCE
+        self._close = self._clear < self.ball_radius + COMFORT
         # Per feature: distance that the centre keeps [m], and cells that it must not enter.
         self._keep: List[float] = []
         self._near: List[NDArray[np.bool_]] = []
@@ -250,8 +251,7 @@ class RoutePlanner:
 
     def _lay_graph(self) -> None:
         """Set up slowness, times and risks of the crossings, and the graph of the heuristic."""
-        self._slowness = np.where(self._blocked, np.inf, np.where(
-            self._clear < self.ball_radius + COMFORT, CLOSE, 1.0))
+        self._slowness = np.where(self._blocked, np.inf, np.where(self._close, CLOSE, 1.0))
         self._graph = _grid_graph(self._slowness, self._size)
         limit = -math.log(self._tuning.required_probability)
         starts, ends = (np.array([arc[side] for arc in self._offered], np.int64)
@@ -396,6 +396,8 @@ class RoutePlanner:
                     # No state is free there: the ball backs off from the one before.
                     at = middle[0] - before * way[0], middle[1] - before * way[1]
                     time += REVERSAL + spacing / BACKWARD_SPEED
+                if self._free(at, way, self._close) < math.dist(at, self._point(two)):
+                    time *= CLOSE
                 # A failed attempt costs the way back to its begin and another one.
                 time += (1.0 / crossing.probability - 1.0) * (
                     time + 2.0 * REVERSAL + crossing.run_up / BACKWARD_SPEED)
