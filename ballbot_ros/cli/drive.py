@@ -70,14 +70,6 @@ def drive(arguments: argparse.Namespace, observer: Any, robot: Any, keyboard: An
     """
     Publish the commands of keys and stick at a rate, and show the status line.
 
-    Parameters
-    ----------
-    arguments : Namespace
-    observer : Observer
-    robot : RobotDriver
-    keyboard : Keyboard
-    gamepad : Gamepad, optional
-
     Returns
     -------
     int

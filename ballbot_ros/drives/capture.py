@@ -65,10 +65,6 @@ class Recorder:
     A full disk must not stop a motor bridge: a failure to write ends the recording, and
     `failure` keeps it for the diagnostics.  The second part of an older capture is deleted.
 
-    Parameters
-    ----------
-    path : Path
-
     Raises
     ------
     ConfigurationError

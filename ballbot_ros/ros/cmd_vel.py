@@ -73,14 +73,7 @@ class SpeedSubscription:
 
 
 class SpeedPublisher:
-    """
-    Publishes speeds in the type of the subscriptions: Twist where all of them are, only.
-
-    Parameters
-    ----------
-    node : Node
-
-    """
+    """Publishes speeds in the type of the subscriptions: Twist where all of them are, only."""
 
     def __init__(self, node: Node):
         self._node = node

@@ -70,14 +70,7 @@ class ManagedNode(LifecycleNode):
 
 
 class Autostart:
-    """
-    Configures and activates a node, with retries, until an external manager takes over.
-
-    Parameters
-    ----------
-    node : ManagedNode
-
-    """
+    """Configures and activates a node, with retries, until an external manager takes over."""
 
     def __init__(self, node: ManagedNode):
         self._node = node

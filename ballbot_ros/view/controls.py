@@ -41,12 +41,6 @@ class Controls:
     Creates a widget for each control of a source, and keeps both consistent.
 
     A control that cannot be used now is grey, and the state shows why.
-
-    Parameters
-    ----------
-    server : viser.ViserServer
-    source : Source
-
     """
 
     def __init__(self, server: viser.ViserServer, source: Source):

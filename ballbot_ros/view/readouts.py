@@ -57,14 +57,7 @@ PLOTS: Mapping[str, Tuple[PlottedCurve, ...]] = {
 
 
 class Readouts:
-    """
-    Values and plots beside the scene; created once, then updated.
-
-    Parameters
-    ----------
-    server : viser.ViserServer
-
-    """
+    """Values and plots beside the scene; created once, then updated."""
 
     def __init__(self, server: viser.ViserServer):
         self._gui = server.gui

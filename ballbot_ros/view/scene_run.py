@@ -34,10 +34,6 @@ class SceneRun:
 
     Each change is applied completely or, with an error, not at all.
 
-    Parameters
-    ----------
-    scene : Scene
-
     Attributes
     ----------
     law : MotorLaw

@@ -31,13 +31,6 @@ class MotorInputs:
     """
     Passes messages to a session, and counts and logs those that are refused.
 
-    Parameters
-    ----------
-    node : Node
-    session : Session
-    clocks : Clocks
-    outputs : MotorOutputs
-
     Attributes
     ----------
     imu_refused : int

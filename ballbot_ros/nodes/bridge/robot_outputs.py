@@ -22,17 +22,7 @@ LINK_RATE = 100.0
 
 
 class RobotOutputs:
-    """
-    Publishes odometry and battery state of a session.
-
-    Parameters
-    ----------
-    node : Node
-    session : Session
-    clocks : Clocks
-    settings : BridgeSettings
-
-    """
+    """Publishes odometry and battery state of a session."""
 
     def __init__(self, node: Node, session: Session, clocks: Clocks, settings: BridgeSettings):
         self._session, self._clocks = session, clocks

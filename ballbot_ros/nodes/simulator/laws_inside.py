@@ -34,12 +34,6 @@ class LawsInside:
     """
     The on-board control laws of a bridge, inside the simulator, without latency.
 
-    Parameters
-    ----------
-    node : Node
-    plant : Plant
-    settings : SimulatorSettings
-
     Attributes
     ----------
     refused : Counter
