@@ -3,14 +3,21 @@
 from dataclasses import dataclass, field
 import math
 from pathlib import Path
-from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple, Union
+from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple, Union
+
+import numpy as np
 
 from ballbot_ros.bags.opener import Bag, open_bag
 from ballbot_ros.config.fields import suggestion
 from ballbot_ros.control import Mode, SetPoint
 from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.physics import Trajectory
+from ballbot_ros.physics.simulation.model import Model
 
 Values = Dict[str, float]
+# Columns of a trajectory after the time, by their names in a ball_state.
+COLUMNS = ('ball_angle', 'pendulum_angle', 'x', 'y', 'ball_rate', 'pendulum_rate', 'velocity_x',
+           'velocity_y')
 # Of a ball_state, those that determine the further motion, and the torque of the motor.
 BALL_STATE = ('x', 'y', 'ball_angle', 'pendulum_angle', 'velocity_x', 'velocity_y', 'ball_rate',
               'pendulum_rate', 'pendulum_torque', 'motor_work')
@@ -180,6 +187,16 @@ def same(one: Mapping[str, float], other: Mapping[str, float]) -> bool:
     """Return whether the values of two states are identical to the bit."""
     return {name: value.hex() for name, value in one.items()} \
         == {name: value.hex() for name, value in other.items()}
+
+
+def recorded_trajectory(model: Model, states: Sequence[Tuple[float, Mapping[str, float]]]
+                        ) -> Trajectory:
+    """Return ball states with their times [s] as a trajectory; unrecorded columns are 0."""
+    rows = np.zeros((len(states), 15))
+    for row, (time, values) in zip(rows, states):
+        row[:9] = time, *(values[name] for name in COLUMNS)
+        row[13:] = values['motor_work'], values['pendulum_torque']
+    return Trajectory(model, rows)
 
 
 def _set_point(message: Any, stamp: float) -> SetPoint:

@@ -13,12 +13,12 @@ from typing import (
     Tuple)
 
 from matplotlib.figure import Figure
-import numpy as np
 from rclpy.node import Node
 from rclpy.task import Future
 from std_srvs.srv import Trigger
 
 from ballbot_ros.bags.metadata import bag_metadata, SIMULATOR
+from ballbot_ros.bags.recorded_run import BALL_STATE, recorded_trajectory
 from ballbot_ros.bags.writer import also_recorded, BagRecorder, verdict
 from ballbot_ros.config.fields import check_value
 from ballbot_ros.config.files import find_config, read_yaml, shipped_files
@@ -35,7 +35,7 @@ from ballbot_ros.figures.film import Mark, strip
 from ballbot_ros.figures.run import save
 from ballbot_ros.msg import StepDecision
 from ballbot_ros.nodes.obstacle_decision.settings import DecisionSettings
-from ballbot_ros.physics import load_scene, Robot, Scene, Trajectory
+from ballbot_ros.physics import load_scene, Robot, Scene
 from ballbot_ros.physics.model.robot import load_robot
 from ballbot_ros.results.faces import faces_of
 from ballbot_ros.srv import Step
@@ -296,7 +296,9 @@ def run_case(out: Path, case: DemoCase, quiet: bool,
         return []
 
     def draw() -> Figure:
-        return strip(_trajectory(scene, timeline), 'as published on ball_state', marks)
+        states = [(timeline.time_of(state), {name: getattr(state, name) for name in BALL_STATE})
+                  for state in timeline.states]
+        return strip(recorded_trajectory(scene.model, states), 'as published on ball_state', marks)
     return conclude(out, case.title, quiet, timeline, partial(play, out, timeline), verdict_on,
                     draw, 'crossing.png')
 
@@ -361,17 +363,6 @@ def _leave(number: int, _frame: Any) -> None:
 def print_event(when: float, mark: str, sentence: str) -> None:
     """Print one line of the timeline."""
     print(f'{when:7.2f} s  {mark:>9}  {sentence}', flush=True)
-
-
-def _trajectory(scene: Scene, timeline: Timeline) -> Trajectory:
-    """Return the recorded states as a trajectory, for the picture."""
-    rows = np.zeros((len(timeline.states), 15))
-    for row, state in zip(rows, timeline.states):
-        row[:9] = (timeline.time_of(state), state.ball_angle, state.pendulum_angle, state.x,
-                   state.y, state.ball_rate, state.pendulum_rate, state.velocity_x,
-                   state.velocity_y)
-        row[13:] = state.motor_work, state.pendulum_torque
-    return Trajectory(scene.model, rows)
 
 
 # Wall time after which a paused simulator is reset again, to publish its state [s].

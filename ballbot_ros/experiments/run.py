@@ -13,10 +13,10 @@ from typing import Any, Dict, List, Optional, Tuple
 import numpy as np
 
 from ballbot_ros.bags.opener import open_bag
-from ballbot_ros.bags.recorded_run import read_run, RecordedRun, stamp_of
+from ballbot_ros.bags.recorded_run import read_run, recorded_trajectory, stamp_of
 from ballbot_ros.errors import ConfigurationError, RefusedError
 from ballbot_ros.experiments.file import Experiment, FILE, freeze, load_experiment, node_parameters
-from ballbot_ros.physics import Scene, Trajectory
+from ballbot_ros.physics import Scene
 from ballbot_ros.results.digests import digest, LENGTH
 from ballbot_ros.results.faces import meet_faces
 from ballbot_ros.ros.topics import plain
@@ -184,8 +184,8 @@ def _again(folder: Path, plan: Experiment, timeout: float, say: Any) -> bool:
                 say(f'seed {seed}: the same in {sum(new["messages"].values())} messages')
                 continue
             same, until = False, round(plan.duration * 1e9)
-            place = first_difference(*(read_digests(where / f'seed_{seed}' / 'bag', until)
-                                      for where in (folder, beside)))
+            place = first_difference(*(
+                read_digests(where / f'seed_{seed}' / 'bag', until) for where in (folder, beside)))
             say(f'seed {seed}: differs' + (
                 f' from t = {1e-9 * place[0]:.3f} s on, first on {place[1]}' if place else
                 f'; the bag is the same, but {RESULT} is not'))
@@ -267,7 +267,8 @@ def first_difference(one: Digests, other: Digests) -> Optional[Tuple[int, str]]:
 
 def numbers_of(path: Path, scene: Scene) -> Dict[str, Any]:
     """Return a summary of a run, SI, with its contacts at each step."""
-    trajectory = _trajectory(read_run(path), scene)
+    trajectory = recorded_trajectory(scene.model, [
+        (1e-9 * stamp, states[-1]) for stamp, states in sorted(read_run(path).balls.items())])
     speed = np.hypot(trajectory['velocity_x'], trajectory['velocity_y'])
     meetings = meet_faces(trajectory)
     return {
@@ -279,18 +280,6 @@ def numbers_of(path: Path, scene: Scene) -> Dict[str, Any]:
         'faces_passed': sum(face.passed for face in meetings),
         'touch_times': [face.touch_time for face in meetings],
         'touch_speeds': [face.touch_speed for face in meetings]}
-
-
-def _trajectory(run: RecordedRun, scene: Scene) -> Trajectory:
-    """Return the recorded ball states as a trajectory."""
-    names = ('ball_angle', 'pendulum_angle', 'x', 'y', 'ball_rate', 'pendulum_rate',
-             'velocity_x', 'velocity_y')
-    rows = np.zeros((len(run.balls), 15))
-    for row, (stamp, states) in zip(rows, sorted(run.balls.items())):
-        values = states[-1]
-        row[0], row[1:9] = 1e-9 * stamp, [values[name] for name in names]
-        row[13:] = values['motor_work'], values['pendulum_torque']
-    return Trajectory(scene.model, rows)
 
 
 def as_json(content: Any) -> str:
