@@ -5,13 +5,14 @@ Builds frames from messages of nodes or of a bag.
 Messages are duck-typed by their fields: this module does not depend on ROS.
 """
 import math
+import re
 from typing import Any, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
 from ballbot_ros.bridge.hardware_file import load_hardware
+from ballbot_ros.config.files import shipped_folder
 from ballbot_ros.decision.planning.curve import HeightCurve, load_curve
-from ballbot_ros.decision.values import Kind, Reason
 from ballbot_ros.errors import BallbotError, ConfigurationError
 from ballbot_ros.floors.floor import load_floor, start_on
 from ballbot_ros.physics.model.robot import load_robot, Robot
@@ -20,13 +21,10 @@ from ballbot_ros.physics.simulation.scene import load_scene
 from ballbot_ros.view.frame import ContactForce, DecisionSign, EnergyShares, Frame
 from ballbot_ros.view.source import Source
 
-# Constants of StepDecision in their order, from 1; a test compares them with the message.
-KINDS = (Kind.CLEAR, Kind.CROSS, Kind.STOP, Kind.GO_ROUND, Kind.BACK_OFF)
-REASONS = (
-    Reason.NOTHING_AHEAD, Reason.WITHIN_CURVE, Reason.TOO_HIGH, Reason.NO_ROOM, Reason.DROP,
-    Reason.BAD_OBSERVATION, Reason.STALE, Reason.CONTRADICTORY, Reason.COMMITTED, Reason.TOO_FAST,
-    Reason.NOT_LIKELY, Reason.LANDING, Reason.STEEP, Reason.FAILED_BEFORE, Reason.RUN_UP,
-    Reason.STUCK, Reason.WALL, Reason.LIKELY, Reason.GOAL, Reason.EVALUATING)
+# Constants of StepDecision -> values of `decision.Kind` and of `decision.Reason`.
+_MESSAGE = (shipped_folder('msg') / 'StepDecision.msg').read_text(encoding='utf-8')
+KINDS, REASONS = ({int(number): name.lower() for name, number in re.findall(
+    rf'uint8 {prefix}_(\w+)=(\d+)', _MESSAGE)} for prefix in ('DECISION', 'REASON'))
 
 # Timeout after which the estimated state replaces the true one [s].
 TRUE_STATE_TIMEOUT = 0.5
@@ -155,8 +153,8 @@ TOPICS = tuple(name[len('_take_'):] for name in vars(FrameAssembly) if name.star
 
 def decision_sign(message: Any) -> DecisionSign:
     """Return the content of a StepDecision."""
-    kind, reason = (names[number - 1].value if 1 <= number <= len(names) else 'unknown'
-                    for names, number in ((KINDS, message.decision), (REASONS, message.reason)))
+    kind = KINDS.get(message.decision, 'unknown')
+    reason = REASONS.get(message.reason, 'unknown')
     ahead = kind != 'clear' and reason != 'nothing_ahead'
     touch = known(message.touch_speed)
     return DecisionSign(
