@@ -4,8 +4,14 @@ from dataclasses import replace
 from typing import Any
 
 from ballbot_ros.drives import CAN, device_class, driver_class, line_of
-from ballbot_ros.drives.emulated_device import Device, DriveSettings, Sensed
+from ballbot_ros.drives.emulated_device import Device, DriveSettings
 from ballbot_ros.errors import ConfigurationError
+
+
+def _sensed_by(device: str) -> Any:
+    """Return a property: the measurements of one of two devices."""
+    return property(lambda self: getattr(self, device).sensed,
+                    lambda self, sensed: setattr(getattr(self, device), 'sensed', sensed))
 
 
 class BusOfTwo(Device):
@@ -28,23 +34,7 @@ class BusOfTwo(Device):
         """Return the content that only the first device of its class has."""
         return getattr(self.__dict__['first'], name)
 
-    @property
-    def sensed(self) -> Sensed:
-        """Return the measurements of the first device."""
-        return self.first.sensed
-
-    @sensed.setter
-    def sensed(self, sensed: Sensed) -> None:
-        self.first.sensed = sensed
-
-    @property
-    def second(self) -> Sensed:
-        """Return the measurements of the second device."""
-        return self.other.sensed
-
-    @second.setter
-    def second(self, sensed: Sensed) -> None:
-        self.other.sensed = sensed
+    sensed, second = _sensed_by('first'), _sensed_by('other')
 
     @property
     def baud(self) -> float:

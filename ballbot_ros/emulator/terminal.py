@@ -4,6 +4,7 @@ from contextlib import suppress
 import os
 from pathlib import Path
 import pty
+import re
 import select
 import termios
 import tty
@@ -12,9 +13,8 @@ from typing import Optional
 from ballbot_ros.errors import ConfigurationError
 
 # Speeds as termios codes them.
-SPEEDS = {getattr(termios, f'B{baud}'): baud for baud in (
-    2400, 9600, 19200, 38400, 57600, 115200, 230400, 460800, 500000, 576000, 921600, 1000000,
-    2000000, 3000000, 4000000) if hasattr(termios, f'B{baud}')}
+SPEEDS = {code: int(name[1:]) for name, code in vars(termios).items()
+          if re.fullmatch('B[1-9][0-9]*', name)}
 
 
 class PseudoTerminal:
