@@ -17,10 +17,10 @@ from ballbot_ros.control import ControlTuning
 from ballbot_ros.decision import DecisionTuning
 from ballbot_ros.drives import CAN, device_class, driver_class, DRIVES, line_of, SERIAL
 from ballbot_ros.drives.can_frames import RECORD_SIZE
+from ballbot_ros.drives.contract import RUNAWAY
 from ballbot_ros.drives.odrive.firmware import (
     BACK_ALLOWED, GENERATIONS, LIMITS_TORQUE_MODE, MAX_BACK, OVERSPEED, VELOCITY_GAIN,
     VELOCITY_LIMIT, VELOCITY_TOLERANCE, WATCHDOG, WATCHDOG_TIMEOUT)
-from ballbot_ros.drives.odrive.settings import RUNAWAY
 from ballbot_ros.emulator.control import FAULTS, LINE_FAULTS
 from ballbot_ros.estimation import OdometryTuning
 from ballbot_ros.nodes.bridge.health import VALUES

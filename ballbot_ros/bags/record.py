@@ -13,6 +13,7 @@ from ballbot_ros.bags.metadata import bag_metadata, BRIDGE, SIMULATOR
 from ballbot_ros.bags.writer import BagRecorder
 from ballbot_ros.errors import BallbotError, ConfigurationError
 from ballbot_ros.ros.graph import Observer
+from ballbot_ros.ros.parameters import BUILT_IN
 from ballbot_ros.ros.topics import message_class
 
 # Of a subscription: deep enough for a recorder that is delayed by some seconds.
@@ -21,8 +22,6 @@ GRAPH_PERIOD = 0.2  # of the search for new topics [s]
 # Topics of the graph itself; `ros2 bag record -a` leaves out hidden names only.
 GRAPH_TOPICS = ('/rosout', '/parameter_events')
 PARAMETERS_TIMEOUT = 2.0  # of the node that is the source, for its parameters [s]
-# Declared by rclpy in each node.
-RCLPY_PARAMETERS = ('use_sim_time', 'start_type_description_service')
 
 
 def source_metadata(observer: Observer) -> Dict[str, str]:
@@ -45,7 +44,7 @@ def source_metadata(observer: Observer) -> Dict[str, str]:
         observer.wait(future.done, PARAMETERS_TIMEOUT)
         return future.result() if future.done() else None
     listed = answer(client.list_parameters())
-    names = [one for one in listed.result.names if one not in RCLPY_PARAMETERS
+    names = [one for one in listed.result.names if one not in BUILT_IN
              and not one.startswith('qos_overrides.')] if listed else []
     values = answer(client.get_parameters(names)) if names else None
     if values is None:

@@ -16,14 +16,14 @@ from typing import NamedTuple, Optional, Tuple
 
 from ballbot_ros.bridge.hardware_file import Limits
 from ballbot_ros.control.command_gate import CommandGate
+from ballbot_ros.drives.contract import RUNAWAY
 from ballbot_ros.errors import RefusedError
 
 # Time without a nonzero command before the e-stop may be released [s].
 COMMAND_GAP = 0.5
 # Torque below this counts as zero [N m].
 NOTHING = 1e-6
-# Runaway: speed above this multiple of the speed limit for this time [s].
-RUNAWAY, RUNAWAY_TIME = 1.5, 0.02
+RUNAWAY_TIME = 0.02  # at a speed above `RUNAWAY` times the speed limit [s]
 
 
 class StopReason(str, Enum):

@@ -21,14 +21,10 @@ import termios
 from typing import Any
 
 from ballbot_ros.drives.can_frames import CanFrame, MOST_DATA, record, RecordParser
-from ballbot_ros.drives.transport import errno_of, Link, opening_failure
+from ballbot_ros.drives.transport import (
+    errno_of, Link, opening_failure, SEND_TIMEOUT, WRITE_TIMEOUT)
 from ballbot_ros.errors import LinkError
 
-# A bus without space for this long has no acknowledging node, or a stuck adapter [s].
-SEND_TIMEOUT = 0.02
-# pyserial reads its clock after the write, so that a preempted process would see a timeout: a
-# backstop [s].
-WRITE_TIMEOUT = 0.5
 # Largest number of frames per read, and of reads of a serial adapter without a frame.
 MOST_FRAMES = 256
 # CAN_ERR_BUSOFF of linux/can/error.h: the controller has left the bus.

@@ -29,6 +29,10 @@ from typing import Any, Mapping, NamedTuple, Optional, Protocol
 from ballbot_ros.config.fields import Checked, quantity
 
 
+# Multiple of the speed limit at which the bridge disables motor power.
+RUNAWAY = 1.5
+
+
 class SerialLine(Protocol):
     """Interface of a line, which `Link`, `CanLink` and `MemoryLine` implement."""
 

@@ -11,15 +11,13 @@ from rclpy.signals import SignalHandlerOptions
 from std_srvs.srv import Trigger
 
 from ballbot_ros.bags.writer import BagRecorder
-from ballbot_ros.demo.demo import ending_by_signal
+from ballbot_ros.demo.demo import ending_by_signal, RESET_PERIOD
 from ballbot_ros.demo.processes import NodeProcesses, own_domain
 from ballbot_ros.errors import RefusedError
 from ballbot_ros.ros import discovery
 from ballbot_ros.ros.rclpy_compat import new_executor
 from ballbot_ros.srv import Step
 
-# Wall time after which a paused simulator is reset again, to publish its state [s].
-RESET_PERIOD = 0.2
 # Longest wall time of a spin [s].
 SPIN_TIME = 0.02
 

@@ -41,7 +41,7 @@ Commit = Callable[[], None]
 Prepare = Callable[[S], Commit]
 # Period at which a request that waits for the executor checks that it still exists [s].
 EXECUTOR_CHECK_PERIOD = 0.2
-# Longest time for which a check keeps the interpreter lock [s].
+# Longest time for which a thread keeps the interpreter lock [s].
 SWITCH_INTERVAL = 5e-4
 # Parameters that rclpy itself declares.  Those named qos_overrides are not among them: no
 # publisher or subscriber here uses them, so they would have no effect.

@@ -13,7 +13,7 @@ is guessed.
 import math
 from typing import Callable
 
-from ballbot_ros.drives.contract import DriveOptions, Setting
+from ballbot_ros.drives.contract import DriveOptions, RUNAWAY, Setting
 from ballbot_ros.drives.odrive.firmware import (
     BACK_ALLOWED, BUS_VOLTAGE, Generation, LIMITS_TORQUE_MODE, MAX_BACK, OVERSPEED, Rule,
     VELOCITY_GAIN, VELOCITY_LIMIT, VELOCITY_TOLERANCE, WATCHDOG,
@@ -21,9 +21,6 @@ from ballbot_ros.drives.odrive.firmware import (
 
 Read = Callable[[str], float]
 
-# Overspeed that the robot may reach before the bridge disables motor power, relative to its
-# highest speed.
-RUNAWAY = 1.5
 TOLERANCE = 1.2  # of the velocity limit, from the factory
 FULL_DUTY = 0.95  # of the brake resistor at most; low_level.cpp
 

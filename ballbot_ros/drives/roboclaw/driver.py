@@ -14,7 +14,6 @@ from ballbot_ros.drives.driver import Driver, Match
 from ballbot_ros.drives.roboclaw import codec
 from ballbot_ros.errors import DriveError
 
-TIMEOUT_UNIT = 0.1  # of the serial timeout [s]
 # Timeout of the supply voltage that scales the duty cycle [s].
 STALE_VOLTAGE = 1.0
 COUNTER = 2**32  # the encoder counter wraps
@@ -107,7 +106,7 @@ class RoboClaw(Driver):
             timeout = self._set_timeout(deadline)
         except DriveError:
             timeout = math.nan
-        wanted_time = TIMEOUT_UNIT * self._tenths
+        wanted_time = codec.TIMEOUT_UNIT * self._tenths
         return (
             Setting('torque limit', f'{ceiling:.4g} N m', f'at most {options.own_limit:g} N m',
                     ceiling <= 1.01 * options.own_limit,
@@ -125,11 +124,11 @@ class RoboClaw(Driver):
     @property
     def _tenths(self) -> int:
         """Return the required serial timeout [0.1 s]."""
-        return max(1, round(self.options.watchdog / TIMEOUT_UNIT))
+        return max(1, round(self.options.watchdog / codec.TIMEOUT_UNIT))
 
     def _set_timeout(self, deadline: float) -> float:
         """Set the serial timeout and return the value read back [s]."""
-        return TIMEOUT_UNIT * self._ask(
+        return codec.TIMEOUT_UNIT * self._ask(
             codec.GET_TIMEOUT, deadline,
             before=codec.set_timeout(self.options.address, self._tenths)).values[0]
 
@@ -156,10 +155,11 @@ class RoboClaw(Driver):
                 f'{self.line.port}: the RoboClaw names {", ".join(self.telemetry.faults)}',
                 'not_armed', 'drive')
         timeout = self._set_timeout(deadline)
-        if not 0.0 < timeout < (self._tenths + 0.5) * TIMEOUT_UNIT:
+        if not 0.0 < timeout < (self._tenths + 0.5) * codec.TIMEOUT_UNIT:
             raise DriveError(
                 f'{self.line.port}: the serial timeout of the RoboClaw is {timeout:g} s and stays '
-                f'so; it must be at most {self._tenths * TIMEOUT_UNIT:g} s', 'not_armed', 'drive')
+                f'so; it must be at most {self._tenths * codec.TIMEOUT_UNIT:g} s', 'not_armed',
+                'drive')
         self._ask(codec.GET_BATTERY, deadline)
 
     # Non-blocking methods
@@ -280,7 +280,7 @@ class RoboClaw(Driver):
         elif number == codec.GET_TEMPERATURE:
             self.telemetry = last._replace(temperature=values[0] / 10.0)
         elif number == codec.GET_TIMEOUT:
-            self._check_setting('serial timeout [s]', values[0] * TIMEOUT_UNIT)
+            self._check_setting('serial timeout [s]', values[0] * codec.TIMEOUT_UNIT)
         elif number == codec.GET_MAX_CURRENT[axis]:
             self._check_setting('max current [A]', values[0] / 100.0)
         elif number == codec.GET_STATUS:

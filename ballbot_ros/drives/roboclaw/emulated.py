@@ -19,7 +19,6 @@ from ballbot_ros.drives.roboclaw import codec
 
 AXES = (0, 1)  # M1 and M2
 PAUSE = 0.010
-TIMEOUT_UNIT = 0.1
 VERSION = 'USB Roboclaw 2x30a v4.2.8\n'
 BITS = {name: bit for bit, name in codec.STATUS.items()}
 BRAKING = BITS['E_STOP'] | BITS['MAIN_VOLTAGE_HIGH_WARNING']
@@ -48,7 +47,7 @@ class RoboClawDevice(Device):
     def _boot(self) -> None:
         self._buffer = b''
         self._received_at: Optional[float] = None
-        self._timeout = round(self.settings.watchdog / TIMEOUT_UNIT)  # last value written
+        self._timeout = round(self.settings.watchdog / codec.TIMEOUT_UNIT)  # last value written
         self._duties = [0.0, 0.0]  # of M1 and M2
         self._status, self._broken = 0, False
         # The encoder counters start at 0.
@@ -106,7 +105,7 @@ class RoboClawDevice(Device):
         """Update timeout, switch, supply and temperature; see `Device`."""
         if self._received_at is None:
             self._received_at = now
-        if self._timeout and now - self._received_at > self._timeout * TIMEOUT_UNIT:
+        if self._timeout and now - self._received_at > self._timeout * codec.TIMEOUT_UNIT:
             self._duties = [0.0, 0.0]
         sensed, hottest = self.sensed, self.settings.highest_temperature
         here = {'E_STOP': sensed.stop_switch > 0.0,

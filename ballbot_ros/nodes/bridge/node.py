@@ -21,10 +21,9 @@ from ballbot_ros.ros import diagnostics
 from ballbot_ros.ros.frames import Frames
 from ballbot_ros.ros.lifecycle import Autostart, FAILURE, ManagedNode, SUCCESS
 from ballbot_ros.ros.logs import DeferredLogs
-from ballbot_ros.ros.parameters import Commit, declare, refuse_sim_time
+from ballbot_ros.ros.parameters import Commit, declare, refuse_sim_time, SWITCH_INTERVAL
 from ballbot_ros.ros.run import run
 
-SWITCH = 5e-4  # longest time for which a thread keeps the interpreter lock [s]
 NO_SIM_TIME = ('use_sim_time must be false at the bridge: the time of a motor is that of the '
                'machine; start its controllers without it, too')
 LOOK_AFTER = 0.1  # period of the checks of the loop [s]
@@ -156,5 +155,5 @@ class Bridge(ManagedNode):
 def main(args: Optional[List[str]] = None) -> int:
     """Run the node."""
     # The loop must not wait long for a computing thread: Python's default is 5 ms.
-    sys.setswitchinterval(SWITCH)
+    sys.setswitchinterval(SWITCH_INTERVAL)
     return run(Bridge, args)

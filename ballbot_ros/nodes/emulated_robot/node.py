@@ -21,7 +21,7 @@ from ballbot_ros.ros.conversions import (
     ball_state_message, observation_message, odometry_message, terrain_message, to_time)
 from ballbot_ros.ros.endpoints import create_publisher
 from ballbot_ros.ros.frames import frame, frame_prefix, Frames
-from ballbot_ros.ros.parameters import Commit, declare
+from ballbot_ros.ros.parameters import Commit, declare, SWITCH_INTERVAL
 from ballbot_ros.ros.retuning import change_period
 from ballbot_ros.ros.run import run
 from ballbot_ros.ros.settings import file_in, rate_of, Settings
@@ -29,7 +29,6 @@ from ballbot_ros.ros.settings import file_in, rate_of, Settings
 # IMU readings per message of the others.
 ODOM_EVERY, OBSERVATION_EVERY, TRUTH_EVERY = 3, 5, 3
 REACH = 3.0  # range of the sensors of the ground ahead [m]
-SWITCH = 5e-4  # longest time for which a thread keeps the interpreter lock [s]
 
 
 @dataclass(frozen=True)
@@ -158,5 +157,5 @@ class EmulatedRobot(Node):
 
 def main(args: Optional[List[str]] = None) -> int:
     """Run the node."""
-    sys.setswitchinterval(SWITCH)
+    sys.setswitchinterval(SWITCH_INTERVAL)
     return run(EmulatedRobot, args)

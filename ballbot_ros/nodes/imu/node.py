@@ -11,12 +11,11 @@ from ballbot_ros.errors import LinkError
 from ballbot_ros.imus.source import Axes, ImuPort
 from ballbot_ros.nodes.imu.publisher import ImuOutput
 from ballbot_ros.ros.frames import frame, frame_prefix, Frames
-from ballbot_ros.ros.parameters import Commit, declare
+from ballbot_ros.ros.parameters import Commit, declare, SWITCH_INTERVAL
 from ballbot_ros.ros.run import run
 from ballbot_ros.ros.settings import Settings
 
 # Longest time for which a thread keeps the interpreter lock [s].
-SWITCH = 5e-4
 PORT = {declared.name: declared for declared in fields(ImuPort)}
 
 
@@ -76,5 +75,5 @@ class ImuNode(Node):
 
 def main(args: Optional[List[str]] = None) -> int:
     """Run the node."""
-    sys.setswitchinterval(SWITCH)
+    sys.setswitchinterval(SWITCH_INTERVAL)
     return run(ImuNode, args)

@@ -21,13 +21,13 @@ from ballbot_ros.ros.conversions import (
     sec_nanosec, terrain_message, to_time)
 from ballbot_ros.ros.endpoints import create_publisher, has_subscribers
 from ballbot_ros.ros.frames import Frames
-from ballbot_ros.ros.joint_state_bytes import JointStateBytes
+from ballbot_ros.ros.joint_state_bytes import CDR, JointStateBytes
 from ballbot_ros.ros.markers import floor_markers, MarkerTopic, world_markers
 from ballbot_ros.ros.odometry import OdometryTopics
 from ballbot_ros.ros.parameters import Commit
 
 # A serialized rosgraph_msgs/Clock (little-endian CDR), cheaper than a message at this rate.
-LITTLE_ENDIAN, CLOCK = b'\0\1\0\0', struct.Struct('<4siI')
+CLOCK = struct.Struct('<4siI')
 
 
 class Every(NamedTuple):
@@ -55,12 +55,6 @@ class Outputs:
     /clock is published first and with every message, unless a lower rate is set, so that no stamp
     is ahead of the receivers' clock; joint_states is published last, because in lockstep its
     answer ends the period.  Messages without subscribers are not created.
-
-    Parameters
-    ----------
-    node : Node
-    plant : Plant
-    settings : SimulatorSettings
 
     Raises
     ------
@@ -145,7 +139,7 @@ class Outputs:
 
     def _publish_clock(self, time: float) -> None:
         if self._clock is not None and has_subscribers(self._clock):
-            self._clock.publish(CLOCK.pack(LITTLE_ENDIAN, *sec_nanosec(time)))
+            self._clock.publish(CLOCK.pack(CDR, *sec_nanosec(time)))
 
     def _publish_odometry(self, state: State) -> None:
         self._odometry.publish(
@@ -208,12 +202,6 @@ class Sensors:
     The step sensor, the terrain sensor and, on a floor, the laser, as far as they have a rate.
 
     A measurement has the stamp of its time, and is published after its latency.
-
-    Parameters
-    ----------
-    node : Node
-    plant : Plant
-    settings : SimulatorSettings
 
     Raises
     ------

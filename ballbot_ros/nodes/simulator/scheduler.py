@@ -18,6 +18,7 @@ from ballbot_ros.physics.model.state import State
 from ballbot_ros.plant import Pace, Plant, Speedometer
 from ballbot_ros.ros.conversions import to_seconds
 from ballbot_ros.ros.endpoints import create_subscription
+from ballbot_ros.ros.run import CLOCK_TIMEOUT, CLOCK_WARNING_PERIOD
 
 # Period at which an unanswered state is repeated: subscribers may not be discovered yet [s].
 REPEAT_PERIOD = 0.2
@@ -27,7 +28,6 @@ BATCH_TIME = 0.002
 LAG_MAX = 1.0
 # Rounding of stamps to the nanosecond, as a part of any period at most.
 STAMP_ROUNDING = 1e-4
-CLOCK_TIMEOUT = 3.0  # without /clock, before a warning [s of wall time]
 
 
 class FollowedClock:
@@ -89,7 +89,7 @@ class FollowedClock:
         if now - self._waiting_since > CLOCK_TIMEOUT:
             self._logger.warning(
                 'no /clock, and publish_clock is false: time is stopped; start the simulator '
-                'that publishes it', throttle_duration_sec=10.0)
+                'that publishes it', throttle_duration_sec=CLOCK_WARNING_PERIOD)
 
 
 class Scheduler:

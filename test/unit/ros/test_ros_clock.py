@@ -10,7 +10,7 @@ from sensor_msgs.msg import JointState
 
 from ballbot_ros.msg import BallState, TerrainObservation
 from ballbot_ros.nodes.simulator.node import Simulator
-from ballbot_ros.nodes.simulator.outputs import CLOCK, LITTLE_ENDIAN
+from ballbot_ros.nodes.simulator.outputs import CDR, CLOCK
 from ballbot_ros.nodes.simulator.scheduler import FollowedClock, LAG_MAX
 from ballbot_ros.physics import load_scene
 from ballbot_ros.plant import Plant
@@ -90,7 +90,7 @@ def test_a_rate_that_is_asked_for_is_kept_and_stamps_are_ahead_by_less_than_its_
 @pytest.mark.parametrize('seconds', [0.0, 0.002, 12.5, 1e6 + 0.25])
 def test_the_clock_is_serialized_as_the_middleware_does(seconds):
     time_of = to_time(seconds)
-    assert CLOCK.pack(LITTLE_ENDIAN, time_of.sec, time_of.nanosec) == serialize_message(
+    assert CLOCK.pack(CDR, time_of.sec, time_of.nanosec) == serialize_message(
         Clock(clock=time_of))
 
 
