@@ -45,8 +45,8 @@ LONGEST_GAP = 1.0
 LOOK_AHEAD, SAMPLES, AGREEING = 1.5, 16, 3
 # Walls of the map explain observed points within this distance [m].
 EXPLAINED = 0.2
-# Height of an unmapped face that stops the ball [m]; deviation from a mapped height [m].
-FACE, HIGHER = 0.004, 0.004
+# Deviation from a mapped height with which it is another one [m].
+HIGHER = 0.004
 # The ball is stuck with less progress than this [m] in this time [s].
 PROGRESS, STUCK_AFTER = 0.03, 8.0
 REPLANS = 12
@@ -335,17 +335,16 @@ class Navigator:
                            percept), REST
 
     def _route(self, state: NavigationState, percept: Percept) -> Route:
-        """Plan with the known heights, else with lower ones: sensors measure the real steps."""
+        """Plan with the known heights, else to steps that the sensors have not measured."""
         assert state.goal is not None
         start = percept.x, percept.y, percept.heading
         self.planner.learn(state.learned)
         try:
             return self.planner.route(start, state.goal)
         except RefusedError as error:
-            lowered = state.learned.lowered(self.planner.floor.features)
-            if error.reason != 'no_route' or lowered == state.learned:
+            if error.reason not in ('no_route', 'improbable'):
                 raise
-            self.planner.learn(lowered)
+            self.planner.learn(state.learned, explore=True)
             with suppress(RefusedError):
                 return self.planner.route(start, state.goal)
             raise
@@ -451,7 +450,7 @@ class Navigator:
         for distance, height in percept.faces or ():
             point = (percept.x + distance * math.cos(percept.heading),
                      percept.y + distance * math.sin(percept.heading))
-            if abs(height) < FACE or path.direction < 0:
+            if path.direction < 0:
                 continue
             number = self._feature_at(point)
             if number is not None:

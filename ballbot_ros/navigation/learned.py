@@ -2,11 +2,9 @@
 """Learned data of a floor: heights, obstacles, outcomes; stored beside the map."""
 from dataclasses import asdict, dataclass, replace
 import json
-import math
 from pathlib import Path
-from typing import Sequence, Tuple
+from typing import Tuple
 
-from ballbot_ros.decision.planning.rollout.ahead import SIGMAS
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.floors.floor import Feature, Point
 
@@ -58,14 +56,6 @@ class Learned:
                    and (tried <= run_up if crossed else run_up <= tried)]
         return (PRIOR_ATTEMPTS * predicted + sum(crossed * count for crossed, count in counted)) \
             / (PRIOR_ATTEMPTS + sum(count for _, count in counted))
-
-    def lowered(self, features: Sequence[Feature]) -> 'Learned':
-        """Return this with heights of the map lowered by `SIGMAS` standard deviations."""
-        heights = {number: math.copysign(abs(feature.height) - SIGMAS * feature.height_sd,
-                                         feature.height)
-                   for number, feature in enumerate(features)
-                   if 0.0 < SIGMAS * feature.height_sd < abs(feature.height)}
-        return replace(self, heights=tuple(sorted({**heights, **dict(self.heights)}.items())))
 
     def with_height(self, number: int, height: float) -> 'Learned':
         """Return this with the observed height of a feature [m]."""

@@ -8,6 +8,7 @@ where its run-up begins to the pose behind the step.  Cost is expected time; the
 crossings' probabilities stays above the required one.  The heuristic is the time of a point that
 turns freely, from `scipy.sparse.csgraph`.
 """
+from dataclasses import replace
 import math
 from typing import Dict, List, NamedTuple, Optional, Sequence, Tuple
 
@@ -27,6 +28,7 @@ from ballbot_ros.navigation.capability import Capability, CrossingPlan
 from ballbot_ros.navigation.lattice import (
     CELL_SHARE, COUNT, HEADINGS, LEVELS, Moves, primitives, Problem, Tree, VECTORS)
 from ballbot_ros.navigation.learned import Learned
+from ballbot_ros.navigation.sensing import LOWEST
 from ballbot_ros.navigation.tracking import steered
 from ballbot_ros.steering import curvature_limit, height_factor
 from ballbot_ros.steering.model import required_steering
@@ -193,11 +195,27 @@ class RoutePlanner:
         self._lay_grid()
         self.learn(learned)
 
-    def learn(self, learned: Learned) -> None:
-        """Apply learned data of the floor."""
+    def learn(self, learned: Learned, explore: bool = False) -> None:
+        """
+        Apply learned data of the floor.
+
+        Parameters
+        ----------
+        learned : Learned
+        explore : bool
+            Plan crossings of uncertain steps that are not measured yet as those of the lowest
+            step, so that routes lead to places where the sensors measure them.
+
+        """
         self.learned = learned
         self._features = [learned.corrected(number, feature)
                           for number, feature in enumerate(self.floor.features)]
+        measured = dict(learned.heights)
+        # As crossings are planned.
+        self._assumed = [
+            replace(feature, height=math.copysign(LOWEST, feature.height))
+            if explore and feature.height_sd > 0.0 and number not in measured else feature
+            for number, feature in enumerate(self._features)]
         self._clear = np.minimum.reduce([self._map_clear, *(
             np.hypot(self._x - x, self._y - y) for x, y in learned.obstacles)])
         self._walls = self._clear < self.ball_radius + CLEARANCE
@@ -334,7 +352,7 @@ class RoutePlanner:
         way = math.cos(course + turned), math.sin(course + turned)
         close = self._clear < min(
             self.ball_radius + CLEARANCE, self._clear.flat[self._node((x, y))])
-        feature = self._features[segment.number]
+        feature = self._assumed[segment.number]
         for line in feature.segments:
             for edge, sign, angle in crossings((line,), (x, y), way):
                 if not 0.0 < edge < distance - driven or not height_factor(angle):
@@ -350,7 +368,7 @@ class RoutePlanner:
     def _along(self, number: int, line: Tuple[Point, Point], heading: int, sign: int,
                angle: float, barriers: NDArray[np.bool_]) -> List[_Arc]:
         """Return the crossings of a segment of a feature along a heading."""
-        feature, ((x0, y0), (x1, y1)) = self._features[number], line
+        feature, ((x0, y0), (x1, y1)) = self._assumed[number], line
         across, up = VECTORS[heading]
         step_x, step_y = across * self._size, up * self._size
         spacing = math.hypot(step_x, step_y)

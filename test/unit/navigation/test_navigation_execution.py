@@ -376,9 +376,10 @@ def test_a_ball_that_would_brake_at_a_wall_stops_before_its_deviation_is_large(
     assert (command.kind is CommandKind.REST) is stops
 
 
-def step_too_high_on_the_map(tmp_path, height_sd):
+def step_too_high_on_the_map(tmp_path, height_sd, height=0.053):
     path = tmp_path / 'floor.yaml'
-    path.write_text('walls: {size: [6, 3], lines: []}\nfeatures:\n- {kind: step, height: 0.053, '
+    path.write_text('walls: {size: [6, 3], lines: []}\nfeatures:\n- '
+                    f'{{kind: step, height: {height}, '
                     f'height_sd: {height_sd}, line: [[3.0, 3.0], [3.0, 0.0]]}}')
     return Ball(Navigator(RoutePlanner(load_floor(path), KNOWLEDGE), KNOWLEDGE), 1.0, 1.5)
 
@@ -392,6 +393,19 @@ def test_a_step_that_may_be_lower_than_on_the_map_is_attempted_where_no_other_wa
     ball.run(100.0)
     assert ball.state.status is NavStatus.SUCCEEDED, ball.state.message
     assert not ball.state.learned.heights
+
+
+def test_a_step_that_the_sensors_find_lower_is_crossed_as_high_as_it_is(tmp_path):
+    ball, run_ups = step_too_high_on_the_map(tmp_path, 0.002, 0.1), []
+
+    def cross(segment):
+        run_ups.append(segment.crossing.run_up)
+        return ball._cross(segment) if len(run_ups) > 1 else CrossingReport(False, 'high', 0.04)
+    ball.crosses = cross
+    ball.begin((5.0, 1.5))
+    ball.run(100.0)
+    assert ball.state.status is NavStatus.SUCCEEDED, ball.state.message
+    assert dict(ball.state.learned.heights) == {0: 0.04} and run_ups[1] > run_ups[0]
 
 
 @pytest.mark.parametrize('seen', [True, False])
