@@ -256,8 +256,9 @@ line.stop()
 def test_a_planner_is_a_file_and_a_line(house):
     house.copy('decision/planning/cubic.py', 'decision/planning/timid.py')
     house.change('decision/planning/timid.py', (
-        r'        step = next', '        if profile.faces:\n'
-        "            return stop(Reason.TOO_HIGH, 'No step is accepted')\n        step = next"))
+        r'        return Choice\(\n            None if selected is None',
+        '        selected, reason = None, Reason.TOO_HIGH\n'
+        '        return Choice(\n            None if selected is None'))
     house.change('decision/planning/planners.py', (
         r'from ballbot_ros.decision.planning.cubic import CubicPlanner\n',
         'from ballbot_ros.decision.planning.cubic import CubicPlanner\n'
@@ -266,7 +267,7 @@ def test_a_planner_is_a_file_and_a_line(house):
     loop = house.folder / 'examples' / 'closed_loop.py'
     loop.write_text(loop.read_text().replace("planner='rollout'", "planner='timid'").replace(
         '12 * RATE', 'RATE // 10'), encoding='utf-8')
-    assert 'No step is accepted' in house.run('examples/closed_loop.py')
+    assert 'no plan crosses it from any start' in house.run('examples/closed_loop.py')
 
 
 def test_a_limit_of_the_pendulum_rate_is_a_field_of_the_tuning_and_two_lines_of_the_controller(

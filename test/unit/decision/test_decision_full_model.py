@@ -94,7 +94,7 @@ def test_before_what_it_does_not_cross_it_stands_with_the_gap(height, face, spee
 
 def test_braking_room_says_where_braking_still_works():
     # Cruising at 0.9 m/s when the drop is reported at last.
-    for more, falls in ((0.1, False), (-0.6, True)):
+    for more, falls in ((0.15, False), (-0.6, True)):
         room = 1.0 + more
         state, rows, decisions = drive(-0.1, room, speed=0.9, seconds=4.0)
         assert decisions[0].kind is Kind.STOP

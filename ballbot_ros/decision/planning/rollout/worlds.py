@@ -13,6 +13,7 @@ from ballbot_ros.decision.planning.rollout.rollout import (
     CORNER_FRICTION, DRAW, FACES, FALLS, FLOOR_FRICTION, HEIGHT, OVER, PLACE, PlainDrive,
     PLAN, REST, RESULT, ROBOT, run_many, Scratch, SLOPE, Start, STUCK, TOUCH_SPEED, VERDICT)
 from ballbot_ros.decision.planning.situation import Knowledge
+from ballbot_ros.decision.values import Outlook
 from ballbot_ros.physics.model.terrain import Array
 
 # Number of worlds, drawn once and used cyclically.
@@ -64,7 +65,16 @@ class Tally:
     @property
     def speed(self) -> float:
         """Return the mean speed at touch [m/s]; NaN if none touched."""
-        return self.touch_speed / self.touched if self.touched else float('nan')
+        return self.touch_speed / self.touched if self.touched else math.nan
+
+    @property
+    def outlook(self) -> Outlook:
+        """Return the prediction; NaN without rollouts."""
+        number = self.attempts
+        if not number:
+            return Outlook()
+        return Outlook(self.probability, self.stuck / number, self.falls / number,
+                       touch_speed=self.speed, attempts=int(round(number)))
 
 
 class Worlds:

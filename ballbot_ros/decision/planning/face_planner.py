@@ -1,0 +1,420 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+The motion of a ball whose plans a `Selector` selects.
+
+`FacePlanner` decides the motion while plans are evaluated, on the step, without obstacles ahead,
+and before obstacles that are not crossed.  A selector keeps its plan, or its refusal, until the
+obstacle estimate changes.
+"""
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, replace
+import math
+from typing import List, NamedTuple, Optional
+
+from ballbot_ros.decision.planning.rollout.ahead import (
+    Ahead, FACE_SEPARATION, faces_ahead, HIGHEST_DESCENT, look_ahead, touch_distance_on)
+from ballbot_ros.decision.planning.rollout.rollout import BRAKING_DISTANCE
+from ballbot_ros.decision.planning.rollout.search import Candidate
+from ballbot_ros.decision.planning.rollout.worlds import Tally
+from ballbot_ros.decision.planning.safety_filter import past_braking, stop
+from ballbot_ros.decision.planning.situation import Knowledge, Situation
+from ballbot_ros.decision.planning.stop_line import StopLines
+from ballbot_ros.decision.tuning import DecisionTuning
+from ballbot_ros.decision.values import (
+    After, Decision, Face, Kind, Motion, Outlook, Plan, Profile, Reason, REST_SPEED_MAX,
+    Strategy)
+
+# Relevant change of the height, and increase of the clearance behind an edge [m].
+HEIGHT_CHANGE, ROOM_CHANGE = 0.002, 0.1
+# A plan is dropped when its probability is this far below the required one.
+PROBABILITY_HYSTERESIS = 0.05
+# Tolerance of the start of a plan [m].
+POSITION_TOLERANCE = 0.05
+
+
+@dataclass
+class Choice:
+    """
+    Selected plan for the faces ahead, or the reason why none was selected.
+
+    Attributes
+    ----------
+    candidate : Candidate or None
+        Selected plan, None if every candidate was rejected.
+    reason : Reason
+        Reason of the selection or rejection.
+    outlook : Outlook
+        Of the selected plan, or of the best rejected one.
+    tally : Tally
+        Rollouts on which the outlook is based, if any.
+    required_speed, reachable_speed : float
+        See `Decision` [m/s].
+
+    """
+
+    candidate: Optional[Candidate]
+    reason: Reason
+    outlook: Outlook = Outlook()
+    tally: Tally = Tally()
+    required_speed: float = math.nan
+    reachable_speed: float = math.nan
+
+
+class Basis(NamedTuple):
+    """Inputs of a selection, for detecting changes."""
+
+    face: Face
+    faces: int
+    standing: bool
+    failures: int
+    free_from: float
+    room_to: float
+
+
+class Selector(ABC):
+    """
+    Selects and keeps a plan for the faces ahead.
+
+    Attributes
+    ----------
+    choice : Choice or None
+        None before the first result.
+    basis : Basis or None
+        Inputs of the selection.
+
+    """
+
+    def __init__(self) -> None:
+        self.forget()
+
+    def forget(self) -> None:
+        """Discard the plan."""
+        self.choice: Optional[Choice] = None
+        self.basis: Optional[Basis] = None
+        self._changes = 0
+
+    @abstractmethod
+    def update(self, ahead: Ahead, situation: Situation, braking_room: float) -> None:
+        """
+        Select or re-evaluate the plan.
+
+        Parameters
+        ----------
+        ahead : Ahead
+            With at least one end.
+        situation : Situation
+        braking_room : float
+            Distance to the last braking point of the weakest robot [m].
+
+        """
+
+    @property
+    def plan(self) -> Optional[Candidate]:
+        """Return the selected plan."""
+        return self.choice.candidate if self.choice is not None else None
+
+    def has_plan_for(self, face: Face) -> bool:
+        """Return whether a plan for a face has been selected."""
+        return self.plan is not None and self.basis is not None \
+            and self.basis.face.number == face.number
+
+    def _begin(self, ahead: Ahead, situation: Situation, braking_room: float) -> Basis:
+        """Return the inputs of a selection; a plan that they invalidate is discarded."""
+        motion, face = situation.motion, ahead.faces[0]
+        if self.basis is not None and self.basis.face.number != face.number:
+            self.forget()
+        elif self.choice is not None and self.choice.reason is Reason.COMMITTED \
+                and braking_room > 0.0:
+            self.forget()  # plan with the least harm, past the last braking point
+        now = Basis(face, len(ahead.faces), abs(motion.speed) < REST_SPEED_MAX,
+                    len(situation.failures_at(face)), situation.free_from, ahead.room_to)
+        kept = self.plan
+        if self.choice is not None and kept is not None:
+            # Two edges that were too close to stand between remain so while they are measured.
+            kept = replace(kept, faces=max(kept.faces, kept.end(ahead).faces))
+            if kept.back > 0.0 and now.standing \
+                    and motion.position < ahead.touch - kept.back + POSITION_TOLERANCE:
+                # It was confirmed from this start before the ball backed off.
+                kept = replace(kept, back=0.0, strategy=Strategy.CARRY if kept.faces > 1 else
+                               Strategy.SWING if kept.angle > 0.0 else Strategy.ACCELERATE)
+            self.choice.candidate = kept
+        return now
+
+    def _adopt(self, choice: Choice) -> None:
+        """Adopt the result of a selection."""
+        if self.choice is not None:
+            self._changes += (self.plan is None) != (choice.candidate is None)
+        self.choice = choice
+
+    @property
+    def _hysteresis(self) -> float:
+        """Return how far the probability of a kept plan may be below the required one."""
+        return PROBABILITY_HYSTERESIS * (1 + self._changes)
+
+    def _is_news(self, now: Basis, braking_room: float) -> bool:
+        """Return whether a new selection is required."""
+        then, choice = self.basis, self.choice
+        if then is None or choice is None:
+            return True
+        if choice.candidate is not None and braking_room < 0.0:
+            # Beyond the last braking point, no other plan is safer than the present one.
+            return False
+        if now.failures != then.failures or now.faces != then.faces:
+            return True
+        if choice.candidate is None:
+            freed = now.free_from < then.free_from - 0.3
+            if now.standing and (not then.standing or freed):
+                return True
+            if choice.reason is Reason.LANDING and now.room_to > then.room_to + ROOM_CHANGE:
+                return True
+            if not now.standing and self._changes:
+                return False
+        return abs(now.face.height - then.face.height) > max(HEIGHT_CHANGE, then.face.height_sd)
+
+
+WHY = {
+    Reason.NOT_LIKELY: 'no plan crosses it with the required probability',
+    Reason.LANDING: 'the ball could not be stopped behind the edge',
+    Reason.TOO_HIGH: 'no plan crosses it from any start; find another way',
+    Reason.NO_ROOM: 'a longer run-up is required',
+    Reason.FAILED_BEFORE: 'it failed before, and no faster plan or larger swing is left',
+    Reason.DROP: 'the floor falls away',
+    Reason.WALL: 'a wall; find another way',
+    Reason.TOO_FAST: 'faster at the touch than the curve reaches, even if the ball brakes',
+    Reason.EVALUATING: 'evaluating plans',
+}
+# Reasons to find another way, which further observations do not change.
+PERMANENT_REASONS = (Reason.TOO_HIGH, Reason.FAILED_BEFORE, Reason.WALL)
+
+
+def go(choice: Choice, candidate: Candidate, ahead: Ahead, motion: Motion, next_at: float,
+       braking_room: float, tuning: DecisionTuning) -> Decision:
+    """Return the decision to carry out a plan; `next_at`: of the centre at the next obstacle."""
+    face, end, back = ahead.faces[0], candidate.end(ahead), candidate.back > 0.0
+    # The decision is repeated after backing off: until then no step is crossed at any speed.
+    speed = min(candidate.speed, tuning.cruise_speed) if back else candidate.speed
+    plan = Plan(
+        candidate.strategy, ahead.touch - candidate.back if back else -math.inf, speed,
+        ahead.touch - candidate.swing, candidate.angle, end.passed,
+        After.STOP if next_at - end.position < BRAKING_DISTANCE else After.CRUISE)
+    seen = replace(
+        choice.outlook, required=tuning.required_probability, braking_room=braking_room)
+    where = f'{1e3 * face.height:.0f} mm at {face.position - motion.position:.2f} m'
+    how = f'{candidate.strategy.value} at up to {candidate.speed:.2f} m/s'
+    if math.isfinite(plan.swing_position):
+        how += (f', pendulum to {math.degrees(candidate.angle):.0f} deg '
+                f'{candidate.swing:.2f} m before the touch')
+    started = choice.reason is Reason.COMMITTED or braking_room < 0.0
+    reason = Reason.RUN_UP if back else Reason.COMMITTED if started else choice.reason
+    said = f'{where}: {how}, over with {100 * seen.probability:.0f} %{_basis(choice)}'
+    if back:
+        said = f'{where}: back to {motion.position - plan.start:.2f} m behind here first; {said}'
+    return Decision(
+        Kind.BACK_OFF if back else Kind.CROSS, reason, speed, said,
+        choice.required_speed, choice.reachable_speed, face.height,
+        seen.height_limit - face.height,
+        distance=face.position - motion.position, step=face.number,
+        start_distance=motion.position - plan.start if back else 0.0,
+        swing_distance=plan.swing_position - motion.position, plan=plan, outlook=seen)
+
+
+def _basis(choice: Choice) -> str:
+    """Return the basis of a probability as text."""
+    if choice.outlook.attempts:
+        return f' ({choice.outlook.attempts} attempts)'
+    if math.isfinite(choice.required_speed):
+        return (f' ({choice.required_speed:.2f} m/s required, '
+                f'{choice.outlook.touch_speed:.2f} m/s at the touch)')
+    return ''
+
+
+def refuse(choice: Choice, ahead: Ahead, motion: Motion, braking_room: float,
+           tuning: DecisionTuning) -> Decision:
+    """Return the decision not to cross the first face, without a stop position."""
+    face = ahead.faces[0]
+    seen = replace(
+        choice.outlook, required=tuning.required_probability, braking_room=braking_room)
+    hopeless = choice.reason in PERMANENT_REASONS
+    what = f'drops by {-1e3 * face.height:.0f} mm' if face.height < 0.0 else \
+        f'{1e3 * face.height:.0f} mm'
+    why = WHY.get(choice.reason, 'no plan is good enough')
+    said = f'{what} at {face.position - motion.position:.2f} m: {why}'
+    if choice.reason is Reason.LANDING and not ahead.known:
+        said += (f'; the floor behind it is not seen, and unseen_room grants '
+                 f'{tuning.unseen_room:g} m: set unseen_room to the floor that this site has '
+                 'behind each edge, 1 m or more for a stop, or use a terrain sensor')
+    if seen.probability < tuning.required_probability:
+        said += (f'; at best over with {100 * seen.probability:.0f} %, '
+                 f'{100 * tuning.required_probability:.0f} % are required')
+    said += _basis(choice)
+    return Decision(
+        Kind.GO_ROUND if hopeless else Kind.STOP, choice.reason, tuning.cruise_speed, said,
+        choice.required_speed, choice.reachable_speed, face.height,
+        seen.height_limit - face.height, face.position - motion.position, face.number,
+        outlook=seen)
+
+
+# The ball counts as on the step from this distance before the touch [m], for at most this [s].
+CONTACT, LONGEST_CONTACT = 0.005, 3.0
+# Clearance of a stop before a touch [m].
+GAP = 0.03
+# Of the slope, where it is not seen [rad].
+SLOPE_SD = 0.01
+
+
+class FacePlanner:
+    """
+    Decides the motion for the plans of a selector; see `situation.Planner`.
+
+    Parameters
+    ----------
+    knowledge : Knowledge
+    selector : Selector
+
+    """
+
+    def __init__(self, knowledge: Knowledge, selector: Selector):
+        self._tuning, self._robot = knowledge.tuning, knowledge.robot
+        self._lines, self._selector = StopLines(knowledge), selector
+        self._passed: List[Face] = []
+
+    def __call__(self, situation: Situation, previous: Optional[Decision]) -> Decision:
+        """Decide on the ground ahead."""
+        motion, profile = situation.motion, situation.profile
+        if profile is None:
+            return stop(Reason.STALE, 'Stopping: nothing has been observed yet')
+        climbed = self._climbed(motion)
+        pushing = self._push(situation, previous)
+        if pushing is not None:
+            return pushing
+        # The selection for the next faces continues during the stop behind an edge.
+        decision = self._decide(profile, climbed, situation, previous)
+        return self._brake(motion, previous) or decision
+
+    def _decide(self, profile: Profile, climbed: float, situation: Situation,
+                previous: Optional[Decision]) -> Decision:
+        """Decide on the ground ahead of a ball that is clear of the last edge."""
+        motion = situation.motion
+        faces = faces_ahead(profile, motion.position)
+        slope = situation.slope
+        steep = self._lines.steep(situation)
+        if steep is not None and not past_braking(previous, situation) and not (
+                faces and self._lines.face_is_nearer(faces[0], steep, motion.position)):
+            return steep
+        if not faces:
+            self._selector.forget()
+            return self._alone(situation, previous)
+        deviation = profile.slope_sd if math.isfinite(profile.slope_sd) else SLOPE_SD
+        line = self._lines.before_slope(profile, faces[0].position)
+        behind = math.inf if line is None else line.position
+        ahead = look_ahead(profile, faces, motion.position, slope, deviation,
+                           self._robot.ball_radius, self._tuning.unseen_room, climbed, behind,
+                           self._selector.has_plan_for(faces[0]))
+        if not ahead.ends and -HIGHEST_DESCENT < faces[0].height and (
+                past_braking(previous, situation)
+                or self._braking_room(ahead, motion) < 0.0):
+            # A planned descent of a small drop is better than an unplanned one.
+            ahead = look_ahead(profile, faces, motion.position, slope, deviation,
+                               self._robot.ball_radius, self._tuning.unseen_room,
+                               HIGHEST_DESCENT, behind)
+        return self._face(ahead, situation, previous)
+
+    def _alone(self, situation: Situation, previous: Optional[Decision]) -> Decision:
+        """Decide without a face ahead: continue up to the stop line."""
+        lines = self._lines
+        clear, line = lines.cruise(situation), lines.nearest(situation, ())
+        if line is None:
+            return clear
+        room = line.obstacle - situation.motion.position - self._robot.ball_radius
+        stop = lines.stop_before(
+            replace(clear, kind=Kind.STOP, reason=line.reason, distance=room,
+                    explanation=f'Stopping before {line.explanation} at {room:.2f} m'),
+            line.obstacle, situation)
+        # STOP below half of the cruise speed, CLEAR again at all of it.
+        stopping = previous is not None and previous.kind in (Kind.STOP, Kind.GO_ROUND)
+        if stop.set_speed < self._tuning.cruise_speed * (1.0 if stopping else 0.5):
+            return stop
+        return replace(clear, set_speed=stop.set_speed)
+
+    def _face(self, ahead: Ahead, situation: Situation,
+              previous: Optional[Decision]) -> Decision:
+        """Decide on the faces ahead."""
+        motion, face, selector = situation.motion, ahead.faces[0], self._selector
+        room = self._braking_room(ahead, motion)
+        if not ahead.ends or face.height > self._robot.ball_radius:
+            selector.forget()
+            choice = Choice(None, Reason.DROP if face.height < 0.0 else Reason.WALL)
+        else:
+            selector.update(ahead, situation, room)
+            choice = selector.choice or Choice(None, Reason.EVALUATING)
+            if choice.candidate is None and face.height < 0.0 \
+                    and motion.speed > REST_SPEED_MAX \
+                    and (past_braking(previous, situation) or room < 0.0):
+                # The descent is certain and needs neither a search nor more speed.
+                choice = Choice(Candidate(Strategy.CRUISE, min(
+                    motion.speed, self._tuning.cruise_speed)), Reason.COMMITTED)
+        if choice.candidate is None:
+            answer = refuse(choice, ahead, motion, room, self._tuning)
+            if choice.reason is Reason.EVALUATING and abs(motion.speed) < REST_SPEED_MAX:
+                # Keep the run-up of a ball at rest.
+                return replace(answer, set_speed=0.0, plan=Plan(Strategy.STOP))
+            return self._lines.stop_before(answer, face.position, situation)
+        end = choice.candidate.end(ahead)
+        later = [item.position - self._robot.ball_radius for item in ahead.faces
+                 if item.position > end.position + 1e-3]
+        return go(choice, choice.candidate, ahead, motion, min(later, default=math.inf),
+                  room, self._tuning)
+
+    def _climbed(self, motion: Motion) -> float:
+        """Return the height of faces that the ball has just climbed [m]."""
+        face = self._selector.basis.face if self._selector.basis is not None else None
+        if face is not None and face.position < motion.position and face not in self._passed:
+            self._passed.append(face)
+        self._passed = [one for one in self._passed
+                        if 0.0 < motion.position - one.position < FACE_SEPARATION]
+        return sum({one.number: one.height for one in self._passed}.values())
+
+    def _push(self, situation: Situation, previous: Optional[Decision]) -> Optional[Decision]:
+        """Return the decision of a ball on the step: on, unless it lasts too long."""
+        motion, basis = situation.motion, self._selector.basis
+        if previous is None or previous.kind is not Kind.CROSS or previous.plan is None \
+                or basis is None or not motion.position < previous.plan.edge:
+            return None
+        faces = situation.profile.faces if situation.profile is not None else ()
+        own = [face for face in faces if face.number == previous.step]
+        face = own[0] if own else basis.face
+        touch = face.position - touch_distance_on(0.0, self._robot.ball_radius, face.height)
+        if previous.contact_since is None and motion.position < touch - CONTACT:
+            if own or previous.reason is not Reason.COMMITTED:
+                return None
+            # The map has lost the face of a crossing past its last braking point.
+            return replace(previous, distance=face.position - motion.position)
+        since = motion.stamp if previous.contact_since is None else previous.contact_since
+        if not 0.0 <= motion.stamp - since <= LONGEST_CONTACT \
+                or motion.position < touch - GAP and motion.speed < 0.0:
+            self._selector.forget()
+            return None
+        # With two edges the second one is left when the first is passed.
+        left = own or [face for face in faces
+                       if motion.position < face.position < previous.plan.edge]
+        distance = left[0].position - motion.position if left else 0.0
+        return replace(
+            previous, reason=Reason.COMMITTED, distance=distance, contact_since=since,
+            step=left[0].number if left else previous.step,
+            explanation=f'On the step, {distance:.2f} m to its face: pushing on')
+
+    def _brake(self, motion: Motion, previous: Optional[Decision]) -> Optional[Decision]:
+        """Return the stop behind the last edge of a plan, until the ball is clear of the edge."""
+        plan = previous.plan if previous is not None else None
+        if previous is None or plan is None or not (
+                0.0 <= motion.position - plan.edge < 0.5 * self._robot.ball_radius) \
+                or motion.speed < REST_SPEED_MAX or previous.kind is Kind.CROSS \
+                and plan.after is not After.STOP:
+            return None
+        return replace(stop(Reason.LANDING, 'Stopping behind the edge'),
+                       plan=Plan(Strategy.STOP, edge=plan.edge))
+
+    def _braking_room(self, ahead: Ahead, motion: Motion) -> float:
+        """Return the distance to the last braking point [m]."""
+        way = self._lines.braking.distance(motion.speed, ahead.slope, emergency=True)
+        return ahead.touch - GAP - motion.position - way
