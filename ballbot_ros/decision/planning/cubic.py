@@ -166,7 +166,7 @@ class CurveRule:
             min(max(speed, band.speeds[0]), band.speeds[-1]), height)
 
 
-class Prospect(NamedTuple):
+class Prediction(NamedTuple):
     """A candidate, its predicted outcome, and whether the ball can stop behind the edge."""
 
     candidate: Candidate
@@ -250,7 +250,7 @@ class CurveSelector(Selector):
             reachable_speed=fastest.outlook.touch_speed)
 
     def _predict(self, set_speed: float, back: float, ahead: Ahead,
-                 situation: Situation) -> Prospect:
+                 situation: Situation) -> Prediction:
         """Return the approach from here, or from rest `back` before the touch [m]."""
         face, motion, braking = ahead.faces[0], situation.motion, self._lines.braking
         speed, run_up = (0.0, back) if back > 0.0 else (
@@ -259,14 +259,14 @@ class CurveSelector(Selector):
         behind = self._rule.speed_behind(face, touch, max(
             (one.touch_speed for one in situation.failures_at(face)), default=0.0))
         needed = braking.distance(behind, min(0.0, ahead.slope), emergency=True)
-        ends = [end for end in ahead.ends if all(
-            other.height <= PASSABLE for other in ahead.faces[1:end.faces])]
-        fitting = [end for end in ends if end.passed + needed <= self._room_to(ahead, end)]
-        end = (fitting or ends)[0]
+        fitting = [end for end in ahead.ends
+                   if all(other.height <= PASSABLE for other in ahead.faces[1:end.faces])
+                   and end.passed + needed <= self._room_to(ahead, end)]
+        end = (fitting or ahead.ends)[0]
         strategy = Strategy.BACK_OFF if back > 0.0 else Strategy.CARRY if end.faces > 1 else \
             Strategy.CRUISE if set_speed <= self._tuning.cruise_speed else Strategy.ACCELERATE
         probability = self._rule.probability(touch, face)
-        return Prospect(
+        return Prediction(
             Candidate(strategy, set_speed, HANGING * touch, faces=end.faces, back=back),
             Outlook(probability, 1.0 - probability, 0.0, touch_speed=touch,
                     height_limit=self._rule.height_limit(touch)), bool(fitting))

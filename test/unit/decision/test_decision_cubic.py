@@ -302,6 +302,12 @@ def test_a_refused_crossing_is_not_resumed_without_news():
     assert on(0.026, 0.92, 0.4, previous=refused, decide=decide).kind is Kind.CROSS
 
 
+def test_two_steps_too_close_to_stop_between_are_not_crossed_together():
+    faces = Face(1, 2.0, 0.02, 0.01, 0.0005), Face(2, 2.15, 0.015, 0.01, 0.0005)
+    answer = planner()(Situation(Motion(0.0, 0.0, 0.4), Profile(0.0, faces)), None)
+    assert (answer.kind, answer.reason) == (Kind.STOP, Reason.LANDING)
+
+
 def test_a_plan_is_for_one_step_only():
     decide = planner()
     first = on(distance=0.92, speed=0.4, decide=decide)
