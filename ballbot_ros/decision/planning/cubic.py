@@ -195,10 +195,10 @@ class CurveSelector(Selector):
         now, choice = self._begin(ahead, situation, braking_room), self.choice
         if choice is not None and choice.candidate is not None:
             kept = choice.candidate
-            prospect = self._predict(kept.speed, kept.back, ahead, situation)
-            choice.outlook = prospect.outlook
+            found = self._predict(kept.speed, kept.back, ahead, situation, kept=True)
+            choice.outlook = found.outlook
             if braking_room > 0.0 and not (
-                    prospect.lands and prospect.outlook.probability
+                    found.lands and found.outlook.probability
                     >= self._tuning.required_probability - self._hysteresis):
                 self.basis = None
         if self._is_news(now, braking_room):
@@ -249,16 +249,23 @@ class CurveSelector(Selector):
             required_speed=math.nan if required is None else required,
             reachable_speed=fastest.outlook.touch_speed)
 
-    def _predict(self, set_speed: float, back: float, ahead: Ahead,
-                 situation: Situation) -> Prediction:
-        """Return the approach from here, or from rest `back` before the touch [m]."""
+    def _predict(self, set_speed: float, back: float, ahead: Ahead, situation: Situation,
+                 kept: bool = False) -> Prediction:
+        """
+        Return the approach from here, or from rest `back` before the touch [m].
+
+        A plan is selected if the weakest robot can stop behind the edge, and kept if the nominal
+        one can.
+        """
         face, motion, braking = ahead.faces[0], situation.motion, self._lines.braking
         speed, run_up = (0.0, back) if back > 0.0 else (
             motion.speed, max(0.0, ahead.touch - motion.position))
         touch = braking.touch_speed(speed, set_speed, run_up, ahead.slope)
         behind = self._rule.speed_behind(face, touch, max(
             (one.touch_speed for one in situation.failures_at(face)), default=0.0))
-        needed = braking.distance(behind, min(0.0, ahead.slope), emergency=True)
+        downhill = min(0.0, ahead.slope)
+        needed = braking.expected_distance(behind, downhill) if kept \
+            else braking.distance(behind, downhill, emergency=True)
         fitting = [end for end in ahead.ends
                    if all(other.height <= PASSABLE for other in ahead.faces[1:end.faces])
                    and end.passed + needed <= self._room_to(ahead, end)]

@@ -206,7 +206,9 @@ def go(choice: Choice, candidate: Candidate, ahead: Ahead, motion: Motion, next_
                 f'{candidate.swing:.2f} m before the touch')
     started = choice.reason is Reason.COMMITTED or braking_room < 0.0
     reason = Reason.RUN_UP if back else Reason.COMMITTED if started else choice.reason
-    said = f'{where}: {how}, over with {100 * seen.probability:.0f} %{_basis(choice)}'
+    said = f'{where}: {how}'
+    if math.isfinite(seen.probability):
+        said += f', over with {100 * seen.probability:.0f} %{_basis(choice)}'
     if back:
         said = f'{where}: back to {motion.position - plan.start:.2f} m behind here first; {said}'
     return Decision(
