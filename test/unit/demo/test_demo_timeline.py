@@ -94,6 +94,14 @@ def test_a_missing_event_is_an_error(timeline, until, missing):
     assert timeline.verdict() == missing
 
 
+def test_behind_the_last_step_that_it_crosses_the_ball_may_cruise_on(gimball):
+    timeline = Timeline([Passage(*STEPS[0])], gimball, lambda *event: None)
+    play(timeline, 'touches')
+    assert timeline.verdict() == ['the 31 mm step was not crossed']
+    timeline.add_state(ball(2.0, 1.43, y=RADIUS + 0.031))
+    assert timeline.rested is None and timeline.verdict() == []
+
+
 def test_no_attempt_at_all_is_not_a_success(timeline):
     assert len(timeline.verdict()) == 4
 
