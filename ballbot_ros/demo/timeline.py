@@ -226,9 +226,9 @@ def account(timeline: Timeline) -> List[str]:
             'not touched' if face.touched is None else 'touched, not crossed'
         words = ', '.join(NAMES.get(kind, '?') for kind in face.decided)
         lines.append(f'the {face.name} at {face.x:.2f} m: {fate}'
-                    + (f'; decided: {words}' if words else ''))
+                     + (f'; decided: {words}' if words else ''))
     if timeline.states:
         where = f'at {timeline.states[-1].x:.2f} m'
         lines.append(f'came to rest {where}' if timeline.rested is not None else
-                    f'had not come to rest after {timeline.now:.1f} s, {where}')
+                     f'had not come to rest after {timeline.now:.1f} s, {where}')
     return lines
