@@ -4,7 +4,6 @@ import math
 from typing import Any, Callable, Optional, Union
 
 from geometry_msgs.msg import Twist, TwistStamped
-from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.subscription import Subscription
@@ -13,7 +12,7 @@ from ballbot_ros.control import Mode, SetPoint
 from ballbot_ros.errors import MessageError
 from ballbot_ros.ros.conversions import to_seconds
 from ballbot_ros.ros.endpoints import (
-    create_publisher, create_subscription, wait_until_received)
+    create_publisher, create_subscription, create_wall_timer, wait_until_received)
 
 TOPIC = 'cmd_vel'
 TYPES = {'geometry_msgs/msg/TwistStamped': TwistStamped, 'geometry_msgs/msg/Twist': Twist}
@@ -50,8 +49,7 @@ class SpeedSubscription:
         self._type: Any = TwistStamped
         self._subscription: Optional[Subscription] = create_subscription(
             node, TOPIC, callback, self._type)
-        node.create_timer(TYPE_PERIOD, self._follow_type,
-                          clock=Clock(clock_type=ClockType.STEADY_TIME))
+        create_wall_timer(node, TYPE_PERIOD, self._follow_type)
 
     def _follow_type(self) -> None:
         published = {TYPES.get(info.topic_type)

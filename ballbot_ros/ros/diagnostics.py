@@ -4,10 +4,9 @@ from typing import Callable, Dict, Mapping, Optional, Tuple
 
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
-from ballbot_ros.ros.endpoints import create_publisher, mismatches
+from ballbot_ros.ros.endpoints import create_publisher, create_wall_timer, mismatches
 
 OK = DiagnosticStatus.OK
 WARN = DiagnosticStatus.WARN
@@ -55,7 +54,7 @@ class Diagnostics:
         self._stamp = stamp or (lambda: node.get_clock().now().to_msg())
         self._count = 0
         self._publisher = create_publisher(node, '/diagnostics')
-        node.create_timer(PERIOD, self.publish, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        create_wall_timer(node, PERIOD, self.publish)
 
     def publish(self) -> None:
         """Publish now."""

@@ -8,6 +8,7 @@ other node.
 """
 from typing import Any, Callable, List, Optional
 
+from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.node import Node
@@ -15,6 +16,7 @@ from rclpy.publisher import Publisher
 from rclpy.qos import qos_check_compatible, QoSCompatibility, QoSProfile
 from rclpy.service import Service
 from rclpy.subscription import Subscription
+from rclpy.timer import Timer
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 from std_srvs.srv import Trigger
 
@@ -46,6 +48,11 @@ def create_subscription(node: Node, topic: str, callback: Callable[[Any], None],
         kind or message_class(TOPICS[topic].type), topic, callback,
         profile or qos.profile(TOPICS[topic].requested), raw=raw,
         event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False))
+
+
+def create_wall_timer(node: Node, period: float, callback: Callable[[], None]) -> Timer:
+    """Return a timer of wall time [s], which runs while simulated time is stopped, too."""
+    return node.create_timer(period, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
 
 def subscribe_e_stop(node: Node, callback: Callable[[bool], None]) -> None:

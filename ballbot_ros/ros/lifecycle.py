@@ -9,9 +9,9 @@ rclpy of Kilted it refuses, and logs the error of the C library.
 from typing import Any, Callable
 
 from lifecycle_msgs.srv import ChangeState
-from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
 
+from ballbot_ros.ros.endpoints import create_wall_timer
 from ballbot_ros.ros.rclpy_compat import (
     available_transitions, change_state_service, state_label, transition_label)
 
@@ -74,8 +74,7 @@ class Autostart:
 
     def __init__(self, node: ManagedNode):
         self._node = node
-        self._timer = node.create_timer(
-            START_RETRY_PERIOD, self._try, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._timer = create_wall_timer(node, START_RETRY_PERIOD, self._try)
         self._try()
 
     def _try(self) -> None:

@@ -10,7 +10,6 @@ import time
 from typing import Any, Callable, List, Optional, Sequence
 
 import rclpy
-from rclpy.clock import Clock, ClockType
 from rclpy.executors import Executor
 from rclpy.logging import get_logger
 from rclpy.node import Node
@@ -20,6 +19,7 @@ from rclpy.utilities import remove_ros_args
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.jit import on_first_call
 from ballbot_ros.ros import discovery
+from ballbot_ros.ros.endpoints import create_wall_timer
 from ballbot_ros.ros.logs import forward_logs
 from ballbot_ros.ros.rclpy_compat import new_executor, RCLError, reason_of
 
@@ -235,7 +235,7 @@ def _watch(node: Node, stopping: Stop) -> None:
         def poll() -> None:
             if node.failure is not None:
                 stopping.give()
-        node.create_timer(POLL_PERIOD, poll, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        create_wall_timer(node, POLL_PERIOD, poll)
 
 
 def _watch_clock(node: Node) -> None:
@@ -248,7 +248,7 @@ def _watch_clock(node: Node) -> None:
                 f'use_sim_time is set and no /clock has arrived for {CLOCK_TIMEOUT:g} s: the time '
                 'of this node is 0 s until then; start a simulator, or set use_sim_time to false',
                 throttle_duration_sec=CLOCK_WARNING_PERIOD)
-    timer = node.create_timer(CLOCK_TIMEOUT, check, clock=Clock(clock_type=ClockType.STEADY_TIME))
+    timer = create_wall_timer(node, CLOCK_TIMEOUT, check)
 
 
 def _compiles(frame: Any) -> bool:

@@ -3,7 +3,6 @@
 import sys
 from typing import Any, List, Optional
 
-from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 
 from ballbot_ros.bridge.loop import Loop
@@ -18,6 +17,7 @@ from ballbot_ros.nodes.bridge.session_setup import new_session, prepare_session
 from ballbot_ros.nodes.bridge.settings import BridgeSettings
 from ballbot_ros.nodes.imu.publisher import ImuOutput
 from ballbot_ros.ros import diagnostics
+from ballbot_ros.ros.endpoints import create_wall_timer
 from ballbot_ros.ros.frames import Frames
 from ballbot_ros.ros.lifecycle import Autostart, FAILURE, ManagedNode, SUCCESS
 from ballbot_ros.ros.logs import DeferredLogs
@@ -64,8 +64,7 @@ class Bridge(ManagedNode):
         self._diagnostics = diagnostics.Diagnostics(self, 'motor', lambda: health(
             self._session, self._loop, self._hardware, self._inputs.imu_refused,
             self._inputs.authority), self._session.robot.name)
-        self.create_timer(LOOK_AFTER, self._monitor,
-                          clock=Clock(clock_type=ClockType.STEADY_TIME))
+        create_wall_timer(self, LOOK_AFTER, self._monitor)
         if settings.autostart:
             Autostart(self)
 

@@ -6,7 +6,6 @@ import time
 from typing import Any, List, Optional, Tuple
 
 from builtin_interfaces.msg import Time
-from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
 from ballbot_ros.control import checked_controller, SetPoint
@@ -15,7 +14,8 @@ from ballbot_ros.nodes.controller.settings import ControllerSettings
 from ballbot_ros.physics.model.robot import load_robot
 from ballbot_ros.ros import diagnostics
 from ballbot_ros.ros.conversions import lateral_readings, readings
-from ballbot_ros.ros.endpoints import create_publisher, subscribe_e_stop, wait_until_received
+from ballbot_ros.ros.endpoints import (
+    create_publisher, create_wall_timer, subscribe_e_stop, wait_until_received)
 from ballbot_ros.ros.joint_state_bytes import (
     AnyJointState, command_bytes, subscribe_joint_states)
 from ballbot_ros.ros.parameters import Commit, declare
@@ -48,8 +48,7 @@ class Controller(Node):
         subscribe_e_stop(self, self._on_e_stop)
         self._diagnostics = diagnostics.Diagnostics(
             self, 'pendulum', self._health, self._robot.name)
-        self._timer = self.create_timer(settings.state_timeout / 4, self._watch,
-                                        clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._timer = create_wall_timer(self, settings.state_timeout / 4, self._watch)
         lowest = self._controller.expected.lowest_rate
         self.get_logger().info(f'these gains need joint states at {lowest:.0f} Hz or more')
 

@@ -5,7 +5,6 @@ from pathlib import Path
 import sys
 from typing import Any, List, Optional
 
-from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
 from ballbot_ros.bridge.hardware_file import load_hardware
@@ -19,7 +18,7 @@ from ballbot_ros.physics import load_scene
 from ballbot_ros.plant import Imu, Sensor, TerrainSensor
 from ballbot_ros.ros.conversions import (
     ball_state_message, observation_message, odometry_message, terrain_message, to_time)
-from ballbot_ros.ros.endpoints import create_publisher
+from ballbot_ros.ros.endpoints import create_publisher, create_wall_timer
 from ballbot_ros.ros.frames import frame, frame_prefix, Frames
 from ballbot_ros.ros.parameters import Commit, declare, SWITCH_INTERVAL
 from ballbot_ros.ros.retuning import change_period
@@ -96,8 +95,7 @@ class EmulatedRobot(Node):
         self._before = self._emulator.state
         self._number = 0
         self._emulator.start()
-        self._timer = self.create_timer(1.0 / settings.imu_rate, self._publish,
-                                        clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._timer = create_wall_timer(self, 1.0 / settings.imu_rate, self._publish)
         self.get_logger().info(
             f'{connection.protocol} at {connection.baud} baud on {self._emulator.path}')
 

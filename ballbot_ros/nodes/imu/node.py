@@ -15,7 +15,6 @@ from ballbot_ros.ros.parameters import Commit, declare, SWITCH_INTERVAL
 from ballbot_ros.ros.run import run
 from ballbot_ros.ros.settings import Settings
 
-# Longest time for which a thread keeps the interpreter lock [s].
 PORT = {declared.name: declared for declared in fields(ImuPort)}
 
 

@@ -3,7 +3,6 @@
 import math
 from typing import Any, List, Optional, Tuple, Union
 
-from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.task import Future
 
@@ -17,7 +16,7 @@ from ballbot_ros.nodes.simulator.simulation_interfaces import serve
 from ballbot_ros.ros import diagnostics
 from ballbot_ros.ros.conversions import (
     command_torque, exact, lean_set_point, sec_nanosec, to_seconds, to_time)
-from ballbot_ros.ros.endpoints import create_service, create_trigger
+from ballbot_ros.ros.endpoints import create_service, create_trigger, create_wall_timer
 from ballbot_ros.ros.joint_state_bytes import AnyJointState, subscribe_joint_states
 from ballbot_ros.ros.parameters import Commit, declare, refuse_sim_time
 from ballbot_ros.ros.retuning import change_period
@@ -56,9 +55,7 @@ class Simulator(Node):
             create_trigger(self, f'~/{name}', do)
         create_service(self, Step, '~/step', self._on_step)
         self._interfaces = serve(self, self._plant, self._scheduler, settings)
-        # The clock source needs a wall timer: a timer on its own clock would never fire.
-        self._timer = self.create_timer(self._scheduler.interval, self._scheduler.tick,
-                                        clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._timer = create_wall_timer(self, self._scheduler.interval, self._scheduler.tick)
 
     def _prepare(self, wanted: SimulatorSettings) -> Commit:
         """Check other parameters; return a function that applies them between two periods."""

@@ -10,7 +10,6 @@ import re
 from typing import Any, Optional, Tuple
 
 from rclpy.action.server import ServerGoalHandle
-from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.task import Future
 
@@ -21,7 +20,7 @@ from ballbot_ros.physics.model.state import State
 from ballbot_ros.plant import FloorPlant, Plant
 from ballbot_ros.ros.action_server import DeferredActionServer
 from ballbot_ros.ros.conversions import to_time
-from ballbot_ros.ros.endpoints import create_service
+from ballbot_ros.ros.endpoints import create_service, create_wall_timer
 from ballbot_ros.ros.frames import Frames
 from ballbot_ros.steering import lateral_speed
 
@@ -86,8 +85,7 @@ class Interfaces:
         create_service(node, StepSimulation, '~/step_simulation', self._step)
         self._steps = DeferredActionServer(
             node, SimulateSteps, '~/simulate_steps', lambda _: None, self._begin)
-        node.create_timer(FEEDBACK, self._update_goal,
-                          clock=Clock(clock_type=ClockType.STEADY_TIME))
+        create_wall_timer(node, FEEDBACK, self._update_goal)
 
     # State
 
