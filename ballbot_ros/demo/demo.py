@@ -9,8 +9,7 @@ import sys
 from tempfile import TemporaryFile
 import time
 from typing import (
-    Any, BinaryIO, Callable, Iterable, Iterator, List, Mapping, NamedTuple, Optional, Sequence,
-    Tuple)
+    BinaryIO, Callable, Iterable, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Tuple)
 
 from matplotlib.figure import Figure
 from rclpy.node import Node
@@ -29,15 +28,15 @@ from ballbot_ros.demo.forked import Forked, import_nodes
 from ballbot_ros.demo.prepare import prepare
 from ballbot_ros.demo.processes import own_domain
 from ballbot_ros.demo.recorded_graph import recorded_graph, RecordedGraph
-from ballbot_ros.demo.timeline import account, Expected, NAMES, Passage, Timeline
+from ballbot_ros.demo.timeline import account, Expected, Passage, Timeline
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.figures.film import Mark, strip
 from ballbot_ros.figures.run import save
-from ballbot_ros.msg import StepDecision
 from ballbot_ros.nodes.obstacle_decision.settings import DecisionSettings
 from ballbot_ros.physics import load_scene, Robot, Scene
 from ballbot_ros.physics.model.robot import load_robot
 from ballbot_ros.results.faces import faces_of
+from ballbot_ros.ros.conversions import DECISION_NAMES
 from ballbot_ros.srv import Step
 
 ROBOT, CURVE, TUNING, DECISION = 'gimball', 'gimball_down', 'published', 'decision_default'
@@ -277,7 +276,7 @@ def run_case(out: Path, case: DemoCase, quiet: bool,
     marks: List[Mark] = []
 
     def report(when: float, word: str, sentence: str) -> None:
-        decided = word in NAMES.values() and word != NAMES[StepDecision.DECISION_CLEAR]
+        decided = word in DECISION_NAMES.values() and word != 'CLEAR'
         if decided and [mark.word for mark in marks[-1:]] != [word]:
             ahead = timeline.passages[timeline.next_step:]
             step = ahead[0].x if ahead and word in ('CROSS', 'GO ROUND', 'BACK OFF') else None
@@ -349,15 +348,11 @@ def conclude(out: Path, title: str, quiet: bool, timeline: Timeline,
 @contextmanager
 def ending_by_signal() -> Iterator[None]:
     """Convert SIGTERM to an exception, so that all nodes are terminated."""
-    before = signal.signal(signal.SIGTERM, _leave)
+    before = signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
     try:
         yield
     finally:
         signal.signal(signal.SIGTERM, before)
-
-
-def _leave(number: int, _frame: Any) -> None:
-    sys.exit(128 + number)
 
 
 def print_event(when: float, mark: str, sentence: str) -> None:

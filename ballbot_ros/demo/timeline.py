@@ -7,7 +7,7 @@ from typing import Any, Callable, List, Optional, Tuple
 
 from ballbot_ros.msg import BallState, Contact, StepDecision
 from ballbot_ros.physics.model.robot import Robot
-from ballbot_ros.ros.conversions import to_seconds
+from ballbot_ros.ros.conversions import DECISION_NAMES, to_seconds
 
 # The ball is at rest when it has been slower than this [m/s] for this time [s].
 REST_SPEED, REST_TIME = 0.02, 1.0
@@ -21,10 +21,6 @@ STANDING_TIME = 5.0
 # Maximum error of an observed height [m].
 SAME_HEIGHT = 0.01
 
-NAMES = {
-    StepDecision.DECISION_CLEAR: 'CLEAR', StepDecision.DECISION_CROSS: 'CROSS',
-    StepDecision.DECISION_STOP: 'STOP', StepDecision.DECISION_GO_ROUND: 'GO ROUND',
-    StepDecision.DECISION_BACK_OFF: 'BACK OFF'}
 REFUSED = {StepDecision.DECISION_GO_ROUND, StepDecision.DECISION_STOP}
 
 
@@ -138,7 +134,7 @@ class Timeline:
                     and message.reason != StepDecision.REASON_EVALUATING:
                 self.passages[index].decided.append(message.decision)
         late = 'too late to stop: ' if message.reason == StepDecision.REASON_COMMITTED else ''
-        self._report(time, NAMES.get(message.decision, '?'), late + message.explanation)
+        self._report(time, DECISION_NAMES.get(message.decision, '?'), late + message.explanation)
 
     def add_state(self, message: BallState) -> None:
         """Take a state; touches, crossings and rest are reported."""
@@ -224,7 +220,7 @@ def account(timeline: Timeline) -> List[str]:
     for face in timeline.passages:
         fate = 'crossed' if face.crossed is not None else \
             'not touched' if face.touched is None else 'touched, not crossed'
-        words = ', '.join(NAMES.get(kind, '?') for kind in face.decided)
+        words = ', '.join(DECISION_NAMES.get(kind, '?') for kind in face.decided)
         lines.append(f'the {face.name} at {face.x:.2f} m: {fate}'
                      + (f'; decided: {words}' if words else ''))
     if timeline.states:

@@ -373,6 +373,7 @@ def map_message(floor: Floor, frames: Frames) -> OccupancyGrid:
 
 
 _KINDS = {kind: getattr(StepDecision, f'DECISION_{kind.name}') for kind in Kind}
+DECISION_NAMES = {number: kind.name.replace('_', ' ') for kind, number in _KINDS.items()}
 _REASONS = {reason: getattr(StepDecision, f'REASON_{reason.name}') for reason in Reason}
 
 

@@ -1,23 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """Graph access of a keyboard driver: cmd_vel, the e-stop, and the state of the robot."""
 import math
-from typing import Any, Dict, Optional
+from typing import Any, Optional
 
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
-from ballbot_ros.decision.values import Kind
 from ballbot_ros.errors import MessageError
-from ballbot_ros.msg import StepDecision
 from ballbot_ros.ros import qos
 from ballbot_ros.ros.cmd_vel import SpeedPublisher
-from ballbot_ros.ros.conversions import readings
+from ballbot_ros.ros.conversions import DECISION_NAMES, readings
 from ballbot_ros.ros.endpoints import create_publisher, create_subscription, subscribe_e_stop
 from ballbot_ros.ros.graph import Observer
-
-DECISIONS: Dict[int, str] = {
-    getattr(StepDecision, f'DECISION_{kind.name}'): kind.name.replace('_', ' ') for kind in Kind}
 
 
 class RobotDriver:
@@ -58,7 +53,7 @@ class RobotDriver:
             self, 'speed', message.twist.twist.linear.x), profile=qos.SENSOR)
         create_subscription(one, 'joint_states', self._on_joints, profile=qos.SENSOR)
         create_subscription(one, 'step_decision', lambda message: setattr(
-            self, 'decision', DECISIONS.get(message.decision, '?')))
+            self, 'decision', DECISION_NAMES.get(message.decision, '?')))
         subscribe_e_stop(one, lambda engaged: setattr(self, 'e_stop', engaged))
 
     @property
