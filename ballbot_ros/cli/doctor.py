@@ -2,8 +2,8 @@
 """The verb ``doctor``: check ports, drive and ROS, with a remedy for each finding."""
 import argparse
 import os
-import sys
 
+from ballbot_ros.cli.graph import note
 from ballbot_ros.cli.options import add_port
 from ballbot_ros.cli.verb import DONE, FAILED
 
@@ -19,14 +19,11 @@ def run(arguments: argparse.Namespace) -> int:
     """Print each finding; return 1 if one is wrong."""
     from ballbot_ros.bridge.commissioning.doctor import examine, WRONG
     code = DONE
-    for finding in examine(arguments.hardware, arguments.port, os.environ, _print_instruction):
+    for finding in examine(arguments.hardware, arguments.port, os.environ,
+                           lambda text: note(f'    .  {text}')):
         print(f'{finding.verdict:>5}  {finding.what}')
         if finding.remedy:
             print(f'       -> {finding.remedy}')
         if finding.verdict == WRONG:
             code = FAILED
     return code
-
-
-def _print_instruction(text: str) -> None:
-    print(f'    .  {text}', file=sys.stderr, flush=True)

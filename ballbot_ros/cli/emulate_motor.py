@@ -78,7 +78,7 @@ def run(arguments: argparse.Namespace) -> int:
     emulator = Emulator(arguments.protocol, scene, arguments.baud, settings, arguments.link,
                         arguments.seed, steering=arguments.steering)
     channel = None
-    signal.signal(signal.SIGTERM, _interrupt)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         for line in arguments.fault:
             execute(emulator, line)
@@ -120,7 +120,3 @@ def _typed_lines() -> Iterator[str]:
         yield from (line.decode(errors='replace') for line in lines)
         if not data:
             return
-
-
-def _interrupt(*_: object) -> None:
-    raise KeyboardInterrupt

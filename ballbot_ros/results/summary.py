@@ -283,7 +283,7 @@ def _rows(summary: Summary) -> Iterator[tuple[str, str]]:
         yield 'largest pendulum angle', f'{math.degrees(summary.pendulum_angle):.1f} deg'
         yield 'largest pendulum torque', f'{summary.pendulum_torque:.2f} N m'
     yield 'in flight', (f'{summary.flight_fraction:.1%} of the time, '
-                        f'{plural(summary.landings, "landing")}')
+                        f'{summary.landings} landing{"s" * (summary.landings != 1)}')
     if summary.energy_residual is not None:
         yield 'energy balance error', (f'{summary.energy_residual:.1e}, relative to '
                                        f'{summary.energy_in_play:.3g} J')
@@ -295,11 +295,6 @@ def _rows(summary: Summary) -> Iterator[tuple[str, str]]:
     if summary.wall_time is not None and summary.real_time_factor is not None:
         yield 'run time', (f'{summary.wall_time:.3g} s, {summary.real_time_factor:.3g} times as '
                            'fast as real time')
-
-
-def plural(number: int, what: str) -> str:
-    """Return a number with its noun."""
-    return f'{number} {what}{"" if number == 1 else "s"}'
 
 
 def _face_row(face: FaceMeeting) -> tuple[str, ...]:

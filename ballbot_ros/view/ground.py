@@ -6,7 +6,7 @@ import numpy as np
 
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics.model.terrain import Array, Terrain
-from ballbot_ros.results.faces import LEAST_HEIGHT, LEAST_SLOPE, PIECE_LENGTH_MIN
+from ballbot_ros.results.faces import faces_of, LEAST_HEIGHT
 
 # Without a step ahead, a new one is placed at this distance from the centre of the ball [m].
 NEW_STEP_DISTANCE = 1.0
@@ -32,7 +32,7 @@ def step_ahead(terrain: Terrain, x: float, radius: float) -> Optional[StepAhead]
         Of the ball [m]: a segment that is short relative to it is not a slope.
 
     """
-    for face in _faces(terrain, radius):
+    for face in faces_of(terrain, radius, endless=False):
         if face[0, 0] > x:
             return StepAhead(float(face[0, 0]), float(face[-1, 1] - face[0, 1]))
     return None
@@ -51,7 +51,7 @@ def with_step(terrain: Terrain, x: float, radius: float, height: float) -> Terra
         If the ball touches the step already: the ground does not move beneath it.
 
     """
-    faces = [face for face in _faces(terrain, radius) if face[-1, 0] > x]
+    faces = [face for face in faces_of(terrain, radius, endless=False) if face[-1, 0] > x]
     if not faces:
         return (_new_step(terrain, x + NEW_STEP_DISTANCE, height)
                 if abs(height) >= LEAST_HEIGHT else terrain)
@@ -69,10 +69,6 @@ def with_step(terrain: Terrain, x: float, radius: float, height: float) -> Terra
     points[begin:end + 1, 1] = foot + (points[begin:end + 1, 1] - foot) * height / old
     points[end + 1:, 1] += height - old
     return _without_doubles(points, terrain.surface_friction, terrain.edge_friction)
-
-
-def _faces(terrain: Terrain, radius: float) -> list[Array]:
-    return terrain.faces(LEAST_SLOPE, LEAST_HEIGHT, PIECE_LENGTH_MIN * radius, endless=False)
 
 
 def _new_step(terrain: Terrain, x: float, height: float) -> Terrain:

@@ -15,7 +15,7 @@ from ballbot_ros.floors.floor import Floor
 from ballbot_ros.floors.profile import area_height
 from ballbot_ros.physics.model.robot import Robot
 from ballbot_ros.physics.model.terrain import Array, Terrain
-from ballbot_ros.results.faces import LEAST_HEIGHT, LEAST_SLOPE, PIECE_LENGTH_MIN
+from ballbot_ros.results.faces import faces_of
 from ballbot_ros.view.floor_parts import base_level, floor_parts, Mesh
 from ballbot_ros.view.frame import Frame
 from ballbot_ros.view.source import Source
@@ -358,8 +358,7 @@ class Stage:
         front.vertices[:len(line), 2] = bottom
         self._mesh('/world/ground/front', front, SECTION_COLOUR, flat=True)
         self._draw_scale(terrain, left, right, width)
-        for number, face in enumerate(terrain.faces(
-                LEAST_SLOPE, LEAST_HEIGHT, PIECE_LENGTH_MIN * radius, endless=False)):
+        for number, face in enumerate(faces_of(terrain, radius, endless=False)):
             height = 1e3 * float(face[-1, 1] - face[0, 1])
             self._scene.add_label(
                 f'/world/ground/step_{number}', f'step {height:+.0f} mm',
