@@ -10,6 +10,7 @@ from ballbot_ros.decision import Knowledge, load_curve, load_decision_tuning
 from ballbot_ros.errors import RefusedError
 from ballbot_ros.floors import load_floor
 from ballbot_ros.navigation import RoutePlanner
+from ballbot_ros.navigation.learned import Learned
 from ballbot_ros.physics import load_robot
 
 KNOWLEDGE = Knowledge(load_robot('gimball'), load_curve('gimball_down'),
@@ -35,7 +36,7 @@ def house(random):
 
 def measure():
     """Return (name, unit, values, target) of each figure."""
-    setups, queries = [], []
+    setups, queries, replans = [], [], []
     for seed in range(3):
         random = np.random.default_rng(seed)
         with TemporaryDirectory() as folder:
@@ -52,8 +53,15 @@ def measure():
             try:
                 planner.route(start, goal)
                 queries.append(1e3 * (process_time() - begin))
+                begin = process_time()
+                planner.learn(Learned(obstacles=tuple(random.uniform(0.5, SIDE - 0.5, (2, 2)))))
+                planner.route(start, goal)
+                replans.append(1e3 * (process_time() - begin))
             except RefusedError:
                 pass
+            planner.learn(Learned())
     yield 'route planner, 20 m x 20 m at 5 cm: set-up', 's', setups, 10.0
     yield 'a route', 'ms', queries, 100.0
     yield 'a route, at p99', 'ms', [float(np.quantile(queries, 0.99))], 100.0
+    yield 'another route after an obstacle', 'ms', replans, 20.0
+    yield 'another route, at p99', 'ms', [float(np.quantile(replans, 0.99))], 20.0

@@ -48,10 +48,11 @@ def run(arguments: argparse.Namespace) -> int:
                        endings=[f'.{kind}' for kind in FORMATS])
     planner = _planner(arguments)
     route = planner.route(arguments.start, arguments.goal)
+    explanation = planner.explain(route, arguments.start, arguments.goal)
     if arguments.json:
         print_json({
             'time': route.time, 'probability': route.probability,
-            'explanation': route.explanation, 'segments': [{
+            'explanation': explanation, 'segments': [{
                 'points': segment.points, 'time': segment.time,
                 'feature': segment.feature.label if segment.feature is not None else None,
                 'crossing': {
@@ -71,7 +72,7 @@ def run(arguments: argparse.Namespace) -> int:
             x, y = segment.points[-1]
             rows.append((f'{time:.1f} s', f'({x:5.2f}, {y:5.2f})', how))
         print(table(rows))
-        print(f'Probability {route.probability:.3f}. {route.explanation}'.rstrip())
+        print(f'Probability {route.probability:.3f}. {explanation}'.rstrip())
     if arguments.out is not None:
         from ballbot_ros.figures.canvas import save
         from ballbot_ros.figures.route import route_figure

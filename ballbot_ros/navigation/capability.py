@@ -108,18 +108,17 @@ class Capability:
 
         """
         room = round(math.floor(min(room, LONGEST_ROOM) / ROOM + 1e-6) * ROOM, 6)
-        found = [self._crossing(tuple(faces), height_sd, item, room)
-                 for item in RUN_UPS if item <= run_up and room > 0.0]
-        return [crossing for crossing in found if crossing is not None]
-
-    def _crossing(self, steps: Tuple[Tuple[float, float], ...], height_sd: float, run_up: float,
-                  room: float) -> Optional[CrossingPlan]:
-        steps = tuple((_rounded(at, WIDTH), _rounded(height, HEIGHT)) for at, height in steps)
+        steps = tuple((_rounded(at, WIDTH), _rounded(height, HEIGHT)) for at, height in faces)
         height_sd = _rounded(height_sd, HEIGHT_SD)
-        key = repr((steps, height_sd, run_up, room))
-        if key not in self._known:
-            self._known[key] = self._search(steps, height_sd, run_up, room)
-        return self._known[key]
+        place, found = repr((steps, height_sd, room)), []
+        for item in RUN_UPS:
+            if item > run_up or room <= 0.0:
+                break
+            key = f'{place} {item}'
+            if key not in self._known:
+                self._known[key] = self._search(steps, height_sd, item, room)
+            found.append(self._known[key])
+        return [crossing for crossing in found if crossing is not None]
 
     def _search(self, steps: Tuple[Tuple[float, float], ...], height_sd: float, run_up: float,
                 room: float) -> Optional[CrossingPlan]:

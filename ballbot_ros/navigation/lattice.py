@@ -265,6 +265,17 @@ class Tree:
 
 
 @compiled
+def free_steps(barriers: NDArray[np.bool_], row: float, column: float, up: float, across: float,
+               most: int) -> int:
+    """Return how many steps of (up, across) lead from a place without a barrier [cells]."""
+    for number in range(most):
+        r, c = math.floor(row + (number + 1) * up), math.floor(column + (number + 1) * across)
+        if not (0 <= r < len(barriers) and 0 <= c < barriers.shape[1]) or barriers[r, c]:
+            return number
+    return most
+
+
+@compiled
 def expand(problem: Problem, tree: SearchTree, firsts: NDArray[np.int32]) -> int:
     """
     Search by A* over (risk level, direction, heading, cell); return the node of the goal.

@@ -26,7 +26,7 @@ from ballbot_ros.floors.floor import (
 from ballbot_ros.floors.profile import crossed, crossings
 from ballbot_ros.navigation.capability import Capability, CrossingPlan
 from ballbot_ros.navigation.lattice import (
-    CELL_SHARE, COUNT, HEADINGS, LEVELS, Moves, primitives, Problem, Tree, VECTORS)
+    CELL_SHARE, COUNT, free_steps, HEADINGS, LEVELS, Moves, primitives, Problem, Tree, VECTORS)
 from ballbot_ros.navigation.learned import Learned
 from ballbot_ros.navigation.sensing import LOWEST
 from ballbot_ros.navigation.tracking import steered
@@ -110,15 +110,12 @@ class Route(NamedTuple):
         Expected [s].
     probability : float
         Product of the probabilities of its crossings.
-    explanation : str
-        Why it does not go the shortest way, and the run-up of each crossing.
 
     """
 
     segments: Tuple[Segment, ...]
     time: float
     probability: float
-    explanation: str
 
     @property
     def points(self) -> Tuple[Point, ...]:
@@ -216,8 +213,11 @@ class RoutePlanner:
             replace(feature, height=math.copysign(LOWEST, feature.height))
             if explore and feature.height_sd > 0.0 and number not in measured else feature
             for number, feature in enumerate(self._features)]
-        self._clear = np.minimum.reduce([self._map_clear, *(
-            np.hypot(self._x - x, self._y - y) for x, y in learned.obstacles)])
+        # Up to the distance that routes prefer.
+        self._clear = self._map_clear.copy()
+        for point in learned.obstacles:
+            window, away = self._around((point, point), self.ball_radius + COMFORT)
+            self._clear[window] = np.minimum(self._clear[window], away)
         self._walls = self._clear < self.ball_radius + CLEARANCE
         self._close = self._clear < self.ball_radius + COMFORT
         # Per feature: distance that the centre keeps [m], and cells that it must not enter.
@@ -233,18 +233,18 @@ class RoutePlanner:
                 keep += max(touch_distance(self.ball_radius, abs(feature.height)),
                             0.5 * feature.width)
             near = np.zeros(self._walls.shape, bool)
-            for begin, end in feature.segments:
-                near |= distance_to_segment(self._x, self._y, begin, end) < keep
+            for line in feature.segments:
+                window, away = self._around(line, keep)
+                near[window] |= away < keep
             if feature.kind in CLOSED:
                 near |= inside(self._x, self._y, feature.polygon)
             self._keep.append(keep)
             self._near.append(near)
         # Cells that no crossing opens.
-        fixed = np.logical_or.reduce([self._walls] + [
+        self._fixed = np.logical_or.reduce([self._walls] + [
             near for near, feature in zip(self._near, self._features)
             if feature.kind in BARRED])
-        self._open = _grid_graph(np.where(fixed, np.inf, 1.0), self._size)
-        self._blocked = np.logical_or.reduce([fixed, *self._near])
+        self._blocked = np.logical_or.reduce([self._fixed, *self._near])
         self._limits: Dict[Tuple[int, int], _Limit] = {}
         self._offered = sorted((
             arc for number in range(len(self._features)) for arc in self._crossings(number)),
@@ -283,6 +283,17 @@ class RoutePlanner:
             (times * self._tuning.cruise_speed * DETOUR, (ends // COUNT, starts // COUNT)),
             shape=self._graph.shape)
 
+    def _around(self, line: Tuple[Point, Point], margin: float
+                ) -> Tuple[Tuple[slice, slice], NDArray[np.float64]]:
+        """Return the cells of a box around a segment, and their distances to it [m]."""
+        columns, rows = (slice(
+            max(0, math.floor((min(ends) - margin - origin) / self._size)),
+            max(0, math.ceil((max(ends) + margin - origin) / self._size)))
+            for ends, origin in zip(zip(*line), self._origin))
+        away: NDArray[np.float64] = distance_to_segment(
+            self._x[:, columns], self._y[rows], *line)
+        return (rows, columns), away
+
     def _node(self, point: Sequence[float]) -> int:
         rows, columns = self._walls.shape
         row = min(max(math.floor((point[1] - self._origin[1]) / self._size), 0), rows - 1)
@@ -315,11 +326,12 @@ class RoutePlanner:
 
     def _barriers(self, number: int, line: Tuple[Point, Point]) -> NDArray[np.bool_]:
         """Return the cells at features that end run-up and room of a crossing of a line."""
-        away = distance_to_segment(self._x, self._y, *line)
         # The other edges of the feature end them as other features do.
-        found: NDArray[np.bool_] = np.logical_or.reduce([
-            near & (away >= self._keep[number] + self._size) if other == number else near
-            for other, near in enumerate(self._near)])
+        near, margin = list(self._near), self._keep[number] + self._size
+        window, away = self._around(line, margin)
+        near[number] = near[number].copy()
+        near[number][window] &= away >= margin
+        found: NDArray[np.bool_] = np.logical_or.reduce(near)
         return found
 
     def aligned(self, pose: Sequence[float], segment: Segment) -> bool:
@@ -376,13 +388,14 @@ class RoutePlanner:
         # The last cell before the segment on each line of cells: share of a vector to the
         # segment, and share along the segment.
         turn = step_x * (y1 - y0) - step_y * (x1 - x0)
-        ahead = ((x0 - self._x) * (y1 - y0) - (y0 - self._y) * (x1 - x0)) / turn
-        along = ((x0 - self._x) * step_y - (y0 - self._y) * step_x) / turn
-        rows, columns = np.nonzero((ahead >= 0.0) & (ahead < 1.0) & (along >= 0.0)
-                                   & (along <= 1.0))
+        (rows, columns), _ = self._around(line, spacing)
+        x, y = self._x[:, columns], self._y[rows]
+        ahead = ((x0 - x) * (y1 - y0) - (y0 - y) * (x1 - x0)) / turn
+        along = ((x0 - x) * step_y - (y0 - y) * step_x) / turn
         found = []
-        for row, column in zip(rows.tolist(), columns.tolist()):
-            share = float(ahead[row, column])
+        for item in np.argwhere((ahead >= 0.0) & (ahead < 1.0) & (along >= 0.0) & (along <= 1.0)):
+            share = float(ahead[tuple(item)])
+            row, column = int(item[0]) + rows.start, int(item[1]) + columns.start
             middle = (float(self._x[0, column]) + share * step_x,
                       float(self._y[row, 0]) + share * step_y)
             faces = self._faces(feature, middle, way, sign, abs(angle) + HEADING_SD)
@@ -463,14 +476,10 @@ class RoutePlanner:
 
     def _free(self, place: Point, way: Point, barriers: NDArray[np.bool_]) -> float:
         """Return how far the centre may go from a place in a direction [m]."""
-        along = SAMPLE * np.arange(1, round(LONGEST / SAMPLE) + 1)
-        columns, rows = (np.floor((at + along * step - origin) / self._size).astype(int)
-                         for at, step, origin in zip(place, way, self._origin))
-        inside = (0 <= rows) & (rows < len(barriers)) & (0 <= columns) & (
-            columns < barriers.shape[1])
-        ends = ~inside
-        ends[inside] = barriers[rows[inside], columns[inside]]
-        return SAMPLE * int(np.argmax(ends)) if ends.any() else LONGEST
+        (column, across), (row, up) = (
+            ((at - origin) / self._size, SAMPLE * step / self._size)
+            for at, step, origin in zip(place, way, self._origin))
+        return SAMPLE * free_steps(barriers, row, column, up, across, round(LONGEST / SAMPLE))
 
     def check_place(self, point: Sequence[float], what: str) -> None:
         """
@@ -538,12 +547,12 @@ class RoutePlanner:
         for item in np.flatnonzero(aligned if len(start) > 2 else []):
             aligned[item] = self.aligned(start, self._offered[item].segment)
         time, path = self._find(states, costs, last, heading, far, aligned)
-        shortest, passed = self._shortest(int(states[np.argmin(costs)]) // COUNT, last)
         if not math.isfinite(time):
             # Each crossing that is offered has the required probability.
             time, path = self._find(states, costs, last, heading, far, aligned, LEVELS**2)
             if not math.isfinite(time):
-                self._refuse(shortest, passed, math.isfinite(far[states // COUNT].min()))
+                self._refuse(*self._shortest(int(states[np.argmin(costs)]) // COUNT, last),
+                             math.isfinite(far[states // COUNT].min()))
             taken = [segment for segment in self._segments(path) if segment.crossing]
             raise RefusedError(
                 'no route reaches the required probability of '
@@ -553,18 +562,24 @@ class RoutePlanner:
                 f'{_probability(taken):.2f}',
                 'improbable', 'goal')
         segments = self._from(start, path[0][0], self._segments(path))
-        taken = [segment for segment in segments if segment.crossing]
+        return Route(segments, sum(segment.time for segment in segments), _probability(segments))
+
+    def explain(self, route: Route, start: Sequence[float], goal: Sequence[float]) -> str:
+        """Return why a route does not go the shortest way, and the run-up of each crossing."""
+        states, costs = self._starts(start)
+        shortest, passed = self._shortest(
+            int(states[np.argmin(costs)]) // COUNT, self._node(goal))
+        taken = [segment for segment in route.segments if segment.crossing]
         numbers = {segment.number for segment in taken}
         why = [self._lack(number, sign) for number, sign in passed if number not in numbers]
         why += [f'{self._described(segment.number)} needs {segment.crossing.run_up:.2f} m of '
                 'run-up, from ({:.2f}, {:.2f}) m'.format(*segment.points[0])
                 for segment in taken if segment.crossing]
-        longer = sum(segment.time for segment in segments if segment.feature is None) \
+        longer = sum(segment.time for segment in route.segments if segment.feature is None) \
             - shortest / self._tuning.cruise_speed
         if why and longer > 1.0:
             why.insert(0, f'{longer:.0f} s longer than the shortest way')
-        return Route(segments, sum(segment.time for segment in segments),
-                     _probability(taken), '; '.join(why))
+        return '; '.join(why)
 
     def warm_up(self) -> None:
         """Compile the search, or load it."""
@@ -706,8 +721,9 @@ class RoutePlanner:
 
     def _shortest(self, first: int, last: int) -> Tuple[float, List[Tuple[int, int]]]:
         """Return the shortest path if each step could be crossed, and the crossed features."""
+        graph = _grid_graph(np.where(self._fixed, np.inf, 1.0), self._size)
         far, before = csgraph.dijkstra(
-            self._open, directed=False, indices=first, return_predecessors=True)
+            graph, directed=False, indices=first, return_predecessors=True)
         if not math.isfinite(far[last]):
             return math.inf, []
         nodes = [last]

@@ -119,13 +119,14 @@ class NavigationServers:
         try:
             start = self._goal(request.start) if request.use_start else (
                 percept.x, percept.y, percept.heading)
-            route = node.navigator.planner.route(start, self._goal(request.goal))
+            planner, goal = node.navigator.planner, self._goal(request.goal)
+            route = planner.route(start, goal)
         except BallbotError as error:
             handle.abort()
             self._compute.finish(handle, _failure(ComputePathToPose, error))
             return
         handle.succeed()
-        node.get_logger().info(route.explanation or 'the shortest path')
+        node.get_logger().info(planner.explain(route, start, goal) or 'the shortest path')
         self._compute.finish(handle, ComputePathToPose.Result(
             path=path_message(route, node._settings.map_frame, to_time(percept.stamp)),
             planning_time=Duration(seconds=time.monotonic() - begin).to_msg()))

@@ -119,7 +119,7 @@ def test_the_bedroom_is_reached_with_a_run_up_that_begins_in_the_living_room(fla
             if segment.feature is not None and segment.feature.name == 'bedroom step']
     # The hall begins at y = 2.8 m, behind the living room.
     assert len(step) == 1 and step[0].points[0][1] < 2.8 and step[0].points[1][1] > 4.0
-    assert 'bedroom step' in route.explanation
+    assert 'bedroom step' in flat.explain(route, KITCHEN, BEDROOM)
 
 
 def test_times_and_probabilities_add_up(flat):
