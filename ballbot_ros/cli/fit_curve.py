@@ -7,6 +7,7 @@ from ballbot_ros.cli import options
 from ballbot_ros.cli.options import read_range
 from ballbot_ros.cli.output import check_new_file, YAML
 from ballbot_ros.cli.verb import DONE
+from ballbot_ros.config.fields import check_value
 from ballbot_ros.errors import ConfigurationError
 
 
@@ -42,6 +43,7 @@ def run(arguments: argparse.Namespace) -> int:
     from ballbot_ros.results.files import write_text
     from ballbot_ros.studies.curve_fit import curve_text, fit_curve, heights_for, Request
     speeds = read_range(arguments.speed, '--speed')
+    check_value('--speed: COUNT', len(speeds), Request.__dataclass_fields__['points'].metadata, '')
     options.warn_speeds('--speed', speeds)
     samples = arguments.samples
     if samples and not uncertain(robot):

@@ -50,12 +50,20 @@ def run(arguments: argparse.Namespace) -> int:
     from ballbot_ros.studies.parallel_map import worker_pool
     from ballbot_ros.studies.sweep import refuse_foreign, run_sweep
     from ballbot_ros.studies.sweep_plan import SweepPlan
-    varied = dict(given(word, '--vary') for word in arguments.vary)
-    fixed = {}
-    for name, values in (given(word, '--fix') for word in arguments.fix):
-        if not isinstance(values, list) or len(values) != 1:
+    varied, fixed = {}, {}
+    for option, word in [('--vary', word) for word in arguments.vary] + [
+            ('--fix', word) for word in arguments.fix]:
+        name, values = given(word, option)
+        if name in varied or name in fixed:
+            raise ConfigurationError(
+                f'{option} {name}: it is given already; give all its values in one --vary, as in '
+                f'{name}=0.2,0.5', 'ambiguous', name)
+        if option == '--vary':
+            varied[name] = values
+        elif isinstance(values, list) and len(values) == 1:
+            fixed[name] = values[0]
+        else:
             raise ConfigurationError(f'--fix {name}: give one value', 'wrong_type', name)
-        fixed[name] = values[0]
     plan = SweepPlan(
         robot, options.read_law(arguments), options.read_site(arguments),
         options.read_rules(arguments), arguments.design, arguments.cases, arguments.seed,

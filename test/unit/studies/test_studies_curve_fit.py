@@ -155,17 +155,16 @@ def test_a_written_curve_is_read_again(tmp_path, capsys):
             abs=curve.residual + 2e-4)
 
 
-@pytest.mark.parametrize('words, message', [
-    (['--out', 'x.txt'], '--out must end in .yaml'),
-    (['--out', 'x.yaml', '--speed', '0.2:1.2:3'], 'points must be at least 6'),
-    (['--out', 'x.yaml', '--speed', '0.2:0.1:21'], 'the last must be above the first'),
-    (['--out', 'x.yaml', '--speed', '0.2,0.4'], '--speed must be FIRST:LAST:COUNT'),
-    (['--out', 'x.yaml', '--samples', '1'], 'samples must be 0, or at least 2'),
-    (['--out', 'x.yaml', '--robot', 'shellball', '--samples', '8'],
-     '--samples 8: no parameter of shellball has a range'),
-    (['--out', 'x.yaml', '--angle-deg', '3'], '--angle-deg requires')])
-def test_a_curve_that_cannot_be_made_is_refused(capsys, tmp_path, monkeypatch, words, message):
+@pytest.mark.parametrize('words, reason, field', [
+    (['--out', 'x.txt'], 'not_a_choice', '--out'),
+    (['--out', 'x.yaml', '--speed', '0.2:1.2:3'], 'out_of_range', '--speed: COUNT'),
+    (['--out', 'x.yaml', '--speed', '0.2:0.1:21'], 'inconsistent', '--speed'),
+    (['--out', 'x.yaml', '--speed', '0.2,0.4'], 'wrong_type', '--speed'),
+    (['--out', 'x.yaml', '--samples', '1'], 'out_of_range', 'samples'),
+    (['--out', 'x.yaml', '--robot', 'shellball', '--samples', '8'], 'inconsistent', 'samples'),
+    (['--out', 'x.yaml', '--angle-deg', '3'], 'inconsistent', '--angle-deg')])
+def test_a_curve_that_cannot_be_made_is_refused(
+        refuses, tmp_path, monkeypatch, words, reason, field):
     monkeypatch.chdir(tmp_path)
-    assert main(['fit-curve', *words]) == 2
-    assert message in capsys.readouterr().err
+    refuses(reason, field, 'fit-curve', *words)
     assert list(tmp_path.iterdir()) == []
