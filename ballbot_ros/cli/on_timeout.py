@@ -77,7 +77,7 @@ def row(response: Any) -> str:
         'level' if scenario.slope == 0.0
         else f'{degrees} {"up" if scenario.slope > 0.0 else "down"}',
         scenario.policy,
-        *('{:.2f} m, {:.2f} m/s'.format(*(_plain(value) for value in response.after(time)))
+        *('{:.2f} m, {:.2f} m/s'.format(*(round(value, 2) + 0.0 for value in response.after(time)))
           for time in REPORT_TIMES),
         f'{math.degrees(response.largest_angle):.0f} degrees',
         f'not in {response.time[-1]:.0f} s' if hangs is None else f'after {hangs:.1f} s',
@@ -87,8 +87,3 @@ def row(response: Any) -> str:
 def line(cells: Iterable[str]) -> str:
     """Return a line of the table."""
     return f'| {" | ".join(f"{cell:<{width}}" for cell, width in zip(cells, WIDTHS))} |'
-
-
-def _plain(value: float) -> float:
-    """Return a number rounded for the table, without a sign before zero."""
-    return round(value, 2) + 0.0

@@ -147,18 +147,26 @@ def recorded_graph(out: Path, topics: Sequence[str], timeline: Timeline,
     with NodeProcesses(out / 'logs', domain) as processes:
         for name, parameters in nodes.items():
             processes.fork(name, parameters)
-        rclpy.init(domain_id=domain, signal_handler_options=SignalHandlerOptions.NO)
-        node, recorder, executor = Node('ballbot_demo'), Node('ballbot_recorder'), new_executor()
-        executor.add_node(node)
-        try:
-            with BagRecorder(out / 'bag', metadata) as bag:
-                for topic in topics:
-                    bag.subscribe(recorder, topic, partial(messages.add, topic)
-                                  if topic in messages.topics else None)
-                bag.record_in_thread()
-                yield RecordedGraph(node, executor, bag, processes, timeline, messages)
-        finally:
-            executor.remove_node(node)
-            node.destroy_node()
-            recorder.destroy_node()
-            rclpy.try_shutdown()
+        with recording('ballbot_demo', out, metadata, domain) as (node, executor, recorder, bag):
+            for topic in topics:
+                bag.subscribe(recorder, topic, partial(messages.add, topic)
+                              if topic in messages.topics else None)
+            bag.record_in_thread()
+            yield RecordedGraph(node, executor, bag, processes, timeline, messages)
+
+
+@contextmanager
+def recording(name: str, out: Path, metadata: Optional[Mapping[str, str]], domain: int
+              ) -> Iterator[Tuple[Node, Executor, Node, BagRecorder]]:
+    """Yield a node with its executor, and a recorder of a bag in a folder with another node."""
+    rclpy.init(domain_id=domain, signal_handler_options=SignalHandlerOptions.NO)
+    node, recorder, executor = Node(name), Node('ballbot_recorder'), new_executor()
+    executor.add_node(node)
+    try:
+        with BagRecorder(out / 'bag', metadata) as bag:
+            yield node, executor, recorder, bag
+    finally:
+        executor.remove_node(node)
+        node.destroy_node()
+        recorder.destroy_node()
+        rclpy.try_shutdown()

@@ -5,17 +5,13 @@ from pathlib import Path
 import time
 from typing import Any, Callable, Dict, List, Mapping
 
-import rclpy
-from rclpy.node import Node
-from rclpy.signals import SignalHandlerOptions
 from std_srvs.srv import Trigger
 
-from ballbot_ros.bags.writer import BagRecorder
 from ballbot_ros.demo.demo import ending_by_signal, RESET_PERIOD
 from ballbot_ros.demo.processes import NodeProcesses, own_domain
+from ballbot_ros.demo.recorded_graph import recording
 from ballbot_ros.errors import RefusedError
 from ballbot_ros.ros import discovery
-from ballbot_ros.ros.rclpy_compat import new_executor
 from ballbot_ros.srv import Step
 
 # Longest wall time of a spin [s].
@@ -69,51 +65,42 @@ def run_lockstep(folder: Path, nodes: Mapping[str, Mapping[str, Any]], periods: 
     domain, logs = own_domain(), folder / 'logs'
     logs.mkdir(parents=True, exist_ok=True)
     discovery.apply(os.environ)
-    rclpy.init(domain_id=domain, signal_handler_options=SignalHandlerOptions.NO)
-    node, recorder = Node('ballbot_experiment'), Node('ballbot_recorder')
-    executor = new_executor()
-    executor.add_node(node)
     topics, last = topics_of(nodes), last_stamps(nodes['simulator'], periods)
     deadline = time.monotonic() + timeout
-    try:
-        with ending_by_signal(), BagRecorder(folder / 'bag', metadata) as bag, \
-                NodeProcesses(logs, domain) as processes:
-            def wait(condition: Callable[[], object]) -> None:
-                while not condition():
-                    executor.spin_once(timeout_sec=SPIN_TIME)
-                    if bag.failure is not None:
-                        raise RefusedError(
-                            f'the bag cannot be written: {bag.failure}', 'not_writable', 'bag')
-                    ended = processes.ended()
-                    if ended is not None:
-                        raise RefusedError(f'node {ended[0]} ended with code {ended[1]}; see '
-                                           f'{processes.log(ended[0])}', 'failed', ended[0])
-                    if time.monotonic() > deadline:
-                        raise RefusedError(
-                            f'not finished within {timeout:g} s; on a slow machine increase '
-                            f'--timeout; else see {logs}', 'timeout', '--timeout')
+    with ending_by_signal(), \
+            recording('ballbot_experiment', folder, metadata, domain) as (
+                node, executor, recorder, bag), NodeProcesses(logs, domain) as processes:
+        def wait(condition: Callable[[], object]) -> None:
+            while not condition():
+                executor.spin_once(timeout_sec=SPIN_TIME)
+                if bag.failure is not None:
+                    raise RefusedError(
+                        f'the bag cannot be written: {bag.failure}', 'not_writable', 'bag')
+                ended = processes.ended()
+                if ended is not None:
+                    raise RefusedError(f'node {ended[0]} ended with code {ended[1]}; see '
+                                       f'{processes.log(ended[0])}', 'failed', ended[0])
+                if time.monotonic() > deadline:
+                    raise RefusedError(
+                        f'not finished within {timeout:g} s; on a slow machine increase '
+                        f'--timeout; else see {logs}', 'timeout', '--timeout')
 
-            for topic in topics:
-                bag.subscribe(recorder, topic)
-            bag.record_in_thread()
-            for name, parameters in nodes.items():
-                processes.start(name, parameters)
-            reset = node.create_client(Trigger, 'simulator/reset')
-            step = node.create_client(Step, 'simulator/step')
-            wait(lambda: reset.service_is_ready() and step.service_is_ready())
-            while not set(topics) <= bag.recorded.keys():
-                reset.call_async(Trigger.Request())
-                again = time.monotonic() + RESET_PERIOD
-                wait(lambda: time.monotonic() > again)
-            run = step.call_async(Step.Request(periods=periods))
-            wait(run.done)
-            if not run.result().success:
-                raise RefusedError(f'the simulation was refused: {run.result().message}',
-                                   'failed', 'simulator')
-            wait(lambda: bag.reached({
-                topic: last.get(topic, last['joint_states']) for topic in topics}))
-    finally:
-        executor.remove_node(node)
-        node.destroy_node()
-        recorder.destroy_node()
-        rclpy.try_shutdown()
+        for topic in topics:
+            bag.subscribe(recorder, topic)
+        bag.record_in_thread()
+        for name, parameters in nodes.items():
+            processes.start(name, parameters)
+        reset = node.create_client(Trigger, 'simulator/reset')
+        step = node.create_client(Step, 'simulator/step')
+        wait(lambda: reset.service_is_ready() and step.service_is_ready())
+        while not set(topics) <= bag.recorded.keys():
+            reset.call_async(Trigger.Request())
+            again = time.monotonic() + RESET_PERIOD
+            wait(lambda: time.monotonic() > again)
+        run = step.call_async(Step.Request(periods=periods))
+        wait(run.done)
+        if not run.result().success:
+            raise RefusedError(f'the simulation was refused: {run.result().message}',
+                               'failed', 'simulator')
+        wait(lambda: bag.reached({
+            topic: last.get(topic, last['joint_states']) for topic in topics}))

@@ -79,7 +79,8 @@ class Settings(Checked):
         super().__post_init__()
         for item in _from_files(type(self)):
             if getattr(self, item.name) is None:
-                object.__setattr__(self, item.name, self._read(item))
+                object.__setattr__(self, item.name, item.metadata['load'](
+                    getattr(self, item.metadata['source'])))
 
     @classmethod
     def described(cls) -> Dict[str, Described]:
@@ -142,9 +143,6 @@ class Settings(Checked):
                 base = item.metadata['load'](own[source])
             numbers[item.name] = replace(base, **parts.get(item.name, {}))
         return replace(self, **own, **numbers)
-
-    def _read(self, item: 'Field[Any]') -> Any:
-        return item.metadata['load'](getattr(self, item.metadata['source']))
 
 
 def _from_files(cls: Type[Settings]) -> list['Field[Any]']:

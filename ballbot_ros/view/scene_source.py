@@ -165,13 +165,9 @@ class SceneSource(Source):
                         self._set_reset(True)
                         self._resumed = True
                 else:
-                    self._go_on(self._periods())
+                    self._go_on(max(1, round(self._speed / FRAME_RATE / self._run.period)))
                     self._speedometer.note(self._run.state.time, monotonic())
                     wait = origin + (self._run.state.time - begin) / self._speed - monotonic()
-
-    def _periods(self) -> int:
-        """Return the number of periods per frame at the present speed."""
-        return max(1, round(self._speed / FRAME_RATE / self._run.period))
 
     def _go_on(self, periods: int) -> None:
         """Simulate a frame; a run that cannot continue is paused."""

@@ -8,14 +8,14 @@ from pathlib import Path
 import tempfile
 
 from ballbot_ros.bridge.condition import Battery
+from ballbot_ros.bridge.drive_line import SharedLine
 from ballbot_ros.bridge.hardware_file import load_hardware, SteeringAxis
 from ballbot_ros.bridge.session import Session
 from ballbot_ros.control import load_tuning, PendulumController, SupervisedController, Supervision
 from ballbot_ros.drives import device_class, driver_class, open_driver
 from ballbot_ros.drives.emulated_device import DriveSettings, Sensed
 from ballbot_ros.drives.memory_line import MemoryLine
-from ballbot_ros.drives.shared_line import SharedLine
-from ballbot_ros.emulator.bus import BusOfTwo, new_device
+from ballbot_ros.emulator.emulator import BusOfTwo, new_device
 from ballbot_ros.errors import MessageError
 from ballbot_ros.estimation import ImuReading
 from ballbot_ros.physics import load_robot
