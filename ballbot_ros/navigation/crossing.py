@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Set-points of the commands of a navigator; the obstacle decision drives the crossings."""
-from typing import Callable, Iterable, Optional, Union
+from typing import Iterable, Optional
 
 from ballbot_ros.control import Mode, SetPoint
-from ballbot_ros.decision import (
-    CrossGoal, Decider, Ending, Knowledge, Motion, Observation, Planner)
+from ballbot_ros.decision import CrossGoal, Decider, Ending, Knowledge, Motion, Observation
 from ballbot_ros.navigation.execution import Command, CommandKind, CrossingReport
 
 
@@ -18,14 +17,11 @@ class CrossingDriver:
     Parameters
     ----------
     knowledge : Knowledge
-    planner : str or callable
-        See `Decider`.
 
     """
 
-    def __init__(self, knowledge: Knowledge,
-                 planner: Union[str, Callable[[Knowledge], Planner]] = 'rollout'):
-        self.decider = Decider(knowledge, planner)
+    def __init__(self, knowledge: Knowledge):
+        self.decider = Decider(knowledge, 'rollout')
         self._goal: Optional[CrossGoal] = None
         self._touched = False
         self._report: Optional[CrossingReport] = None

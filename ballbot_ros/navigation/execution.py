@@ -476,7 +476,7 @@ class Navigator:
 
     def _measured(self, learned: Learned, number: int, height: float) -> Learned:
         """Return learned data with a measured rise of a feature that is higher than planned."""
-        known = self.planner.learned.height(number, self.planner.floor.features[number])
+        known = self.planner.features[number].height
         # An area below its surroundings has a negative height, and an edge that rises outwards.
         return learned.with_height(number, math.copysign(height, known)) \
             if height > abs(known) + HIGHER else learned
@@ -509,7 +509,7 @@ class Navigator:
             report = CrossingReport(False, f'it took more than {CROSSING_TIMEOUT:g} s')
         if report is not None:
             learned = state.learned
-            known = self.planner.learned.height(segment.number, segment.feature)
+            known = self.planner.features[segment.number].height
             if math.isfinite(report.height):
                 learned = learned.with_height(
                     segment.number, math.copysign(report.height, known))

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Tuple
 
 from ballbot_ros.errors import ConfigurationError
-from ballbot_ros.floors.floor import Feature, Point
+from ballbot_ros.floors.floor import Point
 
 # Attempts whose weight the predicted probability of a crossing has, beside learned outcomes.
 PRIOR_ATTEMPTS = 5.0
@@ -35,15 +35,6 @@ class Learned:
     heights: Tuple[Tuple[int, float], ...] = ()
     obstacles: Tuple[Point, ...] = ()
     outcomes: Tuple[Tuple[int, int, float, bool, int], ...] = ()
-
-    def height(self, number: int, feature: Feature) -> float:
-        """Return the height of a feature of the floor [m]."""
-        return dict(self.heights).get(number, feature.height)
-
-    def corrected(self, number: int, feature: Feature) -> Feature:
-        """Return a feature with its learned height."""
-        height = self.height(number, feature)
-        return feature if height == feature.height else replace(feature, height=height)
 
     def probability(self, number: int, sign: int, run_up: float, predicted: float) -> float:
         """

@@ -158,6 +158,8 @@ class RoutePlanner:
     floor : Floor
     learned : Learned
         On which it plans, see `learn`.
+    features : list of Feature
+        Those of the floor with their learned heights.
     ball_radius : float
         [m]
     drop_distance : float
@@ -205,14 +207,15 @@ class RoutePlanner:
 
         """
         self.learned = learned
-        self._features = [learned.corrected(number, feature)
-                          for number, feature in enumerate(self.floor.features)]
         measured = dict(learned.heights)
+        self.features = [
+            replace(feature, height=measured[number]) if number in measured else feature
+            for number, feature in enumerate(self.floor.features)]
         # As crossings are planned.
         self._assumed = [
             replace(feature, height=math.copysign(LOWEST, feature.height))
             if explore and feature.height_sd > 0.0 and number not in measured else feature
-            for number, feature in enumerate(self._features)]
+            for number, feature in enumerate(self.features)]
         # Up to the distance that routes prefer.
         self._clear = self._map_clear.copy()
         for point in learned.obstacles:
@@ -223,7 +226,7 @@ class RoutePlanner:
         # Per feature: distance that the centre keeps [m], and cells that it must not enter.
         self._keep: List[float] = []
         self._near: List[NDArray[np.bool_]] = []
-        for feature in self._features:
+        for feature in self.features:
             keep = CLEARANCE
             if feature.kind in ('drop', 'stairs'):
                 keep = self.drop_distance
@@ -242,12 +245,12 @@ class RoutePlanner:
             self._near.append(near)
         # Cells that no crossing opens.
         self._fixed = np.logical_or.reduce([self._walls] + [
-            near for near, feature in zip(self._near, self._features)
+            near for near, feature in zip(self._near, self.features)
             if feature.kind in BARRED])
         self._blocked = np.logical_or.reduce([self._fixed, *self._near])
         self._limits: Dict[Tuple[int, int], _Limit] = {}
         self._offered = sorted((
-            arc for number in range(len(self._features)) for arc in self._crossings(number)),
+            arc for number in range(len(self.features)) for arc in self._crossings(number)),
             key=lambda arc: arc.start)
         self._capability.keep()
         self._lay_graph()
@@ -306,7 +309,7 @@ class RoutePlanner:
 
     def _crossings(self, number: int) -> List[_Arc]:
         """Return the crossings of a feature, in both directions."""
-        feature = self._features[number]
+        feature = self.features[number]
         if feature.kind in ('friction', *BARRED):
             return []
         found = []
@@ -494,7 +497,7 @@ class RoutePlanner:
         """
         self._check_walls(point, what, self.ball_radius + CLEARANCE)
         where, node = f'{what} ({point[0]:g}, {point[1]:g}) m', self._node(point)
-        for near, feature in zip(self._near, self._features):
+        for near, feature in zip(self._near, self.features):
             if near.flat[node]:
                 raise RefusedError(f'{where} is too close to the {feature.label}; choose a place '
                                    'farther from it', 'feature', what)
@@ -615,7 +618,7 @@ class RoutePlanner:
     def _starts(self, start: Sequence[float]) -> Tuple[NDArray[np.int64], NDArray[np.float64]]:
         """Return the possible start states of a route, and the cost of reaching them [s]."""
         self._check_walls(start, 'start', self.ball_radius - INACCURATE)
-        for feature in self._features:
+        for feature in self.features:
             on = self.ball_radius if feature.kind in ('drop', 'stairs') else 0.0 \
                 if feature.kind in ('friction', *BARRED) else touch_distance(
                     self.ball_radius, abs(feature.height)) - INACCURATE
@@ -663,7 +666,7 @@ class RoutePlanner:
         clear = self._clear.flat[[self._node(at) for at in zip(xs, ys)]]
         if clear.min() < min(self.ball_radius, clear[0]):
             return False
-        for keep, feature in zip(self._keep, self._features):
+        for keep, feature in zip(self._keep, self.features):
             if feature.kind in ('drop', 'stairs'):
                 away = np.min([distance_to_segment(xs, ys, *segment)
                                for segment in feature.segments], axis=0)
@@ -749,7 +752,7 @@ class RoutePlanner:
 
     def _described(self, number: int) -> str:
         """Return the name of a feature with its height."""
-        feature = self._features[number]
+        feature = self.features[number]
         return f'the {feature.label} of {1e3 * feature.height:.0f} mm' if feature.name \
             else f'the {feature.label}'
 

@@ -66,8 +66,6 @@ class FloorLoop:
         [m], [rad]
     errors : Errors
     seed : int
-    planner : str or callable
-        Of the obstacle decision.
 
     Attributes
     ----------
@@ -78,13 +76,12 @@ class FloorLoop:
     """
 
     def __init__(self, navigator: Navigator, knowledge: Knowledge, robot: Robot, floor: Floor,
-                 pose: Tuple[float, float, float], errors: Errors = Errors(), seed: int = 0,
-                 planner: str = 'rollout'):
+                 pose: Tuple[float, float, float], errors: Errors = Errors(), seed: int = 0):
         self._navigator, self._nominal = navigator, knowledge.robot
         self.plant = FloorPlant(robot, floor, pose, CONTROL_RATE,
                                 solver=Solver('adaptive', tolerance=1e-7))
         self._controller = PendulumController(knowledge.robot, knowledge.control)
-        self._crossing = CrossingDriver(knowledge, planner)
+        self._crossing = CrossingDriver(knowledge)
         self._floor, self._errors, self._seed = floor, errors, seed
         self._random = np.random.default_rng([seed, 7])
         self._drift = np.array([errors.place_sd, errors.place_sd, errors.heading_sd]) \
