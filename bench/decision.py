@@ -7,9 +7,9 @@ from time import process_time
 import numpy as np
 
 from ballbot_ros.decision import Face, Knowledge, load_curve, load_decision_tuning, Motion, Profile
-from ballbot_ros.decision.planning.rollout.ahead import look_ahead
+from ballbot_ros.decision.planning.ahead import Candidate, look_ahead
 from ballbot_ros.decision.planning.rollout.planner import RolloutPlanner
-from ballbot_ros.decision.planning.rollout.search import Candidate
+from ballbot_ros.decision.planning.rollout.search import plan_row
 from ballbot_ros.decision.planning.rollout.worlds import Worlds
 from ballbot_ros.decision.planning.situation import Situation
 from ballbot_ros.decision.values import Strategy
@@ -30,7 +30,7 @@ def attempts(height, speed, swing, count=400):
     ahead = look_ahead(Profile(0.0, (face,)), (face,), -1.4, 0.0, 0.003, GIMBALL.ball_radius,
                        TUNING.unseen_room)
     worlds.see(ahead)
-    row, draws = Candidate(Strategy.SWING, speed, swing, 1.5).row(ahead), worlds.first(count)
+    row, draws = plan_row(Candidate(Strategy.SWING, speed, swing, 1.5), ahead), worlds.first(count)
     spent = []
     for _ in range(6):
         begin = process_time()

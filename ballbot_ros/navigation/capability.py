@@ -19,7 +19,7 @@ from typing import Dict, List, NamedTuple, Optional, Sequence, Tuple
 import numpy as np
 
 from ballbot_ros.decision import Face, Knowledge, Profile
-from ballbot_ros.decision.planning.rollout.ahead import GROUND_EXTENSION, look_ahead
+from ballbot_ros.decision.planning.ahead import GROUND_EXTENSION, look_ahead
 from ballbot_ros.decision.planning.rollout.search import candidates, search, Task, Trial
 from ballbot_ros.decision.planning.rollout.worlds import Worlds
 

@@ -11,10 +11,9 @@ they are not crossed.
 import math
 from typing import NamedTuple, Optional
 
+from ballbot_ros.decision.planning.ahead import Ahead, Candidate, End
 from ballbot_ros.decision.planning.curve import HeightCurve
 from ballbot_ros.decision.planning.face_planner import Choice, FacePlanner, Selector
-from ballbot_ros.decision.planning.rollout.ahead import Ahead, End
-from ballbot_ros.decision.planning.rollout.search import Candidate
 from ballbot_ros.decision.planning.situation import Knowledge, Situation
 from ballbot_ros.decision.planning.stop_line import StopLines
 from ballbot_ros.decision.tuning import DecisionTuning

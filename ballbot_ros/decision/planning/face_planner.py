@@ -11,11 +11,9 @@ from dataclasses import dataclass, replace
 import math
 from typing import List, NamedTuple, Optional
 
-from ballbot_ros.decision.planning.rollout.ahead import (
-    Ahead, FACE_SEPARATION, faces_ahead, HIGHEST_DESCENT, look_ahead, touch_distance_on)
-from ballbot_ros.decision.planning.rollout.rollout import BRAKING_DISTANCE
-from ballbot_ros.decision.planning.rollout.search import Candidate
-from ballbot_ros.decision.planning.rollout.worlds import Tally
+from ballbot_ros.decision.planning.ahead import (
+    Ahead, BRAKING_DISTANCE, Candidate, FACE_SEPARATION, faces_ahead, HIGHEST_DESCENT, look_ahead,
+    touch_distance_on)
 from ballbot_ros.decision.planning.safety_filter import past_braking, stop
 from ballbot_ros.decision.planning.situation import Knowledge, Situation
 from ballbot_ros.decision.planning.stop_line import StopLines
@@ -45,8 +43,6 @@ class Choice:
         Reason of the selection or rejection.
     outlook : Outlook
         Of the selected plan, or of the best rejected one.
-    tally : Tally
-        Rollouts on which the outlook is based, if any.
     required_speed, reachable_speed : float
         See `Decision` [m/s].
 
@@ -55,7 +51,6 @@ class Choice:
     candidate: Optional[Candidate]
     reason: Reason
     outlook: Outlook = Outlook()
-    tally: Tally = Tally()
     required_speed: float = math.nan
     reachable_speed: float = math.nan
 

@@ -17,7 +17,7 @@ from ballbot_ros.decision.perception.ground_profile import (
 from ballbot_ros.decision.planning.braking import Braking
 from ballbot_ros.decision.planning.situation import Knowledge, Situation
 from ballbot_ros.decision.values import (
-    Decision, Face, Kind, Motion, Plan, Profile, Reason, Strategy)
+    Decision, Face, Kind, Plan, Profile, Reason, Strategy)
 
 # Between the centre at the line and a touch, an edge, or the end of the observed terrain [m].
 LINE_MARGIN = 0.03
@@ -108,11 +108,6 @@ class StopLines:
         """Return whether the line before a face is nearer than that of a `steep` decision."""
         return steep.distance > 0.0 and \
             self.before_face(face).position - position <= steep.distance - LINE_MARGIN
-
-    def braking_room(self, step: Face, motion: Motion, slope: float) -> float:
-        """Return the distance to the last point where braking avoids a touch or fall [m]."""
-        return (step.position - motion.position - touch_distance(self._radius, step.height)
-                - self.braking.distance(motion.speed, slope, emergency=True))
 
     def cruise(self, situation: Situation) -> Decision:
         """Return CLEAR at the speed of which the ball can be stopped before the line."""

@@ -11,11 +11,11 @@ from ballbot_ros.control.speed_law import speed_law_start
 from ballbot_ros.crossing.rules import CLEARANCE
 from ballbot_ros.decision import Face, Knowledge, load_curve, load_decision_tuning, Profile
 from ballbot_ros.decision.execution.pilot_law import pilot_step
-from ballbot_ros.decision.planning.rollout.ahead import look_ahead
+from ballbot_ros.decision.planning.ahead import Candidate, look_ahead
 from ballbot_ros.decision.planning.rollout.rollout import (
     CORNER_FRICTION, DRAW, Drive, EDGE, FALLS, fill_ground, FLOOR_FRICTION, HEIGHT, OVER, REST,
     ROBOT, roll, Rolling, SPEED, STUCK, SWING_ANGLE, SWING_AT, TOUCH_ANGLE, TOUCH_SPEED, VERDICT)
-from ballbot_ros.decision.planning.rollout.search import Candidate
+from ballbot_ros.decision.planning.rollout.search import plan_row
 from ballbot_ros.decision.planning.rollout.worlds import Worlds
 from ballbot_ros.decision.values import Strategy
 from ballbot_ros.physics.model.actuation import Actuation, limited, position_torque
@@ -50,7 +50,7 @@ def ahead_of(position, *faces, slope=0.0, points=()):
 def rolled_out(robot, height, position, speed, candidate):
     """Return verdict, speed and pendulum angle at touch, by the kernel."""
     ahead = ahead_of(position, Face(1, 0.0, height, 0.0, 0.0))
-    row = candidate.row(ahead)
+    row = plan_row(candidate, ahead)
     result = WORLDS.attempt(
         (position, speed, 0.0, 0.0), [row], world(robot), ahead)[0, 0]
     return row, result
@@ -163,7 +163,7 @@ def test_a_drop_too_near_behind_the_edge_is_a_fall():
     for room in (0.25, 2.5):
         ahead = ahead_of(-1.2, Face(1, 0.0, 0.02, 0.0, 0.0), Face(2, room, -0.1, 0.0, 0.0))
         results.append(WORLDS.attempt(
-            (-1.2, 0.4, 0.0, 0.0), [gentle.row(ahead)], world(GIMBALL), ahead)[0, 0])
+            (-1.2, 0.4, 0.0, 0.0), [plan_row(gentle, ahead)], world(GIMBALL), ahead)[0, 0])
     assert [result[VERDICT] for result in results] == [FALLS, OVER]
     assert 0.2 < results[1][REST] < 2.0
 
@@ -174,13 +174,14 @@ def test_two_edges_are_carried_through():
     start, robot = (-1.4, 0.4, 0.0, 0.0), world(GIMBALL)
     carry = Candidate(Strategy.CARRY, 0.8, 0.2, 1.5, faces=2)
     weak = Candidate(Strategy.CARRY, 0.4, faces=2)
-    verdicts = WORLDS.attempt(start, [carry.row(ahead), weak.row(ahead)], robot, ahead)[:, 0, 0]
+    rows = [plan_row(carry, ahead), plan_row(weak, ahead)]
+    verdicts = WORLDS.attempt(start, rows, robot, ahead)[:, 0, 0]
     assert verdicts.tolist() == [OVER, STUCK]
 
 
 def test_unevenness_behind_the_edge_is_rolled_over_and_no_fall():
     points = ((-4.0, 0.0), (0.0, 0.0), (0.0, 0.012), (0.2, 0.012), (0.201, 0.0165), (3.0, 0.0165))
     ahead = ahead_of(-1.2, Face(1, 0.0, 0.012, 0.0, 0.0), points=points)
-    plan = Candidate(Strategy.SWING, 0.5, 0.2, 1.5).row(ahead)
+    plan = plan_row(Candidate(Strategy.SWING, 0.5, 0.2, 1.5), ahead)
     result = WORLDS.attempt((-1.2, 0.4, 0.0, 0.0), [plan], world(GIMBALL), ahead)[0, 0]
     assert len(ahead.shape) > 4 and result[VERDICT] == OVER and result[REST] > 0.2

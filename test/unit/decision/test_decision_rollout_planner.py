@@ -9,7 +9,7 @@ import pytest
 from ballbot_ros.crossing.rules import touch_distance
 from ballbot_ros.decision import (
     Face, Kind, Knowledge, load_curve, load_decision_tuning, Motion, Profile, Reason)
-from ballbot_ros.decision.planning.rollout.ahead import faces_ahead, look_ahead
+from ballbot_ros.decision.planning.ahead import faces_ahead, look_ahead
 from ballbot_ros.decision.planning.rollout.planner import RolloutPlanner
 from ballbot_ros.decision.planning.situation import Situation
 from ballbot_ros.decision.planning.stop_line import StopLines

@@ -12,14 +12,14 @@ not time, so that a run is reproducible bit by bit.
 """
 from dataclasses import replace
 import math
-from typing import Generator, List, Optional, Sequence, Tuple
+from typing import Generator, List, NamedTuple, Optional, Sequence, Tuple
 
+from ballbot_ros.decision.planning.ahead import Ahead, Candidate
 from ballbot_ros.decision.planning.face_planner import Choice, FacePlanner, Selector
-from ballbot_ros.decision.planning.rollout.ahead import Ahead
 from ballbot_ros.decision.planning.rollout.rollout import TOUCH_SPEED
 from ballbot_ros.decision.planning.rollout.search import (
-    Candidate, candidates, confirm, from_farther_back, good, height_limit, search, Task,
-    Trial, why_not)
+    candidates, confirm, from_farther_back, good, height_limit, plan_row, search, Task, Trial,
+    why_not)
 from ballbot_ros.decision.planning.rollout.worlds import Tally, Worlds
 from ballbot_ros.decision.planning.situation import Knowledge, Situation
 from ballbot_ros.decision.tuning import DecisionTuning
@@ -31,7 +31,15 @@ HYPOTHETICAL_RUN_UP = 2.5
 # After a failure, a plan must touch faster by this [m/s] or swing further by this [rad].
 FASTER, FURTHER = 0.04, 0.3
 
-Deliberation = Generator[Optional[Choice], None, Choice]
+
+class Found(NamedTuple):
+    """A choice, and the rollouts of its plan."""
+
+    choice: Choice
+    tally: Tally
+
+
+Deliberation = Generator[Optional[Found], None, Found]
 
 
 def deliberate(task: Task, tuning: DecisionTuning, room_behind: float,
@@ -61,7 +69,7 @@ def deliberate(task: Task, tuning: DecisionTuning, room_behind: float,
         trial = Trial(kept)
         yield from confirm(trial, task, KEPT_PLAN_ROLLOUTS)
         if good(trial.many, task.required):
-            return _choice(kept, Reason.LIKELY, trial.many)
+            return _found(kept, Reason.LIKELY, trial.many)
     trials: List[Trial] = []
     here = candidates(task.ahead, position, speed, tuning)
     chosen = yield from search(_promising(here, failures), task, trials)
@@ -70,8 +78,8 @@ def deliberate(task: Task, tuning: DecisionTuning, room_behind: float,
         if chosen is not None:
             yield from confirm(chosen, replace(task, required=0.0), KEPT_PLAN_ROLLOUTS)
             if chosen.many.probability > task.braking(KEPT_PLAN_ROLLOUTS):
-                return _choice(chosen.candidate, Reason.COMMITTED, chosen.many,
-                               why_not(trials, chosen))
+                return _found(chosen.candidate, Reason.COMMITTED, chosen.many,
+                              why_not(trials, chosen))
             chosen = None
     if chosen is None and room_behind > 0.1:
         back = from_farther_back(task.ahead, position, room_behind, tuning)
@@ -81,20 +89,20 @@ def deliberate(task: Task, tuning: DecisionTuning, room_behind: float,
         trials += farther
     others = why_not(trials, chosen)
     if chosen is not None:
-        choice = _choice(chosen.candidate, Reason.LIKELY, chosen.many, others)
-        yield choice
+        found = _found(chosen.candidate, Reason.LIKELY, chosen.many, others)
+        yield found
         limit = yield from height_limit(chosen, task)
-        choice.outlook = replace(choice.outlook, height_limit=limit)
-        return choice
+        found.choice.outlook = replace(found.choice.outlook, height_limit=limit)
+        return found
     best = _best(trials)
     tally = Tally() if best is None else best.many if best.many.attempts else best.few
     reason = yield from _reason(task, trials, tuning, failures)
-    return _choice(None, reason, tally, others)
+    return _found(None, reason, tally, others)
 
 
-def _choice(candidate: Optional[Candidate], reason: Reason, tally: Tally,
-            others: Tuple[str, ...] = ()) -> Choice:
-    return Choice(candidate, reason, replace(tally.outlook, others=others), tally)
+def _found(candidate: Optional[Candidate], reason: Reason, tally: Tally,
+           others: Tuple[str, ...] = ()) -> Found:
+    return Found(Choice(candidate, reason, replace(tally.outlook, others=others)), tally)
 
 
 def _best(trials: Sequence[Trial]) -> Optional[Trial]:
@@ -131,7 +139,7 @@ def _reason(task: Task, trials: Sequence[Trial], tuning: DecisionTuning,
         return Reason.LANDING
     far = from_farther_back(task.ahead, task.ahead.touch - 0.01, HYPOTHETICAL_RUN_UP, tuning,
                             (1.2, HYPOTHETICAL_RUN_UP))
-    rows = [item.row(task.ahead) for item in _promising(far, failures)]
+    rows = [plan_row(item, task.ahead) for item in _promising(far, failures)]
     if not rows:
         return Reason.FAILED_BEFORE if failures else Reason.TOO_HIGH
     results = task.worlds.attempt(task.start, rows, task.worlds.middle(), task.ahead)[:, 0]
@@ -169,7 +177,7 @@ class PlanSelector(Selector):
         super().forget()
         self._deliberation: Optional[Deliberation] = None
         self._task: Optional[Task] = None
-        self._answers = 0
+        self._tally, self._answers = Tally(), 0
 
     def update(self, ahead: Ahead, situation: Situation, braking_room: float) -> None:
         """Continue the search, or re-evaluate the plan, within the budget of one decision."""
@@ -197,19 +205,20 @@ class PlanSelector(Selector):
             while self.worlds.attempts - spent < ROLLOUTS_PER_DECISION:
                 found = next(self._deliberation)
                 if found is not None:
-                    self._adopt(found)
+                    self._take(found)
         except StopIteration as end:
-            self._adopt(end.value)
+            self._take(end.value)
             self._deliberation = None
 
-    def _adopt(self, choice: Choice) -> None:
-        before = self.choice
+    def _take(self, found: Found) -> None:
+        """Adopt the result of a search."""
+        before, choice = self.choice, found.choice
         if before is not None and before.candidate == choice.candidate \
                 and not choice.outlook.others:
             choice.outlook = replace(choice.outlook, others=before.outlook.others,
                                      height_limit=before.outlook.height_limit)
-        super()._adopt(choice)
-        self._answers = 0
+        self._adopt(choice)
+        self._tally, self._answers = found.tally, 0
 
     def _reevaluate(self, task: Task, braking_room: float) -> None:
         """Re-evaluate the plan periodically with a few rollouts."""
@@ -219,10 +228,10 @@ class PlanSelector(Selector):
         every = EVERY if braking_room > 0.0 else 4 * EVERY
         if choice is None or choice.candidate is None or self._answers % every:
             return
-        choice.tally += task.tally(Trial(choice.candidate), task.worlds.take(ATTEMPTS))
-        choice.outlook = replace(choice.tally.outlook, others=choice.outlook.others,
+        self._tally += task.tally(Trial(choice.candidate), task.worlds.take(ATTEMPTS))
+        choice.outlook = replace(self._tally.outlook, others=choice.outlook.others,
                                  height_limit=choice.outlook.height_limit)
-        if braking_room > 0.0 and not good(choice.tally, task.required - self._hysteresis):
+        if braking_room > 0.0 and not good(self._tally, task.required - self._hysteresis):
             self.basis = None
 
 

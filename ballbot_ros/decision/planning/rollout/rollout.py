@@ -23,6 +23,7 @@ from ballbot_ros.control.rolling_model import rolling_loads, RollingNumbers
 from ballbot_ros.control.speed_law import Numbers, speed_law_start, SpeedState
 from ballbot_ros.crossing.rules import CLEARANCE
 from ballbot_ros.decision.execution.pilot_law import pilot_step, PlainOrder
+from ballbot_ros.decision.planning.ahead import BRAKING_DISTANCE, FACES
 from ballbot_ros.decision.values import REST_SPEED_MAX
 from ballbot_ros.jit import compiled, outlined, unlocked
 from ballbot_ros.physics.mechanics.contact import (
@@ -49,17 +50,13 @@ EDGE_AT = 5       # number of the vertex of the ground behind which the ball is 
 NEXT_AT = 6       # and of the foot of the next face, which it must not touch; the last for none
 PLAN = 7
 
-# An obstacle nearer than this behind the last edge requires braking immediately [m].
-BRAKING_DISTANCE = 1.5
-
 # Columns of a draw. The first are the robot, in the order of `Parameters`.
 ROBOT = len(Parameters._fields)
 FLOOR_FRICTION = ROBOT  # coefficients of friction
 CORNER_FRICTION = ROBOT + 1
 SLOPE = ROBOT + 2      # added to the slope of the ground ahead [rad]
-HEIGHT = ROBOT + 3     # deviations of the heights of the first faces [m], ...
-FACES = 4              # ... number of faces
-PLACE = HEIGHT + FACES  # and deviations of their positions [m]
+HEIGHT = ROBOT + 3     # deviations of the heights of the first faces [m]
+PLACE = HEIGHT + FACES  # and of their positions [m]
 DRAW = PLACE + FACES
 
 # Columns of a result.

@@ -21,7 +21,7 @@ from typing import Generator, List, Optional, Sequence, Tuple
 
 import numpy as np
 
-from ballbot_ros.decision.planning.rollout.ahead import Ahead, End
+from ballbot_ros.decision.planning.ahead import Ahead, Candidate
 from ballbot_ros.decision.planning.rollout.rollout import (
     EDGE, EDGE_AT, FALLS, NEXT_AT, OVER, PASSED_SPEED, PLAN, SPEED, START, Start, SWING_ANGLE,
     SWING_AT, TOUCH_SPEED, VERDICT)
@@ -39,57 +39,17 @@ SPEED_GAIN_MIN = 0.05
 LEAN_ACCELERATION, SWING_GAIN_MAX = 0.75, 0.15
 
 
-@dataclass(frozen=True)
-class Candidate:
-    """
-    A plan relative to the faces, so that it follows updates of their positions.
-
-    Attributes
-    ----------
-    strategy : Strategy
-    speed : float
-        Of the approach [m/s].
-    swing : float
-        Distance before the touch at which the pendulum swings [m]; -inf for never.
-    angle : float
-        Swing angle [rad].
-    faces : int
-        Number of faces that it crosses.
-    back : float
-        Distance before the touch at which it starts from rest [m]; 0 for the present position.
-
-    """
-
-    strategy: Strategy
-    speed: float
-    swing: float = -math.inf
-    angle: float = 0.0
-    faces: int = 1
-    back: float = 0.0
-
-    @property
-    def urgency(self) -> float:
-        """Return the approximate touch speed, to sort candidates by it [m/s]."""
-        return math.sqrt(self.speed**2 + 2.0 * LEAN_ACCELERATION * max(self.swing, 0.0))
-
-    def row(self, ahead: Ahead) -> Array:
-        """Return the plan as rollouts read it, (PLAN,)."""
-        row = np.zeros(PLAN)
-        end = self.end(ahead)
-        row[SPEED] = self.speed
-        row[SWING_AT] = ahead.touch - self.swing
-        row[SWING_ANGLE] = self.angle
-        row[START] = ahead.touch - self.back if self.back > 0.0 else math.inf
-        row[EDGE] = end.passed
-        row[EDGE_AT], row[NEXT_AT] = end.vertex, end.following
-        return row
-
-    def end(self, ahead: Ahead) -> End:
-        """Return its end: the face that it was planned for, or the last remaining one."""
-        for end in ahead.ends:
-            if end.faces >= self.faces:
-                return end
-        return ahead.ends[-1]
+def plan_row(candidate: Candidate, ahead: Ahead) -> Array:
+    """Return a plan as rollouts read it, (PLAN,)."""
+    row = np.zeros(PLAN)
+    end = candidate.end(ahead)
+    row[SPEED] = candidate.speed
+    row[SWING_AT] = ahead.touch - candidate.swing
+    row[SWING_ANGLE] = candidate.angle
+    row[START] = ahead.touch - candidate.back if candidate.back > 0.0 else math.inf
+    row[EDGE] = end.passed
+    row[EDGE_AT], row[NEXT_AT] = end.vertex, end.following
+    return row
 
 
 def candidates(ahead: Ahead, position: float, speed: float, tuning: DecisionTuning
@@ -202,12 +162,12 @@ class Task:
     def tally(self, trial: Trial, worlds: Array, raised: float = 0.0) -> Tally:
         """Return the results of a plan in some worlds."""
         results = self.worlds.attempt(
-            self.start, [trial.candidate.row(self.ahead)], worlds, self.ahead, raised)
+            self.start, [plan_row(trial.candidate, self.ahead)], worlds, self.ahead, raised)
         return Tally.of(results[0], self.ahead.room_to)
 
     def braking(self, number: int) -> float:
         """Return the probability that an emergency stop ends before the first face."""
-        brake = Candidate(Strategy.STOP, 0.0).row(self.ahead)
+        brake = plan_row(Candidate(Strategy.STOP, 0.0), self.ahead)
         results = self.worlds.attempt(self.start, [brake], self.worlds.take(number), self.ahead)
         return float(np.mean(np.isnan(results[0, :, TOUCH_SPEED])))
 
@@ -257,10 +217,10 @@ def search(plans: Sequence[Candidate], task: Task, trials: List[Trial]) -> Steps
 def _sort(trials: List[Trial], task: Task) -> Generator[None, None, None]:
     """Rank trials by the raised steps they cross, from gentle to brisk, until enough do."""
     middle, spread = task.worlds.middle(), task.worlds.spread()
-    trials.sort(key=lambda trial: trial.candidate.urgency)
+    trials.sort(key=lambda trial: _urgency(trial.candidate))
     for begin in range(0, len(trials), CANDIDATES_PER_BATCH):
         bundle = trials[begin:begin + CANDIDATES_PER_BATCH]
-        rows = [trial.candidate.row(task.ahead) for trial in bundle]
+        rows = [plan_row(trial.candidate, task.ahead) for trial in bundle]
         first = task.worlds.attempt(
             task.start, rows, middle, task.ahead, RAISED * spread)[:, 0]
         yield
@@ -274,8 +234,8 @@ def _sort(trials: List[Trial], task: Task) -> Generator[None, None, None]:
             yield
             if chosen:
                 results = task.worlds.attempt(
-                    task.start, [trial.candidate.row(task.ahead) for trial in chosen], middle,
-                    task.ahead, raised)
+                    task.start, [plan_row(trial.candidate, task.ahead) for trial in chosen],
+                    middle, task.ahead, raised)
                 for trial, result in zip(chosen, results[:, 0]):
                     trial.level += int(result[VERDICT] == OVER)
                     if result[VERDICT] == OVER:
@@ -285,6 +245,11 @@ def _sort(trials: List[Trial], task: Task) -> Generator[None, None, None]:
         if sum(trial.level == HIGHEST for trial in trials) >= SUFFICIENT_COUNT:
             # The remaining ones are less gentle.
             break
+
+
+def _urgency(candidate: Candidate) -> float:
+    """Return the approximate touch speed [m/s]."""
+    return math.sqrt(candidate.speed**2 + 2.0 * LEAN_ACCELERATION * max(candidate.swing, 0.0))
 
 
 def _finalists(trials: Sequence[Trial], highest_speed: float) -> List[Trial]:

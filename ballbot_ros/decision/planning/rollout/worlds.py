@@ -8,9 +8,9 @@ import numpy as np
 
 from ballbot_ros.control.speed_law import SpeedLaw
 from ballbot_ros.decision.learning.particles import Particles
-from ballbot_ros.decision.planning.rollout.ahead import Ahead
+from ballbot_ros.decision.planning.ahead import Ahead, FACES
 from ballbot_ros.decision.planning.rollout.rollout import (
-    CORNER_FRICTION, DRAW, FACES, FALLS, FLOOR_FRICTION, HEIGHT, OVER, PLACE, PlainDrive,
+    CORNER_FRICTION, DRAW, FALLS, FLOOR_FRICTION, HEIGHT, OVER, PLACE, PlainDrive,
     PLAN, REST, RESULT, ROBOT, run_many, Scratch, SLOPE, Start, STUCK, TOUCH_SPEED, VERDICT)
 from ballbot_ros.decision.planning.situation import Knowledge
 from ballbot_ros.decision.values import Outlook

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The terrain ahead, from a profile: the shape for the rollouts, and the ends of plans."""
+"""The terrain ahead, from a profile: its shape for rollouts, and plans across its faces."""
 from dataclasses import dataclass, replace
 import math
 from typing import List, Sequence, Tuple
@@ -7,11 +7,14 @@ from typing import List, Sequence, Tuple
 import numpy as np
 
 from ballbot_ros.decision.perception.ground_profile import GroundProfile
-from ballbot_ros.decision.planning.rollout.rollout import FACES
 from ballbot_ros.decision.planning.stop_line import LINE_MARGIN
-from ballbot_ros.decision.values import Face, Profile
+from ballbot_ros.decision.values import Face, Profile, Strategy
 from ballbot_ros.physics.model.terrain import Array
 
+# Maximum number of faces that are planned together.
+FACES = 4
+# An obstacle nearer than this behind the last edge requires braking immediately [m].
+BRAKING_DISTANCE = 1.5
 # A descent behind a face below the first value is the same floor.  Below the second, it is planned
 # like other steps if the floor below is observed; above, it is a drop [m].
 SMALLEST_DROP, HIGHEST_DESCENT = 0.005, 0.05
@@ -87,6 +90,42 @@ class Ahead:
     touch: float
     room_to: float
     known: bool
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """
+    A plan relative to the faces, so that it follows updates of their positions.
+
+    Attributes
+    ----------
+    strategy : Strategy
+    speed : float
+        Of the approach [m/s].
+    swing : float
+        Distance before the touch at which the pendulum swings [m]; -inf for never.
+    angle : float
+        Swing angle [rad].
+    faces : int
+        Number of faces that it crosses.
+    back : float
+        Distance before the touch at which it starts from rest [m]; 0 for the present position.
+
+    """
+
+    strategy: Strategy
+    speed: float
+    swing: float = -math.inf
+    angle: float = 0.0
+    faces: int = 1
+    back: float = 0.0
+
+    def end(self, ahead: Ahead) -> End:
+        """Return its end: the face that it was planned for, or the last remaining one."""
+        for end in ahead.ends:
+            if end.faces >= self.faces:
+                return end
+        return ahead.ends[-1]
 
 
 def faces_ahead(profile: Profile, position: float) -> Tuple[Face, ...]:
