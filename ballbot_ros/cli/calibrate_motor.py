@@ -4,15 +4,14 @@ import argparse
 from pathlib import Path
 from typing import Any, Mapping
 
-from ballbot_ros.cli.options import add_port
+from ballbot_ros.cli.options import add_hardware, add_port
 
 REPLY_TIMEOUT = 0.5  # timeout of each reply of the handshake [s]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add hardware file and output."""
-    parser.add_argument('--hardware', default='gimball_odrive', metavar='NAME',
-                        help='hardware file to start from (default: %(default)s)')
+    add_hardware(parser)
     add_port(parser)
     parser.add_argument('--out', type=Path, default=Path('my_motor.yaml'), metavar='FILE',
                         help='hardware file to write (default: %(default)s)')

@@ -4,14 +4,13 @@ import argparse
 import os
 
 from ballbot_ros.cli.graph import note
-from ballbot_ros.cli.options import add_port
+from ballbot_ros.cli.options import add_hardware, add_port
 from ballbot_ros.cli.verb import DONE, FAILED
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add hardware file and port."""
-    parser.add_argument('--hardware', default='gimball_odrive', metavar='NAME',
-                        help='hardware file of the drive to look for (default: %(default)s)')
+    add_hardware(parser)
     add_port(parser)
 
 

@@ -4,7 +4,7 @@ import argparse
 import math
 from typing import Any, Iterable, Iterator
 
-from ballbot_ros.cli.options import add_number, METAVAR, read_numbers, VALUES_HELP
+from ballbot_ros.cli.options import add_hardware, add_number, METAVAR, read_numbers, VALUES_HELP
 from ballbot_ros.cli.verb import DONE
 from ballbot_ros.config.fields import quantity
 from ballbot_ros.errors import ConfigurationError
@@ -15,8 +15,7 @@ WIDTHS = (7, 6, 6, 18, 18, 19, 13, 16, 10)
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add hardware, motion and limits."""
-    parser.add_argument('--hardware', default='gimball_odrive', metavar='NAME',
-                        help='name of a hardware file, or a YAML file (default: %(default)s)')
+    add_hardware(parser)
     add_number(parser, '--speed', 'M/S', quantity(
         'm/s', 'speed of the ball when commands stop', default=0.6, minimum=0.0, maximum=3.0))
     parser.add_argument('--slopes-deg', nargs='+', default=['0,1,2,5'], metavar=METAVAR,

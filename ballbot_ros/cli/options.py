@@ -66,6 +66,11 @@ def add_quiet(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--quiet', action='store_true', help='print errors and warnings only')
 
 
+def add_hardware(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument('--hardware', default='gimball_odrive', metavar='NAME',
+                        help='name of a hardware file, or a YAML file (default: %(default)s)')
+
+
 def add_port(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--port', default='', metavar='PORT',
                         help='serial device, URL or CAN interface to use instead of the one in '

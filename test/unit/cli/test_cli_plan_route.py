@@ -22,13 +22,15 @@ def test_a_route_is_printed_drawn_and_given_as_json(capsys, tmp_path):
     assert 0.9 <= route['probability'] <= 1.0
 
 
-def test_a_goal_in_a_wall_ends_in_an_error(capsys):
-    assert main(['plan-route', *FLAT[:5], '5.0', '4.0']) != 0
-    assert 'goal' in capsys.readouterr().err
+def test_a_goal_in_a_wall_ends_in_an_error(refuses):
+    refuses('wall', 'goal', 'plan-route', *FLAT[:5], '5.0', '4.0')
 
 
-def test_masks_need_a_folder_and_are_not_replaced_silently(capsys, tmp_path):
-    assert main(['floor-masks', 'apartment', '--out', str(tmp_path / 'none')]) != 0
-    assert main(['floor-masks', 'apartment', '--out', str(tmp_path)]) == 0
-    assert main(['floor-masks', 'apartment', '--out', str(tmp_path)]) != 0
-    assert 'keepout_mask.pgm' in capsys.readouterr().err
+def test_masks_need_a_folder_and_are_not_replaced_silently(capsys, tmp_path, refusal):
+    words = ['floor-masks', 'apartment', '--out']
+    error = refusal(*words, tmp_path / 'none')
+    assert (error.reason, error.field) == ('missing', '--out')
+    assert main([*words, str(tmp_path)]) == 0
+    capsys.readouterr()
+    error = refusal(*words, tmp_path)
+    assert error.reason == 'exists' and 'keepout_mask.pgm' in str(error)
