@@ -134,7 +134,9 @@ class Timeline:
                     and message.reason != StepDecision.REASON_EVALUATING:
                 self.passages[index].decided.append(message.decision)
         late = 'too late to stop: ' if message.reason == StepDecision.REASON_COMMITTED else ''
-        self._report(time, DECISION_NAMES.get(message.decision, '?'), late + message.explanation)
+        word = 'evaluates' if message.reason == StepDecision.REASON_EVALUATING \
+            else DECISION_NAMES.get(message.decision, '?')
+        self._report(time, word, late + message.explanation)
 
     def add_state(self, message: BallState) -> None:
         """Take a state; touches, crossings and rest are reported."""
