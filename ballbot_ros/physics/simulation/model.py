@@ -145,6 +145,7 @@ class Model:
 
         A contact pushes with the weight at rest, and with ``W + sqrt(W^2 + 2 k T)`` at most after
         an impact with the kinetic energy T.  With more, a start is in a wall, or a run continues.
+        Where floating-point numbers are farther apart than the tolerance, rounding limits a run.
 
         Raises
         ------
@@ -162,6 +163,13 @@ class Model:
                 ' m the ball touches the ground there', 'out_of_range', 'y')
         if state.time != 0.0:
             return
+        solver, apart = self.solver_in_use, math.ulp(max(abs(state.x), abs(state.y)))
+        if apart > solver.tolerance and not METHODS[solver.method].fixed:
+            warnings.warn(
+                f'positions near x = {state.x:.3g} m, y = {state.y:.3g} m are rounded to '
+                f'{apart:.1g} m, more than the tolerance of {solver.tolerance:.1g} m: move ground '
+                'and start (initial) towards x = 0, y = 0, or ask for less accuracy',
+                PlausibilityWarning, stacklevel=3)
         force = math.hypot(*self._spring_force(state.x, state.y))
         impact = 2.0 * self.parameters.stiffness * self.energies(state).kinetic
         if force > weight + math.sqrt(weight * weight + impact):

@@ -227,6 +227,17 @@ def test_no_scene_starts_in_its_ground_and_a_run_continues_from_within_an_impact
             scene.model.check_start(scene.start)
 
 
+@pytest.mark.parametrize('x, method, tolerance, warned', [
+    (0.0, 'adaptive', 1e-14, 0), (1e9, 'adaptive', 1e-3, 0), (1e9, 'adaptive', 1e-9, 1),
+    (1e9, 'rk4', 1e-9, 0)])
+def test_a_tolerance_below_the_rounding_of_the_position_warns(x, method, tolerance, warned):
+    model = Model(GIMBALL, Terrain.flat(), solver=Solver(method, tolerance=tolerance))
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter('always')
+        model.check_start(model.at_rest(x))
+    assert [item.category for item in caught] == warned * [PlausibilityWarning]
+
+
 @pytest.mark.parametrize('duration', [0.0, -1.0, math.nan, math.inf])
 def test_impossible_durations_are_refused(duration):
     with refused('out_of_range', 'duration'):
