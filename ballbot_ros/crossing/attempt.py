@@ -87,6 +87,21 @@ def set_height(ground: Array, height: float) -> None:
 
 
 @compiled
+def touching_at(radius: float, distance: float, height: float, cosine: float,
+                sine: float) -> float:
+    """
+    Return where along its ground a ball touches a step, negative before its foot [m].
+
+    Its centre is at a `distance` from that ground, whose slope has that cosine and sine.
+    """
+    along = (distance * sine - radius) / cosine  # it would touch an endless wall
+    if along * sine + distance * cosine > height:
+        rise = distance - height * cosine
+        along = height * sine - math.sqrt(max(radius**2 - rise * rise, 0.0))
+    return along
+
+
+@compiled
 def place(state: Array, course: Course, parameters: Parameters, ground: Array) -> float:
     """
     Put the ball where its attempt begins, rolling without slip, and return its x at touch.
@@ -99,11 +114,7 @@ def place(state: Array, course: Course, parameters: Parameters, ground: Array) -
     penetration = min(parameters.mass * parameters.gravity * cosine / parameters.stiffness,
                       0.5 * parameters.radius)
     distance = parameters.radius - penetration
-    # Along the ground before the step: where the ball would touch an endless wall.
-    along = (distance * sine - parameters.radius) / cosine
-    if along * sine + distance * cosine > height:
-        rise = distance - height * cosine
-        along = height * sine - math.sqrt(max(parameters.radius**2 - rise * rise, 0.0))
+    along = touching_at(parameters.radius, distance, height, cosine, sine)
     begin = along - course.lead
     for i in range(SIZE):
         state[i] = 0.0

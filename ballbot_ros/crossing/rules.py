@@ -22,8 +22,9 @@ from typing import Any, Callable, Optional, Sequence
 import numpy as np
 
 from ballbot_ros.config.fields import Checked, quantity, text
-from ballbot_ros.crossing.attempt import Course, VERTICES
+from ballbot_ros.crossing.attempt import Course, touching_at, VERTICES
 from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.jit import in_python
 from ballbot_ros.physics.model.actuation import Actuation
 from ballbot_ros.physics.model.robot import Robot
 from ballbot_ros.physics.model.terrain import Array, Terrain
@@ -140,20 +141,24 @@ SPEED = quantity('m/s', 'collision speed', above=0.0).metadata
 HEIGHT = quantity('m', 'height of the step', above=0.0).metadata
 
 
-def touch_distance(radius: float, height: float, penetration: float = 0.0) -> float:
+def touch_distance(radius: float, height: float, penetration: float = 0.0,
+                   slope: float = 0.0) -> float:
     """
     Return how far before the face the centre is when the ball touches the step [m].
 
     Parameters
     ----------
     radius, height : float
-        Of the ball and of the step [m]; the floor before it is level.
+        Of the ball and of the step [m].
     penetration : float
-        Penetration of the ball into the floor [m]; it touches the edge earlier by this.
+        Penetration of the ball into the ground [m]; it touches the edge earlier by this.
+    slope : float
+        Of the ground before the step, positive uphill [rad].
 
     """
-    below = min(max(height + penetration, 0.0), radius)
-    return math.sqrt(2.0 * radius * below - below * below)
+    distance, cosine, sine = radius - penetration, math.cos(slope), math.sin(slope)
+    return distance * sine - cosine * in_python(touching_at)(
+        radius, distance, max(height, 0.0), cosine, sine)
 
 
 def is_over(x: Any, y: Any, edge_x: float, edge_y: float, radius: float) -> Any:

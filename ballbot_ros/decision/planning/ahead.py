@@ -6,6 +6,7 @@ from typing import List, Sequence, Tuple
 
 import numpy as np
 
+from ballbot_ros.crossing.rules import touch_distance
 from ballbot_ros.decision.perception.ground_profile import GroundProfile
 from ballbot_ros.decision.planning.stop_line import LINE_MARGIN
 from ballbot_ros.decision.values import Face, Profile, Strategy
@@ -216,17 +217,5 @@ def look_ahead(profile: Profile, faces: Sequence[Face], position: float, slope: 
         np.array(rows), tuple(faces), tuple(
             replace(end, following=feet[end.faces] if end.faces < len(feet) else len(rows) - 1)
             for end in ends), deviations, slope, slope_sd,
-        first.position - touch_distance_on(slope, radius, first.height),
+        first.position - touch_distance(radius, first.height, slope=slope),
         min(seen_to - radius - LINE_MARGIN, line), known)
-
-
-def touch_distance_on(slope: float, radius: float, height: float) -> float:
-    """
-    Return the distance from the centre to a face at the touch [m].
-
-    The x of a centre that is a radius away from the slope and from the edge; see
-    `rules.touch_distance` for a level floor.
-    """
-    steep, above = math.tan(slope), radius / math.cos(slope) - min(max(height, 0.0), radius)
-    root = radius**2 * (1.0 + steep**2) - above**2
-    return (steep * above + math.sqrt(max(root, 0.0))) / (1.0 + steep**2)

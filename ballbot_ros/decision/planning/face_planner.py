@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 import math
 from typing import List, NamedTuple, Optional
 
+from ballbot_ros.crossing.rules import touch_distance
 from ballbot_ros.decision.planning.ahead import (
-    Ahead, BRAKING_DISTANCE, Candidate, FACE_SEPARATION, faces_ahead, HIGHEST_DESCENT, look_ahead,
-    touch_distance_on)
+    Ahead, BRAKING_DISTANCE, Candidate, FACE_SEPARATION, faces_ahead, HIGHEST_DESCENT, look_ahead)
 from ballbot_ros.decision.planning.safety_filter import past_braking, stop
 from ballbot_ros.decision.planning.situation import Knowledge, Situation
 from ballbot_ros.decision.planning.stop_line import StopLines
@@ -380,7 +380,7 @@ class FacePlanner:
         faces = situation.profile.faces if situation.profile is not None else ()
         own = [face for face in faces if face.number == previous.step]
         face = own[0] if own else basis.face
-        touch = face.position - touch_distance_on(0.0, self._robot.ball_radius, face.height)
+        touch = face.position - touch_distance(self._robot.ball_radius, face.height)
         if previous.contact_since is None and motion.position < touch - CONTACT:
             if own or previous.reason is not Reason.COMMITTED:
                 return None

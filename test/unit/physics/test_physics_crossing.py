@@ -132,6 +132,10 @@ def test_touch_is_where_the_ball_first_meets_the_edge():
         assert (0.226 - below)**2 + touch_distance(0.226, height)**2 == pytest.approx(
             0.226**2, rel=1e-12)
     assert touch_distance(0.226, 0.03, 0.0016) > touch_distance(0.226, 0.03)
+    for slope, height in ((0.2, 0.03), (-0.2, 0.03), (0.2, 0.5)):
+        ahead = touch_distance(0.226, height, slope=slope)
+        centre = 0.226 / math.cos(slope) - ahead * math.tan(slope)  # above the foot
+        assert math.hypot(ahead, min(height - centre, 0.0)) == pytest.approx(0.226, rel=1e-12)
 
 
 @pytest.mark.parametrize('reason, name, arguments', [
