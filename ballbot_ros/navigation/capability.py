@@ -20,7 +20,9 @@ import numpy as np
 
 from ballbot_ros.decision import Face, Knowledge, Profile
 from ballbot_ros.decision.planning.ahead import GROUND_EXTENSION, look_ahead
-from ballbot_ros.decision.planning.rollout.search import candidates, search, Task, Trial
+from ballbot_ros.decision.planning.rollout.rollout import REST
+from ballbot_ros.decision.planning.rollout.search import (
+    candidates, MANY, OVERRUN_FRACTION_MAX, plan_row, search, Task, Trial)
 from ballbot_ros.decision.planning.rollout.worlds import Worlds
 
 # Run-ups from rest to the touch to try, and longest room behind the last edge that is used [m].
@@ -47,6 +49,8 @@ class CrossingPlan(NamedTuple):
         Of getting over and stopping in the room behind.
     time : float
         From rest before to rest behind [s].
+    room : float
+        Behind the last edge that it needs [m].
 
     """
 
@@ -54,6 +58,7 @@ class CrossingPlan(NamedTuple):
     speed: float
     probability: float
     time: float
+    room: float = 0.0
 
 
 class Capability:
@@ -110,15 +115,21 @@ class Capability:
         room = round(math.floor(min(room, LONGEST_ROOM) / ROOM + 1e-6) * ROOM, 6)
         steps = tuple((_rounded(at, WIDTH), _rounded(height, HEIGHT)) for at, height in faces)
         height_sd = _rounded(height_sd, HEIGHT_SD)
-        place, found = repr((steps, height_sd, room)), []
-        for item in RUN_UPS:
-            if item > run_up or room <= 0.0:
+        place, found = repr((steps, height_sd)), []
+        for item in RUN_UPS if room > 0.0 else ():
+            if item > run_up:
                 break
-            key = f'{place} {item}'
-            if key not in self._known:
-                self._known[key] = self._search(steps, height_sd, item, room)
-            found.append(self._known[key])
-        return [crossing for crossing in found if crossing is not None]
+            # A plan that stops within the room is found with the longest room, too.
+            for longest in (LONGEST_ROOM, room):
+                key = f'{place} {item} {longest}'
+                if key not in self._known:
+                    self._known[key] = self._search(steps, height_sd, item, longest)
+                crossing = self._known[key]
+                if crossing is None or crossing.room <= room:
+                    break
+            if crossing is not None:
+                found.append(crossing)
+        return found
 
     def _search(self, steps: Tuple[Tuple[float, float], ...], height_sd: float, run_up: float,
                 room: float) -> Optional[CrossingPlan]:
@@ -157,7 +168,14 @@ class Capability:
         # Uniform acceleration to the touch, then to the last edge, then a stop.
         time = 2.0 * run_up / speed + (last + radius) / speed \
             + speed / tuning.deceleration
-        return CrossingPlan(run_up, chosen.candidate.speed, chosen.many.probability, time)
+        rests = worlds.attempt(
+            start, [plan_row(chosen.candidate, ahead)], worlds.first(MANY), ahead)[0, :, REST]
+        beyond = float(np.quantile(
+            np.nan_to_num(rests, nan=-math.inf), 1.0 - OVERRUN_FRACTION_MAX, method='higher'))
+        # At most the room of the search, in which the same share may stop farther away.
+        return CrossingPlan(
+            run_up, chosen.candidate.speed, chosen.many.probability, time,
+            min(room, beyond + room - ahead.room_to))
 
 
 def _rounded(value: float, unit: float) -> float:
