@@ -19,6 +19,7 @@ from scipy.sparse import csgraph
 
 from ballbot_ros.crossing.rules import touch_distance
 from ballbot_ros.decision import check_decision, Knowledge
+from ballbot_ros.decision.planning.ahead import HIGHEST_DESCENT, SIGMAS
 from ballbot_ros.decision.planning.braking import Braking
 from ballbot_ros.errors import RefusedError
 from ballbot_ros.floors.floor import (
@@ -203,7 +204,8 @@ class RoutePlanner:
         learned : Learned
         explore : bool
             Plan crossings of uncertain steps that are not measured yet as those of the lowest
-            step, so that routes lead to places where the sensors measure them.
+            step, so that routes lead to places where the sensors measure them; not of steps
+            that are certainly drops from their upper side.
 
         """
         self.learned = learned
@@ -214,7 +216,8 @@ class RoutePlanner:
         # As crossings are planned.
         self._assumed = [
             replace(feature, height=math.copysign(LOWEST, feature.height))
-            if explore and feature.height_sd > 0.0 and number not in measured else feature
+            if explore and feature.height_sd > 0.0 and number not in measured
+            and abs(feature.height) - SIGMAS * feature.height_sd <= HIGHEST_DESCENT else feature
             for number, feature in enumerate(self.features)]
         # Up to the distance that routes prefer.
         self._clear = self._map_clear.copy()

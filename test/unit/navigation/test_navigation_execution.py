@@ -396,7 +396,7 @@ def test_a_step_that_may_be_lower_than_on_the_map_is_attempted_where_no_other_wa
 
 
 def test_a_step_that_the_sensors_find_lower_is_crossed_as_high_as_it_is(tmp_path):
-    ball, run_ups = step_too_high_on_the_map(tmp_path, 0.002, 0.1), []
+    ball, run_ups = step_too_high_on_the_map(tmp_path, 0.002), []
 
     def cross(segment):
         run_ups.append(segment.crossing.run_up)
@@ -421,8 +421,9 @@ def test_a_step_that_is_as_high_as_on_the_map_ends_the_goal_before_it(tmp_path, 
     assert dict(ball.state.learned.heights) == {0: 0.0535} and at_rest(ball)
 
 
-def test_a_step_of_certain_height_is_not_attempted(tmp_path):
-    ball = step_too_high_on_the_map(tmp_path, 0.0)
+@pytest.mark.parametrize('height_sd, height', [(0.0, 0.053), (0.002, 0.06), (0.001, 0.2)])
+def test_a_step_that_is_certainly_too_high_is_not_attempted(tmp_path, height_sd, height):
+    ball = step_too_high_on_the_map(tmp_path, height_sd, height)
     with pytest.raises(RefusedError) as caught:
         ball.begin((5.0, 1.5))
     assert caught.value.reason == 'no_route'
