@@ -385,7 +385,7 @@ def _compile(function: F, nogil: bool = False, forceinline: bool = True) -> F:
     linked.__qualname__, linked.__module__ = f'{function.__qualname__}.linked', function.__module__
     linked.__annotations__ = function.__annotations__
     inner = _dispatcher(linked, nogil, forceinline, no_cpython_wrapper=True,
-                        pipeline_class=_LinkedCompiler)
+                        no_cfunc_wrapper=True, pipeline_class=_LinkedCompiler)
     inner._cache._impl.rebuild = _rebuild_linked
     # What numba asks a kernel for where another one calls it.  It would compile a kernel for each
     # constant argument; LLVM inserts those when it inlines the kernel.
@@ -405,7 +405,7 @@ def _dispatcher(function: Any, nogil: bool, forceinline: bool, **how: Any) -> An
         # callers hold the references, and the counting took twice as long as the mechanics.
         kernel: Any = numba.njit(
             cache=True, error_model='numpy', forceinline=forceinline, _nrt=False, nogil=nogil,
-            fastmath=fused, no_cfunc_wrapper=True, **how)(function)
+            fastmath=fused, **how)(function)
     finally:
         numba_config.CACHE_DIR = before
     cache, name = kernel._cache, f'{function.__module__}.{function.__qualname__}'
@@ -421,13 +421,6 @@ def _dispatcher(function: Any, nogil: bool, forceinline: bool, **how: Any) -> An
 if COMPILED:
     class _Linked(JITCodeLibrary):  # type: ignore[misc]
         """Code of a kernel for the kernels that call it: not optimized, never loaded."""
-
-        def _optimize_functions(self, module: Any) -> None:
-            module.data_layout = self._codegen._data_layout
-            for function in module.functions:
-                if not function.is_declaration:
-                    passes, builder = self._codegen._function_pass_manager()
-                    passes.run(function, builder)
 
         def _optimize_final_module(self) -> None:
             pass
@@ -484,7 +477,7 @@ if COMPILED:
             untyped_passes.IRProcessing, untyped_passes.GenericRewrites,
             untyped_passes.ReconstructSSA, typed_passes.NopythonTypeInference,
             typed_passes.PreLowerStripPhis, typed_passes.IRLegalization,
-            typed_passes.NativeLowering, typed_passes.NoPythonBackend)
+            typed_passes.AnnotateTypes, typed_passes.NativeLowering, typed_passes.NoPythonBackend)
         known: Dict[bool, Dict[Any, Any]] = {False: {}, True: {}}  # by whether `FUSED`
 
         def compile_extra(self, function: Any) -> Any:
