@@ -220,9 +220,10 @@ class CurveSelector(Selector):
         fastest, selected = here[-1], None
         if required is not None:
             selected = next((item for item in here if item.outlook.touch_speed >= required), None)
-            back = self._run_up_for(required, ahead.slope)
-            if selected is None and ahead.touch - back >= situation.free_from:
-                selected = self._predict(top, back, ahead, situation)
+            if selected is None:
+                back = self._run_up_for(required, ahead.slope)
+                if ahead.touch - back >= situation.free_from:
+                    selected = self._predict(top, back, ahead, situation)
         # The nominal robot cannot stop before the touch.
         late = ahead.touch - motion.position < self._lines.braking.expected_distance(
             motion.speed, ahead.slope)
