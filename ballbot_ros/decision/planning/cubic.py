@@ -280,10 +280,9 @@ class CurveSelector(Selector):
 
     def _room_to(self, ahead: Ahead, end: End) -> float:
         """Return the stop limit of the centre behind an end [m]."""
-        following = (face for face in ahead.faces[end.faces:]
-                     if not 0.0 <= face.height <= PASSABLE)
-        return min((self._lines.before_face(face).position for face in following),
-                   default=ahead.room_to)
+        return min([ahead.room_to, *(
+            self._lines.before_face(face).position for face in ahead.faces[end.faces:]
+            if not 0.0 <= face.height <= PASSABLE)])
 
     def _run_up_for(self, required: float, slope: float) -> float:
         """Return the run-up from rest that reaches a touch speed with a reserve [m]."""

@@ -308,6 +308,15 @@ def test_two_steps_too_close_to_stop_between_are_not_crossed_together():
     assert (answer.kind, answer.reason) == (Kind.STOP, Reason.LANDING)
 
 
+def test_a_steep_stretch_before_the_next_step_limits_the_room_behind_this_one():
+    faces = Face(1, 2.0, 0.02, 0.01, 0.0005), Face(2, 6.0, 0.02, 0.01, 0.0005)
+    points = (-1.0, 0.0), (2.0, 0.0), (2.0, 0.02), (6.0, 0.02), (6.0, 0.04), (8.0, 0.04)
+    for steep, reason in ((), Reason.WITHIN_CURVE), (((2.2, -0.2),), Reason.LANDING):
+        profile = Profile(0.0, faces, points, seen_to=8.0, slope=0.0, slope_sd=0.001, steep=steep)
+        answer = planner()(Situation(Motion(0.0, 0.0, 0.4), profile), None)
+        assert answer.reason is reason
+
+
 def test_a_plan_is_for_one_step_only():
     decide = planner()
     first = on(distance=0.92, speed=0.4, decide=decide)
