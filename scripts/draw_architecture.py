@@ -13,6 +13,7 @@ import textwrap
 ROOT = Path(__file__).resolve().parent.parent
 sys.path[:0] = [str(ROOT), str(ROOT / 'scripts')]
 
+from stages import path_argument  # noqa: E402, I100, I201
 from structure import edges, folders, modules  # noqa: E402, I100, I201
 
 from ballbot_ros.figures import canvas  # noqa: E402
@@ -111,7 +112,7 @@ def canvas_box(x, y, width, height):
 def main():
     """Draw into the folder on the command line, docs/figures by default."""
     from draw_docs import save_small
-    folder = Path(sys.argv[1]) if len(sys.argv) > 1 else ROOT / 'docs' / 'figures'
+    folder = path_argument('folder', ROOT / 'docs' / 'figures')
     save_small(draw()[0], folder / 'architecture.png')
 
 

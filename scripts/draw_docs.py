@@ -8,7 +8,9 @@ from matplotlib.patches import Arc, Circle, FancyArrowPatch, Polygon
 from PIL import Image
 
 ROOT = Path(__file__).resolve().parent.parent
-sys.path.insert(0, str(ROOT))
+sys.path[:0] = [str(ROOT), str(ROOT / 'scripts')]
+
+from stages import path_argument  # noqa: E402, I100, I201
 
 from ballbot_ros.decision import Knowledge, load_curve, load_decision_tuning  # noqa: E402
 from ballbot_ros.figures import canvas  # noqa: E402
@@ -169,7 +171,7 @@ def save_small(figure, path):
 
 def main():
     """Draw all into the folder on the command line, docs/figures by default."""
-    folder = Path(sys.argv[1]) if len(sys.argv) > 1 else ROOT / 'docs' / 'figures'
+    folder = path_argument('folder', ROOT / 'docs' / 'figures')
     figure = conventions()
     for kind in canvas.FORMATS:
         save(figure, folder / f'conventions.{kind}')

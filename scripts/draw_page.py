@@ -12,7 +12,9 @@ import sys
 from playwright.sync_api import Error, sync_playwright
 
 ROOT = Path(__file__).resolve().parent.parent
-sys.path.insert(0, str(ROOT))
+sys.path[:0] = [str(ROOT), str(ROOT / 'scripts')]
+
+from stages import path_argument  # noqa: E402, I100, I201
 
 from ballbot_ros.cli.simulate import load_machine_code  # noqa: E402
 from ballbot_ros.physics import load_scene  # noqa: E402
@@ -91,7 +93,7 @@ def close_notes(tab):
 
 def main():
     """Draw docs/figures/view.png, or the file on the command line."""
-    file = Path(sys.argv[1]) if len(sys.argv) > 1 else ROOT / 'docs' / 'figures' / 'view.png'
+    file = path_argument('file', ROOT / 'docs' / 'figures' / 'view.png')
     source = standing('fig7_bottom')
     with browser() as chromium, served(source) as page:
         tab = chromium.new_page(viewport={'width': WIDTH, 'height': HEIGHT})

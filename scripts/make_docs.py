@@ -5,11 +5,10 @@ Build the documentation site with the Sphinx of .venv/docs; a warning is an erro
     .venv/bin/python scripts/make_docs.py [FOLDER]        # build/site by default
 """
 import os
-from pathlib import Path
 import subprocess
 import sys
 
-from stages import ROOT, VENV
+from stages import path_argument, ROOT, VENV
 
 PACKAGES = VENV / 'docs'  # of scripts/bootstrap.py
 
@@ -25,7 +24,7 @@ def build(folder):
 
 def main():
     """Build and return the exit code."""
-    folder = Path(sys.argv[1] if len(sys.argv) > 1 else ROOT / 'build' / 'site').resolve()
+    folder = path_argument('folder', ROOT / 'build' / 'site').resolve()
     code = build(folder)
     if code == 0:
         print(f'the site is {folder / "index.html"}')

@@ -12,8 +12,8 @@ import base64
 from contextlib import redirect_stdout
 import io
 import json
-from pathlib import Path
-import sys
+
+from stages import path_argument
 
 DOTS_PER_INCH = 80
 
@@ -62,7 +62,7 @@ def words(outputs):
 
 def main():
     """Run a notebook in place."""
-    path = Path(sys.argv[1])
+    path = path_argument('notebook')
     notebook = json.loads(path.read_text(encoding='utf-8'))
     for cell, number, outputs in run_cells(notebook['cells']):
         cell.update(execution_count=number, outputs=outputs)

@@ -4,6 +4,7 @@ Stages of the set-up: logged, timed, and stamped with a hash of their inputs.
 
 This file must stay readable by old interpreters, as the rest of the set-up.
 """
+import argparse
 import hashlib
 import os
 from pathlib import Path
@@ -30,6 +31,14 @@ def digest(*parts):
         content = part.read_bytes() if isinstance(part, Path) else b''
         total.update(('%s\0%d\0' % (name, len(content))).encode() + content)
     return total.hexdigest()[:16]
+
+
+def path_argument(name, default=None):
+    """Return the path on the command line of a script, whose docstring is its help."""
+    parser = argparse.ArgumentParser(description=sys.modules['__main__'].__doc__,
+                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument(name, nargs='?' if default else None, type=Path, default=default)
+    return getattr(parser.parse_args(), name)
 
 
 class Stage:

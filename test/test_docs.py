@@ -89,6 +89,15 @@ def test_files_that_a_document_names_exist():
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize('script', ['draw_architecture', 'draw_docs', 'make_docs', 'run_notebook'])
+def test_help_of_a_script_that_draws_writes_nothing(tmp_path, script):
+    done = subprocess.run([sys.executable, str(ROOT / 'scripts' / f'{script}.py'), '--help'],
+                          capture_output=True, text=True, cwd=tmp_path)
+    assert done.returncode == 0 and done.stdout.startswith('usage:'), done.stderr
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.slow
 def test_the_site_is_built_without_a_warning_and_asks_no_other_machine_for_anything(site):
     pages = list(site.rglob('*.html'))
     assert len(pages) > 30
