@@ -25,11 +25,13 @@ from typing import NamedTuple, Optional, Tuple
 import numpy as np
 
 from ballbot_ros.config.fields import Checked, quantity
-from ballbot_ros.control.rolling_model import Array, Rolling, rolling_linearised, RollingModel
+from ballbot_ros.control.rolling_model import (
+    Array, Rolling, rolling_linearised, RollingModel, RollingNumbers)
 from ballbot_ros.control.signals import JointReadings
 from ballbot_ros.estimation.imu import ImuReading, turned
 from ballbot_ros.jit import compiled
 from ballbot_ros.physics.model.robot import Robot
+
 
 @dataclass(frozen=True)
 class FilterTuning(Checked):
@@ -145,13 +147,13 @@ def spread(covariance: Array, step: float, by_pendulum: Quad, by_ball: Quad) -> 
 def step_on(mean: Array, covariance: Array, step: float, torque: float, support: Support,
             rolling: Rolling, trust: Trust) -> None:
     """Advance an estimate in place by a step [s]: trapezoidal in the angles, Euler in the rest."""
-    own, (known, forward, upward) = FilterNumbers(*trust), support
+    own, model, (known, forward, upward) = FilterNumbers(*trust), RollingNumbers(*rolling), support
     angle, joint, rate, ball_rate = mean[0], mean[1], mean[2], mean[3]
     pendulum, ball = rolling_linearised(angle, rate, ball_rate, torque, rolling)
     value, from_angle, from_rate, from_ball_rate = pendulum
     from_joint = 0.0
     if known:  # the force on the support is measured
-        inertia, friction = rolling[0], rolling[4]
+        inertia, friction = model.pendulum_inertia, model.joint_friction
         # Rotated by minus the joint angle, the force is along and across the pendulum.
         across, along = turned(forward, upward, -joint)
         value = (torque - friction * (rate - ball_rate) - own.moment * across) / inertia
