@@ -18,7 +18,7 @@ import peers
 
 from ballbot_ros.physics.mechanics import equations, modes
 from ballbot_ros.physics.mechanics.contact import contact_table
-from ballbot_ros.physics.mechanics.equations import System, turned_by
+from ballbot_ros.physics.mechanics.equations import angle_trig, System
 from ballbot_ros.physics.model.state import COORDINATES, PENDULUM_ANGLE, PENDULUM_RATE, SIZE
 
 MOTION = 8
@@ -90,7 +90,7 @@ def compiled_case(case, with_slopes=True):
         found = table(space, room + signs * sign_columns, slope_rows, slope_columns)
         modes.find_mode(time, state, system, mode)
         modes.write_jacobian(
-            time, state, turned_by(state[PENDULUM_ANGLE])[1:], system, mode, found)
+            time, state, angle_trig(state[PENDULUM_ANGLE])[1:], system, mode, found)
         target = table(out, 0, MOTION, MOTION)
         for column in range(MOTION):
             for row in range(COORDINATES):

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Time the search for the highest step: one height, all curves of Figs 5, 6 and 8, many threads.
+Time the search for the maximum step height: one, all curves of Figs 5, 6 and 8, many threads.
 
 MuJoCo, where it is installed, searches the same at equal error; see search_race.py.
 """

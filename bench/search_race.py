@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Time the search for the highest step in MuJoCo, and ours beside it, at equal error of the height.
+Time the search for the maximum step height in MuJoCo and here, at equal error of the height.
 
 MuJoCo halves a bracket to half of the error; its step is the longest that leaves no more than
 the other half.  Each engine's error is against its own converged answer.
@@ -25,7 +25,7 @@ CONVERGED = 1e-6  # bracket for the converged answer [m]
 
 
 def highest(robot, step, integrator, width):
-    """Return MuJoCo's highest step by halving [m]; models are built as the heights come."""
+    """Return MuJoCo's maximum step height by halving [m]; models are built as the heights come."""
     low, high = LOW, HIGH
     while high - low > width:
         middle = 0.5 * (low + high)
@@ -45,14 +45,14 @@ def spent(function):
 def race(robot):
     """Yield name, unit, values and target of each measurement; set-up is timed, too."""
     ours = max_step_height(robot, SPEED, accuracy=1e-8)
-    yield f'highest step at {SPEED:g} m/s, ours', 'mm', [1e3 * ours.height], None
+    yield f'maximum step height at {SPEED:g} m/s, ours', 'mm', [1e3 * ours.height], None
     if not free_ball.installed():
         yield f'MuJoCo: not installed; {peers.HOW_TO_INSTALL}', '', [math.nan], None
         return
     for integrator, finest in FINEST.items():
         who = f'MuJoCo {integrator}'
         exact = highest(robot, finest, integrator, CONVERGED)
-        yield f'highest step at {SPEED:g} m/s, {who}', 'mm', [1e3 * exact], None
+        yield f'maximum step height at {SPEED:g} m/s, {who}', 'mm', [1e3 * exact], None
         errors = {step: abs(highest(robot, step, integrator, CONVERGED) - exact)
                   for step in STEPS}
         for level in LEVELS:

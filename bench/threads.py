@@ -22,7 +22,7 @@ def measure():
         return time.perf_counter() - begin
     spent(cores)
     alone = [spent(1) for _ in range(REPEATS)]
-    yield 'highest step, one thread, each', 'ms', [1e3 * t / len(SPEEDS) for t in alone], None
+    yield 'one height, one thread, each', 'ms', [1e3 * t / len(SPEEDS) for t in alone], None
     threads = 2
     while threads <= cores:
         many = [spent(threads) for _ in range(REPEATS)]

@@ -5,8 +5,8 @@ Re-simulate the height curves in config/curves and fit the cubic of the paper's 
     .venv/bin/python scripts/fit_curves.py            # write the files
     .venv/bin/python scripts/fit_curves.py --check    # fail if they differ from the simulation
 
-Each curve is the highest step that the ball gets clear of at the first attempt, to 0.002 mm, at 21
-speeds from 0.2 to 1.2 m/s; `ballbot fit-curve` makes one for any robot.
+Each curve is the maximum step height of a first attempt, to 0.002 mm, at 21 speeds from 0.2 to
+1.2 m/s; `ballbot fit-curve` makes one for any robot.
 """
 import argparse
 import math

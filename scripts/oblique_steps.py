@@ -26,7 +26,7 @@ HEADER = """\
 # direction of travel, behind the edge; the heading after the steering law has damped the motion.
 #
 # Lowest and highest of {count} cases: speeds of {speeds} m/s, each with the pendulum free, held
-# down and held level.  The ranges are those of the cases, with the numbers of the robot file.
+# down and held level.  The ranges are those of the cases, with the parameters of the robot file.
 #
 # Written by scripts/oblique_steps.py: a free ball in MuJoCo with the contact of eqs. (7) to (9).
 """
@@ -80,7 +80,7 @@ def cross(approach: ObliqueApproach, height: float) -> Optional[FreeBall]:
 
 
 def maximum_height(approach: ObliqueApproach, tolerance: float = TOLERANCE) -> float:
-    """Return the highest step that the ball gets over [m]; see `cross`."""
+    """Return the maximum step height [m]; see `cross`."""
     return highest_passed(lambda height: cross(approach, height) is not None, approach.robot,
                           approach.speed, tolerance)
 

@@ -44,7 +44,8 @@ def test_a_run_is_summarised_and_drawn(run, tmp_path):
 
 
 def test_a_pendulum_held_level_and_more_speed_get_the_ball_higher(run):
-    rows = {line[:13].strip(): numbers(line) for line in run('highest_step.py').splitlines()}
+    lines = run('maximum_step_height.py').splitlines()
+    rows = {line[:13].strip(): numbers(line) for line in lines}
     assert all(high > low for low, high in zip(rows['held down'], rows['held level']))
     assert rows['hangs freely'] == sorted(rows['hangs freely'])
 

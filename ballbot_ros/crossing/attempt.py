@@ -415,7 +415,7 @@ def descend(high: float, below: float, stride: float, tolerance: float,
 def search(width: float, coarse: float, fine: float, guess: float,
            crossing: Crossing) -> Bracket:
     """
-    Bracket the highest step with a coarse tolerance and confirm both ends with a fine one.
+    Bracket the maximum step height with a coarse tolerance and confirm both ends with a fine one.
 
     Returns
     -------
@@ -434,7 +434,7 @@ def search(width: float, coarse: float, fine: float, guess: float,
     lowest, highest = low, high
     if outcome != FINISHED:
         return low, high, lowest, highest, outcome
-    # A fine tolerance may move the highest step out of the bracket: then follow it.
+    # A fine tolerance may move the maximum step height out of the bracket: then follow it.
     verdict, above = OVER, crossing.course.speed**2
     if low > 0.0:
         verdict, above, outcome = attempt(low, fine, crossing)
@@ -450,7 +450,7 @@ def search(width: float, coarse: float, fine: float, guess: float,
 @unlocked
 def find(accuracy: float, crossing: Crossing) -> Bracket:
     """
-    Bracket the highest step to an accuracy [m], with tolerances as fine as that takes.
+    Bracket the maximum step height to an accuracy [m], with tolerances as fine as that takes.
 
     Returns
     -------

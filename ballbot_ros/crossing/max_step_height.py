@@ -44,11 +44,11 @@ BUDGET = 50_000_000  # right-hand sides of one attempt; they take seconds
 
 # Columns of the results of steps that were tried ...
 PASSES, SCORE, TRIED = range(3)  # whether, by how much [m2/s2], outcome
-# ... and of highest steps; see `attempt.find`.
+# ... and of maximum step heights; see `attempt.find`.
 LOW, HIGH, ERROR, FINE, FOUND = range(5)
 
 # Arrays of `Crossing`: state, before, last, spent, rows of the output, workspace.
-PackedDesk = tuple[Array, Array, Array, IntArray, Array, Packed]
+PackedArrays = tuple[Array, Array, Array, IntArray, Array, Packed]
 
 
 read_course = row_reader(Course)
@@ -58,9 +58,9 @@ ACTUATOR = PARAMETERS + len(Parameters._fields)
 
 
 @compiled
-def crossing_of(row: Array, ground: Array, desk: PackedDesk) -> Crossing:
-    """Return the crossing of a row, on its ground (4, 7), with the arrays of a desk."""
-    state, before, last, spent, rows, workspace = desk
+def crossing_of(row: Array, ground: Array, arrays: PackedArrays) -> Crossing:
+    """Return the crossing of a row, on its ground (4, 7), with the arrays of a thread."""
+    state, before, last, spent, rows, workspace = arrays
     return Crossing(
         read_course(row, 0),
         System(read_parameters(row, PARAMETERS), ground, read_actuator(row, ACTUATOR)),
@@ -70,7 +70,7 @@ def crossing_of(row: Array, ground: Array, desk: PackedDesk) -> Crossing:
 
 @unlocked
 def try_rows(rows: Array, grounds: Array, heights: Array, tolerance: float, results: Array,
-             desk: PackedDesk) -> None:
+             arrays: PackedArrays) -> None:
     """
     Try a step with each crossing.
 
@@ -86,12 +86,12 @@ def try_rows(rows: Array, grounds: Array, heights: Array, tolerance: float, resu
         See `attempt`.
     results : (n, 3) array
         Written.
-    desk : PackedDesk
+    arrays : PackedArrays
 
     """
     for i in range(len(rows)):
         verdict, score, outcome = attempt(
-            heights[i], tolerance, crossing_of(rows[i], grounds[i], desk))
+            heights[i], tolerance, crossing_of(rows[i], grounds[i], arrays))
         results[i, PASSES] = 1.0 if verdict == OVER else 0.0
         results[i, SCORE] = score
         results[i, TRIED] = outcome
@@ -99,39 +99,39 @@ def try_rows(rows: Array, grounds: Array, heights: Array, tolerance: float, resu
 
 @unlocked
 def find_rows(rows: Array, grounds: Array, accuracy: float, results: Array,
-              desk: PackedDesk) -> None:
+              arrays: PackedArrays) -> None:
     """
-    Find the highest step of each crossing to an accuracy [m].
+    Find the maximum step height of each crossing to an accuracy [m].
 
     Parameters
     ----------
     results : (n, 5) array
         Written.
-    rows, grounds, desk
+    rows, grounds, arrays
         See `try_rows`.
 
     """
     for i in range(len(rows)):
-        crossing = crossing_of(rows[i], grounds[i], desk)
+        crossing = crossing_of(rows[i], grounds[i], arrays)
         crossing.spent[:] = 0
         low, high, error, tolerance, outcome = find(accuracy, crossing)
         results[i, LOW], results[i, HIGH], results[i, ERROR] = low, high, error
         results[i, FINE], results[i, FOUND] = tolerance, outcome
 
 
-class Desk(local):
+class ThreadWorkspace(local):
     """Workspace of a thread; it keeps the last attempt, which explains the outcome."""
 
     def __init__(self) -> None:
         """Make the arrays of a thread."""
         self.state, self.last = np.zeros(SIZE), np.zeros(2)
         self.spent = np.zeros(2, dtype=np.int64)
-        self.packed: PackedDesk = (
+        self.packed: PackedArrays = (
             self.state, np.zeros(SIZE), self.last, self.spent, np.zeros((0, 2 + SIZE)),
             Workspace.of(VERTICES).plain)
 
 
-DESK = Desk()
+WORKSPACE = ThreadWorkspace()
 
 
 class Crossings(NamedTuple):
@@ -163,13 +163,13 @@ class Crossings(NamedTuple):
     def tried(self, heights: Array, tolerance: float) -> Array:
         """Return the outcome at a step of each height [m]; see `try_rows`."""
         results = np.empty((len(self.rows), 3))
-        direct(try_rows)(*self, heights, tolerance, results, DESK.packed)
+        direct(try_rows)(*self, heights, tolerance, results, WORKSPACE.packed)
         return results
 
     def found(self, accuracy: float) -> Array:
-        """Return the highest steps to an accuracy [m]; see `find_rows`."""
+        """Return the maximum step heights to an accuracy [m]; see `find_rows`."""
         results = np.empty((len(self.rows), 5))
-        direct(find_rows)(*self, accuracy, results, DESK.packed)
+        direct(find_rows)(*self, accuracy, results, WORKSPACE.packed)
         return results
 
 
@@ -181,7 +181,7 @@ Actuations = Union[Actuation, Callable[[float], Actuation]]
 
 
 class MaxStepHeight(NamedTuple):
-    """The highest step at one speed; all SI."""
+    """The maximum step height at one speed; all SI."""
 
     speed: float  # of the centre at first touch [m/s]
     height: float  # of a step that is passed, 0 if none is [m]
@@ -247,13 +247,13 @@ def max_step_height(robot: RobotLike, speed: float, actuation: Actuation = Actua
         heights = np.concatenate([low * parts if low > 0.0 else [], high * (1.0 + parts)])
         overs = [_try(item, fine, crossing)[0] for item in heights.tolist()]
         monotone = overs == (heights < high).tolist()
-    return MaxStepHeight(float(speed), low, error, monotone, *DESK.spent.tolist())
+    return MaxStepHeight(float(speed), low, error, monotone, *WORKSPACE.spent.tolist())
 
 
 def _check(outcome: float, tolerance: float) -> None:
     """Raise the error that explains how the last attempt ended, if it did not end well."""
     if outcome != FINISHED:
-        raise failure(int(outcome), float(DESK.last[1]), DESK.state, Solver(
+        raise failure(int(outcome), float(WORKSPACE.last[1]), WORKSPACE.state, Solver(
             'adaptive', tolerance=max(tolerance, FINEST), work_budget=BUDGET))
 
 

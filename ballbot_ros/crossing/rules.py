@@ -174,7 +174,7 @@ def check_gravity(robot: Robot) -> None:
     """Refuse a robot that no step can stop."""
     if robot.gravity == 0.0:
         raise ConfigurationError(
-            f'robot {robot.name!r} has no gravity: there is no highest step',
+            f'robot {robot.name!r} has no gravity: there is no maximum step height',
             'out_of_range', 'gravity')
 
 

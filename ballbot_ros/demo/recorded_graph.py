@@ -90,7 +90,7 @@ class RecordedGraph:
 
         Calls `poll` often, which returns why it cannot go on, or nothing; gives up after
         `timeout` of wall time without a new state [s], and ends after `longest` on the timeline
-        [s], when the robot has had its chance.
+        [s].
         """
         deadline, reached, ended = time.monotonic() + timeout, self.timeline.now, False
         while not (ended and self._recorded_to_end(topics)):

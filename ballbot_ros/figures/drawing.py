@@ -13,7 +13,7 @@ from ballbot_ros.physics.model.terrain import Array, Terrain
 # Colours by meaning; legends are made from these.
 TURNING, PENDULUM, PATH, FORCE = canvas.GREY, canvas.VERMILION, canvas.GREEN, canvas.PURPLE
 MEANING = {TURNING: 'turns with the ball', PENDULUM: 'pendulum', PATH: 'path of the centre',
-           FORCE: 'force of the ground'}
+           FORCE: 'ground contact force'}
 
 
 def legend(pendulum: bool = True, force: bool = False) -> str:

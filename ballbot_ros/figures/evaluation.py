@@ -8,8 +8,8 @@ from matplotlib.figure import Figure
 from ballbot_ros.figures import canvas
 
 COLOURS = (canvas.BLUE, canvas.VERMILION, canvas.GREEN, canvas.ORANGE, canvas.PURPLE, canvas.SKY)
-BAD = {'fell': canvas.VERMILION, 'hit': canvas.ORANGE, 'ran away': canvas.PURPLE,
-       'stuck': canvas.GREY}
+# Shades of grey: a colour is a planner.
+BAD = {'fell': canvas.INK, 'hit': canvas.GREY, 'ran away': canvas.SOIL, 'stuck': canvas.PALE}
 
 
 def evaluation(report: Dict[str, Any]) -> Figure:
@@ -61,7 +61,8 @@ def draw_failures(axes: Axes, planners: Dict[str, Any]) -> None:
     before = [0.0] * len(names)
     for outcome, colour in BAD.items():
         shares = [planners[name]['per thousand'][outcome] for name in names]
-        axes.barh(names, shares, left=before, color=colour, label=outcome, height=0.6)
+        axes.barh(names, shares, left=before, color=colour, label=outcome, height=0.6,
+                  edgecolor=canvas.INK, lw=0.4)
         before = [low + share for low, share in zip(before, shares)]
     axes.invert_yaxis()
     axes.tick_params(axis='y', labelsize=7.5)

@@ -45,7 +45,7 @@ def holding(robot: Robot, angle: float) -> Case:
 
 
 def step_height(case: Case, speed: float, accuracy: float = ACCURACY) -> float:
-    """Return the highest step by the full model [m], to an accuracy [m], at a speed [m/s]."""
+    """Return the maximum step height by the full model at a speed [m/s], to an accuracy [m]."""
     return max_step_height(case.robot, speed, case.actuation, case.pendulum_angle, accuracy,
                            case.site, case.rules).height
 

@@ -18,7 +18,7 @@ DEVIATION_LEVELS = (1e-3, 3e-3, 1e-2)  # requested deviations of the height [m]
 
 
 class Comparator(NamedTuple):
-    """A simpler model of the highest step."""
+    """A simpler model of the maximum step height."""
 
     name: str
     source: str
@@ -67,7 +67,7 @@ class Comparison(NamedTuple):
 def compare(case: Case, speeds: Array,
             progress: Callable[[int], None] = ignore) -> Comparison:
     """
-    Compute the highest step by every model that applies.
+    Compute the maximum step height by every model that applies.
 
     Parameters
     ----------

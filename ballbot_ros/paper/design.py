@@ -69,7 +69,7 @@ def sensitivity(case: Case, speed: float, progress: Progress = ignore) -> list[B
 def sampled_heights(case: Case, speeds: Array, samples: int, seed: int = 0,
                     progress: Progress = ignore) -> Array:
     """
-    Return the highest step at each speed of robots drawn from the ranges, a row each [m].
+    Return the maximum step height at each speed of robots drawn from the ranges, a row each [m].
 
     See `uncertainty.draw`.
     """
@@ -80,7 +80,7 @@ def sampled_heights(case: Case, speeds: Array, samples: int, seed: int = 0,
 def design_map(case: Case, speed: float, lengths: Array, masses: Array,
                progress: Progress = ignore) -> Array:
     """
-    Return the highest step for other pendulums in the same ball, a row for each mass [m].
+    Return the maximum step height for other pendulums in the same ball, a row for each mass [m].
 
     At one collision speed [m/s]; `lengths` [m] and `masses` [kg] are those of the pendulum.
     """
@@ -94,7 +94,7 @@ def design_map(case: Case, speed: float, lengths: Array, masses: Array,
 def heights_on_slopes(case: Case, speeds: Array, slopes: Array, progress: Progress = ignore
                       ) -> Array:
     """
-    Return the highest step where the ground behind it slopes, a row for each slope [m].
+    Return the maximum step height where the ground behind it slopes, a row for each slope [m].
 
     At some collision speeds [m/s]; slopes [rad] are positive uphill.
     """
@@ -137,7 +137,7 @@ def tornado(progress: Progress = ignore) -> Figure:
             Patch(color=canvas.ORANGE, alpha=0.35, label=f'{ASSUMED_SHARE:.0%} less')],
             loc='lower right', bbox_to_anchor=(0.995, 0.0), bbox_transform=figure.transFigure,
             ncols=4)
-        draw_heading(figure, f'Sensitivity of the highest step of GimBall at {SPEED:g} m/s',
+        draw_heading(figure, f'Sensitivity of the maximum step height of GimBall at {SPEED:g} m/s',
                      METHOD)
     return figure
 
@@ -165,7 +165,7 @@ def _draw_bars(axes: Any, bars: Sequence[Bar], middle: float) -> None:
         fontsize=6.5, linespacing=1.15)
     axes.set_ylim(BARS_MAX - 0.5, -0.6)
     axes.axvline(0.0, color=canvas.INK, lw=0.8)
-    axes.set_xlabel('change of the highest step [mm]')
+    axes.set_xlabel('change of the maximum step height [mm]')
     axes.grid(visible=False, axis='y')
 
 
@@ -196,7 +196,7 @@ def probability(progress: Progress = ignore) -> Figure:
 
 
 def design(progress: Progress = ignore) -> Figure:
-    """Show the highest step over length and mass of the pendulum, in the same ball."""
+    """Show the maximum step height over length and mass of the pendulum, in the same ball."""
     robot = load_robot('gimball')
     with canvas.panels(10.0, 4.6, **{'axes.grid': False}) as figure:
         for number, (label, case) in enumerate((('pendulum held level', holding(robot, LEVEL)),
@@ -212,7 +212,7 @@ def design(progress: Progress = ignore) -> Figure:
             axes.set_ylabel('pendulum mass [kg]' if number == 0 else '')
             if number == 0:
                 axes.legend(loc='lower left', frameon=True, framealpha=0.9, edgecolor='none')
-        draw_heading(figure, 'Which pendulum? Highest step in mm, the ball being that of GimBall',
+        draw_heading(figure, 'Which pendulum? Maximum step height in mm, with the ball of GimBall',
                      METHOD)
     return figure
 
@@ -224,7 +224,7 @@ def _draw_map(figure: Figure, axes: Any, lengths: Array, masses: Array, found: A
     lines = axes.contour(lengths, masses, 1e3 * found, levels[::2], colors='white',
                          linewidths=0.7)
     axes.clabel(lines, fmt='%.0f', fontsize=7)
-    figure.colorbar(shades, ax=axes, pad=0.02, label='highest step [mm]')
+    figure.colorbar(shades, ax=axes, pad=0.02, label='maximum step height [mm]')
 
 
 def _draw_slope_limits(axes: Any, lengths: Array, ball_mass: float, radius: float) -> None:
@@ -240,7 +240,7 @@ def _draw_slope_limits(axes: Any, lengths: Array, ball_mass: float, radius: floa
 
 
 def slope(progress: Progress = ignore) -> Figure:
-    """Show the highest step where the ground behind it rises or falls."""
+    """Show the maximum step height where the ground behind it rises or falls."""
     robot = load_robot('gimball')
     slopes = np.radians(np.linspace(-8.0, 8.0, 17))
     with canvas.panels(10.0, 4.4) as figure:
@@ -254,13 +254,13 @@ def slope(progress: Progress = ignore) -> Figure:
                           va='center')
             axes.set(title=label, xlim=(-8.0, 10.2), xticks=range(-8, 9, 2), ylim=(0.0, 65.0),
                      xlabel='slope behind the step, uphill positive [degrees]',
-                     ylabel='highest step [mm]' if number == 0 else '')
+                     ylabel='maximum step height [mm]' if number == 0 else '')
         draw_heading(figure, 'Slope behind the step, GimBall', METHOD)
     return figure
 
 
 def over(progress: Progress = ignore) -> Figure:
-    """Show the highest step by both rules of when a ball is over."""
+    """Show the maximum step height by both rules of when a ball is over."""
     robot = load_robot('gimball')
     total, done = 2 * len(RULES) * len(SLOPES_BEHIND), 0
     with canvas.panels(10.0, 4.4) as figure:

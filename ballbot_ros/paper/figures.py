@@ -116,7 +116,7 @@ def figure_8(progress: Progress = ignore) -> Figure:
                 Case(robot), SPEEDS), colour)])
             report()
             for law, marker, label in (('matched', 'o', 'its contact matched to (7)-(9)'),
-                                       ('default', 'd', 'its contact as it comes'))[:len(laws)]:
+                                       ('default', 'd', 'its default contact'))[:len(laws)]:
                 heights = []
                 for speed in MUJOCO_SPEEDS.tolist():
                     heights.append(
@@ -157,7 +157,7 @@ def _draw_true_thresholds(axes: Any, rolls: Sequence[Roll]) -> None:
     found = true_thresholds(rolls)
     axes.plot([item.highest_no_pass for item in found],
               [1e3 * item.step_height for item in found], '|', ms=9, mew=1.4,
-              color=canvas.INK, zorder=5, label='highest not passed, at the touch')
+              color=canvas.INK, zorder=5, label='highest speed not passed, at the contact')
 
 
 # Name -> function that draws it; it reports a progress from 0 to 1.

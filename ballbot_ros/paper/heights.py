@@ -28,7 +28,7 @@ class HeightLine(NamedTuple):
 def height_axes(figure: Figure, box: tuple[float, float, float, float], title: str,
                 highest: float, fastest: float = 1.3, slowest: float = 0.0) -> Any:
     """
-    Add axes of height, up to the highest step shown [m], against speed [m/s].
+    Add axes of height, up to the largest height shown [m], against speed [m/s].
 
     The box is left, bottom, width and height, as parts of the figure.
     """
@@ -70,7 +70,7 @@ def bench_curves(robot: Robot, bench: Bench) -> list[HeightLine]:
         cases = [('pendulum free, hanging at the touch' if robot.has_pendulum else 'full model',
                   Case(robot), '-')]
     curves = [HeightLine(f'{label}, simulated', SPEEDS, step_heights(case, SPEEDS),
-                          style=style) for label, case, style in cases]
+                         style=style) for label, case, style in cases]
     if robot.has_pendulum:
         curves.append(quasi_static_curve(robot))
     return curves
@@ -79,7 +79,7 @@ def bench_curves(robot: Robot, bench: Bench) -> list[HeightLine]:
 def quasi_static_curve(robot: Robot) -> HeightLine:
     """Return eq. (1), constant over the speed."""
     return HeightLine('quasi-static, eq. (1)', np.array([0.0, 10.0]),
-                       np.full(2, quasi_static(robot)), canvas.GREY, ':')
+                      np.full(2, quasi_static(robot)), canvas.GREY, ':')
 
 
 def bench_figure(rolls: Sequence[Roll], curves: Sequence[HeightLine], title: str) -> Figure:

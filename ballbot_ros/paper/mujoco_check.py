@@ -4,13 +4,13 @@ The same robot at the same step in MuJoCo, a simulator that is independent of th
 
 A MuJoCo model is written from the robot: slides along x and z, a hinge for the ball, one for the
 pendulum.  MuJoCo derives and solves the equations of motion by itself, as Adams did for the
-paper.  What happens at the contacts is one of
+paper.  The contact is one of
 
 ``forces``   the contact law of eqs. (7)-(10), applied as forces at each stage of its RK4: what
              is left to differ is the mechanics
 ``matched``  MuJoCo's own contact with the stiffness, damping, friction and slip threshold of the
              robot, as near as its parameters come
-``default``  MuJoCo's own contact as it comes, with the robot's friction
+``default``  MuJoCo's own contact with default parameters, with the robot's friction
 
 MuJoCo is optional; `studies.free_ball.installed` returns whether it is there.
 """
@@ -243,7 +243,7 @@ class MujocoRun:
 
 def mujoco_height(case: Case, speed: float, step: float, integrator: str = 'implicitfast',
                   law: str = 'matched', tolerance: float = 5e-5) -> float:
-    """Return the highest step that the robot gets over in MuJoCo [m]; see `MujocoRun`."""
+    """Return the maximum step height of the robot in MuJoCo [m]; see `MujocoRun`."""
     return highest_passed(
         lambda height: MujocoRun(case, speed, height, step, integrator, law).passes(),
         case.robot, speed, tolerance)

@@ -89,7 +89,7 @@ class RecordedLine(MemoryLine):
 
 
 def pulled_plug(progress: Progress = ignore) -> BlackBoxRecording:
-    """Return the recording of a plug that is pulled while the pendulum swings."""
+    """Return the recording of a cable that is unplugged while the pendulum swings."""
     line = RecordedLine()
     line.session.configure()
     line.run(line.now + 0.2)
@@ -104,7 +104,7 @@ def pulled_plug(progress: Progress = ignore) -> BlackBoxRecording:
     line.session.close()
     fault = line.box.take_fault()
     if fault is None:
-        raise AssertionError('a plug that is pulled is a fault')
+        raise AssertionError('expected a fault event after the plug was pulled')
     about = {'hardware': line.hardware.name, 'made': 'simulated with the full model'}
     with TemporaryDirectory() as folder:
         return read_black_box(write_file(

@@ -73,7 +73,7 @@ def crosses_rigidly(robot: Robot, speed: float, height: float,
 def impact_with_restitution(robot: Robot, speed: float, restitution: Optional[float] = None,
                             tolerance: float = 1e-5) -> float:
     """
-    Return the highest step that a rigid ball gets over, to a tolerance [m].
+    Return the maximum step height of a rigid ball, to a tolerance [m].
 
     Holds for a shell so hard that the impact is over before the ball has moved; a bounce
     here takes no time.

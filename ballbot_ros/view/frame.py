@@ -5,7 +5,7 @@ from typing import Any, NamedTuple, Optional, Tuple
 
 
 class ContactForce(NamedTuple):
-    """A force of the ground on the ball, in the plane of the model."""
+    """A ground contact force, in the plane of the model."""
 
     x: float  # point of action [m]
     y: float

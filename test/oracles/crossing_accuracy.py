@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Highest steps of random robots on random ground, compared with bracketing by whole runs.
+Maximum step heights of random robots on random ground, compared with bracketing by whole runs.
 
 The bracket is halved to 0.1 um.  Each of its heights is a whole run (`reference_search.crosses`),
 with a tolerance so fine that it no longer matters: rows are looked at, nothing ends early, no
@@ -43,7 +43,7 @@ def random_crossing(seed):
 
 
 def bracketed(crossing, near, span):
-    """Return the highest step [m] by halving; the bracket grows from `near` by `span` [m]."""
+    """Return the maximum step height [m] by halving, in a bracket from `near` by `span` [m]."""
     robot, speed, actuation, site, rules = crossing
     angle = actuation.set_angle if actuation.law == 'position' else 0.0
 

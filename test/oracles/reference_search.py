@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The highest step as the paper searches for it: ascending bracketing, with steps of one length.
+The maximum step height as the paper searches for it: ascending bracketing with fixed steps.
 
 `crossing.max_step_height` has to give the same answers.  This one uses whole runs and their
 rows, so that both share the rules of a crossing and its start, but neither solver nor search.
@@ -26,7 +26,7 @@ def crosses(robot, speed, height, actuation=Actuation(), pendulum_angle=0.0,
     touch_x = place(vector, rules.course(speed, pendulum_angle), model.parameters, model.profile)
     limit = int(rules.time_limit / solver.step) * solver.step
     for duration in (*FIRST_LIMITS, limit):
-        # Near the highest step next to nothing decides: `simulate` would refuse these steps.
+        # Near the maximum height next to nothing decides: `simulate` would refuse these steps.
         run = run_once(
             model, State(0.0, *vector), actuation, min(duration, limit), solver.step)
         goal, behind = rules.beyond * robot.ball_radius, math.tan(site.slope_behind)
@@ -43,7 +43,7 @@ def crosses(robot, speed, height, actuation=Actuation(), pendulum_angle=0.0,
 def highest_step(robot, speed, actuation=Actuation(), pendulum_angle=0.0, tolerance=5e-5,
                  options=ContactOptions(), solver=Solver(), site=Site(), rules=Rules()):
     """
-    Return the highest step that the ball gets over at a collision speed [m].
+    Return the maximum step height at a collision speed [m].
 
     The height doubles until the ball fails, then the bracket is halved to the tolerance [m]; its
     lower end, which is passed, is returned.

@@ -55,17 +55,17 @@ class System(NamedTuple):
 CLOSE, NEARBY = 0.05, 0.5
 
 Direction = tuple[float, float]       # sine and cosine of an angle
-Turned = tuple[float, float, float]   # an angle [rad] and its direction
+AngleTrig = tuple[float, float, float]   # an angle [rad] and its direction
 
 
 @compiled
-def turned_by(angle: float) -> Turned:
+def angle_trig(angle: float) -> AngleTrig:
     """Return an angle [rad] with its direction."""
     return angle, math.sin(angle), math.cos(angle)
 
 
 @compiled
-def direction_near(angle: float, start: Turned) -> Direction:
+def direction_near(angle: float, start: AngleTrig) -> Direction:
     """
     Return sine and cosine of an angle [rad], quickly where it is near one that is known.
 
@@ -95,7 +95,7 @@ def direction_near(angle: float, start: Turned) -> Direction:
 
 
 @compiled
-def unforced(motion: Array, hanging: Direction, motor: float, parameters: Parameters
+def unforced(motion: Array, pendulum_trig: Direction, motor: float, parameters: Parameters
              ) -> Response:
     """
     Return the accelerations without the ground, and the response to its forces; eq. (13).
@@ -104,14 +104,14 @@ def unforced(motion: Array, hanging: Direction, motor: float, parameters: Parame
     ----------
     motion : (8,) array, or longer
         Its positions are not used.
-    hanging : tuple
+    pendulum_trig : tuple
         Sine and cosine of the pendulum angle.
     motor : float
         Torque tau2 of the pendulum motor [N m].
     parameters : Parameters
 
     """
-    sine, cosine = hanging
+    sine, cosine = pendulum_trig
     per_mass = 1.0 / parameters.mass  # a division in each call would take as long as all else
     per_inertia = 1.0 / parameters.ball_inertia
     spin = motion[BALL_RATE]

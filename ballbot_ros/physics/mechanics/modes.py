@@ -28,7 +28,7 @@ from ballbot_ros.physics.mechanics.contact import (
     pressed_sign, QUICK, share_friction, sign_beyond, SLIDING, sliding_sign, TOUCHED,
     touches, write_contact)
 from ballbot_ros.physics.mechanics.equations import (
-    Direction, direction_near, System, Turned, unforced, write_rates)
+    AngleTrig, Direction, direction_near, System, unforced, write_rates)
 from ballbot_ros.physics.model.actuation import torque_asked, torque_slopes, unsaturated_torque
 from ballbot_ros.physics.model.state import (
     BALL_RATE, PENDULUM_ANGLE, PENDULUM_RATE, VELOCITY_X, X, Y)
@@ -110,7 +110,7 @@ def mode_derivative(time: float, state: Array, system: System, mode: ContactMode
 
 
 @compiled
-def mode_accelerations(time: float, motion: Array, start: Turned, system: System,
+def mode_accelerations(time: float, motion: Array, start: AngleTrig, system: System,
                        mode: ContactMode) -> Accelerations:
     """
     Return the four accelerations in a frozen mode without a CORNER: the most frequent call.
@@ -126,14 +126,14 @@ def mode_accelerations(time: float, motion: Array, start: Turned, system: System
     motion : (8,) array, or longer
         Coordinates and velocities.
     start : tuple
-        A pendulum angle nearby and its direction, see `turned_by`.
+        A pendulum angle nearby and its direction, see `angle_trig`.
 
     """
-    hanging = direction_near(motion[PENDULUM_ANGLE], start)
-    motor = mode_torque(time, motion, hanging[0], system, mode)
+    pendulum_trig = direction_near(motion[PENDULUM_ANGLE], start)
+    motor = mode_torque(time, motion, pendulum_trig[0], system, mode)
     turn, swing, along_x, along_y, _, _ = contact_sum(
         motion, system.parameters, system.ground, mode.contacts, mode.signs, contact_count(mode),
-        QUICK, unforced(motion, hanging, motor, system.parameters))
+        QUICK, unforced(motion, pendulum_trig, motor, system.parameters))
     return turn, swing, along_x, along_y
 
 
@@ -251,7 +251,7 @@ def jacobian_table() -> Array:
 
 
 @compiled
-def write_jacobian(time: float, state: Array, hanging: Direction, system: System,
+def write_jacobian(time: float, state: Array, pendulum_trig: Direction, system: System,
                    mode: ContactMode, out: Array) -> tuple[float, float, float]:
     """
     Write the derivative of `mode_accelerations` into the first four rows of `out`.
@@ -260,7 +260,7 @@ def write_jacobian(time: float, state: Array, hanging: Direction, system: System
     ----------
     time, state, system, mode
         See `mode_derivative`; only the motion of the state is looked at.
-    hanging : tuple
+    pendulum_trig : tuple
         Sine and cosine of the pendulum angle.
     out : (7, 9) array
         See `jacobian_table`; SI.
@@ -295,16 +295,16 @@ def write_jacobian(time: float, state: Array, hanging: Direction, system: System
     out[ALONG_X, BALL_RATE] = per_mass * out[LOADS, 4]
     out[ALONG_Y, BALL_RATE] = per_mass * out[LOADS + 1, 4]
     if parameters.swing_inertia > 0.0:
-        add_pendulum(time, state, hanging, system, mode, (force_x, force_y), out)
+        add_pendulum(time, state, pendulum_trig, system, mode, (force_x, force_y), out)
     return force_x, force_y, torque
 
 
 @compiled
-def add_pendulum(time: float, state: Array, hanging: Direction, system: System,
+def add_pendulum(time: float, state: Array, pendulum_trig: Direction, system: System,
                  mode: ContactMode, force: tuple[float, float], out: Array) -> None:
     """Add the terms of pendulum and motor, and their response to the loads, to the derivative."""
     (force_x, force_y), actuator, parameters = force, system.actuator, system.parameters
-    (sine, cosine), rate = hanging, state[PENDULUM_RATE]
+    (sine, cosine), rate = pendulum_trig, state[PENDULUM_RATE]
     # Slopes of the torque with ball and pendulum angle, ball and pendulum rate, and time.
     by_ball = by_angle = by_spin = by_rate = by_time = 0.0
     motor = mode_torque(time, state, sine, system, mode)

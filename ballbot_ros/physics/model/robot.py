@@ -361,7 +361,7 @@ class Robot(Checked):
 
     @property
     def largest_gravity_torque(self) -> float:
-        """Return the torque of a level pendulum about the joint, M2 g e [N m]."""
+        """Return the gravity torque about the joint with the pendulum horizontal, M2 g e [N m]."""
         return self.pendulum_mass * self.gravity * self.pendulum_length
 
     @property

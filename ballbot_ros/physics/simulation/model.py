@@ -134,7 +134,7 @@ class Model:
         return low, float(deepest[contact.NORMAL_X]), float(deepest[contact.NORMAL_Y])
 
     def _spring_force(self, x: float, y: float) -> tuple[float, float]:
-        """Return the force of the ground on a ball at rest at a place [N]."""
+        """Return the ground contact force on a ball at rest at a place [N]."""
         force_x, force_y, *_ = contact.contact_loads(
             np.array(State(x=x, y=y)[1:]), self.parameters, self.profile, self._contacts)
         return float(force_x), float(force_y)

@@ -260,7 +260,8 @@ def _to_accuracy(model: Model, accuracy: float, start: State, actuation: Actuati
                     runs=runs.count))
         elif fine is not None and finest:
             raise SimulationError(
-                start.time, 'only the finest tolerance keeps the energy: nothing confirms the run',
+                start.time, 'the energy balance closes only at the finest tolerance: the accuracy '
+                'cannot be verified',
                 'use a larger slip_threshold, a softer contact_stiffness or softer gains',
                 'unconfirmed', 'tolerance')
         coarse = fine

@@ -62,7 +62,7 @@ class SceneFile(Run):
     """The keys of a scene file."""
 
     robot: str = text('name or file of a robot')
-    robot_changes: Any = section('numbers of the robot to replace, by their names', default=None)
+    robot_changes: Any = section('parameters of the robot to replace, by name', default=None)
     terrain: Any = section(
         'pieces of ground from left to right, or its vertices; level if not given', default=None)
     initial: Any = section('how it starts', default=None)

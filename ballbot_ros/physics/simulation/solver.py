@@ -75,7 +75,7 @@ class Solver(Checked):
 
     method: str = text('integrator', default='rk4', choices=METHODS)
     step: float = quantity(
-        's', 'integration step of a method with steps of one length; the largest of trapezoidal',
+        's', 'integration step of a fixed-step method; the largest of trapezoidal',
         default=1e-4, above=0.0, maximum=0.1)
     tolerance: float = quantity(
         'm', 'local error per step of a method that chooses its steps', default=1e-9,
@@ -269,7 +269,7 @@ def out_of_balance(time: float, missing: float, solver: Solver) -> OutOfBalance:
               if METHODS[solver.method].fixed else
               f'use a smaller tolerance than {solver.tolerance:g} m')
     return OutOfBalance(
-        time, f'the energy ledger misses {100.0 * missing:.3g} % of the energy in play',
+        time, f'the energy balance error is {100.0 * missing:.3g} % of the reference energy',
         f'{remedy} or softer gains, a softer contact_stiffness or a larger slip_threshold',
         'unbalanced', 'step' if METHODS[solver.method].fixed else 'tolerance')
 
@@ -309,7 +309,7 @@ def failure(outcome: int, time: float, vector: Array, solver: Solver) -> Simulat
     if outcome == BUDGET_EXCEEDED:
         return SimulationError(
             time, f'the work budget of {solver.work_budget} function evaluations is used up',
-            'raise work_budget (solver), take steps of one length (rk4), raise the tolerance '
+            'raise work_budget (solver), use a fixed-step method (rk4), raise the tolerance '
             f'above {solver.tolerance:g} m, or use a larger slip_threshold, softer gains '
             'or a softer contact_stiffness; where the ball sinks in deep, raise '
             'contact_stiffness instead', 'over_budget', 'work_budget')

@@ -12,7 +12,7 @@ import math
 import numpy as np
 
 from ballbot_ros.jit import compiled
-from ballbot_ros.physics.mechanics.equations import System, Turned, turned_by, write_motion
+from ballbot_ros.physics.mechanics.equations import angle_trig, AngleTrig, System, write_motion
 from ballbot_ros.physics.mechanics.modes import (
     mode_accelerations, mode_derivative, smooth_contacts)
 from ballbot_ros.physics.model.state import PENDULUM_ANGLE, SIZE
@@ -43,7 +43,7 @@ STARTS = A.ravel()  # as `values.sum_rows` takes them
 
 
 @compiled
-def write_rates(time: float, motion: int, out: int, start: Turned, system: System,
+def write_rates(time: float, motion: int, out: int, start: AngleTrig, system: System,
                 workspace: Workspace) -> None:
     """Write the rates of a motion, a row of the workspace, into another one."""
     work = workspace.work
@@ -66,7 +66,7 @@ def step(time: float, state: Array, size: float, ready: int, system: System,
     which are at the same time; over `STABLE`.
     """
     work, last = workspace.work, values.F0 + WIDTH * (STAGES - 1)
-    start = turned_by(state[PENDULUM_ANGLE])
+    start = angle_trig(state[PENDULUM_ANGLE])
     for i in range(MOTION):
         work[values.START + i] = state[i]
     if ready == NOTHING:

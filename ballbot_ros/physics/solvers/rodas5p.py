@@ -18,7 +18,7 @@ import numpy as np
 
 from ballbot_ros.jit import compiled, outlined
 from ballbot_ros.physics.mechanics.equations import (
-    forced, System, turned_by, unforced, write_motion)
+    angle_trig, forced, System, unforced, write_motion)
 from ballbot_ros.physics.mechanics.modes import (
     BALL, ContactMode, mode_accelerations, mode_torque, TIME, write_jacobian)
 from ballbot_ros.physics.model.state import (
@@ -229,7 +229,7 @@ def step(time: float, state: Array, size: float, ready: int, system: System,
     """Take one step; see the contract in `solvers`."""
     jacobian, work = workspace.jacobian, workspace.work
     if ready != JACOBIAN:
-        start = turned_by(state[PENDULUM_ANGLE])
+        start = angle_trig(state[PENDULUM_ANGLE])
         push = write_jacobian(time, state, start[1:], system, workspace.mode, jacobian)
         trig = values.PENDULUM_TRIG
         work[trig], work[trig + 1], work[trig + 2] = start

@@ -13,7 +13,7 @@ Simulink, SIAM Review 41 (1999) 538-552, section 3.
 import math
 
 from ballbot_ros.jit import compiled, outlined
-from ballbot_ros.physics.mechanics.equations import derivative, is_finite, System, turned_by
+from ballbot_ros.physics.mechanics.equations import angle_trig, derivative, is_finite, System
 from ballbot_ros.physics.mechanics.modes import find_mode, write_jacobian
 from ballbot_ros.physics.model.robot import Parameters
 from ballbot_ros.physics.model.state import PENDULUM_ANGLE, SIZE
@@ -140,7 +140,7 @@ def advance(call: Packed) -> Packed:
         used = min(controller.step, options.step, end - time)
         if not known:
             find_mode(time, state, system, workspace.mode)
-            write_jacobian(time, state, turned_by(state[PENDULUM_ANGLE])[1:], system,
+            write_jacobian(time, state, angle_trig(state[PENDULUM_ANGLE])[1:], system,
                            workspace.mode, workspace.jacobian)
             known = True
         error = math.inf

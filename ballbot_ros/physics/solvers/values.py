@@ -61,7 +61,7 @@ WIDTH = 16  # of a row
  COLUMNS,  # eight of them, of the matrix that solves a stage, see `rodas5p.invert`
  _, _, _, _, _, _, _,
  FACTORS,  # of a sum
- PENDULUM_TRIG,  # the pendulum angle at the begin and its direction, see `turned_by`
+ PENDULUM_TRIG,  # the pendulum angle at the begin and its direction, see `angle_trig`
  ROWS) = (WIDTH * row for row in range(31))
 
 # See `jit.row_sum`.

@@ -11,7 +11,7 @@ from ballbot_ros.jit import compiled
 from ballbot_ros.physics import (
     Actuation, ContactOptions, load_robot, load_scene, Model, simulate, Solver, State, Terrain)
 from ballbot_ros.physics.mechanics import contact, equations, modes
-from ballbot_ros.physics.mechanics.equations import System, turned_by
+from ballbot_ros.physics.mechanics.equations import angle_trig, System
 from ballbot_ros.physics.model.state import SIZE
 from ballbot_ros.physics.simulation.solver import METHODS
 from ballbot_ros.physics.solvers import values
@@ -135,7 +135,7 @@ def test_the_formulas_of_a_mode_are_the_law_itself_inside_the_mode(state, choice
     if modes.smooth_contacts(mode):
         # What steps are made of is written once more, to be quick.
         for apart in (0.0, 0.3, -2.0):  # from a pendulum angle whose direction is known
-            start = turned_by(state.pendulum_angle + apart)
+            start = angle_trig(state.pendulum_angle + apart)
             quick = modes.mode_accelerations(0.0, vector, start, system, mode)
             assert quick == pytest.approx(law[4:8], rel=1e-9, abs=1e-9)
 

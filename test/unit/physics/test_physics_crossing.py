@@ -16,7 +16,7 @@ GIMBALL = load_robot('gimball')
 SHELLBALL = load_robot('shellball')
 SPEEDS = [0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.1, 1.2]
 
-# Highest step [mm] at each speed, from a program of its own, written in C before this one
+# Maximum step height [mm] at each speed, from a program of its own, written in C before this one
 # (physics-notes, section 2.1).  Nothing here was fitted to it.
 TABLE = {
     'shellball free': [

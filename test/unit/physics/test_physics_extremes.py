@@ -159,7 +159,7 @@ def test_a_failed_stricter_run_leaves_a_result_unconfirmed_or_shows_it_wrong(
 def test_energy_that_comes_and_goes_again_is_seen_too():
     # At its end the ledger of this run would close: each sample is looked at.
     found = judge('fixed', 811)
-    assert found.verdict == REFUSED and 'the energy ledger misses' in found.why
+    assert found.verdict == REFUSED and 'energy balance error' in found.why
 
 
 def test_a_case_is_a_function_of_its_class_and_seed():

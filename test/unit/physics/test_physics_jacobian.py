@@ -9,7 +9,7 @@ import pytest
 
 from ballbot_ros.physics import Actuation, ContactOptions, load_robot, Model, Terrain
 from ballbot_ros.physics.mechanics import modes
-from ballbot_ros.physics.mechanics.equations import System, turned_by
+from ballbot_ros.physics.mechanics.equations import angle_trig, System
 from ballbot_ros.physics.model.state import PENDULUM_ANGLE
 
 ROBOTS = {name: load_robot(name) for name in ('gimball', 'shellball')}
@@ -25,8 +25,8 @@ def rates_and_slopes(model, actuation, vector, time=0.5):
     system = System(model.parameters, model.profile, actuation.actuator(model.robot, 0.0, 0.1))
     mode, out = modes.ContactMode.of(len(model.profile)), modes.jacobian_table()
     count = modes.find_mode(time, vector, system, mode)
-    hanging = turned_by(vector[PENDULUM_ANGLE])[1:]
-    modes.write_jacobian(time, vector, hanging, system, mode, out)
+    pendulum_trig = angle_trig(vector[PENDULUM_ANGLE])[1:]
+    modes.write_jacobian(time, vector, pendulum_trig, system, mode, out)
     complete = modes.smooth_contacts(mode)
 
     def rates(moment, state):

@@ -5,7 +5,7 @@ import math
 from hypothesis import given, strategies as st
 import pytest
 
-from ballbot_ros.physics.mechanics.equations import direction_near, NEARBY, turned_by
+from ballbot_ros.physics.mechanics.equations import angle_trig, direction_near, NEARBY
 from ballbot_ros.physics.solvers.controller import fifth_root
 
 angles = st.floats(-math.pi, math.pi)
@@ -14,7 +14,7 @@ angles = st.floats(-math.pi, math.pi)
 @given(angles, st.floats(-4.0 * NEARBY, 4.0 * NEARBY))
 def test_a_direction_near_a_known_one_is_exact_to_rounding(known, ahead):
     angle = known + ahead
-    assert direction_near(angle, turned_by(known)) == pytest.approx(
+    assert direction_near(angle, angle_trig(known)) == pytest.approx(
         (math.sin(angle), math.cos(angle)), rel=0.0, abs=4e-16)
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The accuracy of highest steps, on random robots; bench/step_accuracy.py tries 1,000 of them."""
+"""The accuracy of maximum step heights; bench/step_accuracy.py tries 1,000 random robots."""
 from crossing_accuracy import shares
 import pytest
 

@@ -60,7 +60,7 @@ def test_the_words_of_a_legend_are_the_colours_that_are_drawn():
     assert legend(pendulum=False, force=True) == '; '.join([
         f'{canvas.NAMES[TURNING]}: turns with the ball',
         f'{canvas.NAMES[PATH]}: path of the centre',
-        f'{canvas.NAMES[FORCE]}: force of the ground'])
+        f'{canvas.NAMES[FORCE]}: ground contact force'])
     page = (ROOT / 'docs' / 'view.md').read_text()
     assert f'its pendulum ({canvas.NAMES[canvas.VERMILION]})' in page
     assert f'the ground contact forces ({canvas.NAMES[canvas.ORANGE]})' in page

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Simpler models of the highest step have the textbooks' values and agree in common limits."""
+"""Simpler models have the textbooks' maximum step heights and agree in common limits."""
 from dataclasses import replace
 import math
 

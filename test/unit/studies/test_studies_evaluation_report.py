@@ -95,6 +95,10 @@ def test_page_summary_and_picture_show_every_planner_and_mark_what_is_missed():
     assert len(figures.evaluation(counted).axes) == 3
 
 
+def test_a_colour_of_the_picture_is_a_planner_or_an_outcome():
+    assert not set(figures.COLOURS) & set(figures.BAD.values())
+
+
 def test_the_margins_of_attempts_are_correlated():
     rows = [row(attempts=[attempt(0.9, True, height_margin=margin, true_margin=2.0 * margin)])
             for margin in (0.001, 0.003, 0.004)]

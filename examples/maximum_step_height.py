@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Find the highest step that the ball gets over, by speed and by what its pendulum does.
+Find the maximum step height by speed and motion of the pendulum.
 
-    python examples/highest_step.py
+    python examples/maximum_step_height.py
 """
 import math
 
@@ -20,7 +20,8 @@ ACTUATIONS = {
 def main() -> None:
     """Print a table of heights."""
     robot = load_robot('gimball')
-    print(f'Highest step of {robot.name} (radius {1e3 * robot.ball_radius:.0f} mm), in mm:\n')
+    print(f'Maximum step height of {robot.name} (radius {1e3 * robot.ball_radius:.0f} mm), '
+          'in mm:\n')
     print(f'{"pendulum":14}' + ''.join(f'{speed:>8} m/s' for speed in SPEEDS))
     for name, actuation in ACTUATIONS.items():
         found = [max_step_height(robot, speed, actuation) for speed in SPEEDS]
