@@ -163,6 +163,13 @@ def test_each_module_of_physics_lies_on_a_floor():
     assert not loose, f'not on one of {", ".join(FLOORS)}: {loose}'
 
 
+def test_only_one_module_imports_internals_of_rclpy():
+    internal = re.compile(r'rclpy\.(_|impl\b|experimental\b)')
+    assert {module for module, path in modules().items()
+            for _, name in imports(module, tree_of(path)) if internal.match(name)} == {
+                'ballbot_ros.ros.rclpy_compat'}
+
+
 def test_no_modules_import_each_other_in_a_cycle():
     assert not (found := cycles(edges())), found
 

@@ -123,7 +123,6 @@ class ThreadWorkspace(local):
     """Workspace of a thread; it keeps the last attempt, which explains the outcome."""
 
     def __init__(self) -> None:
-        """Make the arrays of a thread."""
         self.state, self.last = np.zeros(SIZE), np.zeros(2)
         self.spent = np.zeros(2, dtype=np.int64)
         self.packed: PackedArrays = (

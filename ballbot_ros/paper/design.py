@@ -165,7 +165,7 @@ def _draw_bars(axes: Any, bars: Sequence[Bar], middle: float) -> None:
         fontsize=6.5, linespacing=1.15)
     axes.set_ylim(BARS_MAX - 0.5, -0.6)
     axes.axvline(0.0, color=canvas.INK, lw=0.8)
-    axes.set_xlabel('change of the maximum step height [mm]')
+    axes.set_xlabel('change of the height [mm]')
     axes.grid(visible=False, axis='y')
 
 

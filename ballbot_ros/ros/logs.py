@@ -4,8 +4,9 @@ import logging
 from logging.handlers import QueueHandler
 from queue import SimpleQueue
 
-from rclpy.impl.rcutils_logger import RcutilsLogger
 from rclpy.node import Node
+
+from ballbot_ros.ros.rclpy_compat import RcutilsLogger
 
 
 class RosHandler(logging.Handler):

@@ -10,6 +10,7 @@ from typing import Any, Dict, Iterator, List, Optional, Tuple
 from rclpy._rclpy_pybind11 import RCLError
 from rclpy.context import Context
 from rclpy.executors import Executor, SingleThreadedExecutor
+from rclpy.impl.rcutils_logger import RcutilsLogger
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.service import Service
@@ -21,9 +22,9 @@ try:
 except ImportError:  # before rclpy 7.1.5
     EventsExecutor = SingleThreadedExecutor
 
-__all__ = ['RCLError', 'answer_later', 'available_transitions', 'change_state_service',
-           'new_executor', 'parameter_overrides', 'parameter_services', 'reason_of', 'state_label',
-           'take_all', 'transition_label']
+__all__ = ['RCLError', 'RcutilsLogger', 'answer_later', 'available_transitions',
+           'change_state_service', 'new_executor', 'parameter_overrides', 'parameter_services',
+           'reason_of', 'state_label', 'take_all', 'transition_label']
 
 
 def new_executor(context: Optional[Context] = None) -> Executor:

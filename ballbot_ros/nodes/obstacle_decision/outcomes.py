@@ -5,13 +5,12 @@ from pathlib import Path
 import time
 from typing import Dict, Optional
 
-from rclpy.impl.rcutils_logger import RcutilsLogger
-
 from ballbot_ros.decision import Knowledge
 from ballbot_ros.decision.decider import warm_up
 from ballbot_ros.decision.learning.learner import learned
 from ballbot_ros.decision.learning.outcome_log import OutcomeLog
 from ballbot_ros.decision.learning.outcomes import Outcome
+from ballbot_ros.ros.rclpy_compat import RcutilsLogger
 
 # Number of latest outcomes from which the node learns at start.
 NEWEST = 100

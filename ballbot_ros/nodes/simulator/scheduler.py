@@ -4,7 +4,6 @@ import math
 import time
 from typing import Callable, Optional, Union
 
-from rclpy.impl.rcutils_logger import RcutilsLogger
 from rclpy.node import Node
 from rclpy.task import Future
 from rosgraph_msgs.msg import Clock
@@ -18,6 +17,7 @@ from ballbot_ros.physics.model.state import State
 from ballbot_ros.plant import Pace, Plant, Speedometer
 from ballbot_ros.ros.conversions import to_seconds
 from ballbot_ros.ros.endpoints import create_subscription
+from ballbot_ros.ros.rclpy_compat import RcutilsLogger
 from ballbot_ros.ros.run import CLOCK_TIMEOUT, CLOCK_WARNING_PERIOD
 
 # Period at which an unanswered state is repeated: subscribers may not be discovered yet [s].

@@ -114,7 +114,6 @@ class Integrator:
 
     def __init__(self, parameters: Parameters, ground: Array, solver: Solver,
                  flight: bool = False) -> None:
-        """Allocate the workspace once."""
         self._parameters, self._ground, self._solver = parameters[:], ground, solver
         self._method = METHODS[solver.method]
         self._flight = flight and self._method.flies
@@ -237,7 +236,6 @@ class Ledger:
     """
 
     def __init__(self, parameters: Parameters, ground: Array, state: Array) -> None:
-        """Open it."""
         self._fixed = parameters[:], ground, contact_table(len(ground))
         self._start, self._play = state.copy(), 0.0
 
