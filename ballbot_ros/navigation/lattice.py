@@ -18,6 +18,7 @@ from ballbot_ros.jit import compiled
 VECTORS = ((1, 0), (2, 1), (1, 1), (1, 2), (0, 1), (-1, 2), (-1, 1), (-2, 1),
            (-1, 0), (-2, -1), (-1, -1), (-1, -2), (0, -1), (1, -2), (1, -1), (2, -1))
 HEADINGS = tuple(math.atan2(y, x) for x, y in VECTORS)
+LENGTHS = tuple(math.hypot(x, y) for x, y in VECTORS)
 COUNT = len(VECTORS)
 # Cell size over turning radius at which single vectors make the arcs.
 CELL_SHARE = 0.118
@@ -276,6 +277,96 @@ def free_steps(barriers: NDArray[np.bool_], row: float, column: float, up: float
 
 
 @compiled
+def _excluded(first: int, keys: NDArray[np.int64], costs: NDArray[np.float64], states: int,
+              level: int, direction: int, cost: float, reversal: float) -> bool:
+    """Return whether the first node that was expanded at a state excludes another one."""
+    if first < 0:
+        return False
+    rest = keys[first] // states
+    turn = reversal if direction != 1 - 2 * (rest % 2) else 0.0
+    return bool(level >= rest // 2 and cost >= costs[first] + turn)
+
+
+@compiled
+def _push(heap_costs: NDArray[np.float64], heap_nodes: NDArray[np.int64], size: int,
+          cost: float, node: int) -> None:
+    """Add a node to a binary heap of a size."""
+    place = size
+    while place > 0 and heap_costs[(place - 1) // 2] > cost:
+        heap_costs[place] = heap_costs[(place - 1) // 2]
+        heap_nodes[place] = heap_nodes[(place - 1) // 2]
+        place = (place - 1) // 2
+    heap_costs[place], heap_nodes[place] = cost, node
+
+
+@compiled
+def _pop(heap_costs: NDArray[np.float64], heap_nodes: NDArray[np.int64], size: int) -> None:
+    """Remove the first node of a binary heap of a size."""
+    size -= 1
+    cost, node, place = heap_costs[size], heap_nodes[size], 0
+    while 2 * place + 1 < size:
+        child = 2 * place + 1
+        if child + 1 < size and heap_costs[child + 1] < heap_costs[child]:
+            child += 1
+        if heap_costs[child] >= cost:
+            break
+        heap_costs[place], heap_nodes[place] = heap_costs[child], heap_nodes[child]
+        place = child
+    heap_costs[place], heap_nodes[place] = cost, node
+
+
+def distances(goal: int, slowness: NDArray[np.float64], starts: NDArray[np.int64],
+              ends: NDArray[np.int64], lengths: NDArray[np.float64]
+              ) -> Tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """
+    Return the distance of a point from each cell to a cell along the 16 headings [cells].
+
+    Each step counts with the lower slowness of its two cells: times over them are lower bounds of
+    those of moves, which take the highest slowness on their way.  Arcs lead from cells to others.
+    The second array has the next cell on the way, -1 for none.
+    """
+    far, following = np.full(slowness.size, math.inf), np.full(slowness.size, -1, np.int64)
+    order, most = np.argsort(ends), COUNT * slowness.size + len(ends)
+    _measure(goal, slowness, starts[order], ends[order], lengths[order], far, following,
+             np.empty(most), np.empty(most, np.int64))
+    return far, following
+
+
+@compiled
+def _measure(goal: int, slowness: NDArray[np.float64], starts: NDArray[np.int64],
+             ends: NDArray[np.int64], lengths: NDArray[np.float64], far: NDArray[np.float64],
+             following: NDArray[np.int64], heap_costs: NDArray[np.float64],
+             heap_nodes: NDArray[np.int64]) -> None:
+    """Compute the results of `distances`, from arcs that are sorted by their ends."""
+    rows, columns = slowness.shape
+    far[goal] = heap_costs[0] = 0.0
+    heap_nodes[0], size = goal, 1
+    while size > 0:
+        cost, node = heap_costs[0], heap_nodes[0]
+        _pop(heap_costs, heap_nodes, size)
+        size -= 1
+        if cost > far[node]:
+            continue
+        row, column = node // columns, node % columns
+        item, first = 0, np.searchsorted(ends, node)
+        while item < 16 or first + item - 16 < len(ends) and ends[first + item - 16] == node:
+            before, length = -1, math.inf
+            if item >= 16:
+                before, length = starts[first + item - 16], lengths[first + item - 16]
+            else:
+                r, c = row + VECTORS[item][1], column + VECTORS[item][0]
+                if 0 <= r < rows and 0 <= c < columns:
+                    before, one, two = r * columns + c, slowness[r, c], slowness[row, column]
+                    if one + two < math.inf:
+                        length = LENGTHS[item] * min(one, two)
+            item += 1
+            if before >= 0 and cost + length < far[before]:
+                far[before], following[before] = cost + length, node
+                _push(heap_costs, heap_nodes, size, cost + length, before)
+                size += 1
+
+
+@compiled
 def expand(problem: Problem, tree: SearchTree, firsts: NDArray[np.int32]) -> int:
     """
     Search by A* over (risk level, direction, heading, cell); return the node of the goal.
@@ -312,6 +403,14 @@ def expand(problem: Problem, tree: SearchTree, firsts: NDArray[np.int32]) -> int
             elif item < per:
                 move = heading * per + item
                 new_direction = ends[move, 3]
+                r, c = row + ends[move, 0], column + ends[move, 1]
+                if r < 0 or c < 0 or r >= rows or c >= columns:
+                    continue
+                target = (r * columns + c) * 16 + ends[move, 2]
+                # Most moves are excluded before their cells are read.
+                if _excluded(firsts[target], keys, costs, states, level, new_direction,
+                             base + times[move], reversal):
+                    continue
                 factor = 0.0
                 for index in range(cells.shape[1]):
                     r, c = row + cells[move, index, 0], column + cells[move, index, 1]
@@ -321,8 +420,6 @@ def expand(problem: Problem, tree: SearchTree, firsts: NDArray[np.int32]) -> int
                         factor = max(factor, slowness[r, c])
                 if factor == math.inf:
                     continue
-                target = ((row + ends[move, 0]) * columns + column + ends[move, 1]) * 16 \
-                    + ends[move, 2]
                 cost = base + times[move] * factor
                 if new_direction != direction:
                     cost += reversal
@@ -336,12 +433,9 @@ def expand(problem: Problem, tree: SearchTree, firsts: NDArray[np.int32]) -> int
             if remaining == math.inf:
                 continue
             key = (new_level * 2 + (1 - new_direction) // 2) * states + target
-            node = firsts[target]
-            if node >= 0:
-                rest = keys[node] // states
-                turn = reversal if new_direction != 1 - 2 * (rest % 2) else 0.0
-                if new_level >= rest // 2 and cost >= costs[node] + turn:
-                    continue
+            if _excluded(firsts[target], keys, costs, states, new_level, new_direction, cost,
+                         reversal):
+                continue
             slot = (key * 0x9E3779B1 >> 7) & mask
             while slots[slot] >= 0 and keys[slots[slot]] != key:
                 slot = (slot + 1) & mask
@@ -358,30 +452,14 @@ def expand(problem: Problem, tree: SearchTree, firsts: NDArray[np.int32]) -> int
             costs[node], parents[node], moves[node] = cost, expanded, move
             if size == len(heap_costs):
                 return FULL
-            # Sift up.
-            place, total = size, cost + remaining
+            _push(heap_costs, heap_nodes, size, cost + remaining, node)
             size += 1
-            while place > 0 and heap_costs[(place - 1) // 2] > total:
-                heap_costs[place] = heap_costs[(place - 1) // 2]
-                heap_nodes[place] = heap_nodes[(place - 1) // 2]
-                place = (place - 1) // 2
-            heap_costs[place], heap_nodes[place] = total, node
         expanded = -1
         while size > 0 and expanded < 0:
             if not closed[heap_nodes[0]]:
                 expanded = heap_nodes[0]
+            _pop(heap_costs, heap_nodes, size)
             size -= 1
-            # Sift the last one down from the top.
-            total, node, place = heap_costs[size], heap_nodes[size], 0
-            while 2 * place + 1 < size:
-                child = 2 * place + 1
-                if child + 1 < size and heap_costs[child + 1] < heap_costs[child]:
-                    child += 1
-                if heap_costs[child] >= total:
-                    break
-                heap_costs[place], heap_nodes[place] = heap_costs[child], heap_nodes[child]
-                place = child
-            heap_costs[place], heap_nodes[place] = total, node
         if expanded < 0:
             return NONE
         closed[expanded] = 1

@@ -6,7 +6,7 @@ The search is A* on a lattice of poses (`lattice`): its primitives have a curvat
 can drive, forward or backward.  A crossing is an edge of the same graph, from the pose at rest
 where its run-up begins to the pose behind the step.  Cost is expected time; the product of the
 crossings' probabilities stays above the required one.  The heuristic is the time of a point that
-turns freely, from `scipy.sparse.csgraph`.
+turns freely (Dijkstra's algorithm).
 """
 from dataclasses import replace
 import math
@@ -14,8 +14,7 @@ from typing import Dict, List, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage, sparse
-from scipy.sparse import csgraph
+from scipy import ndimage
 
 from ballbot_ros.crossing.rules import touch_distance
 from ballbot_ros.decision import check_decision, Knowledge
@@ -27,7 +26,8 @@ from ballbot_ros.floors.floor import (
 from ballbot_ros.floors.profile import crossed, crossings
 from ballbot_ros.navigation.capability import Capability, CrossingPlan
 from ballbot_ros.navigation.lattice import (
-    CELL_SHARE, COUNT, free_steps, HEADINGS, LEVELS, Moves, primitives, Problem, Tree, VECTORS)
+    CELL_SHARE, COUNT, distances, free_steps, HEADINGS, LEVELS, Moves, primitives, Problem, Tree,
+    VECTORS)
 from ballbot_ros.navigation.learned import Learned
 from ballbot_ros.navigation.sensing import LOWEST
 from ballbot_ros.navigation.tracking import steered
@@ -256,7 +256,7 @@ class RoutePlanner:
             arc for number in range(len(self.features)) for arc in self._crossings(number)),
             key=lambda arc: arc.start)
         self._capability.keep()
-        self._lay_graph()
+        self._lay_arcs()
 
     def _lay_grid(self) -> None:
         """Mark the cells that the centre may reach without a crossing."""
@@ -273,10 +273,9 @@ class RoutePlanner:
               np.clip(((self._x - left) / floor.resolution).astype(int), 0, clear.shape[1] - 1))
         self._map_clear = clear[at]
 
-    def _lay_graph(self) -> None:
-        """Set up slowness, times and risks of the crossings, and the graph of the heuristic."""
+    def _lay_arcs(self) -> None:
+        """Set up slowness, times and risks of the crossings."""
         self._slowness = np.where(self._blocked, np.inf, np.where(self._close, CLOSE, 1.0))
-        self._graph = _grid_graph(self._slowness, self._size)
         limit = -math.log(self._tuning.required_probability)
         starts, ends = (np.array([arc[side] for arc in self._offered], np.int64)
                         for side in (0, 1))
@@ -284,10 +283,13 @@ class RoutePlanner:
         risks = -np.log([_probability([arc.segment]) for arc in self._offered])
         self._arc_arrays = (
             starts, ends, times, np.ceil(risks / limit * LEVELS - 1e-9).astype(np.int64))
-        # From the goal backward.
-        self._backward = self._graph + self._graph.T + sparse.csr_matrix(
-            (times * self._tuning.cruise_speed * DETOUR, (ends // COUNT, starts // COUNT)),
-            shape=self._graph.shape)
+
+    def _far(self, last: int) -> NDArray[np.float64]:
+        """Return the distance of a point that turns freely from each cell to one [m]."""
+        starts, ends, times, _ = self._arc_arrays
+        return self._size * distances(
+            last, self._slowness, starts // COUNT, ends // COUNT,
+            times * self._tuning.cruise_speed * DETOUR / self._size)[0]
 
     def _around(self, line: Tuple[Point, Point], margin: float
                 ) -> Tuple[Tuple[slice, slice], NDArray[np.float64]]:
@@ -548,7 +550,7 @@ class RoutePlanner:
         last = self._node(goal)
         heading = -1 if len(goal) < 3 else min(range(COUNT), key=lambda item: abs(
             math.remainder(HEADINGS[item] - goal[2], 2.0 * math.pi)))
-        far = csgraph.dijkstra(self._backward, directed=True, indices=last)
+        far = self._far(last)
         aligned = np.isin(self._arc_arrays[0], states)
         for item in np.flatnonzero(aligned if len(start) > 2 else []):
             aligned[item] = self.aligned(start, self._offered[item].segment)
@@ -589,7 +591,7 @@ class RoutePlanner:
 
     def warm_up(self) -> None:
         """Compile the search, or load it."""
-        self._find(np.zeros(1, np.int64), np.zeros(1), 0, -1, np.zeros(self._blocked.size),
+        self._find(np.zeros(1, np.int64), np.zeros(1), 0, -1, self._far(0),
                    np.zeros(len(self._offered), bool))
 
     def _find(self, states: NDArray[np.int64], costs: NDArray[np.float64], last: int, heading: int,
@@ -727,20 +729,19 @@ class RoutePlanner:
 
     def _shortest(self, first: int, last: int) -> Tuple[float, List[Tuple[int, int]]]:
         """Return the shortest path if each step could be crossed, and the crossed features."""
-        graph = _grid_graph(np.where(self._fixed, np.inf, 1.0), self._size)
-        far, before = csgraph.dijkstra(
-            graph, directed=False, indices=first, return_predecessors=True)
-        if not math.isfinite(far[last]):
+        none = np.zeros(0, np.int64)
+        far, following = distances(
+            last, np.where(self._fixed, np.inf, 1.0), none, none, np.zeros(0))
+        if not math.isfinite(far[first]):
             return math.inf, []
-        nodes = [last]
-        while before[nodes[-1]] >= 0:
-            nodes.append(int(before[nodes[-1]]))
-        nodes.reverse()
+        nodes = [first]
+        while nodes[-1] != last:
+            nodes.append(int(following[nodes[-1]]))
         points = [self._point(node) for node in nodes]
         passed = dict.fromkeys(
             (self.floor.features.index(feature), sign) for one, two in zip(points, points[1:])
             for feature, sign in crossed(self.floor, one, two, FACED))
-        return float(far[last]), list(passed)
+        return float(far[first] * self._size), list(passed)
 
     def _lack(self, number: int, sign: int) -> str:
         """Return why a feature is not crossed in a direction."""
@@ -763,27 +764,3 @@ class RoutePlanner:
 def _probability(taken: Sequence[Segment]) -> float:
     """Return the product of the probabilities of crossings."""
     return math.prod(segment.crossing.probability for segment in taken if segment.crossing)
-
-
-def _grid_graph(slowness: NDArray[np.float64], size: float) -> 'sparse.csr_matrix':
-    """
-    Return the graph of free cells with their neighbours along the 16 headings.
-
-    Weights are distances times the lower slowness of the two cells [m]: times over them are lower
-    bounds of those of moves, which take the highest slowness on their way.
-    """
-    numbers = np.arange(slowness.size).reshape(slowness.shape)
-    begins, ends, weights = [], [], []
-    for right, down in VECTORS[:COUNT // 2]:
-        one = (slice(0, slowness.shape[0] - down),
-               slice(max(0, -right), slowness.shape[1] - max(0, right)))
-        two = (slice(down, slowness.shape[0]),
-               slice(max(0, right), slowness.shape[1] + min(0, right)))
-        free = np.isfinite(slowness[one] + slowness[two])
-        begins.append(numbers[one][free])
-        ends.append(numbers[two][free])
-        weights.append(size * math.hypot(down, right)
-                       * np.minimum(slowness[one], slowness[two])[free])
-    return sparse.csr_matrix(
-        (np.concatenate(weights), (np.concatenate(begins), np.concatenate(ends))),
-        shape=(slowness.size, slowness.size))
