@@ -202,7 +202,10 @@ def _run_together(make_nodes: Sequence[Callable[[], Node]], args: Optional[List[
         _end_in_time(nodes)
         return EXIT_REFUSED
     except BallbotError as error:
-        log.fatal(reason_of(error))
+        to_all = len(make_nodes) > 1 and error.reason == 'unknown_name' and any(
+            word.startswith(f'{error.field}:=') for word in words)
+        log.fatal(reason_of(error) + (
+            f'; -p NODE:{error.field}:=VALUE gives it to one of the nodes' if to_all else ''))
         _end_in_time(nodes)
         return EXIT_REFUSED
     finally:

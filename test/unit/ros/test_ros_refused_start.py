@@ -7,10 +7,11 @@ import pytest
 from refusals import refused
 
 from ballbot_ros.config.files import find_config
+from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.nodes.controller.node import Controller
 from ballbot_ros.nodes.obstacle_decision.node import ObstacleDecision
 from ballbot_ros.nodes.simulator.node import Simulator
-from ballbot_ros.ros.run import EXIT_REFUSED, run, STRAY_ARGUMENT
+from ballbot_ros.ros.run import EXIT_REFUSED, run, run_together, STRAY_ARGUMENT
 
 FILES = {
     'scene.yaml': 'robot: gimball\nterrain:\n  - step: {hight: 0.03}\nduration: 1.0\n',
@@ -91,3 +92,14 @@ def test_a_malformed_command_line_is_refused_before_a_node_is_made(
     last = capsys.readouterr().err.splitlines()[-1]  # rcl logs lines of its own before it
     assert last.startswith('cannot start: ') and words[-1] in last
     assert (STRAY_ARGUMENT in last) is stray
+
+
+@pytest.mark.parametrize('nodes, word, hinted', [
+    (2, 'scene:=doorstep', True), (2, 'controller:scene:=doorstep', False),
+    (1, 'scene:=doorstep', False)])
+def test_a_parameter_given_to_several_nodes_and_unknown_to_one_is_refused_with_the_remedy(
+        handlers_restored, capfd, nodes, word, hinted):
+    def refusing():
+        raise ConfigurationError('not a parameter', 'unknown_name', 'scene')
+    assert run_together([refusing] * nodes, ['--ros-args', '-p', word]) == EXIT_REFUSED
+    assert ('-p NODE:scene:=VALUE' in capfd.readouterr().err) is hinted
