@@ -82,7 +82,7 @@ def messages():
     environment = {name: text for name, text in os.environ.items() if name != 'DESTDIR'}
     for command in (
         ['cmake', '-S', source, '-B', build, f'-DCMAKE_INSTALL_PREFIX={stage}',
-         '-DCMAKE_BUILD_TYPE=Release', '-DBUILD_TESTING=OFF',
+         '-DBUILD_TESTING=OFF',
          f'-DPYTHON_ONLY={os.environ.get("BALLBOT_MESSAGES_PYTHON_ONLY", "OFF")}',
          f'-DPython3_EXECUTABLE={sys.executable}'],
         ['cmake', '--build', build, '--parallel', str(os.cpu_count() or 1)],
