@@ -97,10 +97,10 @@ class Capability:
             temporary.replace(self._file)
             self._kept = len(self._known)
 
-    def choices(self, faces: Sequence[Tuple[float, float]], height_sd: float, run_up: float,
-                room: float) -> List[CrossingPlan]:
+    def crossing(self, faces: Sequence[Tuple[float, float]], height_sd: float, run_up: float,
+                 room: float) -> Optional[CrossingPlan]:
         """
-        Return crossings with the required probability, from the shortest run-up to the longest.
+        Return the crossing with a run-up, None without the required probability.
 
         Parameters
         ----------
@@ -108,27 +108,26 @@ class Capability:
             Distance behind the first face and height of each face, negative down [m].
         height_sd : float
             Standard deviation of the heights [m].
-        run_up, room : float
-            Available to the centre before the touch and behind the last edge [m].
+        run_up : float
+            One of `RUN_UPS` [m].
+        room : float
+            Available to the centre behind the last edge [m].
 
         """
         room = round(math.floor(min(room, LONGEST_ROOM) / ROOM + 1e-6) * ROOM, 6)
+        if room <= 0.0:
+            return None
         steps = tuple((_rounded(at, WIDTH), _rounded(height, HEIGHT)) for at, height in faces)
         height_sd = _rounded(height_sd, HEIGHT_SD)
-        place, found = repr((steps, height_sd)), []
-        for item in RUN_UPS if room > 0.0 else ():
-            if item > run_up:
+        found = None
+        # A plan that stops within the room is found with the longest room, too.
+        for longest in (LONGEST_ROOM, room):
+            key = f'{(steps, height_sd)} {run_up} {longest}'
+            if key not in self._known:
+                self._known[key] = self._search(steps, height_sd, run_up, longest)
+            found = self._known[key]
+            if found is None or found.room <= room:
                 break
-            # A plan that stops within the room is found with the longest room, too.
-            for longest in (LONGEST_ROOM, room):
-                key = f'{place} {item} {longest}'
-                if key not in self._known:
-                    self._known[key] = self._search(steps, height_sd, item, longest)
-                crossing = self._known[key]
-                if crossing is None or crossing.room <= room:
-                    break
-            if crossing is not None:
-                found.append(crossing)
         return found
 
     def _search(self, steps: Tuple[Tuple[float, float], ...], height_sd: float, run_up: float,

@@ -344,9 +344,8 @@ class Navigator:
         except RefusedError as error:
             if error.reason not in ('no_route', 'improbable'):
                 raise
-            self.planner.learn(state.learned, explore=True)
             with suppress(RefusedError):
-                return self.planner.route(start, state.goal)
+                return self.planner.route(start, state.goal, explore=True)
             raise
 
     def _enter(self, state: NavigationState, index: int, percept: Percept) -> NavigationState:

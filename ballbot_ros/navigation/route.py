@@ -10,7 +10,7 @@ turns freely (Dijkstra's algorithm).
 """
 from dataclasses import replace
 import math
-from typing import Dict, List, NamedTuple, Optional, Sequence, Tuple
+from typing import Dict, Iterator, List, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +24,7 @@ from ballbot_ros.errors import RefusedError
 from ballbot_ros.floors.floor import (
     AREAS, distance_to_segment, Feature, Floor, FREE, inside, LINES, Point, UNKNOWN)
 from ballbot_ros.floors.profile import crossed, crossings
-from ballbot_ros.navigation.capability import Capability, CrossingPlan
+from ballbot_ros.navigation.capability import Capability, CrossingPlan, RUN_UPS
 from ballbot_ros.navigation.lattice import (
     CELL_SHARE, COUNT, distances, free_steps, HEADINGS, LEVELS, Moves, primitives, Problem, Tree,
     VECTORS)
@@ -137,7 +137,7 @@ class _Limit(NamedTuple):
 
     run_up: float
     room: float
-    needed: Optional[float]
+    faces: Tuple[Tuple[float, float], ...]
 
 
 class RoutePlanner:
@@ -192,33 +192,19 @@ class RoutePlanner:
                 speed, ARC_SPEED if item.curvature else speed,
                 BACKWARD_SPEED if item.direction < 0 else speed) for item in self._rows])
         self._tree = Tree()
+        # Per feature: the data that its crossings depend on, and these.
+        self._arcs: Dict[int, Tuple[Tuple[object, ...], List[_Arc]]] = {}
+        self._limits: Dict[Tuple[int, int], _Limit] = {}
         self._lay_grid()
         self.learn(learned)
 
-    def learn(self, learned: Learned, explore: bool = False) -> None:
-        """
-        Apply learned data of the floor.
-
-        Parameters
-        ----------
-        learned : Learned
-        explore : bool
-            Plan crossings of uncertain steps that are not measured yet as those of the lowest
-            step, so that routes lead to places where the sensors measure them; not of steps
-            that are certainly drops from their upper side.
-
-        """
+    def learn(self, learned: Learned) -> None:
+        """Apply learned data of the floor."""
         self.learned = learned
         measured = dict(learned.heights)
         self.features = [
             replace(feature, height=measured[number]) if number in measured else feature
             for number, feature in enumerate(self.floor.features)]
-        # As crossings are planned.
-        self._assumed = [
-            replace(feature, height=math.copysign(LOWEST, feature.height))
-            if explore and feature.height_sd > 0.0 and number not in measured
-            and abs(feature.height) - SIGMAS * feature.height_sd <= HIGHEST_DESCENT else feature
-            for number, feature in enumerate(self.features)]
         # Up to the distance that routes prefer.
         self._clear = self._map_clear.copy()
         for point in learned.obstacles:
@@ -251,12 +237,35 @@ class RoutePlanner:
             near for near, feature in zip(self._near, self.features)
             if feature.kind in BARRED])
         self._blocked = np.logical_or.reduce([self._fixed, *self._near])
-        self._limits: Dict[Tuple[int, int], _Limit] = {}
-        self._offered = sorted((
-            arc for number in range(len(self.features)) for arc in self._crossings(number)),
-            key=lambda arc: arc.start)
+        self._slowness = np.where(self._blocked, np.inf, np.where(self._close, CLOSE, 1.0))
+        self._offer(explore=False)
+
+    def _offer(self, explore: bool) -> None:
+        """Compute the crossings of all features whose data or surroundings have changed."""
+        self._explores, measured = explore, dict(self.learned.heights)
+        # As crossings are planned.
+        self._assumed = [
+            replace(feature, height=math.copysign(LOWEST, feature.height))
+            if explore and feature.height_sd > 0.0 and number not in measured
+            and abs(feature.height) - SIGMAS * feature.height_sd <= HIGHEST_DESCENT else feature
+            for number, feature in enumerate(self.features)]
+        for number, feature in enumerate(self._assumed):
+            basis = (feature, self.learned.heights, self.learned.outcomes, *(
+                self._clear[self._box(line, LONGEST)].tobytes() for line in feature.segments))
+            if number not in self._arcs or self._arcs[number][0] != basis:
+                self._limits.pop((number, 1), None)
+                self._limits.pop((number, -1), None)
+                self._arcs[number] = basis, self._crossings(number)
         self._capability.keep()
-        self._lay_arcs()
+        self._offered = sorted((arc for _, arcs in self._arcs.values() for arc in arcs),
+                               key=lambda arc: arc.start)
+        limit = -math.log(self._tuning.required_probability)
+        starts, ends = (np.array([arc[side] for arc in self._offered], np.int64)
+                        for side in (0, 1))
+        times = np.array([arc.segment.time for arc in self._offered], float)
+        risks = -np.log([_probability([arc.segment]) for arc in self._offered])
+        self._arc_arrays = (
+            starts, ends, times, np.ceil(risks / limit * LEVELS - 1e-9).astype(np.int64))
 
     def _lay_grid(self) -> None:
         """Mark the cells that the centre may reach without a crossing."""
@@ -273,17 +282,6 @@ class RoutePlanner:
               np.clip(((self._x - left) / floor.resolution).astype(int), 0, clear.shape[1] - 1))
         self._map_clear = clear[at]
 
-    def _lay_arcs(self) -> None:
-        """Set up slowness, times and risks of the crossings."""
-        self._slowness = np.where(self._blocked, np.inf, np.where(self._close, CLOSE, 1.0))
-        limit = -math.log(self._tuning.required_probability)
-        starts, ends = (np.array([arc[side] for arc in self._offered], np.int64)
-                        for side in (0, 1))
-        times = np.array([arc.segment.time for arc in self._offered], float)
-        risks = -np.log([_probability([arc.segment]) for arc in self._offered])
-        self._arc_arrays = (
-            starts, ends, times, np.ceil(risks / limit * LEVELS - 1e-9).astype(np.int64))
-
     def _far(self, last: int) -> NDArray[np.float64]:
         """Return the distance of a point that turns freely from each cell to one [m]."""
         starts, ends, times, _ = self._arc_arrays
@@ -294,13 +292,18 @@ class RoutePlanner:
     def _around(self, line: Tuple[Point, Point], margin: float
                 ) -> Tuple[Tuple[slice, slice], NDArray[np.float64]]:
         """Return the cells of a box around a segment, and their distances to it [m]."""
+        rows, columns = self._box(line, margin)
+        away: NDArray[np.float64] = distance_to_segment(
+            self._x[:, columns], self._y[rows], *line)
+        return (rows, columns), away
+
+    def _box(self, line: Tuple[Point, Point], margin: float) -> Tuple[slice, slice]:
+        """Return the rows and columns of a box around a segment."""
         columns, rows = (slice(
             max(0, math.floor((min(ends) - margin - origin) / self._size)),
             max(0, math.ceil((max(ends) + margin - origin) / self._size)))
             for ends, origin in zip(zip(*line), self._origin))
-        away: NDArray[np.float64] = distance_to_segment(
-            self._x[:, columns], self._y[rows], *line)
-        return (rows, columns), away
+        return rows, columns
 
     def _node(self, point: Sequence[float]) -> int:
         rows, columns = self._walls.shape
@@ -380,8 +383,9 @@ class RoutePlanner:
                 faces = self._faces(feature, (x + edge * way[0], y + edge * way[1]), way, sign,
                                     angle)
                 free = self._free((x, y), way, close | self._barriers(segment.number, line))
-                if free > distance - driven - SAMPLE and self._capability.choices(
-                        faces, feature.height_sd, run_up, free - edge - 0.5 * faces[-1][0]):
+                if free > distance - driven - SAMPLE and any(self._capability.crossing(
+                        faces, feature.height_sd, item, free - edge - 0.5 * faces[-1][0])
+                        for item in RUN_UPS if item <= run_up):
                     return True
         return False
 
@@ -413,9 +417,7 @@ class RoutePlanner:
             room = self._free(middle, way, barriers) - half
             known = self._limits.get((number, sign))
             if known is None or run_up > known.run_up:
-                easiest = self._choices(number, sign, faces, LONGEST, LONGEST)
-                self._limits[number, sign] = _Limit(
-                    max(run_up, 0.0), max(room, 0.0), easiest[0].run_up if easiest else None)
+                self._limits[number, sign] = _Limit(max(run_up, 0.0), max(room, 0.0), faces)
             on = half + min(room, self.ball_radius + CLEARANCE + 0.2)
             after = max(1, math.ceil(on / spacing + share))
             stand = row + after * up, column + after * across
@@ -446,18 +448,21 @@ class RoutePlanner:
         return found
 
     def _choices(self, number: int, sign: int, faces: Tuple[Tuple[float, float], ...],
-                 run_up: float, room: float) -> List[CrossingPlan]:
-        """Return crossings, from the shortest run-up to longer ones that are more probable."""
-        found: List[CrossingPlan] = []
+                 run_up: float, room: float) -> Iterator[CrossingPlan]:
+        """Yield crossings, from the shortest run-up to longer ones that are more probable."""
         least = self._tuning.required_probability
-        for crossing in self._capability.choices(
-                faces, self.floor.features[number].height_sd, run_up, room):
-            probability = self.learned.probability(
-                number, sign, crossing.run_up, crossing.probability)
+        for item in RUN_UPS:
+            # After the outcomes, a certain crossing is the most probable one.
+            if item > run_up or self.learned.probability(number, sign, item, 1.0) < least:
+                continue
+            crossing = self._capability.crossing(
+                faces, self.floor.features[number].height_sd, item, room)
+            if crossing is None:
+                continue
+            probability = self.learned.probability(number, sign, item, crossing.probability)
             if probability >= least:
-                found.append(crossing._replace(probability=probability))
+                yield crossing._replace(probability=probability)
                 least = probability + PROBABILITY_GAIN_MIN
-        return found
 
     def room_before(self, crossing: Segment) -> float:
         """Return how far the centre may back off along the line of a crossing [m]."""
@@ -527,7 +532,8 @@ class RoutePlanner:
                 f'{where} is nearer than {clear:.2f} m to a wall or to '
                 'unknown space; the ball does not fit there', 'wall', what)
 
-    def route(self, start: Sequence[float], goal: Sequence[float]) -> Route:
+    def route(self, start: Sequence[float], goal: Sequence[float], explore: bool = False
+              ) -> Route:
         """
         Return a route of the least expected time, or at most 5 % longer.
 
@@ -535,6 +541,10 @@ class RoutePlanner:
         ----------
         start, goal : (float, float) or (float, float, float)
             Position [m] and heading [rad]; without a heading, any.
+        explore : bool
+            Plan crossings of uncertain steps that are not measured yet as those of the lowest
+            step, so that routes lead to places where the sensors measure them; not of steps
+            that are certainly drops from their upper side.
 
         Raises
         ------
@@ -546,6 +556,8 @@ class RoutePlanner:
 
         """
         self.check_place(goal, 'goal')
+        if explore != self._explores:
+            self._offer(explore)
         states, costs = self._starts(start)
         last = self._node(goal)
         heading = -1 if len(goal) < 3 else min(range(COUNT), key=lambda item: abs(
@@ -746,12 +758,14 @@ class RoutePlanner:
     def _lack(self, number: int, sign: int) -> str:
         """Return why a feature is not crossed in a direction."""
         limit, label = self._limits.get((number, sign)), self._described(number)
-        if limit is None or limit.needed is None:
+        easiest = None if limit is None else next(
+            self._choices(number, sign, limit.faces, LONGEST, LONGEST), None)
+        if limit is None or easiest is None:
             return f'{label} cannot be crossed with the required probability'
-        if limit.run_up < limit.needed:
-            return (f'{label} needs {limit.needed:.2f} m of run-up, {limit.run_up:.2f} m are '
+        if limit.run_up < easiest.run_up:
+            return (f'{label} needs {easiest.run_up:.2f} m of run-up, {limit.run_up:.2f} m are '
                     'available')
-        return (f'{label} can be crossed with {limit.needed:.2f} m of run-up; '
+        return (f'{label} can be crossed with {easiest.run_up:.2f} m of run-up; '
                 f'{limit.run_up:.2f} m before it and {limit.room:.2f} m behind it are free')
 
     def _described(self, number: int) -> str:

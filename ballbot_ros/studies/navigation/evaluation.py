@@ -13,7 +13,7 @@ import json
 import math
 from pathlib import Path
 from time import thread_time
-from typing import Any, Dict, List, Sequence, Tuple
+from typing import Any, Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -47,9 +47,9 @@ class _Fixed(Capability):
         super().__init__(knowledge())
         self._offered = offered
 
-    def choices(self, faces: Sequence[Tuple[float, float]], height_sd: float, run_up: float,
-                room: float) -> List[CrossingPlan]:
-        return [item for item in self._offered if item.run_up <= run_up]
+    def crossing(self, faces: Sequence[Tuple[float, float]], height_sd: float, run_up: float,
+                 room: float) -> Optional[CrossingPlan]:
+        return next((item for item in self._offered if item.run_up == run_up), None)
 
 
 @lru_cache(maxsize=1)

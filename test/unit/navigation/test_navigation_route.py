@@ -17,6 +17,7 @@ from ballbot_ros.floors import load_floor
 from ballbot_ros.floors.floor import distance_to_segment
 from ballbot_ros.floors.profile import crossed
 from ballbot_ros.navigation import Capability, RoutePlanner, write_masks
+from ballbot_ros.navigation.capability import RUN_UPS
 from ballbot_ros.navigation.lattice import COUNT, LEVELS
 from ballbot_ros.navigation.learned import Learned
 from ballbot_ros.navigation.route import CLEARANCE, REVERSAL
@@ -44,15 +45,22 @@ def planner_of(tmp_path, features, size=(4, 4), lines='[]'):
     return RoutePlanner(load_floor(path), KNOWLEDGE)
 
 
+def choices(capability, faces, height_sd, longest, room):
+    """Return the crossings with run-ups up to a length."""
+    found = (capability.crossing(faces, height_sd, run_up, room)
+             for run_up in RUN_UPS if run_up <= longest)
+    return [item for item in found if item is not None]
+
+
 def test_higher_steps_take_longer_run_ups(capability):
-    run_ups = [capability.choices([(0.0, height)], 0.001, 3.0, 3.0)[0].run_up
+    run_ups = [choices(capability, [(0.0, height)], 0.001, 3.0, 3.0)[0].run_up
                for height in (0.015, 0.03, 0.04, 0.045)]
     assert run_ups == sorted(run_ups) and run_ups[-1] >= 2.0 * run_ups[0]
 
 
 def test_a_step_of_45_mm_is_a_wall_from_half_a_metre_and_a_door_from_one_and_a_half(capability):
-    assert not capability.choices([(0.0, 0.045)], 0.001, 0.5, 3.0)
-    best = capability.choices([(0.0, 0.045)], 0.001, 1.5, 3.0)[-1]
+    assert not choices(capability, [(0.0, 0.045)], 0.001, 0.5, 3.0)
+    best = choices(capability, [(0.0, 0.045)], 0.001, 1.5, 3.0)[-1]
     assert best.probability >= TUNING.required_probability and best.run_up <= 1.5
 
 
@@ -60,28 +68,28 @@ def test_a_table_is_kept_for_its_robot_and_heights_are_rounded_up(
         capability, tmp_path, monkeypatch):
     monkeypatch.setenv('XDG_CACHE_HOME', str(tmp_path))
     first = Capability(KNOWLEDGE)
-    found = first.choices([(0.0, 0.0195)], 0.001, 1.0, 1.0)
+    found = choices(first, [(0.0, 0.0195)], 0.001, 1.0, 1.0)
     first.keep()
     monkeypatch.setattr(Capability, '_search', lambda *_: None)
-    assert Capability(KNOWLEDGE).choices([(0.0, 0.02)], 0.0009, 1.0, 1.0) == found != []
+    assert choices(Capability(KNOWLEDGE), [(0.0, 0.02)], 0.0009, 1.0, 1.0) == found != []
     other = replace(KNOWLEDGE, tuning=replace(TUNING, required_probability=0.8))
-    assert Capability(other).choices([(0.0, 0.02)], 0.001, 1.0, 1.0) == []
+    assert choices(Capability(other), [(0.0, 0.02)], 0.001, 1.0, 1.0) == []
 
 
 def test_an_entry_does_not_depend_on_those_before_it(tmp_path, monkeypatch):
     monkeypatch.setenv('XDG_CACHE_HOME', str(tmp_path))
     after, alone = Capability(KNOWLEDGE), Capability(KNOWLEDGE)
-    after.choices([(0.0, 0.02)], 0.001, 0.5, 1.0)
-    assert after.choices([(0.0, 0.04)], 0.001, 1.0, 1.0) \
-        == alone.choices([(0.0, 0.04)], 0.001, 1.0, 1.0) != []
+    choices(after, [(0.0, 0.02)], 0.001, 0.5, 1.0)
+    assert choices(after, [(0.0, 0.04)], 0.001, 1.0, 1.0) \
+        == choices(alone, [(0.0, 0.04)], 0.001, 1.0, 1.0) != []
 
 
 def test_without_room_behind_nothing_is_crossed(capability):
-    assert not capability.choices([(0.0, 0.02)], 0.001, 3.0, 0.2)
+    assert not choices(capability, [(0.0, 0.02)], 0.001, 3.0, 0.2)
 
 
 def test_more_room_behind_a_step_excludes_no_run_up(capability):
-    run_ups = [{item.run_up for item in capability.choices([(0.0, 0.0375)], 0.002, 1.0, room)}
+    run_ups = [{item.run_up for item in choices(capability, [(0.0, 0.0375)], 0.002, 1.0, room)}
                for room in (0.6, 0.8, 1.0, 1.3, 1.7, 2.1, 2.5)]
     assert all(less <= more for less, more in zip(run_ups, run_ups[1:])) and run_ups[-1]
 
@@ -358,6 +366,30 @@ def test_the_distance_kept_from_a_step_follows_its_measured_height(tmp_path):
     assert caught.value.reason == 'feature'
     planner.learn(Learned(heights=((0, 0.008),)))
     planner.check_place(beside, 'goal')
+
+
+@pytest.mark.parametrize('learned', [
+    Learned(), Learned(heights=((0, 0.012),)), Learned(obstacles=((2.9, 5.6),)),
+    Learned(obstacles=((7.4, 1.2), (0.4, 6.5))), Learned().with_outcome(1, 1, 0.5, False)])
+def test_routes_after_other_learned_data_are_those_of_a_new_planner(learned, flat):
+    def times(planner):
+        return [planner.route(KITCHEN, goal).time for goal in (STUDY, BEDROOM)]
+    flat.learn(Learned(heights=((1, 0.011),), obstacles=((6.5, 3.4), (3.2, 1.1))))
+    flat.learn(learned)
+    try:
+        assert times(flat) == times(RoutePlanner(flat.floor, KNOWLEDGE, learned))
+    finally:
+        flat.learn(Learned())
+
+
+def test_a_crossing_that_cannot_be_more_probable_is_not_computed(tmp_path, monkeypatch):
+    monkeypatch.setenv('XDG_CACHE_HOME', str(tmp_path))
+    computed, search = [], Capability._search
+    monkeypatch.setattr(Capability, '_search', lambda *arguments: (
+        computed.append(arguments), search(*arguments))[1])
+    planner_of(tmp_path, ['{kind: step, line: [[2.5, 4.0], [2.5, 0.0]], height: 0.02}'], (5, 4))
+    descents = [item for item in computed if item[1][0][1] < 0.0]
+    assert {item[3] for item in descents} == {RUN_UPS[0]}
 
 
 def test_an_obstacle_behind_a_step_limits_the_room_of_its_crossing(tmp_path):
