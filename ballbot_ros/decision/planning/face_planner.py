@@ -151,8 +151,9 @@ class Selector(ABC):
         then, choice = self.basis, self.choice
         if then is None or choice is None:
             return True
-        if choice.candidate is not None and braking_room < 0.0:
-            # Beyond the last braking point, no other plan is safer than the present one.
+        if choice.candidate is not None and (braking_room < 0.0 or choice.candidate.back > 0.0):
+            # Beyond the last braking point, no other plan is safer than the present one. A plan
+            # with a longer run-up is compared with others at rest at its start.
             return False
         if now.failures != then.failures or now.faces != then.faces:
             return True

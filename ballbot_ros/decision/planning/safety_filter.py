@@ -15,9 +15,6 @@ from ballbot_ros.decision.tuning import DecisionTuning
 from ballbot_ros.decision.values import Decision, Kind, Plan, Reason, Strategy
 from ballbot_ros.physics.model.robot import Robot
 
-# Hysteresis of the age limit of observations: fraction of the limit for a return to fresh.
-AGE_HYSTERESIS = 0.9
-
 ROUNDING = 1e-9  # [m/s], [m]
 
 
@@ -67,25 +64,29 @@ def energy_bound(robot: Robot, speed: float, swing: float) -> float:
     return high
 
 
-def unusable(situation: Situation, previous: Optional[Decision],
-             tuning: DecisionTuning) -> Optional[Decision]:
-    """Return STOP for missing, stale, rejected or non-finite input, otherwise None."""
+def unusable(situation: Situation, stale: float, tuning: DecisionTuning) -> Optional[Decision]:
+    """
+    Return STOP for missing, stale, rejected or non-finite input, otherwise None.
+
+    The last time `stale` [s] at which the newest observation was older than `observation_timeout`
+    must be as long ago, so that a latency near the limit does not alternate between both.
+    """
     fault = implausible_input(situation)
     if fault:
         return stop(Reason.BAD_OBSERVATION, f'Stopping: {fault}')
-    motion, profile = situation.motion, situation.profile
+    motion, profile, allowed = situation.motion, situation.profile, tuning.observation_timeout
     if profile is None:
         return stop(Reason.STALE, 'Stopping: nothing has been observed yet')
-    age, allowed = motion.stamp - profile.stamp, tuning.observation_timeout
-    if previous is not None and previous.reason is Reason.STALE:
-        allowed *= AGE_HYSTERESIS
     if profile.rejection is not None:
         answer = stop(profile.rejection,
                       f'Stopping: the observation is rejected, {profile.explanation}')
-    elif not abs(age) <= allowed:  # also NaN, and a stamp from the future
+    elif 0.0 <= motion.stamp - stale < allowed:
+        age = motion.stamp - profile.stamp
         when = f'{age:.2f} s old' if age >= 0.0 else f'{-age:.2f} s ahead of the clock'
-        answer = stop(Reason.STALE,
-                      f'Stopping: the last observation is {when}, {allowed:g} s is allowed')
+        answer = stop(
+            Reason.STALE, f'Stopping: the last observation is {when}, {allowed:g} s is allowed'
+            + ('' if stale == motion.stamp else f' and was exceeded {motion.stamp - stale:.2f} s '
+               'ago'))
     else:
         return None
     face = profile.face
@@ -153,10 +154,14 @@ def with_safety_filter(planner: Planner, knowledge: Knowledge) -> Planner:
     A ball past the last braking point of a crossing continues even if an observation is old or
     rejected: braking would be worse.
     """
-    lines = StopLines(knowledge)
+    lines, timeout, stale = StopLines(knowledge), knowledge.tuning.observation_timeout, -math.inf
 
     def answer(situation: Situation, previous: Optional[Decision]) -> Decision:
-        trouble = unusable(situation, previous, knowledge.tuning)
+        nonlocal stale
+        now, profile = situation.motion.stamp, situation.profile
+        if profile is not None and not abs(now - profile.stamp) <= timeout:
+            stale = now  # also with NaN, and a stamp from the future
+        trouble = unusable(situation, stale, knowledge.tuning)
         if trouble is not None and not past_braking(previous, situation):
             return trouble
         planned = lines.filtered(planner(situation, previous), situation)

@@ -10,7 +10,7 @@ from ballbot_ros.decision import (
     Decision, Face, Kind, Knowledge, load_curve, load_decision_tuning, Motion, Plan, Profile,
     Reason, Situation, Strategy)
 from ballbot_ros.decision.planning.safety_filter import (
-    checked, energy_bound, unusable, with_safety_filter)
+    checked, energy_bound, with_safety_filter)
 from ballbot_ros.physics.model.robot import load_robot
 
 KNOWN = Knowledge(load_robot('gimball'), load_curve('gimball_down'),
@@ -114,12 +114,19 @@ def test_a_ball_that_cannot_stop_before_its_step_any_more_is_not_stopped_by_old_
 
 
 def test_latency_near_the_limit_does_not_alternate():
-    most = TUNING.observation_timeout
-    old = unusable(situation(age=1.01 * most), None, TUNING)
-    assert old.reason is Reason.STALE
-    assert unusable(situation(age=0.99 * most), None, TUNING) is None
-    assert unusable(situation(age=0.99 * most), old, TUNING).reason is Reason.STALE
-    assert unusable(situation(age=0.89 * most), old, TUNING) is None
+    timeout = TUNING.observation_timeout
+    planner = with_safety_filter(lambda situation, previous: CROSSING, KNOWN)
+
+    def after(delay, age):
+        scene = situation(age=age)
+        motion = replace(scene.motion, stamp=scene.motion.stamp + delay)
+        profile = replace(scene.profile, stamp=motion.stamp - age)
+        return planner(replace(scene, motion=motion, profile=profile), None)
+
+    assert after(0.0, 0.99 * timeout) is CROSSING
+    assert after(0.1, 1.01 * timeout).reason is Reason.STALE
+    assert after(0.1 + 0.99 * timeout, 0.5 * timeout).reason is Reason.STALE
+    assert after(0.1 + 1.01 * timeout, 0.5 * timeout) is CROSSING
 
 
 @given(*[anything] * 9)
