@@ -13,7 +13,7 @@ from typing import List, NamedTuple, Optional
 
 from ballbot_ros.crossing.rules import touch_distance
 from ballbot_ros.decision.planning.ahead import (
-    Ahead, BRAKING_DISTANCE, Candidate, FACE_SEPARATION, faces_ahead, HIGHEST_DESCENT, look_ahead)
+    Ahead, BRAKING_DISTANCE, Candidate, FACE_SEPARATION, faces_ahead, look_ahead)
 from ballbot_ros.decision.planning.safety_filter import past_braking, stop
 from ballbot_ros.decision.planning.situation import Knowledge, Situation
 from ballbot_ros.decision.planning.stop_line import StopLines
@@ -308,14 +308,7 @@ class FacePlanner:
         ahead = look_ahead(profile, faces, motion.position, slope, deviation,
                            self._robot.ball_radius, self._tuning.unseen_room, climbed, behind,
                            self._selector.has_plan_for(faces[0]))
-        if not ahead.ends and -HIGHEST_DESCENT < faces[0].height and (
-                past_braking(previous, situation)
-                or self._braking_room(ahead, motion) < 0.0):
-            # A planned descent of a small drop is better than an unplanned one.
-            ahead = look_ahead(profile, faces, motion.position, slope, deviation,
-                               self._robot.ball_radius, self._tuning.unseen_room,
-                               HIGHEST_DESCENT, behind)
-        return self._face(ahead, situation, previous)
+        return self._face(ahead, situation)
 
     def _alone(self, situation: Situation, previous: Optional[Decision]) -> Decision:
         """Decide without a face ahead: continue up to the stop line."""
@@ -334,8 +327,7 @@ class FacePlanner:
             return stop
         return replace(clear, set_speed=stop.set_speed)
 
-    def _face(self, ahead: Ahead, situation: Situation,
-              previous: Optional[Decision]) -> Decision:
+    def _face(self, ahead: Ahead, situation: Situation) -> Decision:
         """Decide on the faces ahead."""
         motion, face, selector = situation.motion, ahead.faces[0], self._selector
         room = self._braking_room(ahead, motion)
@@ -345,12 +337,6 @@ class FacePlanner:
         else:
             selector.update(ahead, situation, room)
             choice = selector.choice or Choice(None, Reason.EVALUATING)
-            if choice.candidate is None and face.height < 0.0 \
-                    and motion.speed > REST_SPEED_MAX \
-                    and (past_braking(previous, situation) or room < 0.0):
-                # The descent is certain and needs neither a search nor more speed.
-                choice = Choice(Candidate(Strategy.CRUISE, min(
-                    motion.speed, self._tuning.cruise_speed)), Reason.COMMITTED)
         if choice.candidate is None:
             answer = refuse(choice, ahead, motion, room, self._tuning)
             if choice.reason is Reason.EVALUATING and abs(motion.speed) < REST_SPEED_MAX:
