@@ -196,7 +196,7 @@ class CurveSelector(Selector):
             kept = choice.candidate
             found = self._predict(kept.speed, kept.back, ahead, situation, kept=True)
             choice.outlook = found.outlook
-            if braking_room > 0.0 and not (
+            if not self._is_fixed(braking_room) and not (
                     found.lands and found.outlook.probability
                     >= self._tuning.required_probability - self._hysteresis):
                 self.basis = None

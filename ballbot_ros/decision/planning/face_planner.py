@@ -146,14 +146,21 @@ class Selector(ABC):
         """Return how far the probability of a kept plan may be below the required one."""
         return PROBABILITY_HYSTERESIS * (1 + self._changes)
 
+    def _is_fixed(self, braking_room: float) -> bool:
+        """
+        Return whether the present plan is not compared with others.
+
+        Beyond the last braking point none is safer.  A plan with a longer run-up is compared again
+        at rest at its start, not on the way back.
+        """
+        return self.plan is not None and (braking_room < 0.0 or self.plan.back > 0.0)
+
     def _is_news(self, now: Basis, braking_room: float) -> bool:
         """Return whether a new selection is required."""
         then, choice = self.basis, self.choice
         if then is None or choice is None:
             return True
-        if choice.candidate is not None and (braking_room < 0.0 or choice.candidate.back > 0.0):
-            # Beyond the last braking point, no other plan is safer than the present one. A plan
-            # with a longer run-up is compared with others at rest at its start.
+        if self._is_fixed(braking_room):
             return False
         if now.failures != then.failures or now.faces != then.faces:
             return True

@@ -176,11 +176,11 @@ def test_a_drop_stops_the_ball():
     assert (answer.height, answer.distance, answer.step) == (-0.03, 1.5, 1)
 
 
-def test_past_the_last_braking_point_a_low_step_down_is_not_made_faster():
-    answer = on(-0.03, 0.4, 0.8)
-    assert (answer.kind, answer.reason) == (Kind.CROSS, Reason.COMMITTED)
-    assert answer.set_speed == TUNING.cruise_speed
-    assert on(-0.1, 0.4, 0.8).reason is Reason.DROP
+@pytest.mark.parametrize('height', [-0.03, -0.1])
+def test_past_the_last_braking_point_the_ball_brakes_before_a_step_down(height):
+    answer = on(height, 0.4, 0.8)
+    assert (answer.reason, answer.set_speed, answer.plan.stop_position) == (
+        Reason.DROP, 0.0, math.inf)
 
 
 @pytest.mark.parametrize('reason', ['now', 'rejection'])

@@ -87,6 +87,19 @@ def test_without_room_it_says_that_a_longer_run_up_would_do_and_takes_it_where_i
     assert answer.start_distance == pytest.approx(-0.3 - RADIUS - answer.plan.start)
 
 
+def test_a_longer_run_up_is_compared_again_at_its_start_not_on_the_way_back():
+    plan, here, height, decision = RolloutPlanner(KNOWLEDGE), -0.3 - RADIUS, 0.045, None
+    for number in range(200):
+        motion = Motion(0.02 * number, here, -0.2 if height > 0.045 and here > start else 0.0)
+        decision = plan(Situation(motion, seen(step(height)), (), -2.5), decision)
+        if decision.kind is Kind.BACK_OFF:
+            height, start = 0.07, decision.plan.start
+            here = max(here - 0.02, start)
+        elif height > 0.045:
+            assert here == start
+    assert (decision.kind, decision.reason) == (Kind.GO_ROUND, Reason.TOO_HIGH)
+
+
 def test_when_it_has_backed_off_it_crosses_immediately_as_planned():
     plan, here, decision, back = RolloutPlanner(KNOWLEDGE), -0.3 - RADIUS, None, None
     for number in range(50):  # 1 s, for the search
@@ -132,22 +145,11 @@ def test_to_see_more_of_the_floor_does_not_shrink_the_room_behind_an_edge():
     assert rooms == sorted(rooms) and rooms[0] < rooms[-1]
 
 
-def test_before_a_small_step_down_too_late_for_a_stop_it_decides_immediately():
+def test_before_a_small_step_down_too_late_for_a_stop_the_ball_brakes_immediately():
     floor = [(-3.0, 0.0), (0.0, 0.0), (0.0, -0.01), (3.0, -0.01)]
     answer = decide(step(-0.01), room=0.1 - RADIUS, speed=0.6, answers=1, points=floor,
                     seen_to=3.0)
-    assert (answer.kind, answer.reason) == (Kind.CROSS, Reason.COMMITTED)
-    assert answer.set_speed <= TUNING.cruise_speed
-
-
-def test_a_descent_started_too_late_for_a_stop_is_not_given_up_as_the_ball_slows():
-    planner, drop = RolloutPlanner(KNOWLEDGE), seen(step(-0.02))
-    started = planner(Situation(Motion(0.0, -0.2, 0.4), drop), None)
-    slower = planner(Situation(Motion(0.02, -0.195, 0.15), drop), started)
-    assert started.reason is slower.reason is Reason.COMMITTED
-    # At that speed it would not have started.
-    assert RolloutPlanner(KNOWLEDGE)(
-        Situation(Motion(0.02, -0.195, 0.15), drop), None).kind is Kind.STOP
+    assert (answer.kind, answer.set_speed) == (Kind.STOP, 0.0)
 
 
 def test_a_plan_is_kept_as_soon_as_the_weakest_robot_could_not_stop():

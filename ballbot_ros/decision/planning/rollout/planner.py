@@ -231,7 +231,7 @@ class PlanSelector(Selector):
         self._tally += task.tally(Trial(choice.candidate), task.worlds.take(ATTEMPTS))
         choice.outlook = replace(self._tally.outlook, others=choice.outlook.others,
                                  height_limit=choice.outlook.height_limit)
-        if braking_room > 0.0 and choice.candidate.back == 0.0 \
+        if not self._is_fixed(braking_room) \
                 and not good(self._tally, task.required - self._hysteresis):
             self.basis = None
 
