@@ -16,9 +16,8 @@ from ballbot_ros.physics.model.terrain import Array
 FACES = 4
 # An obstacle nearer than this behind the last edge requires braking immediately [m].
 BRAKING_DISTANCE = 1.5
-# A descent behind a face below the first value is the same floor.  Below the second, it is planned
-# like other steps if the floor below is observed; above, it is a drop [m].
-SMALLEST_DROP, HIGHEST_DESCENT = 0.005, 0.05
+# A descent of more than this is a drop; others are planned like steps up [m].
+HIGHEST_DESCENT = 0.05
 # Faces that are farther apart than this are planned one by one [m].
 FACE_SEPARATION = 1.0
 # A swing is held until the centre is past the edge by this [m].
@@ -136,7 +135,7 @@ def faces_ahead(profile: Profile, position: float) -> Tuple[Face, ...]:
 
 def look_ahead(profile: Profile, faces: Sequence[Face], position: float, slope: float,
                slope_sd: float, radius: float, unseen_room: float,
-               climbed: float = 0.0, line: float = math.inf, kept: bool = False) -> Ahead:
+               line: float = math.inf, kept: bool = False) -> Ahead:
     """
     Return the terrain ahead of the ball.
 
@@ -154,8 +153,6 @@ def look_ahead(profile: Profile, faces: Sequence[Face], position: float, slope: 
         Of the ball [m].
     unseen_room : float
         Ground assumed behind an edge [m].
-    climbed : float
-        Height that the ball has just climbed, and may descend again [m].
     line : float
         Stop line of other obstacles than faces [m].
     kept : bool
@@ -181,17 +178,14 @@ def look_ahead(profile: Profile, faces: Sequence[Face], position: float, slope: 
         level += face.height
         here = foot + max(face.run, 0.0)
         rows.append((here, level, index, 1.0, 1.0))
-        # A descent is permitted up to the height climbed before.
         doubt = SIGMAS * face.height_sd
-        descent = HIGHEST_DESCENT + (doubt if kept else -doubt) if seen else 0.0
         down = -face.height
         if down > 0.0 and index + 1 < len(faces) and faces[index + 1].height > 0.0:
             # The ball sinks into a trench until it touches both edges.
             other = faces[index + 1]
             half = 0.5 * (other.position + other.run - foot)
             down = min(down, radius - math.sqrt(max(radius**2 - half**2, 0.0)))
-        falls = falls or down > max(descent, climbed + SMALLEST_DROP)
-        climbed += face.height
+        falls = falls or down > HIGHEST_DESCENT + (doubt if kept else -doubt)
         if falls or index > 0 and foot - last > FACE_SEPARATION:
             continue
         if ends and foot - last < radius:

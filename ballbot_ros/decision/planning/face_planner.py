@@ -9,11 +9,11 @@ obstacle estimate changes.
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
 import math
-from typing import List, NamedTuple, Optional
+from typing import NamedTuple, Optional
 
 from ballbot_ros.crossing.rules import touch_distance
 from ballbot_ros.decision.planning.ahead import (
-    Ahead, BRAKING_DISTANCE, Candidate, FACE_SEPARATION, faces_ahead, look_ahead)
+    Ahead, BRAKING_DISTANCE, Candidate, faces_ahead, look_ahead)
 from ballbot_ros.decision.planning.safety_filter import past_braking, stop
 from ballbot_ros.decision.planning.situation import Knowledge, Situation
 from ballbot_ros.decision.planning.stop_line import StopLines
@@ -281,22 +281,20 @@ class FacePlanner:
     def __init__(self, knowledge: Knowledge, selector: Selector):
         self._tuning, self._robot = knowledge.tuning, knowledge.robot
         self._lines, self._selector = StopLines(knowledge), selector
-        self._passed: List[Face] = []
 
     def __call__(self, situation: Situation, previous: Optional[Decision]) -> Decision:
         """Decide on the ground ahead."""
         motion, profile = situation.motion, situation.profile
         if profile is None:
             return stop(Reason.STALE, 'Stopping: nothing has been observed yet')
-        climbed = self._climbed(motion)
         pushing = self._push(situation, previous)
         if pushing is not None:
             return pushing
         # The selection for the next faces continues during the stop behind an edge.
-        decision = self._decide(profile, climbed, situation, previous)
+        decision = self._decide(profile, situation, previous)
         return self._brake(motion, previous) or decision
 
-    def _decide(self, profile: Profile, climbed: float, situation: Situation,
+    def _decide(self, profile: Profile, situation: Situation,
                 previous: Optional[Decision]) -> Decision:
         """Decide on the ground ahead of a ball that is clear of the last edge."""
         motion = situation.motion
@@ -313,7 +311,7 @@ class FacePlanner:
         line = self._lines.before_slope(profile, faces[0].position)
         behind = math.inf if line is None else line.position
         ahead = look_ahead(profile, faces, motion.position, slope, deviation,
-                           self._robot.ball_radius, self._tuning.unseen_room, climbed, behind,
+                           self._robot.ball_radius, self._tuning.unseen_room, behind,
                            self._selector.has_plan_for(faces[0]))
         return self._face(ahead, situation)
 
@@ -355,15 +353,6 @@ class FacePlanner:
                  if item.position > end.position + 1e-3]
         return go(choice, choice.candidate, ahead, motion, min(later, default=math.inf),
                   room, self._tuning)
-
-    def _climbed(self, motion: Motion) -> float:
-        """Return the height of faces that the ball has just climbed [m]."""
-        face = self._selector.basis.face if self._selector.basis is not None else None
-        if face is not None and face.position < motion.position and face not in self._passed:
-            self._passed.append(face)
-        self._passed = [one for one in self._passed
-                        if 0.0 < motion.position - one.position < FACE_SEPARATION]
-        return sum({one.number: one.height for one in self._passed}.values())
 
     def _push(self, situation: Situation, previous: Optional[Decision]) -> Optional[Decision]:
         """Return the decision of a ball on the step: on, unless it lasts too long."""
