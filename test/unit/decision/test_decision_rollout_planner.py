@@ -124,6 +124,14 @@ def test_a_drop_close_behind_the_edge_is_not_risked():
     assert far.outlook.falls <= 0.01
 
 
+@pytest.mark.parametrize('unseen_room, kind, reason', [
+    (1.5, Kind.CROSS, Reason.LIKELY), (0.0, Kind.STOP, Reason.LANDING)])
+def test_a_step_down_is_crossed_where_the_floor_below_it_is_granted(unseen_room, kind, reason):
+    knowledge = replace(KNOWLEDGE, tuning=replace(TUNING, unseen_room=unseen_room))
+    answer = decide(step(-0.03), knowledge=knowledge)
+    assert (answer.kind, answer.reason) == (kind, reason)
+
+
 def test_a_threshold_is_carried_over():
     answer = decide(step(0.02), Face(2, 0.1, -0.02, 0.01, 0.001))
     assert answer.kind is Kind.CROSS and answer.plan.edge > 0.1
