@@ -88,7 +88,8 @@ def test_without_room_it_says_that_a_longer_run_up_would_do_and_takes_it_where_i
 
 
 def test_a_longer_run_up_is_compared_again_at_its_start_not_on_the_way_back():
-    plan, here, height, decision = RolloutPlanner(KNOWLEDGE), -0.3 - RADIUS, 0.045, None
+    plan, height, decision = RolloutPlanner(KNOWLEDGE), 0.045, None
+    here = start = -0.3 - RADIUS
     for number in range(200):
         motion = Motion(0.02 * number, here, -0.2 if height > 0.045 and here > start else 0.0)
         decision = plan(Situation(motion, seen(step(height)), (), -2.5), decision)
