@@ -234,19 +234,11 @@ class LateralRun(NamedTuple):
 
 
 class TurnComparison(NamedTuple):
-    """Motion in both models, (n,) each, and how far they differ."""
+    """Motion in both models, (n,) each."""
 
     time: Array  # [s]
     mujoco: dict[str, Array]  # by the names of `TURN`; speed in m/s, rad, rad/s
     model: dict[str, Array]
-
-    def deviation(self, name: str) -> float:
-        """Return the root mean square of a difference."""
-        return float(np.sqrt(np.mean((self.mujoco[name] - self.model[name])**2)))
-
-    def heading_error(self) -> float:
-        """Return the largest difference of the heading [rad]."""
-        return float(np.abs(self.mujoco['heading'] - self.model['heading']).max())
 
 
 def lossless(robot: Robot) -> Robot:
