@@ -6,6 +6,7 @@ import signal
 from driving import Driving
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
+import pytest
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
@@ -14,7 +15,15 @@ from ballbot_ros.emulator.control import execute
 from ballbot_ros.msg import MotorStatus
 
 
-def test_transitions_that_are_not_possible_are_answered_and_end_nothing(graph, motor, hardware):
+@pytest.fixture
+def empty_cache(monkeypatch, tmp_path):
+    """Return the folder of an empty kernel cache, which nodes use that start from now on."""
+    monkeypatch.setenv('XDG_CACHE_HOME', str(tmp_path / 'cache'))
+    return tmp_path / 'cache'
+
+
+def test_from_an_empty_kernel_cache_impossible_transitions_are_answered_and_end_nothing(
+        empty_cache, graph, motor, hardware):
     graph.client('bridge/change_state', ChangeState)
     graph.start('bridge', hardware=hardware(), port=motor.path, autostart=False)
     for transition in (Transition.TRANSITION_ACTIVATE, Transition.TRANSITION_CLEANUP, 99):
@@ -26,6 +35,7 @@ def test_transitions_that_are_not_possible_are_answered_and_end_nothing(graph, m
     assert graph.change_state('bridge', Transition.TRANSITION_ACTIVE_SHUTDOWN)
     assert not graph.change_state('bridge', Transition.TRANSITION_CONFIGURE)
     assert graph.end('bridge', signal.SIGINT) == 0
+    assert list(empty_cache.rglob('*.nbi'))
 
 
 def test_a_requested_transition_ends_the_autostart(graph, motor, hardware):

@@ -60,10 +60,13 @@ def nodes_of(demo):
 
 
 @pytest.mark.slow
-def test_a_step_is_crossed_one_refused_a_drop_not_fallen_off_and_all_recorded(demo, tmp_path):
+def test_from_an_empty_kernel_cache_both_scenes_end_as_they_should_and_all_is_recorded(
+        demo, monkeypatch, tmp_path):
+    monkeypatch.setenv('XDG_CACHE_HOME', str(tmp_path / 'cache'))
     process = demo('--timeout', '250', together=True)
-    printed = process.communicate(timeout=TIMEOUT)[0]
+    printed = process.communicate(timeout=2.0 * TIMEOUT)[0]
     assert process.returncode == 0, printed
+    assert list((tmp_path / 'cache' / 'ballbot_ros').rglob('*.nbi'))
     order = ['sees  a step of 31 mm', 'CROSS', 'swing', 'over with', 'touches  the 31 mm step',
              'the plan crosses', 'crossed', 'GO ROUND', '80 mm at', 'rests',
              'before the 80 mm step', 'Done:', 'STOP', 'rests',
