@@ -92,7 +92,7 @@ def ranges(robot: Robot) -> Dict[str, Tuple[float, float]]:
 
 
 def uncertain(robot: Robot) -> Dict[str, Tuple[float, float]]:
-    """Return the `ranges` of derived numbers, see `Provenance`, but those of the motor."""
+    """Return the `ranges` of derived parameters, see `Provenance`, but those of the motor."""
     return {name: (low, high) for name, (low, high) in ranges(robot).items()
             if robot.provenance[name].source == 'derived' and '.' not in name and low < high}
 
