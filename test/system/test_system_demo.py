@@ -2,6 +2,7 @@
 """The demo as people start it: what it shows, what it leaves behind, and how it fails."""
 import math
 from pathlib import Path
+import re
 import signal
 import subprocess
 import sys
@@ -19,6 +20,7 @@ from ballbot_ros.demo.processes import environment
 
 TIMEOUT = 300.0
 NODES = {'simulator', 'controller', 'obstacle_decision'}
+README = Path(__file__).resolve().parents[2] / 'README.md'
 
 
 @pytest.fixture
@@ -42,6 +44,12 @@ def demo(domain, tmp_path):
     for process in started:
         process.terminate()
         process.communicate(timeout=TIMEOUT)
+
+
+def timeline(text):
+    """Return time [s] and words of each line with a time, without the other numbers."""
+    return [(float(time), re.sub(r'[\d.]+', '', words))
+            for time, words in re.findall(r'^ +([\d.]+) s +(.+)$', text, re.M)]
 
 
 def nodes_of(demo):
@@ -74,6 +82,11 @@ def test_from_an_empty_kernel_cache_both_scenes_end_as_they_should_and_all_is_re
     place = 0
     for words in order:
         assert (place := printed.find(words, place)) >= 0, (words, printed)
+    shown = timeline(README.read_text(encoding='utf-8'))
+    assert len(shown) > 4
+    for time, words in shown:  # but for the digits of another processor
+        assert [found for found, others in timeline(printed)
+                if words == others and abs(found - time) < 0.1], (time, words, printed)
 
     with Image.open(tmp_path / 'out' / 'doorstep' / 'crossing.png') as picture:
         assert picture.format == 'PNG'
