@@ -31,7 +31,9 @@ CROSSINGS = {
     'rolling at a joint rate': (
         Case(GIMBALL, Actuation(law='velocity', set_rate=3.5)), 0.8, 0.025),
     'fails': (Case(GIMBALL), 0.78, 0.035),
-    'shellball': (Case(SHELLBALL), 0.8, 0.027)}
+    'shellball': (Case(SHELLBALL), 0.8, 0.027),
+    'Hunt and Crossley': (Case(GIMBALL.replace(
+        contact_law='hunt_crossley', contact_dissipation=0.3)), 0.78, 0.025)}
 
 
 @with_mujoco
