@@ -46,7 +46,7 @@ FAILED_RESIDUAL = 1e3     # sigmas that a sample counts as where a trial cannot 
 
 
 # Unit of a channel -> unit of values that are often labelled with it.
-MISLABELLED = {'m': 'mm', 'm/s': 'mm/s', 'rad': 'deg', 'rad/s': 'deg/s'}
+MISLABELLED = {'s': 'ms', 'm': 'mm', 'm/s': 'mm/s', 'rad': 'deg', 'rad/s': 'deg/s'}
 UNIT_TOLERANCE = 0.3  # of the logarithm of the factor between two units
 
 
@@ -166,8 +166,10 @@ class _Search:
 
     def start(self) -> None:
         """Guess the noise; raises where the scene or a unit of the recording is at fault."""
+        check_units({'time': (self.recording.duration, self.scene.run.duration)})
         first = self.differences(self.best)
-        check_units(self.recording, first)
+        check_units({name: (np.ptp(values), np.ptp(values + first[name]))
+                     for name, (_, values) in self.recording.channels.items()})
         self.rough = {name: _roughness(values, 0.0 * values)
                       for name, (_, values) in self.recording.channels.items()}
         self.noise = {name: _roughness(values, first[name])
@@ -271,27 +273,31 @@ class _Search:
         return found
 
 
-def check_units(recording: Recording, differences: Mapping[str, Array]) -> None:
+def check_units(ranges: Mapping[str, Tuple[float, float]]) -> None:
     """
-    Refuse channels whose range is that of the simulation times the factor of another unit.
+    Refuse columns whose range is that of the scene times the factor of another unit.
+
+    Parameters
+    ----------
+    ranges : mapping
+        Of each column: range in the recording and in the scene.
 
     Raises
     ------
     ConfigurationError
-        Naming the channel and the likely unit.
+        Naming the column and the likely unit.
 
     """
     problems, suspects = [], []
-    for name, (_, values) in recording.channels.items():
-        measured, simulated = np.ptp(values), np.ptp(values + differences[name])
-        unit = CHANNELS[name]
+    for name, (measured, simulated) in ranges.items():
+        unit = {'time': 's', **CHANNELS}[name]
         other = MISLABELLED[unit]
         factor = 1.0 / CONVERSIONS[other][1]
         if measured > 0.0 < simulated and abs(
                 math.log(measured / simulated / factor)) < UNIT_TOLERANCE:
             suspects.append(name)
             problems.append(
-                f'{name} varies by {measured:.3g} {unit}, in the simulation by {simulated:.3g} '
+                f'{name} varies by {measured:.3g} {unit}, in the scene by {simulated:.3g} '
                 f'{unit}, a factor of about {factor:.3g}; is the column in {other}? Then label it '
                 f'"{name} [{other}]"')
     if problems:

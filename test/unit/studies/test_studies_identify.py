@@ -283,3 +283,11 @@ def test_values_in_another_unit_than_their_label_are_refused_with_the_likely_uni
         identify(TRUTH, Recording({'joint_angle': (times, np.degrees(values))}),
                  ['joint_friction'])
     assert '"joint_angle [deg]"' in str(error.value)
+
+
+def test_times_in_milliseconds_that_are_labelled_seconds_are_refused_with_the_likely_unit():
+    channels = {name: (1e3 * times, values)
+                for name, (times, values) in recorded(TRUTH, 0).channels.items()}
+    with refused('out_of_range', 'time') as error:
+        identify(TRUTH, Recording(channels), ['joint_friction'])
+    assert '"time [ms]"' in str(error.value)
