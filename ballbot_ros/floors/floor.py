@@ -13,7 +13,6 @@ from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from ballbot_ros.config.fields import (
     Checked, Problems, quantity, refuse_missing, section, text)
@@ -349,6 +348,7 @@ def load_floor(name_or_path: Union[str, Path]) -> Floor:
                         'metres?', 'out_of_range', field)
     problems.refuse()
     if start is None:
+        from scipy import ndimage
         # The middle of the largest free space.
         clear = ndimage.distance_transform_edt(np.pad(floor.cells == FREE, 1))[1:-1, 1:-1]
         start = [*floor.center_of(*divmod(int(np.argmax(clear)), floor.cells.shape[1])), 0.0]

@@ -7,8 +7,6 @@ from typing import Dict, List, Tuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
-from scipy.sparse import csgraph
 
 from ballbot_ros.floors.floor import Floor, OCCUPIED, Point
 from ballbot_ros.floors.profile import depth
@@ -46,6 +44,8 @@ def levels(floor: Floor) -> NDArray[np.float64]:
         rises.append(rise[free])
     pairs, rise = np.concatenate(links), np.concatenate(rises)
     even = pairs[rise == 0.0]
+    from scipy import sparse
+    from scipy.sparse import csgraph
     _, labels = csgraph.connected_components(sparse.coo_matrix(
         (np.ones(len(even), bool), even.T), shape=(numbers.size, numbers.size)), directed=False)
     neighbours: Dict[int, List[Tuple[int, float]]] = {}

@@ -14,7 +14,6 @@ from typing import Dict, Iterator, List, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from ballbot_ros.crossing.rules import touch_distance
 from ballbot_ros.decision import check_decision, Knowledge
@@ -269,6 +268,7 @@ class RoutePlanner:
 
     def _lay_grid(self) -> None:
         """Mark the cells that the centre may reach without a crossing."""
+        from scipy import ndimage
         floor, size = self.floor, self._size
         left, right, bottom, top = floor.extent
         self._origin = (left, bottom)
