@@ -52,6 +52,7 @@ def calibrate(robot, dialogue=None):
     return Calibrator(robot.hardware, GIMBALL, driver, dialogue or Script(robot)).run()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('protocol, direction, factor', [
     ('odrive', 1, 0.8), ('vesc', -1, 1.0)])
 def test_the_joint_between_drive_and_pendulum_is_identified(protocol, direction, factor):
@@ -116,6 +117,7 @@ def test_an_encoder_that_is_not_connected_is_noticed():
         calibrate(robot, Script(robot, degrees=2.0))
 
 
+@pytest.mark.slow
 def test_an_angle_that_was_not_a_right_one_may_be_given_and_a_wrong_file_is_noticed():
     robot = VirtualRobot(held=True)
     robot.hardware = replace(robot.hardware, joint=replace(robot.hardware.joint, gear_ratio=40.0))
@@ -143,6 +145,7 @@ def test_a_wrong_key_asks_again(part, answer):
     assert sum(part in question for question in script.asked) == 2
 
 
+@pytest.mark.slow
 def test_the_pendulum_may_be_turned_by_more_than_a_turn():
     robot = VirtualRobot(held=True)
     script = Script(robot, degrees=380.0, **{'Turn it': '380'})
@@ -150,6 +153,7 @@ def test_the_pendulum_may_be_turned_by_more_than_a_turn():
     assert not any('the file was wrong' in text for text in script.said)
 
 
+@pytest.mark.slow
 def test_a_scale_that_the_file_gives_is_the_one_that_is_expected():
     robot = VirtualRobot(held=True)
     robot.hardware = replace(robot.hardware, joint=replace(
@@ -163,6 +167,7 @@ def test_a_scale_that_the_file_gives_is_the_one_that_is_expected():
         calibrate(robot)
 
 
+@pytest.mark.slow
 def test_a_motor_without_a_gear_has_a_direction_too():
     robot = VirtualRobot(held=True, settings=DriveSettings(torque_limit=5.0, current_limit=200.0))
     robot.hardware = replace(robot.hardware, joint=replace(
@@ -180,6 +185,7 @@ def test_it_lifts_to_half_a_radian_in_steps_of_three_seconds(calibrated):
     assert 0.45 < max(angles) < 0.6 and -0.6 < min(angles) < -0.45
 
 
+@pytest.mark.slow
 def test_it_asks_for_nine_tenths_of_the_torque_limit_at_most():
     robot = VirtualRobot(held=True, torque_limit=0.3)
     calibrate(robot)

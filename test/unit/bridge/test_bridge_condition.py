@@ -40,6 +40,7 @@ def test_a_motor_that_holds_more_than_it_bears_is_brought_to_what_it_bears():
     assert 0.9 < report.condition.warmth < 1.05
 
 
+@pytest.mark.slow
 def test_an_empty_battery_lets_the_pendulum_down_before_it_stops_and_stays_stopped():
     found = robot(battery=Battery(low_voltage=22.0, empty_voltage=21.0, smoothing=0.1,
                                   empty_time=0.5, fade_time=1.0))

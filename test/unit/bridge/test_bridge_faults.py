@@ -70,6 +70,7 @@ def test_a_contradiction_is_found_on_a_busy_machine(fault):
     assert robot.session.supervisor.e_stop and not robot.motor
 
 
+@pytest.mark.slow
 def test_steps_and_walls_at_full_torque_are_no_contradiction():
     for height, set_point in ((0.031, SetPoint(Mode.SPEED, 1.0)), (0.2, SetPoint(Mode.HOLD, 1.4))):
         robot = VirtualRobot(onboard='published', terrain=[
@@ -143,7 +144,7 @@ def slowly_read(protocol, rate):
 
 
 @pytest.mark.parametrize('protocol', [*PROTOCOLS, 'odrive_can 0.5', 'vesc_can'])
-@pytest.mark.parametrize('rate', [100.0, 1000.0])
+@pytest.mark.parametrize('rate', [pytest.param(100.0, marks=pytest.mark.slow), 1000.0])
 def test_a_drive_that_reads_slowly_executes_few_commands_after_a_stop(protocol, rate):
     robot = slowly_read(protocol, rate)
     driver = robot.session.line.driver

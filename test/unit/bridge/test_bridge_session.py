@@ -39,7 +39,8 @@ def test_the_estimate_follows_the_true_pendulum_through_the_wire():
     assert robot.plant.state.pendulum_angle > 0.3
 
 
-@pytest.mark.parametrize('kind', ['odrive 0.5', 'odrive 0.6'])
+@pytest.mark.parametrize('kind', [
+    pytest.param('odrive 0.5', marks=pytest.mark.slow), 'odrive 0.6'])
 def test_bridge_and_controller_take_the_ball_over_a_step(kind):
     robot = VirtualRobot(kind, terrain=[{'flat': {'length': 1.426}}, {'step': {'height': 0.031}},
                                         {'flat': {'length': 3.0}}]).ready()
@@ -318,6 +319,7 @@ def test_a_drive_that_disarms_by_itself_is_noticed(protocol):
     assert robot.session.control.counts['disarmed_by_drive'] == 1
 
 
+@pytest.mark.slow
 def test_a_drive_that_trips_each_time_it_is_armed_is_given_longer_and_longer_pauses():
     robot = VirtualRobot(rearm=True).ready()
     for _ in range(round(6.0 / STEP)):

@@ -40,10 +40,10 @@ def turning(robot):
     return robot
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('robot, speed, yaw_rate', [
-    ('roboclaw', 0.3, 0.15), ('odrive 0.5', 0.5, -0.3),
-    pytest.param('vesc_can', -0.4, 0.2, marks=pytest.mark.slow),
-    pytest.param('odrive_can 0.6', 0.7, 0.1, marks=pytest.mark.slow)], indirect=['robot'])
+    ('roboclaw', 0.3, 0.15), ('odrive 0.5', 0.5, -0.3), ('vesc_can', -0.4, 0.2),
+    ('odrive_can 0.6', 0.7, 0.1)], indirect=['robot'])
 def test_it_turns_at_the_commanded_yaw_rate(robot, speed, yaw_rate):
     robot.loop(5.0, SetPoint(Mode.SPEED, speed, yaw_rate=yaw_rate))
     heading = robot.lateral.heading
@@ -72,6 +72,7 @@ def test_without_a_yaw_rate_it_drives_straight(robot):
     assert robot.lateral.heading == 0.0 and abs(robot.lateral.lean) < 1e-3
 
 
+@pytest.mark.slow
 def test_the_lean_stays_within_the_limit_of_the_robot(robot):
     leans = []
     for _ in range(75):

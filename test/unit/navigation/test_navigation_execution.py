@@ -193,6 +193,7 @@ def test_the_edge_of_a_pit_is_not_higher_than_the_pit_is_deep(tmp_path):
     assert not ball.state.learned.heights and not ball.state.recoveries
 
 
+@pytest.mark.slow
 def test_a_refused_crossing_is_learned_and_another_way_is_taken_or_none(navigator):
     ball = Ball(navigator, *KITCHEN, 1.57)
     ball.crosses = lambda segment: CrossingReport(False, 'too high', 0.2)
