@@ -524,7 +524,8 @@ class Navigator:
                                replans=max(state.replans - 1, 0), message=report.message), REST
             return self._stop(state, 'crossing_failed', (
                 f'the {segment.feature.label} was not crossed: {report.message}')), REST
-        if abs(percept.speed) < REST_SPEED_MAX and state.along < segment.crossing.run_up:
+        if abs(percept.speed) < REST_SPEED_MAX and state.moving > state.crossing_start \
+                and state.along < segment.crossing.run_up:
             # The decision has backed off for another attempt, which begins at another pose.
             entered = self._enter(state, state.index, percept)
             if entered.status is not NavStatus.CROSSING:

@@ -304,14 +304,17 @@ def test_a_ball_off_the_line_of_a_crossing_backs_off_and_returns_onto_it(navigat
     assert math.dist((ball.x, ball.y), crossing.points[0]) < 0.1
 
 
-@pytest.mark.parametrize(('degrees', 'begins'), [(3.0, True), (50.0, False)])
-def test_another_attempt_begins_only_where_a_crossing_may_begin(navigator, degrees, begins):
+@pytest.mark.parametrize(('degrees', 'moved', 'begins'), [
+    (3.0, True, True), (50.0, True, False), (50.0, False, True)])
+def test_only_another_attempt_ends_where_no_crossing_may_begin(navigator, degrees, moved, begins):
     ball = Ball(navigator, *KITCHEN, 1.57)
     ball.crosses = lambda segment: None
     ball.begin(STUDY)
     ball.run(60.0, until=lambda ball: ball.state.status is NavStatus.CROSSING)
     ball.heading += math.radians(degrees)
     ball.state = replace(ball.state, last=None)
+    if moved:
+        ball.state = replace(ball.state, moving=ball.state.crossing_start + PERIOD)
     ball.step()
     assert (ball.state.status is NavStatus.CROSSING) is begins
     assert ball.state.alignments == (0 if begins else 1)
