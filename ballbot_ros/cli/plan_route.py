@@ -72,7 +72,8 @@ def run(arguments: argparse.Namespace) -> int:
             x, y = segment.points[-1]
             rows.append((f'{time:.1f} s', f'({x:5.2f}, {y:5.2f})', how))
         print(table(rows))
-        print(f'Probability {route.probability:.3f}. {explanation}'.rstrip())
+        print(f'Probability {route.probability:.3f}, with one further attempt at each crossing. '
+              f'{explanation}'.rstrip())
     if arguments.out is not None:
         from ballbot_ros.figures.canvas import save
         from ballbot_ros.figures.route import route_figure

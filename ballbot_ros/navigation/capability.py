@@ -20,10 +20,11 @@ import numpy as np
 
 from ballbot_ros.decision import Face, Knowledge, Profile
 from ballbot_ros.decision.planning.ahead import GROUND_EXTENSION, look_ahead
-from ballbot_ros.decision.planning.rollout.rollout import REST
+from ballbot_ros.decision.planning.rollout.planner import exceeds
+from ballbot_ros.decision.planning.rollout.rollout import OVER, REST, STUCK, VERDICT
 from ballbot_ros.decision.planning.rollout.search import (
     candidates, MANY, OVERRUN_FRACTION_MAX, plan_row, search, Task, Trial)
-from ballbot_ros.decision.planning.rollout.worlds import Worlds
+from ballbot_ros.decision.planning.rollout.worlds import Tally, Worlds
 
 # Run-ups from rest to the touch to try, and longest room behind the last edge that is used [m].
 RUN_UPS = (0.2, 0.35, 0.5, 0.75, 1.0, 1.4, 1.8, 2.4)
@@ -51,6 +52,8 @@ class CrossingPlan(NamedTuple):
         From rest before to rest behind [s].
     room : float
         Behind the last edge that it needs [m].
+    again : float
+        Probability that a failed attempt ends before the step, and the next one succeeds.
 
     """
 
@@ -59,6 +62,12 @@ class CrossingPlan(NamedTuple):
     probability: float
     time: float
     room: float = 0.0
+    again: float = 0.0
+
+    @property
+    def eventual(self) -> float:
+        """Return the probability with one further attempt."""
+        return self.probability + (1.0 - self.probability) * self.again
 
 
 class Capability:
@@ -167,14 +176,24 @@ class Capability:
         # Uniform acceleration to the touch, then to the last edge, then a stop.
         time = 2.0 * run_up / speed + (last + radius) / speed \
             + speed / tuning.deceleration
-        rests = worlds.attempt(
-            start, [plan_row(chosen.candidate, ahead)], worlds.first(MANY), ahead)[0, :, REST]
-        beyond = float(np.quantile(
-            np.nan_to_num(rests, nan=-math.inf), 1.0 - OVERRUN_FRACTION_MAX, method='higher'))
+        draws = worlds.first(MANY)
+        results = worlds.attempt(start, [plan_row(chosen.candidate, ahead)], draws, ahead)[0]
+        beyond = float(np.quantile(np.nan_to_num(results[:, REST], nan=-math.inf),
+                                   1.0 - OVERRUN_FRACTION_MAX, method='higher'))
+        # The same plan fails again; the decision takes one that exceeds it.
+        stuck = results[:, VERDICT] == STUCK
+        further = [plan_row(plan, ahead) for plan in plans
+                   if exceeds(plan, chosen.candidate.speed, chosen.candidate.angle)]
+        again = 0.0
+        if stuck.any() and further:
+            tallies = [Tally.of(item, ahead.room_to) for item in worlds.attempt(
+                start, further, draws[stuck], ahead)]
+            again = max((item.probability for item in tallies if not item.harm), default=0.0) \
+                * float(stuck.sum() / (results[:, VERDICT] != OVER).sum())
         # At most the room of the search, in which the same share may stop farther away.
         return CrossingPlan(
             run_up, chosen.candidate.speed, chosen.many.probability, time,
-            min(room, beyond + room - ahead.room_to))
+            min(room, beyond + room - ahead.room_to), again)
 
 
 def _rounded(value: float, unit: float) -> float:

@@ -109,7 +109,7 @@ class Route(NamedTuple):
     time : float
         Expected [s].
     probability : float
-        Product of the probabilities of its crossings.
+        Product of the probabilities of its crossings, each with one further attempt.
 
     """
 
@@ -776,5 +776,5 @@ class RoutePlanner:
 
 
 def _probability(taken: Sequence[Segment]) -> float:
-    """Return the product of the probabilities of crossings."""
-    return math.prod(segment.crossing.probability for segment in taken if segment.crossing)
+    """Return the product of the probabilities of crossings, each with one further attempt."""
+    return math.prod(segment.crossing.eventual for segment in taken if segment.crossing)

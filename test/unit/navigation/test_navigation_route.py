@@ -135,7 +135,7 @@ def test_times_and_probabilities_add_up(flat):
     assert route.time == pytest.approx(sum(segment.time for segment in route.segments))
     crossings = [segment.crossing for segment in route.segments if segment.crossing]
     assert route.probability == pytest.approx(
-        math.prod(crossing.probability for crossing in crossings))
+        math.prod(crossing.eventual for crossing in crossings))
     assert route.probability >= TUNING.required_probability
     for one, two in zip(route.segments, route.segments[1:]):
         assert one.points[-1] == pytest.approx(two.points[0])
@@ -154,6 +154,16 @@ def test_the_time_of_a_crossing_contains_that_of_further_attempts(flat):
                    if item.feature and item.crossing.probability < 0.99)
     once, failing = segment.crossing.time, 1.0 - segment.crossing.probability
     assert segment.time > once * (1.0 + failing)
+
+
+def test_a_failure_before_the_step_is_followed_by_an_attempt_with_another_plan(
+        capability, flat):
+    for crossing in choices(capability, [(0.0, 0.0425)], 0.001, 2.4, 2.5):
+        assert crossing.probability < crossing.eventual < 1.0
+    # The first attempts alone are not sufficient.
+    route = flat.route(STUDY, BATH)
+    once = math.prod(item.crossing.probability for item in route.segments if item.crossing)
+    assert once < TUNING.required_probability <= route.probability
 
 
 def test_a_route_back_descends_the_steps(flat):
@@ -428,13 +438,15 @@ def test_the_way_out_of_a_narrow_place_begins_there_and_passes_no_edge(flat):
 
 
 def test_a_route_refused_only_by_the_product_of_probabilities_has_a_reason_of_its_own(tmp_path):
+    # Between the steps there is room for one metre of run-up.
+    steps = (3.0, 4.6, 6.2, 7.8, 9.4)
     planner = planner_of(tmp_path, [
-        f'{{kind: step, line: [[{x}, 4.0], [{x}, 0.0]], height: 0.049}}'
-        for x in (3.0, 5.0, 7.0, 9.0, 11.0)], size=(13, 4))
-    for x in (1.5, 3.7, 5.7, 7.7, 9.7):
-        assert planner.route((x, 2.0), (x + 2.0, 2.0)).segments
+        f'{{kind: step, line: [[{x}, 4.0], [{x}, 0.0]], height: 0.049}}' for x in steps],
+        size=(11, 4))
+    for x in steps:
+        assert planner.route((x - 0.8, 2.0), (x + 0.7, 2.0)).segments
     with pytest.raises(RefusedError) as caught:
-        planner.route((1.5, 2.0), (12.0, 2.0))
+        planner.route((1.5, 2.0), (10.1, 2.0))
     assert (caught.value.reason, caught.value.field) == ('improbable', 'goal')
 
 

@@ -121,10 +121,15 @@ def _promising(found: Sequence[Candidate], failures: Sequence[Failure]) -> List[
 def _more(item: Candidate, failure: Failure) -> bool:
     """Return whether a candidate exceeds a failed plan."""
     swung = failure.plan.swing_angle if math.isfinite(failure.plan.swing_position) else 0.0
-    faster = item.speed > failure.plan.speed + FASTER
-    return (faster and item.angle >= swung - 0.01) or item.angle > swung + FURTHER or (
+    return exceeds(item, failure.plan.speed, swung) or (
         failure.plan.strategy is not Strategy.BACK_OFF and item.back > 0.0
         and item.angle >= swung - 0.01)
+
+
+def exceeds(item: Candidate, speed: float, angle: float) -> bool:
+    """Return whether a candidate touches faster than at a speed, or swings past an angle."""
+    return (item.speed > speed + FASTER and item.angle >= angle - 0.01) \
+        or item.angle > angle + FURTHER
 
 
 def _reason(task: Task, trials: Sequence[Trial], tuning: DecisionTuning,
