@@ -134,6 +134,9 @@ NODES = 640  # of the map
 DEFAULT_NOISE_SD, SCANS_MIN = 0.005, 5
 NOISE_SD_MIN = 1e-4      # [m]
 
+# Scans of the running means of noise and tilt.
+AVERAGED_SCANS = 50
+
 # Fraction of the roughness that averaging scans does not reduce.
 TEXTURE_FRACTION = 0.5
 
@@ -230,7 +233,11 @@ class ElevationMap:
                     f'{places[worst]:.2f} m, and by more than {self._sigmas:g} deviations at '
                     f'{np.count_nonzero(outside)} of {np.count_nonzero(common)} places')
         self._learn(residual, variance, scan, common)
-        self._fuse(inside, scan.z + shift + tilt * places, new_variance, residual, seen, outside)
+        # Scans are relative to gravity: the map takes their mean tilt, and does not drift.
+        part = tilt / min(self.scans, AVERAGED_SCANS)
+        self.height -= part * ((np.arange(NODES) + self.first) * CELL - position)
+        self._fuse(inside, scan.z + shift + (tilt - part) * places, new_variance, residual, seen,
+                   outside)
         return ''
 
     def slip(self, scan: Scan) -> int:
@@ -286,7 +293,7 @@ class ElevationMap:
         """Estimate the noise of the scans from their residuals."""
         even = common & (scan.steep < 0.001)
         self.scans += 1
-        weight = 1.0 / min(self.scans - 1, 50)
+        weight = 1.0 / min(self.scans - 1, AVERAGED_SCANS)
         self._rough += weight * (scan.roughness - self._rough)
         if np.count_nonzero(even) >= OVERLAP_MIN:
             spread = 1.4826 * middle(np.abs(residual[even]))
