@@ -97,6 +97,14 @@ def test_a_known_face_that_is_not_there_any_more_is_dropped():
     assert not gone[-1].faces
 
 
+@pytest.mark.parametrize('growth', [0.05, 0.15])
+def test_a_sensor_whose_far_heights_are_too_small_does_not_level_a_slope_out(growth):
+    slopes = [profile.slope for profile in approach(
+        Terrain.slope(-0.04), looks=300, to=2.5, growth=growth)]
+    # Without an absolute reference the error would grow with the distance.
+    assert -0.041 < min(slopes) and max(slopes) < -0.04 * (1.0 - growth)
+
+
 @pytest.mark.parametrize('seed', range(3))
 def test_a_stretch_too_steep_stays_once_it_is_known(seed):
     fusion = GroundFusion(GIMBALL, DecisionTuning())
