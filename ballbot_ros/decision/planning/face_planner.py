@@ -342,6 +342,11 @@ class FacePlanner:
         else:
             selector.update(ahead, situation, room)
             choice = selector.choice or Choice(None, Reason.EVALUATING)
+            if selector.choice is None and face.height < 0.0 \
+                    and room < 0.0 and motion.speed > REST_SPEED_MAX:
+                # The descent is certain before its plan is evaluated.
+                choice = Choice(Candidate(Strategy.CRUISE, min(
+                    motion.speed, self._tuning.cruise_speed)), Reason.COMMITTED)
         if choice.candidate is None:
             answer = refuse(choice, ahead, motion, room, self._tuning)
             if choice.reason is Reason.EVALUATING and abs(motion.speed) < REST_SPEED_MAX:

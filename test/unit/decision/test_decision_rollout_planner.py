@@ -154,11 +154,12 @@ def test_to_see_more_of_the_floor_does_not_shrink_the_room_behind_an_edge():
     assert rooms == sorted(rooms) and rooms[0] < rooms[-1]
 
 
-def test_before_a_small_step_down_too_late_for_a_stop_the_ball_brakes_immediately():
+def test_before_a_small_step_down_too_late_for_a_stop_it_decides_immediately():
     floor = [(-3.0, 0.0), (0.0, 0.0), (0.0, -0.01), (3.0, -0.01)]
     answer = decide(step(-0.01), room=0.1 - RADIUS, speed=0.6, answers=1, points=floor,
                     seen_to=3.0)
-    assert (answer.kind, answer.set_speed) == (Kind.STOP, 0.0)
+    assert (answer.kind, answer.reason) == (Kind.CROSS, Reason.COMMITTED)
+    assert answer.set_speed <= TUNING.cruise_speed
 
 
 def test_a_plan_is_kept_as_soon_as_the_weakest_robot_could_not_stop():
