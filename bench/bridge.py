@@ -20,7 +20,8 @@ import time
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test' / 'helpers'))
 from builtin_interfaces.msg import Time
-from loop import processor_time, quantile
+from loop import processor_time
+import numpy as np
 import rclpy
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
@@ -251,14 +252,14 @@ def run(emulated, control, **parameters):
 def measure():
     """Yield name, unit, values and target of each measurement."""
     for variant, control, target in (('laws on board', 'onboard', 12.0),
-                                  ('commands over topics', 'direct', 20.0)):
+                                     ('commands over topics', 'direct', 20.0)):
         middle, late, used, way = [], [], [], []
         for _ in range(REPEATS):
             share, log, sent = run(emulated_apart, control)
             times = [when for when, _ in log]
             periods = [1e3 * (after - before) for before, after in zip(times, times[1:])]
-            middle.append(quantile(periods, 0.5))
-            late.append(quantile(periods, 0.99))
+            middle.append(np.quantile(periods, 0.5))
+            late.append(np.quantile(periods, 0.99))
             used.append(share)
             way += [1e3 * median(latencies(sent, log))] if control == 'direct' else []
         yield f'bridge, {variant}: part of a core', '%', used, target
@@ -273,4 +274,4 @@ def measure():
             bench.spin(SETTLE + WINDOW)
         ways = [1e3 * way for way in answers(folder / 'capture')]
     yield 'bridge: measurement read to its torque written', 'ms', [median(ways)], 0.5
-    yield 'bridge: the same, p99', 'ms', [quantile(ways, 0.99)], None
+    yield 'bridge: the same, p99', 'ms', [np.quantile(ways, 0.99)], None

@@ -4,7 +4,7 @@ from pathlib import Path
 import tempfile
 import time
 
-from loop import quantile
+import numpy as np
 from rcl_interfaces.srv import SetParameters
 import rclpy
 from rclpy.node import Node
@@ -52,7 +52,7 @@ def figures(commands):
     periods = [1e3 * (after[0] - before[0]) for before, after in pairs]
     states = round((commands[-1][1] - commands[0][1]) / 0.002)
     lost = 100.0 * max(0.0, 1.0 - len({stamp for _, stamp, _ in commands}) / (states + 1))
-    return quantile(periods, 0.99), lost, max(abs(b[2] - a[2]) for a, b in pairs)
+    return np.quantile(periods, 0.99), lost, max(abs(b[2] - a[2]) for a, b in pairs)
 
 
 def watch():

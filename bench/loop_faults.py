@@ -12,7 +12,8 @@ import random
 import tempfile
 import time
 
-from wire import quantile, used
+import numpy as np
+from wire import used
 
 from ballbot_ros.bridge.drive_line import connector
 from ballbot_ros.bridge.hardware_file import load_hardware
@@ -111,11 +112,11 @@ def measure():
     yield 'torques above the limit', '', [above], 0.5
     yield 'torque after the end', 'N m', [abs(emulator.torque)], 1e-9
     yield 'times that power came back', '', [len(watcher.gaps)], None
-    yield 'until power came back, median', 'ms', [1e3 * quantile(watcher.gaps, 0.5)], 1000.0
+    yield 'until power came back, median', 'ms', [1e3 * np.quantile(watcher.gaps, 0.5)], 1000.0
     yield 'until power came back, longest', 'ms', [1e3 * max(watcher.gaps)], None
-    yield 'period of the loop, p99', 'ms', [quantile(watcher.periods[:watcher.count], 0.99)], 4.0
+    yield ('period of the loop, p99', 'ms', [np.quantile(watcher.periods[:watcher.count], 0.99)],
+           4.0)
     yield 'loop, ball and emulated drive, part of a core', '%', [processor], None
     for name, unit, before, after in zip(
             ('resident memory', 'threads', 'open files'), ('kB', '', ''), first, last):
         yield f'more {name} after the first minute', unit, [after - before], None
-

@@ -15,7 +15,7 @@ import tempfile
 import threading
 import time
 
-from loop import quantile
+import numpy as np
 
 from ballbot_ros.bridge.drive_line import connector
 from ballbot_ros.bridge.feasibility import onboard_lag, RESERVE
@@ -115,6 +115,6 @@ def measure():
             found = delays(protocol, immediately)
             target = lag if immediately else None
             yield f'{protocol}: question to torque, {how}, median', 'ms', [
-                quantile(found, 0.5)], target
-            yield f'{protocol}: the same, p99', 'ms', [quantile(found, 0.99)], None
+                np.quantile(found, 0.5)], target
+            yield f'{protocol}: the same, p99', 'ms', [np.quantile(found, 0.99)], None
         yield f'{protocol}: on the line, by the budget', 'ms', [lag - 1e3 * RESERVE], None

@@ -302,6 +302,19 @@ def programs(tree):
                 pass  # prose
 
 
+def missing_beside(path, tree):
+    """List (line, name) of the imports from another program of the folder that find nothing."""
+    beside = {other.stem: other for other in path.parent.glob('*.py')}
+    return [(node.lineno, f'{node.module}.{alias.name}') for node in ast.walk(tree)
+            if isinstance(node, ast.ImportFrom) and not node.level and node.module in beside
+            for alias in node.names if alias.name not in defined_in(tree_of(beside[node.module]))]
+
+
+def test_each_import_of_a_neighbouring_program_finds_its_name():
+    assert not [f'{path.relative_to(ROOT)}:{line}: {name}' for path in project_files('.py')
+                for line, name in missing_beside(path, tree_of(path))]
+
+
 def test_each_import_of_the_package_finds_its_name():
     names = names_of_package()
     module_of = {path: module for module, path in modules().items()}
