@@ -114,10 +114,12 @@ class Moves(NamedTuple):
 
     Attributes
     ----------
-    ends : (16 * n, 4) array of int64
-        Row and column of the end, heading of the end, direction.
-    cells : (16 * n, k, 2) array of int64
-        Rows and columns of the cells around the points on the way, the last one repeated.
+    ends : (16 * n,) array of int64
+        Number of the state at the end minus that at the start.
+    cells : (16 * n, k) array of int64
+        Numbers of the cells around the points on the way minus that of the first cell, in the
+        order of the way; the last one is repeated.
+    backward : (16 * n,) array of bool
     times : (16 * n,) array
         [s]
 
@@ -125,20 +127,22 @@ class Moves(NamedTuple):
 
     ends: NDArray[np.int64]
     cells: NDArray[np.int64]
+    backward: NDArray[np.bool_]
     times: NDArray[np.float64]
 
     @classmethod
-    def of(cls, rows: List[Primitive], times: List[float]) -> 'Moves':
-        """Return the arrays of primitives, heading by heading, and the time of each."""
-        ways = [_cells_around(item.points) for item in rows]
+    def of(cls, rows: List[Primitive], times: List[float], columns: int) -> 'Moves':
+        """Return the arrays of primitives, and the time of each, on a grid of some columns."""
+        ways = [cells_around(item.points) for item in rows]
         longest = max(map(len, ways))
-        ends = np.array([(item.row, item.column, item.end, item.direction) for item in rows],
-                        np.int64)
+        ends = [(item.row * columns + item.column) * COUNT + item.end - item.start
+                for item in rows]
         cells = np.array([way + way[-1:] * (longest - len(way)) for way in ways], np.int64)
-        return cls(ends, cells, np.array(times))
+        return cls(np.array(ends, np.int64), cells @ (columns, 1),
+                   np.array([item.direction < 0 for item in rows]), np.array(times))
 
 
-def _cells_around(points: NDArray[np.float64]) -> List[Tuple[int, int]]:
+def cells_around(points: NDArray[np.float64]) -> List[Tuple[int, int]]:
     """Return rows and columns of the cells between whose centres points lie [cells]."""
     found: Dict[Tuple[int, int], None] = {}
     for x, y in np.round(points, 6).tolist():
@@ -159,12 +163,11 @@ class Problem(NamedTuple):
         [s]
     goal_cell, goal_heading : int
         A heading of -1 means any.
-    slowness : (rows, columns) array
-        Factor on times in a cell; infinite where the centre must not be.
+    slowness : (cells,) array
+        Factor on times in a cell; infinite where the centre must not be, and at the border.
     heuristic : (cells,) array
         Lower bound of the time to the goal [s].
-    ends, cells, times
-        See `Moves`.
+    moves : Moves
     reversal : float
         Time for a change of direction [s].
     arc_starts, arc_ends : (m,) arrays of int64
@@ -183,9 +186,7 @@ class Problem(NamedTuple):
     goal_heading: int
     slowness: NDArray[np.float64]
     heuristic: NDArray[np.float64]
-    ends: NDArray[np.int64]
-    cells: NDArray[np.int64]
-    times: NDArray[np.float64]
+    moves: Moves
     reversal: float
     arc_starts: NDArray[np.int64]
     arc_ends: NDArray[np.int64]
@@ -197,37 +198,40 @@ class Problem(NamedTuple):
 
 class SearchTree(NamedTuple):
     """
-    The nodes of a search.
+    The nodes of a search: one for each way to a state that no other way excludes.
 
     Attributes
     ----------
-    slots : array of int32
-        Hash table of nodes, filled with -1 before a search; its length is a power of 2.
-    keys, parents, moves : arrays of int64
+    states, parents, moves, levels : arrays of int32
         Of each node.
+    older : array of int32
+        Node before at the same state, -1 for none.
+    backward, closed : arrays of bool
     costs : array
         [s]
-    closed : array of uint8
     heap_costs : array
-    heap_nodes : array of int64
+    heap_nodes : array of int32
 
     """
 
-    slots: NDArray[np.int32]
-    keys: NDArray[np.int64]
-    parents: NDArray[np.int64]
-    moves: NDArray[np.int64]
+    states: NDArray[np.int32]
+    parents: NDArray[np.int32]
+    moves: NDArray[np.int32]
+    levels: NDArray[np.int32]
+    older: NDArray[np.int32]
+    backward: NDArray[np.bool_]
+    closed: NDArray[np.bool_]
     costs: NDArray[np.float64]
-    closed: NDArray[np.uint8]
     heap_costs: NDArray[np.float64]
-    heap_nodes: NDArray[np.int64]
+    heap_nodes: NDArray[np.int32]
 
     @classmethod
     def of(cls, count: int) -> 'SearchTree':
-        """Return arrays for a number of nodes, a power of 2."""
-        keys, parents, moves = (np.empty(count, np.int64) for _ in range(3))
-        return cls(np.empty(4 * count, np.int32), keys, parents, moves, np.empty(count),
-                   np.empty(count, np.uint8), np.empty(3 * count), np.empty(3 * count, np.int64))
+        """Return arrays for a number of nodes."""
+        states, parents, moves, levels, older = np.empty((5, count), np.int32)
+        backward, closed = np.empty((2, count), np.bool_)
+        return cls(states, parents, moves, levels, older, backward, closed, np.empty(count),
+                   np.empty(3 * count), np.empty(3 * count, np.int32))
 
 
 class Tree:
@@ -250,17 +254,16 @@ class Tree:
 
         """
         while True:
-            self._nodes.slots.fill(-1)
-            firsts = np.full(problem.slowness.size * COUNT, -1, np.int32)
-            found = expand(problem, self._nodes, firsts)
-            if found != FULL or len(self._nodes.keys) >= MOST_NODES:
+            found = expand(problem, self._nodes,
+                           np.full(problem.slowness.size * COUNT, -1, np.int32))
+            if found != FULL or len(self._nodes.states) >= MOST_NODES:
                 break
-            self._nodes = SearchTree.of(4 * len(self._nodes.keys))
+            self._nodes = SearchTree.of(4 * len(self._nodes.states))
         if found < 0:
             return math.inf, []
-        way, node, states = [], found, problem.slowness.size * COUNT
+        way, node = [], found
         while node >= 0:
-            way.append((int(self._nodes.keys[node]) % states, int(self._nodes.moves[node])))
+            way.append((int(self._nodes.states[node]), int(self._nodes.moves[node])))
             node = int(self._nodes.parents[node])
         return float(self._nodes.costs[found]), way[::-1]
 
@@ -277,18 +280,22 @@ def free_steps(barriers: NDArray[np.bool_], row: float, column: float, up: float
 
 
 @compiled
-def _excluded(first: int, keys: NDArray[np.int64], costs: NDArray[np.float64], states: int,
-              level: int, direction: int, cost: float, reversal: float) -> bool:
-    """Return whether the first node that was expanded at a state excludes another one."""
-    if first < 0:
-        return False
-    rest = keys[first] // states
-    turn = reversal if direction != 1 - 2 * (rest % 2) else 0.0
-    return bool(level >= rest // 2 and cost >= costs[first] + turn)
+def _place(tree: SearchTree, newest: NDArray[np.int32], state: int, level: int, backward: bool,
+           cost: float, reversal: float) -> int:
+    """Return the node that a way to a state improves, `NONE` for a new one, else `FULL`."""
+    found, node = NONE, newest[state]
+    while node >= 0:
+        same = tree.backward[node] == backward
+        if tree.levels[node] <= level and cost >= tree.costs[node] + (0.0 if same else reversal):
+            return FULL
+        if same and tree.levels[node] == level:
+            found = FULL if tree.closed[node] else node
+        node = tree.older[node]
+    return found
 
 
 @compiled
-def _push(heap_costs: NDArray[np.float64], heap_nodes: NDArray[np.int64], size: int,
+def _push(heap_costs: NDArray[np.float64], heap_nodes: NDArray[np.int32], size: int,
           cost: float, node: int) -> None:
     """Add a node to a binary heap of a size."""
     place = size
@@ -300,7 +307,7 @@ def _push(heap_costs: NDArray[np.float64], heap_nodes: NDArray[np.int64], size: 
 
 
 @compiled
-def _pop(heap_costs: NDArray[np.float64], heap_nodes: NDArray[np.int64], size: int) -> None:
+def _pop(heap_costs: NDArray[np.float64], heap_nodes: NDArray[np.int32], size: int) -> None:
     """Remove the first node of a binary heap of a size."""
     size -= 1
     cost, node, place = heap_costs[size], heap_nodes[size], 0
@@ -328,7 +335,7 @@ def distances(goal: int, slowness: NDArray[np.float64], starts: NDArray[np.int64
     far, following = np.full(slowness.size, math.inf), np.full(slowness.size, -1, np.int64)
     order, most = np.argsort(ends), COUNT * slowness.size + len(ends)
     _measure(goal, slowness, starts[order], ends[order], lengths[order], far, following,
-             np.empty(most), np.empty(most, np.int64))
+             np.empty(most), np.empty(most, np.int32))
     return far, following
 
 
@@ -336,7 +343,7 @@ def distances(goal: int, slowness: NDArray[np.float64], starts: NDArray[np.int64
 def _measure(goal: int, slowness: NDArray[np.float64], starts: NDArray[np.int64],
              ends: NDArray[np.int64], lengths: NDArray[np.float64], far: NDArray[np.float64],
              following: NDArray[np.int64], heap_costs: NDArray[np.float64],
-             heap_nodes: NDArray[np.int64]) -> None:
+             heap_nodes: NDArray[np.int32]) -> None:
     """Compute the results of `distances`, from arcs that are sorted by their ends."""
     rows, columns = slowness.shape
     far[goal] = heap_costs[0] = 0.0
@@ -367,104 +374,85 @@ def _measure(goal: int, slowness: NDArray[np.float64], starts: NDArray[np.int64]
 
 
 @compiled
-def expand(problem: Problem, tree: SearchTree, firsts: NDArray[np.int32]) -> int:
+def expand(problem: Problem, tree: SearchTree, newest: NDArray[np.int32]) -> int:
     """
     Search by A* over (risk level, direction, heading, cell); return the node of the goal.
 
-    `NONE` if there is no way, `FULL` if the arrays are too short.  The first node that is expanded
-    at a state, and is not a start, is kept in `firsts`, which holds -1 before: it dominates all
-    others of at least its risk level that cost more by a change of direction.
+    `NONE` if there is no way, `FULL` if the arrays are too short.  A way to a state is excluded by
+    another one of at most its risk level that costs less, by a change of direction if they differ
+    in it.  `newest` has the newest node of each state, -1 before the search.
     """
-    (starts, start_costs, goal_cell, goal_heading, slowness, heuristic, ends, cells,
-     times, reversal, arc_starts, arc_ends, arc_times, arc_levels, aligned, most_level) = problem
-    slots, keys, parents, moves, costs, closed, heap_costs, heap_nodes = tree
-    rows, columns = slowness.shape
-    states, per, mask = rows * columns * 16, len(times) // 16, len(slots) - 1
-    count = size = 0
-    expanded = -1
-    while True:
-        base, level, direction = 0.0, 0, 1
-        row = column = heading = first = 0
-        number = len(starts)
-        if expanded >= 0:
-            state, rest = keys[expanded] % states, keys[expanded] // states
-            direction, level = 1 - 2 * (rest % 2), rest // 2
-            row, column = state // 16 // columns, state // 16 % columns
-            heading, base = state % 16, costs[expanded]
-            first = np.searchsorted(arc_starts, state)
-            number = per
-            while first + number - per < len(arc_starts) \
-                    and arc_starts[first + number - per] == state:
-                number += 1
+    (starts, start_costs, goal_cell, goal_heading, slowness, heuristic, primitive, reversal,
+     arc_starts, arc_ends, arc_times, arc_levels, aligned, most_level) = problem
+    ends, cells, sides, times = primitive
+    states, parents, moves, levels, older, backward, closed, costs, heap_costs, heap_nodes = tree
+    per = len(times) // 16
+    size = len(starts)
+    if size > len(states):
+        return FULL
+    # A start excludes no other way to its state: not all crossings there are aligned with it.
+    for node in range(size):
+        states[node], costs[node], closed[node] = starts[node], start_costs[node], False
+        parents[node], moves[node], levels[node], backward[node] = -1, -1, 0, False
+        _push(heap_costs, heap_nodes, node, costs[node] + heuristic[states[node] // 16], node)
+    count = size
+    while size > 0:
+        expanded = heap_nodes[0]
+        _pop(heap_costs, heap_nodes, size)
+        size -= 1
+        if closed[expanded]:
+            continue
+        closed[expanded] = True
+        state, base, level = states[expanded], costs[expanded], levels[expanded]
+        cell, heading = state // 16, state % 16
+        if cell == goal_cell and (goal_heading < 0 or heading == goal_heading):
+            return int(expanded)
+        first = np.searchsorted(arc_starts, state)
+        number = per
+        while first + number - per < len(arc_starts) \
+                and arc_starts[first + number - per] == state:
+            number += 1
         for item in range(number):
-            new_level, new_direction = level, direction
-            if expanded < 0:
-                target, cost, move = starts[item], start_costs[item], -1
-            elif item < per:
+            new_level, side = level, False
+            if item < per:
                 move = heading * per + item
-                new_direction = ends[move, 3]
-                r, c = row + ends[move, 0], column + ends[move, 1]
-                if r < 0 or c < 0 or r >= rows or c >= columns:
+                target, side = state + ends[move], sides[move]
+                if not 0 <= target < 16 * len(slowness):
                     continue
-                target = (r * columns + c) * 16 + ends[move, 2]
+                cost = base + (reversal if side != backward[expanded] else 0.0)
                 # Most moves are excluded before their cells are read.
-                if _excluded(firsts[target], keys, costs, states, level, new_direction,
-                             base + times[move], reversal):
+                if _place(tree, newest, target, level, side, cost + times[move],
+                          reversal) == FULL:
                     continue
                 factor = 0.0
                 for index in range(cells.shape[1]):
-                    r, c = row + cells[move, index, 0], column + cells[move, index, 1]
-                    if r < 0 or c < 0 or r >= rows or c >= columns:
-                        factor = math.inf
-                    else:
-                        factor = max(factor, slowness[r, c])
-                if factor == math.inf:
-                    continue
-                cost = base + times[move] * factor
-                if new_direction != direction:
-                    cost += reversal
+                    factor = max(factor, slowness[cell + cells[move, index]])
+                    if factor == math.inf:
+                        break
+                cost += times[move] * factor
             else:
                 arc = first + item - per
-                new_level, new_direction = level + arc_levels[arc], 1
+                new_level = level + arc_levels[arc]
                 if new_level > most_level or parents[expanded] < 0 and not aligned[arc]:
                     continue
                 target, cost, move = arc_ends[arc], base + arc_times[arc], -2 - arc
-            remaining = heuristic[target // 16]
-            if remaining == math.inf:
+            cost_to_goal = cost + heuristic[target // 16]
+            if cost_to_goal == math.inf:
                 continue
-            key = (new_level * 2 + (1 - new_direction) // 2) * states + target
-            if _excluded(firsts[target], keys, costs, states, new_level, new_direction, cost,
-                         reversal):
+            node = _place(tree, newest, target, new_level, side, cost, reversal)
+            if node == FULL:
                 continue
-            slot = (key * 0x9E3779B1 >> 7) & mask
-            while slots[slot] >= 0 and keys[slots[slot]] != key:
-                slot = (slot + 1) & mask
-            node = slots[slot]
-            if node >= 0 and (closed[node] or costs[node] <= cost):
-                continue
-            if node < 0:
-                if count == len(keys):
+            if node == NONE:
+                if count == len(states):
                     return FULL
                 node = count
-                slots[slot] = node
                 count += 1
-                keys[node], closed[node] = key, 0
+                states[node], closed[node], levels[node] = target, False, new_level
+                backward[node], older[node] = side, newest[target]
+                newest[target] = node
             costs[node], parents[node], moves[node] = cost, expanded, move
             if size == len(heap_costs):
                 return FULL
-            _push(heap_costs, heap_nodes, size, cost + remaining, node)
+            _push(heap_costs, heap_nodes, size, cost_to_goal, node)
             size += 1
-        expanded = -1
-        while size > 0 and expanded < 0:
-            if not closed[heap_nodes[0]]:
-                expanded = heap_nodes[0]
-            _pop(heap_costs, heap_nodes, size)
-            size -= 1
-        if expanded < 0:
-            return NONE
-        closed[expanded] = 1
-        state = keys[expanded] % states
-        if firsts[state] < 0 and parents[expanded] >= 0:
-            firsts[state] = expanded
-        if state // 16 == goal_cell and (goal_heading < 0 or state % 16 == goal_heading):
-            return expanded
+    return NONE

@@ -186,15 +186,16 @@ class RoutePlanner:
         self._size = min(LARGEST_CELL, CELL_SHARE * radius)
         self._rows = primitives(radius / self._size)
         speed = self._tuning.cruise_speed
-        self._moves = Moves.of(self._rows, [
-            item.length * self._size / min(
-                speed, ARC_SPEED if item.curvature else speed,
-                BACKWARD_SPEED if item.direction < 0 else speed) for item in self._rows])
         self._tree = Tree()
         # Per feature: the data that its crossings depend on, and these.
         self._arcs: Dict[int, Tuple[Tuple[object, ...], List[_Arc]]] = {}
         self._limits: Dict[Tuple[int, int], _Limit] = {}
         self._lay_grid()
+        self._moves = Moves.of(self._rows, [
+            item.length * self._size / min(
+                speed, ARC_SPEED if item.curvature else speed,
+                BACKWARD_SPEED if item.direction < 0 else speed) for item in self._rows],
+            self._map_clear.shape[1])
         self.learn(learned)
 
     def learn(self, learned: Learned) -> None:
@@ -281,6 +282,8 @@ class RoutePlanner:
         at = (np.clip(((self._y - bottom) / floor.resolution).astype(int), 0, clear.shape[0] - 1),
               np.clip(((self._x - left) / floor.resolution).astype(int), 0, clear.shape[1] - 1))
         self._map_clear = clear[at]
+        # No motion leaves the grid.
+        self._map_clear[[0, -1]] = self._map_clear[:, [0, -1]] = 0.0
 
     def _far(self, last: int) -> NDArray[np.float64]:
         """Return the distance of a point that turns freely from each cell to one [m]."""
@@ -615,9 +618,9 @@ class RoutePlanner:
         `far` are distances to it [m]; crossings that are not `aligned` do not begin at the start.
         """
         return self._tree.find(Problem(
-            states, costs, last, heading, self._slowness,
-            LONGER / DETOUR / self._tuning.cruise_speed * far, self._moves.ends, self._moves.cells,
-            self._moves.times, REVERSAL, *self._arc_arrays, aligned, most_level))
+            states, costs, last, heading, self._slowness.ravel(),
+            LONGER / DETOUR / self._tuning.cruise_speed * far, self._moves, REVERSAL,
+            *self._arc_arrays, aligned, most_level))
 
     def _refuse(self, shortest: float, passed: List[Tuple[int, int]], point_gets_there: bool
                 ) -> None:
@@ -718,8 +721,8 @@ class RoutePlanner:
                 points, direction = [at], item.direction
             points += [(at[0] + self._size * x, at[1] + self._size * y)
                        for x, y in item.points.tolist()]
-            cells = self._moves.cells[move] + divmod(before // COUNT, self._walls.shape[1])
-            time += float(self._moves.times[move] * self._slowness[tuple(cells.T)].max())
+            time += float(self._moves.times[move] * self._slowness.flat[
+                before // COUNT + self._moves.cells[move]].max())
         end(HEADINGS[path[-1][0] % COUNT])
         return tuple(segments)
 

@@ -18,7 +18,7 @@ from ballbot_ros.floors.floor import distance_to_segment
 from ballbot_ros.floors.profile import crossed
 from ballbot_ros.navigation import Capability, RoutePlanner, write_masks
 from ballbot_ros.navigation.capability import RUN_UPS
-from ballbot_ros.navigation.lattice import COUNT, LEVELS
+from ballbot_ros.navigation.lattice import cells_around, COUNT, LEVELS
 from ballbot_ros.navigation.learned import Learned
 from ballbot_ros.navigation.route import CLEARANCE, REVERSAL
 from ballbot_ros.physics import load_robot
@@ -238,7 +238,7 @@ def exhaustive(planner, start, goal):
     begins, ends, weights = [], [], []
     for row, column in zip(*np.nonzero(np.isfinite(planner._slowness))):
         for number, item in enumerate(planner._rows):
-            cells = planner._moves.cells[number] + (row, column)
+            cells = np.add(cells_around(item.points), (row, column))
             if (cells < 0).any() or (cells >= (rows, columns)).any():
                 continue
             slowness = planner._slowness[tuple(cells.T)].max()
