@@ -23,7 +23,8 @@ from ballbot_ros.errors import RefusedError
 from ballbot_ros.floors.floor import (
     AREAS, distance_to_segment, Feature, Floor, FREE, inside, LINES, Point, UNKNOWN)
 from ballbot_ros.floors.profile import crossed, crossings
-from ballbot_ros.navigation.capability import Capability, CrossingPlan, RUN_UPS
+from ballbot_ros.navigation.capability import (
+    Capability, CrossingPlan, LONGEST_ROOM, RUN_UPS)
 from ballbot_ros.navigation.lattice import (
     CELL_SHARE, COUNT, distances, free_steps, HEADINGS, LEVELS, Moves, primitives, Problem, Tree,
     VECTORS)
@@ -38,7 +39,7 @@ CLEARANCE = 0.05
 # Clearance that a route prefers [m], and the factor on times with less.
 COMFORT, CLOSE = 0.15, 1.3
 # Distance between samples along a crossing, and longest way that is looked at [m].
-SAMPLE, LONGEST = 0.05, 6.0
+SAMPLE, LONGEST = 0.05, RUN_UPS[-1] + LONGEST_ROOM
 # Largest angle between a crossing and the normal of the step: half the spacing of headings.
 OBLIQUE = math.radians(13.5)
 # Standard deviation of the heading at the edge of a crossing, as driven in random houses [rad].
@@ -251,7 +252,7 @@ class RoutePlanner:
             for number, feature in enumerate(self.features)]
         for number, feature in enumerate(self._assumed):
             basis = (feature, self.learned.heights, self.learned.outcomes, *(
-                self._clear[self._box(line, LONGEST)].tobytes() for line in feature.segments))
+                self._clear[self._reach(line)].tobytes() for line in feature.segments))
             if number not in self._arcs or self._arcs[number][0] != basis:
                 self._limits.pop((number, 1), None)
                 self._limits.pop((number, -1), None)
@@ -300,12 +301,20 @@ class RoutePlanner:
             self._x[:, columns], self._y[rows], *line)
         return (rows, columns), away
 
-    def _box(self, line: Tuple[Point, Point], margin: float) -> Tuple[slice, slice]:
-        """Return the rows and columns of a box around a segment."""
+    def _reach(self, line: Tuple[Point, Point]) -> Tuple[slice, slice]:
+        """Return the rows and columns of a box around all crossings of a segment."""
+        (x0, y0), (x1, y1) = line
+        normal = math.atan2(x1 - x0, y0 - y1)
+        return self._box(
+            [(x + way * math.cos(normal), y + way * math.sin(normal))
+             for x, y in line for way in (LONGEST, -LONGEST)], LONGEST * math.sin(OBLIQUE))
+
+    def _box(self, points: Sequence[Point], margin: float) -> Tuple[slice, slice]:
+        """Return the rows and columns of a box around points."""
         columns, rows = (slice(
             max(0, math.floor((min(ends) - margin - origin) / self._size)),
             max(0, math.ceil((max(ends) + margin - origin) / self._size)))
-            for ends, origin in zip(zip(*line), self._origin))
+            for ends, origin in zip(zip(*points), self._origin))
         return rows, columns
 
     def _node(self, point: Sequence[float]) -> int:
