@@ -30,9 +30,9 @@ from ballbot_ros.navigation.tracking import EDGE, EDGE_TIME, Path, SETTLING, Tra
 RESTS_AFTER = 0.4
 # A segment is finished this close to its end [m]; the goal is reached within this distance [m].
 CLOSE, TOLERANCE = 0.03, 0.15
-# Deviations from a path with which it is planned again [m], [rad]; that at its start, up to ASIDE,
-# counts extra.  The way out of a place where no state is deviates from it, as the ball does.
-ASIDE, TURNED = 0.15, 2.0 * DEVIATION
+# Deviation from the heading of a path with which it is planned again [rad]: the way out of a place
+# where no state is deviates from it, as the ball does.
+TURNED = 2.0 * DEVIATION
 # Alignments that are tried before a crossing begins in any case, and distance that the ball backs
 # off for one: the errors decay twice, backward and forward [m].
 ALIGNMENTS, ALIGNING = 2, 2.0 * SETTLING
@@ -185,7 +185,6 @@ class NavigationState:
     index: int = 0
     along: float = 0.0
     path: Optional[Path] = None
-    aside: float = 0.0  # deviation from the path at its start [m]
     learned: Learned = Learned()
     replans: int = 0
     recoveries: int = 0
@@ -362,8 +361,7 @@ class Navigator:
         path = Path.of(segment.points, segment.direction)
         _, left = path.project(percept.x, percept.y, 0.0)
         state = replace(state, status=NavStatus.DRIVING, index=index, along=0.0, path=path,
-                        next=None, anchor=(0.0, percept.stamp), agreeing=(0, 0),
-                        aside=min(abs(left), ASIDE))
+                        next=None, anchor=(0.0, percept.stamp), agreeing=(0, 0))
         if segment.feature is None:
             return state
         assert segment.crossing is not None
@@ -405,20 +403,17 @@ class Navigator:
             if resting:
                 return self._enter(state, state.index + 1, percept), REST
             return state, REST
-        if abs(left) > ASIDE + state.aside or abs(turned) > TURNED:
+        # Half the clearance of the path is for deviations from it, also where the ball brakes now.
+        rests = min(self._braking.distance(abs(percept.speed), 0.0), path.length - along)
+        there = (percept.x + rests * math.cos(course), percept.y + rests * math.sin(course))
+        planned = [float(np.interp(along + rests, path.along, items)) for items in path.points.T]
+        clearance = self.planner.clearance
+        if abs(turned) > TURNED or math.dist(there, planned) > 0.5 * CLEARANCE \
+                and clearance(there) < min(clearance(planned), CLEARANCE) - 0.5 * CLEARANCE \
+                < clearance((percept.x, percept.y)):
             return self._stop(state, 'off_path', (
                 f'the ball is {left:+.2f} m and {math.degrees(turned):+.0f} degrees off its '
                 'path')), REST
-        # Half the clearance of the path is for deviations from it, also where the ball brakes now.
-        rests = min(self._braking.distance(abs(percept.speed), 0.0), path.length - along)
-        floor = self.planner.floor
-        here, there, planned = (floor.nearest_wall(place)[0] - self._radius for place in (
-            (percept.x, percept.y),
-            (percept.x + rests * math.cos(course), percept.y + rests * math.sin(course)),
-            [float(np.interp(along + rests, path.along, items)) for items in path.points.T]))
-        if there < min(planned, CLEARANCE) - 0.5 * CLEARANCE < here:
-            return self._stop(state, 'off_path', (
-                f'the ball is {left:+.2f} m off its path, towards a wall')), REST
         if along > state.anchor[0] + PROGRESS:
             state = replace(state, anchor=(along, percept.stamp))
         elif percept.stamp - state.anchor[1] > STUCK_AFTER:

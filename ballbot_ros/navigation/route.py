@@ -476,6 +476,16 @@ class RoutePlanner:
                 yield crossing._replace(probability=probability)
                 least = probability + PROBABILITY_GAIN_MIN
 
+    def clearance(self, place: Sequence[float]) -> float:
+        """Return how far the ball is from the next wall, or feature that it must not touch [m]."""
+        found = [self.floor.nearest_wall((place[0], place[1]))[0] - self.ball_radius]
+        for keep, feature in zip(self._keep, self.features):
+            away = min(float(distance_to_segment(place[0], place[1], *segment))
+                       for segment in feature.segments)
+            within = feature.kind in CLOSED and inside(place[0], place[1], feature.polygon)
+            found.append((-away if within else away) + CLEARANCE - keep)
+        return min(found)
+
     def room_before(self, crossing: Segment) -> float:
         """Return how far the centre may back off along the line of a crossing [m]."""
         return self._free(crossing.points[0], (-math.cos(crossing.heading),

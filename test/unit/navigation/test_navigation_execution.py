@@ -332,17 +332,18 @@ def test_run_up_and_way_back_are_steered_towards_the_line(navigator, speed):
     assert turns.kind is CommandKind.CROSS and turns.yaw_rate < -0.01
 
 
-def test_a_deviation_from_before_a_segment_does_not_replan(navigator):
-    ball = Ball(navigator, *KITCHEN, math.pi / 2.0)
-    ball.begin((1.7, 2.2))
-    ball.x += 0.2
-    ball.state = navigator._enter(ball.state, 0, ball.percept())
-    ball.step()
-    assert ball.state.status is NavStatus.DRIVING
-    ball.offset = (0.2, 0.0)
+@pytest.mark.parametrize('aside, turned, reason', [
+    (0.0, 0.6, ''), (0.4, 0.6, ''), (-0.4, -0.6, ''), (0.0, 0.9, 'off_path'),
+    (0.75, -0.6, 'off_path'), (0.75, 0.6, ''), (-0.65, 0.6, 'off_path'), (-0.65, -0.6, '')])
+def test_a_deviation_replans_where_the_ball_would_come_too_close_to_wall_or_carpet(
+        navigator, aside, turned, reason):
+    ball = Ball(navigator, 4.6, 0.9, math.pi / 2.0)
+    ball.begin((4.6, 2.2))
+    ball.x, ball.heading, ball.speed = ball.x + aside, ball.heading + turned, 0.4
     ball.state = replace(ball.state, last=None)
     ball.step()
-    assert ball.state.reason == 'off_path'
+    assert ball.state.reason == reason
+    assert ball.state.status is (NavStatus.STOPPING if reason else NavStatus.DRIVING)
 
 
 @pytest.mark.parametrize(('degrees', 'aligned'), [(0.0, True), (-20.0, True), (50.0, False)])
