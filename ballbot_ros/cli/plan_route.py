@@ -68,12 +68,12 @@ def run(arguments: argparse.Namespace) -> int:
             if segment.feature is not None and segment.crossing is not None:
                 how = (f'over the {segment.feature.label}, {segment.crossing.run_up:.2f} m of '
                        f'run-up, up to {segment.crossing.speed:.2f} m/s, probability '
-                       f'{segment.crossing.probability:.2f}')
+                       f'{segment.crossing.probability:.2f}, with a further attempt '
+                       f'{segment.crossing.eventual:.2f}')
             x, y = segment.points[-1]
             rows.append((f'{time:.1f} s', f'({x:5.2f}, {y:5.2f})', how))
         print(table(rows))
-        print(f'Probability {route.probability:.3f}, with one further attempt at each crossing. '
-              f'{explanation}'.rstrip())
+        print(f'Probability {route.probability:.3f}. {explanation}'.rstrip())
     if arguments.out is not None:
         from ballbot_ros.figures.canvas import save
         from ballbot_ros.figures.route import route_figure

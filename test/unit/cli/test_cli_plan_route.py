@@ -22,6 +22,12 @@ def test_a_route_is_printed_drawn_and_given_as_json(capsys, tmp_path):
     assert 0.9 <= route['probability'] <= 1.0
 
 
+def test_attempts_are_those_of_crossings(capsys):
+    for goal, attempts in ((('3.0', '1.4'), 0), (('1.8', '5.5'), 2)):
+        assert main(['plan-route', *FLAT[:5], *goal]) == 0
+        assert capsys.readouterr().out.count('with a further attempt') == attempts
+
+
 def test_a_goal_in_a_wall_ends_in_an_error(refuses):
     refuses('wall', 'goal', 'plan-route', *FLAT[:5], '5.0', '4.0')
 
