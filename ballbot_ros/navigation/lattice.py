@@ -47,6 +47,8 @@ class Primitive(NamedTuple):
         Of its arc, yaw angle over travelled length [1/cell].
     length : float
         [cells]
+    lines : float
+        Length of lines along both headings to its end [cells].
 
     """
 
@@ -58,6 +60,7 @@ class Primitive(NamedTuple):
     points: NDArray[np.float64]
     curvature: float
     length: float
+    lines: float
 
 
 def primitives(radius: float) -> List[Primitive]:
@@ -67,12 +70,12 @@ def primitives(radius: float) -> List[Primitive]:
         x, y = VECTORS[start]
         length = math.hypot(x, y)
         points = np.array([(0.5 * x, 0.5 * y), (x, y)] if length > 1.0 else [(x, y)], float)
-        forward.append(Primitive(start, start, 1, x, y, points, 0.0, length))
+        forward.append(Primitive(start, start, 1, x, y, points, 0.0, length, length))
         forward += [_arc(start, (start + turn) % COUNT, turn, radius) for turn in (1, -1)]
     backward = [Primitive(
         item.end, item.start, -1, -item.column, -item.row,
         np.vstack([item.points[-2::-1], np.zeros((1, 2))]) - (item.column, item.row),
-        -item.curvature, item.length) for item in forward]
+        -item.curvature, item.length, item.lines) for item in forward]
     return sorted(forward + backward, key=lambda item: item.start)
 
 
@@ -105,7 +108,7 @@ def _arc(start: int, end: int, turn: int, radius: float) -> Primitive:
         points.append(point)
     final = first * np.array(VECTORS[start]) + second * np.array(VECTORS[end])
     return Primitive(start, end, 1, int(final[0]), int(final[1]), np.array(points),
-                     turn * curvature, length)
+                     turn * curvature, length, sum(legs))
 
 
 class Moves(NamedTuple):

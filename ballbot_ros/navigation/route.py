@@ -62,8 +62,6 @@ BARRED = ('drop', *CLOSED)
 FACED = tuple(kind for kind in (*LINES, *AREAS) if kind != 'friction')
 # A longer run-up must raise the probability by this to be a separate choice.
 PROBABILITY_GAIN_MIN = 0.005
-# Lines along the headings exceed the arcs between them by up to this factor.
-DETOUR = 1.02
 # Longest time of a route over that of the fastest: the factor on the heuristic.
 LONGER = 1.05
 
@@ -197,6 +195,8 @@ class RoutePlanner:
                 speed, ARC_SPEED if item.curvature else speed,
                 BACKWARD_SPEED if item.direction < 0 else speed) for item in self._rows],
             self._map_clear.shape[1])
+        # Least time per length of lines along the headings [s/cell].
+        self._pace = float((self._moves.times / [item.lines for item in self._rows]).min())
         self.learn(learned)
 
     def learn(self, learned: Learned) -> None:
@@ -287,11 +287,10 @@ class RoutePlanner:
         self._map_clear[[0, -1]] = self._map_clear[:, [0, -1]] = 0.0
 
     def _far(self, last: int) -> NDArray[np.float64]:
-        """Return the distance of a point that turns freely from each cell to one [m]."""
+        """Return the time of a point that turns freely from each cell to one [s]."""
         starts, ends, times, _ = self._arc_arrays
-        return self._size * distances(
-            last, self._slowness, starts // COUNT, ends // COUNT,
-            times * self._tuning.cruise_speed * DETOUR / self._size)[0]
+        return self._pace * distances(last, self._slowness, starts // COUNT, ends // COUNT,
+                                      times / self._pace)[0]
 
     def _around(self, line: Tuple[Point, Point], margin: float
                 ) -> Tuple[Tuple[slice, slice], NDArray[np.float64]]:
@@ -634,12 +633,12 @@ class RoutePlanner:
         """
         Search from states with their costs to a cell.
 
-        `far` are distances to it [m]; crossings that are not `aligned` do not begin at the start.
+        `far` are lower bounds of the time to it [s]; crossings that are not `aligned` do not begin
+        at the start.
         """
         return self._tree.find(Problem(
-            states, costs, last, heading, self._slowness.ravel(),
-            LONGER / DETOUR / self._tuning.cruise_speed * far, self._moves, REVERSAL,
-            *self._arc_arrays, aligned, most_level))
+            states, costs, last, heading, self._slowness.ravel(), LONGER * far, self._moves,
+            REVERSAL, *self._arc_arrays, aligned, most_level))
 
     def _refuse(self, shortest: float, passed: List[Tuple[int, int]], point_gets_there: bool
                 ) -> None:
