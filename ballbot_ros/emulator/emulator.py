@@ -199,6 +199,9 @@ class Emulator:
         self.torque = 0.0
         self._running = False
         self._thread: Optional[Thread] = None
+        # Until Python 3.12 a thread whose join() a signal has interrupted passes for ended.
+        self._ended = Event()
+        self._ended.set()
 
     # From other threads
 
@@ -229,6 +232,7 @@ class Emulator:
     def start(self) -> 'Emulator':
         """Start the thread and return the emulator."""
         self._running = True
+        self._ended.clear()
         self._thread = Thread(target=self._run, name='emulator', daemon=True)
         self._thread.start()
         return self
@@ -236,15 +240,14 @@ class Emulator:
     def stop(self) -> None:
         """Stop time and unplug; stopping twice is allowed."""
         self._running = False
-        if self._thread is not None:
-            self._thread.join()
-            self._thread = None
+        self._ended.wait()
+        self._thread = None
         self.terminal.unplug()
 
     def wait(self) -> None:
         """Return when the emulator has ended; see `failure` for why."""
-        while self._thread is not None and self._thread.is_alive():
-            self._thread.join(0.5)
+        while not self._ended.wait(0.5):
+            pass
 
     def call(self, function: Callable[[], None]) -> None:
         """Run a function between two steps of the emulator, and wait until it has been."""
@@ -254,7 +257,7 @@ class Emulator:
         done = Event()
         self._calls.put((function, done))
         while not done.wait(0.1):
-            if not self._thread.is_alive():
+            if self._ended.is_set():
                 raise self.failure or BallbotError('the emulator has ended')
 
     def __enter__(self) -> 'Emulator':
@@ -277,6 +280,8 @@ class Emulator:
         except BallbotError as error:
             self.failure = error
             self.terminal.unplug()
+        finally:
+            self._ended.set()
 
     def _pause(self, now: float) -> float:
         """Return the time until the next event [s]."""

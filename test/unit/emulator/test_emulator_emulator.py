@@ -249,6 +249,33 @@ def test_telemetry_stays_true_on_a_bad_line(scene, protocol, fault):
         assert max(map(abs, positions.values())) < 0.01
 
 
+def test_stop_after_an_interrupted_wait_lets_the_step_end(scene):
+    # The descriptors of the terminal are closed then, and reused for the log.
+    class Interrupt(Exception):
+        pass
+
+    def interrupt(*_):
+        raise Interrupt
+    begun, ended = [], []
+
+    def tick(now):
+        begun.append(now)
+        time.sleep(0.1)
+        ended.append(now)
+    emulator = made('odrive', scene)
+    emulator.device.tick = tick
+    before = signal.signal(signal.SIGALRM, interrupt)
+    try:
+        with emulator:
+            signal.setitimer(signal.ITIMER_REAL, 0.25)
+            with pytest.raises(Interrupt):
+                emulator.wait()
+    finally:
+        signal.signal(signal.SIGALRM, before)
+    assert begun == ended != []
+    assert not emulator.terminal.plugged
+
+
 def test_every_fault_of_the_table_is_understood(emulator):
     for name, fault in FAULTS.items():
         assert execute(emulator, f'{name} 0.5' if fault.argument else name) == 'ok'
