@@ -139,6 +139,8 @@ class Selector(ABC):
         """Adopt the result of a selection."""
         if self.choice is not None:
             self._changes += (self.plan is None) != (choice.candidate is None)
+            if self.choice.reason in PERMANENT_REASONS and choice.candidate is None:
+                choice.reason = self.choice.reason
         self.choice = choice
 
     @property
@@ -312,8 +314,9 @@ class FacePlanner:
         behind = math.inf if line is None else line.position
         ahead = look_ahead(profile, faces, motion.position, slope, deviation,
                            self._robot.ball_radius, self._tuning.unseen_room, behind,
-                           self._selector.has_plan_for(faces[0]))
-        return self._face(ahead, situation)
+                           self._selector.has_plan_for(faces[0])
+                           or past_braking(previous, situation))
+        return self._face(ahead, situation, previous)
 
     def _alone(self, situation: Situation, previous: Optional[Decision]) -> Decision:
         """Decide without a face ahead: continue up to the stop line."""
@@ -332,18 +335,22 @@ class FacePlanner:
             return stop
         return replace(clear, set_speed=stop.set_speed)
 
-    def _face(self, ahead: Ahead, situation: Situation) -> Decision:
+    def _face(self, ahead: Ahead, situation: Situation,
+              previous: Optional[Decision]) -> Decision:
         """Decide on the faces ahead."""
         motion, face, selector = situation.motion, ahead.faces[0], self._selector
         room = self._braking_room(ahead, motion)
         if not ahead.ends or face.height > self._robot.ball_radius:
             selector.forget()
-            choice = Choice(None, Reason.DROP if face.height < 0.0 else Reason.WALL)
+            # A face whose height is uncertain may also be a drop.
+            choice = Choice(None, Reason.DROP if face.height < 0.0 else
+                            Reason.WALL if face.height > self._robot.ball_radius else
+                            Reason.NOT_LIKELY)
         else:
             selector.update(ahead, situation, room)
             choice = selector.choice or Choice(None, Reason.EVALUATING)
-            if selector.choice is None and face.height < 0.0 \
-                    and room < 0.0 and motion.speed > REST_SPEED_MAX:
+            if selector.choice is None and face.height < 0.0 and motion.speed > REST_SPEED_MAX \
+                    and (room < 0.0 or past_braking(previous, situation)):
                 # The descent is certain before its plan is evaluated.
                 choice = Choice(Candidate(Strategy.CRUISE, min(
                     motion.speed, self._tuning.cruise_speed)), Reason.COMMITTED)
