@@ -45,6 +45,8 @@ class Reason(str, Enum):
 FARTHEST, FASTEST, HIGHEST = 1e6, 30.0, 10.0
 # A slower ball rests [m/s].
 REST_SPEED_MAX = 0.03
+# Standard deviation of a slope that the motion has shown for some seconds [rad].
+SLOPE_SD = 0.01
 
 
 @dataclass(frozen=True)
@@ -60,7 +62,7 @@ class Motion:
         Of the ball's centre along its axis of travel [m], [m/s].
     pendulum_angle, pendulum_rate : float
         Absolute, modelled from the commanded set angles [rad], [rad/s].
-    slope : float
+    slope, slope_sd : float
         Of the ground below the ball, estimated from its speed, positive uphill [rad].
 
     """
@@ -71,6 +73,7 @@ class Motion:
     pendulum_angle: float = 0.0
     pendulum_rate: float = 0.0
     slope: float = 0.0
+    slope_sd: float = SLOPE_SD
 
     @property
     def is_plausible(self) -> bool:

@@ -5,12 +5,12 @@ import math
 from typing import Optional
 
 from ballbot_ros.control.speed_law import (
-    braking_distance, estimated_slope, speed_law_start, SpeedLaw, SpeedState)
+    braking_distance, estimated_slope, speed_law_start, SpeedLaw, SpeedState, steepest_slope)
 from ballbot_ros.decision.execution.pilot_law import EASING_SPEED, Order, pilot_step
 from ballbot_ros.decision.planning.situation import Knowledge
 from ballbot_ros.decision.tuning import DecisionTuning
 from ballbot_ros.decision.values import (
-    After, Decision, Kind, Motion, Plan, REST_SPEED_MAX, Strategy)
+    After, Decision, Kind, Motion, Plan, REST_SPEED_MAX, SLOPE_SD, Strategy)
 
 # Speed at which the ball rolls back to its stop position, or to the start of a plan [m/s].
 CREEP_SPEED, BACK_OFF_SPEED = 0.1, 0.3
@@ -74,6 +74,7 @@ class Pilot:
         self._tuning = knowledge.tuning
         self.law = SpeedLaw.of(
             knowledge.robot, knowledge.control.position_kd / knowledge.control.position_kp)
+        self._steepest = steepest_slope(knowledge.tuning.largest_lean, self.law[:])
 
     def reset(self) -> None:
         """Discard the state estimates."""
@@ -82,6 +83,8 @@ class Pilot:
         self._angle = 0.0
         self._stand = math.inf
         self._slope, self._estimated, self._touched = 0.0, math.nan, -math.inf
+        # Before the first motion, any slope on which the ball can be held is as probable.
+        self._slope_error = self._steepest / math.sqrt(3.0)
 
     def estimate(self, motion: Motion, touching: bool) -> Motion:
         """
@@ -103,10 +106,13 @@ class Pilot:
                 self._touched = motion.stamp
             passed = motion.stamp - self._estimated
             if motion.stamp - self._touched > SLOPE_TIME_CONSTANT and passed > 0.0:
-                self._slope += (motion.slope - self._slope) * min(
-                    1.0, passed / SLOPE_TIME_CONSTANT)
+                share = min(1.0, passed / SLOPE_TIME_CONSTANT)
+                self._slope += (motion.slope - self._slope) * share
+                self._slope_error -= self._slope_error * share
             self._estimated = motion.stamp
-        return replace(motion, slope=self._slope)
+        # The difference to the observer is the error that the filter has not removed yet.
+        return replace(motion, slope=self._slope, slope_sd=math.hypot(
+            SLOPE_SD, self._slope_error, motion.slope - self._slope))
 
     def angle(self, decision: Decision, motion: Motion) -> float:
         """

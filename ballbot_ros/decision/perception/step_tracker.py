@@ -92,7 +92,7 @@ class StepTracker:
     Attributes
     ----------
     seen_to : float
-        End of the floor that the newest observation shows without a step [m].
+        End of the floor without a step, seen or granted by `unseen_room` [m].
 
     """
 
@@ -175,7 +175,8 @@ class StepTracker:
         self._average(edge, shown, observation)
         if edge.exists.confirmed:
             self._range = max(self._range, observation.distance)
-        self.seen_to = math.inf
+        # The sensor does not see behind this edge, which the ball may pass before the next one.
+        self.seen_to = shown.position + self._tuning.unseen_room
         return self._accept(shown.position, position, edge)
 
     def _average(self, edge: TrackedEdge, shown: Face, observation: StepObservation) -> None:

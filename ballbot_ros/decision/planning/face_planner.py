@@ -64,6 +64,7 @@ class Basis(NamedTuple):
     failures: int
     free_from: float
     room_to: float
+    slope_sd: float
 
 
 class Selector(ABC):
@@ -122,7 +123,8 @@ class Selector(ABC):
                 and braking_room > 0.0:
             self.forget()  # plan with the least harm, past the last braking point
         now = Basis(face, len(ahead.faces), abs(motion.speed) < REST_SPEED_MAX,
-                    len(situation.failures_at(face)), situation.free_from, ahead.room_to)
+                    len(situation.failures_at(face)), situation.free_from, ahead.room_to,
+                    ahead.slope_sd)
         kept = self.plan
         if self.choice is not None and kept is not None:
             # Two edges that were too close to stand between remain so while they are measured.
@@ -168,7 +170,8 @@ class Selector(ABC):
             return True
         if choice.candidate is None:
             freed = now.free_from < then.free_from - 0.3
-            if now.standing and (not then.standing or freed):
+            if now.standing and (not then.standing or freed) \
+                    or now.slope_sd < 0.5 * then.slope_sd:
                 return True
             if choice.reason is Reason.LANDING and now.room_to > then.room_to + ROOM_CHANGE:
                 return True
@@ -265,8 +268,6 @@ def refuse(choice: Choice, ahead: Ahead, motion: Motion, braking_room: float,
 CONTACT, LONGEST_CONTACT = 0.005, 3.0
 # Clearance of a stop before a touch [m].
 GAP = 0.03
-# Of the slope, where it is not seen [rad].
-SLOPE_SD = 0.01
 
 
 class FacePlanner:
@@ -301,7 +302,6 @@ class FacePlanner:
         """Decide on the ground ahead of a ball that is clear of the last edge."""
         motion = situation.motion
         faces = faces_ahead(profile, motion.position)
-        slope = situation.slope
         steep = self._lines.steep(situation)
         if steep is not None and not past_braking(previous, situation) and not (
                 faces and self._lines.face_is_nearer(faces[0], steep, motion.position)):
@@ -309,12 +309,11 @@ class FacePlanner:
         if not faces:
             self._selector.forget()
             return self._alone(situation, previous)
-        deviation = profile.slope_sd if math.isfinite(profile.slope_sd) else SLOPE_SD
         line = self._lines.before_slope(profile, faces[0].position)
         behind = math.inf if line is None else line.position
-        ahead = look_ahead(profile, faces, motion.position, slope, deviation,
-                           self._robot.ball_radius, self._tuning.unseen_room, behind,
-                           self._selector.has_plan_for(faces[0])
+        ahead = look_ahead(profile, faces, motion.position, situation.slope,
+                           situation.slope_sd, self._robot.ball_radius,
+                           self._tuning.unseen_room, behind, self._selector.has_plan_for(faces[0])
                            or past_braking(previous, situation))
         return self._face(ahead, situation, previous)
 

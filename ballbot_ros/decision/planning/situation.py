@@ -83,6 +83,12 @@ class Situation:
         seen = math.nan if self.profile is None else self.profile.slope
         return seen if math.isfinite(seen) else self.motion.slope
 
+    @property
+    def slope_sd(self) -> float:
+        """Return the standard deviation of `slope` [rad]."""
+        seen = math.nan if self.profile is None else self.profile.slope_sd
+        return seen if math.isfinite(seen) else self.motion.slope_sd
+
 
 class Planner(Protocol):
     """Interface of a planner; its only state is cached results."""

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The pilot in closed loop: set angles at 50 Hz, law (11) and the motor at 500 Hz."""
+from dataclasses import replace
 import math
 
 import pytest
@@ -28,6 +29,15 @@ def stop_at(position, speed=0.8):
     """Return the decision to stop at a place."""
     return Decision(Kind.STOP, Reason.DROP, speed, '',
                     plan=Plan(Strategy.STOP, stop_position=position))
+
+
+def test_the_slope_is_unknown_before_the_ball_has_moved_for_some_seconds():
+    pilot, found, steady = Pilot(KNOWLEDGE), [], replace(CRUISE, set_speed=0.4)
+    for index in range(250):
+        motion = pilot.estimate(Motion(0.02 * index, 0.008 * index, 0.4), False)
+        pilot.angle(steady, motion)
+        found.append(motion.slope_sd)
+    assert found[0] > 0.03 and found == sorted(found, reverse=True) and found[-1] < 0.011
 
 
 def drive(slope_deg, decide, seconds=8.0, speed=0.0):

@@ -77,6 +77,33 @@ def test_an_impassable_step_is_refused_with_a_stopping_place(height, kind, reaso
     assert answer.plan.stop_position == pytest.approx(-RADIUS - TUNING.stop_gap)
 
 
+def test_a_face_that_may_also_be_a_drop_is_approached_as_neither_a_wall_nor_a_step():
+    answer = decide(step(0.04, sd=0.05), speed=0.4)
+    assert (answer.kind, answer.reason) == (Kind.STOP, Reason.NOT_LIKELY)
+    assert answer.set_speed > 0.0
+
+
+def test_no_plan_lands_on_an_unknown_slope_until_the_motion_has_shown_it():
+    plan, decision, kinds = RolloutPlanner(KNOWLEDGE), None, []
+    for number in range(150):
+        motion = Motion(0.02 * number, -1.9 + 0.004 * number, 0.2,
+                        slope_sd=0.045 if number < 75 else 0.01)
+        decision = plan(Situation(motion, seen(step(0.03))), decision)
+        kinds.append(decision.kind)
+    assert set(kinds[:75]) == {Kind.STOP} and decision.kind is Kind.CROSS
+
+
+def test_a_step_without_another_way_stays_so_while_its_height_is_estimated_anew():
+    plan, decision, reasons = RolloutPlanner(KNOWLEDGE), None, []
+    for number in range(200):
+        height = 0.058 if number < 60 or number >= 130 else 0.052
+        motion = Motion(0.02 * number, -0.6 - RADIUS, 0.05)
+        decision = plan(Situation(motion, seen(step(height))), decision)
+        reasons.append(decision.reason)
+    refused = [reason for reason in reasons if reason is not Reason.EVALUATING]
+    assert set(refused) == {Reason.TOO_HIGH}
+
+
 def test_without_room_it_says_that_a_longer_run_up_would_do_and_takes_it_where_it_is_free():
     assert decide(step(0.045), room=0.3).reason is Reason.NO_ROOM
     answer = decide(step(0.045), room=0.3, free_from=-2.5)
@@ -160,6 +187,17 @@ def test_before_a_small_step_down_too_late_for_a_stop_it_decides_immediately():
                     seen_to=3.0)
     assert (answer.kind, answer.reason) == (Kind.CROSS, Reason.COMMITTED)
     assert answer.set_speed <= TUNING.cruise_speed
+
+
+def test_a_certain_step_down_stays_certain_if_the_ball_becomes_slower_than_it_was_measured():
+    floor = [(-3.0, 0.0), (0.0, 0.0), (0.0, -0.045), (3.0, -0.045)]
+    room = 0.9 * StopLines(KNOWLEDGE).braking.distance(0.5, 0.0, emergency=True)
+    plan, decision = RolloutPlanner(KNOWLEDGE), None
+    for number, speed in enumerate((0.5, 0.4, 0.5, 0.4)):
+        motion = Motion(0.02 * number, -room, speed)
+        decision = plan(Situation(motion, seen(step(
+            -0.045, sd=0.001 if number == 0 else 0.003), points=floor, seen_to=3.0)), decision)
+        assert (decision.kind, decision.reason) == (Kind.CROSS, Reason.COMMITTED)
 
 
 def test_a_plan_is_kept_as_soon_as_the_weakest_robot_could_not_stop():

@@ -213,7 +213,13 @@ def test_a_step_that_grows_on_approach_is_uncertain_by_what_it_may_grow_yet():
 def test_floor_that_is_seen_to_be_clear_is_known_as_far_as_it_was_seen():
     assert tracker().update(StepObservation(0.0, False, 1.5), 0.2).seen_to == 1.7
     assert tracker().update(nothing(0.0), 0.2).seen_to == math.inf
-    assert tracker().update(seen(0.0), 0.2).seen_to == math.inf
+
+
+def test_behind_the_edge_that_it_detects_a_step_sensor_sees_only_the_room_that_is_granted():
+    for room in (0.0, 1.5):
+        granted = ProfileTracker(GIMBALL, DecisionTuning(unseen_room=room))
+        assert granted.update(seen(0.0, 1.0), 0.2).seen_to == pytest.approx(1.2 + room)
+        assert granted.update(nothing(0.1), 1.3).seen_to == math.inf
 
 
 @pytest.mark.parametrize('name, deviation', [
