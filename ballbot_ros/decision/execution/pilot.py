@@ -110,9 +110,8 @@ class Pilot:
                 self._slope += (motion.slope - self._slope) * share
                 self._slope_error -= self._slope_error * share
             self._estimated = motion.stamp
-        # The difference to the observer is the error that the filter has not removed yet.
         return replace(motion, slope=self._slope, slope_sd=math.hypot(
-            SLOPE_SD, self._slope_error, motion.slope - self._slope))
+            SLOPE_SD, self._slope_error))
 
     def angle(self, decision: Decision, motion: Motion) -> float:
         """

@@ -5,6 +5,7 @@ from typing import NamedTuple, Optional, Tuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import median_filter
 
 from ballbot_ros.decision.perception.kernels import middle
 from ballbot_ros.decision.tuning import DecisionTuning
@@ -69,9 +70,9 @@ def around(values: Array) -> Array:
 
     An end value has its neighbours twice: a last point beyond a gap is not a neighbourhood.
     """
-    padded = np.pad(values, 3, mode='reflect' if len(values) > 3 else 'edge')
-    windows = np.lib.stride_tricks.sliding_window_view(padded, 7)
-    found: Array = np.partition(windows, 3, axis=1)[:, 3]
+    if len(values) < 3:
+        return values
+    found: Array = median_filter(values, 7, mode='mirror' if len(values) > 3 else 'nearest')
     return found
 
 

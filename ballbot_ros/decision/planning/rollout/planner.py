@@ -190,7 +190,6 @@ class PlanSelector(Selector):
         kept = self.plan
         if situation.particles is not None:
             self.worlds.set_particles(situation.particles)
-        self.worlds.see(ahead)
         task = Task(
             (motion.position, motion.speed, motion.pendulum_angle, motion.pendulum_rate),
             ahead, self.worlds, self._tuning.required_probability, self._tuning.highest_speed)
@@ -204,7 +203,8 @@ class PlanSelector(Selector):
         if self._deliberation is None or self._task is None:
             self._reevaluate(task, braking_room)
             return
-        self._task.start, self._task.ahead = task.start, task.ahead
+        self._task.start, self._task.ahead = task.start, ahead
+        self.worlds.see(ahead)
         spent = self.worlds.attempts
         try:
             while self.worlds.attempts - spent < ROLLOUTS_PER_DECISION:
@@ -233,6 +233,7 @@ class PlanSelector(Selector):
         every = EVERY if braking_room > 0.0 else 4 * EVERY
         if choice is None or choice.candidate is None or self._answers % every:
             return
+        self.worlds.see(task.ahead)
         self._tally += task.tally(Trial(choice.candidate), task.worlds.take(ATTEMPTS))
         choice.outlook = replace(self._tally.outlook, others=choice.outlook.others,
                                  height_limit=choice.outlook.height_limit)
