@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from ballbot_ros.control.rolling_model import Array, RollingModel
 from ballbot_ros.control.signals import Mode
-from ballbot_ros.control.speed_law import speed_law_step, SpeedLaw
+from ballbot_ros.control.speed_law import speed_law_step, SpeedLaw, SpeedState
 from ballbot_ros.control.tuning import ControlTuning
 from ballbot_ros.errors import ConfigurationError, UnstableLoopError
 from ballbot_ros.physics.model.actuation import position_torque
@@ -236,13 +236,13 @@ def _speed_loop(model: RollingModel, tuning: ControlTuning, rate: float, delay: 
     resting = gravity * math.sin(set_angle)
     # The set angle compensates the steady-state error of law (11).
     short = (resting - compensated * math.sin(set_angle)) / tuning.position_kp
-    rest = np.array([set_angle, 0.0, 0.0, 0.0, resting, set_angle, set_angle + short, short,
-                     set_angle + short, *[resting] * held.waiting])
+    state = SpeedState(0.0, resting, set_angle, set_angle + short, short, set_angle + short)
+    rest = np.array([set_angle, 0.0, 0.0, *state, *[resting] * held.waiting])
 
     def step(state: Array) -> Array:
         angle, pendulum_rate, ball_rate, *others = state.tolist()
         learnt, wanted = speed_law_step(
-            tuple(others[:6]), -robot.ball_radius * ball_rate, angle, 0.0, math.pi / 2.0,
+            SpeedState(*others[:6]), -robot.ball_radius * ball_rate, angle, 0.0, math.pi / 2.0,
             1.0 / rate, numbers)
         torques = [*others[6:], position_torque(
             angle, pendulum_rate, wanted, tuning.position_kp, tuning.position_kd, compensated)]

@@ -13,8 +13,8 @@ integral of the speed error would.  The desired angle compensates D and gives th
 speed_gain (set_speed - speed); the set angle for law (11) leads it, because law (11) lags by
 kd / kp.  See docs/speed_law.md.
 
-All functions are pure and compiled.  From Python, pass ``law[:]`` for a `SpeedLaw`: kernels take
-plain tuples.
+All functions are pure and compiled.  From Python, pass ``law[:]`` for a `SpeedLaw`: its numbers go
+as a plain tuple.
 """
 import math
 from typing import NamedTuple
@@ -25,9 +25,6 @@ from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.jit import compiled
 from ballbot_ros.physics.model.robot import Robot
 
-# Estimated speed [m/s] and resistance [N m], pendulum angle at the last step, the angle predicted
-# for law (11), its mean steady-state error, last set angle [rad].
-SpeedState = tuple[float, float, float, float, float, float]
 # The numbers of a `SpeedLaw`.
 Numbers = tuple[float, float, float, float, float, float, float, float, float]
 
@@ -37,6 +34,17 @@ BRAKING = 0.7  # share of the possible deceleration used on the approach to a po
 LEAST_BRAKING = 0.02  # [m/s2]
 SHORTFALL_RATE = 3.0  # of the low-pass filter for the steady-state error of law (11) [1/s]
 MOST_SHORTFALL = 0.35  # [rad]
+
+
+class SpeedState(NamedTuple):
+    """State of the speed law between two steps."""
+
+    speed: float  # estimated [m/s]
+    resistance: float  # estimated [N m]
+    angle: float  # of the pendulum at the last step [rad]
+    predicted: float  # angle of the pendulum, by law (11) without its error [rad]
+    shortfall: float  # mean steady-state error of law (11) [rad]
+    set_angle: float  # the last [rad]
 
 
 class SpeedLaw(NamedTuple):
@@ -99,8 +107,8 @@ class SpeedLaw(NamedTuple):
 @compiled
 def speed_law_start(speed: float, pendulum_angle: float, slope: float, law: Numbers) -> SpeedState:
     """Return the initial state of the law at a speed [m/s] on an expected slope [rad]."""
-    return (speed, SpeedLaw(*law).weight_torque * math.sin(slope), pendulum_angle, pendulum_angle,
-            0.0, pendulum_angle)
+    return SpeedState(speed, SpeedLaw(*law).weight_torque * math.sin(slope), pendulum_angle,
+                      pendulum_angle, 0.0, pendulum_angle)
 
 
 @compiled
@@ -181,7 +189,7 @@ def motion_law_step(state: SpeedState, speed: float, pendulum_angle: float, set_
     lead = max(own.lag / own.swing_time - 1.0, 0.0)
     set_angle = wanted + lead * (wanted - angle) + shortfall
     set_angle = min(max(set_angle, -FURTHEST), FURTHEST)
-    return (estimate, resistance, angle, followed, shortfall, set_angle), set_angle
+    return SpeedState(estimate, resistance, angle, followed, shortfall, set_angle), set_angle
 
 
 @compiled
@@ -212,7 +220,7 @@ def place_law_step(state: SpeedState, speed: float, pendulum_angle: float, gap: 
     own = SpeedLaw(*law)
     ahead = math.copysign(1.0, gap)
     braking = max(LEAST_BRAKING, BRAKING * own.radius * (
-        own.gravity_torque * math.sin(lean) + ahead * state[1]) / own.inertia)
+        own.gravity_torque * math.sin(lean) + ahead * state.resistance) / own.inertia)
     lost = braking / own.speed_gain
     distance = math.fabs(gap)
     set_speed = 2.0 * braking * distance / (
@@ -227,7 +235,7 @@ def place_law_step(state: SpeedState, speed: float, pendulum_angle: float, gap: 
 @compiled
 def estimated_slope(state: SpeedState, law: Numbers) -> float:
     """Return the slope that the law estimates, positive uphill towards +x [rad]."""
-    return math.asin(min(max(state[1] / SpeedLaw(*law).weight_torque, -1.0), 1.0))
+    return math.asin(min(max(state.resistance / SpeedLaw(*law).weight_torque, -1.0), 1.0))
 
 
 @compiled

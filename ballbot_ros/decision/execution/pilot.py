@@ -98,8 +98,8 @@ class Pilot:
 
         """
         if self._state is not None:
-            motion = replace(motion, pendulum_angle=self._state[3],
-                             pendulum_rate=(self._angle - self._state[3]) / self.law.lag,
+            motion = replace(motion, pendulum_angle=self._state.predicted,
+                             pendulum_rate=(self._angle - self._state.predicted) / self.law.lag,
                              slope=estimated_slope(self._state, self.law[:]))
         if motion.is_plausible:
             if touching:

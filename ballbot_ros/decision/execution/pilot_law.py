@@ -91,9 +91,10 @@ def pilot_step(state: SpeedState, position: float, speed: float, pendulum_angle:
             # Full lean, without the estimated slope: at an edge the estimate is wrong.
             wanted, numbers = -math.copysign(own.emergency_lean, speed), SpeedLaw(*law)
             lead = max(numbers.lag / numbers.swing_time - 1.0, 0.0)
-            set_angle = wanted + lead * (wanted - later[2]) + later[4]
+            set_angle = wanted + lead * (wanted - later.angle) + later.shortfall
             set_angle = min(max(set_angle, -FURTHEST), FURTHEST)
-            later = (later[0], later[1], later[2], later[3], later[4], set_angle)
+            later = SpeedState(later.speed, later.resistance, later.angle, later.predicted,
+                               later.shortfall, set_angle)
     elif math.isfinite(own.stop):
         gap = own.stop - position
         later, set_angle = place_law_step(
@@ -106,5 +107,6 @@ def pilot_step(state: SpeedState, position: float, speed: float, pendulum_angle:
     if own.swing <= position < own.edge:
         # On the step its face supports the ball: this is not a slope.
         set_angle = own.swing_angle
-        later = (speed, state[1], later[2], later[3], state[4], set_angle)
+        later = SpeedState(speed, state.resistance, later.angle, later.predicted,
+                           state.shortfall, set_angle)
     return later, set_angle

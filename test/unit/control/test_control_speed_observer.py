@@ -41,7 +41,7 @@ def test_the_slope_is_learnt_for_any_motion_of_the_pendulum_and_any_number_of_up
 def test_the_estimation_error_decays_with_two_poles_at_the_observer_rate(period):
     slope, pole = 0.05, math.exp(-SPEED_LAW.observer_rate * period)
     for number, state in enumerate(watch(slope, 0.3, period, 0.8), 1):
-        lacking = 1.0 - state[1] / (SPEED_LAW.weight_torque * math.sin(slope))
+        lacking = 1.0 - state.resistance / (SPEED_LAW.weight_torque * math.sin(slope))
         # (1 + w t) exp(-w t), sampled
         assert lacking == pytest.approx((1.0 + number * (1.0 - pole)) * pole**number, abs=1e-9)
 
@@ -57,7 +57,7 @@ def test_it_does_not_wind_up_at_the_largest_lean(lean, set_speed):
 def test_a_pendulum_that_is_not_measured_follows_the_set_angle_with_the_lag():
     state = speed_law.speed_law_start(0.0, 0.0, 0.0, LAW)
     state, set_angle = speed_law.speed_law_step(state, 0.0, NAN, 0.5, 0.7, 0.02, LAW)
-    assert state[2] == 0.0 and set_angle > 0.7  # it leads
+    assert state.angle == 0.0 and set_angle > 0.7  # it leads
     later, _ = speed_law.speed_law_step(state, 0.0, NAN, 0.5, 0.7, 0.1, LAW)
     assert later[2] == pytest.approx(set_angle * (1.0 - math.exp(-0.1 / 0.25)))
     assert later[4] == 0.0  # of which nothing falls short
@@ -87,9 +87,9 @@ def test_the_offset_of_law_11_is_compensated_within_a_bound():
     for short, made_up in ((0.1, 0.1), (1.0, 0.35), (-1.0, -0.35)):
         state = speed_law.speed_law_start(0.0, 0.0, 0.0, LAW)
         for _ in range(1000):
-            angle = state[3] - short  # always so far behind what is expected of law (11)
+            angle = state.predicted - short  # always so far behind what is expected of law (11)
             state, _ = speed_law.speed_law_step(state, 0.0, angle, 0.0, 0.7, 0.01, LAW)
-        assert state[4] == pytest.approx(made_up, abs=0.03)
+        assert state.shortfall == pytest.approx(made_up, abs=0.03)
 
 
 def test_the_estimated_disturbance_is_bounded_above_that_of_the_steepest_slope():
@@ -97,7 +97,7 @@ def test_the_estimated_disturbance_is_bounded_above_that_of_the_steepest_slope()
     for number in range(1000):  # it is pushed back ever faster
         state, _ = speed_law.speed_law_step(
             state, -0.1 * number, 1.5, 0.0, 1.5, 0.02, LAW)
-    assert state[1] == pytest.approx(1.5 * SPEED_LAW.gravity_torque)
+    assert state.resistance == pytest.approx(1.5 * SPEED_LAW.gravity_torque)
     assert speed_law.estimated_slope(state, LAW) > GIMBALL.slope_limit
 
 
@@ -142,7 +142,8 @@ def test_it_starts_with_the_slope_that_is_expected(slope):
 
 def test_the_shortfall_is_added_to_the_set_angle():
     plain = speed_law.speed_law_start(0.0, 0.2, 0.0, LAW)
-    short = (*plain[:3], 0.2 + 0.05, 0.05, 0.2 + 0.05)  # law (11) is 0.05 behind, as always
+    # Law (11) is 0.05 behind, as always.
+    short = plain._replace(predicted=0.25, shortfall=0.05, set_angle=0.25)
     _, without = speed_law.speed_law_step(plain, 0.0, 0.2, 0.1, 1.2, 1e-9, LAW)
     _, with_it = speed_law.speed_law_step(short, 0.0, 0.2, 0.1, 1.2, 1e-9, LAW)
     assert with_it == pytest.approx(without + 0.05, abs=1e-6)
