@@ -14,7 +14,7 @@ import math
 from types import MappingProxyType
 from typing import Mapping, Optional
 
-from ballbot_ros.drives.emulated_device import Device, DriveSettings, Quirk, Sensed
+from ballbot_ros.drives.emulated_device import Device, DriveSettings, Quirk
 from ballbot_ros.drives.odrive.firmware import (
     AXIS_5, BACK_ALLOWED, CLOSED_LOOP_CONTROL, CONTROL_MODE, CONTROLLER_5, ENCODER_5, Generation,
     GENERATION_5, GENERATION_6, HARDWARE, IDLE, INPUT_MODE, LIMITS_TORQUE_MODE, MAX_BACK, MOTOR_5,
@@ -172,32 +172,27 @@ CALIBRATION_TIME = 2.0  # [s]
 DERATING, MARGIN = 20.0, 5.0
 
 
-class Board:
+class BoardDevice(Device):
     """
-    Properties, states and errors of an ODrive, and the torque of the motor on axis 0.
-
-    Parameters
-    ----------
-    settings : DriveSettings
-    firmware : BoardFirmware
-    saved : mapping
-        Properties that `save` once returned.
+    Properties, states and errors of an ODrive, and its motor; subclasses add the protocol.
 
     Attributes
     ----------
+    firmware : BoardFirmware
     properties : dict
-    sensed : Sensed
-        Its measurements; the owner updates them.
+        All but measurements.
     input_torque : float
         Commanded [N m].
 
     """
 
-    def __init__(self, settings: DriveSettings, firmware: BoardFirmware,
-                 saved: Mapping[str, float]):
-        self.settings, self.firmware, self.sensed = settings, firmware, Sensed()
+    firmwares = tuple(FIRMWARES)
+
+    def _boot_board(self, saved: Mapping[str, float]) -> None:
+        """Start the firmware that the settings name, with properties kept from before."""
+        self.firmware = firmware = FIRMWARES[self.settings.firmware or self.firmwares[0]]
         self.names = firmware.generation
-        self.properties = {**firmware.properties(settings), **saved}
+        self.properties = {**firmware.properties(self.settings), **saved}
         self.input_torque = 0.0
         self._fed: Optional[float] = None
         self._connected = False  # the controller receives the velocity from the first arming on
@@ -206,7 +201,7 @@ class Board:
             self._calibrate()
         self._brake_armed = bool(self.properties[self.names.brake_enabled])
 
-    def save(self) -> dict[str, float]:
+    def kept_properties(self) -> dict[str, float]:
         """Return the properties kept over a restart."""
         return {name: value for name, value in self.properties.items()
                 if name.startswith('config.') or '.config.' in name}
@@ -228,7 +223,7 @@ class Board:
         return limit * min(max(below / DERATING, 0.0), 1.0)
 
     def torque(self) -> float:
-        """Return the torque at the shaft [N m]; controller.cpp, update."""
+        """Return the torque at the shaft; controller.cpp, update; see `Device`."""
         here, names = self.properties, self.names
         if not self.armed or here[CONTROL_MODE] != TORQUE_CONTROL:
             return 0.0
@@ -264,7 +259,7 @@ class Board:
         self._fed = now
 
     def tick(self, now: float) -> None:
-        """Update watchdog, limits and states."""
+        """Update watchdog, limits and states; see `Device`."""
         here = self.properties
         if self._fed is None:
             self._fed = now
@@ -326,37 +321,6 @@ class Board:
         self.properties.update(dict.fromkeys(self.firmware.registers, 0))
         self._brake_armed = bool(self.properties[self.names.brake_enabled])
 
-
-class BoardDevice(Device):
-    """A device whose motor is that of a `Board`; subclasses add the protocol."""
-
-    firmwares = tuple(FIRMWARES)
-
-    def _boot_board(self, saved: Mapping[str, float]) -> None:
-        """Start the firmware that the settings name, with the properties that were saved."""
-        self.firmware = FIRMWARES[self.settings.firmware or self.firmwares[0]]
-        self.board = Board(self.settings, self.firmware, saved)
-
-    @property
-    def properties(self) -> dict[str, float]:
-        """Return all properties except measurements."""
-        return self.board.properties
-
-    @property
-    def armed(self) -> bool:
-        """Return whether the motor is under power."""
-        return self.board.armed
-
-    def torque(self) -> float:
-        """Return the torque at the shaft; see `Device`."""
-        self.board.sensed = self.sensed
-        return self.board.torque()
-
-    def tick(self, now: float) -> None:
-        """Update watchdog, limits and temperature; see `Device`."""
-        self.board.sensed = self.sensed
-        self.board.tick(now)
-
     def over_current(self) -> None:
         """Trip; see `Device`."""
-        self.board.trip('too_much_current')
+        self.trip('too_much_current')

@@ -589,7 +589,7 @@ def test_an_estimate_that_is_missing_is_not_taken_for_a_position(kind):
     bench.driver.arm()
     bench.device.sensed = bench.device.sensed._replace(position=2.0)
     bench.cycles(50)
-    bench.device.board.trip('no_estimate')
+    bench.device.trip('no_estimate')
     bench.cycles(50)
     last = bench.driver.telemetry
     bench.device.sensed = bench.device.sensed._replace(position=0.0)
@@ -599,7 +599,7 @@ def test_an_estimate_that_is_missing_is_not_taken_for_a_position(kind):
 def test_an_estimate_that_was_missing_once_does_not_hide_the_position_for_good():
     bench = Bench('odrive 0.6')
     bench.driver.arm()
-    bench.device.board.trip('no_estimate')
+    bench.device.trip('no_estimate')
     bench.cycles(100)
     bench.device.properties['axis0.active_errors'] = 0  # the reason stays
     before = bench.now

@@ -267,7 +267,7 @@ def test_errors_are_cleared_without_power_and_only_then(kind):
     bench.driver.stop()
     assert bench.driver.clear_faults() == ()
     bench.device.over_current()
-    bench.device.board.clear_errors = lambda: None  # it is there again
+    bench.device.clear_errors = lambda: None  # it is there again
     assert bench.driver.clear_faults()
 
 
@@ -278,7 +278,7 @@ def test_an_encoder_that_failed_gives_no_position(kind):
     bench.device.sensed = bench.device.sensed._replace(position=3.0)
     before = bench.cycles(20, torque=None)
     assert before.position == pytest.approx(3.0)
-    bench.device.board.trip('no_estimate')
+    bench.device.trip('no_estimate')
     bench.cycles(20, torque=None)
     lost = bench.now
     bench.device.sensed = bench.device.sensed._replace(position=0.0)

@@ -95,7 +95,7 @@ def test_a_loss_of_power_is_reported_immediately_with_all_that_the_drive_names(
         kind, quirks, cause, names, phase):
     bench = armed(kind, *quirks)
     bench.cycles(phase)  # state or errors may be asked for first
-    bench.device.board.trip(cause)
+    bench.device.trip(cause)
     begin = bench.now
     while not bench.cycles(1).faults:
         assert bench.driver.telemetry.armed and bench.now - begin < 0.05
@@ -105,9 +105,9 @@ def test_a_loss_of_power_is_reported_immediately_with_all_that_the_drive_names(
 
 def test_an_error_that_the_drive_adds_later_is_reported_as_well():
     bench = armed('odrive 0.5')
-    bench.device.board.trip('too_hot')
+    bench.device.trip('too_hot')
     bench.cycles(50)
-    bench.device.board.trip('overspeed')
+    bench.device.trip('overspeed')
     telemetry = bench.cycles(100)
     assert 'CONTROLLER_ERROR_OVERSPEED' in telemetry.faults
     assert 'MOTOR_ERROR_FET_THERMISTOR_OVER_TEMP' in telemetry.faults
@@ -118,7 +118,7 @@ def test_registers_that_are_not_answered_do_not_hide_a_loss_of_power(kind):
     bench = armed(kind)
     last = {'odrive 0.5': b'r error ', 'odrive 0.6': b'r axis0.procedure_result '}[kind]
     bench.to_drive = lambda data: b'' if last in data else data
-    bench.device.board.trip('overspeed')
+    bench.device.trip('overspeed')
     telemetry = bench.cycles(150)
     assert telemetry.armed is False and telemetry.faults
     assert bench.driver.counts['lost'] > 0
@@ -148,7 +148,7 @@ def test_a_motor_that_cannot_be_armed_names_the_part():
     bench = Bench('odrive 0.5')
     bench.driver.identify()
     bench.device.properties['config.enable_brake_resistor'] = 1
-    bench.device.board._brake_armed = False
+    bench.device._brake_armed = False
     bench.to_drive = lambda data: data.replace(b'sc ', b'xx ')  # which would arm it
     with refused('not_armed', 'drive', DriveError) as caught:
         bench.driver.arm(0.2)

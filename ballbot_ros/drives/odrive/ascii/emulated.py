@@ -46,8 +46,8 @@ class ODriveDevice(BoardDevice):
         generation = self.firmware.generation
         self._measured: dict[str, Callable[[], float]] = {
             generation.current: lambda: self.torque() / self.settings.torque_constant,
-            BUS_VOLTAGE: lambda: self.sensed.bus_voltage, BUS_CURRENT: self.board.supply_current,
-            EFFECTIVE_CURRENT: self.board.effective_current_limit,
+            BUS_VOLTAGE: lambda: self.sensed.bus_voltage, BUS_CURRENT: self.supply_current,
+            EFFECTIVE_CURRENT: self.effective_current_limit,
             TEMPERATURE: lambda: self.sensed.temperature,
             MOTOR_TEMPERATURE: lambda: self.sensed.motor_temperature}
 
@@ -111,11 +111,11 @@ class ODriveDevice(BoardDevice):
     def _control_system(self, letter: str, now: float) -> list[str]:
         """Save and restart, restart, or clear the errors."""
         if letter == 's' and not self.armed:
-            self._saved = self.board.save()
+            self._saved = self.kept_properties()
         if letter in ('r', 's') and not (letter == 's' and self.armed):
             self.reboot(now)
         elif letter == 'c':
-            self.board.clear_errors()
+            self.clear_errors()
         return []
 
     def _with_axis(self, text: str, feeds: Optional[float], more: str,
@@ -129,14 +129,14 @@ class ODriveDevice(BoardDevice):
         if int(match[1]) != self.settings.axis:  # no motor is connected to the other output
             return ['0.000000 0.000000'] if text[0] == 'f' else []
         if feeds is not None:
-            self.board.feed(feeds)
+            self.feed(feeds)
         return act(tuple(0.0 if math.isnan(float(number)) else float(number)
                          for number in match.groups()[1:] if number is not None))
 
     def _set_torque(self, numbers: tuple[float, ...]) -> list[str]:
         if self.firmware.torque_command_sets_mode:
             self.properties[CONTROL_MODE] = TORQUE_CONTROL
-        self.board.input_torque = numbers[0]
+        self.input_torque = numbers[0]
         return []
 
     def _read(self, words: list[str]) -> list[str]:
@@ -144,7 +144,6 @@ class ODriveDevice(BoardDevice):
             return ['invalid command format']
         name = self._own_name(words[0])
         if name in self._measured:
-            self.board.sensed = self.sensed
             return [f'{self._measured[name]():f}'[:LONGEST_VALUE]]
         if name not in self.properties:
             return ['invalid property']

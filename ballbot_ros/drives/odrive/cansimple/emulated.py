@@ -94,9 +94,9 @@ class ODriveCanDevice(BoardDevice):
         """Execute a command and return the record of its reply; see `do_command`."""
         here, data, length = self.properties, frame.data, len(frame.data)
         if self._old or command in (codec.SET_INPUT_TORQUE, codec.SET_AXIS_STATE):
-            self.board.feed(now)
+            self.feed(now)
         if command == codec.CLEAR_ERRORS:
-            self.board.clear_errors()
+            self.clear_errors()
         elif command == REBOOT:
             self.reboot(now)
         elif frame.remote or not data and not self.has('0.5.4'):
@@ -107,7 +107,7 @@ class ODriveCanDevice(BoardDevice):
             here[CONTROL_MODE], here[INPUT_MODE.name] = struct.unpack('<II', data)
         elif command == codec.SET_INPUT_TORQUE and length >= 4:
             value, = struct.unpack_from('<f', data)
-            self.board.input_torque = 0.0 if math.isnan(value) else value
+            self.input_torque = 0.0 if math.isnan(value) else value
         elif command == codec.RX_SDO and not self._old and length >= 4:
             return self._endpoint_reply(*struct.unpack_from('<BH', data))
         return b''
@@ -118,7 +118,7 @@ class ODriveCanDevice(BoardDevice):
         numbers = {
             codec.ENCODER_ESTIMATES: (sensed.position / math.tau, sensed.velocity / math.tau),
             codec.IQ: (0.0, self.torque() / self.settings.torque_constant),
-            codec.BUS_VOLTAGE_CURRENT: (sensed.bus_voltage, self.board.supply_current())}
+            codec.BUS_VOLTAGE_CURRENT: (sensed.bus_voltage, self.supply_current())}
         if not self._old:
             numbers[codec.TEMPERATURE] = (sensed.temperature, sensed.motor_temperature)
         if command in numbers:
