@@ -24,6 +24,7 @@ while armed, finite and within the limit; a stop repeated until it is confirmed.
 """
 from collections import Counter
 from dataclasses import dataclass
+import math
 from typing import Any, Mapping, NamedTuple, Optional, Protocol
 
 from ballbot_ros.config.fields import Checked, quantity
@@ -163,6 +164,17 @@ class DriveOptions(Checked):
     def own_limit(self) -> float:
         """Return the largest torque that the limits of the drive itself may let through [N m]."""
         return max(self.torque_limit, self.drive_torque_limit)
+
+
+def shown(value: float, unit: str) -> str:
+    """Return the value of a setting with its unit, NaN as unknown."""
+    return 'unknown' if math.isnan(value) else f'{value:.4g} {unit}'
+
+
+def judge_torque(ceiling: float, options: DriveOptions, remedy: str) -> Setting:
+    """Check the largest torque that the limits of the drive itself let through [N m]."""
+    return Setting('torque limit', shown(ceiling, 'N m'), f'at most {options.own_limit:.4g} N m',
+                   ceiling <= 1.01 * options.own_limit, remedy)
 
 
 # A byte on the wire: one start bit, eight of data, one stop bit.

@@ -16,12 +16,14 @@ from typing import Mapping, Optional
 
 from ballbot_ros.drives.emulated_device import Device, DriveSettings, Quirk
 from ballbot_ros.drives.odrive.firmware import (
-    AXIS_5, BACK_ALLOWED, CLOSED_LOOP_CONTROL, CONTROL_MODE, CONTROLLER_5, ENCODER_5, Generation,
-    GENERATION_5, GENERATION_6, HARDWARE, IDLE, INPUT_MODE, LIMITS_TORQUE_MODE, MAX_BACK, MOTOR_5,
-    OVERSPEED, PASSTHROUGH, REQUESTED_STATE, RESULT_6, SATURATED, STATE, SYSTEM_5, TORQUE_CONTROL,
-    VELOCITY_GAIN, VELOCITY_LIMIT, VELOCITY_TOLERANCE, VERSION, WATCHDOG, WATCHDOG_TIMEOUT)
+    AXIS_5, BACK_ALLOWED, BRAKE_DUTY_MAX, CLOSED_LOOP_CONTROL, CONTROL_MODE, CONTROLLER_5,
+    ENCODER_5, FACTORY_VELOCITY_TOLERANCE, Generation, GENERATION_5, GENERATION_6, HARDWARE, IDLE,
+    INPUT_MODE, LIMITS_TORQUE_MODE, MAX_BACK, MOTOR_5, OVERSPEED, PASSTHROUGH, REQUESTED_STATE,
+    RESULT_6, SATURATED, STATE, SYSTEM_5, TORQUE_CONTROL, VELOCITY_GAIN, VELOCITY_LIMIT,
+    VELOCITY_TOLERANCE, VERSION, WATCHDOG, WATCHDOG_TIMEOUT)
 
-NOT_CALIBRATED, INVALID_STATE = 14, 13  # ODrive.ProcedureResult
+# Numbers of the results of a procedure by name.
+RESULTS = {name: number for number, name in RESULT_6.names.items()}
 SERIAL_NUMBER = 0x208F3387304B
 POSITION_CONTROL = 3  # factory default of the control mode
 
@@ -94,7 +96,8 @@ class BoardFirmware:
             WATCHDOG: int(watchdog > 0.0), WATCHDOG_TIMEOUT: watchdog,
             CONTROL_MODE: POSITION_CONTROL, INPUT_MODE.name: PASSTHROUGH,
             VELOCITY_LIMIT: self.velocity_limit if slow else 200.0,
-            VELOCITY_TOLERANCE: 1.2, 'axis0.controller.config.enable_vel_limit': 1,
+            VELOCITY_TOLERANCE: FACTORY_VELOCITY_TOLERANCE,
+            'axis0.controller.config.enable_vel_limit': 1,
             LIMITS_TORQUE_MODE: 1, OVERSPEED: 1, VELOCITY_GAIN: 1.0 / 6.0,
             'axis0.controller.config.vel_integrator_gain': 2.0 / 6.0,
             MAX_BACK: -0.01 if no_way_back else -10.0, BACK_ALLOWED: 0.0,
@@ -116,7 +119,8 @@ class BoardFirmware:
     def refuse(self, here: dict[str, float]) -> None:
         """Note that a state is not entered."""
         if RESULT_6.path in here:
-            here[RESULT_6.path] = NOT_CALIBRATED if not self.ready(here) else INVALID_STATE
+            here[RESULT_6.path] = RESULTS[
+                'INVALID_STATE' if self.ready(here) else 'NOT_CALIBRATED']
         else:
             here[self.generation.errors] = int(here[self.generation.errors]) | 0x1  # INVALID_STATE
 
@@ -250,7 +254,7 @@ class BoardDevice(Device):
         here, current = self.properties, self.bus_current()
         if here[self.names.brake_enabled] and self._brake_armed:
             braked = max(-current - here[BACK_ALLOWED], 0.0)
-            most = 0.95 * self.sensed.bus_voltage / here[self.names.brake_resistance]
+            most = BRAKE_DUTY_MAX * self.sensed.bus_voltage / here[self.names.brake_resistance]
             current += min(braked, most)
         return current
 

@@ -145,6 +145,9 @@ OVERSPEED = 'axis0.controller.config.enable_overspeed_error'
 MAX_BACK = 'config.dc_max_negative_current'  # into the supply [A], negative
 BACK_ALLOWED = 'config.max_regen_current'  # before the brake resistor takes some [A]
 
+FACTORY_VELOCITY_TOLERANCE = 1.2  # of the velocity limit
+BRAKE_DUTY_MAX = 0.95  # of the brake resistor; low_level.cpp
+
 # A watchdog that is not fed also disarms a motor during calibration.
 CALIBRATE = (f'w {WATCHDOG} 0, sc, w {REQUESTED_STATE} 3 (calibrates: the motor turns. Then '
              'switch the watchdog on again)')

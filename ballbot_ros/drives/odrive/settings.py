@@ -13,16 +13,13 @@ is guessed.
 import math
 from typing import Callable
 
-from ballbot_ros.drives.contract import DriveOptions, RUNAWAY, Setting
+from ballbot_ros.drives.contract import DriveOptions, judge_torque, RUNAWAY, Setting, shown
 from ballbot_ros.drives.odrive.firmware import (
-    BACK_ALLOWED, BUS_VOLTAGE, Generation, LIMITS_TORQUE_MODE, MAX_BACK, OVERSPEED, Rule,
-    VELOCITY_GAIN, VELOCITY_LIMIT, VELOCITY_TOLERANCE, WATCHDOG,
-    WATCHDOG_TIMEOUT)
+    BACK_ALLOWED, BRAKE_DUTY_MAX, BUS_VOLTAGE, FACTORY_VELOCITY_TOLERANCE, Generation,
+    LIMITS_TORQUE_MODE, MAX_BACK, OVERSPEED, Rule, VELOCITY_GAIN, VELOCITY_LIMIT,
+    VELOCITY_TOLERANCE, WATCHDOG, WATCHDOG_TIMEOUT)
 
 Read = Callable[[str], float]
-
-TOLERANCE = 1.2  # of the velocity limit, from the factory
-FULL_DUTY = 0.95  # of the brake resistor at most; low_level.cpp
 
 
 def judge(generation: Generation, read: Read, options: DriveOptions) -> tuple[Setting, ...]:
@@ -49,15 +46,14 @@ def _torque(generation: Generation, read: Read, options: DriveOptions) -> Settin
     # An unknown bound is not a bound, nor is one with a negative torque constant.
     ceiling = math.nan if math.isnan(sum(bounds) + currents) or currents < 0.0 \
         else min(max(bounds), currents)
-    return Setting('torque limit', _reading(ceiling, ' N m'), f'at most {limit:.4g} N m',
-                   ceiling <= 1.01 * limit, ', '.join(
-                       _write(name, -limit if name.endswith('min') else limit)
-                       for name in generation.torque_limits))
+    return judge_torque(ceiling, options, ', '.join(
+        _write(name, -limit if name.endswith('min') else limit)
+        for name in generation.torque_limits))
 
 
 def _watchdog(read: Read, options: DriveOptions) -> Setting:
     enabled, timeout = read(WATCHDOG) == 1.0, read(WATCHDOG_TIMEOUT)
-    return Setting('watchdog', _reading(timeout, ' s') if enabled else 'off',
+    return Setting('watchdog', shown(timeout, 's') if enabled else 'off',
                    f'at most {options.watchdog:g} s',
                    enabled and 0.0 < timeout <= 1.01 * options.watchdog,
                    f'{_write(WATCHDOG_TIMEOUT, options.watchdog)}, {_write(WATCHDOG, 1)}')
@@ -80,7 +76,8 @@ def _velocity(read: Read, options: DriveOptions) -> tuple[Setting, Setting]:
         Setting('overspeed error', _where(trips, tolerance * limit),
                 f'at least {_rounded_up(fastest):g} turn/s or off',
                 _is_off(trips) or tolerance * limit >= fastest,
-                _write(VELOCITY_TOLERANCE, TOLERANCE) if limit >= fastest else raised))
+                _write(VELOCITY_TOLERANCE, FACTORY_VELOCITY_TOLERANCE)
+                if limit >= fastest else raised))
 
 
 def _braking(generation: Generation, read: Read, options: DriveOptions) -> Setting:
@@ -90,11 +87,11 @@ def _braking(generation: Generation, read: Read, options: DriveOptions) -> Setti
     enabled = read(generation.brake_enabled) == 1.0 and resistance > 0.0
     power = RUNAWAY * options.speed_limit * options.torque_limit
     needed = power / voltage if voltage > 0.0 else math.nan
-    taken = FULL_DUTY * voltage / resistance if enabled else 0.0
+    taken = BRAKE_DUTY_MAX * voltage / resistance if enabled else 0.0
     # With a resistor, the allowed current flows back, and the excess over its power.
     back = max(allowed, needed - taken) if enabled else needed
     resistor = f'a brake resistor of {resistance:g} ohm' if enabled else 'no brake resistor'
-    into = _reading(-most, ' A') + ' into the supply'
+    into = shown(-most, 'A') + ' into the supply'
     wanted = _rounded_up(10.0 * back + 1e-6) / 10.0  # more than `back`, as it is judged
     return Setting(
         'braking', f'{into}, {resistor}',
@@ -106,9 +103,9 @@ def _braking(generation: Generation, read: Read, options: DriveOptions) -> Setti
 
 
 def _rule(rule: Rule, value: float) -> Setting:
-    words = f' ({rule.words[int(value)]})' if value in rule.words else ''
+    words = f'({rule.words[int(value)]})' if value in rule.words else ''
     wanted = ' or '.join(f'{item} ({rule.words[item]})' for item in rule.wanted)
-    return Setting(rule.setting, _reading(value, words), wanted, value in rule.wanted,
+    return Setting(rule.setting, shown(value, words).rstrip(), wanted, value in rule.wanted,
                    rule.remedy or _write(rule.name, rule.wanted[0]))
 
 
@@ -118,16 +115,12 @@ def _is_off(switch: float) -> bool:
 
 def _where(switch: float, velocity: float) -> str:
     """Return the velocity of a limit as text, ``off`` if it is disabled."""
-    return 'off' if _is_off(switch) else _reading(
-        velocity if switch == 1.0 else math.nan, ' turn/s')
+    return 'off' if _is_off(switch) else shown(
+        velocity if switch == 1.0 else math.nan, 'turn/s')
 
 
 def _rounded_up(value: float) -> float:
     return value if not math.isfinite(value) else float(math.ceil(value))
-
-
-def _reading(value: float, unit: str) -> str:
-    return 'unknown' if math.isnan(value) else f'{value:.4g}{unit}'
 
 
 def _write(name: str, value: float) -> str:

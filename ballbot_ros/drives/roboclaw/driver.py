@@ -9,7 +9,8 @@ from dataclasses import dataclass
 import math
 
 from ballbot_ros.config.fields import count, quantity
-from ballbot_ros.drives.contract import bit_names, DriveOptions, Identity, Setting, WireBudget
+from ballbot_ros.drives.contract import (
+    bit_names, DriveOptions, Identity, judge_torque, Setting, shown, WireBudget)
 from ballbot_ros.drives.driver import Driver, Match
 from ballbot_ros.drives.roboclaw import codec
 from ballbot_ros.errors import DriveError
@@ -99,7 +100,6 @@ class RoboClaw(Driver):
         lowest, highest = (0.1 * value for value in self._ask(
             codec.GET_VOLTAGES, deadline).values)
         supply = 0.1 * self._ask(codec.GET_BATTERY, deadline).values[0]
-        ceiling = current * options.torque_constant
         # The drive stores hundredths: a value rounded up would be refused.
         most = math.floor(100.0 * options.own_limit / options.torque_constant + 1e-6) / 100.0
         try:
@@ -108,11 +108,10 @@ class RoboClaw(Driver):
             timeout = math.nan
         wanted_time = codec.TIMEOUT_UNIT * self._tenths
         return (
-            Setting('torque limit', f'{ceiling:.4g} N m', f'at most {options.own_limit:g} N m',
-                    ceiling <= 1.01 * options.own_limit,
-                    f'Motion Studio, PWM Settings: max current {most:g} A'),
-            Setting('watchdog', 'unknown' if math.isnan(timeout) else
-                    f'{timeout:g} s' if timeout else 'off', f'at most {wanted_time:g} s',
+            judge_torque(current * options.torque_constant, options,
+                         f'Motion Studio, PWM Settings: max current {most:g} A'),
+            Setting('watchdog', 'off' if timeout == 0.0 else shown(timeout, 's'),
+                    f'at most {wanted_time:g} s',
                     0.0 < timeout <= 1.01 * wanted_time,
                     'the drive does not accept commands 14 and 15 for it: update its firmware to '
                     'date with Motion Studio; its Serial Timeout is then set to '

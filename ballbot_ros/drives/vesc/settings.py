@@ -18,7 +18,7 @@ import struct
 from typing import Mapping, NamedTuple, Optional
 
 from ballbot_ros.config.fields import count, flag, quantity
-from ballbot_ros.drives.contract import DriveOptions, Setting
+from ballbot_ros.drives.contract import DriveOptions, judge_torque, Setting, shown
 from ballbot_ros.drives.vesc.uart.codec import GET_APPCONF, GET_MCCONF, Values
 
 
@@ -185,7 +185,7 @@ def judge(application: Optional[Application], limits: Mapping[str, float],
     needed = options.torque_limit * options.speed_limit
     return (
         _torque(limits, options), _watchdog(app, options),
-        Setting('brake current on timeout', _shown(app.brake_current, 'A'), '0 A: coast',
+        Setting('brake current on timeout', shown(app.brake_current, 'A'), '0 A: coast',
                 app.brake_current == 0.0, f'{GENERAL}: Timeout Brake Current 0'),
         Setting('commands from', app.application, ' or '.join(ALONE) + ': this line alone',
                 app.application in ALONE, f'{GENERAL}: APP to Use UART'),
@@ -196,7 +196,7 @@ def judge(application: Optional[Application], limits: Mapping[str, float],
                'Maximum Braking Wattage', needed, bus_voltage),
         _supply(limits, bus_voltage), _speed(limits, options), _trip(limits, options),
         Setting('full torque below', ', '.join(
-            f'{_shown(cut_from(limits, part), "degC")} ({name})'
+            f'{shown(cut_from(limits, part), "degC")} ({name})'
             for part, name in (('fet', 'power stage'), ('motor', 'motor'))), 'any',
             not math.isnan(cut_from(limits, 'fet'))))
 
@@ -221,27 +221,21 @@ def warnings_of(values: Values, limits: Mapping[str, float]) -> tuple[str, ...]:
     return tuple(name for name, is_reached in reached.items() if is_reached)
 
 
-def _shown(value: float, unit: str) -> str:
-    return 'unknown' if math.isnan(value) else f'{value:.4g} {unit}'
-
-
 def _torque(limits: Mapping[str, float], options: VescOptions) -> Setting:
     most = limits['l_current_max'] * limits['l_current_max_scale']
     least = limits['l_current_min'] * limits['l_current_min_scale']
     # max may return either argument if one is NaN.
     ceiling = options.torque_constant * (
         max(most, -least) if most - least < math.inf else math.nan)
-    return Setting(
-        'torque limit', _shown(ceiling, 'N m'), f'at most {options.own_limit:g} N m',
-        ceiling <= 1.01 * options.own_limit,
-        f'{MOTOR}, Current: Motor Current Max and Max Brake '
+    return judge_torque(
+        ceiling, options, f'{MOTOR}, Current: Motor Current Max and Max Brake '
         f'{options.own_limit / options.torque_constant:.3g} A')
 
 
 def _watchdog(app: Application, options: VescOptions) -> Setting:
     wanted = max(options.watchdog - THREAD, 0.5 * options.watchdog)
     return Setting(
-        'watchdog', 'off' if app.timeout == 0.0 else _shown(app.timeout + THREAD, 's'),
+        'watchdog', 'off' if app.timeout == 0.0 else shown(app.timeout + THREAD, 's'),
         f'at most {wanted + THREAD:g} s, of which the drive needs {THREAD:g} s to detect it',
         0.0 < app.timeout <= wanted + 1e-6,
         f'{GENERAL}: Timeout {1000.0 * wanted:.0f} ms')
@@ -253,7 +247,7 @@ def _power(name: str, limits: Mapping[str, float], end: str, current: str, watta
     least = min(abs(limits[f'l_in_current_{end}']) * bus_voltage, abs(limits[f'l_watt_{end}']))
     sign = 1.0 if end == 'max' else -1.0
     return Setting(
-        name, _shown(least, 'W'), f'at least {needed:.3g} W, or torque goes missing at speed',
+        name, shown(least, 'W'), f'at least {needed:.3g} W, or torque goes missing at speed',
         least > 0.0 and least >= needed,
         f'{MOTOR}, Current: {current} {sign * max(needed / bus_voltage, 1.0):.3g} A or beyond, '
         f'and {wattage} {sign * max(needed, 1.0):.3g} W or beyond'
@@ -264,8 +258,8 @@ def _supply(limits: Mapping[str, float], bus_voltage: float) -> Setting:
     lowest = max(limits['l_min_vin'], limits['l_battery_cut_start'])
     highest = min(limits['l_max_vin'], limits.get('l_battery_regen_cut_start', math.inf))
     return Setting(
-        'supply', _shown(bus_voltage, 'V'),
-        f'between {_shown(lowest, "V")} and {_shown(highest, "V")}, or torque goes missing',
+        'supply', shown(bus_voltage, 'V'),
+        f'between {shown(lowest, "V")} and {shown(highest, "V")}, or torque goes missing',
         lowest < bus_voltage < highest,
         f'{MOTOR}, Voltage: Battery Voltage Cutoff Start below it, Regen Cutoff Start and Maximum '
         'Input Voltage above it')
@@ -276,7 +270,7 @@ def _speed(limits: Mapping[str, float], options: VescOptions) -> Setting:
     highest = min(limits['l_max_erpm'], -limits['l_min_erpm']) * limits['l_erpm_start'] \
         / per_minute
     return Setting(
-        'speed limit', _shown(highest, 'rad/s'),
+        'speed limit', shown(highest, 'rad/s'),
         f'at least {options.speed_limit:.4g} rad/s, or torque goes missing',
         highest > 0.0 and highest >= options.speed_limit,
         f'{MOTOR}, Speed: Max ERPM and Max ERPM Reverse times ERPM Limit Start at least '
@@ -287,5 +281,5 @@ def _trip(limits: Mapping[str, float], options: VescOptions) -> Setting:
     needed = options.torque_limit / options.torque_constant
     trip = limits['l_abs_current_max']
     return Setting(
-        'over-current trip', _shown(trip, 'A'), f'more than {needed:.3g} A', trip > needed,
+        'over-current trip', shown(trip, 'A'), f'more than {needed:.3g} A', trip > needed,
         f'{MOTOR}, Current: Absolute Maximum Current 1.5 to 2 times that')

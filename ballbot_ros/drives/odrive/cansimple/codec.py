@@ -17,12 +17,15 @@ import struct
 from typing import NamedTuple, Optional
 
 from ballbot_ros.drives.can_frames import CanFrame, MOST_DATA, record, RecordParser
+from ballbot_ros.drives.odrive.firmware import CONTROLLER_5, ENCODER_5, MOTOR_5
 
 # In both generations.
 HEARTBEAT, SET_AXIS_STATE, ENCODER_ESTIMATES, SET_CONTROLLER_MODE = 0x01, 0x07, 0x09, 0x0B
 SET_INPUT_TORQUE, IQ, BUS_VOLTAGE_CURRENT, CLEAR_ERRORS = 0x0E, 0x14, 0x17, 0x18
 # 0.5 only.
 MOTOR_ERROR, ENCODER_ERROR, CONTROLLER_ERROR = 0x03, 0x04, 0x1D
+# Its registers by request, in the order of the flags of its heartbeat.
+REGISTERS = {MOTOR_ERROR: MOTOR_5, ENCODER_ERROR: ENCODER_5, CONTROLLER_ERROR: CONTROLLER_5}
 # 0.6 only; 0.5 does not report its version.
 VERSION, ERROR, RX_SDO, TX_SDO, TEMPERATURE = 0x00, 0x03, 0x04, 0x05, 0x15
 

@@ -10,14 +10,14 @@ from ballbot_ros.drives.can_frames import CanFrame, judge_others, RECORD_SIZE, R
 from ballbot_ros.drives.contract import DriveOptions, Identity, Setting, WireBudget
 from ballbot_ros.drives.driver import Driver
 from ballbot_ros.drives.odrive.cansimple import codec
-from ballbot_ros.drives.odrive.cansimple.codec import HIGHEST_NODE
+from ballbot_ros.drives.odrive.cansimple.codec import HIGHEST_NODE, REGISTERS
 from ballbot_ros.drives.odrive.cansimple.settings import (
     check_confirmed, Endpoint, in_odrivetool, judge_firmware, judge_heartbeat, judge_positions,
     judge_trial, load_endpoints, missing, SLOWEST_HEARTBEAT)
 from ballbot_ros.drives.odrive.firmware import (
-    BUS_VOLTAGE, CLOSED_LOOP_CONTROL, CONTROL_MODE, CONTROLLER_5, ENCODER_5, Generation,
-    generation_of, GENERATIONS, hardware_name, IDLE, in_words, INPUT_MODE, MOTOR_5, PASSTHROUGH,
-    RESULT_6, STATE, TORQUE_CONTROL)
+    BUS_VOLTAGE, CLOSED_LOOP_CONTROL, CONTROL_MODE, ENCODER_5, Generation, generation_of,
+    GENERATIONS, hardware_name, IDLE, in_words, INPUT_MODE, PASSTHROUGH, RESULT_6, STATE,
+    TORQUE_CONTROL)
 from ballbot_ros.drives.odrive.settings import judge
 from ballbot_ros.errors import ConfigurationError, DriveError
 
@@ -61,9 +61,6 @@ class ODriveCanOptions(DriveOptions):
 
 
 OLD = GENERATIONS[0]
-# Registers of 0.5, in the order of the flags of its heartbeat.
-REGISTERS = {codec.MOTOR_ERROR: MOTOR_5, codec.ENCODER_ERROR: ENCODER_5,
-             codec.CONTROLLER_ERROR: CONTROLLER_5}
 # Requested in turn besides the position; one of them at least only once in `LONGEST_LATENCY`.
 POLLED = {'0.5': (codec.IQ, codec.BUS_VOLTAGE_CURRENT, codec.MOTOR_ERROR, codec.IQ,
                   codec.BUS_VOLTAGE_CURRENT, codec.ENCODER_ERROR, codec.CONTROLLER_ERROR),

@@ -19,7 +19,7 @@ from ballbot_ros.drives.can_frames import CanFrame, RecordParser
 from ballbot_ros.drives.odrive.cansimple import codec
 from ballbot_ros.drives.odrive.emulated_board import BoardDevice, QUIRKS
 from ballbot_ros.drives.odrive.firmware import (
-    CONTROL_MODE, GENERATION_5, INPUT_MODE, REQUESTED_STATE, STATE)
+    CONTROL_MODE, GENERATION_5, INPUT_MODE, REQUESTED_STATE, RESULT_6, STATE)
 
 FRAME_BITS = 160
 MAILBOXES = 3
@@ -82,10 +82,9 @@ class ODriveCanDevice(BoardDevice):
     def _heartbeat(self) -> bytes:
         here = self.properties
         if self._old:
-            more = [int(bool(here.get(f'axis0.{part}.error', 0)))
-                    for part in ('motor', 'encoder', 'controller')]
+            more = [int(bool(here[register.path])) for register in codec.REGISTERS.values()]
         else:
-            more = [int(here.get('axis0.procedure_result', 0)), 0, 0]
+            more = [int(here[RESULT_6.path]), 0, 0]
         return codec.frame(self.settings.axis, codec.HEARTBEAT, struct.pack(
             '<IBBBB', int(here[self.firmware.generation.errors]) & 0xFFFFFFFF,
             int(here[STATE]) & 0xFF, *more))
@@ -113,7 +112,6 @@ class ODriveCanDevice(BoardDevice):
         return b''
 
     def _reply(self, command: int) -> bytes:
-        """Return the record of the reply to a command."""
         sensed = self.sensed
         numbers = {
             codec.ENCODER_ESTIMATES: (sensed.position / math.tau, sensed.velocity / math.tau),
@@ -123,23 +121,18 @@ class ODriveCanDevice(BoardDevice):
             numbers[codec.TEMPERATURE] = (sensed.temperature, sensed.motor_temperature)
         if command in numbers:
             return codec.frame(self.settings.axis, command, struct.pack('<ff', *numbers[command]))
-        data = self._old_register(command) if self._old else self._new_register(command)
+        data = self._register(command)
         return codec.frame(self.settings.axis, command, data) if data else b''
 
-    def _old_register(self, command: int) -> bytes:
-        parts = {codec.MOTOR_ERROR: 'motor', codec.ENCODER_ERROR: 'encoder',
-                 codec.CONTROLLER_ERROR: 'controller'}
-        if command not in parts:
-            return b''
-        return int(self.properties.get(f'axis0.{parts[command]}.error', 0)).to_bytes(8, 'little')
-
-    def _new_register(self, command: int) -> bytes:
+    def _register(self, command: int) -> bytes:
         here = self.properties
+        if self._old:
+            return int(here[codec.REGISTERS[command].path]).to_bytes(8, 'little') \
+                if command in codec.REGISTERS else b''
         if command == codec.VERSION:
             return bytes((2, *self.firmware.board, *self.firmware.version_of(self.settings), 0))
         if command == codec.ERROR:
-            return struct.pack('<II', int(here[self.firmware.generation.errors]),
-                               int(here.get('axis0.disarm_reason', 0)))
+            return struct.pack('<II', int(here[self.names.errors]), int(here[self.names.reason]))
         return b''
 
     def _endpoint_reply(self, operation: int, number: int) -> bytes:
