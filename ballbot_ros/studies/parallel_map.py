@@ -15,7 +15,7 @@ from pathlib import Path
 import signal
 from threading import Thread
 from time import sleep
-from typing import Any, Callable, Dict, Iterator, Mapping, Optional, Set, Tuple
+from typing import Any, Callable, Dict, Iterator, List, Mapping, Optional, Set, Tuple
 
 from ballbot_ros.config.optional import load_optional
 from ballbot_ros.errors import ConfigurationError
@@ -90,6 +90,17 @@ def checkpointed_map(function: Callable[..., Any],
             if not future.cancel():
                 write(future.result(), folder / name)
         raise
+
+
+def checkpointed_rows(function: Callable[..., List[Any]],
+                      blocks: Mapping[str, Tuple[int, Tuple[Any, ...]]],
+                      folder: Path, digest: str, pool: Executor, workers: int,
+                      progress: Progress = ignore) -> List[Any]:
+    """Return the rows of all blocks, kept as JSON files; see `checkpointed_map`."""
+    checkpointed_map(function, blocks, folder, digest, pool, workers,
+                     lambda rows, path: write_text(json.dumps(rows), path), progress)
+    return [row for name in blocks
+            for row in json.loads((folder / name).read_text(encoding='utf-8'))]
 
 
 def _claim(folder: Path, digest: str) -> None:

@@ -8,18 +8,16 @@ from concurrent.futures import Executor
 from dataclasses import asdict, dataclass
 from functools import lru_cache
 import hashlib
-import json
 import math
 from pathlib import Path
 from typing import Any, Dict, List, Optional, Tuple
 
 from ballbot_ros import __version__
 from ballbot_ros.crossing.rules import touch_distance
-from ballbot_ros.results.files import write_text
 from ballbot_ros.studies.evaluation.approaches import Approach, crossable_approach, draw_approach
 from ballbot_ros.studies.evaluation.run import heading, NominalModel, run_approach
 from ballbot_ros.studies.evaluation.search import height_limit, Manoeuvre, possible
-from ballbot_ros.studies.parallel_map import checkpointed_map
+from ballbot_ros.studies.parallel_map import checkpointed_rows
 from ballbot_ros.studies.progress import ignore, Progress
 
 BLOCK = 10  # approaches in a file
@@ -186,10 +184,5 @@ def run_evaluation(evaluation: Evaluation, folder: Path, pool: Executor, workers
             search = planner == evaluation.parts[0][0] and first < evaluation.searched
             blocks[f'{planner}-{group}-{first:07d}-{behind:07d}{"-searched" * search}.json'] = (
                 behind - first, (evaluation, planner, group, first, behind, search))
-    target = folder / FOLDER
-    checkpointed_map(run_block, blocks, target, evaluation.digest, pool, workers,
-                     lambda rows, path: write_text(json.dumps(rows), path), progress)
-    rows: List[Row] = []
-    for name in blocks:
-        rows += json.loads((target / name).read_text(encoding='utf-8'))
-    return rows
+    return checkpointed_rows(
+        run_block, blocks, folder / FOLDER, evaluation.digest, pool, workers, progress)

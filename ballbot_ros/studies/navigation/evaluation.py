@@ -9,7 +9,6 @@ from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import lru_cache
 import hashlib
-import json
 import math
 from pathlib import Path
 from time import thread_time
@@ -24,15 +23,14 @@ from ballbot_ros.floors.floor import inside
 from ballbot_ros.navigation import Capability, CrossingPlan, RoutePlanner
 from ballbot_ros.navigation.execution import Navigator
 from ballbot_ros.physics import load_robot
-from ballbot_ros.results.files import write_text
 from ballbot_ros.studies.navigation.closed_loop import FloorLoop
 from ballbot_ros.studies.navigation.houses import draw_house, House
-from ballbot_ros.studies.parallel_map import checkpointed_map
+from ballbot_ros.studies.parallel_map import checkpointed_rows
 from ballbot_ros.studies.progress import ignore, Progress
 
 PLANNERS = ('run_up', 'wall', 'free')
 BLOCK, FOLDER = 2, 'goals'
-TIME_LIMIT = 400.0  # of a drive [s]
+DRIVE_TIME_MAX = 400.0  # of a drive [s]
 CONTACT = 0.003  # distance at which the ball touches a wall [m]
 HIT = 0.1  # slowest contact with a wall that is counted [m/s]
 GOAL_DISTANCE = 0.3  # largest distance from the goal at the end [m]
@@ -135,7 +133,7 @@ def drive(house: House, planner: str) -> Row:
         row['fell'] = row['fell'] or any(bool(inside(x, y, polygon)) for polygon in stairs)
     try:
         loop.begin(house.goal)
-        loop.run(TIME_LIMIT, watch)
+        loop.run(DRIVE_TIME_MAX, watch)
     except RefusedError as error:
         row.update(outcome='refused', reason=error.reason, message=str(error))
     except (SimulationError, ArithmeticError, AssertionError, LookupError, TypeError,
@@ -155,18 +153,15 @@ def drive(house: House, planner: str) -> Row:
 
 def run_evaluation(evaluation: NavigationEvaluation, folder: Path, pool: Executor, workers: int,
                    progress: Progress = ignore) -> List[Row]:
-    """Run an evaluation, resuming an interrupted one; see `parallel_map.checkpointed_map`."""
+    """Run an evaluation, resuming an interrupted one; see `parallel_map.checkpointed_rows`."""
     blocks = {}
     for planner, count in evaluation.parts:
         for first in range(0, count, BLOCK):
             behind = min(first + BLOCK, count)
             blocks[f'{planner}-{first:06d}-{behind:06d}.json'] = (
                 behind - first, (evaluation, planner, first, behind))
-    target = folder / FOLDER
-    checkpointed_map(run_block, blocks, target, evaluation.digest, pool, workers,
-                     lambda rows, path: write_text(json.dumps(rows), path), progress)
-    return [row for name in blocks
-            for row in json.loads((target / name).read_text(encoding='utf-8'))]
+    return checkpointed_rows(
+        run_block, blocks, folder / FOLDER, evaluation.digest, pool, workers, progress)
 
 
 def report(rows: Sequence[Row]) -> Dict[str, Dict[str, Any]]:
