@@ -32,8 +32,8 @@ HEADER = """\
 """
 
 BLOCK = 0.02  # simulated between two checks of the result [s]
-TIME_LIMIT = 5.0  # of an attempt [s]
-TOLERANCE = 5e-5  # of heights [m]
+ATTEMPT_TIME_MAX = 5.0  # of an attempt [s]
+HEIGHT_TOLERANCE = 5e-5  # of heights [m]
 SETTLING = 2.0  # time for the steering law after a crossing [s]
 ANGLES = (0, 15, 30, 45)  # [deg]
 SPEEDS = (0.5, 0.8, 1.1)  # [m/s]
@@ -69,7 +69,7 @@ def cross(approach: ObliqueApproach, height: float) -> Optional[FreeBall]:
     begin = -touch_distance(robot.ball_radius, height, robot.static_penetration)
     ball = FreeBall(robot, approach.speed, approach.angle, height, begin, approach.set_angle)
     state = ball.state()
-    while state.time < TIME_LIMIT:
+    while state.time < ATTEMPT_TIME_MAX:
         ball.advance(BLOCK)
         last, state = state, ball.state()
         if is_over(state.x, state.z, 0.0, height, robot.ball_radius):
@@ -79,7 +79,7 @@ def cross(approach: ObliqueApproach, height: float) -> Optional[FreeBall]:
     return None
 
 
-def maximum_height(approach: ObliqueApproach, tolerance: float = TOLERANCE) -> float:
+def maximum_height(approach: ObliqueApproach, tolerance: float = HEIGHT_TOLERANCE) -> float:
     """Return the maximum step height [m]; see `cross`."""
     return highest_passed(lambda height: cross(approach, height) is not None, approach.robot,
                           approach.speed, tolerance)
@@ -112,7 +112,8 @@ class ObliqueResult(NamedTuple):
 
 
 def measure(robot: Robot, speed: float, set_angle: Optional[float],
-            tolerance: float = TOLERANCE, angles: Sequence[float] = ANGLES) -> ObliqueResult:
+            tolerance: float = HEIGHT_TOLERANCE, angles: Sequence[float] = ANGLES
+            ) -> ObliqueResult:
     """Return maximum heights, courses and headings of a robot at a speed, for angles [deg]."""
     heights, courses, headings = [], [], []
     for degrees in angles:

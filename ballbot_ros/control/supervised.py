@@ -25,7 +25,7 @@ RESISTANCE_TIME = 1.0
 # After an e-stop, set-points other than rest are accepted after a gap of this time [s].
 SET_POINT_GAP = 0.5
 # Tolerance for stamps rounded to the nanosecond; far below any period [s].
-ROUNDING = 1e-6
+STAMP_ROUNDING = 1e-6
 
 
 class RateMonitor:
@@ -270,7 +270,7 @@ class SupervisedController:
         if not period or self.e_stop:
             return False
         given = self.set_point.stamp
-        return not given - ROUNDING <= stamp < given + period - ROUNDING
+        return not given - STAMP_ROUNDING <= stamp < given + period - STAMP_ROUNDING
 
     def _check_age(self, stamp: float) -> None:
         """Lower the pendulum when the set-point has expired."""
@@ -282,7 +282,7 @@ class SupervisedController:
         if self.let_down:
             if age > timeout + self.expected.let_down_time:
                 self._controller.give(SetPoint(Mode.IDLE, 0.0, current.stamp))
-        elif age > timeout + ROUNDING:
+        elif age > timeout + STAMP_ROUNDING:
             self.let_down = True
             self._controller.give(SetPoint(Mode.HOLD, 0.0, current.stamp))
             LOG.warning(

@@ -314,7 +314,7 @@ FINEST = 1e-13  # tolerance that still means something [m]
 
 # Extrapolated from the scores, slightly higher: the closest step that fails is searched.
 EXTRAPOLATION_FACTOR = 1.02
-HIGHEST = 4.0  # step that is tried, over the radius
+TRIED_HEIGHT_MAX = 4.0  # step that is tried, over the radius
 TOO_FAST = -1  # outcome of a search that finds no step too high, beside those of a run
 
 
@@ -383,7 +383,7 @@ def climb(low: float, above: float, stride: float, tolerance: float,
         As of `narrow`; `outcome` may be TOO_FAST.
 
     """
-    least, highest = 0.02 * stride, HIGHEST * crossing.system.parameters.radius
+    least, highest = 0.02 * stride, TRIED_HEIGHT_MAX * crossing.system.parameters.radius
     while True:
         high = min(low + stride, highest)
         verdict, score, outcome = attempt(high, tolerance, crossing)

@@ -38,7 +38,7 @@ from ballbot_ros.physics.simulation.solver import failure, Solver
 from ballbot_ros.physics.solvers.values import (
     FINISHED, Output, Packed, unpack_workspace, Workspace)
 
-TOLERANCE = 1e-7  # of a step that is tried [m]
+ATTEMPT_TOLERANCE = 1e-7  # of a step that is tried [m]
 NEVER = 2**62  # rows of output that would interrupt a run
 BUDGET = 50_000_000  # right-hand sides of one attempt; they take seconds
 
@@ -257,7 +257,7 @@ def _check(outcome: float, tolerance: float) -> None:
 
 
 def try_step(robot: RobotLike, speed: float, height: float, actuation: Actuation = Actuation(),
-             pendulum_angle: Optional[float] = None, tolerance: float = TOLERANCE,
+             pendulum_angle: Optional[float] = None, tolerance: float = ATTEMPT_TOLERANCE,
              site: Site = Site(), rules: Rules = Rules(),
              options: ContactOptions = ContactOptions()) -> Tuple[bool, float]:
     """

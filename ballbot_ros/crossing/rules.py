@@ -33,7 +33,7 @@ from ballbot_ros.physics.model.terrain import Array, Terrain
 # short for a free ball to change its speed, and for a driven one to change it much.
 START_LEAD = 0.002
 
-STEEPEST = math.radians(80.0)
+SLOPE_MAX = math.radians(80.0)
 
 # How far beyond the edge a ball gets that is clear of it, over its radius.
 CLEARANCE = 0.25
@@ -53,10 +53,10 @@ class Site(Checked):
 
     slope_before: float = quantity(
         'rad', 'slope of the ground before the step, positive uphill', default=0.0,
-        minimum=-STEEPEST, maximum=STEEPEST)
+        minimum=-SLOPE_MAX, maximum=SLOPE_MAX)
     slope_behind: float = quantity(
         'rad', 'slope of the ground behind the step, positive uphill', default=0.0,
-        minimum=-STEEPEST, maximum=STEEPEST)
+        minimum=-SLOPE_MAX, maximum=SLOPE_MAX)
     friction_before: Optional[float] = quantity(
         '1', 'coefficient of friction of the ground before the step', minimum=0.0,
         optional=True)

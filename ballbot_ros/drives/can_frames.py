@@ -22,7 +22,7 @@ RECORD_SIZE = 16
 MOST_DATA = 8
 _RECORD = struct.Struct('<IBxH8s')
 _EXTENDED, _REMOTE = 0x80000000, 0x40000000
-_HIGHEST, _HIGHEST_EXTENDED = 0x7FF, 0x1FFFFFFF
+_IDENTIFIER_MAX, _EXTENDED_IDENTIFIER_MAX = 0x7FF, 0x1FFFFFFF
 
 
 class CanFrame(NamedTuple):
@@ -45,7 +45,7 @@ def record(frame: CanFrame) -> bytes:
 
     """
     identifier, data, extended, remote = frame
-    highest = _HIGHEST_EXTENDED if extended else _HIGHEST
+    highest = _EXTENDED_IDENTIFIER_MAX if extended else _IDENTIFIER_MAX
     if not 0 <= identifier <= highest or len(data) > MOST_DATA or remote and data:
         raise ValueError(f'there is no such CAN frame: {frame!r}')
     head = identifier | (_EXTENDED if extended else 0) | (_REMOTE if remote else 0)
@@ -58,7 +58,7 @@ def parse_record(raw: bytes) -> Optional[CanFrame]:
     head, length, _, padded = _RECORD.unpack(raw)
     if length > MOST_DATA:
         return None
-    frame = CanFrame(head & _HIGHEST_EXTENDED, padded[:length], bool(head & _EXTENDED),
+    frame = CanFrame(head & _EXTENDED_IDENTIFIER_MAX, padded[:length], bool(head & _EXTENDED),
                      bool(head & _REMOTE))
     try:
         return frame if record(frame) == raw else None

@@ -25,7 +25,7 @@ Read = TypeVar('Read')
 # Larger maps are refused: a cell takes some 100 bytes while routes are planned.
 MOST_CELLS = 16_000_000
 # Largest range of the heights of a floor [m].
-HIGHEST = 20.0
+HEIGHT_SPAN_MAX = 20.0
 # Meaning of the cells of an occupancy map.
 FREE, UNKNOWN, OCCUPIED = 0, 1, 2
 # Kinds of features: lines that the ball crosses, or areas.
@@ -148,16 +148,15 @@ class Heights:
     origin: Point
 
     def __post_init__(self) -> None:
-        """Check the values."""
         bad = np.argwhere(~np.isfinite(self.values))
         if len(bad):
             raise ConfigurationError(
                 f'{len(bad)} of {self.values.size} heights are not finite, the first in row '
                 f'{bad[0, 0]}, column {bad[0, 1]}; fill holes before', 'not_finite', 'heights')
         span = float(np.ptp(self.values))
-        if span > HIGHEST:
+        if span > HEIGHT_SPAN_MAX:
             raise ConfigurationError(
-                f'heights range over {span:g} m, more than {HIGHEST:g} m; are these '
+                f'heights range over {span:g} m, more than {HEIGHT_SPAN_MAX:g} m; are these '
                 'millimetres? Give the scale', 'out_of_range', 'heights')
 
     def at(self, x: Any, y: Any) -> Any:

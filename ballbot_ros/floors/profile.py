@@ -21,7 +21,7 @@ WALL_HEIGHT = 1.0  # [m]
 # Depth of stairs and of drops whose height is not given [m].
 UNKNOWN_DEPTH = 0.5
 # Places on a line that are nearer to each other count as one [m].
-TOLERANCE = 1e-9
+LENGTH_TOLERANCE = 1e-9
 # Length over which the ground falls from a crest to its height, see `cut` [m].
 CREST_LENGTH = 0.1
 # A face along the path is as high for the ball as a wall: highest crest [m].
@@ -117,7 +117,7 @@ def cut(floor: Floor, place: Point, heading: float, level: float = 0.0, radius: 
                 low, high = (_added(feature, place, along, at[0]) for at in (begin, end))
                 parts.append(_Part(begin[0], end[0], low, high))
                 edges += [Edge(begin[0], low, begin[1]), Edge(end[0], -high, end[1])]
-    edges = sorted(edge for edge in edges if abs(edge.height) > TOLERANCE)
+    edges = sorted(edge for edge in edges if abs(edge.height) > LENGTH_TOLERANCE)
     if factor is not None:
         parts += _crests(edges, factor)
     breaks = {at for part in parts for at in part[:2]} | {at for slip in slips for at in slip[:2]}
@@ -125,10 +125,11 @@ def cut(floor: Floor, place: Point, heading: float, level: float = 0.0, radius: 
     breaks.update(grid.tolist())
     ahead, behind = (sign * _wall(floor, place, (sign * along[0], sign * along[1]), radius)
                      for sign in (1.0, -1.0))
-    inner = sorted([at for at in breaks if behind + TOLERANCE < at < ahead - TOLERANCE]
+    inner = sorted([at for at in breaks
+                    if behind + LENGTH_TOLERANCE < at < ahead - LENGTH_TOLERANCE]
                    + [at for at in (behind, ahead) if math.isfinite(at)])
     inner = [at for number, at in enumerate(inner)
-             if not number or at - inner[number - 1] > TOLERANCE] or [0.0]
+             if not number or at - inner[number - 1] > LENGTH_TOLERANCE] or [0.0]
     xs = np.array([inner[0] - 1.0, *inner, inner[-1] + 1.0])
     middle = 0.5 * (xs[:-1] + xs[1:])
     left, right = (np.full(len(middle), level) for _ in range(2))
@@ -215,9 +216,10 @@ def passed(floor: Floor, begin: Point, end: Point) -> float:
 def area_height(floor: Floor, place: Point) -> float:
     """Return the height that areas and heights give the ground at a place [m]."""
     uneven = float(floor.heights.at(*place)) if floor.heights is not None else 0.0
-    return uneven + sum(_added(feature, place, (1.0, 0.0), 0.0) for feature in floor.features
-               if feature.kind not in ('step', 'drop', 'friction', 'keep_out')
-               and any(inside(*place, polygon) for polygon in polygons(feature)))
+    return uneven + sum(
+        _added(feature, place, (1.0, 0.0), 0.0) for feature in floor.features
+        if feature.kind not in ('step', 'drop', 'friction', 'keep_out')
+        and any(inside(*place, polygon) for polygon in polygons(feature)))
 
 
 def ranges(floor: Floor, place: Point, headings: Sequence[float], limit: float) -> Array:
@@ -284,7 +286,7 @@ def _intervals(polygon: Sequence[Point], place: Point, along: Point
     ends = sorted((at, angle) for at, _, angle in crossings(
         tuple(zip(polygon, (*polygon[1:], polygon[0]))), place, along))
     return [(begin, end) for begin, end in zip(ends[::2], ends[1::2])
-            if end[0] - begin[0] > TOLERANCE]
+            if end[0] - begin[0] > LENGTH_TOLERANCE]
 
 
 def _crests(edges: Sequence[Edge], factor: Callable[[float], float]) -> List[_Part]:
@@ -296,7 +298,7 @@ def _crests(edges: Sequence[Edge], factor: Callable[[float], float]) -> List[_Pa
         share = factor(edge.angle)
         extra = abs(edge.height) * (1.0 / share - 1.0) if share > 0.0 else HIGHEST_CREST
         extra = min(extra, max(0.0, HIGHEST_CREST - abs(edge.height)))
-        if extra <= TOLERANCE:
+        if extra <= LENGTH_TOLERANCE:
             continue
         rises = edge.height > 0.0
         next_ = number + (1 if rises else -1)
@@ -312,7 +314,7 @@ def _grid_lines(heights: Heights, place: Point, along: Point) -> Array:
     """Return where a line crosses the rows and columns of the heights, its ends included [m]."""
     found = []
     for axis in (0, 1):
-        if abs(along[axis]) < TOLERANCE:
+        if abs(along[axis]) < LENGTH_TOLERANCE:
             continue
         count = heights.values.shape[1 - axis]
         centres = heights.origin[axis] + (np.arange(count) + 0.5) * heights.resolution
@@ -342,7 +344,7 @@ def _entry(centres: Array, halves: Array, along: Point, radius: float) -> float:
     for wider in np.array([(radius, 0.0), (0.0, radius)])[:2 if radius else 1]:
         low, far = np.full(len(centres), -np.inf), np.full(len(centres), np.inf)
         for axis, size in enumerate((halves + wider).T):
-            if abs(along[axis]) < TOLERANCE:
+            if abs(along[axis]) < LENGTH_TOLERANCE:
                 far[np.abs(centres[:, axis]) > size] = -np.inf
                 continue
             one = (centres[:, axis] - size) / along[axis]
@@ -361,7 +363,7 @@ def _entry(centres: Array, halves: Array, along: Point, radius: float) -> float:
     # A ball that rolls along a wall and turns towards it has touched it long ago: the part of its
     # penetration along the line is left.
     away = centres - np.clip(centres, -halves, halves)
-    nearest = np.maximum(np.hypot(*away.T), TOLERANCE)
+    nearest = np.maximum(np.hypot(*away.T), LENGTH_TOLERANCE)
     share = np.clip(away @ along / nearest, 0.0, 1.0)
     return float(np.min(np.maximum(entries, -np.maximum(radius - nearest, 0.0) * share)))
 

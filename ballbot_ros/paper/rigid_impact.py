@@ -31,8 +31,8 @@ from ballbot_ros.studies.comparators import bisect, check, highest_passed, inert
 BOUNCE_SPEED_MIN = 0.005  # [m/s]; a flight that begins with it lasts 1 ms
 FLIGHT_STEP = 5e-4  # time between two looks at a flight: shorter than the shortest one [s]
 RIDE_STEP = 5e-4  # of the integration along the line [s]
-TIME_LIMIT = 5.0  # after which a ball that is neither over nor back has failed [s]
-ROUNDING = 1e-12  # rounding that does not count as a touch [m]
+CROSSING_TIME_MAX = 5.0  # after which a ball that is neither over nor back has failed [s]
+TOUCH_ROUNDING = 1e-12  # rounding that does not count as a touch [m]
 
 FLYING, FLOOR, EDGE = range(3)
 
@@ -98,7 +98,7 @@ class RigidBall:
     def passes(self) -> bool:
         """Run until the ball is over, or back, or time is up."""
         self.touch(EDGE)
-        for _ in range(round(TIME_LIMIT / min(FLIGHT_STEP, RIDE_STEP))):
+        for _ in range(round(CROSSING_TIME_MAX / min(FLIGHT_STEP, RIDE_STEP))):
             if self.on == FLYING:
                 self.fly()
             else:
@@ -190,7 +190,7 @@ class RigidBall:
             self.velocity_y = begin[2] - self.robot.gravity * time
             return min(self.y, math.hypot(self.x, self.y - self.height)) - self.radius
 
-        if place(FLIGHT_STEP) < -ROUNDING and self.x <= 0.0:
-            place(bisect(lambda time: place(time) >= -ROUNDING, FLIGHT_STEP, 0.0, 1e-9))
+        if place(FLIGHT_STEP) < -TOUCH_ROUNDING and self.x <= 0.0:
+            place(bisect(lambda time: place(time) >= -TOUCH_ROUNDING, FLIGHT_STEP, 0.0, 1e-9))
             away = math.hypot(self.x, self.y - self.height)
             self.touch(FLOOR if self.y < away else EDGE)

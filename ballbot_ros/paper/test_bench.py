@@ -28,7 +28,7 @@ from ballbot_ros.physics.simulation.solver import Solver
 SOLVER_STEP = 2e-4  # of the integration [s]
 OUTPUT_STEP = 1e-3  # between samples [s]
 CHECK_PERIOD = 0.25  # simulated between two looks at whether the roll is over [s]
-TIME_LIMIT = 12.0  # a ball that is neither over nor back by then counts as at rest [s]
+ROLL_TIME_MAX = 12.0  # a ball that is neither over nor back by then counts as at rest [s]
 BEND_ARC = math.radians(0.5)  # of one flat of the bend
 
 
@@ -255,7 +255,7 @@ def run_to_the_end(model: Model, start: State, actuation: Actuation, touch: floa
     x, y, velocity = (State._fields.index(name) for name in ('x', 'y', 'velocity_x'))
     pieces: list[Array] = []
     state = start
-    while state.time < TIME_LIMIT:
+    while state.time < ROLL_TIME_MAX:
         run = run_once(model, state, actuation, CHECK_PERIOD, OUTPUT_STEP)
         rows = run.rows
         pieces.append(rows if not pieces else rows[1:])

@@ -30,10 +30,10 @@ from ballbot_ros.steering import height_factor, LateralState, step
 # ball, and elsewhere [rad], [m].
 ON_LINE, NEAR_LINE, MARGIN = 1e-6, 0.01, 0.1
 # Work of a cut that rounding alone does [J].
-ROUNDING = 1e-9
+WORK_ROUNDING = 1e-9
 Line = Tuple[float, float, float, float]  # x, y, heading, and the path length there
 # Largest angle to an edge at which its push to the side is known, see `steering.oblique` [rad].
-STEEPEST = math.radians(45.0)
+EDGE_ANGLE_MAX = math.radians(45.0)
 
 
 class FloorPlant(Plant):
@@ -209,7 +209,7 @@ class FloorPlant(Plant):
         self._take(cut(self.floor, self._at, self._lateral.heading, self._level, self._radius,
                        _climbed))
         work = self.model.energies(state).contact - present.contact
-        if work > most + ROUNDING or self.model.terrain.height(state.x) >= state.y:
+        if work > most + WORK_ROUNDING or self.model.terrain.height(state.x) >= state.y:
             self._cut, self._cut_at, self.model = kept
             return False
         if moves and work > 0.0:
@@ -278,7 +278,7 @@ class FloorPlant(Plant):
         if not edges or not any(touch.kind == EDGE for touch in self.model.touches(state)):
             return 0.0
         angle = min(edges, key=lambda edge: abs(edge.distance - place)).angle
-        return min(max(angle, -STEEPEST), STEEPEST)
+        return min(max(angle, -EDGE_ANGLE_MAX), EDGE_ANGLE_MAX)
 
 
 def _climbed(angle: float) -> float:

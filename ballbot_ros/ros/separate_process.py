@@ -16,7 +16,7 @@ from ballbot_ros.errors import BallbotError, RefusedError
 
 R = TypeVar('R')
 
-TIME_LIMIT = 120.0  # of a calculation [s]
+CALCULATION_TIMEOUT = 120.0  # of a calculation [s]
 # The program of the process.  It does not import the main module, as multiprocessing would: that
 # may be a script that starts a node.  Its standard output is for the result alone.
 WORKER = """
@@ -43,7 +43,7 @@ def run_in_process(function: Callable[..., R], *arguments: Any) -> R:
     BallbotError
         As the function does.
     RefusedError
-        If the function raises anything else, or takes longer than `TIME_LIMIT`.
+        If the function raises anything else, or takes longer than `CALCULATION_TIMEOUT`.
 
     """
     # A process inherits the priority of the thread that starts it: that one has no real-time
@@ -57,11 +57,11 @@ def _run(function: Callable[..., R], arguments: Tuple[Any, ...]) -> R:
         output = subprocess.run(  # in a session of its own: Ctrl-C does not reach it
             [sys.executable, '-c', WORKER], check=True, stdout=subprocess.PIPE,
             input=pickle.dumps(sys.path) + pickle.dumps((function, arguments)),
-            timeout=TIME_LIMIT, start_new_session=True).stdout
+            timeout=CALCULATION_TIMEOUT, start_new_session=True).stdout
         result, error = pickle.loads(output)
     except subprocess.TimeoutExpired:
         raise RefusedError(
-            f'{function.__name__} did not finish within {TIME_LIMIT:g} s in a separate '
+            f'{function.__name__} did not finish within {CALCULATION_TIMEOUT:g} s in a separate '
             'process, so nothing has changed: is this machine busy? Try again, or give the '
             'value at the start of the node', 'timeout', function.__name__) from None
     except (subprocess.CalledProcessError, OSError, EOFError) as failure:

@@ -8,7 +8,7 @@ from ballbot_ros.steering.model import accelerations, LateralState, required_ste
 
 RESERVE = 0.15  # part of lean, torque and friction that is kept for damping and disturbances
 PRECISION = 1e-4  # of a limit [1/m]
-STEEPEST = 0.5 * math.pi - 1e-6  # swing of the pendulum that is still a turn [rad]
+SWING_MAX = 0.5 * math.pi - 1e-6  # swing of the pendulum that is still a turn [rad]
 
 
 class Turn(NamedTuple):
@@ -43,7 +43,7 @@ def steady_turn(robot: Robot, speed: float, curvature: float) -> Turn:
         rolled = (robot.ball_inertia + robot.total_mass * radius**2 - first * radius * cosine)
         ratio = rolled * yaw_rate * speed / radius / (
             first * robot.gravity + yaw_rate**2 * (first * radius - second * cosine))
-        swing = math.asin(ratio) if abs(ratio) < 1.0 else math.copysign(STEEPEST, ratio)
+        swing = math.asin(ratio) if abs(ratio) < 1.0 else math.copysign(SWING_MAX, ratio)
     inertia = robot.ball_inertia + robot.pendulum_inertia + second * math.sin(swing)**2
     tilt = math.atan(curvature * radius * inertia / robot.ball_inertia)
     turning = LateralState(lean=swing + tilt, tilt=tilt, yaw_rate=yaw_rate)

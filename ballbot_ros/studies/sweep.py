@@ -14,7 +14,7 @@ from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple
 import numpy as np
 
 from ballbot_ros.crossing import max_step_height, try_step
-from ballbot_ros.crossing.max_step_height import Crossings, TOLERANCE
+from ballbot_ros.crossing.max_step_height import ATTEMPT_TOLERANCE, Crossings
 from ballbot_ros.errors import BallbotError, ConfigurationError
 from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.solvers.values import FINISHED
@@ -66,7 +66,7 @@ def run_block(plan: SweepPlan, first: int, behind: int) -> Dict[str, List[Any]]:
 
 def _tried(crossings: Crossings, heights: Array) -> List[Optional[Result]]:
     """Return whether each ball crosses its step, and the score; None where the run fails."""
-    results = crossings.tried(heights, TOLERANCE)
+    results = crossings.tried(heights, ATTEMPT_TOLERANCE)
     return [(passes > 0.0, score, None) if outcome == FINISHED else None
             for passes, score, outcome in results.tolist()]
 

@@ -23,7 +23,7 @@ from ballbot_ros.errors import RefusedError
 from ballbot_ros.physics.model.robot import Robot
 
 # Number of steps of the lift to each side, and its largest angle [rad].
-STEPS, HIGHEST = 3, 0.5
+STEPS, LIFT_ANGLE_MAX = 3, 0.5
 # Rate [rad/s] and angle [rad] above which the motor is stopped.
 FASTEST, FURTHEST = 4.0, 1.0
 # Period of the commands, and duration of torque ramp, settling and measurement [s].
@@ -97,8 +97,8 @@ class Calibrator:
             say(f'{answer!r} is neither yes nor no.')
         try:
             direction, scale = self._turn_by_hand()
-            say(f'The motor will now lift the pendulum slowly to {math.degrees(HIGHEST):.0f} '
-                'degrees, forward and back.')
+            say('The motor will now lift the pendulum slowly to '
+                f'{math.degrees(LIFT_ANGLE_MAX):.0f} degrees, forward and back.')
             self._enter('Hands off. Press Enter to begin')
             self._driver.arm()
             torques, angles = self._lift(direction * scale)
@@ -154,7 +154,7 @@ class Calibrator:
 
     def _lift(self, scale: float) -> Tuple[List[float], List[float]]:
         """Return requested torques and joint angles at rest; `scale` has a sign."""
-        top = min(0.9 * self._limit, self._gravity_torque * math.sin(HIGHEST))
+        top = min(0.9 * self._limit, self._gravity_torque * math.sin(LIFT_ANGLE_MAX))
         levels = [top * step / STEPS for step in (*range(1, STEPS + 1), *range(STEPS - 1, 0, -1))]
         torques, angles = [], []
         asked = 0.0

@@ -158,7 +158,7 @@ class Integrator:
 # Part of the energy in play that may be missing before a run is stopped. An accurate run misses
 # a millionth; a step beyond the limit of stability soon misses more than there is.
 LEDGER_BOUND = 0.05
-ROUNDING = 1e-9  # of energies that cancel
+ENERGY_ROUNDING = 1e-9  # of energies that cancel
 
 NAMES = ('ball_angle', 'pendulum_angle', 'x', 'y', 'ball_rate', 'pendulum_rate', 'velocity_x',
          'velocity_y', 'contact_loss', 'friction_loss', 'rolling_loss', 'joint_loss',
@@ -203,7 +203,7 @@ def worst_gap(states: Array, start: Array, play: float, values: tuple[float, ...
     kinetic0, potential0, contact0, lost0, work0 = first
     floor = 0.0
     for part in first:
-        floor += ROUNDING * abs(part)
+        floor += ENERGY_ROUNDING * abs(part)
     play = max(play, kinetic0, abs(contact0))
     for row in range(len(states)):
         kinetic, potential, contact, lost, work = balance_of(

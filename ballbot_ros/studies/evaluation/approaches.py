@@ -18,7 +18,7 @@ from ballbot_ros.physics.model.robot import Robot, with_parameters
 from ballbot_ros.physics.model.uncertainty import changed, independent, uncertain
 from ballbot_ros.studies.evaluation.search import limit_at, set_robots
 from ballbot_ros.studies.evaluation.sensors import draw_sensor, SensorModel
-from ballbot_ros.studies.evaluation.terrains import draw_shape, Ground, lay, Shape, STEEPEST
+from ballbot_ros.studies.evaluation.terrains import draw_shape, Ground, lay, Shape, SLOPE_MAX
 
 SLIPPERY_SHARE = 0.2             # part of the floors with the lowest friction
 UNSEEN_ROOM = 1.0          # floor behind each edge, where the user grants it [m]
@@ -100,7 +100,7 @@ def draw_approach(nominal: Robot, tuning: DecisionTuning, seed: int, number: int
     random = np.random.default_rng([seed, number, 1])
     robot = draw_robot(nominal, random)
     model = draw_sensor(random, shape.sensors, sensor)
-    slope = float(random.uniform(-STEEPEST, STEEPEST)) if random.random() < 0.6 else 0.0
+    slope = float(random.uniform(-SLOPE_MAX, SLOPE_MAX)) if random.random() < 0.6 else 0.0
     if shape.slope is not None:
         slope = float(random.uniform(*shape.slope))
     speed = round(float(random.uniform(0.1, 0.6)), 2) if random.random() < 0.4 else 0.0

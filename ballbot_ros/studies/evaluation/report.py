@@ -12,7 +12,7 @@ from ballbot_ros.studies.evaluation.outcome import OUTCOMES
 from ballbot_ros.studies.evaluation.sensors import KINDS as SENSORS
 
 GENTLE = math.radians(3.0)  # slopes on which no fall is allowed
-TOLERANCE = 0.02            # of a predicted probability
+PROBABILITY_TOLERANCE = 0.02  # of a predicted probability
 # Predicted probabilities, and the range that is counted to each.
 PREDICTIONS = ((0.9, 0.875, 0.925), (0.95, 0.925, 0.97), (0.99, 0.97, 1.0 + 1e-9))
 EDGES = (0.0, 0.5, 0.7, 0.8, 0.875, 0.925, 0.97, 1.0 + 1e-9)  # of the reliability diagram
@@ -104,7 +104,7 @@ def predictions(sensor: str, rows: Sequence[Row]) -> List[Dict[str, Any]]:
             text = (f'predicted {found["predicted"]:.3f}, observed {found["observed"]:.3f} '
                     f'({found["interval"][0]:.3f} to {found["interval"][1]:.3f}; {found["over"]} '
                     f'of {found["attempts"]})')
-            met = abs(found['observed'] - found['predicted']) <= TOLERANCE
+            met = abs(found['observed'] - found['predicted']) <= PROBABILITY_TOLERANCE
         lines.append(target(f'{sensor} sensor, predicted {prediction:g}: observed', 'within 2 %',
                             text, met))
     return lines

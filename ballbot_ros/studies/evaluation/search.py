@@ -29,11 +29,11 @@ Limits = Tuple[Tuple[float, float], ...]
 FILE = 'crossable.json'
 FASTEST = 1.15         # touch [m/s]
 GAIN, LEAN = 4.0, 1.2  # of the run-up [rad s/m], [rad]
-CHUNK, TIME_LIMIT = 50, 8.0  # control periods between two checks, [s]
+CHUNK, CROSSING_TIME_MAX = 50, 8.0  # control periods between two checks, [s]
 EDGE_GAP = 0.05        # from the end of the room behind to the start [m]
 ROBOTS, MOST = 24, 23
 KNOTS = (0.05, 0.15, 0.3, 0.5, 0.8, 1.2, 1.8)  # run-ups [m]
-LOWEST, HIGHEST, FINE = 0.006, 0.09, 0.0005  # heights that are searched [m]
+HEIGHT_MIN, HEIGHT_MAX, FINE = 0.006, 0.09, 0.0005  # heights that are searched [m]
 
 
 class Manoeuvre(NamedTuple):
@@ -70,7 +70,7 @@ def gets_over(loop: ClosedLoop, manoeuvre: Manoeuvre, touch: float, goal: float,
     script: Script = (level_angle, GAIN, manoeuvre.speed, LEAN, swing, manoeuvre.angle)
     best, since = -math.inf, 0.0
     try:
-        while loop.time < TIME_LIMIT + (goal - touch) / manoeuvre.speed:
+        while loop.time < CROSSING_TIME_MAX + (goal - touch) / manoeuvre.speed:
             loop.follow(script, CHUNK)
             x = loop.state.x
             if any(loop.watched[:, TOUCH_SPEED] > FASTEST):
@@ -107,8 +107,8 @@ def height_limit(robot: Robot, nominal: Robot, gains: ControlTuning, run_up: flo
 
     From rest at a run-up [m] before the touch, on a slope [rad].
     """
-    low, high = 0.0, HIGHEST
-    trial = LOWEST
+    low, high = 0.0, HEIGHT_MAX
+    trial = HEIGHT_MIN
     angle = balanced_angle(robot, slope)
     while high - low > FINE:
         touch = -touch_distance(robot.ball_radius, trial)

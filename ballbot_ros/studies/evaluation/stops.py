@@ -12,10 +12,10 @@ from ballbot_ros.studies.evaluation.approaches import draw_robot
 from ballbot_ros.studies.evaluation.closed_loop import balanced_angle, ClosedLoop, PERIOD
 from ballbot_ros.studies.evaluation.run import NominalModel
 
-STEEPEST = math.radians(3.0)  # [rad]
+SLOPE_MAX = math.radians(3.0)  # [rad]
 SPEEDS = (0.05, 1.1)          # before the stop [m/s]
 ROLLING = 0.4                 # time that the ball drives before the stop [s]
-LEAST_SPEED, TIME_LIMIT = 0.005, 15.0  # of a ball at rest [m/s], of a stop [s]
+LEAST_SPEED, STOP_TIME_MAX = 0.005, 15.0  # of a ball at rest [m/s], of a stop [s]
 PERIODS = 10                  # control periods between two decisions
 
 
@@ -48,7 +48,7 @@ def random_stop(nominal: NominalModel, seed: int, number: int) -> RandomStop:
     """
     random = np.random.default_rng([seed, number])
     robot = draw_robot(nominal.robot, random)
-    slope, speed = float(random.uniform(-STEEPEST, STEEPEST)), float(random.uniform(*SPEEDS))
+    slope, speed = float(random.uniform(-SLOPE_MAX, SLOPE_MAX)), float(random.uniform(*SPEEDS))
     length = 50.0
     terrain = Terrain([(-length, -length * math.tan(slope)), (length, length * math.tan(slope))],
                       np.array([robot.surface_friction]))
@@ -57,7 +57,7 @@ def random_stop(nominal: NominalModel, seed: int, number: int) -> RandomStop:
     pilot = Pilot(nominal.driven)
     going = Decision(Kind.CLEAR, Reason.NOTHING_AHEAD, speed, '')
     stopping = Decision(Kind.STOP, Reason.TOO_FAST, 0.0, '', plan=Plan(Strategy.STOP))
-    for decision, longest in (going, ROLLING), (stopping, TIME_LIMIT):
+    for decision, longest in (going, ROLLING), (stopping, STOP_TIME_MAX):
         begin, speed = loop.state.x, loop.state.velocity_x
         farthest = begin
         for _ in range(round(longest / (PERIODS * PERIOD))):

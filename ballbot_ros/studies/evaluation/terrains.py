@@ -17,7 +17,7 @@ Strides = List[Tuple[float, float]]
 Random = np.random.Generator
 
 FLOOR = 30.0  # length of the floor before and behind all obstacles [m]
-STEEPEST = math.radians(4.0)  # slope below a whole terrain
+SLOPE_MAX = math.radians(4.0)  # slope below a whole terrain
 PLAIN_DISTANCE = 2.0  # distance to travel over a floor without obstacle [m]
 THRESHOLDS = 10  # of a corridor
 

@@ -55,6 +55,6 @@ def test_an_unexpected_error_is_reported_in_one_line():
 
 
 def test_a_calculation_beyond_the_time_limit_is_ended_and_refused(monkeypatch):
-    monkeypatch.setattr(separate_process, 'TIME_LIMIT', 0.05)
+    monkeypatch.setattr(separate_process, 'CALCULATION_TIMEOUT', 0.05)
     with refused('timeout', error=RefusedError):
         run_in_process(time.sleep, 60.0)
