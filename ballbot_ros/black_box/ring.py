@@ -212,7 +212,6 @@ class BlackBox(SessionObserver):
         self.event(f'{what} refused: {error}{more}')
 
     def _put(self, channel: int, now: float, *values: float, tail: bytes = b'') -> None:
-        """Append a message."""
         record = RECORDS[channel]
         size = record.size + len(tail)
         stamp = int(1e9 * (now + self.clock_offset))

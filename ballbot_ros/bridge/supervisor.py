@@ -195,7 +195,6 @@ class Supervisor:
         return -limits.damping * rate
 
     def _within(self, wanted: float, now: float, motion: PendulumMotion) -> float:
-        """Return the torque within all limits."""
         limits = self._limits
         fast = abs(motion.joint_rate) > RUNAWAY * limits.speed_limit
         self._fast_since = min(self._fast_since, now) if fast else math.inf

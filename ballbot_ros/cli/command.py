@@ -175,7 +175,6 @@ def print_refusal(error: BallbotError) -> None:
 
 
 def _run(words: list[str]) -> int:
-    """Parse the words and run their verb."""
     if words[:1] == ['help']:  # "ballbot help simulate", as in other programs
         words = [*words[1:2], '--help']
     verb = next((word for word in words if not word.startswith('-')), None)

@@ -81,7 +81,6 @@ def template(kind: str, sections: list[Any]) -> str:
 
 
 def _lines(section: Any) -> Iterator[str]:
-    """Yield the lines of one section."""
     off = '' if section.given else '# '
     indent = '  ' if section.key else ''
     if section.key:

@@ -49,7 +49,6 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _together(names: list[str], rest: list[str]) -> int:
-    """Run several nodes in this process."""
     alone = [name for name in names if name not in COMPOSABLE_NODES]
     if alone or len(set(names)) < len(names):
         what = f'{alone[0]} requires a separate process' if alone else 'each can run once'

@@ -157,7 +157,6 @@ def _directions(name: str, words: list[str]) -> tuple[str, ...]:
 
 
 def _number(name: str, words: list[str], default: Optional[float]) -> float:
-    """Return the number after a name."""
     if not words and default is not None:
         return default
     try:

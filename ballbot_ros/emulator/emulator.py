@@ -331,7 +331,6 @@ class Emulator:
                 self.device.second = self.ball.lean_sensed(self.device.second)
 
     def _log_torque(self, now: float) -> None:
-        """Log the torque if it has changed."""
         torque = self.device.torque()
         if torque != self.torque:
             self.torque = torque

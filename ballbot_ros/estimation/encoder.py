@@ -166,7 +166,6 @@ class Continuity(NamedTuple):
 
     def _explains(self, last: EncoderReading, reading: EncoderReading, step: float,
                   pause: float, late: float) -> bool:
-        """Return whether velocities explain a step."""
         if last.rate is None or reading.rate is None:
             # Compares two steps, each between readings that may be later than their stamps.
             return _near(step - self.step_rate * pause, pause, 2.0 * self.step_rate, late,

@@ -218,7 +218,6 @@ def design(progress: Progress = ignore) -> Figure:
 
 
 def _draw_map(figure: Figure, axes: Any, lengths: Array, masses: Array, found: Array) -> None:
-    """Draw heights as shades and lines."""
     levels = np.arange(np.floor(1e3 * found.min()), np.ceil(1e3 * found.max()) + 0.5)
     shades = axes.contourf(lengths, masses, 1e3 * found, levels, cmap='viridis', alpha=0.85)
     lines = axes.contour(lengths, masses, 1e3 * found, levels[::2], colors='white',

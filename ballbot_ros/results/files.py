@@ -231,7 +231,6 @@ def read_units(path: PathLike) -> dict[str, str]:
 
 
 def _read(path: Path) -> tuple[dict[str, Array], dict[str, str]]:
-    """Return columns and units."""
     readers = {'.csv': _read_csv, '.npz': _read_npz, '.parquet': _read_parquet}
     if path.suffix not in readers:
         raise ConfigurationError(

@@ -178,7 +178,6 @@ class Extremes:
 
 
 def _largest(values: Array) -> float:
-    """Return the largest magnitude."""
     return float(np.max(np.abs(values)))
 
 

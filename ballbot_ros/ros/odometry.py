@@ -84,7 +84,6 @@ class OdometryTopics:
         self._odometry = self._made if enabled else None
 
     def _describe(self, node: Node, robot: Robot, names: Frames) -> None:
-        """Publish the description, and the static transforms."""
         # Kept: an unreferenced publisher is destroyed, and its latched messages with it.
         self._description = create_publisher(node, 'robot_description')
         self._description.publish(String(data=robot_description(

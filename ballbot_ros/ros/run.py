@@ -233,7 +233,6 @@ def _end_in_time(nodes: Sequence[Node]) -> None:
 
 
 def _watch(node: Node, stopping: Stop) -> None:
-    """Poll a node for a failure."""
     if hasattr(node, 'failure'):
         def poll() -> None:
             if node.failure is not None:

@@ -108,7 +108,6 @@ class Controls:
             self._on_change('seek', slider, float)
 
     def _button(self, name: str, label: str, colour: Any, value: Callable[[], Value]) -> None:
-        """Create a button that sets a control to a value."""
         control = self._source.controls[name]
         button = self._gui.add_button(
             label, color=colour, disabled=bool(control.refusal),
@@ -140,7 +139,6 @@ class Controls:
             command.on_trigger(partial(use, name))
 
     def _use_remedy(self, event: Any) -> None:
-        """Use the controls that start a motion."""
         idle = self._source.health.idle
         for name, value in () if idle is None else idle.remedy:
             self._use(name, value, event)
@@ -191,7 +189,6 @@ class Controls:
             self._set(self._widgets[name], 'value', self._shown(name, control.value))
 
     def _make(self, name: str, label: str, control: Control) -> Any:
-        """Create the widget for a control."""
         about: Any = {'order': self._orders[name], 'hint': control.refusal or CONTROLS[name][1]}
         if control.refusal:
             return self._gui.add_text(label, '-', disabled=True, **about)
@@ -214,7 +211,6 @@ class Controls:
         return widget
 
     def _shown(self, name: str, value: Any) -> Any:
-        """Return the displayed form of a value."""
         if name == 'accuracy':
             named = [words for words, number in ACCURACIES.items() if number == value]
             return named[0] if named else f'{value:g} m'
@@ -258,7 +254,6 @@ class Controls:
         self.refresh()
 
     def _show_state(self) -> None:
-        """Write the state of the source."""
         health = self._source.health
         self._set(self._remedy, 'visible', health.idle is not None)
         if health.idle is not None:
@@ -326,7 +321,6 @@ def _length(metres: float) -> str:
 
 
 def _round_step(span: float) -> float:
-    """Return a round step of a slider."""
     step = 10.0
     while step > span / SLIDER_POSITIONS:
         step /= 10.0

@@ -82,7 +82,6 @@ def prism(outline: Sequence[Point], low: Array, high: Array) -> Mesh:
 
 
 def _feature(floor: Floor, feature: Feature) -> Mesh:
-    """Return the body of a feature."""
     if not polygons(feature):  # a step or drop: its face
         size = depth(feature)
         faces = []
@@ -90,7 +89,7 @@ def _feature(floor: Floor, feature: Feature) -> Mesh:
             length = math.dist(begin, end) or 1.0
             right = (0.01 * (end[1] - begin[1]) / length, -0.01 * (end[0] - begin[0]) / length)
             low = base_level(floor, (0.5 * (begin[0] + end[0]) + 4.0 * right[0],
-                                0.5 * (begin[1] + end[1]) + 4.0 * right[1]))
+                                     0.5 * (begin[1] + end[1]) + 4.0 * right[1]))
             faces.append(prism([begin, end, (end[0] + right[0], end[1] + right[1]),
                                 (begin[0] + right[0], begin[1] + right[1])],
                                np.full(4, low - SLAB_DEPTH), np.full(4, low + size + PAINT_DEPTH)))
@@ -148,7 +147,6 @@ def _uneven(floor: Floor) -> Mesh:
 
 
 def _label(feature: Feature) -> str:
-    """Return name and height of a feature."""
     words = feature.name or feature.kind.replace('_', ' ')
     if feature.kind == 'friction':
         return f'{words}, friction {feature.friction:g}'

@@ -115,7 +115,6 @@ class FloorSource(Source):
                 self._speedometer.note(self._plant.time, now)
 
     def _advance(self) -> None:
-        """Run a control period."""
         plant, state = self._plant, self._plant.state
         self._controller.give(SetPoint(Mode.SPEED, self._speed, plant.time))
         self._controller.take(JointReadings(

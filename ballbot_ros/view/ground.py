@@ -94,6 +94,5 @@ def _new_step(terrain: Terrain, x: float, height: float) -> Terrain:
 
 
 def _without_doubles(points: Array, surface: Array, edge: Array) -> Terrain:
-    """Return a terrain without repeated vertices."""
     kept = np.append(True, (np.diff(points, axis=0) != 0.0).any(axis=1))
     return Terrain(points[kept], surface[kept[1:]], edge[kept])

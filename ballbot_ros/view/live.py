@@ -149,7 +149,6 @@ class LiveSource(MessageSource):
 
     @property
     def _parameters(self) -> Dict[str, Any]:
-        """Return the parameters of all nodes."""
         return {name: value for described in list(self._described.values())
                 for name, value in described.items() if value}
 

@@ -113,7 +113,6 @@ class Readouts:
             self._last[name] = handle.content = content
 
     def _curve_plot(self) -> Any:
-        """Create the plot of the height curve."""
         from viser import uplot
         series = (
             uplot.Series(label='speed at contact [m/s]'),
@@ -133,7 +132,6 @@ class Readouts:
             legend=uplot.Legend(show=False))
 
     def _plot(self, title: str, series: Sequence[PlottedCurve]) -> Any:
-        """Create one plot."""
         from viser import uplot
         empty, least = np.array([0.0, 1e-3]), RANGE_MIN[title]
         spread = {'min': {'pad': 0.1, 'soft': -least, 'mode': 1},

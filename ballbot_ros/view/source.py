@@ -289,7 +289,6 @@ class Source(ABC):
             raise ConfigurationError(f'{name}: {error}', error.reason, name) from error
 
     def _use(self, name: str, value: Value) -> None:
-        """Use a control with a checked value."""
         getattr(self, f'_set_{name}')(value)
 
 

@@ -288,7 +288,6 @@ class Stage:
             color=rgb(colour), opacity=opacity, flat_shading=flat, side='double')
 
     def _build_robot(self, robot: Robot) -> None:
-        """Create ball, mark and pendulum."""
         if 'place' in self._nodes:
             self._nodes['place'].remove()
             self._nodes['shadow'].remove()
@@ -327,7 +326,6 @@ class Stage:
         self._nodes['ground'] = self._scene.add_frame('/world/ground', show_axes=False)
 
     def _build_floor(self, floor: Floor) -> None:
-        """Create the meshes and labels of a floor."""
         self._floor, self._terrain = floor, None
         self._new_ground()
         for part in floor_parts(floor):

@@ -127,7 +127,6 @@ class RoboClawDevice(Device):
 
     @staticmethod
     def _of_both(value: Callable[[int], float]) -> tuple[int, int]:
-        """Return a value of M1 and M2."""
         return round(value(0)), round(value(1))
 
     def _effective_duty(self, axis: int) -> float:

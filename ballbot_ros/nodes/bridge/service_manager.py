@@ -84,7 +84,6 @@ def _watchdog() -> float:
 
 
 def _status(session: Session, loop: Optional[Loop]) -> str:
-    """Return the state in one line."""
     line, supervisor = session.line, session.supervisor
     if loop is None:
         return ': '.join(filter(None, ('not configured', line.trouble)))

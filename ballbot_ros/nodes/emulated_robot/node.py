@@ -116,7 +116,6 @@ class EmulatedRobot(Node):
         return self._emulator.failure
 
     def _publish(self) -> None:
-        """Publish the sensor measurements."""
         before, state = self._before, self._emulator.state
         if state.time <= before.time:
             return

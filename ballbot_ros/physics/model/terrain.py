@@ -70,7 +70,6 @@ class Terrain:
 
     def __init__(self, vertices: ArrayLike, surface_friction: Optional[ArrayLike] = None,
                  edge_friction: Optional[ArrayLike] = None):
-        """Check and freeze the arrays."""
         points = _frozen('vertices', vertices)
         if points.ndim != 2 or points.shape[1] != 2 or len(points) < 2:
             raise ConfigurationError(

@@ -227,7 +227,6 @@ def read_scene(content: Mapping[str, Any], where: str, name: str) -> Scene:
 
 
 def _read_robot(content: Mapping[str, Any], where: str) -> Robot:
-    """Return the robot of a scene with its changes."""
     if not isinstance(content['robot'], (str, Path, Robot)):
         raise ConfigurationError(
             f'{where}: robot must be the name or the file of a robot, got {content["robot"]!r}',

@@ -127,7 +127,6 @@ class Trajectory:
     scene: Any = None
 
     def __post_init__(self) -> None:
-        """Protect the rows."""
         object.__setattr__(self, 'rows', _read_only(self.rows))
 
     def __repr__(self) -> str:
@@ -230,7 +229,6 @@ class Trajectory:
         return figure
 
     def __len__(self) -> int:
-        """Return the number of samples."""
         return len(self.rows)
 
     def __getitem__(self, column: str) -> Array:
@@ -247,7 +245,6 @@ class Trajectory:
         return iter(UNITS)
 
     def __contains__(self, column: object) -> bool:
-        """Return whether there is a column of that name."""
         return column in UNITS
 
     def keys(self) -> KeysView[str]:

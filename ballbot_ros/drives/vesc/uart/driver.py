@@ -186,7 +186,6 @@ class Vesc(Driver):
             self.counts['unexpected'] += 1
 
     def _check_settings(self, payload: bytes) -> None:
-        """Compare settings; see `_check_setting`."""
         if self._version is None:
             return
         limits = settings.parse_limits(payload, settings.layout_of(self._version)) or {}
