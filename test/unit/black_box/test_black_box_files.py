@@ -344,6 +344,7 @@ def test_the_readable_part_of_a_truncated_file_is_returned(tmp_path):
     assert seen >= {0, 1000, 2000}
 
 
+@pytest.mark.slow
 def test_a_byte_that_is_wrong_costs_one_block_at_most(tmp_path):
     box = BlackBox()
     for number in range(3):

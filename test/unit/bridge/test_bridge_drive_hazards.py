@@ -28,7 +28,8 @@ def age_of_measurements(robot, latency, seconds):
     return largest
 
 
-@pytest.mark.parametrize('protocol', PROTOCOLS)
+@pytest.mark.parametrize('protocol', ['roboclaw', *(
+    pytest.param(name, marks=pytest.mark.slow) for name in PROTOCOLS if name != 'roboclaw')])
 def test_replies_that_are_delayed_more_and_more_end_the_torque(protocol):
     robot = VirtualRobot(protocol).ready()
     robot.run(0.1, torque=0.5)

@@ -203,7 +203,8 @@ def test_an_imu_upside_down_inhibits_the_release_where_the_encoder_has_a_zero(pr
 @pytest.mark.parametrize('torque', [  # below that of a check of the torque
     0.35, pytest.param(0.05, marks=pytest.mark.slow)])
 @pytest.mark.parametrize('fault, turn', [
-    (frozen(False), 4.5), (reversed_encoder(False), 2.3), (upside_down, 2.3)])
+    pytest.param(frozen(False), 4.5, marks=pytest.mark.slow),
+    pytest.param(reversed_encoder(False), 2.3, marks=pytest.mark.slow), (upside_down, 2.3)])
 def test_sensors_that_contradict_each_other_stop_slow_motion_within_a_part_of_a_turn(
         fault, turn, torque):
     robot = VirtualRobot().ready()
@@ -218,6 +219,7 @@ def test_sensors_that_contradict_each_other_stop_slow_motion_within_a_part_of_a_
     assert abs(robot.plant.state.ball_angle - begin) < turn
 
 
+@pytest.mark.slow
 def test_an_imu_upside_down_at_rest_gives_no_torque_before_it_is_found():
     robot = VirtualRobot()
     upside_down(robot)  # a shell at rest may lie on any side: this may be so

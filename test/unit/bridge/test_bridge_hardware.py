@@ -225,6 +225,7 @@ def test_gains_that_diverge_at_the_rate_of_the_loop_are_refused():
     check_feasible(changed(loop_rate=700.0), GIMBALL, PUBLISHED)
 
 
+@pytest.mark.slow
 def test_a_baud_rate_that_is_in_the_way_of_that_rate_is_named():
     with refused('unstable', 'baud', UnstableLoopError):
         check_feasible(changed(baud=115200, loop_rate=80.0), GIMBALL, PUBLISHED)

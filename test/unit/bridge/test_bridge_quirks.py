@@ -31,6 +31,7 @@ def test_a_vesc_that_idled_is_released_whenever_its_thread_looks(idle):
     assert robot.motor > 0.0 and robot.session.control.counts['disarmed_by_drive'] == 0
 
 
+@pytest.mark.slow
 def test_a_vesc_whose_kill_switch_is_pulled_has_no_torque_and_gets_none_by_itself():
     robot = with_quirks('vesc', 'kill_switch').ready()
     robot.run(0.1, torque=0.5)

@@ -39,8 +39,8 @@ def test_the_estimate_follows_the_true_pendulum_through_the_wire():
     assert robot.plant.state.pendulum_angle > 0.3
 
 
-@pytest.mark.parametrize('kind', [
-    pytest.param('odrive 0.5', marks=pytest.mark.slow), 'odrive 0.6'])
+@pytest.mark.slow
+@pytest.mark.parametrize('kind', ['odrive 0.5', 'odrive 0.6'])
 def test_bridge_and_controller_take_the_ball_over_a_step(kind):
     robot = VirtualRobot(kind, terrain=[{'flat': {'length': 1.426}}, {'step': {'height': 0.031}},
                                         {'flat': {'length': 3.0}}]).ready()
@@ -270,7 +270,7 @@ def test_a_stop_is_repeated_until_the_drive_confirms_it():
 
 
 @pytest.mark.parametrize('protocol', PROTOCOLS)
-@pytest.mark.parametrize('rearm', [False, True])
+@pytest.mark.parametrize('rearm', [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_after_unplugging_it_is_back_within_a_second_and_armed_only_by_policy(rearm, protocol):
     robot = VirtualRobot(protocol, rearm=rearm).ready()
     robot.run(0.2, torque=0.5)
@@ -299,7 +299,7 @@ def test_repeated_losses_of_the_line_do_not_count_as_trips_of_the_drive(protocol
 
 
 @pytest.mark.parametrize('protocol', PROTOCOLS)
-@pytest.mark.parametrize('rearm', [False, True])
+@pytest.mark.parametrize('rearm', [pytest.param(False, marks=pytest.mark.slow), True])
 def test_after_a_reboot_of_the_drive_likewise(rearm, protocol):
     robot = VirtualRobot(protocol, rearm=rearm).ready()
     robot.run(0.2, torque=0.5)

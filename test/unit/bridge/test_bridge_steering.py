@@ -25,8 +25,11 @@ TURN = SetPoint(Mode.SPEED, 0.5, yaw_rate=0.25)
 STEERING = {'gear_ratio': 50.0}
 
 
-@pytest.fixture(params=['roboclaw', 'odrive 0.5', *(
-    pytest.param(name, marks=pytest.mark.slow) for name in ('vesc_can', 'odrive_can 0.6'))])
+SLOW = [pytest.param(name, marks=pytest.mark.slow) for name in (
+    'odrive 0.5', 'vesc_can', 'odrive_can 0.6')]
+
+
+@pytest.fixture(params=['roboclaw', *SLOW])
 def robot(request):
     """Return a robot that steers, its e-stop released; an ODrive has a port for each motor."""
     return VirtualRobot(request.param, onboard='gentle', steering=True).ready()
@@ -124,7 +127,7 @@ def test_the_cause_of_one_axis_is_that_of_both_with_the_names_of_its_faults(turn
     assert turning.session.supervisor.e_stop == cause
 
 
-@pytest.mark.parametrize('velocity', [True, False])
+@pytest.mark.parametrize('velocity', [pytest.param(True, marks=pytest.mark.slow), False])
 def test_a_lean_encoder_that_froze_is_found_from_a_low_yaw_rate_on(velocity):
     robot = VirtualRobot('roboclaw', onboard='gentle', steering=True).ready()
     robot.loop(1.5, SetPoint(Mode.SPEED, 0.5))
@@ -144,6 +147,7 @@ def test_late_commands_and_replies_are_no_fault_of_the_lean(seed):
     assert robot.lateral.heading > 0.3
 
 
+@pytest.mark.parametrize('robot', ['roboclaw', 'odrive 0.5', *SLOW[1:]], indirect=True)
 @pytest.mark.parametrize('exit_by', ['deactivate', 'close'])
 def test_each_exit_stops_both_motors_and_both_confirm_it(turning, exit_by):
     getattr(turning.session, exit_by)()

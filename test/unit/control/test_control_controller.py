@@ -102,6 +102,7 @@ def test_integral_does_not_wind_up_behind_the_limit():
     assert controller.torque(at(10.0, joint_rate=6.0)) < 0.0
 
 
+@pytest.mark.slow
 @given(strategies.floats(-3.0, 3.0), strategies.lists(
     strategies.tuples(strategies.floats(0.01, 1.0), strategies.floats(-3.0, 3.0),
                       strategies.sampled_from([-1.5, 0.0, 1.5])),

@@ -116,6 +116,7 @@ def test_a_pendulum_that_is_let_down_has_no_torque_after_a_while():
     assert answer(controller, 2.61) > 0.0 and not controller.let_down
 
 
+@pytest.mark.slow
 def test_a_checked_controller_expects_the_rate_that_its_gains_need():
     controller = checked_controller(GIMBALL, load_tuning('published'), 500.0, 0)
     assert controller.expected.lowest_rate == pytest.approx(275.0, rel=5e-3)

@@ -47,6 +47,7 @@ def lagrange():
     return sympy.lambdify((*names, torque), plain)
 
 
+@pytest.mark.slow
 def test_accelerations_are_those_of_the_lagrangian():
     truth = lagrange()
     random = np.random.default_rng(1)

@@ -318,6 +318,7 @@ def test_refused_loops_diverge_and_accepted_loops_do_not(
     assert calm.max() < 0.05 and calm[-20:].max() < 1e-3
 
 
+@pytest.mark.slow
 def test_torque_limit_turns_divergence_into_rattling():
     angles = roll(PUBLISHED, SetPoint('hold', 0.0), 100.0, 1, seconds=3.0, substeps=50)
     rattle = angles[-100:]

@@ -126,6 +126,7 @@ def test_a_place_behind_is_reached_backwards():
     assert rows[:, 2].min() > -0.25
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('pendulum_mass', [1.25, 2.1])
 def test_robots_at_the_ends_of_their_ranges_keep_to_a_place_too(pendulum_mass):
     for slope in (-2.0, 2.0):

@@ -67,7 +67,8 @@ def test_a_speed_settles_within_5_percent_in_3_s_and_a_stop_stands(slope, tuning
     assert math.degrees(controller.slope) == pytest.approx(slope, abs=0.05)
 
 
-@pytest.mark.parametrize('slope', [-2.0, 0.0, 2.0])
+@pytest.mark.parametrize('slope', [
+    pytest.param(-2.0, marks=pytest.mark.slow), 0.0, pytest.param(2.0, marks=pytest.mark.slow)])
 def test_steps_of_the_set_speed_up_and_down_and_back_do_not_run_over(slope):
     ball, controller = plant(slope), controller_for()
     drive(ball, controller, [(0.0, 2.5)])
@@ -107,6 +108,7 @@ def test_on_a_slope_that_no_lean_holds_it_says_so_and_not_on_one_that_it_holds(c
     assert 'a slope of -6.9 degrees' in caplog.text and 'largest lean holds 5.5' in caplog.text
 
 
+@pytest.mark.slow
 def test_a_ball_held_by_a_wall_leaves_it_immediately_on_request():
     ball = plant(terrain=[{'flat': {'length': 20.3}}, {'step': {'height': 0.3}},
                           {'flat': {'length': 5.0}}])

@@ -159,6 +159,7 @@ def test_between_two_looks_the_pendulum_is_taken_to_have_moved_evenly():
         assert abs(speed_law.estimated_slope(state, LAW)) < 1e-9
 
 
+@pytest.mark.slow
 @given(st.floats(0.05, 0.8), st.floats(-0.03, 0.03))
 def test_on_its_braking_curve_to_a_place_the_ball_follows_the_curve(speed, slope):
     # 70 % of what the lean gives, against or with the slope; the coupling is left out.

@@ -175,6 +175,7 @@ def test_one_state_lost_at_the_start_is_not_a_slow_rate(caplog):
     assert 0.0 not in torques and not caplog.messages and controller.rate is None
 
 
+@pytest.mark.slow
 @given(strategies.lists(strategies.sampled_from([1, 1, 1, 2, 3]), min_size=30, max_size=60))
 def test_torque_depends_on_the_median_rate_of_the_last_states(gaps):
     controller, stamp, was_slow = made(lowest_rate=275.0), 0.0, False

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Messages of several topics are taken in the order of their stamps."""
 from hypothesis import given, strategies as st
+import pytest
 from rclpy.serialization import serialize_message
 
 from ballbot_ros.demo.recorded_graph import LONGEST_DELAY, MessagesInOrder
@@ -22,6 +23,7 @@ def take_all(messages):
     return found
 
 
+@pytest.mark.slow
 @given(st.lists(st.booleans(), max_size=60), st.integers(1, 5))
 def test_the_order_of_arrival_has_no_influence(arrivals, period):
     stamps = {STATES: list(range(0, 200, 10)), DECISIONS: list(range(0, 200, 10 * period))}

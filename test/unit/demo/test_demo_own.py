@@ -57,6 +57,7 @@ def test_a_house_refuses_the_curve_of_another_robot(tmp_path):
         run_house_demo(tmp_path, curve='shellball_free')
 
 
+@pytest.mark.slow
 def test_a_robot_without_a_pendulum_and_gains_that_diverge_are_refused(monkeypatch):
     with refused('inconsistent', 'pendulum_mass'):
         demo_cases(robot='shellball')

@@ -256,10 +256,10 @@ def test_stop_after_an_interrupted_wait_lets_the_step_end(scene):
 
     def interrupt(*_):
         raise Interrupt
-    begun, ended = [], []
+    started, ended = [], []
 
     def tick(now):
-        begun.append(now)
+        started.append(now)
         time.sleep(0.1)
         ended.append(now)
     emulator = made('odrive', scene)
@@ -272,7 +272,7 @@ def test_stop_after_an_interrupted_wait_lets_the_step_end(scene):
                 emulator.wait()
     finally:
         signal.signal(signal.SIGALRM, before)
-    assert begun == ended != []
+    assert started == ended != []
     assert not emulator.terminal.plugged
 
 

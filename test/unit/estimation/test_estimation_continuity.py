@@ -80,6 +80,7 @@ def test_two_turns_of_the_motor_are_noticed_and_the_angle_stays_right(motion, im
     assert max(abs(one - other) for one, other in zip(found, right)) < 0.04
 
 
+@pytest.mark.slow
 @settings(max_examples=200, deadline=None)
 @given(st.floats(-25.0, 25.0), st.floats(0.12, 3.0), st.sampled_from([-1.0, 1.0]))
 def test_more_than_an_eighth_of_a_radian_is_noticed_at_any_rate(rate, jump, way):

@@ -80,6 +80,7 @@ def test_an_estimate_is_a_value_that_later_ones_leave_alone(seed, angle, rate, t
     assert not np.shares_memory(later.mean, mean) and later.mean.shape == (5,)
 
 
+@pytest.mark.slow
 @given(seeds, strategies.lists(strategies.tuples(torques, imus, strategies.floats(-0.3, 0.3)),
                                min_size=1, max_size=30))
 def test_a_covariance_stays_symmetric_and_positive(seed, happenings):

@@ -114,6 +114,7 @@ def test_rolling_without_readings_is_less_certain():
     assert position_variance(False) > 4.0 * position_variance(True)
 
 
+@pytest.mark.slow
 def test_uncertainty_of_a_ball_at_rest_stays_below_a_centimetre_in_a_minute():
     state = follow(lambda now: (0.0, 0.0, 0.0, 9.81), 60.0)
     assert 0.0 < math.sqrt(state.position_variance) < 0.01
@@ -145,6 +146,7 @@ def test_an_estimate_that_is_not_later_changes_nothing():
     assert odometry.advance(state, estimate(0.9, 0.5, 3.0)) is state
 
 
+@pytest.mark.slow
 @given(some.lists(some.tuples(
     some.floats(1e-4, 0.5), some.floats(-3.0, 3.0), some.floats(-30.0, 30.0),
     some.none() | some.tuples(some.floats(-100.0, 100.0), some.floats(-100.0, 100.0))),
@@ -237,6 +239,7 @@ def test_the_true_place_is_within_three_deviations_on_any_ground(case, push):
     assert np.median(position_sd) < (0.15 if case == 'off an edge' else 0.05)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('case', ('crossing', 'spinning at a wall', 'bumps'))
 def test_readings_that_come_late_and_in_heaps_are_each_felt_once(case):
     """A blow in a reading that is the newest for 20 ms is not a push of 20 ms."""

@@ -83,6 +83,7 @@ def test_where_nothing_has_a_time_it_is_that_of_the_wall(recorded):
     assert found[0][0] == '/String' and abs(found[0][1] - time.time_ns()) < 3600 * 10**9
 
 
+@pytest.mark.slow
 def test_a_recorder_with_its_own_thread_misses_nothing_without_an_executor(make_node, tmp_path):
     source, sink = make_node(Node, 'source'), make_node(Node, 'sink')
     publisher = source.create_publisher(JointState, 'states', qos.STATE)

@@ -89,6 +89,7 @@ def test_a_yaw_rate_on_cmd_vel_is_followed(drive, control):
         'carrier_link': 'ball_link', 'pendulum_link': 'carrier_link'})
 
 
+@pytest.mark.slow
 def test_sensors_measure_along_the_heading(drive):
     plant, seen = drive(0.6, 0.0, 0.0, 'onboard')
     # At (6, 6) with heading 90 degrees the step is 1 m to the right, the wall 2.95 m.

@@ -48,6 +48,7 @@ def test_nutation_is_damped(speed):
     assert max(abs(state.tilt_rate) for state in drive(start, speed, 0.0, 4.0)[1000:]) < 0.02
 
 
+@pytest.mark.slow
 def test_vertical_angular_momentum_left_by_an_edge_is_compensated():
     turned = LateralState(yaw_rate=0.1)
     end = drive(turned, 0.4, 0.0, 6.0)[-1]

@@ -39,6 +39,7 @@ def test_a_ball_at_rest_keeps_its_energy_while_the_lean_is_held():
     assert max(swings) - min(swings) > 0.5
 
 
+@pytest.mark.slow
 def test_rolling_friction_takes_energy():
     state = LateralState(lean=0.0, tilt=0.3)
     for _ in range(4000):

@@ -82,6 +82,7 @@ def test_the_same_seed_gives_the_same_rolls_and_another_seed_others():
     assert first != other
 
 
+@pytest.mark.slow
 def test_the_threshold_that_is_found_is_that_of_the_model():
     # ShellBall has no pendulum: only its speed counts.
     rolls = list(run_tests(Ramp(), SHELLBALL, (0.02,), fine_rolls=16))

@@ -25,6 +25,7 @@ def with_limits(**changes):
     return replace(HARDWARE, limits=replace(HARDWARE.limits, **changes))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('policy, damping', [('coast', 0.0), ('brake', 0.3)])
 def test_on_a_slope_the_ball_ends_at_the_speed_where_friction_balances_its_weight(
         policy, damping):

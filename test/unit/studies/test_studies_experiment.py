@@ -111,6 +111,7 @@ def test_a_folder_gives_the_same_numbers_again(tmp_path, monkeypatch, capsys):
     assert sorted(path.name for path in out.rglob('*')) == before
 
 
+@pytest.mark.slow
 def test_a_number_that_differs_is_reported_by_time_and_topic(tmp_path, monkeypatch, capsys):
     pretend(monkeypatch, {'drift': True})
     assert run_experiment(str(write(tmp_path, seeds=[3])), tmp_path / 'out', True, 60.0)

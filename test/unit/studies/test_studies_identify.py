@@ -76,6 +76,7 @@ def test_numbers_that_only_count_together_are_not_determined_alone():
     assert combination[names[0]] == pytest.approx(-combination[names[1]], abs=0.02)
 
 
+@pytest.mark.slow
 def test_a_start_that_is_not_known_can_be_estimated_too():
     tilted = with_values(TRUTH, {'initial.pendulum_angle_deg': 66.0})
     found = identify(TRUTH, recorded(tilted, 5), ['initial.pendulum_angle_deg', 'joint_friction'])
@@ -149,6 +150,7 @@ def test_the_run_of_another_scene_is_refused_loudly(tmp_path, capsys):
     assert report['estimates'][0]['low'] is None and not report['estimates'][0]['determined']
 
 
+@pytest.mark.slow
 def test_correlated_residuals_widen_the_interval_and_are_reported():
     # The recording has a friction law that the model leaves out: a slow wave of 0.02 rad.
     exact, chance = recorded(TRUTH, 2), np.random.default_rng(0)

@@ -89,6 +89,7 @@ def test_steeper_friction_raises_its_heights_and_not_ours():
     assert theirs[1] > theirs[0] + 2e-3
 
 
+@pytest.mark.slow
 @with_mujoco
 def test_its_default_contact_is_a_plastic_impact():
     # Critically damped: nothing bounces, for any material of the shell.

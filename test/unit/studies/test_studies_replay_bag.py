@@ -118,6 +118,7 @@ def test_another_robot_is_reported_by_its_digest_and_by_where_it_departs(tmp_pat
     assert (tmp_path / 'out' / 'replay.png').stat().st_size > 5000
 
 
+@pytest.mark.slow
 def test_parameters_missing_in_a_bag_are_requested(tmp_path, capsys, refuses):
     bag = record(tmp_path / 'bag', metadata={})
     refuses('missing', '--scene', 'replay', bag)
