@@ -302,9 +302,15 @@ def programs(tree):
                 pass  # prose
 
 
+@cache
+def programs_of(folder):
+    """Return the path of each program of a folder by its name."""
+    return {path.stem: path for path in folder.glob('*.py')}
+
+
 def missing_beside(path, tree):
     """List (line, name) of the imports from another program of the folder that find nothing."""
-    beside = {other.stem: other for other in path.parent.glob('*.py')}
+    beside = programs_of(path.parent)
     return [(node.lineno, f'{node.module}.{alias.name}') for node in ast.walk(tree)
             if isinstance(node, ast.ImportFrom) and not node.level and node.module in beside
             for alias in node.names if alias.name not in defined_in(tree_of(beside[node.module]))]
