@@ -114,7 +114,7 @@ def odometry(stamp, x=0.0, speed=0.2):
 
 
 def sight(stamp, **changes):
-    fields = {'detected': True, 'distance': 1.4, 'height': 0.031, 'distance_sd': 0.01,
+    fields = {'detected': True, 'distance': 1.4, 'height': 0.015, 'distance_sd': 0.01,
               'height_sd': 0.001, **changes}
     message = StepObservation(**fields)
     message.header.stamp = to_time(stamp)
@@ -173,7 +173,7 @@ def test_bad_observations_stop_the_robot_with_their_reason(graph, planner, good_
         assert decisions[-1].speed == 0.0 and decisions[-1].explanation
         approve()
     for _ in range(3):  # a step before the known one
-        decision = ask({'distance': 0.7})[0]
+        decision = ask({'distance': 0.7, 'height': 0.031})[0]
     assert decision != StepDecision.DECISION_CROSS and decisions[-1].distance < 0.8
     approve()
     assert ask({}, speed=NAN) == (
