@@ -173,10 +173,12 @@ class StepTracker:
             else:
                 edge.exists.add(True)
         self._average(edge, shown, observation)
+        self.seen_to = math.inf
         if edge.exists.confirmed:
             self._range = max(self._range, observation.distance)
-        # The sensor does not see behind this edge, which the ball may pass before the next one.
-        self.seen_to = shown.position + self._tuning.unseen_room
+            # The sensor does not see behind this edge, which the ball may pass before the next
+            # observation.
+            self.seen_to = shown.position + self._tuning.unseen_room
         return self._accept(shown.position, position, edge)
 
     def _average(self, edge: TrackedEdge, shown: Face, observation: StepObservation) -> None:

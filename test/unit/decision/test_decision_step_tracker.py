@@ -220,6 +220,7 @@ def test_behind_the_edge_that_it_detects_a_step_sensor_sees_only_the_room_that_i
         granted = ProfileTracker(GIMBALL, DecisionTuning(unseen_room=room))
         assert granted.update(seen(0.0, 1.0), 0.2).seen_to == pytest.approx(1.2 + room)
         assert granted.update(nothing(0.1), 1.3).seen_to == math.inf
+        assert granted.update(seen(0.2, 0.4), 1.3).seen_to == math.inf  # one outlier
 
 
 @pytest.mark.parametrize('name, deviation', [
