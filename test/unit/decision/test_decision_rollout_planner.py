@@ -93,7 +93,7 @@ def test_no_plan_lands_on_an_unknown_slope_until_the_motion_has_shown_it():
     assert set(kinds[:75]) == {Kind.STOP} and decision.kind is Kind.CROSS
 
 
-def test_a_step_without_another_way_stays_so_while_its_height_is_estimated_anew():
+def test_a_step_without_another_way_stays_so_while_its_height_is_estimated_again():
     plan, decision, reasons = RolloutPlanner(KNOWLEDGE), None, []
     for number in range(200):
         height = 0.058 if number < 60 or number >= 130 else 0.052
