@@ -5,7 +5,6 @@ from typing import NamedTuple, Optional, Tuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import median_filter
 
 from ballbot_ros.decision.perception.kernels import middle
 from ballbot_ros.decision.tuning import DecisionTuning
@@ -70,9 +69,11 @@ def around(values: Array) -> Array:
 
     An end value has its neighbours twice: a last point beyond a gap is not a neighbourhood.
     """
-    if len(values) < 3:
-        return values
-    found: Array = median_filter(values, 7, mode='mirror' if len(values) > 3 else 'nearest')
+    last, places = len(values) - 1, np.arange(-3, len(values) + 3)
+    padded = values[last - np.abs(last - np.abs(places)) if last > 2 else
+                    np.clip(places, 0, last)]
+    windows = np.lib.stride_tricks.sliding_window_view(padded, 7)
+    found: Array = np.partition(windows, 3, axis=1)[:, 3]
     return found
 
 
