@@ -24,9 +24,9 @@ COUNT = len(VECTORS)
 CELL_SHARE = 0.118
 # Levels of the risk -log(probability) up to its limit.
 LEVELS = 50
-# Most nodes of a search; answers of `expand` without a way.
+# Most nodes of a search; answers of `expand` without a way, and of `_place` without a node.
 MOST_NODES = 1 << 22
-NONE, FULL = -1, -2
+NONE, FULL, EXCLUDED = -1, -2, -3
 
 
 class Primitive(NamedTuple):
@@ -285,14 +285,14 @@ def free_steps(barriers: NDArray[np.bool_], row: float, column: float, up: float
 @compiled
 def _place(tree: SearchTree, newest: NDArray[np.int32], state: int, level: int, backward: bool,
            cost: float, reversal: float) -> int:
-    """Return the node that a way to a state improves, `NONE` for a new one, else `FULL`."""
+    """Return the node that a way to a state improves, `NONE` for a new one, or `EXCLUDED`."""
     found, node = NONE, newest[state]
     while node >= 0:
         same = tree.backward[node] == backward
         if tree.levels[node] <= level and cost >= tree.costs[node] + (0.0 if same else reversal):
-            return FULL
+            return EXCLUDED
         if same and tree.levels[node] == level:
-            found = FULL if tree.closed[node] else node
+            found = EXCLUDED if tree.closed[node] else node
         node = tree.older[node]
     return found
 
@@ -425,7 +425,7 @@ def expand(problem: Problem, tree: SearchTree, newest: NDArray[np.int32]) -> int
                 cost = base + (reversal if side != backward[expanded] else 0.0)
                 # Most moves are excluded before their cells are read.
                 if _place(tree, newest, target, level, side, cost + times[move],
-                          reversal) == FULL:
+                          reversal) == EXCLUDED:
                     continue
                 factor = 0.0
                 for index in range(cells.shape[1]):
@@ -443,7 +443,7 @@ def expand(problem: Problem, tree: SearchTree, newest: NDArray[np.int32]) -> int
             if cost_to_goal == math.inf:
                 continue
             node = _place(tree, newest, target, new_level, side, cost, reversal)
-            if node == FULL:
+            if node == EXCLUDED:
                 continue
             if node == NONE:
                 if count == len(states):

@@ -74,7 +74,6 @@ class Pilot:
         self._tuning = knowledge.tuning
         self.law = SpeedLaw.of(
             knowledge.robot, knowledge.control.position_kd / knowledge.control.position_kp)
-        self._steepest = steepest_slope(knowledge.tuning.largest_lean, self.law[:])
 
     def reset(self) -> None:
         """Discard the state estimates."""
@@ -84,7 +83,8 @@ class Pilot:
         self._stand = math.inf
         self._slope, self._estimated, self._touched = 0.0, math.nan, -math.inf
         # Before the first motion, any slope on which the ball can be held is as probable.
-        self._slope_error = self._steepest / math.sqrt(3.0)
+        self._slope_error = steepest_slope(
+            self._tuning.largest_lean, self.law[:]) / math.sqrt(3.0)
 
     def estimate(self, motion: Motion, touching: bool) -> Motion:
         """

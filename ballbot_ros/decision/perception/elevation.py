@@ -69,6 +69,7 @@ def around(values: Array) -> Array:
 
     An end value has its neighbours twice: a last point beyond a gap is not a neighbourhood.
     """
+    # Reflected at both ends, as by `np.pad`, which takes longer than the median.
     last, places = len(values) - 1, np.arange(-3, len(values) + 3)
     padded = values[last - np.abs(last - np.abs(places)) if last > 2 else
                     np.clip(places, 0, last)]

@@ -302,8 +302,9 @@ class FacePlanner:
         """Decide on the ground ahead of a ball that is clear of the last edge."""
         motion = situation.motion
         faces = faces_ahead(profile, motion.position)
+        committed = past_braking(previous, situation)
         steep = self._lines.steep(situation)
-        if steep is not None and not past_braking(previous, situation) and not (
+        if steep is not None and not committed and not (
                 faces and self._lines.face_is_nearer(faces[0], steep, motion.position)):
             return steep
         if not faces:
@@ -313,9 +314,9 @@ class FacePlanner:
         behind = math.inf if line is None else line.position
         ahead = look_ahead(profile, faces, motion.position, situation.slope,
                            situation.slope_sd, self._robot.ball_radius,
-                           self._tuning.unseen_room, behind, self._selector.has_plan_for(faces[0])
-                           or past_braking(previous, situation))
-        return self._face(ahead, situation, previous)
+                           self._tuning.unseen_room, behind,
+                           committed or self._selector.has_plan_for(faces[0]))
+        return self._face(ahead, situation, committed)
 
     def _alone(self, situation: Situation, previous: Optional[Decision]) -> Decision:
         """Decide without a face ahead: continue up to the stop line."""
@@ -334,9 +335,8 @@ class FacePlanner:
             return stop
         return replace(clear, set_speed=stop.set_speed)
 
-    def _face(self, ahead: Ahead, situation: Situation,
-              previous: Optional[Decision]) -> Decision:
-        """Decide on the faces ahead."""
+    def _face(self, ahead: Ahead, situation: Situation, committed: bool) -> Decision:
+        """Decide on the faces ahead; `committed`: see `past_braking`."""
         motion, face, selector = situation.motion, ahead.faces[0], self._selector
         room = self._braking_room(ahead, motion)
         if not ahead.ends or face.height > self._robot.ball_radius:
@@ -349,7 +349,7 @@ class FacePlanner:
             selector.update(ahead, situation, room)
             choice = selector.choice or Choice(None, Reason.EVALUATING)
             if selector.choice is None and face.height < 0.0 and motion.speed > REST_SPEED_MAX \
-                    and (room < 0.0 or past_braking(previous, situation)):
+                    and (room < 0.0 or committed):
                 # The descent is certain before its plan is evaluated.
                 choice = Choice(Candidate(Strategy.CRUISE, min(
                     motion.speed, self._tuning.cruise_speed)), Reason.COMMITTED)
