@@ -30,8 +30,7 @@ from ballbot_ros.navigation.tracking import EDGE, EDGE_TIME, Path, SETTLING, Tra
 RESTS_AFTER = 0.4
 # A segment is finished this close to its end [m]; the goal is reached within this distance [m].
 CLOSE, TOLERANCE = 0.03, 0.15
-# Deviation from the heading of a path with which it is planned again [rad]: the way out of a place
-# where no state is deviates from it, as the ball does.
+# Deviation from the heading of a path with which it is planned again [rad].
 TURNED = 2.0 * DEVIATION
 # Alignments that are tried before a crossing begins in any case, and distance that the ball backs
 # off for one: the errors decay twice, backward and forward [m].

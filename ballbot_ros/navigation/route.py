@@ -50,10 +50,10 @@ ARC_SPEED, BACKWARD_SPEED, LARGEST_CELL = 0.25, 0.2, 0.12
 REVERSAL, ALIGNMENT = 2.0, 2.0
 # Time that a deviation of the start from its state costs [s/m], [s/rad].
 OFFSET_COST, TURN_COST = 10.0, 4.0
-# Largest angle between the ball, or the way out of a place where no state is, and its state [rad].
+# Largest angle between the ball and its first state [rad].
 DEVIATION = math.radians(23.0)
-# How far the ball backs out of a place where no state is [m], and how much nearer to a wall than
-# its radius the localisation may place it [m].
+# How far the way out of a blocked place may lead [m], and how much nearer to a wall than its
+# radius the localisation may place the ball [m].
 ESCAPE, INACCURATE = 1.0, 0.08
 # Areas that no route enters, and features that no route crosses.
 CLOSED = ('keep_out', 'stairs', 'ramp')
@@ -286,10 +286,10 @@ class RoutePlanner:
         # No motion leaves the grid.
         self._map_clear[[0, -1]] = self._map_clear[:, [0, -1]] = 0.0
 
-    def _far(self, last: int) -> NDArray[np.float64]:
+    def _far(self, last: int, slowness: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the time of a point that turns freely from each cell to one [s]."""
         starts, ends, times, _ = self._arc_arrays
-        return self._pace * distances(last, self._slowness, starts // COUNT, ends // COUNT,
+        return self._pace * distances(last, slowness, starts // COUNT, ends // COUNT,
                                       times / self._pace)[0]
 
     def _around(self, line: Tuple[Point, Point], margin: float
@@ -579,22 +579,23 @@ class RoutePlanner:
         self.check_place(goal, 'goal')
         if explore != self._explores:
             self._offer(explore)
-        states, costs = self._starts(start)
+        states, costs, slowness = self._starts(start)
         last = self._node(goal)
         heading = -1 if len(goal) < 3 else min(range(COUNT), key=lambda item: abs(
             math.remainder(HEADINGS[item] - goal[2], 2.0 * math.pi)))
-        far = self._far(last)
+        far = self._far(last, slowness)
         aligned = np.isin(self._arc_arrays[0], states)
         for item in np.flatnonzero(aligned if len(start) > 2 else []):
             aligned[item] = self.aligned(start, self._offered[item].segment)
-        time, path = self._find(states, costs, last, heading, far, aligned)
+        time, path = self._find(states, costs, last, heading, slowness, far, aligned)
         if not math.isfinite(time):
             # Each crossing that is offered has the required probability.
-            time, path = self._find(states, costs, last, heading, far, aligned, LEVELS**2)
+            time, path = self._find(
+                states, costs, last, heading, slowness, far, aligned, LEVELS**2)
             if not math.isfinite(time):
-                self._refuse(*self._shortest(int(states[np.argmin(costs)]) // COUNT, last),
+                self._refuse(*self._shortest(start, last),
                              math.isfinite(far[states // COUNT].min()))
-            taken = [segment for segment in self._segments(path) if segment.crossing]
+            taken = [item for item in self._segments(path, slowness) if item.crossing]
             raise RefusedError(
                 'no route reaches the required probability of '
                 f'{self._tuning.required_probability:g}: the fastest one crosses '
@@ -602,14 +603,12 @@ class RoutePlanner:
                 + ', with a product of probabilities of '
                 f'{_probability(taken):.2f}',
                 'improbable', 'goal')
-        segments = self._from(start, path[0][0], self._segments(path))
+        segments = self._segments(path, slowness)
         return Route(segments, sum(segment.time for segment in segments), _probability(segments))
 
     def explain(self, route: Route, start: Sequence[float], goal: Sequence[float]) -> str:
         """Return why a route does not go the shortest way, and the run-up of each crossing."""
-        states, costs = self._starts(start)
-        shortest, passed = self._shortest(
-            int(states[np.argmin(costs)]) // COUNT, self._node(goal))
+        shortest, passed = self._shortest(start, self._node(goal))
         taken = [segment for segment in route.segments if segment.crossing]
         numbers = {segment.number for segment in taken}
         why = [self._lack(number, sign) for number, sign in passed if number not in numbers]
@@ -624,11 +623,13 @@ class RoutePlanner:
 
     def warm_up(self) -> None:
         """Compile the search, or load it."""
-        self._find(np.zeros(1, np.int64), np.zeros(1), 0, -1, self._far(0),
+        self._find(np.zeros(1, np.int64), np.zeros(1), 0, -1, self._slowness,
+                   self._far(0, self._slowness),
                    np.zeros(len(self._offered), bool))
 
     def _find(self, states: NDArray[np.int64], costs: NDArray[np.float64], last: int, heading: int,
-              far: NDArray[np.float64], aligned: NDArray[np.bool_], most_level: int = LEVELS
+              slowness: NDArray[np.float64], far: NDArray[np.float64],
+              aligned: NDArray[np.bool_], most_level: int = LEVELS
               ) -> Tuple[float, List[Tuple[int, int]]]:
         """
         Search from states with their costs to a cell.
@@ -637,7 +638,7 @@ class RoutePlanner:
         at the start.
         """
         return self._tree.find(Problem(
-            states, costs, last, heading, self._slowness.ravel(), LONGER * far, self._moves,
+            states, costs, last, heading, slowness.ravel(), LONGER * far, self._moves,
             REVERSAL, *self._arc_arrays, aligned, most_level))
 
     def _refuse(self, shortest: float, passed: List[Tuple[int, int]], point_gets_there: bool
@@ -653,8 +654,9 @@ class RoutePlanner:
             f'{self._tuning.required_probability:g}. On the shortest way, {lacks}',
             'no_route', 'goal')
 
-    def _starts(self, start: Sequence[float]) -> Tuple[NDArray[np.int64], NDArray[np.float64]]:
-        """Return the possible start states of a route, and the cost of reaching them [s]."""
+    def _starts(self, start: Sequence[float]
+                ) -> Tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
+        """Return the possible start states, the cost of reaching them [s], and `_opened`."""
         self._check_walls(start, 'start', self.ball_radius - INACCURATE)
         for feature in self.features:
             on = self.ball_radius if feature.kind in ('drop', 'stairs') else 0.0 \
@@ -667,52 +669,59 @@ class RoutePlanner:
                 raise RefusedError(
                     f'start ({start[0]:g}, {start[1]:g}) m is on the {feature.label}; move the '
                     'ball to a level place', 'feature', 'start')
-        x, y = float(start[0]), float(start[1])
+        slowness, columns = self._opened(start), self._walls.shape[1]
+        row, column = divmod(self._node(start), columns)
+        nodes, deviation = [row * columns + column], DEVIATION
+        if self._blocked.flat[nodes[0]]:
+            # Such a place has no clearance for deviations, nor for a centre nearer to an edge.
+            deviation = OBLIQUE
+            nodes = [node for node in (r * columns + c for r in range(row - 1, row + 2)
+                                       for c in range(column - 1, column + 2))
+                     if slowness.flat[node] < math.inf] or nodes
         states, costs = [], []
-        near = math.hypot(*np.array(self._point(self._node((x, y)))) - (x, y)) + 1e-9
-        escapes = bool(self._blocked.flat[self._node((x, y))])
-        reach = ESCAPE if escapes else near
-        row, column = divmod(self._node((x, y)), self._walls.shape[1])
-        span = math.ceil(reach / self._size)
-        for r in range(max(0, row - span), min(self._walls.shape[0], row + span + 1)):
-            for c in range(max(0, column - span), min(self._walls.shape[1], column + span + 1)):
-                if self._blocked[r, c]:
-                    continue
-                dx, dy = float(self._x[0, c]) - x, float(self._y[r, 0]) - y
-                if math.hypot(dx, dy) > reach or not self._leads((x, y), (x + dx, y + dy)):
-                    continue
-                for heading, angle in enumerate(HEADINGS):
-                    turned = 0.0 if len(start) < 3 else abs(
-                        math.remainder(angle - start[2], 2.0 * math.pi))
-                    # Along the heading the ball gets there, sideways it does not.
-                    aside = abs(-math.sin(angle) * dx + math.cos(angle) * dy)
-                    course = math.asin(min(1.0, aside / (math.hypot(dx, dy) or 1.0)))
-                    if max(turned, course if escapes else 0.0) <= DEVIATION \
-                            and aside <= 1.01 * self._size:
-                        states.append((r * self._walls.shape[1] + c) * COUNT + heading)
-                        costs.append(OFFSET_COST * aside + TURN_COST * turned
-                                     + math.hypot(dx, dy) / BACKWARD_SPEED)
-        if not states:
-            self.check_place(start, 'start')
-            raise RefusedError(f'start ({x:g}, {y:g}) m leaves no room to drive', 'wall', 'start')
-        return np.array(states, np.int64), np.array(costs)
+        for node in nodes:
+            dx, dy = np.array(self._point(node)) - start[:2]
+            for heading, angle in enumerate(HEADINGS):
+                turned = 0.0 if len(start) < 3 else abs(
+                    math.remainder(angle - start[2], 2.0 * math.pi))
+                # Along the heading the ball gets there, sideways it does not.
+                aside = abs(-math.sin(angle) * dx + math.cos(angle) * dy)
+                if turned <= deviation and aside <= 1.01 * self._size:
+                    states.append(node * COUNT + heading)
+                    costs.append(OFFSET_COST * aside + TURN_COST * turned
+                                 + math.hypot(dx, dy) / BACKWARD_SPEED)
+        return np.array(states, np.int64), np.array(costs), slowness
 
-    def _leads(self, one: Point, two: Point) -> bool:
-        """Return whether no edge lies between, and no wall, drop or obstacle comes nearer."""
-        shares = np.arange(0.0, 1.0, self._size / max(math.dist(one, two), self._size))
-        xs, ys = (start + shares * (end - start) for start, end in zip(one, two))
-        clear = self._clear.flat[[self._node(at) for at in zip(xs, ys)]]
-        if clear.min() < min(self.ball_radius, clear[0]):
-            return False
+    def _opened(self, start: Sequence[float]) -> NDArray[np.float64]:
+        """Return the slowness with a way out of a blocked place, which leads away from edges."""
+        if not self._blocked.flat[self._node(start)]:
+            return self._slowness
+        slowness, at = self._slowness.copy(), (float(start[0]), float(start[1]))
+        window, away = self._around((at, at), ESCAPE)
+        x, y, share = self._x[:, window[1]], self._y[window[0]], away / ESCAPE
+
+        def leaves(distance: NDArray[np.float64], first: float, keep: float
+                   ) -> NDArray[np.bool_]:
+            return distance >= np.minimum(keep, first + (keep - first) * share)
+        free = leaves(self._clear[window], min(
+            self.floor.nearest_wall(at)[0] - 0.5 * self.floor.resolution,
+            *(math.dist(at, point) for point in self.learned.obstacles), math.inf),
+            self.ball_radius + CLEARANCE)
         for keep, feature in zip(self._keep, self.features):
-            if feature.kind in ('drop', 'stairs'):
-                away = np.min([distance_to_segment(xs, ys, *segment)
-                               for segment in feature.segments], axis=0)
-                if away.min() < min(keep, away[0]):
-                    return False
-        return not crossed(self.floor, one, two, FACED)
+            for begin, end in feature.segments:
+                distance = distance_to_segment(x, y, begin, end)
+                sides = [(u - begin[0]) * (end[1] - begin[1])
+                         > (v - begin[1]) * (end[0] - begin[0]) for u, v in ((x, y), at)]
+                free &= (distance >= keep) | (sides[0] == sides[1]) & leaves(
+                    distance, float(distance_to_segment(*at, begin, end)), keep)
+            if feature.kind in CLOSED:
+                free &= ~inside(x, y, feature.polygon)
+        free &= share <= 1.0
+        slowness[window] = np.where(free, np.minimum(slowness[window], CLOSE), slowness[window])
+        return slowness
 
-    def _segments(self, path: List[Tuple[int, int]]) -> Tuple[Segment, ...]:
+    def _segments(self, path: List[Tuple[int, int]], slowness: NDArray[np.float64]
+                  ) -> Tuple[Segment, ...]:
         """Return the segments of a path of states."""
         segments: List[Segment] = []
         points: List[Point] = [self._point(path[0][0] // COUNT)]
@@ -739,32 +748,17 @@ class RoutePlanner:
                 points, direction = [at], item.direction
             points += [(at[0] + self._size * x, at[1] + self._size * y)
                        for x, y in item.points.tolist()]
-            time += float(self._moves.times[move] * self._slowness.flat[
+            time += float(self._moves.times[move] * slowness.flat[
                 before // COUNT + self._moves.cells[move]].max())
         end(HEADINGS[path[-1][0] % COUNT])
         return tuple(segments)
 
-    def _from(self, start: Sequence[float], state: int, segments: Tuple[Segment, ...]
-              ) -> Tuple[Segment, ...]:
-        """Return the segments with the way from a start where no state is to the first one."""
-        if not self._blocked.flat[self._node(start)]:
-            return segments
-        here, there = (float(start[0]), float(start[1])), self._point(state // COUNT)
-        heading = HEADINGS[state % COUNT]
-        direction = 1 if (there[0] - here[0]) * math.cos(heading) \
-            + (there[1] - here[1]) * math.sin(heading) > 0.0 else -1
-        time = math.dist(here, there) / BACKWARD_SPEED
-        first = segments[0] if segments else None
-        if first is not None and first.feature is None and first.direction == direction:
-            return (first._replace(points=(here, *first.points), time=time + first.time),
-                    *segments[1:])
-        return Segment((here, there), None, None, time, direction, heading), *segments
-
-    def _shortest(self, first: int, last: int) -> Tuple[float, List[Tuple[int, int]]]:
+    def _shortest(self, start: Sequence[float], last: int) -> Tuple[float, List[Tuple[int, int]]]:
         """Return the shortest path if each step could be crossed, and the crossed features."""
-        none = np.zeros(0, np.int64)
+        none, first = np.zeros(0, np.int64), self._node(start)
+        closed = self._fixed & np.isinf(self._opened(start))
         far, following = distances(
-            last, np.where(self._fixed, np.inf, 1.0), none, none, np.zeros(0))
+            last, np.where(closed, np.inf, 1.0), none, none, np.zeros(0))
         if not math.isfinite(far[first]):
             return math.inf, []
         nodes = [first]

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Routes: their run-ups, their optimality against an exhaustive search, and refusals."""
+from contextlib import suppress
 from dataclasses import replace
 import math
 
@@ -20,7 +21,7 @@ from ballbot_ros.navigation import Capability, RoutePlanner, write_masks
 from ballbot_ros.navigation.capability import RUN_UPS
 from ballbot_ros.navigation.lattice import cells_around, COUNT, LEVELS
 from ballbot_ros.navigation.learned import Learned
-from ballbot_ros.navigation.route import CLEARANCE, REVERSAL
+from ballbot_ros.navigation.route import CLEARANCE, DEVIATION, REVERSAL
 from ballbot_ros.physics import load_robot
 
 TUNING = load_decision_tuning('decision_default')
@@ -264,7 +265,7 @@ def exhaustive(planner, start, goal):
     graph = sparse.csr_matrix(
         (np.concatenate(all_weights), (np.concatenate(all_begins), np.concatenate(all_ends))),
         shape=(2 * states * layers,) * 2)
-    first, costs = planner._starts(start)
+    first, costs, _ = planner._starts(start)
     last = planner._node(goal)
     best = math.inf
     for state, cost in zip(first, costs):
@@ -284,8 +285,9 @@ def test_no_way_over_the_lattice_is_faster_than_the_route(seed, tmp_path, monkey
         for x in (1.6, 3.2)]
     planner = planner_of(tmp_path, features, (5, 3), '[[[1.6, 1.8], [1.6, 3.0]]]')
     start, goal = (0.7, 1.0, 0.3), (4.3, random.uniform(0.8, 2.2))
-    states, costs = planner._starts(start)
-    monkeypatch.setattr(planner, '_starts', lambda _: (states[:1], costs[:1]))
+    states, costs, slowness = planner._starts(start)
+    monkeypatch.setattr(planner, '_starts', lambda _: (
+        states[:1], costs[:1], slowness))
     least = exhaustive(planner, start, goal)
     if not math.isfinite(least):
         with pytest.raises(RefusedError):
@@ -364,7 +366,7 @@ def test_masks_keep_nav2_out_of_steps_and_slow_it_near_stairs(flat, tmp_path):
 def test_a_start_close_to_a_wall_is_not_called_separated_from_the_goal(flat):
     # In a corner, towards one wall and with the back to the other.
     with pytest.raises(RefusedError) as caught:
-        flat.route((3.655, 4.399, -0.68), (1.98, 3.54))
+        flat.route((3.673, 4.423, -0.831), (1.98, 3.54))
     assert caught.value.reason == 'no_route' and 'turn' in str(caught.value)
 
 
@@ -425,10 +427,26 @@ def test_the_way_out_beside_an_obstacle_does_not_come_nearer_to_it(flat, heading
         flat.learn(Learned())
 
 
+def test_the_way_out_of_a_place_near_a_wall_leads_along_the_heading_and_away_from_it(flat):
+    turned = []
+    for heading in np.arange(-math.pi, math.pi, 0.2):
+        for place in ((0.32, 1.4), (0.6, 2.5)):
+            with suppress(RefusedError):
+                first = flat.route((*place, heading), (1.8, 1.0)).segments[0]
+                (x0, y0), (x1, y1) = first.points[:2]
+                course = math.atan2(y1 - y0, x1 - x0) + (math.pi if first.direction < 0 else 0.0)
+                turned.append(abs(math.remainder(course - heading, 2.0 * math.pi)))
+                # Half a cell of the map is its accuracy.
+                assert min(map(flat.clearance, first.points)) \
+                    > min(flat.clearance(place), CLEARANCE) - 0.026
+    assert len(turned) > 30
+    assert max(turned) <= DEVIATION
+
+
 def test_the_way_out_of_a_narrow_place_begins_there_and_passes_no_edge(flat):
     here = (2.45, 3.71, math.radians(-9.6))  # nearer to the wall than a route may lead
     route = flat.route(here, (5.5, 5.5))
-    assert route.segments[0].points[0] == here[:2]
+    assert math.dist(route.segments[0].points[0], here[:2]) < 0.1
     free = [segment.points for segment in route.segments if segment.feature is None]
     for points in free:
         for one, two in zip(points, points[1:]):
