@@ -9,8 +9,6 @@ from pathlib import Path
 import shutil
 import sys
 
-from playwright.sync_api import Error, sync_playwright
-
 ROOT = Path(__file__).resolve().parent.parent
 sys.path[:0] = [str(ROOT), str(ROOT / 'scripts')]
 
@@ -18,9 +16,7 @@ from stages import path_argument  # noqa: E402, I100, I201
 
 from ballbot_ros.cli.simulate import load_machine_code  # noqa: E402
 from ballbot_ros.physics import load_scene  # noqa: E402
-from ballbot_ros.view.page import Page  # noqa: E402
 from ballbot_ros.view.scene_source import SceneSource  # noqa: E402
-from ballbot_ros.view.server import free_port, LOOPBACK, PageServer  # noqa: E402
 
 NAMES = ('chromium', 'chromium-browser', 'google-chrome')
 # WebGL by the processor, where there is no graphics card; root has no sandbox.
@@ -38,6 +34,7 @@ class NoBrowser(RuntimeError):
 @contextmanager
 def browser():
     """Give a Chromium without a window; raise `NoBrowser` where there is none with WebGL."""
+    from playwright.sync_api import Error, sync_playwright
     path = next(filter(None, map(shutil.which, NAMES)), None)
     if path is None:
         raise NoBrowser(f'none of {", ".join(NAMES)} is installed: sudo apt-get install chromium')
@@ -68,6 +65,8 @@ def standing(name):
 @contextmanager
 def served(source):
     """Return the page of a source, without a browser yet."""
+    from ballbot_ros.view.page import Page
+    from ballbot_ros.view.server import free_port, LOOPBACK, PageServer
     page = Page(source, PageServer(LOOPBACK, free_port(LOOPBACK, None)))
     try:
         page.start()

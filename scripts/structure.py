@@ -20,8 +20,6 @@ import sys
 import tokenize
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 ROOT = Path(__file__).resolve().parent.parent
 NAME = 'ballbot_ros'
@@ -164,6 +162,8 @@ def folder_of(module):
 
 def cycles(graph):
     """Return the sorted modules that import each other in a cycle."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
     names = sorted({*graph, *(name for others in graph.values() for name in others)})
     index = {name: number for number, name in enumerate(names)}
     pairs = [(index[name], index[other]) for name, others in graph.items() for other in others]

@@ -9,9 +9,6 @@ import pytest
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT / 'scripts'))
 
-pytest.importorskip('playwright', reason='playwright is not installed')
-pytest.importorskip('viser', reason='viser is not installed')
-
 from draw_page import (  # noqa: E402, I100, I202
     browser, HEIGHT, look, NoBrowser, served, standing, WIDTH)
 
@@ -19,6 +16,8 @@ from draw_page import (  # noqa: E402, I100, I202
 @pytest.fixture(scope='module')
 def chromium():
     """Return a browser without a window."""
+    for name in ('playwright', 'viser'):
+        pytest.importorskip(name, reason=f'{name} is not installed')
     try:
         with browser() as found:
             yield found

@@ -11,7 +11,7 @@ import math
 from typing import Any, Dict, List, Mapping, NamedTuple, Sequence, Tuple
 
 import numpy as np
-from scipy.stats import chi2, t as student
+from scipy.special import chdtrc, stdtrit
 
 from ballbot_ros.physics.model.terrain import Array
 
@@ -88,7 +88,7 @@ def _samples_per_independent(residual: Array) -> float:
     rho = products / products[0]
     lags = np.arange(1, min(LAGS, number // 4) + 1)
     portmanteau = number * (number + 2) * float(np.sum(rho[lags]**2 / (number - lags)))
-    if chi2.sf(portmanteau, len(lags)) > WHITENESS_LEVEL:
+    if chdtrc(len(lags), portmanteau) > WHITENESS_LEVEL:
         return 1.0
     negative = np.flatnonzero(rho <= 0.0)
     until = int(negative[0]) if len(negative) else number
@@ -133,7 +133,7 @@ def judge(names: Sequence[str], units: Sequence[str], starts: Array, scales: Arr
     blurred = {name for combination in vague for name in combination}
     # Shift by the integration error, and the remaining step of the search.
     bias = BIAS_FACTOR * np.abs(inverse @ (np.vstack([error, fit.fun]) / scatter).T).sum(axis=1)
-    margin = (student.ppf(0.5 * (1.0 + CONFIDENCE), free) * deviation + bias) * weights
+    margin = (stdtrit(free, 0.5 * (1.0 + CONFIDENCE)) * deviation + bias) * weights
     trusted = all(item.verdict != 'poor' for _, item in channels.values())
     estimates = []
     for name, unit, start, value, wide in zip(names, units, starts, values, margin):

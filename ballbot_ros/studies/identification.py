@@ -19,7 +19,7 @@ from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Seq
 
 import numpy as np
 from scipy.optimize import least_squares, OptimizeResult
-from scipy.stats import chi2, qmc
+from scipy.special import chdtri
 
 from ballbot_ros.config.fields import suggestion
 from ballbot_ros.errors import BallbotError, ConfigurationError
@@ -177,6 +177,7 @@ class _Search:
 
     def look_around(self) -> None:
         """Begin on either side, too: several valleys may lead down."""
+        from scipy.stats import qmc
         around = (2.0 * qmc.Sobol(len(self.names), seed=0).random(STARTS) - 1.0) * START_RANGE
         for begin in (np.zeros(len(self.names)), *around):
             self.others.append(self.fitted(np.clip(begin, self.low, self.high)))
@@ -261,7 +262,7 @@ class _Search:
             self.starts / self.scales + shift), SAME_SOLUTION))[sure]
         samples = sum(len(values) for _, values in self.recording.channels.values())
         least = min(other.cost for other in self.others)
-        worth = chi2.ppf(CONFIDENCE, len(self.names)) * least / max(
+        worth = chdtri(len(self.names), 1.0 - CONFIDENCE) * least / max(
             samples - len(self.names), 1)
         known, found = [shift], []
         for other in sorted(self.others, key=lambda fit: float(fit.cost)):

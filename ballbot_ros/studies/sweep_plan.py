@@ -13,7 +13,6 @@ from typing import Any, Dict, Mapping, Optional, Tuple
 import warnings
 
 import numpy as np
-from scipy.stats import qmc
 
 from ballbot_ros import __version__
 from ballbot_ros.config.fields import (
@@ -160,6 +159,7 @@ class SweepPlan(Checked):
                 self.grid.values(), places)], axis=1)
         low, high = np.array(list(self.ranges.values()), dtype=float).T
         if self.design == 'sobol':
+            from scipy.stats import qmc
             engine = qmc.Sobol(len(low), seed=self.seed)
             if first > 0:
                 engine.fast_forward(first)

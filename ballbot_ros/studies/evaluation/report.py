@@ -5,7 +5,7 @@ import math
 from typing import Any, Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
-from scipy.stats import beta
+from scipy.special import betaincinv
 
 from ballbot_ros.studies.evaluation.evaluation import Evaluation, Row
 from ballbot_ros.studies.evaluation.outcome import OUTCOMES
@@ -29,8 +29,8 @@ BAD = ('fell', 'hit', 'ran away', 'stuck', 'idle', 'undecided', 'raised')
 def interval(good: int, total: int, level: float = 0.95) -> Tuple[float, float]:
     """Return the interval of Clopper and Pearson for a probability."""
     low, high = 0.5 * (1.0 - level), 0.5 * (1.0 + level)
-    return (float(beta.ppf(low, good, total - good + 1)) if good > 0 else 0.0,
-            float(beta.ppf(high, good + 1, total - good)) if good < total else 1.0)
+    return (float(betaincinv(good, total - good + 1, low)) if good > 0 else 0.0,
+            float(betaincinv(good + 1, total - good, high)) if good < total else 1.0)
 
 
 def success(rows: Sequence[Row], low: float, high: float) -> Dict[str, Any]:

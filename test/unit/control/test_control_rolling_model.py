@@ -6,7 +6,6 @@ from hypothesis import given, strategies
 import numpy as np
 import pytest
 from refusals import refused
-import sympy
 
 from ballbot_ros.control import RollingModel
 from ballbot_ros.control.rolling_model import rolling_linearised
@@ -24,6 +23,7 @@ torques = strategies.floats(-4.0, 4.0)
 
 def lagrange():
     """Return phi'' and theta1'' from positions and energies alone, as a function."""
+    import sympy
     time = sympy.symbols('t')
     phi, theta = sympy.Function('phi')(time), sympy.Function('theta')(time)
     torque = sympy.symbols('tau')

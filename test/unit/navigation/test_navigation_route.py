@@ -8,8 +8,6 @@ from hypothesis import example, given, settings, strategies
 import numpy as np
 from PIL import Image
 import pytest
-from scipy import sparse
-from scipy.sparse import csgraph
 
 from ballbot_ros.crossing.rules import touch_distance
 from ballbot_ros.decision import Knowledge, load_curve, load_decision_tuning
@@ -233,6 +231,8 @@ def test_no_route_comes_near_stairs_or_through_walls(flat, ends):
 
 def exhaustive(planner, start, goal):
     """Return the least time over all states and risk levels, by Dijkstra's algorithm [s]."""
+    from scipy import sparse
+    from scipy.sparse import csgraph
     rows, columns = planner._slowness.shape
     layers = LEVELS + 1
     states = rows * columns * COUNT

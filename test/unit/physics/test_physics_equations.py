@@ -6,7 +6,6 @@ import math
 import numpy as np
 import paper_matrices as matrices
 import pytest
-import sympy
 
 from ballbot_ros.physics import ContactOptions, load_robot, State, Terrain
 from ballbot_ros.physics.mechanics import contact, equations
@@ -16,19 +15,19 @@ from ballbot_ros.physics.model.robot import Parameters, Robot
 from ballbot_ros.physics.model.state import (
     BALL_RATE, MOTOR_WORK, PENDULUM_RATE, SIZE, VELOCITY_X, VELOCITY_Y)
 
-SYMBOLS = sympy.symbols('M1 M2 J1 J2 e c1 c2 g')
-TIME = sympy.symbols('t')
-PHI = sympy.symbols('phi')
 MATRICES = ('A', 'B', 'C', 'D', 'G')
 
 
 @cache
 def lagrange():
-    """Return A, B, C, D and G as eqs. (4) and (5) give them, for alpha = 0."""
-    mass1, mass2, inertia1, inertia2, length, friction1, friction2, gravity = SYMBOLS
-    coordinates = [sympy.Function(name)(TIME) for name in ('th1', 'th2', 'x', 'y')]
+    """Return A, B, C, D and G as eqs. (4) and (5) give them, for alpha = 0, and their symbols."""
+    import sympy
+    symbols = sympy.symbols('phi M1 M2 J1 J2 e c1 c2 g')
+    phi, mass1, mass2, inertia1, inertia2, length, friction1, friction2, gravity = symbols
+    time = sympy.symbols('t')
+    coordinates = [sympy.Function(name)(time) for name in ('th1', 'th2', 'x', 'y')]
     angle = coordinates[0] + coordinates[1]
-    rates = [item.diff(TIME) for item in coordinates]
+    rates = [item.diff(time) for item in coordinates]
     ball, joint, velocity_x, velocity_y = rates
     swing = ball + joint
     kinetic = (inertia1 * ball**2 + mass1 * (velocity_x**2 + velocity_y**2)
@@ -43,11 +42,11 @@ def lagrange():
     plain = sympy.symbols('w1:5')
     rows = []
     for coordinate, rate in zip(coordinates, rates):
-        row = (kinetic.diff(rate).diff(TIME) - (kinetic - potential).diff(coordinate)
+        row = (kinetic.diff(rate).diff(time) - (kinetic - potential).diff(coordinate)
                + dissipation.diff(rate))
-        row = row.subs([(one.diff(TIME, 2), two) for one, two in zip(coordinates, accelerations)])
+        row = row.subs([(one.diff(time, 2), two) for one, two in zip(coordinates, accelerations)])
         row = row.subs(list(zip(rates, plain)))
-        rows.append(sympy.expand(row.subs(coordinates[1], PHI - coordinates[0])))
+        rows.append(sympy.expand(row.subs(coordinates[1], phi - coordinates[0])))
     products = {'A': accelerations, 'B': [item**2 for item in plain],
                 'C': [plain[0] * plain[1], plain[1] * plain[2], plain[2] * plain[3],
                       plain[2] * plain[0]], 'D': plain}
@@ -61,21 +60,25 @@ def lagrange():
                 rest[line] -= matrix[line, column] * item
         found[name] = matrix
     found['G'] = sympy.Matrix([sympy.simplify(item) for item in rest])
-    return found
+    return found, symbols
 
 
 @pytest.mark.slow
 def test_nothing_of_the_lagrangian_is_left_out_of_the_five_matrices():
     # What is called G above is all that the four matrices leave: it must hold no rates.
-    assert lagrange()['G'].free_symbols <= {*SYMBOLS, PHI}
+    found, symbols = lagrange()
+    assert found['G'].free_symbols <= {*symbols}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('name', MATRICES)
 def test_each_element_is_that_of_the_lagrangian(name):
-    numeric = sympy.lambdify((PHI, *SYMBOLS), lagrange()[name])
+    import sympy
+    found, symbols = lagrange()
+    numeric = sympy.lambdify(symbols, found[name])
     random = np.random.default_rng(1)
     for _ in range(20):
-        values = random.uniform(0.1, 2.0, len(SYMBOLS))
+        values = random.uniform(0.1, 2.0, 8)
         bot = Robot(
             'any', *values[[0, 2]], 3.0, *values[[1, 3, 4, 5, 6]], 1e4, 10.0, 0.2, 0.1,
             gravity=values[7])
