@@ -4,12 +4,79 @@ Random stops of the full model against the distance that the safety filter predi
 
 ``python bench/stops.py [COUNT [SEED]]`` prints how many were longer than predicted, and the worst.
 """
+from dataclasses import dataclass
+import math
 import sys
 
 import numpy as np
 
+from ballbot_ros.decision import (
+    Decision, Kind, Knowledge, Motion, Pilot, Plan, Reason, Strategy)
+from ballbot_ros.decision.planning.braking import Braking
+from ballbot_ros.physics.model.terrain import Terrain
+from ballbot_ros.studies.evaluation.approaches import draw_robot
+from ballbot_ros.studies.evaluation.closed_loop import balanced_angle, ClosedLoop, PERIOD
 from ballbot_ros.studies.evaluation.run import NominalModel
-from ballbot_ros.studies.evaluation.stops import random_stop
+
+SLOPE_MAX = math.radians(3.0)  # [rad]
+SPEEDS = (0.05, 1.1)          # before the stop [m/s]
+ROLLING = 0.4                 # time that the ball drives before the stop [s]
+LEAST_SPEED, STOP_TIME_MAX = 0.005, 15.0  # of a ball at rest [m/s], of a stop [s]
+PERIODS = 10                  # control periods between two decisions
+
+
+@dataclass(frozen=True)
+class RandomStop:
+    """
+    A stop as soon as possible, predicted and simulated.
+
+    Attributes
+    ----------
+    speed, slope : float
+        When the stop begins [m/s], [rad].
+    predicted, rolled : float
+        Distance until rest: by the safety filter, and of the full model [m].
+
+    """
+
+    speed: float
+    slope: float
+    predicted: float
+    rolled: float
+
+
+def random_stop(nominal: NominalModel, seed: int, number: int) -> RandomStop:
+    """
+    Return stop `number` of a seed: robot, friction, slope and speed are drawn.
+
+    The pilot of the decision, with the true slope and pendulum angle as its initial state, drives
+    the ball at its speed first, then stops it.
+    """
+    random = np.random.default_rng([seed, number])
+    robot = draw_robot(nominal.robot, random)
+    slope, speed = float(random.uniform(-SLOPE_MAX, SLOPE_MAX)), float(random.uniform(*SPEEDS))
+    length = 50.0
+    terrain = Terrain([(-length, -length * math.tan(slope)), (length, length * math.tan(slope))],
+                      np.array([robot.surface_friction]))
+    loop = ClosedLoop(robot, terrain, nominal.robot, nominal.gains, speed,
+                      balanced_angle(robot, slope))
+    pilot = Pilot(Knowledge(nominal.robot, nominal.curve, nominal.tuning, nominal.gains))
+    going = Decision(Kind.CLEAR, Reason.NOTHING_AHEAD, speed, '')
+    stopping = Decision(Kind.STOP, Reason.TOO_FAST, 0.0, '', plan=Plan(Strategy.STOP))
+    for decision, longest in (going, ROLLING), (stopping, STOP_TIME_MAX):
+        begin, speed = loop.state.x, loop.state.velocity_x
+        farthest = begin
+        for _ in range(round(longest / (PERIODS * PERIOD))):
+            state = loop.state
+            farthest = max(farthest, state.x)
+            if decision is stopping and state.velocity_x < LEAST_SPEED:
+                break
+            motion = Motion(loop.time, state.x, state.velocity_x, state.pendulum_angle,
+                            slope=slope)
+            loop.advance(pilot.angle(decision, motion), PERIODS)
+    braking = Braking(nominal.robot, nominal.tuning, nominal.gains)
+    return RandomStop(speed, slope, braking.distance(speed, slope, emergency=True),
+                      farthest - begin)
 
 
 def main(count=10_000, seed=0):

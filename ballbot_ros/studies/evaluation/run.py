@@ -54,11 +54,6 @@ class NominalModel:
         self.gains: ControlTuning = load_tuning(gains)
         check_decision(self.robot, self.curve, self.tuning)
 
-    @property
-    def driven(self) -> Knowledge:
-        """Return the inputs of a decision without an approach."""
-        return Knowledge(self.robot, self.curve, self.tuning, self.gains)
-
     def knowledge(self, approach: Approach) -> Knowledge:
         """Return the inputs of the decision for an approach."""
         tuning = replace(self.tuning, room_behind=approach.room_behind,
