@@ -127,7 +127,8 @@ def main(argv: Optional[Sequence[str]] = None) -> int:
                 return FAILED
             if UNTIL_CTRL_C.intersection(words[:1]):
                 return DONE
-            print_error('interrupted')
+            known = error.args if isinstance(error, KeyboardInterrupt) else ()
+            print_error('; '.join(('interrupted', *known)))
             return INTERRUPTED
 
 

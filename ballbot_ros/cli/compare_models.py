@@ -5,7 +5,7 @@ import math
 from typing import Any
 
 from ballbot_ros.cli.options import add_number, add_robot, read_robot, refuse_without
-from ballbot_ros.cli.output import print_json
+from ballbot_ros.cli.output import print_json, watched
 from ballbot_ros.cli.verb import DONE
 from ballbot_ros.config.fields import quantity
 
@@ -27,7 +27,6 @@ def run(arguments: argparse.Namespace) -> int:
     refuse_without(arguments, '--actuation held', arguments.actuation == 'held', '--angle-deg')
     angle = arguments.angle_deg or 0.0
     robot = read_robot(arguments)
-    from ballbot_ros.cli.output import watched
     from ballbot_ros.paper.cases import Case, holding, SPEEDS
     from ballbot_ros.paper.comparison import compare, count_heights
     case = holding(robot, math.radians(angle)) if arguments.actuation == 'held' \

@@ -8,8 +8,8 @@ from time import perf_counter
 from typing import Any, Tuple
 
 from ballbot_ros.cli import options
-from ballbot_ros.cli.output import save_figure
-from ballbot_ros.cli.verb import DONE, INTERRUPTED, print_error
+from ballbot_ros.cli.output import resumable, save_figure, watched
+from ballbot_ros.cli.verb import DONE
 from ballbot_ros.config.fields import check_choice, count, quantity
 
 NAME = 'decision_evaluation'  # of report and picture
@@ -57,21 +57,17 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.only is None:
         check_writable(arguments.out / f'{NAME}.md')
     begin = perf_counter()
-    try:
-        with worker_pool(arguments.workers, arguments.dask) as (pool, workers):
-            if arguments.dask is None:
-                # Local workers inherit the kernels that this process has loaded.
-                run_block(evaluation, evaluation.parts[0][0], 'drawn', 0, 1, False)
-            evaluation = with_limits(arguments, evaluation, pool)
-            if arguments.only is not None:
-                print_one(arguments, evaluation)
-                return DONE
-            from ballbot_ros.cli.output import watched
-            with watched(evaluation.size, arguments.quiet, 'evaluating', 'approaches') as progress:
-                rows = run_evaluation(evaluation, arguments.out, pool, workers, progress)
-    except KeyboardInterrupt:
-        print_error(f'interrupted; the same command resumes from {arguments.out}')
-        return INTERRUPTED
+    with resumable(arguments.out), \
+            worker_pool(arguments.workers, arguments.dask) as (pool, workers):
+        if arguments.dask is None:
+            # Local workers inherit the kernels that this process has loaded.
+            run_block(evaluation, evaluation.parts[0][0], 'drawn', 0, 1, False)
+        evaluation = with_limits(arguments, evaluation, pool)
+        if arguments.only is not None:
+            print_one(arguments, evaluation)
+            return DONE
+        with watched(evaluation.size, arguments.quiet, 'evaluating', 'approaches') as progress:
+            rows = run_evaluation(evaluation, arguments.out, pool, workers, progress)
     write(arguments, evaluation, rows, perf_counter() - begin)
     return DONE
 
@@ -81,7 +77,6 @@ def with_limits(arguments: argparse.Namespace, evaluation: Any, pool: Any) -> An
     if not any(group == 'crossable' and count for _, group, count in evaluation.parts) or (
             arguments.only is not None and arguments.crossable != 1):
         return evaluation
-    from ballbot_ros.cli.output import watched
     from ballbot_ros.studies.evaluation.search import limits_of_most
     with watched(1.0, arguments.quiet, 'searching the limits of most robots:', 'in all',
                  keeps=False) as progress:

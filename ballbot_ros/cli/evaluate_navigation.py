@@ -6,7 +6,8 @@ from pathlib import Path
 from time import perf_counter
 
 from ballbot_ros.cli import options
-from ballbot_ros.cli.verb import DONE, INTERRUPTED, print_error
+from ballbot_ros.cli.output import resumable, watched
+from ballbot_ros.cli.verb import DONE
 from ballbot_ros.config.fields import check_choice, count
 
 NAME = 'navigation_evaluation'
@@ -42,17 +43,13 @@ def run(arguments: argparse.Namespace) -> int:
         for place, name in enumerate(names)), arguments.seed)
     check_writable(arguments.out / f'{NAME}.md')
     begin = perf_counter()
-    try:
-        with worker_pool(arguments.workers, arguments.dask) as (pool, workers):
-            if arguments.dask is None:
-                # Local workers inherit the kernels that this process has loaded.
-                run_block(evaluation, 'wall', 0, 1)
-            from ballbot_ros.cli.output import watched
-            with watched(evaluation.size, arguments.quiet, 'driving', 'goals') as progress:
-                rows = run_evaluation(evaluation, arguments.out, pool, workers, progress)
-    except KeyboardInterrupt:
-        print_error(f'interrupted; the same command resumes from {arguments.out}')
-        return INTERRUPTED
+    with resumable(arguments.out), \
+            worker_pool(arguments.workers, arguments.dask) as (pool, workers):
+        if arguments.dask is None:
+            # Local workers inherit the kernels that this process has loaded.
+            run_block(evaluation, 'wall', 0, 1)
+        with watched(evaluation.size, arguments.quiet, 'driving', 'goals') as progress:
+            rows = run_evaluation(evaluation, arguments.out, pool, workers, progress)
     figures = report(rows)
     write_text(json.dumps(figures, indent=1), arguments.out / f'{NAME}.json')
     command = (f'ballbot evaluate-navigation --goals {arguments.goals} --compared '

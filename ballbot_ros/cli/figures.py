@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from ballbot_ros.cli.options import add_format, add_overwrite, add_quiet
-from ballbot_ros.cli.output import figure_files, result_folder, save_figure
+from ballbot_ros.cli.output import figure_files, result_folder, save_figure, watched
 from ballbot_ros.cli.verb import DONE, INTERRUPTED, print_error
 from ballbot_ros.errors import ConfigurationError
 
@@ -26,7 +26,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Draw the figures; each is written as soon as it is complete."""
-    from ballbot_ros.cli.output import watched
     from ballbot_ros.paper.figures import FIGURES
     if arguments.list:
         for name, draw in FIGURES.items():

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from ballbot_ros.cli import options
 from ballbot_ros.cli.options import read_range
-from ballbot_ros.cli.output import check_new_file, YAML
+from ballbot_ros.cli.output import check_new_file, watched, YAML
 from ballbot_ros.cli.verb import DONE
 from ballbot_ros.config.fields import check_value
 from ballbot_ros.errors import ConfigurationError
@@ -37,7 +37,6 @@ def run(arguments: argparse.Namespace) -> int:
     law = options.read_law(arguments)
     check_new_file(arguments.out, arguments.overwrite, endings=YAML)
     robot = options.read_robot(arguments)
-    from ballbot_ros.cli.output import watched
     from ballbot_ros.decision.planning.curve import load_curve
     from ballbot_ros.physics.model.uncertainty import uncertain
     from ballbot_ros.results.files import write_text

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any, Iterator
 
 from ballbot_ros.cli.options import add_overwrite, add_quiet, warn
-from ballbot_ros.cli.output import figure_files, print_json, result_folder, save_figure
+from ballbot_ros.cli.output import figure_files, print_json, result_folder, save_figure, watched
 from ballbot_ros.cli.verb import DONE, FAILED, INTERRUPTED, print_error
 
 
@@ -36,7 +36,6 @@ def run(arguments: argparse.Namespace) -> int:
     """Estimate, write the files and print the table."""
     import json
 
-    from ballbot_ros.cli.output import watched
     from ballbot_ros.figures.residuals import residual_figure
     from ballbot_ros.physics import load_scene
     from ballbot_ros.results.files import read_columns, write_text

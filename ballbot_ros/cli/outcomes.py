@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any, Sequence
 
 from ballbot_ros.cli import options
-from ballbot_ros.cli.output import check_new_file
+from ballbot_ros.cli.output import check_new_file, watched
 from ballbot_ros.cli.verb import DONE
 from ballbot_ros.config.fields import count
 from ballbot_ros.errors import ConfigurationError
@@ -150,7 +150,6 @@ def print_learned(outcomes: Sequence[Any], robot: Any) -> int:
 
 def show_learning(arguments: argparse.Namespace) -> int:
     """Print predicted and observed success rates before and after some attempts."""
-    from ballbot_ros.cli.output import watched
     from ballbot_ros.studies.learning import CASES, study, report_lines
     robot = options.read_robot(arguments)
     with watched(len(CASES) * arguments.robots, arguments.quiet, 'learning',

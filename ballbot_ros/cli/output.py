@@ -133,6 +133,16 @@ def figure_files(names: Iterable[str], kind: str = 'both') -> list[str]:
 
 YAML = ('.yaml', '.yml')
 
+
+@contextmanager
+def resumable(place: Path) -> Iterator[None]:
+    """Let the error of Ctrl-C name the place from which the same command resumes."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt(f'the same command resumes from {place}') from None
+
+
 # Time without a progress bar [s].
 QUIET_TIME = 0.5
 

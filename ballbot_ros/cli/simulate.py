@@ -8,7 +8,7 @@ from time import perf_counter
 from typing import Any, Optional
 
 from ballbot_ros.cli.options import add_format, add_overwrite, add_quiet, refuse_without, warn
-from ballbot_ros.cli.output import check_new_file, print_json, result_folder, save_figure
+from ballbot_ros.cli.output import check_new_file, print_json, result_folder, save_figure, watched
 from ballbot_ros.cli.verb import DONE, FAILED, INTERRUPTED, print_error
 from ballbot_ros.errors import ConfigurationError
 
@@ -72,7 +72,6 @@ def animation_file(text: str) -> Path:
 def run(arguments: argparse.Namespace) -> int:
     """Simulate, write the files and print the summary."""
     scene = read_scene(arguments)
-    from ballbot_ros.cli.output import watched
     from ballbot_ros.errors import SimulationError
     from ballbot_ros.jit import compile_time
     folder = result_folder(arguments.out, DEFAULT_FOLDER / scene.name, ALL_FILES,
@@ -178,7 +177,6 @@ def playback_of(arguments: argparse.Namespace) -> float:
 
 def write_animation(trajectory: Any, path: Path, name: str, arguments: argparse.Namespace) -> bool:
     """Write the animation; return False if Ctrl-C ended it."""
-    from ballbot_ros.cli.output import watched
     from ballbot_ros.figures.run import animate
     duration = float(trajectory['time'][-1])
     try:

@@ -7,8 +7,8 @@ from typing import Tuple
 
 from ballbot_ros.cli import options
 from ballbot_ros.cli.options import METAVAR, read_varied, Values, VALUES_HELP
-from ballbot_ros.cli.output import check_new_file
-from ballbot_ros.cli.verb import DONE, INTERRUPTED, print_error
+from ballbot_ros.cli.output import check_new_file, resumable, watched
+from ballbot_ros.cli.verb import DONE
 from ballbot_ros.errors import ConfigurationError
 
 
@@ -45,7 +45,6 @@ def run(arguments: argparse.Namespace) -> int:
     """Plan and run the sweep, and print a summary."""
     check_new_file(arguments.out, arguments.overwrite, endings=('.parquet',))
     robot = options.read_robot(arguments)
-    from ballbot_ros.cli.output import watched
     from ballbot_ros.physics.model.robot import height_warnings
     from ballbot_ros.studies.parallel_map import worker_pool
     from ballbot_ros.studies.sweep import refuse_foreign, run_sweep
@@ -77,13 +76,10 @@ def run(arguments: argparse.Namespace) -> int:
         options.warn(height_warnings(robot, max(asked['height']), 'to be tried'))
     refuse_foreign(arguments.out)
     begin = perf_counter()
-    try:
-        with worker_pool(arguments.workers, arguments.dask) as (pool, number), \
-                watched(plan.size, arguments.quiet, 'sweeping', 'cases') as progress:
-            found = run_sweep(plan, arguments.out, pool, number, progress)
-    except KeyboardInterrupt:
-        print_error(f'interrupted; the same command resumes from {arguments.out}.blocks')
-        return INTERRUPTED
+    with resumable(Path(f'{arguments.out}.blocks')), \
+            worker_pool(arguments.workers, arguments.dask) as (pool, number), \
+            watched(plan.size, arguments.quiet, 'sweeping', 'cases') as progress:
+        found = run_sweep(plan, arguments.out, pool, number, progress)
     if not arguments.quiet:
         spent = perf_counter() - begin
         new = plan.size - found

@@ -7,7 +7,7 @@ from typing import Any, Iterator
 
 from ballbot_ros.cli.options import (
     add_number, add_overwrite, add_quiet, add_robot, add_seed, read_robot, refuse_without)
-from ballbot_ros.cli.output import figure_files, result_folder, save_figure
+from ballbot_ros.cli.output import figure_files, result_folder, save_figure, watched
 from ballbot_ros.cli.verb import DONE, INTERRUPTED, print_error
 from ballbot_ros.config.fields import count, quantity
 
@@ -39,7 +39,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Roll, write the files and print the thresholds."""
     robot, bench = read_robot(arguments), make_bench(arguments)
-    from ballbot_ros.cli.output import watched
     from ballbot_ros.paper.procedure import HEIGHTS, run_tests
     name = f'bench_{robot.name}{"_driven" if arguments.driven else ""}'
     folder = result_folder(arguments.out, DEFAULT_FOLDER / name, (
