@@ -221,10 +221,9 @@ def _connect(open_it: Callable[[], SerialLine], protocol: str, options: DriveOpt
     return open_driver(protocol, open_it(), options)
 
 
-def connector(hardware: Hardware, capture: str = '', observer: SessionObserver = SessionObserver()
-              ) -> Callable[[], Driver]:
+def connector(hardware: Hardware, capture: str = '') -> Callable[[], Driver]:
     """Return the function of `connectors` for a single axis."""
-    return connectors([hardware], capture, observer)[0]
+    return connectors([hardware], capture)[0]
 
 
 def handshake(connect: Callable[[], Driver], timeout: float

@@ -198,7 +198,6 @@ class Emulator:
         self._calls: SimpleQueue[tuple[Callable[[], None], Event]] = SimpleQueue()
         self.torque = 0.0
         self._running = False
-        self._thread: Optional[Thread] = None
         # Until Python 3.12 a thread whose join() a signal has interrupted passes for ended.
         self._ended = Event()
         self._ended.set()
@@ -233,15 +232,13 @@ class Emulator:
         """Start the thread and return the emulator."""
         self._running = True
         self._ended.clear()
-        self._thread = Thread(target=self._run, name='emulator', daemon=True)
-        self._thread.start()
+        Thread(target=self._run, name='emulator', daemon=True).start()
         return self
 
     def stop(self) -> None:
         """Stop time and unplug; stopping twice is allowed."""
         self._running = False
         self._ended.wait()
-        self._thread = None
         self.terminal.unplug()
 
     def wait(self) -> None:
@@ -251,7 +248,7 @@ class Emulator:
 
     def call(self, function: Callable[[], None]) -> None:
         """Run a function between two steps of the emulator, and wait until it has been."""
-        if self._thread is None:
+        if self._ended.is_set() and self.failure is None:
             function()
             return
         done = Event()

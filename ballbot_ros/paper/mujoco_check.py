@@ -241,11 +241,11 @@ class MujocoRun:
         return False
 
 
-def mujoco_height(case: Case, speed: float, step: float, integrator: str = 'implicitfast',
-                  law: str = 'matched', tolerance: float = 5e-5) -> float:
+def mujoco_height(case: Case, speed: float, step: float, law: str = 'matched',
+                  tolerance: float = 5e-5) -> float:
     """Return the maximum step height of the robot in MuJoCo [m]; see `MujocoRun`."""
     return highest_passed(
-        lambda height: MujocoRun(case, speed, height, step, integrator, law).passes(),
+        lambda height: MujocoRun(case, speed, height, step, 'implicitfast', law).passes(),
         case.robot, speed, tolerance)
 
 

@@ -84,8 +84,6 @@ class FreeBall:
         Of the centre at the start [m].
     set_angle : float or None
         Pendulum angle that law (11) holds, from the start [rad]; None leaves the pendulum free.
-    step : float
-        Time step [s].
 
     Raises
     ------
@@ -95,14 +93,14 @@ class FreeBall:
     """
 
     def __init__(self, robot: Robot, speed: float, heading: float = 0.0, height: float = 0.0,
-                 x: float = -1e3, set_angle: Optional[float] = None, step: float = STEP):
+                 x: float = -1e3, set_angle: Optional[float] = None):
         self.mujoco = mujoco = load_mujoco()
         self.robot, self.height, self.set_angle = robot, height, set_angle
         self.limits = required_steering(robot)
         self.lean_command = 0.0  # [rad]
         self.gains = Actuation()
         self.model: Any = mujoco.MjModel.from_xml_string(_WORLD.format(
-            step=step, gravity=robot.gravity, ball_mass=robot.ball_mass, ball=robot.ball_inertia,
+            step=STEP, gravity=robot.gravity, ball_mass=robot.ball_mass, ball=robot.ball_inertia,
             friction=robot.joint_friction, mass=robot.pendulum_mass,
             inertia=robot.pendulum_inertia, length=robot.pendulum_length))
         self.data: Any = mujoco.MjData(self.model)

@@ -14,10 +14,10 @@ import math
 import struct
 from typing import Callable, Optional
 
-from ballbot_ros.drives.emulated_device import Device, DriveSettings, Quirk, Sensed
+from ballbot_ros.drives.emulated_device import Device, Quirk, Sensed
 from ballbot_ros.drives.roboclaw import codec
 
-AXES = (0, 1)  # M1 and M2
+ADDRESS, AXES = codec.ADDRESSES[0], (0, 1)  # M1 and M2
 PAUSE = 0.010
 VERSION = 'USB Roboclaw 2x30a v4.2.8\n'
 BITS = {name: bit for bit, name in codec.STATUS.items()}
@@ -39,10 +39,6 @@ class RoboClawDevice(Device):
             'no serial timeout: commands 14 and 15 are unknown',
             'RoboClaw Series User Manual of Ion Motion Control, which does not list them'),
     }
-
-    def __init__(self, settings: DriveSettings, address: int = 0x80):
-        super().__init__(settings)
-        self._address = address
 
     def _boot(self) -> None:
         self._buffer = b''
@@ -147,7 +143,7 @@ class RoboClawDevice(Device):
         reply = b''
         while len(self._buffer) >= 2:
             address, number = self._buffer[:2]
-            if address != self._address:
+            if address != ADDRESS:
                 self._buffer = self._buffer[1:]
             elif number in COMMANDS:
                 length = 4 + COMMANDS[number]
@@ -174,7 +170,7 @@ class RoboClawDevice(Device):
         if number == codec.GET_TIMEOUT and self.has('no_timeout'):
             return b''
         if number == codec.GET_VERSION:
-            return codec.answer(self._address, number, text=VERSION)
+            return codec.answer(ADDRESS, number, text=VERSION)
         if number in self._answers:
-            return codec.answer(self._address, number, *self._answers[number]())
+            return codec.answer(ADDRESS, number, *self._answers[number]())
         return b''
