@@ -14,28 +14,15 @@ KEY = 'ballbot_ros'  # of the text, a JSON object
 
 @dataclass(frozen=True)
 class BagMetadata:
-    """
-    The origin of a bag.
+    """The origin of a bag."""
 
-    Attributes
-    ----------
-    source : str
-        `SIMULATOR` or `BRIDGE`; empty if the bag does not contain it.
-    version : str
-        Of this package.
-    parameters : mapping
-        Those of the node that is the source.
-    digests : mapping of str to str
-        See `scene_digests`; empty where no scene is known.
-    decision : mapping
-        Parameters of the node obstacle_decision; empty without one.
-
-    """
-
-    source: str = ''
-    version: str = ''
+    source: str = ''  # `SIMULATOR` or `BRIDGE`; empty if the bag does not contain it
+    version: str = ''  # of this package
+    # Those of the node that is the source.
     parameters: Mapping[str, Any] = field(default_factory=dict)
+    # See `scene_digests`; empty where no scene is known.
     digests: Mapping[str, str] = field(default_factory=dict)
+    # Parameters of the node obstacle_decision; empty without one.
     decision: Mapping[str, Any] = field(default_factory=dict)
 
     @classmethod

@@ -34,35 +34,21 @@ JOINT_VALUES = {
 
 @dataclass(frozen=True, eq=False)
 class RecordedRun:
-    """
-    A run, by stamp [ns].
+    """A run, by stamp [ns]."""
 
-    Attributes
-    ----------
-    joints : mapping of int to list of mappings
-        Angles, rates and torque as on ``joint_states``.  One each stamp; more where the simulation
-        was reset at that time.
-    balls : mapping of int to list of mappings
-        As on ``ball_state``; none of a real robot.
-    odometry : mapping of int to mapping
-    commands : mapping of int to float
-        Torque [N m] that answers the joint state of that stamp.
-    leans : mapping of int to float
-        Set-point of the lean [rad] in the same command; of a robot that turns.
-    set_points : list of SetPoint
-        As sent, `Mode.SPEED` for those of ``cmd_vel``.
-    metadata : mapping of str to str
-        Of the bag.
-
-    """
-
+    # Angles, rates and torque as on ``joint_states``.  One each stamp; more where the simulation
+    # was reset at that time.
     joints: Dict[int, List[Values]] = field(default_factory=dict)
+    # As on ``ball_state``; none of a real robot.
     balls: Dict[int, List[Values]] = field(default_factory=dict)
     odometry: Dict[int, Values] = field(default_factory=dict)
+    # Torque [N m] that answers the joint state of that stamp.
     commands: Dict[int, float] = field(default_factory=dict)
+    # Set-point of the lean [rad] in the same command; of a robot that turns.
     leans: Dict[int, float] = field(default_factory=dict)
+    # As sent, `Mode.SPEED` for those of ``cmd_vel``.
     set_points: List[SetPoint] = field(default_factory=list)
-    metadata: Mapping[str, str] = field(default_factory=dict)
+    metadata: Mapping[str, str] = field(default_factory=dict)  # of the bag
 
     @property
     def stamps(self) -> List[int]:

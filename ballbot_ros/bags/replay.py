@@ -120,40 +120,17 @@ def plant_values(plant: Plant) -> Values:
 
 @dataclass(eq=False)
 class Rerun:
-    """
-    A repeated run.
+    """A repeated run."""
 
-    Attributes
-    ----------
-    what : str
-        Source of the torque.
-    states : int
-        That were compared.
-    identical : int
-        Of these, bit for bit.
-    departure : Departure or None
-        The first one.
-    applied : int
-        Periods for which the source had a torque.
-    filled : int
-        Periods without one, in which the motor torque was used.
-    resets : int
-        Number of resets of the simulation.
-    ended : str
-        Reason for an end before that of the recording; empty without one.
-    recorded, again : mapping of str to mapping of float to float
-        Values by channel and time [s].
-
-    """
-
-    what: str
-    states: int = 0
-    identical: int = 0
-    departure: Optional[Departure] = None
-    applied: int = 0
-    filled: int = 0
-    resets: int = 0
-    ended: str = ''
+    what: str  # source of the torque
+    states: int = 0  # that were compared
+    identical: int = 0  # of these, bit for bit
+    departure: Optional[Departure] = None  # the first one
+    applied: int = 0  # periods for which the source had a torque
+    filled: int = 0  # periods without one, in which the motor torque was used
+    resets: int = 0  # number of resets of the simulation
+    ended: str = ''  # reason for an end before that of the recording; empty without one
+    # Values by channel and time [s].
     recorded: Dict[str, Dict[float, float]] = field(default_factory=dict)
     again: Dict[str, Dict[float, float]] = field(default_factory=dict)
 

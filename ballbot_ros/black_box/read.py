@@ -41,35 +41,16 @@ class RecordedEvent(NamedTuple):
 
 @dataclass(frozen=True)
 class BlackBoxRecording:
-    """
-    The content of a file; times are of the system clock of the robot [s].
+    """The content of a file; times are of the system clock of the robot [s]."""
 
-    Attributes
-    ----------
-    reason : str
-        Of the fault.
-    fault_time : float
-        Time of the detection of the fault [s].
-    about : mapping of str to str
-        Hardware, robot, protocol and more.
-    tables : mapping of str to mapping of str to (n,) array
-        By channel (``period``, ``drive``, ``command``, ``imu``) and column.
-    traffic : list of Record
-        Traffic of the link.
-    events : list of RecordedEvent
-        In order of time.
-    damage : tuple of str
-        Unreadable parts.
-
-    """
-
-    reason: str
-    fault_time: float
-    about: Mapping[str, str]
+    reason: str  # of the fault
+    fault_time: float  # time of the detection of the fault [s]
+    about: Mapping[str, str]  # hardware, robot, protocol and more
+    # By channel (``period``, ``drive``, ``command``, ``imu``) and column.
     tables: Mapping[str, Mapping[str, Array]]
-    traffic: List[Record]
-    events: List[RecordedEvent]
-    damage: Tuple[str, ...] = field(default=())
+    traffic: List[Record]  # traffic of the link
+    events: List[RecordedEvent]  # in order of time
+    damage: Tuple[str, ...] = field(default=())  # unreadable parts
 
     @property
     def span(self) -> Tuple[float, float]:

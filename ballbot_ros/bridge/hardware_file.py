@@ -156,39 +156,24 @@ SECTIONS = {'connection': Connection, 'joint': Joint, 'limits': Limits, 'imu': I
 
 @dataclass(frozen=True)
 class Hardware:
-    """
-    Motor, joint and sensors of one robot.
+    """Motor, joint and sensors of one robot."""
 
-    Attributes
-    ----------
-    name, robot : str
-        Name of the hardware, and of its robot.
-    imu_port : ImuPort
-        Of a sensor on the bridge's own port; without a `port` the bridge uses the topic `imu`.
-    connection, joint, limits, imu, estimate, odometry, battery, thermal
-        See the classes.
-    steering : SteeringAxis or None
-        None for a robot that drives straight.
-    drive : mapping
-        Options of this protocol, see the `Options` of its driver.
-    provenance : mapping of str to Provenance
-        By section and field.
-
-    """
-
-    name: str
+    name: str  # name of the hardware, and of its robot
     robot: str
     connection: Connection
     joint: Joint
     limits: Limits
     imu: ImuMounting = ImuMounting()
+    # Of a sensor on the bridge's own port; without a `port` the bridge uses the topic `imu`.
     imu_port: ImuPort = ImuPort()
     estimate: FilterTuning = FilterTuning()
     odometry: OdometryTuning = OdometryTuning()
     battery: Battery = Battery()
     thermal: Thermal = Thermal()
-    steering: Optional[SteeringAxis] = None
+    steering: Optional[SteeringAxis] = None  # None for a robot that drives straight
+    # Options of this protocol, see the `Options` of its driver.
     drive: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))
+    # By section and field.
     provenance: Mapping[str, Provenance] = field(
         default_factory=lambda: MappingProxyType({}), compare=False, repr=False)
 

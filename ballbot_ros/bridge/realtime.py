@@ -32,23 +32,12 @@ CAP_IPC_LOCK = 14  # <linux/capability.h>
 
 
 class Scheduling(NamedTuple):
-    """
-    Scheduling of the loop by the operating system.
+    """Scheduling of the loop by the operating system."""
 
-    Attributes
-    ----------
-    priority : int
-        Of SCHED_FIFO, 1 to 99; 0 for none, -1 for `DEFAULT_PRIORITY` if the system permits it.
-    cpu : int
-        Processor of the loop; -1 for any.
-    lock_memory : bool
-        Lock all memory of the process, so that it is not swapped out.
-
-    """
-
+    # Of SCHED_FIFO, 1 to 99; 0 for none, -1 for `DEFAULT_PRIORITY` if the system permits it.
     priority: int = 0
-    cpu: int = -1
-    lock_memory: bool = False
+    cpu: int = -1  # processor of the loop; -1 for any
+    lock_memory: bool = False  # lock all memory of the process, so that it is not swapped out
 
     def prepared(self) -> 'Scheduling':
         """

@@ -25,30 +25,15 @@ NOT_FOR_PEOPLE = ('set_angle',)
 
 @dataclass(frozen=True)
 class Section:
-    """
-    A section of a file.
+    """A section of a file."""
 
-    Attributes
-    ----------
-    key : str
-        Of the section; empty for the top of the file.
-    keys : mapping of str to mapping
-        Name -> description of the allowed values, as `config.fields` declares it, with its
-        default (``'default'``) if it has one.
-    doc : str
-        One sentence.
-    given : mapping
-        Values that a template sets; the others are shown as comments.
-    text : str
-        YAML instead, for a section without a table of keys.
-
-    """
-
-    key: str
+    key: str  # of the section; empty for the top of the file
+    # Name -> description of the allowed values, as `config.fields` declares it, with its default
+    # (``'default'``) if it has one.
     keys: Mapping[str, Mapping[str, Any]]
-    doc: str
-    given: Mapping[str, Any]
-    text: str = ''
+    doc: str  # one sentence
+    given: Mapping[str, Any]  # values that a template sets; the others are shown as comments
+    text: str = ''  # YAML instead, for a section without a table of keys
 
 
 def described(cls: Any, but: Sequence[str] = ()) -> dict[str, Mapping[str, Any]]:

@@ -33,22 +33,12 @@ class Expected(str, Enum):
 
 @dataclass
 class Passage:
-    """
-    A face and its events.
+    """A face and its events."""
 
-    Attributes
-    ----------
-    x, height, top : float
-        Position, height (negative for a drop), and level of the ground behind it [m].
-    expected : Expected or None
-        None if either is accepted.
-
-    """
-
-    x: float
+    x: float  # position, height (negative for a drop), and level of the ground behind it [m]
     height: float
     top: float
-    expected: Optional[Expected]
+    expected: Optional[Expected]  # None if either is accepted
     decided: List[int] = field(default_factory=list)
     touched: Optional[float] = None  # when [s]
     touch_speed: float = math.nan

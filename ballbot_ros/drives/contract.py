@@ -80,27 +80,13 @@ class Identity(NamedTuple):
 
 
 class Setting(NamedTuple):
-    """
-    A safety-relevant setting of the drive: actual and required value.
-
-    Attributes
-    ----------
-    name : str
-    value : str
-        As read, with its unit; ``'unknown'`` if the drive does not report it.
-    wanted : str
-        Required value, as text.
-    acceptable : bool
-    remedy : str
-        Remedy if it is not acceptable.
-
-    """
+    """A safety-relevant setting of the drive: actual and required value."""
 
     name: str
-    value: str
-    wanted: str
+    value: str  # as read, with its unit; ``'unknown'`` if the drive does not report it
+    wanted: str  # required value, as text
     acceptable: bool
-    remedy: str = ''
+    remedy: str = ''  # remedy if it is not acceptable
 
 
 def bit_names(bits: int, names: Mapping[int, str]) -> tuple[str, ...]:
@@ -182,21 +168,11 @@ BITS_PER_BYTE = 10
 
 
 class WireBudget(NamedTuple):
-    """
-    Traffic of one control period on the line.
+    """Traffic of one control period on the line."""
 
-    Attributes
-    ----------
-    bytes_out, bytes_in : int
-        To and from the drive, at most.
-    turnaround : float
-        Time from the last byte of a request to the first of its reply [s].
-
-    """
-
-    bytes_out: int
+    bytes_out: int  # to and from the drive, at most
     bytes_in: int
-    turnaround: float = 0.0
+    turnaround: float = 0.0  # time from the last byte of a request to the first of its reply [s]
 
     def duration(self, baud: float) -> float:
         """

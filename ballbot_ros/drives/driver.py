@@ -45,20 +45,12 @@ class PendingRequest(NamedTuple):
 
 
 class Match(NamedTuple):
-    """
-    The request that a reply answers.
+    """The request that a reply answers."""
 
-    Attributes
-    ----------
-    sent : float
-        Earliest time at which it was sent [s]; minus infinity for a reply to no request.
-    measured : float or None
-        The same as the time of the measurement in the reply [s]; None if it is not known, or the
-        reply counts as lost.
-
-    """
-
+    # Earliest time at which it was sent [s]; minus infinity for a reply to no request.
     sent: float = -math.inf
+    # The same as the time of the measurement in the reply [s]; None if it is not known, or the
+    # reply counts as lost.
     measured: Optional[float] = None
 
 

@@ -38,26 +38,12 @@ class Edge(NamedTuple):
 
 @dataclass(frozen=True)
 class Cut:
-    """
-    The ground along a line.
+    """The ground along a line."""
 
-    Attributes
-    ----------
-    vertices : (n, 2) array
-        Distance ahead and height [m].
-    friction : (n - 1,) array
-        Surface friction of each segment, NaN for that of the robot.
-    edges : tuple of Edge
-        All faces but walls, by their distance.
-    walls : (float, float)
-        Distance of the walls behind and ahead, infinite for none [m].
-
-    """
-
-    vertices: Array
-    friction: Array
-    edges: Tuple[Edge, ...]
-    walls: Tuple[float, float]
+    vertices: Array  # (n, 2): distance ahead and height [m]
+    friction: Array  # (n - 1,): surface friction of each segment, NaN for that of the robot
+    edges: Tuple[Edge, ...]  # all faces but walls, by their distance
+    walls: Tuple[float, float]  # distance of the walls behind and ahead, infinite for none [m]
 
     def terrain(self, offset: float = 0.0) -> Terrain:
         """Return the terrain with an x that is `offset` at the place of the cut [m]."""

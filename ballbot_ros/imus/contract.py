@@ -22,17 +22,10 @@ class InertialReading(NamedTuple):
 
 
 class ReadingParser(Protocol):
-    """
-    Finds readings in the data of a sensor.
+    """Finds readings in the data of a sensor."""
 
-    Attributes
-    ----------
-    counts : Counter
-        ``readings``; ``refused`` packets with a wrong checksum, ``skipped`` bytes that belong to
-        no packet, ``unpaired`` forces or turn rates without the other.
-
-    """
-
+    # ``readings``; ``refused`` packets with a wrong checksum, ``skipped`` bytes that belong to no
+    # packet, ``unpaired`` forces or turn rates without the other.
     counts: Counter[str]
 
     def feed(self, data: bytes) -> List[InertialReading]:
@@ -80,16 +73,9 @@ class InertialSensor(ABC):
 
 
 class EmulatedSensor(ABC):
-    """
-    A sensor in software: time in, bytes out.
+    """A sensor in software: time in, bytes out."""
 
-    Attributes
-    ----------
-    turn_rate, force : (float, float, float)
-        Measured values, in the axes of the sensor [rad/s], [m/s2].
-
-    """
-
+    # Measured values, in the axes of the sensor [rad/s], [m/s2].
     turn_rate: Vector = (0.0, 0.0, 0.0)
     force: Vector = (0.0, 0.0, 9.81)
 

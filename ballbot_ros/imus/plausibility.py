@@ -32,17 +32,10 @@ LONGEST_PAUSE = 0.1
 
 
 class ImuPlausibility(NamedTuple):
-    """
-    State of the checks from one reading to the next; `after` gives the next.
+    """State of the checks from one reading to the next; `after` gives the next."""
 
-    Attributes
-    ----------
-    fault : str
-        Reason code of the check that failed last: ``'imu_frozen'``, ``'imu_gravity'`` or
-        ``'imu_turn_rate'``; empty while all hold.
-
-    """
-
+    # Reason code of the check that failed last: ``'imu_frozen'``, ``'imu_gravity'`` or
+    # ``'imu_turn_rate'``; empty while all hold.
     fault: str = ''
     stamp: float = -math.inf
     values: Tuple[float, ...] = ()  # of the last reading

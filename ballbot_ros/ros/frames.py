@@ -30,41 +30,18 @@ AXLE_LINK, CARRIER_LINK = 'axle_link', 'carrier_link'
 
 @dataclass(frozen=True)
 class Frames:
-    """
-    Names of the frames, each with the prefix before it.
+    """Names of the frames, each with the prefix before it."""
 
-    Attributes
-    ----------
-    odom : str
-        Fixed: x forward, y left, z up, with the origin at the start of the robot.
-    footprint : str
-        Level, at the lowest point of the ball.
-    base : str
-        Level, at the centre of the ball; does not roll.
-    ball : str
-        The shell, which rolls; at angle 0 as `base` is.
-    pendulum : str
-        From the centre of the ball; hangs along its -z.
-    axle : str
-        Level but for the tilt of the axle.
-    carrier : str
-        Turns with the pendulum, but does not lean with it.
-    map : str
-        Of the floor; without the prefix.
-    imu : str
-        The sensor: in the shell, its readings already turned to the axes of `ball`.
-
-    """
-
-    odom: str = 'odom'
-    footprint: str = 'base_footprint'
-    base: str = 'base_link'
+    odom: str = 'odom'  # fixed: x forward, y left, z up, with the origin at the start of the robot
+    footprint: str = 'base_footprint'  # level, at the lowest point of the ball
+    base: str = 'base_link'  # level, at the centre of the ball; does not roll
+    # The sensor: in the shell, its readings already turned to the axes of `ball`.
     imu: str = 'imu_link'
-    ball: str = BALL_LINK
-    pendulum: str = PENDULUM_LINK
-    axle: str = AXLE_LINK
-    carrier: str = CARRIER_LINK
-    map: str = 'map'
+    ball: str = BALL_LINK  # the shell, which rolls; at angle 0 as `base` is
+    pendulum: str = PENDULUM_LINK  # from the centre of the ball; hangs along its -z
+    axle: str = AXLE_LINK  # level but for the tilt of the axle
+    carrier: str = CARRIER_LINK  # turns with the pendulum, but does not lean with it
+    map: str = 'map'  # of the floor; without the prefix
 
     @classmethod
     def of(cls, settings: Any, prefixed: bool = True) -> 'Frames':

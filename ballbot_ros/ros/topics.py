@@ -35,26 +35,12 @@ DECISION = Qos(1000, latched=True)
 
 
 class Topic(NamedTuple):
-    """
-    A topic.
-
-    Attributes
-    ----------
-    type : str
-    offered : Qos
-        Of its publishers.
-    requested : Qos
-        Of the subscriptions of the nodes.
-    publishers, subscribers : str
-        Nodes of this package, for the document.
-    meaning : str
-
-    """
+    """A topic."""
 
     type: str
-    offered: Qos
-    requested: Qos
-    publishers: str
+    offered: Qos  # of its publishers
+    requested: Qos  # of the subscriptions of the nodes
+    publishers: str  # nodes of this package, for the document
     subscribers: str
     meaning: str
 

@@ -41,23 +41,11 @@ TESTS, REPEATS = 24, 5  # steps, and attempts at each, for the comparison with p
 
 @dataclass(frozen=True)
 class SuccessRates:
-    """
-    Predicted and observed success rates.
+    """Predicted and observed success rates."""
 
-    Attributes
-    ----------
-    case : str
-        One of `CASES`.
-    observed : (n,) array
-        Part of the attempts that got over, for each step.
-    before, after : (n,) array
-        Predicted probability.
-
-    """
-
-    case: str
-    observed: Array
-    before: Array
+    case: str  # one of `CASES`
+    observed: Array  # (n,): part of the attempts that got over, for each step
+    before: Array  # (n,): predicted probability
     after: Array
 
 

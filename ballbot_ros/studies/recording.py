@@ -27,13 +27,6 @@ class Recording:
     """
     Measurements of a run.
 
-    Attributes
-    ----------
-    channels : mapping of str to (times, values)
-        Times [s] count from the start of the scene.
-    torque : (times, values) or None
-        Of the pendulum motor [N m]; a value was applied up to its time, from that before.
-
     Raises
     ------
     ConfigurationError
@@ -41,7 +34,8 @@ class Recording:
 
     """
 
-    channels: Mapping[str, Tuple[Array, Array]]
+    channels: Mapping[str, Tuple[Array, Array]]  # times [s] count from the start of the scene
+    # Of the pendulum motor [N m]; a value was applied up to its time, from that before.
     torque: Optional[Tuple[Array, Array]] = None
 
     def __post_init__(self) -> None:

@@ -47,17 +47,6 @@ class SweepPlan(Checked):
     """
     A sweep; immutable, and the same plan is the same cases.
 
-    Attributes
-    ----------
-    robot, actuation, site, rules
-        Values of the parameters that do not vary.
-    fixed : mapping of str to float
-        Speed, and height if it is not searched for, unless they vary.
-    grid : mapping of str to tuple of float
-        Values of each number; of ``grid`` only.
-    ranges : mapping of str to (low, high)
-        Of each number; of the other designs.
-
     Raises
     ------
     ConfigurationError
@@ -65,7 +54,7 @@ class SweepPlan(Checked):
 
     """
 
-    robot: Robot
+    robot: Robot  # values of the parameters that do not vary
     actuation: Actuation = Actuation()
     site: Site = Site()
     rules: Rules = Rules()
@@ -75,9 +64,9 @@ class SweepPlan(Checked):
     accuracy: float = quantity(
         'm', 'largest error of a height that is searched for', default=5e-5, minimum=1e-8,
         maximum=1e-2)
-    fixed: Any = ()
-    grid: Any = ()
-    ranges: Any = ()
+    fixed: Any = ()  # speed, and height if it is not searched for, unless they vary
+    grid: Any = ()  # values of each number; of ``grid`` only
+    ranges: Any = ()  # of each number; of the other designs
 
     def __post_init__(self) -> None:
         """Check each value, then that they make cases."""

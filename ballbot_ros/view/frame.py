@@ -34,84 +34,38 @@ class EnergyShares(NamedTuple):
 
 @dataclass(frozen=True)
 class DecisionSign:
-    """
-    The obstacle decision, with the values that it provides.
+    """The obstacle decision, with the values that it provides."""
 
-    Attributes
-    ----------
-    kind, reason : str
-        Values of `decision.Kind` and `decision.Reason`.
-    explanation : str
-        One sentence, may be empty.
-    height : float or None
-        Of the step ahead [m].
-    distance : float or None
-        From the centre of the ball to its face [m].
-    speed : float or None
-        Expected or required touch speed [m/s].
-    margin : float or None
-        Difference between the maximum step height and the height [m]; negative if too high.
-    probability : float or None
-        Success probability.
-
-    """
-
-    kind: str
+    kind: str  # values of `decision.Kind` and `decision.Reason`
     reason: str
-    explanation: str = ''
-    height: Optional[float] = None
-    distance: Optional[float] = None
-    speed: Optional[float] = None
+    explanation: str = ''  # one sentence, may be empty
+    height: Optional[float] = None  # of the step ahead [m]
+    distance: Optional[float] = None  # from the centre of the ball to its face [m]
+    speed: Optional[float] = None  # expected or required touch speed [m/s]
+    # Difference between the maximum step height and the height [m]; negative if too high.
     margin: Optional[float] = None
-    probability: Optional[float] = None
+    probability: Optional[float] = None  # success probability
 
 
 @dataclass(frozen=True)
 class Frame:
-    """
-    The robot at one moment; SI, angles and signs as in docs/model.md.
+    """The robot at one moment; SI, angles and signs as in docs/model.md."""
 
-    Attributes
-    ----------
-    time : float
-        On the clock of the source [s].
-    x, y : float or None
-        Centre of the ball [m].
-    ball_angle, pendulum_angle : float or None
-        theta1, and the absolute angle of the pendulum [rad].
-    velocity_x, velocity_y : float or None
-        Of the centre [m/s].
-    ball_rate, pendulum_rate : float or None
-        Absolute [rad/s].
-    pendulum_torque : float or None
-        Motor torque [N m].
-    contacts : tuple of ContactForce or None
-        Empty in flight, None if unknown.
-    energies : EnergyShares or None
-    decision : DecisionSign or None
-    e_stop : bool or None
-        Whether the e-stop is engaged.
-    place : (float, float, float) or None
-        x, y and heading in the frame of the start; None straight ahead [m], [rad].
-    lean, tilt : float
-        Of the pendulum in the ball and of the axle [rad].
-
-    """
-
-    time: float
-    x: Optional[float] = None
+    time: float  # on the clock of the source [s]
+    x: Optional[float] = None  # centre of the ball [m]
     y: Optional[float] = None
-    ball_angle: Optional[float] = None
+    ball_angle: Optional[float] = None  # theta1, and the absolute angle of the pendulum [rad]
     pendulum_angle: Optional[float] = None
-    velocity_x: Optional[float] = None
+    velocity_x: Optional[float] = None  # of the centre [m/s]
     velocity_y: Optional[float] = None
-    ball_rate: Optional[float] = None
+    ball_rate: Optional[float] = None  # absolute [rad/s]
     pendulum_rate: Optional[float] = None
-    pendulum_torque: Optional[float] = None
-    contacts: Optional[Tuple[ContactForce, ...]] = None
+    pendulum_torque: Optional[float] = None  # motor torque [N m]
+    contacts: Optional[Tuple[ContactForce, ...]] = None  # empty in flight, None if unknown
     energies: Optional[EnergyShares] = None
     decision: Optional[DecisionSign] = None
-    e_stop: Optional[bool] = None
+    e_stop: Optional[bool] = None  # whether the e-stop is engaged
+    # x, y and heading in the frame of the start; None straight ahead [m], [rad].
     place: Optional[Tuple[float, float, float]] = None
-    lean: float = 0.0
+    lean: float = 0.0  # of the pendulum in the ball and of the axle [rad]
     tilt: float = 0.0

@@ -45,29 +45,14 @@ CONTROLS: Mapping[str, Tuple[type, str]] = MappingProxyType({
 
 @dataclass(frozen=True)
 class Control:
-    """
-    A value that can be set, with its range.
+    """A value that can be set, with its range."""
 
-    Attributes
-    ----------
-    value : bool, float, str, (float, float) or None
-        In force; None where there is none or it is unknown.
-    lowest, highest : float or None
-        Range of a number.
-    unit : str
-    choices : tuple of str
-        Of a text.
-    refusal : str
-        Reason against its use at present, and the remedy; empty if it can be used.
-
-    """
-
-    value: Optional[Value] = None
-    lowest: Optional[float] = None
+    value: Optional[Value] = None  # in force; None where there is none or it is unknown
+    lowest: Optional[float] = None  # range of a number
     highest: Optional[float] = None
     unit: str = ''
-    choices: Tuple[str, ...] = ()
-    refusal: str = ''
+    choices: Tuple[str, ...] = ()  # of a text
+    refusal: str = ''  # reason against its use at present, and the remedy; empty if it can be used
 
 
 class Idle(NamedTuple):
@@ -80,31 +65,14 @@ class Idle(NamedTuple):
 
 @dataclass(frozen=True)
 class Health:
-    """
-    State of a source.
+    """State of a source."""
 
-    Attributes
-    ----------
-    running : bool
-        Whether time advances.
-    real_time_factor : float or None
-        Measured simulated seconds per second of wall time.
-    error_estimate : float or None
-        Largest error of position so far [m].
-    failure : str
-        Reason why it cannot continue, one sentence; empty while it can.
-    notes : tuple of str
-        Remarks for the user, a sentence each.
-    idle : Idle or None
-        Reason for rest, and a remedy; None during motion, and if unknown.
-
-    """
-
-    running: bool
-    real_time_factor: Optional[float] = None
-    error_estimate: Optional[float] = None
-    failure: str = ''
-    notes: Tuple[str, ...] = ()
+    running: bool  # whether time advances
+    real_time_factor: Optional[float] = None  # measured simulated seconds per second of wall time
+    error_estimate: Optional[float] = None  # largest error of position so far [m]
+    failure: str = ''  # reason why it cannot continue, one sentence; empty while it can
+    notes: Tuple[str, ...] = ()  # remarks for the user, a sentence each
+    # Reason for rest, and a remedy; None during motion, and if unknown.
     idle: Optional[Idle] = None
 
 

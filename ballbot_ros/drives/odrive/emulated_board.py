@@ -43,38 +43,17 @@ QUIRKS: Mapping[str, Quirk] = MappingProxyType({
 
 @dataclass(frozen=True)
 class BoardFirmware:
-    """
-    One generation of the firmware on a board.
+    """One generation of the firmware on a board."""
 
-    Attributes
-    ----------
-    generation : Generation
-        With the names of its properties.
-    version, board : tuple of int
-    torque_command_sets_mode : bool
-    trips : mapping of str to mapping
-        Cause -> bits of each register.
-    calibrated : mapping of str to tuple
-        Property -> value before and after calibration.
-    calibration_kept : str
-        Property that keeps it over a restart.
-    velocity_limit : float
-        From the factory [turn/s].
-    more : mapping of str to float
-        Further properties as they come from the factory.
-    read_only : tuple of str
-
-    """
-
-    generation: Generation
+    generation: Generation  # with the names of its properties
     version: tuple[int, int, int]
     board: tuple[int, int, int]
     torque_command_sets_mode: bool
-    trips: Mapping[str, Mapping[str, int]]
-    calibrated: Mapping[str, tuple[int, int]]
-    calibration_kept: str
-    velocity_limit: float
-    more: Mapping[str, float]
+    trips: Mapping[str, Mapping[str, int]]  # cause -> bits of each register
+    calibrated: Mapping[str, tuple[int, int]]  # property -> value before and after calibration
+    calibration_kept: str  # property that keeps it over a restart
+    velocity_limit: float  # from the factory [turn/s]
+    more: Mapping[str, float]  # further properties as they come from the factory
     read_only: tuple[str, ...]
 
     @property

@@ -165,54 +165,24 @@ class Rule(NamedTuple):
 
 @dataclass(frozen=True)
 class Generation:
-    """
-    Names of one generation of the firmware, as in the maker's reference.
+    """Names of one generation of the firmware, as in the maker's reference."""
 
-    Attributes
-    ----------
-    version : tuple of int
-        Major and minor.
-    axes : int
-        Motor outputs of a board.
-    one_reply_at_a_time : bool
-        A reply is lost if the one before it is still being sent.
-    axis : Register
-        With the errors that prevent motor power.
-    reason : str
-        Property with the errors that last disabled motor power; empty if there is none.
-    details : tuple of Register
-        That detail an error.
-    no_estimate, watchdog_expired : int
-        Bits of the errors with which position and velocity are not valid, and of the watchdog.
-    current : str
-        Property with the motor current that makes torque.
-    torque_limits : tuple of str
-        Properties whose size bounds the torque.
-    current_limit, torque_constant : str
-        Properties whose product bounds it, too.
-    brake_enabled, brake_resistance : str
-        Properties of the brake resistor.
-    warnings : tuple of str
-        Properties that warn before an error.
-    rules : tuple of Rule
-
-    """
-
-    version: tuple[int, int]
-    axes: int
-    one_reply_at_a_time: bool
-    axis: Register
-    reason: str
-    details: tuple[Register, ...]
+    version: tuple[int, int]  # major and minor
+    axes: int  # motor outputs of a board
+    one_reply_at_a_time: bool  # a reply is lost if the one before it is still being sent
+    axis: Register  # with the errors that prevent motor power
+    reason: str  # property with the errors that last disabled motor power; empty if there is none
+    details: tuple[Register, ...]  # registers that detail an error
+    # Bits of the errors with which position and velocity are not valid, and of the watchdog.
     no_estimate: int
     watchdog_expired: int
-    current: str
-    torque_limits: tuple[str, ...]
-    current_limit: str
+    current: str  # property with the motor current that makes torque
+    torque_limits: tuple[str, ...]  # properties whose size bounds the torque
+    current_limit: str  # properties whose product bounds it, too
     torque_constant: str
-    brake_enabled: str
+    brake_enabled: str  # properties of the brake resistor
     brake_resistance: str
-    warnings: tuple[str, ...]
+    warnings: tuple[str, ...]  # properties that warn before an error
     rules: tuple[Rule, ...]
 
     @property

@@ -28,30 +28,15 @@ CROSSABLE_HEIGHT = (0.008, 0.06)  # [m]
 
 @dataclass(frozen=True)
 class Approach:
-    """
-    One approach, to be run.
-
-    Attributes
-    ----------
-    seed, number : int
-    robot : Robot
-        The true one.
-    ground : Ground
-    sensor : SensorModel
-    speed : float
-        At the start [m/s].
-    room_behind, unseen_room : float
-        Of the decision tuning; the ground has them [m].
-
-    """
+    """One approach, to be run."""
 
     seed: int
     number: int
-    robot: Robot
+    robot: Robot  # the true one
     ground: Ground
     sensor: SensorModel
-    speed: float
-    room_behind: float
+    speed: float  # at the start [m/s]
+    room_behind: float  # of the decision tuning; the ground has them [m]
     unseen_room: float
 
     @property

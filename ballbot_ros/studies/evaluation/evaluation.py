@@ -34,33 +34,20 @@ Row = Dict[str, Any]
 
 @dataclass(frozen=True)
 class Evaluation:
-    """
-    Which approaches to run, with which planners; equal evaluations are equal approaches.
+    """Which approaches to run, with which planners; equal evaluations are equal approaches."""
 
-    Attributes
-    ----------
-    parts : tuple of (str, str, int)
-        Planner, group (``drawn`` or ``crossable``), and number of approaches: the first ones.
-    seed : int
-    kind, sensor : str or None
-        Of all terrains and sensors, if given; see `terrains.KINDS` and `sensors.KINDS`.
-    required_probability : float or None
-        Instead of that of the decision tuning.
-    limits : tuple of (float, float)
-        Run-ups and the steps that most robots cross from there, see `search.limit_of_most`; only
-        needed for the group ``crossable``.
-    searched : int
-        Of the first planner: number of approaches of each group for which a search with the true
-        robot looks for a crossing, and for the true margin of each attempt at a step.
-
-    """
-
+    # Planner, group (``drawn`` or ``crossable``), and number of approaches: the first ones.
     parts: Tuple[Tuple[str, str, int], ...]
     seed: int = 0
+    # Of all terrains and sensors, if given; see `terrains.KINDS` and `sensors.KINDS`.
     kind: Optional[str] = None
     sensor: Optional[str] = None
-    required_probability: Optional[float] = None
+    required_probability: Optional[float] = None  # instead of that of the decision tuning
+    # Run-ups and the steps that most robots cross from there, see `search.limit_of_most`; only
+    # needed for the group ``crossable``.
     limits: Tuple[Tuple[float, float], ...] = ()
+    # Of the first planner: number of approaches of each group for which a search with the true
+    # robot looks for a crossing, and for the true margin of each attempt at a step.
     searched: int = 0
 
     @property

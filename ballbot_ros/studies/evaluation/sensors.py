@@ -26,49 +26,27 @@ ENDLESS = 1e4                 # the first and last segment of a terrain continue
 
 @dataclass(frozen=True)
 class SensorModel:
-    """
-    A sensor with its faults; without arguments, a perfect step sensor.
+    """A sensor with its faults; without arguments, a perfect step sensor."""
 
-    Attributes
-    ----------
-    kind : str
-        ``step`` (the next face only), ``terrain`` (points equally spaced along the ground) or
-        ``camera`` (points on rays at equal angles from an eye).
-    distance_sd, height_sd : float
-        White noise [m]; of a terrain sensor that of the heights, of a camera that along the ray
-        at the ball.
-    distance_bias : float
-        Constant error of all distances [m].
-    reach : float
-        Range from the ball's centre [m].
-    spacing : float
-        Between the points of a terrain sensor [m].
-    eye_height, lowest_ray : float
-        Of a camera: height of the eye above the ball's centre [m], and its steepest ray below the
-        horizon [rad].
-    rays : int
-        Of a camera.
-    outliers : float
-        Probability of a gross error, of a point or of a reported step.
-    reordering : float
-        Largest random additional delay of a message [s]; messages may overtake each other.
-    frozen_from : float
-        From this time on the sensor repeats its last content with advancing stamps [s].
-    faults : SensorFaults
-
-    """
-
+    # ``step`` (the next face only), ``terrain`` (points equally spaced along the ground) or
+    # ``camera`` (points on rays at equal angles from an eye).
     kind: str = 'step'
+    # White noise [m]; of a terrain sensor that of the heights, of a camera that along the ray at
+    # the ball.
     distance_sd: float = 0.0
     height_sd: float = 0.0
-    distance_bias: float = 0.0
-    reach: float = FULL_REACH
-    spacing: float = 0.015
+    distance_bias: float = 0.0  # constant error of all distances [m]
+    reach: float = FULL_REACH  # range from the ball's centre [m]
+    spacing: float = 0.015  # between the points of a terrain sensor [m]
+    # Of a camera: height of the eye above the ball's centre [m], and its steepest ray below the
+    # horizon [rad].
     eye_height: float = 0.0
     lowest_ray: float = math.radians(80.0)
-    rays: int = 256
-    outliers: float = 0.0
+    rays: int = 256  # of a camera
+    outliers: float = 0.0  # probability of a gross error, of a point or of a reported step
+    # Largest random additional delay of a message [s]; messages may overtake each other.
     reordering: float = 0.0
+    # From this time on the sensor repeats its last content with advancing stamps [s].
     frozen_from: float = math.inf
     faults: SensorFaults = SensorFaults()
 

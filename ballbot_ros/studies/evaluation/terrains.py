@@ -27,57 +27,29 @@ FACE_SLOPE, FACE_HEIGHT = math.tan(math.radians(25.0)), 0.005  # [1], [m]
 
 @dataclass(frozen=True)
 class Shape:
-    """
-    An obstacle.
-
-    Attributes
-    ----------
-    description : str
-    strides : list of (float, float)
-        From vertex to vertex, from the foot of the obstacle on [m].
-    goal : float
-        The ball is over when its centre is this far behind the foot [m]; infinite for an obstacle
-        that must not be crossed.
-    sensors : str
-        Sensors that can detect it: ``any``, or ``terrain`` for those that see points.
-    slope : (float, float) or None
-        Range of the slope of the whole terrain [rad], if the kind has its own.
-
-    """
+    """An obstacle."""
 
     description: str
-    strides: Strides
+    strides: Strides  # from vertex to vertex, from the foot of the obstacle on [m]
+    # The ball is over when its centre is this far behind the foot [m]; infinite for an obstacle
+    # that must not be crossed.
     goal: float
+    # Sensors that can detect it: ``any``, or ``terrain`` for those that see points.
     sensors: str = 'any'
+    # Range of the slope of the whole terrain [rad], if the kind has its own.
     slope: Optional[Tuple[float, float]] = None
 
 
 @dataclass(frozen=True)
 class Ground:
-    """
-    An obstacle on a slope, with the floor that leads to it.
-
-    Attributes
-    ----------
-    kind, description : str
-    terrain : Terrain
-        The ball starts at x = 0.
-    foot : float
-        Where the obstacle begins [m].
-    goal : float
-        The ball is over when its centre is beyond this [m].
-    slope : float
-        Of the floor, positive uphill [rad].
-    sensors : str
-
-    """
+    """An obstacle on a slope, with the floor that leads to it."""
 
     kind: str
     description: str
-    terrain: Terrain
-    foot: float
-    goal: float
-    slope: float
+    terrain: Terrain  # the ball starts at x = 0
+    foot: float  # where the obstacle begins [m]
+    goal: float  # the ball is over when its centre is beyond this [m]
+    slope: float  # of the floor, positive uphill [rad]
     sensors: str
 
     @property

@@ -30,21 +30,11 @@ CORRELATION = 20.0  # time constant of the drift of the localisation [s]
 
 @dataclass(frozen=True)
 class Errors:
-    """
-    Errors of sensors and localisation; without arguments, none.
+    """Errors of sensors and localisation; without arguments, none."""
 
-    Attributes
-    ----------
-    place_sd, heading_sd : float
-        Stationary standard deviations of the localisation's drift [m], [rad].
-    height_sd, laser_sd : float
-        White noise of terrain heights and of laser ranges [m].
-
-    """
-
-    place_sd: float = 0.0
+    place_sd: float = 0.0  # stationary standard deviations of the localisation's drift [m], [rad]
     heading_sd: float = 0.0
-    height_sd: float = 0.0
+    height_sd: float = 0.0  # white noise of terrain heights and of laser ranges [m]
     laser_sd: float = 0.0
 
 

@@ -65,18 +65,9 @@ def _capabilities() -> Dict[str, Capability]:
 
 @dataclass(frozen=True)
 class NavigationEvaluation:
-    """
-    Which goals to drive to.
+    """Which goals to drive to."""
 
-    Attributes
-    ----------
-    parts : tuple of (str, int)
-        Planner and number of goals: the first ones.
-    seed : int
-
-    """
-
-    parts: Tuple[Tuple[str, int], ...]
+    parts: Tuple[Tuple[str, int], ...]  # planner and number of goals: the first ones
     seed: int = 0
 
     @property

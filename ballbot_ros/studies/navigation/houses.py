@@ -35,27 +35,14 @@ ROOM = 0.35  # half the side of the free square around start and goal [m]
 
 @dataclass(frozen=True)
 class House:
-    """
-    A house with a robot, a start and a goal.
-
-    Attributes
-    ----------
-    truth, map : Floor
-    robot : Robot
-        The true one.
-    errors : Errors
-        Of sensors and localisation.
-    start : (float, float, float)
-    goal : (float, float)
-
-    """
+    """A house with a robot, a start and a goal."""
 
     seed: int
     number: int
     truth: Floor
     map: Floor
-    robot: Robot
-    errors: Errors
+    robot: Robot  # the true one
+    errors: Errors  # of sensors and localisation
     start: Tuple[float, float, float]
     goal: Point
 
