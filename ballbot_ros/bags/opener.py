@@ -119,7 +119,6 @@ class Rosbag2Bag:
 
     Parameters
     ----------
-    path : Path
     reader : rosbag2_py.SequentialReader
         Open.
 

@@ -60,7 +60,6 @@ def record(observer: Observer, folder: Path, topics: List[str], duration: float,
 
     Parameters
     ----------
-    observer : Observer
     folder : Path
         Of the bag.
     topics : list of str

@@ -62,7 +62,6 @@ def read_run(path: Path, namespace: Optional[str] = None) -> RecordedRun:
 
     Parameters
     ----------
-    path : Path
     namespace : str, optional
         Of the robot; required if the bag has several.
 

@@ -160,7 +160,6 @@ def rerun(plant: Plant, run: RecordedRun, torques: Torques) -> Rerun:
     ----------
     plant : Plant
         Of the simulator, at its start.
-    run : RecordedRun
     torques : Torques
         For an unknown torque, the motor torque in the next joint state is used.
 

@@ -109,8 +109,6 @@ class BagRecorder:
 
         Parameters
         ----------
-        node : Node
-        topic : str
         callback : callable, optional
             Called with the serialized message, too, in the thread that takes it.
         kind : type, optional
@@ -347,7 +345,6 @@ def verdict(bag: Path, recorded: Mapping[str, Sequence[int]], rates: Mapping[str
 
     Parameters
     ----------
-    bag : Path
     recorded : mapping of str to sequence of int
         Stamps by topic [ns]; those of repeated messages count once.
     rates : mapping of str to float

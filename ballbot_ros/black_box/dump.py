@@ -45,7 +45,6 @@ class BlackBoxFiles:
 
     Parameters
     ----------
-    box : BlackBox
     folder : Path
         Created with the first file.
     about : mapping of str to str
@@ -108,12 +107,8 @@ def write_file(folder: Path, box: BlackBox, when: float, reason: str,
 
     Parameters
     ----------
-    folder : Path
-    box : BlackBox
     when : float
         Time of the fault by the clock of the box [s].
-    reason : str
-    about : mapping of str to str
 
     Raises
     ------

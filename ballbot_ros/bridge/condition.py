@@ -93,7 +93,6 @@ class BatteryWatch(NamedTuple):
 
         Parameters
         ----------
-        battery : Battery
         voltage : float, optional
             Of the supply [V]; NaN, or a value not above 0, is not a reading.
         current : float, optional
@@ -222,7 +221,6 @@ def left_by(warmth: float, continuous: float) -> float:
 
     Parameters
     ----------
-    warmth : float
     continuous : float
         Continuous part of the torque, which remains at a warmth of 1.
 
@@ -238,7 +236,6 @@ def derating(thermal: Thermal, temperature: Optional[float], motor_temperature: 
 
     Parameters
     ----------
-    thermal : Thermal
     temperature, motor_temperature : float, optional
         Of the power stage and the motor [degC]; one that is unknown or not finite leaves 1.
     warmth : float
@@ -299,7 +296,6 @@ class ConditionMonitor:
 
         Parameters
         ----------
-        telemetry : Telemetry
         torque : float
             At the pendulum, applied since the last sample [N m].
         now : float

@@ -188,7 +188,6 @@ def connectors(hardware: Sequence[Hardware], capture: str = '',
 
     Parameters
     ----------
-    hardware : sequence of Hardware
     capture : str
         File for a copy of the raw traffic of all connections; empty for none.
     observer : SessionObserver

@@ -51,8 +51,6 @@ def check_feasible(hardware: Hardware, robot: Robot, tuning: ControlTuning,
 
     Parameters
     ----------
-    hardware : Hardware
-    robot : Robot
     tuning : ControlTuning
         Gains of the controller.
     delay : float

@@ -40,7 +40,6 @@ class LeanSensing(AxisSensing[LeanEstimate]):
     ----------
     hardware : Hardware
         Of the lateral axis.
-    robot : Robot
     speed : callable
         Returns the speed of the ball [m/s]; None while unknown.
 
@@ -116,7 +115,6 @@ class LeanLaw:
 
     Parameters
     ----------
-    robot : Robot
     yaw_rate : callable
         Returns the commanded yaw rate [rad/s]; None without a set-point.
     forget : callable

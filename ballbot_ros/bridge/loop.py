@@ -23,7 +23,6 @@ class Loop:
 
     Parameters
     ----------
-    session : Session
     rate : float
         [Hz]
     *publish : callable

@@ -76,7 +76,6 @@ class Power(NamedTuple):
 
         Parameters
         ----------
-        telemetry : Telemetry
         silence : float
             Time since the unanswered request [s].
         status_age : float

@@ -94,7 +94,6 @@ class ImuWatch:
 
         Parameters
         ----------
-        now : float
         pulling : bool
             Whether the motor has torque.
 

@@ -71,8 +71,6 @@ class Session:
 
     Parameters
     ----------
-    hardware : Hardware
-    robot : Robot
     connect : callable
         Opens the link and returns its driver; called again to reconnect.
     clock : callable

@@ -82,7 +82,6 @@ class Supervisor:
 
     Parameters
     ----------
-    limits : Limits
     period : float
         Longest time between two decisions [s]; the timeout includes it.
 

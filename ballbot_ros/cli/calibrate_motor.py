@@ -72,10 +72,8 @@ def write(path: Path, content: Mapping[str, Any], found: Any, base: str) -> None
 
     Parameters
     ----------
-    path : Path
     content : mapping
         Of the uncalibrated hardware file.
-    found : Calibration
     base : str
         Name of that file.
 

@@ -208,7 +208,6 @@ def read_numbers(words: Sequence[str], option: str) -> list[float]:
 
     Parameters
     ----------
-    words : sequence of str
     option : str
         With its dashes; each refusal begins with it.
 

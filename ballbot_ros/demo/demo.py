@@ -154,7 +154,6 @@ def run_demo(out: Path, real_time: bool = False, quiet: bool = False, timeout: f
         Print only the verdict.
     timeout : float
         Longest wall time without a new state [s].
-    cases : sequence of DemoCase
     watched : bool
         Limit lockstep to real time, for viewers.
 
@@ -312,10 +311,8 @@ def conclude(out: Path, title: str, quiet: bool, timeline: Timeline,
     ----------
     out : Path
         Folder for bag, picture and logs.
-    title : str
     quiet : bool
         Print only the verdict.
-    timeline : Timeline
     play : callable
         Runs the nodes, and returns the errors of the run.
     verdict_on : callable
@@ -382,8 +379,6 @@ class RecordedSimulation:
 
     Parameters
     ----------
-    node : Node
-    bag : BagRecorder
     topics : iterable of str
         Topics to be recorded.
     free_running : bool

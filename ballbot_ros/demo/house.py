@@ -139,8 +139,6 @@ class HouseTimeline(Timeline):
 
     Parameters
     ----------
-    floor : Floor
-    robot : Robot
     start : (float, float, float)
         Pose of the frame odom on the map [m], [rad].
     report : callable
@@ -198,12 +196,8 @@ class TourGuide:
 
     Parameters
     ----------
-    graph : RecordedGraph
-    timeline : HouseTimeline
-    tour : sequence of Visit
     arrived : list of Visit
         Those that were reached are appended.
-    simulation : RecordedSimulation
 
     """
 

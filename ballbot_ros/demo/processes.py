@@ -117,7 +117,6 @@ class NodeProcesses:
 
         Parameters
         ----------
-        name : str
         parameters : mapping, optional
         arguments : sequence of str
             More of the command line, ``('--ros-args', '-r', '__ns:=/left')`` for instance.

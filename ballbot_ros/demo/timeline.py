@@ -62,7 +62,6 @@ class Timeline:
     ----------
     passages : list of Passage
         The faces of the scene, from left to right; faces to be crossed come first.
-    robot : Robot
     report : callable
         Called with time [s], a mark and a sentence.
 

@@ -129,7 +129,6 @@ def open_line(protocol: str, port: str, baud: int,
 
     Parameters
     ----------
-    protocol : str
     port : str
         See transport.py for a serial line, can_transport.py for a CAN bus.
     baud : int

@@ -41,7 +41,6 @@ def settings_for(robot: Robot, **changes: Any) -> DriveSettings:
 
     Parameters
     ----------
-    robot : Robot
     **changes
         Other values of `DriveSettings`.
 
@@ -60,7 +59,6 @@ class Ball:
 
     Parameters
     ----------
-    scene : Scene
     settings : DriveSettings
         For the resolution of the encoder.
     period : float

@@ -197,7 +197,6 @@ class Channel:
 
     Parameters
     ----------
-    emulator : Emulator
     path : Path
         Of the socket.
 

@@ -43,7 +43,6 @@ class BusOfTwo(Device):
 
     Parameters
     ----------
-    device : type of Device
     settings : DriveSettings
         Of the first; those of the second differ in `axis`.
 

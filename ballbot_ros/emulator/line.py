@@ -51,7 +51,6 @@ class Direction:
     ----------
     baud : float
         [bit/s]
-    rng : Random
 
     """
 

@@ -50,7 +50,6 @@ def run_lockstep(folder: Path, nodes: Mapping[str, Mapping[str, Any]], periods: 
         For the folders ``bag`` and ``logs``.
     nodes : mapping of str to mapping
         Parameters by node; the simulator is among them, in lockstep and paused.
-    periods : int
     metadata : mapping of str to str
         For the bag.
     timeout : float

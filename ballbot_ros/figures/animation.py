@@ -70,7 +70,6 @@ def mean_forces(run: Trajectory, frames: NDArray[np.int64]) -> list[tuple[ForceA
 
     Parameters
     ----------
-    run : Trajectory
     frames : (n,) array of int
         Numbers of samples, ascending.
 
@@ -183,7 +182,6 @@ def animate(trajectory: Trajectory, path: PathLike, title: str = '', playback: f
 
     Parameters
     ----------
-    trajectory : Trajectory
     path : str or Path
         Ends in .gif or .mp4.
     title : str

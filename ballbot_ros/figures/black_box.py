@@ -25,7 +25,6 @@ def around_fault(recording: BlackBoxRecording, before: float = 5.0) -> Figure:
 
     Parameters
     ----------
-    recording : BlackBoxRecording
     before : float
         Duration shown before the fault [s].
 
@@ -36,7 +35,7 @@ def around_fault(recording: BlackBoxRecording, before: float = 5.0) -> Figure:
                      if begin <= event.time <= end])
     below = LINE * (len(events) + 1)
     with panel_figure(_panels(recording, begin), recording.tables['period']['time'], 9.6,
-                 'from the fault on [s]', below) as (figure, drawn):
+                      'from the fault on [s]', below) as (figure, drawn):
         _, total = figure.get_size_inches()
         for number, axes in enumerate(drawn):
             _mark(axes, events, fault, labelled=number == 0)

@@ -49,7 +49,6 @@ def draw_ball(axes: Any, robot: Robot, x: float, y: float, ball_angle: float,
     ----------
     axes : matplotlib axes
         In metres, true to scale.
-    robot : Robot
     x, y : float
         Centre [m].
     ball_angle, pendulum_angle : float

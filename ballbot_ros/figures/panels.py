@@ -85,7 +85,6 @@ def panel_figure(panels: Sequence[Panel], times: Array, width: float, label: str
 
     Parameters
     ----------
-    panels : sequence of Panel
     times : array
         Of series without times of their own.
     width : float

@@ -26,7 +26,6 @@ def residual_figure(series: Mapping[str, Tuple[Array, Array]], channels: Mapping
         By channel.
     channels : mapping of str to ChannelFit
         Residual RMS and verdict; a bad fit is said, and drawn in another colour.
-    title : str
     command : str
         That makes the figure, for its caption.
 

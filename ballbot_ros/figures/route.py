@@ -23,7 +23,6 @@ def route_figure(floor: Floor, route: Optional[Route] = None, radius: float = 0.
 
     Parameters
     ----------
-    floor : Floor
     route : Route, optional
     radius : float
         Of the ball [m]; it is drawn at start, goal, and where each crossing begins.
@@ -44,8 +43,6 @@ def driven_figure(floor: Floor, title: str, plans: Sequence[Points], driven: Poi
 
     Parameters
     ----------
-    floor : Floor
-    title : str
     plans : sequence of sequence of points
         [m]
     driven, goals : sequence of points

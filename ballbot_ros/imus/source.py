@@ -161,10 +161,8 @@ class ImuSource:
 
     Parameters
     ----------
-    sensor : InertialSensor
     connect : callable
         Opens the port at a baud rate: that of the sensor, or of the factory until it is changed.
-    axes : Axes
     latency : float
         From the measurement to the first byte of its reading, mostly that of its filters [s].
 

@@ -89,7 +89,6 @@ def write_model(robot: Robot, height: float, step: float, integrator: str,
 
     Parameters
     ----------
-    robot : Robot
     height : float
         Of the step, whose face is at x = 0 [m].
     step : float

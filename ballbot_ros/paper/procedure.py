@@ -37,8 +37,6 @@ def run_tests(bench: Bench, robot: Robot, heights: Sequence[float] = HEIGHTS, se
 
     Parameters
     ----------
-    bench : Bench
-    robot : Robot
     heights : sequence of float
         Of the step, rising [m].
     seed : int

@@ -44,7 +44,6 @@ def crosses_rigidly(robot: Robot, speed: float, height: float,
 
     Parameters
     ----------
-    robot : Robot
     speed : float
         Collision speed [m/s].
     height : float

@@ -105,7 +105,6 @@ class Bench(Checked):
 
         Parameters
         ----------
-        robot : Robot
         height : float
             Of the step [m].
         setting : float

@@ -21,10 +21,8 @@ class DeferredActionServer(ActionServer):
 
     Parameters
     ----------
-    node : Node
     kind : type
         Of the action.
-    name : str
     check : callable
         Called with each request first; raises `RefusedError` to refuse it.
     begin : callable

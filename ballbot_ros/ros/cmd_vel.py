@@ -38,7 +38,6 @@ class SpeedSubscription:
 
     Parameters
     ----------
-    node : Node
     callback : callable
         Takes a message of either type.
 

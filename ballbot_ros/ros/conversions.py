@@ -230,10 +230,8 @@ def estimated_odometry_message(stamp: float, state: OdometryState, radius: float
     ----------
     stamp : float
         ROS time [s].
-    state : OdometryState
     radius : float
         Height of the centre above the start floor [m]; climbed height is not estimated.
-    frames : Frames
     place : (float, float, float) or None
         x, y and heading of a robot that steers, by its model [m], [rad]: their covariance is
         that of an unknown.
@@ -335,14 +333,10 @@ def scan_message(stamp: Time, plant: FloorPlant, beams: int, reach: float, noise
 
     Parameters
     ----------
-    stamp : Time
-    plant : FloorPlant
-    beams : int
     reach : float
         [m]
     noise : (beams,) array
         Errors of the distances [m].
-    frames : Frames
 
     """
     step = 2.0 * math.pi / beams

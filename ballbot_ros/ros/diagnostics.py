@@ -32,7 +32,6 @@ class Diagnostics:
 
     Parameters
     ----------
-    node : Node
     name : str
         Of the status, after the name of the node.
     report : callable

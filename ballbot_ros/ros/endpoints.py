@@ -82,8 +82,6 @@ def create_trigger(node: Node, name: str, act: Callable[[], str]) -> Service:
 
     Parameters
     ----------
-    node : Node
-    name : str
     act : callable
         Returns the message of a success; the message of a `BallbotError` that it raises gives
         the reason of a failure.

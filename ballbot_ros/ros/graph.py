@@ -178,7 +178,7 @@ def topics(observer: Observer) -> List[GraphTopic]:
         return sum(one.node_name != node.get_name() for one in endpoints)
 
     found = [GraphTopic(name, types, count(node.get_publishers_info_by_topic(name)),
-                   count(node.get_subscriptions_info_by_topic(name)))
+                        count(node.get_subscriptions_info_by_topic(name)))
              for name, types in sorted(node.get_topic_names_and_types())]
     return [topic for topic in found if topic.publishers + topic.subscribers]
 
@@ -190,8 +190,6 @@ def echo(observer: Observer, topic: str, show: Callable[[Any], None], once: bool
 
     Parameters
     ----------
-    observer : Observer
-    topic : str
     show : callable
         Takes a message.
     once : bool
@@ -281,7 +279,6 @@ def trigger(observer: Observer, node: str, verb: str, timeout: float) -> Service
 
     Parameters
     ----------
-    observer : Observer
     node : str
         Name of the node, with its namespace if it has one.
     verb : str

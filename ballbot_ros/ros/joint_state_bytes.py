@@ -124,8 +124,6 @@ class _Layout:
 
     Parameters
     ----------
-    frame : str
-    names : sequence of str
     counts : sequence of int
         Of positions, velocities and efforts.
 
@@ -156,8 +154,6 @@ class JointStateBytes:
 
     Parameters
     ----------
-    frame : str
-    has_pendulum : bool
     steers : bool
         Whether lean, tilt and yaw follow, with an effort of 0.
 

@@ -96,7 +96,6 @@ class Given:
 
         Parameters
         ----------
-        executable : str
         parameters : mapping of str to float, bool or str
             Those of `params_file` go before them.
 

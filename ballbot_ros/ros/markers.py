@@ -38,7 +38,6 @@ class MarkerTopic:
 
     Parameters
     ----------
-    node : Node
     wanted : bool
         Whether to publish at all.
 
@@ -117,7 +116,6 @@ def decision_markers(decision: Decision, odometry: Odometry, radius: float) -> L
 
     Parameters
     ----------
-    decision : Decision
     odometry : Odometry
         Of the centre of the ball; the markers are in its frame.
     radius : float

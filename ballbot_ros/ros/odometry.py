@@ -32,8 +32,6 @@ class OdometryTopics:
 
     Parameters
     ----------
-    node : Node
-    robot : Robot
     settings : SimulatorSettings or BridgeSettings
         Its names of frames, ``publish_description``, and ``odom_rate``, 0 for no odometry.
     steers : bool

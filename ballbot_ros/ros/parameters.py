@@ -83,7 +83,6 @@ def declare(node: Node, cls: Type[S], prepare: Optional[Prepare[S]] = None) -> S
 
     Parameters
     ----------
-    node : Node
     cls : type
         The settings, whose fields all have defaults.
     prepare : callable, optional
@@ -219,7 +218,6 @@ class Changes(Generic[S]):
 
     Parameters
     ----------
-    node : Node
     settings : Settings
         In force.
     prepare : callable, optional

@@ -18,9 +18,6 @@ def prepare_laws(controller: SupervisedController, robot: Robot, now: LoopNumber
 
     Parameters
     ----------
-    controller : SupervisedController
-    robot : Robot
-    now, wanted : LoopNumbers
     expected : Supervision
         Whose `lowest_rate` is found here.
 

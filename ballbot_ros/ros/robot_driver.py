@@ -21,7 +21,6 @@ class RobotDriver:
 
     Parameters
     ----------
-    observer : Observer
     node : str
         The node with the e-stop services.
 

@@ -83,8 +83,6 @@ def spin(executor: Executor, stop: Stop, longest: float) -> None:
 
     Parameters
     ----------
-    executor : Executor
-    stop : Stop
     longest : float
         [s]; longer while there is work.
 

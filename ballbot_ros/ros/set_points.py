@@ -31,14 +31,12 @@ class SetPoints:
 
     Parameters
     ----------
-    node : Node
     give : callable
         Takes a `SetPoint` stamped as its message, 0 where that was not; raises `MessageError`.
     refused : Counter
         Counts them by reason.
     record_request : callable
         Takes a `SetPoint` of a node without authority, which also requests motion.
-    steers : bool
 
     Attributes
     ----------

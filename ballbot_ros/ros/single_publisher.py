@@ -21,7 +21,6 @@ class SinglePublisher:
 
     Parameters
     ----------
-    node : Node
     topic : str
         That it subscribes to.
 

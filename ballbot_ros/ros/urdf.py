@@ -31,7 +31,6 @@ def robot_description(robot: Robot, frames: Frames = FRAMES, steers: bool = Fals
 
     Parameters
     ----------
-    robot : Robot
     frames : Frames
         Names of the links; a prefix is best left to robot_state_publisher.
     steers : bool, optional

@@ -135,7 +135,6 @@ def lose_commands(hardware: Hardware, scenario: Scenario,
     ----------
     hardware : Hardware
         Whose robot and limits count; its ``on_timeout`` is that of the scenario.
-    scenario : Scenario
     lasts : float
         [s] after the last command.
 
@@ -182,12 +181,12 @@ def _response(scenario: Scenario, states: Sequence[State], given: Sequence[float
     cosine, sine = math.cos(scenario.slope), math.sin(scenario.slope)
     x, y = (columns[name] - columns[name][0] for name in 'xy')
     return Response(scenario, columns['time'] - columns['time'][0], cosine * x + sine * y,
-                  cosine * columns['velocity_x'] + sine * columns['velocity_y'],
-                  columns['pendulum_angle'], np.array(given), error)
+                    cosine * columns['velocity_x'] + sine * columns['velocity_y'],
+                    columns['pendulum_angle'], np.array(given), error)
 
 
 def scenarios(speed: float, slopes: Iterable[float],
-          policies: Sequence[str] = ON_TIMEOUT) -> Iterator[Scenario]:
+              policies: Sequence[str] = ON_TIMEOUT) -> Iterator[Scenario]:
     """
     Yield the scenarios of the study, for a speed [m/s] and slopes from 0 on [rad].
 

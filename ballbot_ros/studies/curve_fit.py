@@ -232,7 +232,6 @@ def curve_text(curve: HeightCurve, crossing: str, writer: str) -> str:
 
     Parameters
     ----------
-    curve : HeightCurve
     crossing : str
         Such as ``GimBall crosses with a free pendulum``.
     writer : str

@@ -103,7 +103,6 @@ def judge(names: Sequence[str], units: Sequence[str], starts: Array, scales: Arr
 
     Parameters
     ----------
-    names, units : sequence of str
     starts, scales, shift : (k,) arrays
         The numbers found are ``starts + scales * shift``.
     fit : with ``jac`` (n, k) and ``fun`` (n,)

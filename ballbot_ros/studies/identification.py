@@ -83,7 +83,6 @@ def identify(scene: Scene, recording: Recording, names: Sequence[str], use_torqu
     ----------
     scene : Scene
         The scene of the recording, with the best guess of all parameters.
-    recording : Recording
     names : sequence of str
         Fields of the robot, ``motor.`` or ``initial.`` and a field of those.
     use_torque : bool

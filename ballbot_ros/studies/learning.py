@@ -84,10 +84,8 @@ def study(robot: Robot, robots: int, attempts: int, seed: int = 0,
         Number of sampled robots per case.
     attempts : int
         Number of attempts per robot.
-    seed : int
     cases : sequence of str
         Of `CASES`.
-    particles : int
     progress : callable
         Called with the number of completed robots.
 

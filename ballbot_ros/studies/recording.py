@@ -119,7 +119,6 @@ def replay(scene: Scene, recording: Recording, use_torque: bool, solver: Solver 
         Its solver and duration are not used.
     use_torque : bool
         Apply the recorded torque instead of the law of the scene.
-    solver : Solver
     grid : float
         Time between samples of the simulation, which are interpolated [s].
 

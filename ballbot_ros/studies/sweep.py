@@ -97,8 +97,6 @@ def run_sweep(plan: SweepPlan, out: Path, pool: Executor, workers: int,
 
     Parameters
     ----------
-    plan : SweepPlan
-    out : Path
     pool : Executor
         Of processes, or of a cluster.
     workers : int

@@ -48,7 +48,6 @@ class FrameAssembly:
 
     Parameters
     ----------
-    robot : Robot
     terrain : Terrain, optional
         The ground, if known; otherwise the observed terrain.
 

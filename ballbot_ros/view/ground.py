@@ -25,7 +25,6 @@ def step_ahead(terrain: Terrain, x: float, radius: float) -> Optional[StepAhead]
 
     Parameters
     ----------
-    terrain : Terrain
     x : float
         Start of the search [m].
     radius : float

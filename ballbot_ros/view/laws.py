@@ -27,7 +27,6 @@ class MotorLaw:
 
     Parameters
     ----------
-    robot : Robot
     law : str
         One of `UNITS`.
     set_point : float

@@ -23,8 +23,6 @@ class Page:
 
     Parameters
     ----------
-    source : Source
-    server : PageServer
     begin : bool
         Resume the source when the first browser connects.
 

@@ -73,7 +73,6 @@ def refusal(request: Request, bound: str) -> Optional[str]:
 
     Parameters
     ----------
-    request : Request
     bound : str
         Address that the server listens on.
 
@@ -158,7 +157,6 @@ def free_port(host: str, port: Optional[int]) -> int:
 
     Parameters
     ----------
-    host : str
     port : int or None
         This port, or None for the first free one from `DEFAULT_PORT` on.
 

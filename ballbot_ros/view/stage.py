@@ -148,7 +148,6 @@ class Stage:
 
     Parameters
     ----------
-    server : viser.ViserServer
     source : Source
         The camera starts above its floor if it has one.
 

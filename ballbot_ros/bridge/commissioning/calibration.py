@@ -63,10 +63,8 @@ class Calibrator:
     ----------
     hardware : Hardware
         The uncalibrated file; its gear ratio converts the torque.
-    robot : Robot
     driver : Driver
         Driver of an identified, stopped drive.
-    dialogue : Dialogue
 
     """
 

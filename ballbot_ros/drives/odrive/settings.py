@@ -28,10 +28,8 @@ def judge(generation: Generation, read: Read, options: DriveOptions) -> tuple[Se
 
     Parameters
     ----------
-    generation : Generation
     read : callable
         Returns the value of a property, NaN if there is no such property.
-    options : DriveOptions
 
     """
     return (_torque(generation, read, options), _watchdog(read, options),

@@ -88,7 +88,6 @@ def set_duty(address: int, axis: int, duty: float) -> bytes:
 
     Parameters
     ----------
-    address : int
     axis : int
         0 for M1, 1 for M2.
     duty : float

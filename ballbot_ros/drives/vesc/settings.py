@@ -176,7 +176,6 @@ def judge(application: Optional[Application], limits: Mapping[str, float],
         None where it could not be read.
     limits : mapping of str to float
         See `parse_limits`.
-    options : VescOptions
     bus_voltage : float
         Of the supply, now [V].
 

@@ -139,8 +139,6 @@ class MotorOutputs:
 
     Parameters
     ----------
-    node : Node
-    clocks : Clocks
     status_rate : float
         [Hz]
     joint_state_period : float

@@ -65,10 +65,6 @@ def battery_message(stamp: float, battery: Battery, telemetry: Telemetry,
     ----------
     stamp : float
         ROS time [s].
-    battery : Battery
-    telemetry : Telemetry
-    condition : Condition
-    frame : str
 
     """
     voltage, drawn = telemetry.bus_voltage, telemetry.bus_current

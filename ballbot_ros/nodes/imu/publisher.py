@@ -39,8 +39,6 @@ class ImuOutput:
 
     Parameters
     ----------
-    node : Node
-    port : ImuPort
     frame : str
         Frame of the readings.
     take : callable, optional

@@ -31,10 +31,6 @@ class NavigationServers:
     """
     Serves both actions; a new goal replaces the active one, whose action is aborted.
 
-    Parameters
-    ----------
-    node : NavigatorNode
-
     Attributes
     ----------
     refused : Counter

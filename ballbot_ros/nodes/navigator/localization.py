@@ -24,15 +24,7 @@ def heading_of(orientation: Any) -> float:
 
 
 class Localization:
-    """
-    Subscribes to the transform from the map to odom, and to scan.
-
-    Parameters
-    ----------
-    node : Node
-    settings : NavigatorSettings
-
-    """
+    """Subscribes to the transform from the map to odom, and to scan."""
 
     def __init__(self, node: Node, settings: NavigatorSettings):
         self._map, self._odom = settings.map_frame, settings.odom_frame

@@ -26,10 +26,8 @@ class GoalServers:
 
     Parameters
     ----------
-    node : Node
     decider : callable
         Returns the decider.
-    knowledge : Knowledge
     standstill : Standstill
         During a standstill goals are rejected; its service resumes without goals.
     waiting : bool

@@ -24,10 +24,8 @@ class Experience:
     ----------
     path : str
         Of the log; empty for none.
-    knowledge : Knowledge
     planner : str
         One of `PLANNERS`.
-    logger : RcutilsLogger
 
     Attributes
     ----------

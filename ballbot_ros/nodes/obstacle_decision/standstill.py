@@ -16,7 +16,6 @@ class Standstill:
 
     Parameters
     ----------
-    node : Node
     stand : callable
         Called when the e-stop engages.
 

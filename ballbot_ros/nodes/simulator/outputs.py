@@ -161,8 +161,6 @@ class PlaceOnMap:
 
     Parameters
     ----------
-    node : Node
-    plant : FloorPlant
     settings : SimulatorSettings
         May be replaced.
 

@@ -39,8 +39,6 @@ class FollowedClock:
 
     Parameters
     ----------
-    node : Node
-    plant : Plant
     most : int
         Periods per call.
 
@@ -98,13 +96,10 @@ class Scheduler:
 
     Parameters
     ----------
-    plant : Plant
     gate : CommandGate or LawsInside
         Source of the torque of a period.
     outputs : Outputs
         Publishes the states.
-    settings : SimulatorSettings
-    logger : RcutilsLogger
     failed : callable
         Called when the simulation cannot continue.
     clock : FollowedClock, optional

@@ -62,9 +62,6 @@ class Interfaces:
 
     Parameters
     ----------
-    node : Node
-    plant : Plant
-    scheduler : Scheduler
     frame : str
         Of poses.
 

@@ -70,9 +70,6 @@ def draw_approach(nominal: Robot, tuning: DecisionTuning, seed: int, number: int
 
     Parameters
     ----------
-    nominal : Robot
-    tuning : DecisionTuning
-    seed, number : int
     kind : str, optional
         Of the terrain, see `terrains.KINDS`.
     sensor : str, optional

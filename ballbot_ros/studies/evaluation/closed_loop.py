@@ -137,10 +137,8 @@ class ClosedLoop:
     ----------
     robot : Robot
         The true one.
-    terrain : Terrain
     nominal : Robot
         Assumed by the controller.
-    gains : ControlTuning
     speed, pendulum_angle : float
         At x = 0 [m/s], [rad].
 

@@ -143,7 +143,6 @@ def run_evaluation(evaluation: Evaluation, folder: Path, pool: Executor, workers
 
     Parameters
     ----------
-    evaluation : Evaluation
     folder : Path
         The blocks are in its subfolder `FOLDER`.
     pool : Executor

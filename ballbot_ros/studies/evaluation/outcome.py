@@ -123,12 +123,6 @@ class OutcomeMonitor:
     """
     Determines the outcome of one approach.
 
-    Parameters
-    ----------
-    approach : Approach
-    loop : ClosedLoop
-    tuning : DecisionTuning
-
     Attributes
     ----------
     verdict : Verdict

@@ -202,7 +202,6 @@ def report(evaluation: Evaluation, rows: Sequence[Row]) -> Dict[str, Any]:
 
     Parameters
     ----------
-    evaluation : Evaluation
     rows : sequence of dict
         As `run_evaluation` returns them.
 

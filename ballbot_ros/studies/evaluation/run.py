@@ -126,9 +126,6 @@ def run_approach(approach: Approach, planner: str, nominal: NominalModel,
 
     Parameters
     ----------
-    approach : Approach
-    planner : str
-    nominal : NominalModel
     listener : callable, optional
         Called with each decision.
 

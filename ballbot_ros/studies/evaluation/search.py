@@ -59,7 +59,6 @@ def gets_over(loop: ClosedLoop, manoeuvre: Manoeuvre, touch: float, goal: float,
     ----------
     loop : ClosedLoop
         At the begin of the run-up.
-    manoeuvre : Manoeuvre
     touch, goal : float
         Where the centre is at the first touch, and where the ball is over [m].
     level_angle : float

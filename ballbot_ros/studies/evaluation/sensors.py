@@ -98,7 +98,6 @@ def draw_sensor(random: Random, sensors: str, kind: Optional[str] = None) -> Sen
 
     Parameters
     ----------
-    random : Generator
     sensors : str
         Sensors that can detect the obstacle; see `terrains.Shape.sensors`.
     kind : str, optional
@@ -195,16 +194,7 @@ class Camera:
 
 
 class SimulatedSensor:
-    """
-    Samples the terrain and delivers the observations when they arrive.
-
-    Parameters
-    ----------
-    terrain : Terrain
-    model : SensorModel
-    seed : int
-
-    """
+    """Samples the terrain and delivers the observations when they arrive."""
 
     def __init__(self, terrain: Terrain, model: SensorModel, seed: int):
         self._model, self._seed = model, seed

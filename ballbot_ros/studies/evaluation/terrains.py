@@ -210,7 +210,6 @@ def draw_shape(random: Random, room: float, kind: Optional[str] = None) -> Tuple
 
     Parameters
     ----------
-    random : Generator
     room : float
         Floor behind each edge, where the kind can have it [m].
     kind : str, optional
@@ -231,8 +230,6 @@ def lay(kind: str, shape: Shape, foot: float, slope: float, back: Optional[float
 
     Parameters
     ----------
-    kind : str
-    shape : Shape
     foot : float
         Where the obstacle begins; the ball starts at 0 [m].
     slope : float

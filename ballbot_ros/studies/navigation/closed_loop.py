@@ -54,8 +54,6 @@ class FloorLoop:
         The true one.
     pose : (float, float, float)
         [m], [rad]
-    errors : Errors
-    seed : int
 
     Attributes
     ----------

@@ -31,7 +31,6 @@ class DriveStatus:
 
     Parameters
     ----------
-    generation : Generation
     torque_limit : float
         Torque that the current must suffice for [N m].
 
@@ -94,7 +93,6 @@ class DriveStatus:
 
         Parameters
         ----------
-        name : str
         value : float, optional
         now : float
             [s]
