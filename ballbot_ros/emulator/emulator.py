@@ -14,8 +14,7 @@ from ballbot_ros.drives import CAN, device_class, driver_class, line_of, SERIAL
 from ballbot_ros.drives.emulated_device import Device, DriveSettings
 from ballbot_ros.emulator.ball import Ball, PERIOD, settings_for
 from ballbot_ros.emulator.line import Direction
-from ballbot_ros.emulator.slcan import SlcanAdapter
-from ballbot_ros.emulator.terminal import PseudoTerminal
+from ballbot_ros.emulator.terminal import PseudoTerminal, SlcanAdapter
 from ballbot_ros.errors import BallbotError, ConfigurationError
 from ballbot_ros.physics.model.state import State
 from ballbot_ros.physics.simulation.scene import Scene

@@ -19,7 +19,7 @@ from ballbot_ros.drives.capture import Recorder
 from ballbot_ros.drives.emulated_device import DriveSettings
 from ballbot_ros.drives.vesc.can import codec as vesc_can
 from ballbot_ros.drives.vesc.can.emulated import VescCanDevice
-from ballbot_ros.emulator.slcan import parse_frame, SlcanAdapter, text_of
+from ballbot_ros.emulator.terminal import parse_frame, SlcanAdapter, text_of
 from ballbot_ros.errors import DriveError, LinkError
 
 RATE = 1000000

@@ -11,7 +11,7 @@ import serial
 
 from ballbot_ros.drives import codec_of, driver_class, line_of, SERIAL
 from ballbot_ros.drives.emulated_device import DriveSettings
-from ballbot_ros.emulator.slcan import BIT_RATES
+from ballbot_ros.emulator.terminal import BIT_RATES
 from ballbot_ros.errors import ConfigurationError, DriveError, MessageError
 
 
