@@ -24,14 +24,15 @@ from ballbot_ros.bridge.motor_state import MEASUREMENT_AGE_MAX, MotorState
 from ballbot_ros.bridge.observer import SessionObserver
 from ballbot_ros.bridge.sensing import Estimated, IMU_RECOVERY_TIME, Sensing
 from ballbot_ros.bridge.supervisor import EStop, StopReason
-from ballbot_ros.bridge.warm_up import warm_up
 from ballbot_ros.control import Mode, SetPoint, SupervisedController
+from ballbot_ros.control.checked import warm_up as warm_up_laws
 from ballbot_ros.control.command_gate import CLOCK_SKEW_MAX
 from ballbot_ros.drives.contract import Identity, Setting, Telemetry
 from ballbot_ros.drives.driver import Driver
 from ballbot_ros.errors import (
     BallbotError, ConfigurationError, LinkError, MessageError, RefusedError)
-from ballbot_ros.estimation import Estimate, Fusion, ImuReading, OdometryState
+from ballbot_ros.estimation import (
+    EncoderReading, Estimate, Fusion, ImuReading, OdometryState)
 from ballbot_ros.imus.plausibility import EXPLANATIONS
 from ballbot_ros.physics.model.robot import Robot
 from ballbot_ros.steering import GroundTrack, required_steering
@@ -39,6 +40,21 @@ from ballbot_ros.steering import GroundTrack, required_steering
 
 # States of an axis in which the others may have power.
 READY = (MotorState.DISARMED, MotorState.ARMED)
+
+
+def warm_up(robot: Robot) -> None:
+    """
+    Run filter and controllers once on synthetic readings.
+
+    The first run after an installation compiles them; within the loop that would exceed the
+    watchdog timeout of the drive.
+    """
+    warm_up_laws(robot)
+    fusion = Fusion(robot)
+    for number in range(1, 5):
+        stamp = 0.002 * number
+        fusion.imu(ImuReading(stamp, 0.0, 0.0, robot.gravity))
+        fusion.encoder(EncoderReading(stamp, 0.0))
 
 
 class Wanted(Enum):

@@ -10,7 +10,7 @@ from importlib import import_module
 import sys
 from typing import Callable, Mapping, Sequence
 
-from ballbot_ros.bridge.warm_up import warm_up as warm_up_bridge
+from ballbot_ros.bridge.session import warm_up as warm_up_bridge
 from ballbot_ros.control import checked_controller, load_tuning
 from ballbot_ros.decision import Knowledge, load_curve, load_decision_tuning
 from ballbot_ros.decision.decider import warm_up as warm_up_decision
