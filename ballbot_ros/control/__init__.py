@@ -17,9 +17,8 @@ A loop with too low a sampling rate diverges; `check_loop` refuses it and names 
     True
     >>> check_loop(gimball, gains, Mode.HOLD, rate=500.0, delay=0)
 """
-from ballbot_ros.control.authority import Authority
 from ballbot_ros.control.checked import checked_controller, checked_rate
-from ballbot_ros.control.command_gate import CommandGate
+from ballbot_ros.control.command_gate import Authority, CommandGate
 from ballbot_ros.control.controller import PendulumController
 from ballbot_ros.control.rolling_model import RollingModel
 from ballbot_ros.control.sampled import (
