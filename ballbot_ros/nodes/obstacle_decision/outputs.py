@@ -1,20 +1,65 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Outputs of the decision: the newest decision and its set-point."""
+"""Outputs of the decision: the newest decision and its set-point, and who follows it."""
 import math
 from typing import Optional, Tuple
 
 from builtin_interfaces.msg import Time
 from nav_msgs.msg import Odometry
+from rcl_interfaces.msg import ParameterEvent
 from rclpy.node import Node
+from rclpy.parameter import parameter_value_to_python
+from rclpy.qos import qos_profile_parameter_events
 from sensor_msgs.msg import JointState
 
 from ballbot_ros.decision.decider import Answer
 from ballbot_ros.msg import StepDecision
-from ballbot_ros.nodes.obstacle_decision.gain_watch import GainWatch
 from ballbot_ros.nodes.obstacle_decision.settings import DecisionSettings
 from ballbot_ros.ros.conversions import decision_message, set_point_message, to_seconds, to_time
-from ballbot_ros.ros.endpoints import create_publisher, wait_until_received
+from ballbot_ros.ros.endpoints import (
+    create_publisher, create_subscription, endpoint_name, wait_until_received)
 from ballbot_ros.ros.markers import decision_markers, MarkerTopic
+
+EVENTS = '/parameter_events'
+
+
+class GainWatch:
+    """
+    Monitors parameter changes of the nodes that follow the set-points of a node.
+
+    Plans depend on gains (``control_tuning``): with others the pendulum takes another path to its
+    set angle.  New gains are not adopted automatically: the driving node is not known, and
+    the learned parameters depend on the gains.
+
+    Parameters
+    ----------
+    node : Node
+        With a parameter ``control_tuning``, that publishes ``set_point``.
+
+    """
+
+    def __init__(self, node: Node):
+        self._node, self._topic = node, node.resolve_topic_name('set_point')
+        create_subscription(
+            node, EVENTS, self.on_event, ParameterEvent, qos_profile_parameter_events)
+
+    def on_event(self, event: ParameterEvent) -> None:
+        """Warn when a node that follows the set-points changes its gains."""
+        changed = {one.name: parameter_value_to_python(one.value)
+                   for one in event.changed_parameters
+                   if one.name == 'tuning' or one.name.startswith('gains.')}
+        followers = map(endpoint_name, self._node.get_subscriptions_info_by_topic(self._topic))
+        if not changed or event.node not in followers:
+            return
+        planned = self._node.get_parameter('control_tuning').value
+        if 'tuning' in changed:
+            if changed['tuning'] == planned:
+                return
+            changed = {'tuning': changed['tuning']}
+        said = ', '.join(f'{name} {value}' for name, value in changed.items())
+        self._node.get_logger().warning(
+            f'{event.node} now uses other gains ({said}), but plans are still computed for '
+            f'control_tuning {planned!r}: to keep them, set control_tuning to a file with '
+            'these gains')
 
 
 class DecisionOutputs:

@@ -6,7 +6,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 
-from ballbot_ros.nodes.obstacle_decision.gain_watch import GainWatch
+from ballbot_ros.nodes.obstacle_decision.outputs import GainWatch
 
 
 @pytest.fixture
