@@ -13,7 +13,7 @@ from ballbot_ros.figures.drawing import draw_ball, FORCE, legend, PATH, PENDULUM
 from ballbot_ros.figures.film import Mark, strip
 from ballbot_ros.figures.residuals import residual_figure
 from ballbot_ros.physics import load_robot, load_scene, Trajectory
-from ballbot_ros.studies.fit_quality import channel_fit
+from ballbot_ros.studies.identification import channel_fit
 
 ROOT = Path(__file__).resolve().parents[3]
 PAGES = [ROOT / 'README.md', *sorted((ROOT / 'docs').glob('*.md'))]
