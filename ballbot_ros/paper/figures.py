@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 import numpy as np
 
 from ballbot_ros.crossing import max_step_heights, rolling
-from ballbot_ros.figures import canvas, command_loss, oblique, turning
+from ballbot_ros.figures import canvas, command_loss, steering
 from ballbot_ros.figures.canvas import draw_heading, RESIMULATED
 from ballbot_ros.figures.film import stacked
 from ballbot_ros.paper import contact_laws, design, mujoco_check, pulled_plug
@@ -166,4 +166,4 @@ FIGURES: Mapping[str, Callable[..., Figure]] = {
     'tornado': design.tornado, 'probability': design.probability, 'design': design.design,
     'slope': design.slope, 'over': design.over, 'contact_law': contact_laws.contact_law,
     'on_timeout': command_loss.on_timeout, 'black_box': pulled_plug.black_box,
-    'turning': turning.turning, 'oblique': oblique.oblique}
+    'turning': steering.turning, 'oblique': steering.oblique}

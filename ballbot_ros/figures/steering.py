@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Steps at an angle: the table of config/oblique beside the planar model."""
+"""Turns of the lateral model beside the free ball of MuJoCo, and steps at an angle."""
 import math
 
 from matplotlib.figure import Figure
@@ -9,10 +9,59 @@ from ballbot_ros.crossing import held_at, max_step_heights
 from ballbot_ros.figures import canvas
 from ballbot_ros.figures.canvas import draw_heading
 from ballbot_ros.physics import Actuation, load_robot
-from ballbot_ros.steering import load_oblique_steps
+from ballbot_ros.steering import load_oblique_steps, yaw_rate_limit
+from ballbot_ros.studies import free_ball
+from ballbot_ros.studies.free_ball import compare, LateralRun
 from ballbot_ros.studies.progress import counted, ignore, Progress
 
-SPEEDS = (0.5, 0.8, 1.1)  # [m/s]
+TURNING_SPEEDS = (0.2, 0.4, 0.8)  # [m/s]
+DURATION = 6.0  # [s]
+EACH = 12  # period of the markers [samples]
+
+
+def turning(progress: Progress = ignore, robot: str = 'gimball') -> Figure:
+    """Show yaw rate and tilt after a step of the lean and under the steering law."""
+    found = load_robot(robot)
+    assert found.steering is not None
+    report = counted(progress, 2 * len(TURNING_SPEEDS))
+    lean = found.steering.largest_lean
+    with canvas.panels(9.6, 5.0) as figure:
+        for number, speed in enumerate(TURNING_SPEEDS):
+            above, below = (figure.add_axes((0.07 + 0.315 * number, bottom, 0.27, 0.35))
+                            for bottom in (0.51, 0.085))
+            above.set_title(f'{speed:g} m/s')
+            limit = yaw_rate_limit(found, speed)
+            for label, colour, run in (
+                    (f'lean step of {np.degrees(lean):.0f} degrees', canvas.VERMILION,
+                     LateralRun(speed, lean, duration=DURATION)),
+                    ('steering law at the limit', canvas.BLUE,
+                     LateralRun(speed, yaw_rate=limit, duration=DURATION))):
+                if free_ball.installed():
+                    result = compare(found, run)
+                    for axes, name, scale in ((above, 'yaw_rate', 1.0),
+                                              (below, 'tilt', np.degrees(1.0))):
+                        axes.plot(result.time, scale * result.model[name], color=colour,
+                                  label=label)
+                        axes.plot(result.time[::EACH], scale * result.mujoco[name][::EACH], 'o',
+                                  ms=3.0, color=colour, mfc='none')
+                report()
+            above.axhline(limit, color=canvas.GREY, lw=0.7, ls='--')
+            below.set_xlabel('time [s]')
+            for axes in (above, below):
+                axes.set_xlim(0.0, DURATION)
+            if number == 0:
+                above.set_ylabel('yaw rate [rad/s]')
+                below.set_ylabel('tilt of the axle [degrees]')
+                above.legend()
+        draw_heading(
+            figure, 'Turning: lateral model (lines) and MuJoCo (circles)',
+            'simulated with the full three-dimensional model; dashed: yaw_rate_limit'
+            if free_ball.installed() else 'not simulated with the full three-dimensional model: '
+            f'MuJoCo is not installed ({free_ball.HOW_TO_INSTALL})')
+    return figure
+
+
+OBLIQUE_SPEEDS = (0.5, 0.8, 1.1)  # [m/s]
 SET_ANGLES = (None, 0.0, 0.5 * math.pi)  # pendulum free, down and level
 ANGLES = np.radians([0.0, 7.5, 15.0, 22.5, 30.0, 37.5, 45.0])
 COLOURS = (canvas.GREEN, canvas.BLUE, canvas.VERMILION)
@@ -21,9 +70,9 @@ COLOURS = (canvas.GREEN, canvas.BLUE, canvas.VERMILION)
 def oblique(progress: Progress = ignore, robot: str = 'gimball') -> Figure:
     """Show height factor, course and heading over the angle between path and normal."""
     found, table = load_robot(robot), load_oblique_steps(robot)
-    report = counted(progress, len(SPEEDS) * len(SET_ANGLES))
+    report = counted(progress, len(OBLIQUE_SPEEDS) * len(SET_ANGLES))
     factors = []
-    for speed in SPEEDS:
+    for speed in OBLIQUE_SPEEDS:
         for set_angle in SET_ANGLES:
             actuation = Actuation() if set_angle is None else held_at(set_angle)
             maxima = np.array([item.height for item in max_step_heights(
