@@ -322,6 +322,7 @@ def test_a_folder_that_cannot_be_written_is_reported_and_stops_nothing(tmp_path,
     assert 'cannot be written' in caplog.text and files.failure
 
 
+@pytest.mark.slow
 def test_the_readable_part_of_a_truncated_file_is_returned(tmp_path):
     box = BlackBox()
     for number in range(3):

@@ -8,6 +8,7 @@ from refusals import refused
 from session_faults import (
     FAULTS, FORWARD, frozen, hold_up, in_degrees, in_g, loop, loop_late, lost_status, repeated,
     reversed_encoder, slow_reader, time_to_zero, upside_down)
+from tiers import pairs, slow
 from virtual_robot import VirtualRobot
 
 from ballbot_ros.bridge.motor_state import MotorState, RECONNECT_TIMEOUT
@@ -19,22 +20,21 @@ from ballbot_ros.errors import RefusedError
 PROTOCOLS = ('odrive 0.5', 'odrive_can 0.6', 'vesc', 'roboclaw')
 
 
-@pytest.mark.parametrize('protocol, tuning', [
-    *((protocol, 'gentle') for protocol in PROTOCOLS), ('odrive 0.5', 'published')])
-@pytest.mark.parametrize('fault', [frozen(True), frozen(False), reversed_encoder(False)],
-                         ids=['frozen', 'frozen with its velocity', 'reversed'])
-def test_an_encoder_that_contradicts_the_torque_engages_the_e_stop(protocol, tuning, fault):
+@pytest.mark.parametrize('drive, fault', pairs(
+    [*((protocol, 'gentle') for protocol in PROTOCOLS), ('odrive 0.5', 'published')],
+    ['encoder frozen', 'encoder frozen, its velocity too', 'encoder reversed']))
+def test_an_encoder_that_contradicts_the_torque_engages_the_e_stop(drive, fault):
+    protocol, tuning = drive
     robot = VirtualRobot(protocol, onboard=tuning).ready()
-    assert time_to_zero(robot, fault) < 0.3
+    assert time_to_zero(robot, FAULTS[fault]) < 0.3
     assert robot.session.supervisor.e_stop.reason in (
         StopReason.JOINT_TORQUE, StopReason.ENCODER_VELOCITY)
     assert robot.session.control.power.state is MotorState.DISARMED
     assert max(abs(state.pendulum_angle) for state in robot.history.values()) < 1.6
 
 
-@pytest.mark.parametrize('protocol', PROTOCOLS)
-@pytest.mark.parametrize('fault', [frozen(True), reversed_encoder(True)],
-                         ids=['frozen', 'position reversed'])
+@pytest.mark.parametrize('protocol, fault', pairs(
+    PROTOCOLS, [frozen(True), reversed_encoder(True)]))
 def test_an_encoder_that_contradicts_the_velocity_of_the_drive_engages_the_e_stop(
         protocol, fault):
     robot = VirtualRobot(protocol).ready()
@@ -45,9 +45,8 @@ def test_an_encoder_that_contradicts_the_velocity_of_the_drive_engages_the_e_sto
     assert report.state is not MotorState.ARMED and robot.motor == 0.0
 
 
-@pytest.mark.parametrize('protocol', ['odrive', 'vesc', 'roboclaw'])
-@pytest.mark.parametrize('seed', [
-    0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (1, 3))])
+@pytest.mark.parametrize('protocol', ['odrive', *slow('vesc', 'roboclaw')])
+@pytest.mark.parametrize('seed', [0, *slow(1, 3)])
 def test_a_busy_machine_causes_no_e_stop(protocol, seed):
     rng = random.Random(seed)
     robot = VirtualRobot(protocol, onboard='gentle').ready()
@@ -59,7 +58,7 @@ def test_a_busy_machine_causes_no_e_stop(protocol, seed):
 
 
 @pytest.mark.parametrize('fault', [
-    frozen(True), frozen(False), reversed_encoder(True), reversed_encoder(False)])
+    frozen(True), *slow(frozen(False), reversed_encoder(True)), reversed_encoder(False)])
 def test_a_contradiction_is_found_on_a_busy_machine(fault):
     rng = random.Random(1)
     robot = VirtualRobot('vesc', onboard='gentle').ready()
@@ -126,8 +125,7 @@ def test_set_points_beyond_the_limits_are_refused(mode, value):
     assert robot.session.law.set_point.mode is Mode.IDLE
 
 
-@pytest.mark.parametrize('protocol', PROTOCOLS)
-@pytest.mark.parametrize('fault', list(FAULTS))
+@pytest.mark.parametrize('protocol, fault', pairs(PROTOCOLS, list(FAULTS)))
 def test_each_fault_ends_the_torque(protocol, fault):
     robot = VirtualRobot(protocol, onboard='gentle').ready()
     loop(robot, 0.2, FORWARD)
@@ -144,7 +142,7 @@ def slowly_read(protocol, rate):
 
 
 @pytest.mark.parametrize('protocol', [*PROTOCOLS, 'odrive_can 0.5', 'vesc_can'])
-@pytest.mark.parametrize('rate', [pytest.param(100.0, marks=pytest.mark.slow), 1000.0])
+@pytest.mark.parametrize('rate', [*slow(100.0), 1000.0])
 def test_a_drive_that_reads_slowly_executes_few_commands_after_a_stop(protocol, rate):
     robot = slowly_read(protocol, rate)
     driver = robot.session.line.driver
@@ -156,8 +154,7 @@ def test_a_drive_that_reads_slowly_executes_few_commands_after_a_stop(protocol, 
     assert robot.torques and not any(robot.torques)
 
 
-@pytest.mark.parametrize('protocol', [*PROTOCOLS, 'odrive_can 0.5'])
-@pytest.mark.parametrize('rate', [60.0, 90.0])
+@pytest.mark.parametrize('protocol, rate', pairs([*PROTOCOLS, 'odrive_can 0.5'], [60.0, 90.0]))
 def test_the_watchdog_stops_a_drive_that_reads_with_pauses_between_bytes(protocol, rate):
     robot = slowly_read(protocol, rate)
     robot.session.engage('requested')
@@ -167,7 +164,7 @@ def test_the_watchdog_stops_a_drive_that_reads_with_pauses_between_bytes(protoco
     assert robot.torques and not any(robot.torques)
 
 
-@pytest.mark.parametrize('protocol', PROTOCOLS)
+@pytest.mark.parametrize('protocol', [*slow(*PROTOCOLS[:3]), PROTOCOLS[3]])
 def test_a_slow_line_limits_the_rate_of_commands_and_not_their_age(protocol):
     robot = VirtualRobot(protocol, onboard='gentle').ready()
     slow_reader(3000.0)(robot)
@@ -185,7 +182,7 @@ def test_a_vesc_continues_after_a_corrupted_length(direction):
     assert not robot.session.supervisor.e_stop and next(length, None) is None
 
 
-@pytest.mark.parametrize('protocol', PROTOCOLS)
+@pytest.mark.parametrize('protocol', [*slow(*PROTOCOLS[:3]), PROTOCOLS[3]])
 def test_an_imu_upside_down_inhibits_the_release_where_the_encoder_has_a_zero(protocol):
     robot = VirtualRobot(protocol, onboard='gentle')
     robot.hardware = replace(robot.hardware, joint=replace(robot.hardware.joint, encoder_zero=0.0))
@@ -200,11 +197,9 @@ def test_an_imu_upside_down_inhibits_the_release_where_the_encoder_has_a_zero(pr
     assert not any(robot.torques)
 
 
-@pytest.mark.parametrize('torque', [  # below that of a check of the torque
-    0.35, pytest.param(0.05, marks=pytest.mark.slow)])
+@pytest.mark.parametrize('torque', [0.35, *slow(0.05)])  # below that of a check of the torque
 @pytest.mark.parametrize('fault, turn', [
-    pytest.param(frozen(False), 4.5, marks=pytest.mark.slow),
-    pytest.param(reversed_encoder(False), 2.3, marks=pytest.mark.slow), (upside_down, 2.3)])
+    *slow((frozen(False), 4.5), (reversed_encoder(False), 2.3)), (upside_down, 2.3)])
 def test_sensors_that_contradict_each_other_stop_slow_motion_within_a_part_of_a_turn(
         fault, turn, torque):
     robot = VirtualRobot().ready()

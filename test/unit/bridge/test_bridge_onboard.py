@@ -186,6 +186,7 @@ def test_laws_take_over_from_each_other_without_a_jump():
         robot.loop(0.3, law)
 
 
+@pytest.mark.slow
 def test_laws_on_board_take_the_ball_over_a_step():
     robot = ready(terrain=[{'flat': {'length': 1.426}}, {'step': {'height': 0.031}},
                            {'flat': {'length': 3.0}}])

@@ -5,6 +5,7 @@ import math
 
 import pytest
 from refusals import refused
+from tiers import slow
 from virtual_robot import STEP, VirtualRobot
 
 from ballbot_ros.bridge.motor_state import MotorState
@@ -19,7 +20,9 @@ def with_quirks(protocol, *quirks):
     return robot
 
 
-@pytest.mark.parametrize('idle', [0.1 + 0.002 * number for number in range(25)])
+@pytest.mark.parametrize('idle', [
+    *slow(*(0.102 + 0.004 * number for number in range(12))),
+    *(0.1 + 0.004 * number for number in range(13))])
 def test_a_vesc_that_idled_is_released_whenever_its_thread_looks(idle):
     robot = VirtualRobot('vesc')
     robot.session.configure()
@@ -134,7 +137,7 @@ def test_a_roboclaw_without_a_serial_timeout_is_refused():
 
 # An encoder that jumps
 
-@pytest.mark.parametrize('protocol', ['odrive 0.5', 'vesc', 'roboclaw'])
+@pytest.mark.parametrize('protocol', ['odrive 0.5', *slow('vesc', 'roboclaw')])
 @pytest.mark.parametrize('turns', [2.0, -2.0])
 def test_a_jump_of_two_turns_is_reported_and_the_angle_stays_right(protocol, turns, caplog):
     robot = VirtualRobot(protocol).ready()
@@ -166,7 +169,7 @@ def test_an_encoder_that_goes_on_jumping_takes_the_torque_away_and_then_the_powe
     assert report.state is not MotorState.ARMED
 
 
-@pytest.mark.parametrize('protocol', ['vesc', 'roboclaw'])
+@pytest.mark.parametrize('protocol', ['vesc', *slow('roboclaw')])
 def test_a_drive_that_restarted_counts_from_another_zero_and_the_angle_stays_right(protocol):
     robot = VirtualRobot(protocol, rearm=True).ready()
     robot.run(0.22, torque=0.8)

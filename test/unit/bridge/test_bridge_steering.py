@@ -9,6 +9,7 @@ from refusals import refused
 from session_faults import (
     frozen, hold_up, loop, loop_late, rebooted_drive, requested_stop, reversed_encoder,
     silent_drive, silent_imu, tripped_drive, unplugged)
+from tiers import pairs, slow
 from virtual_robot import STEP, VirtualRobot
 
 from ballbot_ros.bridge.feasibility import wire_budget
@@ -25,8 +26,7 @@ TURN = SetPoint(Mode.SPEED, 0.5, yaw_rate=0.25)
 STEERING = {'gear_ratio': 50.0}
 
 
-SLOW = [pytest.param(name, marks=pytest.mark.slow) for name in (
-    'odrive 0.5', 'vesc_can', 'odrive_can 0.6')]
+SLOW = slow('odrive 0.5', 'vesc_can', 'odrive_can 0.6')
 
 
 @pytest.fixture(params=['roboclaw', *SLOW])
@@ -102,7 +102,7 @@ FAULTS = {
     'lean reversed, velocity too': reversed_encoder(False, axis=1)}
 
 
-@pytest.mark.parametrize('fault', FAULTS)
+@pytest.mark.parametrize('fault', [*list(FAULTS)[::2], *slow(*list(FAULTS)[1::2])])
 def test_each_fault_of_one_axis_ends_the_torque_of_both(turning, fault):
     robot, first = turning, len(turning.torques)
     FAULTS[fault](robot)
@@ -127,7 +127,7 @@ def test_the_cause_of_one_axis_is_that_of_both_with_the_names_of_its_faults(turn
     assert turning.session.supervisor.e_stop == cause
 
 
-@pytest.mark.parametrize('velocity', [pytest.param(True, marks=pytest.mark.slow), False])
+@pytest.mark.parametrize('velocity', [*slow(True), False])
 def test_a_lean_encoder_that_froze_is_found_from_a_low_yaw_rate_on(velocity):
     robot = VirtualRobot('roboclaw', onboard='gentle', steering=True).ready()
     robot.loop(1.5, SetPoint(Mode.SPEED, 0.5))
@@ -147,8 +147,9 @@ def test_late_commands_and_replies_are_no_fault_of_the_lean(seed):
     assert robot.lateral.heading > 0.3
 
 
-@pytest.mark.parametrize('robot', ['roboclaw', 'odrive 0.5', *SLOW[1:]], indirect=True)
-@pytest.mark.parametrize('exit_by', ['deactivate', 'close'])
+@pytest.mark.parametrize('robot, exit_by', pairs(
+    ['roboclaw', 'odrive 0.5', 'vesc_can', 'odrive_can 0.6'], ['deactivate', 'close']),
+    indirect=['robot'])
 def test_each_exit_stops_both_motors_and_both_confirm_it(turning, exit_by):
     getattr(turning.session, exit_by)()
     turning.pass_time(STEP)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from refusals import refused
 from scipy.linalg import expm
+from tiers import slow
 
 from ballbot_ros.control import (
     check_loop, ControlTuning, growth_rate, is_stable, JointReadings, load_tuning, loop_poles,
@@ -283,7 +284,8 @@ def test_poles_go_over_into_those_of_whole_delays():
 
 
 @pytest.mark.parametrize('law, delay, refused, accepted', [
-    ('hold', 0.5, 224.0, 245.0), ('hold', 1.25, 478.0, 515.0), ('speed', 0.5, 224.0, 245.0)])
+    ('hold', 0.5, 224.0, 245.0),
+    *slow(('hold', 1.25, 478.0, 515.0), ('speed', 0.5, 224.0, 245.0))])
 def test_a_loop_with_part_of_a_period_of_delay_diverges_where_it_is_refused_and_only_there(
         law, delay, refused, accepted):
     tuning, resting = replace(PUBLISHED, torque_limit=1e6), SetPoint(law, 0.0)
@@ -305,7 +307,8 @@ def test_a_lag_is_a_delay_that_grows_with_the_rate():
         check_loop(GIMBALL, PUBLISHED, 'drive', 300.0, 0, 0.004)
 
 
-@pytest.mark.parametrize('delay, refused, accepted', [(0, 225.0, 245.0), (1, 450.0, 490.0)])
+@pytest.mark.parametrize('delay, refused, accepted', [
+    (0, 225.0, 245.0), *slow((1, 450.0, 490.0))])
 def test_refused_loops_diverge_and_accepted_loops_do_not(
         delay, refused, accepted):
     # Unlimited torque: the limit would hide the growth in a limit cycle.
@@ -327,14 +330,16 @@ def test_torque_limit_turns_divergence_into_rattling():
 
 
 @pytest.mark.parametrize('tuning, delay, rate', [
-    ('published', 0, 233.0), ('published', 1, 467.0), ('gentle', 0, 20.7), ('gentle', 1, 43.1)])
+    ('published', 0, 233.0), ('gentle', 1, 43.1),
+    *slow(('published', 1, 467.0), ('gentle', 0, 20.7))])
 def test_the_speed_law_needs_little_more_than_the_laws_below_it(tuning, delay, rate):
     tuning = load_tuning(tuning)
     assert lowest_stable_rate(GIMBALL, tuning, 'speed', delay) == pytest.approx(rate, rel=5e-3)
     assert lowest_stable_rate(GIMBALL, tuning, 'hold', delay) > rate
 
 
-@pytest.mark.parametrize('delay, refused, accepted', [(0, 225.0, 245.0), (1, 450.0, 490.0)])
+@pytest.mark.parametrize('delay, refused, accepted', [
+    (0, 225.0, 245.0), *slow((1, 450.0, 490.0))])
 def test_the_speed_law_diverges_as_fast_as_its_poles_say_and_only_where_it_is_refused(
         delay, refused, accepted):
     tuning, standing = replace(PUBLISHED, torque_limit=1e6), SetPoint('speed', 0.0)

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from tiers import pairs
 
 from ballbot_ros.control import (
     JointReadings, load_tuning, Mode, PendulumController, SetPoint, speed_law)
@@ -90,8 +91,7 @@ def test_a_ball_stops_within_the_braking_distance_and_stays(slope, lean, tuning)
         assert back < 0.01 and abs(rows[-1, 2]) < 0.01
 
 
-@pytest.mark.parametrize('tuning', TUNINGS)
-@pytest.mark.parametrize('slope', [-5.0, -3.0, -1.0, 0.0, 3.0, 5.0])
+@pytest.mark.parametrize('slope, tuning', pairs([-5.0, -3.0, -1.0, 0.0, 3.0, 5.0], TUNINGS))
 def test_a_ball_stands_on_a_slope_without_creeping(slope, tuning):
     course = Course(slope, tuning)
     course.run(0.5, course.at_speed(0.0))

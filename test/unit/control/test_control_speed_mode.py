@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pytest
 from refusals import refused
+from tiers import pairs, slow
 
 from ballbot_ros.control import (
     ControlTuning, JointReadings, load_tuning, Mode, PendulumController, SetPoint,
@@ -53,8 +54,7 @@ def settling_time(rows, speed, share=0.05):
     return (off[-1] + 1) / RATE if len(off) else 0.0
 
 
-@pytest.mark.parametrize('tuning', ['published', 'gentle'])
-@pytest.mark.parametrize('slope', [-3.0, 0.0, 3.0])
+@pytest.mark.parametrize('slope, tuning', pairs([-3.0, 0.0, 3.0], ['published', 'gentle']))
 def test_a_speed_settles_within_5_percent_in_3_s_and_a_stop_stands(slope, tuning):
     ball, controller = plant(slope), controller_for(tuning)
     drive(ball, controller, [(0.0, 3.0)])  # from nothing known: it learns the slope
@@ -67,8 +67,7 @@ def test_a_speed_settles_within_5_percent_in_3_s_and_a_stop_stands(slope, tuning
     assert math.degrees(controller.slope) == pytest.approx(slope, abs=0.05)
 
 
-@pytest.mark.parametrize('slope', [
-    pytest.param(-2.0, marks=pytest.mark.slow), 0.0, pytest.param(2.0, marks=pytest.mark.slow)])
+@pytest.mark.parametrize('slope', [0.0, *slow(-2.0, 2.0)])
 def test_steps_of_the_set_speed_up_and_down_and_back_do_not_run_over(slope):
     ball, controller = plant(slope), controller_for()
     drive(ball, controller, [(0.0, 2.5)])
@@ -81,7 +80,8 @@ def test_steps_of_the_set_speed_up_and_down_and_back_do_not_run_over(slope):
         before = speed
 
 
-@pytest.mark.parametrize(('pendulum_mass', 'slope'), [(1.25, -3.0), (1.25, 3.0), (2.1, 3.0)])
+@pytest.mark.parametrize(('pendulum_mass', 'slope'), [
+    (1.25, -3.0), *slow((1.25, 3.0), (2.1, 3.0))])
 def test_robots_at_the_ends_of_their_ranges_settle_too(pendulum_mass, slope):
     # The law counts with 1.6 kg.
     ball = plant(slope, pendulum_mass=pendulum_mass, ball_mass=5.4 - pendulum_mass)

@@ -7,6 +7,7 @@ import math
 from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
+from tiers import slow
 
 from ballbot_ros.control import JointReadings, load_tuning, PendulumController, SetPoint
 from ballbot_ros.decision import (
@@ -100,7 +101,7 @@ def test_an_outcome_says_with_what_the_step_was_touched():
     assert -0.7 <= first.held_angle <= 0.7
 
 
-@pytest.mark.parametrize('polyline', [False, True])
+@pytest.mark.parametrize('polyline', [False, *slow(True)])
 def test_a_ball_that_spins_at_the_foot_of_a_step_has_not_got_over(polyline):
     outcomes, state = drive('high', 0.5, 1.4, SLIPPERY, seconds=7.0, polyline=polyline)
     assert -GIMBALL.ball_radius * state.ball_angle > 1.5  # odometry is far beyond the step

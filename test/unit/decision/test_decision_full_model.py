@@ -4,6 +4,7 @@ from dataclasses import replace
 import math
 
 import pytest
+from tiers import slow
 
 from ballbot_ros.control import JointReadings, load_tuning, PendulumController, SetPoint
 from ballbot_ros.decision import (
@@ -69,7 +70,7 @@ def changes(decisions):
 
 
 @pytest.mark.parametrize('height, face, latency', [
-    (0.031, 1.2, 0.0), (0.010, 0.6, 0.0), (0.020, 1.5, 0.5)])
+    *slow((0.031, 1.2, 0.0), (0.010, 0.6, 0.0)), (0.020, 1.5, 0.5)])
 def test_a_step_decided_to_be_crossed_is_crossed(height, face, latency):
     state, rows, decisions = drive(height, face, latency=latency)
     kinds = [item.kind for item in decisions if item.reason is not Reason.STALE]
@@ -80,8 +81,8 @@ def test_a_step_decided_to_be_crossed_is_crossed(height, face, latency):
 
 
 @pytest.mark.parametrize('height, face, speed, slope', [
-    (0.080, 1.2, 0.0, 0.0), (0.080, 2.0, 0.4, -2.0), (-0.100, 1.5, 0.4, -0.5),
-    (-0.100, 2.0, 0.4, -3.0), (-0.100, 1.5, 0.4, 3.0), (0.300, 1.5, 0.4, -1.0)])
+    *slow((0.080, 1.2, 0.0, 0.0), (0.080, 2.0, 0.4, -2.0), (-0.100, 1.5, 0.4, -0.5),
+          (-0.100, 2.0, 0.4, -3.0)), (-0.100, 1.5, 0.4, 3.0), (0.300, 1.5, 0.4, -1.0)])
 def test_before_what_it_does_not_cross_it_stands_with_the_gap(height, face, speed, slope):
     state, rows, decisions = drive(height, face, speed=speed, slope=math.radians(slope),
                                    seconds=12.0)

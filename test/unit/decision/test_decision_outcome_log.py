@@ -56,6 +56,7 @@ def test_a_log_is_read_again(tmp_path):
     assert read_outcomes(path, DIGEST).outcomes == OUTCOMES
 
 
+@pytest.mark.slow
 def test_a_writer_that_is_killed_has_kept_its_outcomes(path):
     script = f"""
 import os, signal

@@ -81,6 +81,7 @@ def test_a_rejected_look_changes_nothing_and_lowers_no_face(scenes, grade, seed)
         before = profile
 
 
+@pytest.mark.slow
 @settings(max_examples=25, deadline=None)
 @given(some.floats(0.015, 0.08), some.floats(0.9, 1.6), some.floats(0.0, 0.003),
        some.sampled_from([0.0, 1.0]), some.floats(0.0, 0.5), some.floats(-0.06, 0.06),

@@ -3,6 +3,7 @@
 import math
 
 import pytest
+from tiers import pairs, slow
 
 from ballbot_ros.studies.evaluation.approaches import Approach, draw_approach
 from ballbot_ros.studies.evaluation.run import NominalModel, run_approach
@@ -24,9 +25,8 @@ def drive(strides, planner='rollout', slope=0.0, foot=1.8, goal=math.inf, unseen
     return row
 
 
-@pytest.mark.parametrize('planner', ['rollout', 'cubic'])
+@pytest.mark.parametrize('planner, strides', pairs(['rollout', 'cubic'], [DROP, WALL]))
 @pytest.mark.parametrize('kind', ['terrain', 'step', 'camera'])
-@pytest.mark.parametrize('strides', [DROP, WALL])
 def test_a_frozen_sensor_ends_in_a_stop(planner, kind, strides):
     row = drive(strides, planner, kind=kind, height_sd=0.0005, frozen_from=1.0, eye_height=0.2)
     assert row['outcome'] == 'stopped'
@@ -49,32 +49,33 @@ def test_behind_a_sill_on_a_descent_the_ball_stops_before_the_drop(slope, sill):
     assert row['outcome'] == 'stopped'
 
 
-@pytest.mark.parametrize('strides', [DROP, WALL])
+@pytest.mark.parametrize('strides', [DROP, *slow((WALL,))])
 def test_outliers_of_a_terrain_sensor_are_single_lost_points(strides):
     row = drive(strides, kind='terrain', height_sd=0.001, outliers=0.1)
     assert row['outcome'] == 'stopped' and row['changes'] <= 2
 
 
-@pytest.mark.parametrize('distance', [0.1, 0.4])
+@pytest.mark.parametrize('distance', [0.1, *slow(0.4)])
 def test_a_step_sensor_crosses_no_bump_behind_which_it_sees_nothing(distance):
     row = drive([(0.0, 0.009), (0.04, 0.0), (0.0, -0.009), (distance, 0.0), (0.0, -0.15)],
                 kind='step')
     assert row['outcome'] == 'stopped'
 
 
-@pytest.mark.parametrize('number', [
+@pytest.mark.parametrize('number', [*slow(
     219,    # frozen where the nominal robot could still stop, and the drawn one could not
     597,    # a face between ground seen before and behind the ball was crossed from on top of it
     819,    # such a face hid that the next one had failed before
-    362,    # late behind an edge: the plan of least harm was kept when braking was possible again
     543,    # frozen while it crosses: its edges moved along
-    1382])  # frozen between the two edges of a plan
+    1382),  # frozen between the two edges of a plan
+    362])   # late behind an edge: the plan of least harm was kept when braking was possible again
 def test_drawn_approaches_that_ended_in_a_fall_or_a_hit(number):
     row = run_approach(
         draw_approach(NOMINAL.robot, NOMINAL.tuning, 11, number), 'rollout', NOMINAL)
     assert row['outcome'] in ('stopped', 'over') and row['changes'] <= 2
 
 
+@pytest.mark.slow
 def test_at_the_end_of_a_short_sight_the_label_does_not_alternate():
     row = drive([(2.0, 0.0)], slope=-2.7, goal=2.0, kind='terrain', reach=1.18,
                 height_sd=0.0015)

@@ -4,6 +4,7 @@ from contextlib import suppress
 
 from drive_bench import Bench
 import pytest
+from tiers import slow
 
 from ballbot_ros.drives.can_frames import CanFrame, record
 from ballbot_ros.drives.emulated_device import DriveSettings
@@ -37,11 +38,11 @@ def test_torque_frames_of_another_sender_are_a_hazard_under_power(kind, frame):
 
 @pytest.mark.parametrize('firmware, name, value', [
     ('0.5', 'axis0.motor.config.torque_lim', 0.5), ('0.6', 'axis0.config.watchdog_timeout', 3.0),
-    *(pytest.param(*case, marks=pytest.mark.slow) for case in (
-        ('0.5', 'axis0.config.watchdog_timeout', 3.0), ('0.5', 'axis0.config.enable_watchdog', 0),
-        ('0.5', 'axis0.motor.config.current_lim', 60.0),
-        ('0.6', 'axis0.config.torque_soft_max', 0.5),
-        ('0.6', 'axis0.controller.config.control_mode', 2)))])
+    *slow(('0.5', 'axis0.config.watchdog_timeout', 3.0),
+          ('0.5', 'axis0.config.enable_watchdog', 0),
+          ('0.5', 'axis0.motor.config.current_lim', 60.0),
+          ('0.6', 'axis0.config.torque_soft_max', 0.5),
+          ('0.6', 'axis0.controller.config.control_mode', 2))])
 def test_a_setting_of_an_odrive_that_changes_under_power_is_a_hazard(firmware, name, value):
     bench = armed(f'odrive {firmware}')
     bench.device.properties[name] = value

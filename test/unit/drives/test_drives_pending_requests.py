@@ -2,6 +2,7 @@
 """Which request a reply answers: however delayed replies are, no measurement is dated too new."""
 from drive_bench import Bench
 import pytest
+from tiers import pairs
 
 from ballbot_ros.drives.driver import LARGEST_NUMBER, Match, PendingRequests
 
@@ -157,8 +158,7 @@ def bench_of(kind):
     return bench, offset
 
 
-@pytest.mark.parametrize('kind', KINDS)
-@pytest.mark.parametrize('latency', [0.01, 0.03, 0.045])
+@pytest.mark.parametrize('kind, latency', pairs(KINDS, [0.01, 0.03, 0.045]))
 def test_a_constant_latency_is_in_the_stamps(kind, latency):
     bench, offset = bench_of(kind)
     errors = bench.errors(lambda now: latency, 1.0)

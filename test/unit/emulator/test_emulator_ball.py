@@ -84,6 +84,7 @@ def test_a_robot_without_a_motor_is_refused(shellball):
         settings_for(shellball)
 
 
+@pytest.mark.slow
 def test_a_lean_that_is_no_longer_driven_never_stops_the_ball(settings):
     """Beyond a tilt of 90 degrees the lateral model is not valid."""
     ball = Ball(scene(speed=0.4), settings)

@@ -5,6 +5,7 @@ import math
 from hypothesis import given, strategies as some
 import numpy as np
 import pytest
+from tiers import pairs
 
 from ballbot_ros.estimation import (
     EncoderReading, Estimate, Fusion, ImuReading, OdometryFilter, OdometryTuning)
@@ -229,8 +230,7 @@ def charge(plant):
         if plant.time < 1.2 else -0.3 * state.pendulum_rate
 
 
-@pytest.mark.parametrize('push', (swing, charge))
-@pytest.mark.parametrize('case', CASES)
+@pytest.mark.parametrize('case, push', pairs(list(CASES), [swing, charge]))
 def test_the_true_place_is_within_three_deviations_on_any_ground(case, push):
     position, speed, position_sd, speed_sd = drive(case, push)
     assert np.mean(position < 3.0 * position_sd) > 0.99

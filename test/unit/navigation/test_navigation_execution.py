@@ -5,6 +5,7 @@ import math
 
 import numpy as np
 import pytest
+from tiers import slow
 
 from ballbot_ros.decision import Knowledge, load_curve, load_decision_tuning
 from ballbot_ros.errors import RefusedError
@@ -88,7 +89,7 @@ def at_rest(ball):
     return abs(ball.speed) < 0.03
 
 
-@pytest.mark.parametrize('heading', [0.0, 2.0, -1.3])
+@pytest.mark.parametrize('heading', [0.0, *slow(2.0, -1.3)])
 def test_the_ball_arrives_and_stays_clear_of_walls(navigator, planner, heading):
     ball = Ball(navigator, *KITCHEN, heading)
     ball.begin(BEDROOM)
@@ -215,6 +216,7 @@ def test_a_crossing_reports_the_height_whether_it_is_lower_or_higher(navigator, 
     assert ball.state.learned.outcomes[0][3] is crossed
 
 
+@pytest.mark.slow
 def test_repeated_failures_exclude_a_crossing(navigator):
     ball = Ball(navigator, *KITCHEN, 1.57)
     ball.crosses = lambda segment: CrossingReport(False, 'slipped', touched=True)
