@@ -164,11 +164,7 @@ def open_bag(path: Path) -> Iterator[Bag]:
     """
     Open a ROS 2 bag, a folder or its one file.
 
-    Raises
-    ------
-    ConfigurationError
-        If it cannot be read, or if nothing is installed that reads bags.
-
+    Raises `ConfigurationError` if it cannot be read, or if nothing is installed that reads bags.
     """
     if find_spec('rosbags') is not None:
         with _open_with_rosbags(path) as bag:

@@ -256,11 +256,8 @@ def measured_columns(run: RecordedRun) -> Dict[str, Array]:
     The shell starts at the angle 0, as its earlier turns have no effect: the joint starts at the
     absolute angle of the pendulum.  Odometry is interpolated to the stamps of the joint states.
 
-    Raises
-    ------
-    ConfigurationError
-        If there are fewer than 8 joint states with shell and, if the robot has one, pendulum.
-
+    Raises `ConfigurationError` if there are fewer than 8 joint states with shell and, if the robot
+    has one, pendulum.
     """
     names = JOINTS if any('joint_angle' in states[-1] for states in run.joints.values()) \
         else JOINTS[:2]
@@ -295,11 +292,7 @@ def commanded_torque(run: RecordedRun, columns: Mapping[str, Array]) -> Array:
     """
     Return the commanded torque, each up to the time of a row as in `Recording`.
 
-    Raises
-    ------
-    ConfigurationError
-        If there are no commands.
-
+    Raises `ConfigurationError` if there are no commands.
     """
     if not run.commands:
         raise ConfigurationError(

@@ -93,11 +93,8 @@ def read_black_box(path: PathLike) -> BlackBoxRecording:
     """
     Read a file.
 
-    Raises
-    ------
-    ConfigurationError
-        If it cannot be read, is not of a black box, or has lost its metadata.
-
+    Raises `ConfigurationError` if it cannot be read, is not of a black box, or has lost its
+    metadata.
     """
     damage: List[str] = []
     metadata: Dict[str, Dict[str, str]] = {}

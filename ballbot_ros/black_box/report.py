@@ -196,11 +196,7 @@ def write_tables(recording: BlackBoxRecording, folder: PathLike) -> List[Path]:
     Times are from the fault on, negative before it [s]; test/helpers/replay.py plays the capture
     back, whose times count from its first piece.
 
-    Raises
-    ------
-    ConfigurationError
-        If a file cannot be written.
-
+    Raises `ConfigurationError` if a file cannot be written.
     """
     target, fault = Path(folder), recording.fault_time
     files = []

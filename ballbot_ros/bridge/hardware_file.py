@@ -187,12 +187,8 @@ class Hardware:
         """
         Return the hardware of the lateral axis, with the limits of the robot.
 
-        Raises
-        ------
-        ConfigurationError
-            If this hardware or the robot has no section ``steering``, or if the replies to the
-            two axes cannot be distinguished.
-
+        Raises `ConfigurationError` if this hardware or the robot has no section ``steering``, or
+        if the replies to the two axes cannot be distinguished.
         """
         axis, limits = self.steering, required_steering(robot)
         if axis is None:
@@ -228,11 +224,7 @@ class Hardware:
         """
         Return the options of the driver.
 
-        Raises
-        ------
-        ConfigurationError
-            If the section `drive` does not match the protocol.
-
+        Raises `ConfigurationError` if the section `drive` does not match the protocol.
         """
         limits, joint = self.limits, self.joint
         _refuse_set_elsewhere(self.drive, f'{self.name}: drive')
@@ -249,11 +241,7 @@ def read_hardware(content: Mapping[str, Any], where: str) -> Hardware:
     """
     Return the hardware of a mapping; see `load_hardware`.
 
-    Raises
-    ------
-    ConfigurationError
-        Naming section, field, value and allowed range.
-
+    Raises `ConfigurationError` naming section, field, value and allowed range.
     """
     refuse_unknown(content, ('name', 'robot', 'drive', 'steering', *SECTIONS), where)
     given = {name: expect_mapping(content.get(name, {}), f'{where}: {name}') for name in SECTIONS}
@@ -310,11 +298,7 @@ def load_hardware(name_or_path: str) -> Hardware:
 
     Values carry their source like those of robots (`physics.robot.load_robot`).
 
-    Raises
-    ------
-    ConfigurationError
-        Naming file, section, field, value and allowed range.
-
+    Raises `ConfigurationError` naming file, section, field, value and allowed range.
     """
     path, content = read_config('hardware', name_or_path)
     return read_hardware(content, str(path))

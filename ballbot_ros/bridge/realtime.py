@@ -45,11 +45,7 @@ class Scheduling(NamedTuple):
 
         Call this before the loop starts; later threads inherit it.
 
-        Raises
-        ------
-        ConfigurationError
-            If the system does not permit it; the message names the remedy.
-
+        Raises `ConfigurationError` if the system does not permit it; the message names the remedy.
         """
         if self.priority < 0:
             permitted = permits(DEFAULT_PRIORITY)

@@ -57,11 +57,7 @@ class ImuWatch:
         """
         Refuse a stamp in the future or too far in the past.
 
-        Raises
-        ------
-        MessageError
-            With reason ``from_the_future`` or ``stale``.
-
+        Raises `MessageError` with reason ``from_the_future`` or ``stale``.
         """
         if stamp > now + AHEAD:
             raise MessageError(
@@ -315,12 +311,8 @@ class Sensing(AxisSensing[Estimate]):
         """
         Accept an IMU reading.
 
-        Raises
-        ------
-        MessageError
-            As `ImuWatch.check` and `Fusion.imu` do, and with the reason codes of
-            `imus.plausibility.EXPLANATIONS`.
-
+        Raises `MessageError` as `ImuWatch.check` and `Fusion.imu` do, and with the reason codes of
+        `imus.plausibility.EXPLANATIONS`.
         """
         self.imu_watch.check(reading.stamp, now)
         estimate = self.fusion.estimate

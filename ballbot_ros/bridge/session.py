@@ -230,12 +230,9 @@ class Session:
         """
         Accept a set-point, stamped with the session clock, or 0 for now.
 
-        Raises
-        ------
-        MessageError
-            As `SupervisedController.give`, with reason ``out_of_range`` beyond the limits of the
-            hardware file, and with ``direct`` in direct control; the current set-point remains.
-
+        Raises `MessageError` as `SupervisedController.give`, with reason ``out_of_range`` beyond
+        the limits of the hardware file, and with ``direct`` in direct control; the current set-
+        point remains.
         """
         if self.law is None:
             raise MessageError(

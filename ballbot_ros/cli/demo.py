@@ -60,13 +60,9 @@ def run(arguments: argparse.Namespace) -> int:
     """
     Run the demo.
 
-    Raises
-    ------
-    ConfigurationError
-        If a protocol or firmware is given without such a motor
-        controller, scene, robot, curve and gains do not exist or are inconsistent, the
-        folder cannot be written, or ROS cannot be found.
-
+    Raises `ConfigurationError` if a protocol or firmware is given without such a motor controller,
+    scene, robot, curve and gains do not exist or are inconsistent, the folder cannot be written,
+    or ROS cannot be found.
     """
     check(arguments)
     demo = from_ros('ballbot_ros.demo.demo')

@@ -320,11 +320,7 @@ class Gamepad:
     """
     The first gamepad.
 
-    Raises
-    ------
-    ConfigurationError
-        If no gamepad, or the package evdev to read it, is available.
-
+    Raises `ConfigurationError` if no gamepad, or the package evdev to read it, is available.
     """
 
     def __init__(self) -> None:

@@ -55,11 +55,7 @@ def run(arguments: argparse.Namespace) -> int:
     """
     Emulate until interrupted.
 
-    Raises
-    ------
-    ConfigurationError
-        Naming the invalid scene, robot, protocol, firmware, quirk or link.
-
+    Raises `ConfigurationError` naming the invalid scene, robot, protocol, firmware, quirk or link.
     """
     from ballbot_ros.config.files import find_config
     from ballbot_ros.emulator.ball import settings_for

@@ -232,11 +232,8 @@ def read_values(word: str, option: str) -> Values:
     """
     Return the list of numbers of one word, or of ``low:high`` both ends as a tuple.
 
-    Raises
-    ------
-    ConfigurationError
-        Naming the word and the allowed form; for a stride, with the equivalent count.
-
+    Raises `ConfigurationError` naming the word and the allowed form; for a stride, with the
+    equivalent count.
     """
     parts = word.split(':') if ':' in word else word.split(',')
     # "0,8" reads as 0 and 8: in many languages it is 0.8.  Two values are written "0.0,8".

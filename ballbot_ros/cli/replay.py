@@ -112,11 +112,7 @@ def parameters_of(arguments: argparse.Namespace, known: dict[str, Any]) -> Any:
     """
     Return the parameters of the simulator of a bag.
 
-    Raises
-    ------
-    ConfigurationError
-        If no scene is known, or a parameter is unknown or out of range.
-
+    Raises `ConfigurationError` if no scene is known, or a parameter is unknown or out of range.
     """
     import yaml
 

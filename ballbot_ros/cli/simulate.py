@@ -127,11 +127,7 @@ def check_size(scene: Any, folder: Path) -> None:
     """
     Warn on standard error if the files of a run will be large.
 
-    Raises
-    ------
-    ConfigurationError
-        If the files would not fit on the disk.
-
+    Raises `ConfigurationError` if the files would not fit on the disk.
     """
     samples = scene.run.duration / scene.run.output_step
     size = BYTES_PER_SAMPLE * samples
@@ -154,11 +150,7 @@ def animation_asked(arguments: argparse.Namespace, scene: Any, folder: Path) -> 
     """
     Return the file of the animation, None without one.
 
-    Raises
-    ------
-    ConfigurationError
-        If it cannot be written.
-
+    Raises `ConfigurationError` if it cannot be written.
     """
     refuse_without(arguments, '--animate', arguments.animate is not None, '--playback')
     if arguments.animate is None:
@@ -204,11 +196,8 @@ def read_scene(arguments: argparse.Namespace) -> Any:
     """
     Return the scene with the changes of the command line.
 
-    Raises
-    ------
-    ConfigurationError
-        Naming the option or the place in the file, the value and the allowed range.
-
+    Raises `ConfigurationError` naming the option or the place in the file, the value and the
+    allowed range.
     """
     from dataclasses import replace
 
@@ -245,11 +234,7 @@ def refuse_idle(arguments: argparse.Namespace, scene: Any) -> None:
     """
     Refuse an option without effect, and an output step beyond the duration.
 
-    Raises
-    ------
-    ConfigurationError
-        Naming the option and the ones that it needs.
-
+    Raises `ConfigurationError` naming the option and the ones that it needs.
     """
     from ballbot_ros.physics.simulation.solver import METHODS
     if scene.run.output_step > scene.run.duration:

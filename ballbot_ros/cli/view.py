@@ -62,12 +62,8 @@ def source_of(arguments: argparse.Namespace) -> Any:
     """
     Return the source of running nodes, a bag, a floor or a scene.
 
-    Raises
-    ------
-    ConfigurationError
-        For a file that cannot be read, an option without effect on a scene, and if ROS is missing
-        for nodes.
-
+    Raises `ConfigurationError` for a file that cannot be read, an option without effect on a
+    scene, and if ROS is missing for nodes.
     """
     if arguments.live:
         return from_ros('ballbot_ros.view.live').LiveSource(arguments.namespace, arguments.robot)

@@ -127,11 +127,7 @@ def check_value(name: str, value: Any, metadata: Mapping[str, Any], where: str) 
 
     Integers and the scalars of NumPy are accepted for floats; nothing else is converted.
 
-    Raises
-    ------
-    ConfigurationError
-        Naming place, field, value and allowed range.
-
+    Raises `ConfigurationError` naming place, field, value and allowed range.
     """
     kind = metadata['kind']
     place = f'{where}: {name}' if where else name
@@ -259,11 +255,8 @@ class Checked:
         """
         Build from the mapping of a YAML file; `where` is its place, for error messages.
 
-        Raises
-        ------
-        ConfigurationError
-            For anything missing, unknown, of the wrong type or out of range.
-
+        Raises `ConfigurationError` for anything missing, unknown, of the wrong type or out of
+        range.
         """
         return build(cls, checked_values(cls, expect_mapping(mapping, where), where), where)
 
@@ -276,11 +269,7 @@ def changed(part: C, values: Mapping[str, Any]) -> C:
     are, and conditions become columns of truths.  The caller checks columns, row by row, with
     `within` and the conditions of the class; this function does not.
 
-    Raises
-    ------
-    ConfigurationError
-        If there are no columns among the values, and one is out of range.
-
+    Raises `ConfigurationError` if there are no columns among the values, and one is out of range.
     """
     if not any(getattr(value, 'ndim', 0) for value in values.values()):
         return replace(part, **values) if values else part  # type: ignore[type-var]
@@ -293,11 +282,7 @@ def build(cls: Type[T], values: Mapping[str, Any], where: str) -> T:
     """
     Return ``cls(**values)``; errors name the place in the file.
 
-    Raises
-    ------
-    ConfigurationError
-        If the values contradict each other.
-
+    Raises `ConfigurationError` if the values contradict each other.
     """
     try:
         return cls(**values)
@@ -310,11 +295,8 @@ def checked_values(cls: Type[Checked], entries: Mapping[str, Any],
     """
     Return the values of `entries` for the described fields of `cls`, checked.
 
-    Raises
-    ------
-    ConfigurationError
-        Naming all entries that are missing, unknown, of the wrong type or out of range.
-
+    Raises `ConfigurationError` naming all entries that are missing, unknown, of the wrong type or
+    out of range.
     """
     problems, values = Problems(), {}
     with problems.collected():
@@ -417,11 +399,8 @@ def read_values(cls: Type[Checked], content: Mapping[str, Any],
 
         ball_mass: {value: 3.8, unit: kg, source: derived, range: [3.3, 4.15], note: ...}
 
-    Raises
-    ------
-    ConfigurationError
-        Naming place, field, value and allowed range; also for unknown and missing entries.
-
+    Raises `ConfigurationError` naming place, field, value and allowed range; also for unknown and
+    missing entries.
     """
     described = {item.name: item.metadata for item in fields(cls) if 'kind' in item.metadata}
     problems, plain, provenance, values = Problems(), {}, {}, {}

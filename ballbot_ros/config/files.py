@@ -21,11 +21,7 @@ def shipped_folder(name: str) -> Path:
     A source checkout (and a symlink install, which points back to it) has it beside the
     package; an installed package has it in ``share/`` of its prefix.
 
-    Raises
-    ------
-    ConfigurationError
-        If the package was installed without it.
-
+    Raises `ConfigurationError` if the package was installed without it.
     """
     here = Path(__file__).resolve().parent
     candidates = [here.parents[1]]
@@ -182,11 +178,7 @@ def load_config(cls: Type[T], kind: str, name_or_path: Union[str, Path]) -> T:
     """
     Return the content of a YAML file, see `find_config`, as a checked dataclass.
 
-    Raises
-    ------
-    ConfigurationError
-        Naming file, field, value and allowed range.
-
+    Raises `ConfigurationError` naming file, field, value and allowed range.
     """
     path, content = read_config(kind, name_or_path)
     return cls.from_mapping(content, str(path))
@@ -230,11 +222,8 @@ def read_yaml(path: Path) -> Mapping[str, Any]:
     """
     Read a YAML file that holds one mapping.
 
-    Raises
-    ------
-    ConfigurationError
-        If the file cannot be read, is not YAML, repeats a key or holds no mapping.
-
+    Raises `ConfigurationError` if the file cannot be read, is not YAML, repeats a key or holds no
+    mapping.
     """
     try:
         text = path.read_text(encoding='utf-8')

@@ -35,15 +35,7 @@ class CanFrame(NamedTuple):
 
 
 def record(frame: CanFrame) -> bytes:
-    """
-    Return the record of a frame.
-
-    Raises
-    ------
-    ValueError
-        If the frame is not valid.
-
-    """
+    """Return the record of a frame; raises `ValueError` if the frame is not valid."""
     identifier, data, extended, remote = frame
     highest = _EXTENDED_IDENTIFIER_MAX if extended else _IDENTIFIER_MAX
     if not 0 <= identifier <= highest or len(data) > MOST_DATA or remote and data:

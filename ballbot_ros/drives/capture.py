@@ -65,11 +65,7 @@ class Recorder:
     A full disk must not stop a motor bridge: a failure to write ends the recording, and
     `failure` keeps it for the diagnostics.  The second part of an older capture is deleted.
 
-    Raises
-    ------
-    ConfigurationError
-        If the file cannot be created.
-
+    Raises `ConfigurationError` if the file cannot be created.
     """
 
     def __init__(self, path: Path):

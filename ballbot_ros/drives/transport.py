@@ -199,11 +199,7 @@ class Link:
         """
         Write all of `data`.
 
-        Raises
-        ------
-        LinkError
-            If the port is gone, or has no room for 20 ms.
-
+        Raises `LinkError` if the port is gone, or has no room for 20 ms.
         """
         if not self._attempt((self._transfer or self._closed()).write, data):
             raise _stuck(self.port)
@@ -214,11 +210,7 @@ class Link:
         """
         Return the received data, may be empty; do not wait.
 
-        Raises
-        ------
-        LinkError
-            If the port is gone.
-
+        Raises `LinkError` if the port is gone.
         """
         data: bytes = self._attempt((self._transfer or self._closed()).read)
         if data and self._recorder is not None:

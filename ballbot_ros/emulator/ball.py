@@ -20,11 +20,7 @@ def motor_of(robot: Robot) -> Motor:
     """
     Return the motor of a robot.
 
-    Raises
-    ------
-    ConfigurationError
-        If it has none: then there is nothing to emulate.
-
+    Raises `ConfigurationError` if it has none: then there is nothing to emulate.
     """
     if robot.motor is None or not robot.has_pendulum:
         raise ConfigurationError(

@@ -106,11 +106,7 @@ def execute(emulator: Emulator, line: str) -> str:
     """
     Execute a line and return the answer.
 
-    Raises
-    ------
-    ConfigurationError
-        If it is not understood.
-
+    Raises `ConfigurationError` if it is not understood.
     """
     name, *words = line.split() or ['']
     if name == 'state':

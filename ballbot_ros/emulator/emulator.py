@@ -102,11 +102,8 @@ def new_device(protocol: str, settings: DriveSettings, steering: bool = False) -
     """
     Return an emulated drive, with a second motor where the robot steers.
 
-    Raises
-    ------
-    ConfigurationError
-        If replies of the protocol do not name the axis: a port has one drive with one motor then.
-
+    Raises `ConfigurationError` if replies of the protocol do not name the axis: a port has one
+    drive with one motor then.
     """
     device = device_class(protocol)
     if not steering:

@@ -47,11 +47,7 @@ def load_experiment(path: Path) -> Experiment:
     """
     Read the file of an experiment; the files that it names are relative to it.
 
-    Raises
-    ------
-    ConfigurationError
-        Naming file, field, value and allowed range.
-
+    Raises `ConfigurationError` naming file, field, value and allowed range.
     """
     check_file(path, 'experiment file', 'experiment')
     plan = Experiment.from_mapping(read_yaml(path), str(path))

@@ -241,11 +241,7 @@ def read_digests(path: Path, until: int) -> Digests:
     """
     Return the digests of all messages up to a stamp [ns]; repeated messages count once.
 
-    Raises
-    ------
-    ConfigurationError
-        If the bag cannot be read.
-
+    Raises `ConfigurationError` if the bag cannot be read.
     """
     topics: Digests = {}
     with open_bag(path) as bag:

@@ -60,11 +60,7 @@ def save(figure: Figure, path: PathLike) -> None:
     """
     Write a figure as SVG or PNG, as the ending of `path` says, whole or not at all.
 
-    Raises
-    ------
-    ConfigurationError
-        For another ending, or if the file cannot be written.
-
+    Raises `ConfigurationError` for another ending, or if the file cannot be written.
     """
     kind = Path(path).suffix[1:].lower()
     if kind not in FORMATS:

@@ -76,11 +76,7 @@ def command_torque(message: JointState, leans: bool = False) -> float:
     """
     Return the torque of a joint command [N m]; with `leans`, one with a `lean_set_point`.
 
-    Raises
-    ------
-    MessageError
-        With reason ``unknown_joint``, ``wrong_length`` or ``unsupported``.
-
+    Raises `MessageError` with reason ``unknown_joint``, ``wrong_length`` or ``unsupported``.
     """
     for quantity in ('position', 'velocity'):
         given = [value for number, value in enumerate(getattr(message, quantity))
@@ -107,11 +103,7 @@ def lateral_readings(message: JointState, robot: Robot) -> Optional[LateralState
     """
     Return the lateral state in a joint state, None for a robot that drives straight.
 
-    Raises
-    ------
-    MessageError
-        If a joint is missing, the lengths do not fit or a number is not finite.
-
+    Raises `MessageError` if a joint is missing, the lengths do not fit or a number is not finite.
     """
     if robot.steering is None or LEAN not in message.name:
         return None
@@ -129,11 +121,7 @@ def readings(message: JointState) -> JointReadings:
     """
     Return the joint readings that the controller needs.
 
-    Raises
-    ------
-    MessageError
-        If a joint is missing, the lengths do not fit or a number is not finite.
-
+    Raises `MessageError` if a joint is missing, the lengths do not fit or a number is not finite.
     """
     return JointReadings(
         to_seconds(message.header.stamp),
@@ -152,12 +140,8 @@ def set_point(message: JointState, steers: bool) -> SetPoint:
     number, NaN counts as not given; alone it is refused.  A velocity of the joint ``yaw`` is a
     yaw rate beside it.
 
-    Raises
-    ------
-    MessageError
-        If both are given, the joint is missing or a number is not finite; with the reason
-        ``other_axes`` for a yaw rate of a robot that does not steer.
-
+    Raises `MessageError` if both are given, the joint is missing or a number is not finite; with
+    the reason ``other_axes`` for a yaw rate of a robot that does not steer.
     """
     stamp = to_seconds(message.header.stamp)
     given = {}

@@ -116,11 +116,8 @@ class Observer:
         """
         Return the type of a topic; calls `waiting` once if it does not exist yet.
 
-        Raises
-        ------
-        ConfigurationError
-            If it has several types, or does not appear; names the most similar topic.
-
+        Raises `ConfigurationError` if it has several types, or does not appear; names the most
+        similar topic.
         """
         name = self.resolve(topic)
         found = self.wait(lambda: self._types(name), min(DISCOVERY_QUIET_TIME, seconds))

@@ -58,11 +58,7 @@ def read(data: bytes) -> AnyJointState:
     """
     Return a joint state; the middleware reads what is not plain, little-endian CDR.
 
-    Raises
-    ------
-    RuntimeError, ValueError
-        If the middleware cannot read it either.
-
+    Raises `RuntimeError` or `ValueError` if the middleware cannot read it either.
     """
     try:
         return _read(data)

@@ -123,11 +123,8 @@ class Given:
         """
         Return robot_state_publisher, and the programs that show the robot, as far as requested.
 
-        Raises
-        ------
-        ConfigurationError
-            With reason ``not_installed`` if robot_state_publisher is requested and missing.
-
+        Raises `ConfigurationError` with reason ``not_installed`` if robot_state_publisher is
+        requested and missing.
         """
         found: List[Any] = []
         if self.flag('robot_state_publisher'):

@@ -100,11 +100,7 @@ class Settings(Checked):
         """
         Return settings with these values of parameters, and defaults for the others.
 
-        Raises
-        ------
-        ConfigurationError
-            If a file cannot be read, or values are inconsistent.
-
+        Raises `ConfigurationError` if a file cannot be read, or values are inconsistent.
         """
         described = cls.described()
         own = {name: value for name, value in values.items() if not described[name].part}
@@ -125,11 +121,7 @@ class Settings(Checked):
 
         A new file name reloads all of its values, except those given explicitly.
 
-        Raises
-        ------
-        ConfigurationError
-            As `of` does.
-
+        Raises `ConfigurationError` as `of` does.
         """
         described = self.described()
         own = {name: value for name, value in values.items() if not described[name].part}

@@ -36,11 +36,7 @@ class SinglePublisher:
         """
         Return the name of the publisher of the messages that arrive; empty before it is known.
 
-        Raises
-        ------
-        MessageError
-            With reason ``several_publishers``, while there are several.
-
+        Raises `MessageError` with reason ``several_publishers``, while there are several.
         """
         now = time.monotonic()
         self._query(now)

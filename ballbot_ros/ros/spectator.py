@@ -106,11 +106,7 @@ class Spectator:
         """
         Call a service of type std_srvs/Trigger and return its message.
 
-        Raises
-        ------
-        RefusedError
-            If it refuses, or does not answer.
-
+        Raises `RefusedError` if it refuses, or does not answer.
         """
         answer = self._call(Trigger, service, Trigger.Request())
         if not answer.success:

@@ -107,11 +107,7 @@ def message_class(kind: str) -> Any:
     """
     Return the class of a message type such as ``'std_msgs/msg/Bool'``.
 
-    Raises
-    ------
-    ConfigurationError
-        With reason ``missing`` if its package is not installed.
-
+    Raises `ConfigurationError` with reason ``missing`` if its package is not installed.
     """
     package, _, name = kind.partition('/msg/')
     try:

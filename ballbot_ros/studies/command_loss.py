@@ -85,11 +85,7 @@ def held_angle(robot: Robot, slope: float, joint_rate: float) -> float:
     About the contact, the weight of the pendulum balances slope and rolling friction:
     M2 g e sin(angle) = M g R sin(slope) + c1 v / R.
 
-    Raises
-    ------
-    ConfigurationError
-        If no angle does, naming the steepest slope.
-
+    Raises `ConfigurationError` if no angle does, naming the steepest slope.
     """
     if robot.largest_gravity_torque == 0.0:
         raise ConfigurationError(
@@ -111,11 +107,7 @@ def scene_of(hardware: Hardware, scenario: Scenario) -> Scene:
     """
     Return the ball of a scenario while it is still commanded, in equilibrium.
 
-    Raises
-    ------
-    ConfigurationError
-        If the robot cannot be held on that slope.
-
+    Raises `ConfigurationError` if the robot cannot be held on that slope.
     """
     robot = load_robot(hardware.robot)
     rise = math.tan(scenario.slope)

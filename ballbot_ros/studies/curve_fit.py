@@ -156,11 +156,7 @@ def monotone_cubic(speeds: Array, heights: Array) -> Array:
     """
     Return the coefficients a0 to a3 of the best cubic that rises all over its range.
 
-    Raises
-    ------
-    ConfigurationError
-        If there is none.
-
+    Raises `ConfigurationError` if there is none.
     """
     powers = np.vander(speeds, 4, increasing=True)
     best: Array = np.linalg.lstsq(powers, heights, rcond=None)[0]
@@ -187,11 +183,7 @@ def conservative_cubic(speeds: Array, heights: Array) -> Array:
 
     Speeds [m/s] are evenly spaced and close, heights [m] the lower bounds of the simulated ones.
 
-    Raises
-    ------
-    ConfigurationError
-        If there is none.
-
+    Raises `ConfigurationError` if there is none.
     """
     powers = np.vander(speeds, 4, increasing=True)
     slopes = slope_rows(speeds[0], speeds[-1])

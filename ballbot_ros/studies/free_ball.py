@@ -251,11 +251,7 @@ def compare(robot: Robot, run: LateralRun) -> TurnComparison:
     The pendulum is held down by law (11).  The lateral model takes its speed from MuJoCo, and each
     model its commands from its own state.
 
-    Raises
-    ------
-    ConfigurationError
-        If MuJoCo is not installed, or the robot has no steering.
-
+    Raises `ConfigurationError` if MuJoCo is not installed, or the robot has no steering.
     """
     robot = lossless(robot)
     ball, state = FreeBall(robot, run.speed, set_angle=0.0), LateralState()

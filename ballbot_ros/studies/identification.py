@@ -448,11 +448,7 @@ def with_values(scene: Scene, values: Mapping[str, float]) -> Scene:
     """
     Return a scene with other parameters of robot, motor and start.
 
-    Raises
-    ------
-    ConfigurationError
-        If a parameter is unknown or out of range.
-
+    Raises `ConfigurationError` if a parameter is unknown or out of range.
     """
     check_known(scene, list(values))
     robot = with_parameters(scene.model.robot, values)

@@ -27,11 +27,8 @@ class Recording:
     """
     Measurements of a run.
 
-    Raises
-    ------
-    ConfigurationError
-        If a channel is unknown, has too few samples, or its times do not rise.
-
+    Raises `ConfigurationError` if a channel is unknown, has too few samples, or its times do not
+    rise.
     """
 
     channels: Mapping[str, Tuple[Array, Array]]  # times [s] count from the start of the scene

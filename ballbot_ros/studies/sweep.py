@@ -136,11 +136,7 @@ def refuse_foreign(out: Path) -> None:
     """
     Refuse to replace a file that no sweep has written.
 
-    Raises
-    ------
-    ConfigurationError
-        Naming the file, or pyarrow if it is missing.
-
+    Raises `ConfigurationError` naming the file, or pyarrow if it is missing.
     """
     arrow = load_arrow()
     if not out.exists():

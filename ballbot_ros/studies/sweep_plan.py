@@ -47,11 +47,7 @@ class SweepPlan(Checked):
     """
     A sweep; immutable, and the same plan is the same cases.
 
-    Raises
-    ------
-    ConfigurationError
-        Naming the unknown, missing or invalid value.
-
+    Raises `ConfigurationError` naming the unknown, missing or invalid value.
     """
 
     robot: Robot  # values of the parameters that do not vary

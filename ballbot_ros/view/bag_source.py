@@ -218,11 +218,7 @@ def robot_topics(path: Path, topics: List[str], namespace: str) -> Tuple[str, ..
     """
     Return the topics of the robot of a bag that create frames.
 
-    Raises
-    ------
-    ConfigurationError
-        If there is no robot, or several of which none is named.
-
+    Raises `ConfigurationError` if there is no robot, or several of which none is named.
     """
     prefixes = sorted({topic.rsplit('/', 1)[0] for topic in topics
                        if topic.rsplit('/', 1)[-1] in STATE_TOPICS})

@@ -44,11 +44,8 @@ def with_step(terrain: Terrain, x: float, radius: float, height: float) -> Terra
     The ground behind the step is lifted with it.  Without a step ahead one is created,
     `NEW_STEP_DISTANCE` before the ball; a step below `LEAST_HEIGHT` is removed.
 
-    Raises
-    ------
-    ConfigurationError
-        If the ball touches the step already: the ground does not move beneath it.
-
+    Raises `ConfigurationError` if the ball touches the step already: the ground does not move
+    beneath it.
     """
     faces = [face for face in faces_of(terrain, radius, endless=False) if face[-1, 0] > x]
     if not faces:

@@ -79,11 +79,7 @@ class SceneRun:
         """
         Advance by some periods.
 
-        Raises
-        ------
-        SimulationError
-            If the run fails; it remains at the last valid period.
-
+        Raises `SimulationError` if the run fails; it remains at the last valid period.
         """
         # A law that depends on the state at the start of a period is evaluated once per period.
         chunk = 1 if self.law.sampled and not self.e_stop else periods

@@ -241,12 +241,8 @@ class Source(ABC):
         """
         Use a control; a longer effect happens later and shows in `controls` and `health`.
 
-        Raises
-        ------
-        ConfigurationError
-            For a control that this source does not have or that cannot be used now, and for a
-            value that is not allowed; nothing has changed then.
-
+        Raises `ConfigurationError` for a control that this source does not have or that cannot be
+        used now, and for a value that is not allowed; nothing has changed then.
         """
         value = checked(self.controls, name, value)
         try:
@@ -264,11 +260,7 @@ def checked(controls: Mapping[str, Control], name: str, value: Any) -> Value:
     """
     Return the value for a control of a source, converted to its type.
 
-    Raises
-    ------
-    ConfigurationError
-        Naming control, value and allowed values.
-
+    Raises `ConfigurationError` naming control, value and allowed values.
     """
     if name not in controls:
         raise ConfigurationError(

@@ -87,11 +87,7 @@ def imu_reading(message: Imu, clocks: Clocks) -> ImuReading:
     """
     Return the data of an IMU message for the estimate; see `estimation.imu` for the axes.
 
-    Raises
-    ------
-    MessageError
-        With reason ``not_reported`` or ``not_finite``.
-
+    Raises `MessageError` with reason ``not_reported`` or ``not_finite``.
     """
     for what in ('angular_velocity', 'linear_acceleration'):
         if getattr(message, f'{what}_covariance')[0] == NOT_REPORTED:

@@ -32,11 +32,7 @@ def new_session(node: Node, settings: BridgeSettings) -> Session:
     """
     Return a session that is not configured yet, with or without laws on board.
 
-    Raises
-    ------
-    ConfigurationError, UnstableLoopError
-        If the loop is not feasible.
-
+    Raises `ConfigurationError` or `UnstableLoopError` if the loop is not feasible.
     """
     hardware = load_hardware(settings.hardware).at(settings.port, settings.baud)
     robot, tuning = load_robot(hardware.robot), settings.gains
@@ -64,11 +60,7 @@ def prepare_session(session: Session, now: BridgeSettings, wanted: BridgeSetting
     """
     Check other gains and timeouts; return a function that passes them to the loop.
 
-    Raises
-    ------
-    ConfigurationError, UnstableLoopError
-        As `new_session`.
-
+    Raises `ConfigurationError` or `UnstableLoopError` as `new_session`.
     """
     hardware, law = session.hardware, session.law
     if law is None:

@@ -56,11 +56,7 @@ class Outputs:
     is ahead of the receivers' clock; joint_states is published last, because in lockstep its
     answer ends the period.  Messages without subscribers are not created.
 
-    Raises
-    ------
-    ConfigurationError
-        If a rate does not divide the control rate.
-
+    Raises `ConfigurationError` if a rate does not divide the control rate.
     """
 
     def __init__(self, node: Node, plant: Plant, settings: SimulatorSettings):
@@ -201,12 +197,8 @@ class Sensors:
 
     A measurement has the stamp of its time, and is published after its latency.
 
-    Raises
-    ------
-    ConfigurationError
-        If a rate does not divide the control rate, or in lockstep, where each period of the
-        observations waits for its one answer, there may be none or two of them.
-
+    Raises `ConfigurationError` if a rate does not divide the control rate, or in lockstep, where
+    each period of the observations waits for its one answer, there may be none or two of them.
     """
 
     def __init__(self, node: Node, plant: Plant, settings: SimulatorSettings):

@@ -136,11 +136,7 @@ def plant_for(settings: SimulatorSettings) -> Plant:
     """
     Return the plant that these parameters describe, at its start.
 
-    Raises
-    ------
-    ConfigurationError
-        If a file is not valid, or parameters are inconsistent.
-
+    Raises `ConfigurationError` if a file is not valid, or parameters are inconsistent.
     """
     solver, limit = Solver(settings.method, settings.physics_step), settings.torque_limit or None
     if not settings.floor:

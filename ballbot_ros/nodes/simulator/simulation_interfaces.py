@@ -328,11 +328,8 @@ def placed(plant: Plant, message: Any, pose: bool, twist: bool) -> State:
 
     The pendulum keeps its absolute angle and rate; the ball keeps its full turns.
 
-    Raises
-    ------
-    RefusedError
-        If a value is not finite or not in the plane of motion, or the ball penetrates the ground.
-
+    Raises `RefusedError` if a value is not finite or not in the plane of motion, or the ball
+    penetrates the ground.
     """
     state = plant.state
     if pose:

@@ -182,11 +182,7 @@ class ClosedLoop:
         """
         Advance by some periods with set angles by a script.
 
-        Raises
-        ------
-        SimulationError
-            If the run fails.
-
+        Raises `SimulationError` if the run fails.
         """
         outcome, done, self.torque = advance_periods((
             (self.periods, periods, PERIOD), script, self._drive, self._system, self._options,

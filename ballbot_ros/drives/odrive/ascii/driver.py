@@ -465,11 +465,7 @@ class ODrive(Driver):
         """
         Return the value of a property, NaN if there is no such property.
 
-        Raises
-        ------
-        DriveError
-            If there is no answer before the deadline; see `Driver.read_settings`.
-
+        Raises `DriveError` if there is no answer before the deadline; see `Driver.read_settings`.
         """
         properties, before = self._properties, self.counts.copy()
         while True:

@@ -86,11 +86,7 @@ def frame(payload: bytes) -> bytes:
     """
     Return the packet of a payload.
 
-    Raises
-    ------
-    ValueError
-        If it is empty, or longer than the firmware takes.
-
+    Raises `ValueError` if it is empty, or longer than the firmware takes.
     """
     length = len(payload)
     if not 0 < length <= LONGEST_PAYLOAD:
