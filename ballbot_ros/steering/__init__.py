@@ -31,8 +31,7 @@ A step at an angle is lower for the ball by `height_factor`; it changes the cour
     >>> height_factor(0.0), 0.4 < height_factor(0.7) < 0.7, height_factor(1.0)
     (1.0, True, 0.0)
 """
-from ballbot_ros.steering.law import law
-from ballbot_ros.steering.limits import curvature_limit, steady_turn, Turn, yaw_rate_limit
+from ballbot_ros.steering.law import curvature_limit, law, steady_turn, Turn, yaw_rate_limit
 from ballbot_ros.steering.model import (
     follow, GroundTrack, lateral_acceleration, lateral_speed, LateralState, pull,
     required_steering, servo_torque, step)

@@ -1,10 +1,97 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The steering law: a commanded yaw rate within the limits, and damped nutation."""
+"""
+Steady turns, their limits by lean, torque and friction, and the steering law.
+
+The law turns with a commanded yaw rate within these limits, and damps the nutation.
+"""
 import math
+from typing import NamedTuple
 
 from ballbot_ros.physics.model.robot import Robot
-from ballbot_ros.steering.limits import curvature_limit, possible, steady_turn
-from ballbot_ros.steering.model import LateralState, required_steering
+from ballbot_ros.steering.model import accelerations, LateralState, required_steering
+
+RESERVE = 0.15  # part of lean, torque and friction that is kept for damping and disturbances
+PRECISION = 1e-4  # of a limit [1/m]
+SWING_MAX = 0.5 * math.pi - 1e-6  # swing of the pendulum that is still a turn [rad]
+
+
+class Turn(NamedTuple):
+    """A steady turn."""
+
+    lean: float  # [rad]
+    tilt: float  # [rad]
+    yaw_rate: float  # [rad/s]
+    torque: float  # of the lateral axis [N m]
+    lateral_acceleration: float  # [m/s2]
+
+
+def steady_turn(robot: Robot, speed: float, curvature: float) -> Turn:
+    """
+    Return the steady turn of a curvature, eqs. (S4) and (S5).
+
+    Parameters
+    ----------
+    speed : float
+        Of the ball along its path, of either sign [m/s].
+    curvature : float
+        Yaw rate over speed [1/m].
+
+    """
+    first = robot.pendulum_mass * robot.pendulum_length
+    second = first * robot.pendulum_length
+    radius, yaw_rate = robot.ball_radius, curvature * speed
+    swing = 0.0
+    # The pendulum is small beside the ball: each iteration gains a digit at least.
+    for _ in range(8):
+        cosine = math.cos(swing)
+        rolled = (robot.ball_inertia + robot.total_mass * radius**2 - first * radius * cosine)
+        ratio = rolled * yaw_rate * speed / radius / (
+            first * robot.gravity + yaw_rate**2 * (first * radius - second * cosine))
+        swing = math.asin(ratio) if abs(ratio) < 1.0 else math.copysign(SWING_MAX, ratio)
+    inertia = robot.ball_inertia + robot.pendulum_inertia + second * math.sin(swing)**2
+    tilt = math.atan(curvature * radius * inertia / robot.ball_inertia)
+    turning = LateralState(lean=swing + tilt, tilt=tilt, yaw_rate=yaw_rate)
+    torque = accelerations(robot, turning, speed, 0.0).torque
+    return Turn(swing + tilt, tilt, yaw_rate, torque, yaw_rate * speed)
+
+
+def possible(robot: Robot, turn: Turn) -> bool:
+    """Return whether a turn leaves the reserve of lean, torque and friction."""
+    limits, share = required_steering(robot), 1.0 - RESERVE
+    return (abs(turn.lean) <= share * limits.largest_lean
+            and abs(turn.torque) <= share * limits.largest_torque
+            and abs(turn.lateral_acceleration) <= share * robot.surface_friction * robot.gravity)
+
+
+def curvature_limit(robot: Robot, speed: float) -> float:
+    """
+    Return the largest curvature at a speed [1/m]; 0 of a robot that drives straight.
+
+    It falls with the speed; at rest it is the limit for low speeds, where the ball rolls along
+    the circle of a tilted wheel.
+
+    Parameters
+    ----------
+    speed : float
+        Of the ball along its path, of either sign [m/s].
+
+    """
+    if robot.steering is None or not robot.has_pendulum:
+        return 0.0
+    low, high = 0.0, math.tan(robot.steering.largest_lean) / robot.ball_radius
+    while high - low > PRECISION:
+        middle = 0.5 * (low + high)
+        if possible(robot, steady_turn(robot, speed, middle)):
+            low = middle
+        else:
+            high = middle
+    return low
+
+
+def yaw_rate_limit(robot: Robot, speed: float) -> float:
+    """Return the largest yaw rate at a speed [rad/s]; see `curvature_limit`."""
+    return abs(speed) * curvature_limit(robot, speed)
+
 
 DAMPING_RATIO = 0.7  # of the nutation at rest; with the speed it becomes faster, not less damped
 STANDSTILL = 0.02  # below this speed the pendulum hangs straight [m/s]

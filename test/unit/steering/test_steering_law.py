@@ -7,7 +7,7 @@ import pytest
 from ballbot_ros.physics import load_robot
 from ballbot_ros.steering import (
     curvature_limit, LateralState, law, steady_turn, step, yaw_rate_limit)
-from ballbot_ros.steering.limits import RESERVE
+from ballbot_ros.steering.law import RESERVE
 
 GIMBALL = load_robot('gimball')
 
