@@ -75,6 +75,7 @@ def test_a_table_is_kept_for_its_robot_and_heights_are_rounded_up(
     assert choices(Capability(other), [(0.0, 0.02)], 0.001, 1.0, 1.0) == []
 
 
+@pytest.mark.slow
 def test_an_entry_does_not_depend_on_those_before_it(tmp_path, monkeypatch):
     monkeypatch.setenv('XDG_CACHE_HOME', str(tmp_path))
     after, alone = Capability(KNOWLEDGE), Capability(KNOWLEDGE)
@@ -87,6 +88,7 @@ def test_without_room_behind_nothing_is_crossed(capability):
     assert not choices(capability, [(0.0, 0.02)], 0.001, 3.0, 0.2)
 
 
+@pytest.mark.slow
 def test_more_room_behind_a_step_excludes_no_run_up(capability):
     run_ups = [{item.run_up for item in choices(capability, [(0.0, 0.0375)], 0.002, 1.0, room)}
                for room in (0.6, 0.8, 1.0, 1.3, 1.7, 2.1, 2.5)]
@@ -455,6 +457,7 @@ def test_the_way_out_of_a_narrow_place_begins_there_and_passes_no_edge(flat):
         assert math.dist(before.points[-1], after.points[0]) < 1e-9
 
 
+@pytest.mark.slow
 def test_a_route_refused_only_by_the_product_of_probabilities_has_a_reason_of_its_own(tmp_path):
     # Between the steps there is room for one metre of run-up.
     steps = (3.0, 4.6, 6.2, 7.8, 9.4)

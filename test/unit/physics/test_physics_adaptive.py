@@ -5,6 +5,7 @@ from dataclasses import replace
 from hypothesis import given, strategies as some
 import numpy as np
 import pytest
+from tiers import pairs
 
 from ballbot_ros.crossing import held_at
 from ballbot_ros.jit import compiled
@@ -80,8 +81,7 @@ def test_times_in_between_do_not_change_the_run():
     assert coarse['x'] == pytest.approx(scene.simulate()['x'][::100], abs=1e-9)
 
 
-@pytest.mark.parametrize('method', METHODS)
-@pytest.mark.parametrize('name', ['fig7_top', 'shellball_drop'])
+@pytest.mark.parametrize('name, method', pairs(['fig7_top', 'shellball_drop'], METHODS))
 def test_how_often_progress_is_reported_does_not_change_the_run(name, method, monkeypatch):
     scene = load_scene(name)
     solver = Solver(method, 1e-3 if method == 'trapezoidal' else 1e-4, 1e-7)

@@ -10,6 +10,7 @@ import sys
 
 import numpy as np
 import pytest
+from tiers import slow
 
 from ballbot_ros import jit
 
@@ -34,7 +35,7 @@ print(json.dumps([jit.COMPILED, ends]))
 """
 
 
-@pytest.mark.parametrize('variable', ['NUMBA_DISABLE_JIT', 'BALLBOT_UNCOMPILED'])
+@pytest.mark.parametrize('variable', ['NUMBA_DISABLE_JIT', *slow('BALLBOT_UNCOMPILED')])
 def test_compilation_can_be_switched_off(variable):
     done = subprocess.run(
         [sys.executable, '-c', 'from ballbot_ros import crossing, jit\n'

@@ -8,6 +8,7 @@ from contact_cases import (
 from hypothesis import given, settings, strategies
 import numpy as np
 import pytest
+from tiers import slow
 
 from ballbot_ros.physics import Actuation, ContactOptions, Model, simulate, Solver, State, Terrain
 from ballbot_ros.physics.mechanics.contact import (
@@ -47,7 +48,7 @@ PATHS = {
 }
 
 
-@pytest.mark.parametrize('name', PATHS)
+@pytest.mark.parametrize('name', [*slow(*list(PATHS)[:-1]), *list(PATHS)[-1:]])
 def test_energy_is_continuous_along_a_path(name):
     # As finely sampled as it may be, no step of the energy is left.
     terrain = PATHS[name]
@@ -124,7 +125,7 @@ def test_dampers_and_friction_only_take(case, motion):
     assert loads[4] >= 0.0
 
 
-@pytest.mark.parametrize('height', [3e-4, 1e-3, 4e-3])
+@pytest.mark.parametrize('height', [*slow(3e-4, 4e-3), 1e-3])
 def test_friction_only_takes_on_steps_lower_than_the_penetration(height):
     random = np.random.default_rng(5)
     terrain, corners = Terrain.step(height), 0

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from reference_search import crosses, highest_step
 from refusals import refused
+from tiers import pairs
 
 from ballbot_ros.crossing import held_at, max_step_heights, Rules, try_step
 from ballbot_ros.crossing.rules import START_LEAD, touch_distance
@@ -57,6 +58,7 @@ def test_with_the_lever_of_that_program_the_agreement_is_within_both_brackets(ca
     np.testing.assert_allclose([1e3 * item.height for item in fast], TABLE[case], atol=0.07)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('case', TABLE)
 @pytest.mark.parametrize('speed', [0.4, 1.0])
 def test_the_literal_paper_has_nearly_the_same_thresholds(case, speed):
@@ -70,8 +72,7 @@ def test_the_literal_paper_has_nearly_the_same_thresholds(case, speed):
         own, abs=1e-4)
 
 
-@pytest.mark.parametrize('case', TABLE)
-@pytest.mark.parametrize('speed', [0.3, 0.8, 1.2])
+@pytest.mark.parametrize('case, speed', pairs(list(TABLE), [0.3, 0.8, 1.2]))
 def test_every_lower_step_is_passed_and_no_higher_one(case, speed):
     robot, actuation, angle = CASES[case]
     threshold = highest_step(robot, speed, actuation, angle)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from reference_search import crosses, highest_step
 from refusals import refused
+from tiers import slow
 
 from ballbot_ros.crossing import (
     cruising, held_at, max_step_height, max_step_heights, rolling, Rules, Site)
@@ -41,7 +42,7 @@ def reference(robot, speed, actuation, tolerance=2e-5, **rest):
     return highest_step(robot, speed, actuation, angle, tolerance, **rest)
 
 
-@pytest.mark.parametrize('drive', DRIVES)
+@pytest.mark.parametrize('drive', [*slow(*list(DRIVES)[:-1]), *list(DRIVES)[-1:]])
 def test_the_answers_are_those_of_the_reference(drive):
     robot, law = DRIVES[drive]
     for speed in (0.25, 0.65, 1.1):
@@ -52,6 +53,7 @@ def test_the_answers_are_those_of_the_reference(drive):
         assert found.height - found.error <= known + 2e-5 + 1e-5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('site', SITES)
 def test_the_answers_are_those_of_the_reference_on_any_ground(site):
     for drive in ('free', 'velocity'):
@@ -131,6 +133,7 @@ def test_the_ball_starts_at_its_first_touch_with_the_collision_speed():
             assert floor.slip_velocity == pytest.approx(0.0, abs=1e-12)
 
 
+@pytest.mark.slow
 def test_the_verdict_is_what_a_whole_run_shows():
     for height, verdict in ((0.015, OVER), (0.025, BACK)):
         found, _, _ = attempt(height, 1e-8, crossing_of(0.6))

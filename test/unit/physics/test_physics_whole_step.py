@@ -85,6 +85,7 @@ def test_where_it_says_that_a_mode_holds_no_guard_is_violated_at_any_time(lever,
     assert said[0] > 100 and said[1] > 400 and edges > 50
 
 
+@pytest.mark.slow
 def test_it_has_much_to_say_of_small_steps():
     draw = np.random.default_rng(12)
     model = Model(load_robot('gimball'), Terrain.step(0.03, at=0.5))

@@ -6,6 +6,7 @@ import math
 from hypothesis import assume, example, given, settings, strategies as st
 import numpy as np
 import pytest
+from tiers import slow
 
 from ballbot_ros.errors import ConfigurationError, SimulationError
 from ballbot_ros.floors import Feature, Floor
@@ -157,7 +158,7 @@ def test_backing_off_returns_to_the_start_and_a_run_up_crosses():
     assert plant.level == 0.035
 
 
-@pytest.mark.parametrize('heading', [0.0, 0.6, -0.9])
+@pytest.mark.parametrize('heading', [*slow(0.0, -0.9), 0.6])
 def test_a_ball_rolls_off_a_drop_at_any_angle(heading):
     drop = {'kind': 'drop', 'line': [[10.0, 4.0], [10.0, 12.0]], 'height': 0.1}
     plant = FloorPlant(ROBOT, floor_of(drop), (9.6, 8.0, heading))
@@ -165,6 +166,7 @@ def test_a_ball_rolls_off_a_drop_at_any_angle(heading):
     assert plant.level == -0.1 and plant.state.y < ROBOT.ball_radius - 0.09
 
 
+@pytest.mark.slow
 def test_an_edge_turns_the_course_away_from_its_normal_as_measured():
     angle, height = math.radians(30.0), 0.015
     plant = FloorPlant(ROBOT, floor_of({**STEP, 'height': height}),
@@ -237,9 +239,9 @@ def test_a_ball_nearly_parallel_to_an_edge_gains_no_energy(kind, aside, turned, 
 
 
 @pytest.mark.parametrize('kind, aside, heading, speed, turns', [
-    ('step', -0.09, 0.0, 0.0, True), ('step', -0.02, 0.0, -0.1, True),
-    ('step', 0.09, 0.0, 0.1, True), ('threshold', -0.02, 0.0, -0.1, True),
-    ('step', -0.02, 0.5 * math.pi, 0.1, False), ('threshold', 0.02, 0.0, 0.0, False)])
+    *slow(('step', -0.09, 0.0, 0.0, True), ('step', -0.02, 0.0, -0.1, True),
+          ('step', 0.09, 0.0, 0.1, True), ('step', -0.02, 0.5 * math.pi, 0.1, False)),
+    ('threshold', -0.02, 0.0, -0.1, True), ('threshold', 0.02, 0.0, 0.0, False)])
 def test_a_turn_on_an_edge_neither_adds_energy_nor_lets_the_ball_sink(
         monkeypatch, kind, aside, heading, speed, turns):
     monkeypatch.setattr(

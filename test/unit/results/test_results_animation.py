@@ -147,6 +147,7 @@ def test_an_end_on_the_way_leaves_no_file(run, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(ffmpeg() is None, reason='ffmpeg is not installed')
 def test_an_mp4_has_the_frames_of_the_run(run, tmp_path):
     animate(run, tmp_path / 'run.mp4')

@@ -84,6 +84,7 @@ def far_run(distance, gimball):
     return Trajectory(model, rows), edge
 
 
+@pytest.mark.slow
 def test_a_run_too_long_for_a_picture_shows_its_hardest_impact(gimball):
     run, edge = far_run(100.0, gimball)
     chosen = lay_out(run)
