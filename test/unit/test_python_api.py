@@ -146,6 +146,7 @@ def test_a_plot_names_scene_and_robot(run):
     assert 'fig7_top' in words and 'gimball' in words
 
 
+@pytest.mark.slow
 def test_a_type_checker_passes_a_script_of_a_user(tmp_path):
     api = pytest.importorskip('mypy.api')
     assert isinstance(api, ModuleType)

@@ -9,6 +9,7 @@ import can
 import pytest
 from refusals import refused
 from test_bridge_hardware import GENTLE, GIMBALL
+from tiers import slow
 from virtual_robot import VirtualRobot
 
 from ballbot_ros.bridge.drive_line import connector
@@ -130,7 +131,7 @@ def test_a_file_without_confirmed_settings_is_refused_for_a_0_5():
 
 
 @pytest.mark.parametrize('protocol, baud, enough', [
-    ('odrive_can', 250000, 500000), ('vesc_can', 500000, 1000000)])
+    ('odrive_can', 250000, 500000), *slow(('vesc_can', 500000, 1000000))])
 def test_a_bus_that_is_too_slow_is_refused_with_a_bit_rate_that_the_drive_has(
         protocol, baud, enough):
     hardware = load_hardware(f'gimball_{protocol}')

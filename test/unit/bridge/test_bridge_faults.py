@@ -79,7 +79,7 @@ def test_steps_and_walls_at_full_torque_are_no_contradiction():
         assert max(map(abs, robot.torques)) > 0.9 * robot.hardware.options().torque_limit
 
 
-@pytest.mark.parametrize('protocol', PROTOCOLS)
+@pytest.mark.parametrize('protocol', [*PROTOCOLS[:2], *slow(*PROTOCOLS[2:])])
 def test_a_drive_that_does_not_confirm_its_status_is_stopped(protocol):
     robot = VirtualRobot(protocol, onboard='gentle').ready()
     loop(robot, 0.1, FORWARD)
@@ -141,7 +141,8 @@ def slowly_read(protocol, rate):
     return robot
 
 
-@pytest.mark.parametrize('protocol', [*PROTOCOLS, 'odrive_can 0.5', 'vesc_can'])
+@pytest.mark.parametrize('protocol', [
+    'roboclaw', 'vesc_can', *slow(*PROTOCOLS[:3], 'odrive_can 0.5')])
 @pytest.mark.parametrize('rate', [*slow(100.0), 1000.0])
 def test_a_drive_that_reads_slowly_executes_few_commands_after_a_stop(protocol, rate):
     robot = slowly_read(protocol, rate)
@@ -154,7 +155,8 @@ def test_a_drive_that_reads_slowly_executes_few_commands_after_a_stop(protocol, 
     assert robot.torques and not any(robot.torques)
 
 
-@pytest.mark.parametrize('protocol, rate', pairs([*PROTOCOLS, 'odrive_can 0.5'], [60.0, 90.0]))
+@pytest.mark.parametrize('protocol', ['vesc', *slow(*PROTOCOLS[:2], 'roboclaw', 'odrive_can 0.5')])
+@pytest.mark.parametrize('rate', [60.0, *slow(90.0)])
 def test_the_watchdog_stops_a_drive_that_reads_with_pauses_between_bytes(protocol, rate):
     robot = slowly_read(protocol, rate)
     robot.session.engage('requested')
@@ -197,6 +199,7 @@ def test_an_imu_upside_down_inhibits_the_release_where_the_encoder_has_a_zero(pr
     assert not any(robot.torques)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('torque', [0.35, *slow(0.05)])  # below that of a check of the torque
 @pytest.mark.parametrize('fault, turn', [
     *slow((frozen(False), 4.5), (reversed_encoder(False), 2.3)), (upside_down, 2.3)])

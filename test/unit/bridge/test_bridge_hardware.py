@@ -5,6 +5,7 @@ from dataclasses import replace
 import pytest
 from refusals import refused
 import serial
+from tiers import slow
 
 from ballbot_ros.bridge.feasibility import (
     BAUD_RATES, check_feasible, check_joint_state_rate, onboard_lag, RESERVE, wire_budget)
@@ -34,7 +35,7 @@ def changed(**connection):
         hardware.connection, **{'loop_rate': 500.0, **connection}))
 
 
-@pytest.mark.parametrize('name', SHIPPED)
+@pytest.mark.parametrize('name', [SHIPPED[0], *slow(*SHIPPED[1:])])
 def test_shipped_hardware_works_and_says_what_is_assumed(name):
     hardware = load_hardware(name)
     check_feasible(hardware, load_robot(hardware.robot), GENTLE)
@@ -244,7 +245,7 @@ def test_on_board_a_torque_is_late_by_what_is_on_the_line_and_a_reserve():
 
 
 @pytest.mark.parametrize('name, lowest', [
-    ('gimball_odrive', 548.0), ('gimball_vesc', 170.0), ('gimball_roboclaw', 154.4)])
+    ('gimball_odrive', 548.0), *slow(('gimball_vesc', 170.0), ('gimball_roboclaw', 154.4))])
 def test_the_published_gains_need_this_rate_on_board(name, lowest):
     hardware = load_hardware(name)
     hardware = replace(hardware, connection=replace(hardware.connection, loop_rate=700.0))

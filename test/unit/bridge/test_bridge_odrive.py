@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the firmware of an ODrive does by itself, each through a whole session."""
 from dataclasses import replace
+from itertools import product
 import re
 
 import pytest
 from refusals import refused
-from tiers import pairs
+from tiers import pairs, slow
 from virtual_robot import VirtualRobot
 
 from ballbot_ros.bridge.motor_state import MotorState
@@ -110,8 +111,9 @@ def test_0_5_4_says_what_disarmed_it_though_it_cuts_the_number():
 
 # The cause of a disarm
 
-@pytest.mark.parametrize('kind, phase', pairs(
-    KINDS, [0.002 * number for number in range(0, 66, 3)]))
+@pytest.mark.parametrize('kind, phase', [
+    *pairs(KINDS, [0.002 * number for number in range(0, 66, 9)]),
+    *slow(*product(KINDS, (0.002 * number for number in range(0, 66, 3) if number % 9)))])
 def test_a_watchdog_that_expired_is_named_before_any_next_request(kind, phase):
     robot = VirtualRobot(kind).ready()
     robot.run(0.1 + phase, torque=0.1)

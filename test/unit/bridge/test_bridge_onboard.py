@@ -4,6 +4,7 @@ import math
 
 import pytest
 from refusals import refused
+from tiers import slow
 from virtual_robot import STEP, VirtualRobot
 
 from ballbot_ros.bridge.motor_state import MotorState
@@ -126,7 +127,7 @@ def test_set_points_that_end_let_the_pendulum_down_and_then_go_from_it():
     assert robot.loop(0.1, UP).commanded and not report.e_stop
 
 
-@pytest.mark.parametrize('delay', [0.05, 0.5])
+@pytest.mark.parametrize('delay', [*slow(0.05), 0.5])
 def test_a_late_loop_prolongs_the_let_down_by_the_watchdog_of_the_drive_at_most(delay):
     robot = ready(damping_time=0.4)
     robot.loop(0.3, UP)

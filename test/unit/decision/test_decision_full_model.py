@@ -82,7 +82,7 @@ def test_a_step_decided_to_be_crossed_is_crossed(height, face, latency):
 
 @pytest.mark.parametrize('height, face, speed, slope', [
     *slow((0.080, 1.2, 0.0, 0.0), (0.080, 2.0, 0.4, -2.0), (-0.100, 1.5, 0.4, -0.5),
-          (-0.100, 2.0, 0.4, -3.0)), (-0.100, 1.5, 0.4, 3.0), (0.300, 1.5, 0.4, -1.0)])
+          (-0.100, 2.0, 0.4, -3.0), (-0.100, 1.5, 0.4, 3.0)), (0.300, 1.5, 0.4, -1.0)])
 def test_before_what_it_does_not_cross_it_stands_with_the_gap(height, face, speed, slope):
     state, rows, decisions = drive(height, face, speed=speed, slope=math.radians(slope),
                                    seconds=12.0)

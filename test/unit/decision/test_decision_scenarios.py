@@ -49,7 +49,8 @@ def test_behind_a_sill_on_a_descent_the_ball_stops_before_the_drop(slope, sill):
     assert row['outcome'] == 'stopped'
 
 
-@pytest.mark.parametrize('strides', [DROP, *slow((WALL,))])
+@pytest.mark.slow
+@pytest.mark.parametrize('strides', [DROP, WALL])
 def test_outliers_of_a_terrain_sensor_are_single_lost_points(strides):
     row = drive(strides, kind='terrain', height_sd=0.001, outliers=0.1)
     assert row['outcome'] == 'stopped' and row['changes'] <= 2

@@ -241,7 +241,7 @@ def test_a_ball_nearly_parallel_to_an_edge_gains_no_energy(kind, aside, turned, 
 @pytest.mark.parametrize('kind, aside, heading, speed, turns', [
     *slow(('step', -0.09, 0.0, 0.0, True), ('step', -0.02, 0.0, -0.1, True),
           ('step', 0.09, 0.0, 0.1, True), ('step', -0.02, 0.5 * math.pi, 0.1, False)),
-    ('threshold', -0.02, 0.0, -0.1, True), ('threshold', 0.02, 0.0, 0.0, False)])
+    *slow(('threshold', -0.02, 0.0, -0.1, True)), ('threshold', 0.02, 0.0, 0.0, False)])
 def test_a_turn_on_an_edge_neither_adds_energy_nor_lets_the_ball_sink(
         monkeypatch, kind, aside, heading, speed, turns):
     monkeypatch.setattr(

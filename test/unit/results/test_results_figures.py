@@ -6,6 +6,7 @@ import warnings
 import numpy as np
 import pytest
 from refusals import refused
+from tiers import slow
 
 from ballbot_ros.config.files import config_folder
 from ballbot_ros.figures.frames import lay_out, MOST_ROWS
@@ -39,7 +40,7 @@ def test_each_scene_gives_a_figure_without_warnings(scene, draw):
     assert all((edge == 255).all() for edge in border), 'something is cut off'
 
 
-@pytest.mark.parametrize('scene', SCENES)
+@pytest.mark.parametrize('scene', [*SCENES[:2], *slow(*SCENES[2:])])
 def test_a_strip_is_true_to_scale(scene):
     figure = strip(run_of(scene))
     width, height = figure.get_size_inches()

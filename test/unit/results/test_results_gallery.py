@@ -42,7 +42,7 @@ def words(figure):
 
 
 @pytest.mark.parametrize('name', [
-    pytest.param(name, marks=pytest.mark.slow if name == 'turning' else ())
+    pytest.param(name, marks=() if name in ('fig6', 'design') else pytest.mark.slow)
     for name in paper.FIGURES])
 def test_every_figure_says_where_it_comes_from_and_reports_its_progress(name, coarse):
     fractions = []

@@ -3,6 +3,7 @@
 import pytest
 from rclpy.node import Node
 from std_msgs.msg import Bool
+from tiers import slow
 
 from ballbot_ros.bridge.supervisor import StopReason
 from ballbot_ros.nodes.bridge.node import Bridge
@@ -33,7 +34,7 @@ def test_a_released_one_is_published_as_such(bridge, received_late):
     assert received_late() is False
 
 
-@pytest.mark.parametrize('end', ['shutdown', 'cleanup', 'error'])
+@pytest.mark.parametrize('end', [*slow('shutdown', 'cleanup'), 'error'])
 def test_after_shutdown_cleanup_and_an_error_the_e_stop_is_published_as_engaged(
         bridge, received_late, end):
     if end == 'error':

@@ -5,6 +5,7 @@ import time
 
 import pytest
 from sensor_msgs.msg import Imu, JointState
+from tiers import slow
 
 from ballbot_ros.bridge.supervisor import EStop, StopReason
 from ballbot_ros.nodes.bridge.inputs import RELEASE_DELAY
@@ -27,8 +28,9 @@ def reading(rate):
 
 
 @pytest.mark.parametrize('send, message, what', [
-    ('command', command(math.nan), 'command'), ('command', command(math.inf), 'command'),
-    ('_on_imu', reading(math.nan), 'IMU reading')])
+    ('command', command(math.nan), 'command'),
+    *slow(('command', command(math.inf), 'command'),
+          ('_on_imu', reading(math.nan), 'IMU reading'))])
 def test_a_flood_of_messages_that_are_not_finite(
         make_node, tmp_path, capfd, send, message, what):
     node = make_node(Bridge, autostart=False, black_box='', control='direct',

@@ -5,6 +5,7 @@ import time
 import pytest
 from rclpy.node import Node
 from std_msgs.msg import Bool
+from tiers import pairs
 
 from ballbot_ros.bridge.session import Wanted
 from ballbot_ros.errors import RefusedError
@@ -25,8 +26,7 @@ NODES = {
              lambda node: bool(node._session.supervisor.e_stop))}
 
 
-@pytest.mark.parametrize('cls', list(NODES))
-@pytest.mark.parametrize('profile', [qos.LATEST, qos.LATCHED], ids=['volatile', 'latched'])
+@pytest.mark.parametrize('cls, profile', pairs(list(NODES), [qos.LATEST, qos.LATCHED]))
 def test_a_stop_request_of_any_publisher_engages_the_e_stop(cls, profile, make_node, spinner):
     parameters, is_engaged = NODES[cls]
     node, person = make_node(cls, **parameters), make_node(Node, 'person')

@@ -5,6 +5,7 @@ import subprocess
 import sys
 
 import pytest
+from tiers import slow
 
 from ballbot_ros.ros.run import Stop
 
@@ -34,7 +35,7 @@ sys.exit(run.run(Failing, []))
 """
 
 
-@pytest.mark.parametrize('executor', ['newest', 'older'])
+@pytest.mark.parametrize('executor', ['newest', *slow('older')])
 def test_a_node_that_fails_is_made_safe_and_says_so_in_one_line(executor, monkeypatch):
     monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'OFF')
     done = subprocess.run([sys.executable, '-c', NODE, executor], capture_output=True, text=True,

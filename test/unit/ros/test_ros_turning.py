@@ -10,6 +10,7 @@ import pytest
 from rclpy.node import Node
 from sensor_msgs.msg import JointState, LaserScan
 from tf2_msgs.msg import TFMessage
+from tiers import slow
 
 from ballbot_ros.config.files import find_config
 from ballbot_ros.errors import ConfigurationError
@@ -123,7 +124,7 @@ def test_the_place_of_odom_on_the_map_is_exact_or_drifts(make_node):
     assert abs(drifting.of_odom(20000.0)[0] - drifting.of_odom(20000.001)[0]) < 0.005
 
 
-@pytest.mark.parametrize('yaw_rate, followed', [(0.2, False), (0.0, True)])
+@pytest.mark.parametrize('yaw_rate, followed', [(0.2, False), *slow((0.0, True))])
 def test_a_robot_without_steering_refuses_to_turn(drive, tmp_path, yaw_rate, followed):
     text = find_config('robots', 'gimball').read_text()
     straight = tmp_path / 'straight.yaml'

@@ -3,6 +3,7 @@
 import math
 
 import pytest
+from tiers import pairs
 
 from ballbot_ros.physics import load_robot
 from ballbot_ros.steering import (
@@ -21,8 +22,7 @@ def drive(state, speed, yaw_rate, duration, dt=2e-3):
     return states
 
 
-@pytest.mark.parametrize('speed', [0.1, 0.2, 0.4, 0.8, 1.2, -0.4])
-@pytest.mark.parametrize('share', [1.0, -0.5])
+@pytest.mark.parametrize('speed, share', pairs([0.1, 0.2, 0.4, 0.8, 1.2, -0.4], [1.0, -0.5]))
 def test_a_yaw_rate_within_the_limit_is_reached(speed, share):
     wanted = share * yaw_rate_limit(GIMBALL, speed)
     end = drive(LateralState(), speed, wanted, 6.0)[-1]

@@ -36,6 +36,7 @@ CROSSINGS = {
         contact_law='hunt_crossley', contact_dissipation=0.3)), 0.78, 0.025)}
 
 
+@pytest.mark.slow
 @with_mujoco
 @pytest.mark.parametrize('name', CROSSINGS)
 def test_under_the_same_forces_both_go_the_same_way(name):
@@ -63,6 +64,7 @@ def test_a_resting_ball_sinks_in_by_its_weight_over_the_stiffness():
             robot.static_penetration, rel=5e-3)
 
 
+@pytest.mark.slow
 @with_mujoco
 @pytest.mark.parametrize('robot', [GIMBALL, SHELLBALL], ids=['gimball', 'shellball'])
 def test_without_friction_its_own_contact_gives_the_same_height(robot):
@@ -71,6 +73,7 @@ def test_without_friction_its_own_contact_gives_the_same_height(robot):
     assert found == pytest.approx(step_height(Case(smooth), 0.8), abs=1e-4)
 
 
+@pytest.mark.slow
 @with_mujoco
 @pytest.mark.parametrize('robot', [GIMBALL, SHELLBALL], ids=['gimball', 'shellball'])
 def test_with_friction_its_own_contact_is_within_a_third_of_a_millimetre(robot):
