@@ -127,25 +127,13 @@ class Heights:
     """
     Heights of the ground on a grid, between which they are linear.
 
-    Attributes
-    ----------
-    values : (rows, columns) array
-        Finite, of the centres of the cells; row 0 has the least y [m].
-    resolution : float
-        [m]
-    origin : (float, float)
-        Corner of cell (0, 0) [m].
-
-    Raises
-    ------
-    ConfigurationError
-        If a height is not finite, or the range is that of another unit.
-
+    Raises `ConfigurationError` if a height is not finite, or the range is that of another unit.
     """
 
+    # (rows, columns): finite, of the centres of the cells; row 0 has the least y [m].
     values: NDArray[np.float64]
-    resolution: float
-    origin: Point
+    resolution: float  # [m]
+    origin: Point  # corner of cell (0, 0) [m]
 
     def __post_init__(self) -> None:
         bad = np.argwhere(~np.isfinite(self.values))
@@ -175,33 +163,16 @@ class Heights:
 
 @dataclass(frozen=True, eq=False)
 class Floor:
-    """
-    An occupancy map with features.
-
-    Attributes
-    ----------
-    name : str
-    cells : (rows, columns) array of uint8
-        `FREE`, `UNKNOWN` or `OCCUPIED`; row 0 has the least y.
-    resolution : float
-        [m]
-    origin : tuple of float
-        x and y of the corner of cell (0, 0) [m].
-    features : tuple of Feature
-    start : (float, float, float)
-        x, y and heading of a robot [m], [rad].
-    heights : Heights or None
-        Under the features; None for a level floor.
-
-    """
+    """An occupancy map with features."""
 
     name: str
+    # (rows, columns): `FREE`, `UNKNOWN` or `OCCUPIED`; row 0 has the least y.
     cells: NDArray[np.uint8]
-    resolution: float
-    origin: Point
+    resolution: float  # [m]
+    origin: Point  # x and y of the corner of cell (0, 0) [m]
     features: Tuple[Feature, ...]
-    start: Tuple[float, float, float] = (0.0, 0.0, 0.0)
-    heights: Optional[Heights] = None
+    start: Tuple[float, float, float] = (0.0, 0.0, 0.0)  # x, y and heading of a robot [m], [rad]
+    heights: Optional[Heights] = None  # under the features; None for a level floor
 
     def cell_of(self, point: Sequence[float]) -> Tuple[int, int]:
         """Return row and column of a point [m]; may lie outside."""
@@ -267,11 +238,7 @@ def start_on(floor: Floor, text: str) -> Tuple[float, float, float]:
     """
     Return the pose that a text gives, as x, y [m] and heading [rad] with commas; else the start.
 
-    Raises
-    ------
-    ConfigurationError
-        If it is not three numbers.
-
+    Raises `ConfigurationError` if it is not three numbers.
     """
     if not text:
         return floor.start
@@ -285,15 +252,7 @@ def start_on(floor: Floor, text: str) -> Tuple[float, float, float]:
 
 
 def load_floor(name_or_path: Union[str, Path]) -> Floor:
-    """
-    Read a floor by name or path.
-
-    Raises
-    ------
-    ConfigurationError
-        Naming all errors in the file.
-
-    """
+    """Read a floor by name or path; raises `ConfigurationError` naming all errors in the file."""
     path, content = read_config('floors', name_or_path)
     where, problems = str(path), Problems()
     with problems.collected():

@@ -66,7 +66,6 @@ def cut(floor: Floor, place: Point, heading: float, level: float = 0.0, radius: 
 
     Parameters
     ----------
-    floor : Floor
     place : (float, float)
         Where the line is at distance 0 [m].
     heading : float

@@ -105,7 +105,6 @@ def law(robot: Robot, state: LateralState, speed: float, yaw_rate: float) -> flo
 
     Parameters
     ----------
-    robot : Robot
     state : LateralState
         Measured or estimated; the heading is not used.
     speed : float

@@ -125,8 +125,6 @@ def step(robot: Robot, state: LateralState, speed: float, command: float, dt: fl
 
     Parameters
     ----------
-    robot : Robot
-    state : LateralState
     speed : float
         Of the ball along the heading, in the middle of `dt` [m/s].
     command : float

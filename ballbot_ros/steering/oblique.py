@@ -64,11 +64,7 @@ def load_oblique_steps(name_or_path: str = 'gimball') -> ObliqueSteps:
     """
     Read a table of the package by the name of its robot, or a custom file.
 
-    Raises
-    ------
-    ConfigurationError
-        Naming file, field, value and allowed range.
-
+    Raises `ConfigurationError` naming file, field, value and allowed range.
     """
     return load_config(ObliqueSteps, 'oblique', name_or_path)
 
