@@ -9,7 +9,7 @@ from importlib.util import find_spec
 from pathlib import Path
 import sqlite3
 import struct
-from typing import Any, Collection, Iterator, Mapping, Tuple, Union
+from typing import Any, Callable, Collection, Iterator, Mapping, NamedTuple, Tuple
 
 import yaml
 
@@ -66,97 +66,68 @@ def custom_data(path: Path) -> Mapping[str, str]:
         raise unreadable(path, error) from error
 
 
-class RosbagsBag:
-    """
-    A bag that the Python package rosbags has opened.
+class Bag(NamedTuple):
+    """An open bag."""
 
-    Attributes
-    ----------
-    topics : mapping of str to str
-        Types of the messages, such as ``'sensor_msgs/msg/JointState'``, by topic.
-    metadata : mapping of str to str
-        Written by the recorder.
-
-    """
-
-    def __init__(self, path: Path, reader: Any, metadata: Mapping[str, str]):
-        self._path, self._reader, self.metadata = path, reader, metadata
-        self.topics: Mapping[str, str] = {
-            connection.topic: connection.msgtype for connection in reader.connections}
-
-    def messages(self, topics: Collection[str]) -> Iterator[Tuple[str, Any]]:
-        """Give topic and message in the order of the bag; `ConfigurationError` where damaged."""
-        from rosbags.highlevel import AnyReaderError
-        wanted = [connection for connection in self._reader.connections
-                  if connection.topic in topics]
-        try:
-            for connection, _, data in self._reader.messages(wanted) if wanted else ():
-                yield connection.topic, self._reader.deserialize(data, connection.msgtype)
-        except (AnyReaderError, *READER_ERRORS) as error:
-            raise unreadable(self._path, error) from error
+    topics: Mapping[str, str]  # types of the messages, such as ``sensor_msgs/msg/JointState``
+    metadata: Mapping[str, str]  # written by the recorder
+    # Yields topic and message of some topics in the order of the bag; raises `ConfigurationError`
+    # where the bag is damaged.
+    messages: Callable[[Collection[str]], Iterator[Tuple[str, Any]]]
 
 
 @contextmanager
-def _open_with_rosbags(path: Path) -> Iterator[RosbagsBag]:
+def _open_with_rosbags(path: Path) -> Iterator[Bag]:
     from rosbags.highlevel import AnyReader, AnyReaderError
     from rosbags.typesys import get_typestore, Stores
+    errors = (AnyReaderError, *READER_ERRORS)
     metadata = custom_data(path)
-    reader: Any = None
     try:
         reader = AnyReader([path], default_typestore=get_typestore(Stores.ROS2_JAZZY))
         reader.open()
-    except (AnyReaderError, *READER_ERRORS) as error:
+    except errors as error:
         raise unreadable(path, error) from error
+
+    def messages(topics: Collection[str]) -> Iterator[Tuple[str, Any]]:
+        wanted = [connection for connection in reader.connections if connection.topic in topics]
+        try:
+            for connection, _, data in reader.messages(wanted) if wanted else ():
+                yield connection.topic, reader.deserialize(data, connection.msgtype)
+        except errors as error:
+            raise unreadable(path, error) from error
     try:
-        yield RosbagsBag(path, reader, metadata)
+        yield Bag({connection.topic: connection.msgtype for connection in reader.connections},
+                  metadata, messages)
     finally:
         reader.close()
 
 
-class Rosbag2Bag:
-    """
-    A bag that rosbag2_py has opened.
+def rosbag2_bag(path: Path, reader: Any) -> Bag:
+    """Return the bag of an open `rosbag2_py.SequentialReader`."""
+    types = {topic.name: topic.type for topic in reader.get_all_topics_and_types()}
 
-    Parameters
-    ----------
-    reader : rosbag2_py.SequentialReader
-        Open.
-
-    """
-
-    def __init__(self, path: Path, reader: Any):
-        self._path, self._reader = path, reader
-        self.topics: Mapping[str, str] = {
-            topic.name: topic.type for topic in reader.get_all_topics_and_types()}
-        self.metadata: Mapping[str, str] = dict(
-            getattr(reader.get_metadata(), 'custom_data', None) or {})
-
-    def messages(self, topics: Collection[str]) -> Iterator[Tuple[str, Any]]:
-        """Give topic and message in the order of the bag; `ConfigurationError` where damaged."""
+    def messages(topics: Collection[str]) -> Iterator[Tuple[str, Any]]:
         from rclpy.serialization import deserialize_message
-        kinds = {topic: message_class(self.topics[topic]) for topic in topics
-                 if topic in self.topics}
+        kinds = {topic: message_class(types[topic]) for topic in topics if topic in types}
         try:
-            while self._reader.has_next():
-                topic, data, _ = self._reader.read_next()
+            while reader.has_next():
+                topic, data, _ = reader.read_next()
                 if topic in kinds:
                     yield topic, deserialize_message(data, kinds[topic])
         except RuntimeError as error:
-            raise unreadable(self._path, error) from error
+            raise unreadable(path, error) from error
+    return Bag(types, dict(getattr(reader.get_metadata(), 'custom_data', None) or {}), messages)
 
 
-def _open_with_rosbag2(path: Path) -> Rosbag2Bag:
+def _open_with_rosbag2(path: Path) -> Bag:
     import rosbag2_py
     reader = rosbag2_py.SequentialReader()
     try:
         reader.open(rosbag2_py.StorageOptions(uri=str(path), storage_id=''),
                     rosbag2_py.ConverterOptions('cdr', 'cdr'))
-        return Rosbag2Bag(path, reader)
+        return rosbag2_bag(path, reader)
     except RuntimeError as error:
         raise unreadable(path, error) from error
-
-
-Bag = Union[RosbagsBag, Rosbag2Bag]
 
 
 @contextmanager

@@ -13,7 +13,7 @@ from refusals import refused
 
 from ballbot_ros.bags import opener
 from ballbot_ros.bags.metadata import bag_metadata, BRIDGE, SIMULATOR
-from ballbot_ros.bags.opener import Rosbag2Bag
+from ballbot_ros.bags.opener import rosbag2_bag
 from ballbot_ros.bags.recorded_run import read_run
 from ballbot_ros.cli.command import main
 from ballbot_ros.physics import load_scene, Solver
@@ -229,11 +229,11 @@ def test_a_bag_is_read_with_rosbag2_py_where_ros_has_it(tmp_path, monkeypatch):
 
     # As on a machine without rosbags.
     monkeypatch.setattr(opener, 'find_spec', lambda name: name == 'rosbag2_py' or None)
-    monkeypatch.setattr(opener, '_open_with_rosbag2', lambda path: Rosbag2Bag(
+    monkeypatch.setattr(opener, '_open_with_rosbag2', lambda path: rosbag2_bag(
         path, FakeReader([('/joint_states', data, 0), ('/other', b'', 0)])))
     run = read_run(tmp_path)
     assert run.metadata == {'key': 'value'}
     assert run.joints == {0: [{'ball_angle': 1.0, 'ball_rate': 3.0, 'joint_angle': 2.0,
                                'joint_rate': 4.0, 'pendulum_torque': 5.0}]}
     with refused('unreadable'):
-        list(Rosbag2Bag(Path('bag'), FakeReader([None])).messages(()))
+        list(rosbag2_bag(Path('bag'), FakeReader([None])).messages(()))
