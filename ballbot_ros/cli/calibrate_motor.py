@@ -10,7 +10,6 @@ REPLY_TIMEOUT = 0.5  # timeout of each reply of the handshake [s]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add hardware file and output."""
     add_hardware(parser)
     add_port(parser)
     parser.add_argument('--out', type=Path, default=Path('my_motor.yaml'), metavar='FILE',

@@ -11,7 +11,6 @@ from ballbot_ros.config.fields import quantity
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add robot and actuation."""
     add_robot(parser)
     parser.add_argument('--actuation', choices=('free', 'held'), default='free',
                         help='state of the pendulum: free, or held at --angle-deg '

@@ -19,7 +19,6 @@ FILE_OPTIONS = {'scene': 'scene, a name or a YAML file, instead of the two of th
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add output, nodes and time."""
     parser.add_argument('--out', type=Path, metavar='DIR',
                         help='folder for the recording (default: ballbot_output/demo, '
                         'demo_hardware or demo_house there; demo_2, ... if it contains results)')

@@ -9,7 +9,6 @@ from ballbot_ros.cli.verb import DONE, FAILED
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add hardware file and port."""
     add_hardware(parser)
     add_port(parser)
 

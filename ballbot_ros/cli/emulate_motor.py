@@ -16,7 +16,6 @@ from ballbot_ros.drives import DRIVES
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add drive, ball and faults."""
     parser.add_argument('--protocol', required=True, metavar='NAME',
                         help=f'protocol of the drive: {" or ".join(DRIVES)}')
     parser.add_argument('--firmware', default='', metavar='GENERATION',
@@ -105,7 +104,6 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _typed_lines() -> Iterator[str]:
-    """Yield the lines of standard input."""
     pending = b''
     while True:
         # A blocking read would not end for a signal that arrives just before it.

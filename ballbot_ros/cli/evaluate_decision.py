@@ -16,7 +16,6 @@ NAME = 'decision_evaluation'  # of report and picture
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add approaches, planners and output."""
     options.add_number(parser, '--approaches', 'N', count(
         'number of approaches with the first planner', default=5000, minimum=1))
     options.add_number(parser, '--compared', 'N', count(

@@ -14,7 +14,6 @@ NAME = 'navigation_evaluation'
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add goals, planners and output."""
     options.add_number(parser, '--goals', 'N', count(
         'number of goals with the first planner', default=1000, minimum=1))
     options.add_number(parser, '--compared', 'N', count(

@@ -13,7 +13,6 @@ DEFAULT_FOLDER = Path('ballbot_output/figures')
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add names and output."""
     parser.add_argument('names', nargs='*', metavar='NAME',
                         help='figures to draw (default: all)')
     parser.add_argument('--list', action='store_true', help='print the names, and draw nothing')

@@ -12,7 +12,6 @@ from ballbot_ros.errors import ConfigurationError
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add robot, actuation, range and output."""
     options.add_robot(parser)
     parser.add_argument('--out', type=Path, required=True, metavar='FILE',
                         help='YAML file to write; its name without the ending becomes the name of '

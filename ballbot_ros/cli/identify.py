@@ -10,7 +10,6 @@ from ballbot_ros.cli.verb import DONE, FAILED, INTERRUPTED, print_error
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add scene, recording and parameters."""
     parser.add_argument('scene', metavar='SCENE',
                         help='scene of the recording: a name or a YAML file, with the best guess '
                         'of all parameters')

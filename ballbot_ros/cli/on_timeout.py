@@ -14,7 +14,6 @@ WIDTHS = (7, 6, 6, 18, 18, 19, 13, 16, 10)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add hardware, motion and limits."""
     add_hardware(parser)
     add_number(parser, '--speed', 'M/S', quantity(
         'm/s', 'speed of the ball when commands stop', default=0.6, minimum=0.0, maximum=3.0))

@@ -13,7 +13,6 @@ from ballbot_ros.errors import ConfigurationError
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add varied and fixed parameters, the design and the workers."""
     options.add_robot(parser)
     parser.add_argument('--out', type=Path, required=True, metavar='FILE',
                         help='Parquet file to write; pandas.read_parquet(FILE).to_csv(...) '

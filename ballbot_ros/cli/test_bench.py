@@ -15,7 +15,6 @@ DEFAULT_FOLDER = Path('ballbot_output')
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add robot, test bench and output."""
     add_robot(parser)
     parser.add_argument('--driven', action='store_true',
                         help='drive the ball from rest with a constant voltage, instead of down a '

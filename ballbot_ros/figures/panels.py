@@ -132,7 +132,6 @@ def _draw(axes: Any, panel: Panel, times: Array) -> None:
 
 
 def _panels(run: Trajectory) -> Iterator[Panel]:
-    """Yield the panels from top to bottom."""
     robot = run.model.robot
     yield Panel('speed [m/s]', (
         Series('of the centre, along x', run['velocity_x'], canvas.BLUE),

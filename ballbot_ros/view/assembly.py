@@ -239,7 +239,6 @@ class ObservedTerrain:
             pass  # an overhang, for example: the earlier scans are kept
 
     def _agrees(self, points: Array) -> bool:
-        """Return whether a scan agrees with the polyline."""
         assert self._points is not None and self._terrain is not None
         known = self._points
         inside = (known[:, 0] > points[0, 0]) & (known[:, 0] < points[-1, 0])

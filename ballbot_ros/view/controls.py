@@ -313,7 +313,6 @@ def _coloured(words: str, colour: str, name: str) -> str:
 
 
 def _length(metres: float) -> str:
-    """Return a small length with its unit."""
     for factor, unit in ((1e3, 'mm'), (1e6, 'um'), (1e9, 'nm')):
         if factor * metres >= 0.1:
             return f'{factor * metres:.2g} {unit}'

@@ -69,7 +69,6 @@ class Page:
         self._source.close()
 
     def _live(self) -> None:
-        """Draw at an even rate."""
         due, looked = monotonic(), False
         while not self._ended.wait(max(0.0, due - monotonic())):
             # A frame that is late is skipped.

@@ -305,5 +305,4 @@ class BoardDevice(Device):
         self._brake_armed = bool(self.properties[self.names.brake_enabled])
 
     def over_current(self) -> None:
-        """Trip; see `Device`."""
         self.trip('too_much_current')

@@ -77,7 +77,6 @@ class RoboClaw(Driver):
     # Blocking methods
 
     def identify(self, timeout: float = 0.5) -> Identity:
-        """Do the handshake; see `Driver`."""
         deadline = self.clock() + timeout
         # Requests feed the serial timeout, and an earlier duty may still be in force.
         text = self._ask(codec.GET_VERSION, deadline, handshake=True,

@@ -80,7 +80,6 @@ class RoboClawDevice(Device):
         return self._counts(velocity), velocity < 0.0
 
     def torque(self) -> float:
-        """Return the torque at the shaft; see `Device`."""
         return self._torque(self.settings.axis)
 
     def second_torque(self) -> float:
@@ -113,7 +112,6 @@ class RoboClawDevice(Device):
         self._status = sum(BITS[name] for name, is_so in here.items() if is_so)
 
     def over_current(self) -> None:
-        """Trip; see `Device`."""
         self._broken = True
         self._status |= BITS[self._driver_fault]
 

@@ -264,7 +264,6 @@ class OutcomeMonitor:
                     touch_speed) if math.isfinite(x) else touch_speed
 
     def _settle_attempt(self, state: State) -> None:
-        """Settle the attempt under way."""
         if not self.verdict.attempts or self.verdict.attempts[-1].over is not None:
             return
         attempt = self.verdict.attempts[-1]

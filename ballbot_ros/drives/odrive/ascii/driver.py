@@ -289,7 +289,6 @@ class ODrive(Driver):
     # Blocking methods
 
     def identify(self, timeout: float = 0.5) -> Identity:
-        """Do the handshake; see `Driver`."""
         deadline = self.clock() + timeout
         self._synchronise(deadline)
         version = tuple(self._read(name, deadline) for name in VERSION)
@@ -316,7 +315,6 @@ class ODrive(Driver):
                      if text.startswith('Serial number: ')), '')
 
     def read_settings(self, timeout: float = 0.5) -> tuple[Setting, ...]:
-        """Read back and check the settings; see `Driver`."""
         deadline = self.clock() + timeout
         self._identify_firmware(deadline)
         settings = judge(
@@ -381,7 +379,6 @@ class ODrive(Driver):
     # Non-blocking methods
 
     def feed(self) -> None:
-        """Feed the watchdog; see `Driver`."""
         self._send(codec.feed_watchdog(self.options.axis))
 
     def _stop_message(self) -> bytes:

@@ -106,7 +106,6 @@ class ODriveCan(Driver):
     # Blocking methods
 
     def identify(self, timeout: float = 0.5) -> Identity:
-        """Do the handshake; see `Driver`."""
         deadline = self.clock() + timeout
         self._wait_until_executed(deadline)
         timeout = self.options.reply_timeout
@@ -198,7 +197,6 @@ class ODriveCan(Driver):
         self._forget()
 
     def _has_error(self, bit: int) -> bool:
-        """Return whether the latest heartbeat has an error."""
         return bool(int(self._values.get(self._generation.errors, 0)) & bit)
 
     def _arm(self, deadline: float) -> None:
@@ -226,7 +224,6 @@ class ODriveCan(Driver):
             self._send(self._torque_message(0.0) + self._ask_position())
 
     def clear_faults(self, timeout: float = 0.5) -> tuple[str, ...]:
-        """Clear latched faults, without power; see `Driver`."""
         if self._armed or self.telemetry.armed:
             raise DriveError(
                 f'{self.line.port}: the motor is under power; stop it first',
@@ -240,7 +237,6 @@ class ODriveCan(Driver):
     # Non-blocking methods
 
     def feed(self) -> None:
-        """Feed the watchdog; see `Driver`."""
         self._send(self._torque_message(self._torque if self._armed else 0.0))
 
     def budget(self) -> WireBudget:

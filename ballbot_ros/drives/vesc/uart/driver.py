@@ -50,7 +50,6 @@ class Vesc(Driver):
     # Blocking methods
 
     def identify(self, timeout: float = 0.5) -> Identity:
-        """Do the handshake; see `Driver`."""
         firmware = codec.parse_firmware(self._ask(
             codec.FW_VERSION, self.clock() + timeout, handshake=True))
         if firmware is None:
@@ -69,7 +68,6 @@ class Vesc(Driver):
                         + (f' test {test}' if test else ''), firmware.serial_number)
 
     def read_settings(self, timeout: float = 0.5) -> tuple[Setting, ...]:
-        """Read back and check the settings; see `Driver`."""
         deadline = self.clock() + timeout
         if self._version is None:
             self.identify(timeout)
@@ -131,7 +129,6 @@ class Vesc(Driver):
     # Non-blocking methods
 
     def feed(self) -> None:
-        """Feed the watchdog; see `Driver`."""
         self._send(self._packet(bytes((codec.ALIVE,))))
 
     def budget(self) -> WireBudget:

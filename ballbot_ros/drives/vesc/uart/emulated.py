@@ -90,7 +90,6 @@ class VescDevice(Device):
         self._origin = self.sensed.position  # the tachometer starts at 0
 
     def torque(self) -> float:
-        """Return the torque at the shaft; see `Device`."""
         return 0.0 if self._fault else self.settings.torque_constant * self._limited()
 
     def _limited(self) -> float:
@@ -147,7 +146,6 @@ class VescDevice(Device):
             self._status = codec.TIMED_OUT * expired
 
     def over_current(self) -> None:
-        """Trip; see `Device`."""
         self._trip(ABS_OVER_CURRENT)
 
     def _trip(self, fault: int) -> None:
