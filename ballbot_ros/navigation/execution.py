@@ -23,7 +23,7 @@ from ballbot_ros.errors import RefusedError
 from ballbot_ros.floors.floor import distance_to_segment, Point
 from ballbot_ros.navigation.learned import Learned
 from ballbot_ros.navigation.route import (
-    BACKWARD_SPEED, CLEARANCE, DEVIATION, Route, RoutePlanner, Segment)
+    BACKWARD_SPEED, CLEARANCE, Route, RoutePlanner, Segment)
 from ballbot_ros.navigation.tracking import EDGE, EDGE_TIME, Path, SETTLING, Tracker
 
 # The ball rests after this time below `REST_SPEED_MAX` [s].
@@ -31,7 +31,7 @@ RESTS_AFTER = 0.4
 # A segment is finished this close to its end [m]; the goal is reached within this distance [m].
 CLOSE, TOLERANCE = 0.03, 0.15
 # Deviation from the heading of a path with which it is planned again [rad].
-TURNED = 2.0 * DEVIATION
+TURNED = math.radians(45.0)
 # Alignments that are tried before a crossing begins in any case, and distance that the ball backs
 # off for one: the errors decay twice, backward and forward [m].
 ALIGNMENTS, ALIGNING = 2, 2.0 * SETTLING

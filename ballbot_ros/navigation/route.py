@@ -40,8 +40,9 @@ CLEARANCE = 0.05
 COMFORT, CLOSE = 0.15, 1.3
 # Distance between samples along a crossing, and longest way that is looked at [m].
 SAMPLE, LONGEST = 0.05, RUN_UPS[-1] + LONGEST_ROOM
-# Largest angle between a crossing and the normal of the step: half the spacing of headings.
-OBLIQUE = math.radians(13.5)
+# Largest angle between a crossing and the normal of the step, and between the ball and its first
+# state [rad]: half the spacing of headings.
+DEVIATION = math.radians(13.5)
 # Standard deviation of the heading at the edge of a crossing, as driven in random houses [rad].
 HEADING_SD = 0.05
 # Speeds on arcs and backward [m/s]; largest cell of the lattice [m].
@@ -50,8 +51,6 @@ ARC_SPEED, BACKWARD_SPEED, LARGEST_CELL = 0.25, 0.2, 0.12
 REVERSAL, ALIGNMENT = 2.0, 2.0
 # Time that a deviation of the start from its state costs [s/m], [s/rad].
 OFFSET_COST, TURN_COST = 10.0, 4.0
-# Largest angle between the ball and its first state [rad].
-DEVIATION = math.radians(23.0)
 # How far the way out of a blocked place may lead [m], and how much nearer to a wall than its
 # radius the localisation may place the ball [m].
 ESCAPE, INACCURATE = 1.0, 0.08
@@ -306,7 +305,7 @@ class RoutePlanner:
         normal = math.atan2(x1 - x0, y0 - y1)
         return self._box(
             [(x + way * math.cos(normal), y + way * math.sin(normal))
-             for x, y in line for way in (LONGEST, -LONGEST)], LONGEST * math.sin(OBLIQUE))
+             for x, y in line for way in (LONGEST, -LONGEST)], LONGEST * math.sin(DEVIATION))
 
     def _box(self, points: Sequence[Point], margin: float) -> Tuple[slice, slice]:
         """Return the rows and columns of a box around points."""
@@ -341,7 +340,7 @@ class RoutePlanner:
             for heading in range(COUNT):
                 for sign, way in ((1, normal), (-1, normal + math.pi)):
                     angle = math.remainder(HEADINGS[heading] - way, 2.0 * math.pi)
-                    if abs(angle) <= OBLIQUE:
+                    if abs(angle) <= DEVIATION:
                         found += self._along(
                             number, line, heading, sign, angle, barriers)
         return found
@@ -671,10 +670,9 @@ class RoutePlanner:
                     'ball to a level place', 'feature', 'start')
         slowness, columns = self._opened(start), self._walls.shape[1]
         row, column = divmod(self._node(start), columns)
-        nodes, deviation = [row * columns + column], DEVIATION
+        nodes = [row * columns + column]
         if self._blocked.flat[nodes[0]]:
-            # Such a place has no clearance for deviations, nor for a centre nearer to an edge.
-            deviation = OBLIQUE
+            # A centre that is nearer to an edge than the ball is none to drive to.
             nodes = [node for node in (r * columns + c for r in range(row - 1, row + 2)
                                        for c in range(column - 1, column + 2))
                      if slowness.flat[node] < math.inf] or nodes
@@ -686,7 +684,7 @@ class RoutePlanner:
                     math.remainder(angle - start[2], 2.0 * math.pi))
                 # Along the heading the ball gets there, sideways it does not.
                 aside = abs(-math.sin(angle) * dx + math.cos(angle) * dy)
-                if turned <= deviation and aside <= 1.01 * self._size:
+                if turned <= DEVIATION and aside <= 1.01 * self._size:
                     states.append(node * COUNT + heading)
                     costs.append(OFFSET_COST * aside + TURN_COST * turned
                                  + math.hypot(dx, dy) / BACKWARD_SPEED)
