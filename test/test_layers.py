@@ -256,6 +256,7 @@ GENERATED = ('msg', 'srv', 'action')
 PLANTED = ('test_layers.py', 'test_lint.py', 'test_extending.py')
 
 
+@cache
 def defined_in(tree):
     """Return the names that the statements of a module bind, those inside functions left out."""
     names, pending = set(), list(tree.body)

@@ -206,14 +206,11 @@ def test_a_rebooted_drive_has_forgotten_that_it_was_armed(emulator):
 def test_an_encoder_jump_shows_in_the_position(emulator):
     link, driver = connect(emulator)
     with link:
-        driver.ask()
-        time.sleep(0.05)
-        before = driver.poll().position
+        wait_until(lambda: driver.poll().time is not None, driver.ask)
+        before = driver.telemetry.position
         execute(emulator, 'encoder_jump 2')
-        time.sleep(0.01)
-        driver.ask()
-        time.sleep(0.05)
-        assert driver.poll().position - before == pytest.approx(4 * 3.14159265, abs=0.05)
+        wait_until(lambda: abs(driver.poll().position - before) > 1.0, driver.ask)
+        assert driver.telemetry.position - before == pytest.approx(4 * 3.14159265, abs=0.05)
 
 
 def test_a_drive_that_does_not_read_makes_the_line_stuck(emulator):
