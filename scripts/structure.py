@@ -96,10 +96,10 @@ def tree_of(path):
 
 
 @cache
-def _statements(tree):
-    """Return the import statements and the calls of a syntax tree."""
+def nodes_of(tree):
+    """Return the import statements, the calls and the constants of a syntax tree."""
     return [node for node in ast.walk(tree)
-            if isinstance(node, (ast.Import, ast.ImportFrom, ast.Call))]
+            if isinstance(node, (ast.Import, ast.ImportFrom, ast.Call, ast.Constant))]
 
 
 def imports(module, text, is_package=False):
@@ -108,7 +108,7 @@ def imports(module, text, is_package=False):
 
     The text may be parsed already.
     """
-    for node in _statements(text if isinstance(text, ast.AST) else ast.parse(text)):
+    for node in nodes_of(text if isinstance(text, ast.AST) else ast.parse(text)):
         if isinstance(node, ast.Import):
             yield from ((node.lineno, alias.name) for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
@@ -118,7 +118,8 @@ def imports(module, text, is_package=False):
                 above = parts[:len(parts) - node.level + is_package]
                 base = '.'.join([*above, *filter(None, [base])])
             yield from ((node.lineno, f'{base}.{alias.name}') for alias in node.names)
-        elif getattr(node.func, 'attr', getattr(node.func, 'id', '')) in LOADERS and node.args:
+        elif isinstance(node, ast.Call) and node.args and getattr(
+                node.func, 'attr', getattr(node.func, 'id', '')) in LOADERS:
             # The variable parts of an f-string are names, but never `__main__`.
             parts = getattr(node.args[0], 'values', [node.args[0]])
             if isinstance(parts[0], ast.Constant):

@@ -15,7 +15,8 @@ from test_lint import project_files
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT / 'scripts'))
 
-from structure import cycles, edges, imports, LATE, modules, tree_of  # noqa: E402, I100, I202
+from structure import (  # noqa: E402, I100, I202
+    cycles, edges, imports, LATE, modules, nodes_of, tree_of)
 
 # Each layer, bottom to top, and the layers that it may import. Its own modules it always may.
 LAYERS = {
@@ -294,7 +295,7 @@ def missing(module, text, names, is_package=False):
 
 def programs(tree):
     """Yield (line, program) of each string that imports from the package."""
-    for node in ast.walk(tree):
+    for node in nodes_of(tree):
         if isinstance(node, ast.Constant) and isinstance(node.value, str) \
                 and 'import' in node.value and 'ballbot_ros' in node.value:
             try:
@@ -312,7 +313,7 @@ def programs_of(folder):
 def missing_beside(path, tree):
     """List (line, name) of the imports from another program of the folder that find nothing."""
     beside = programs_of(path.parent)
-    return [(node.lineno, f'{node.module}.{alias.name}') for node in ast.walk(tree)
+    return [(node.lineno, f'{node.module}.{alias.name}') for node in nodes_of(tree)
             if isinstance(node, ast.ImportFrom) and not node.level and node.module in beside
             for alias in node.names if alias.name not in defined_in(tree_of(beside[node.module]))]
 
