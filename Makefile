@@ -8,7 +8,7 @@ help:
 	@echo 'make demo-hardware  the same through an emulated motor controller and a serial line;'
 	@echo '                    ARGS="--protocol vesc"'
 	@echo 'make test    all tests; ARGS are passed to pytest'
-	@echo 'make test-quick  the unit tests that take less than about 0.5 s of CPU time each'
+	@echo 'make test-quick  the unit tests of less than about 0.5 s of CPU time, with few inputs'
 	@echo 'make test-kilted  the unit tests with ROS 2 Kilted from wheels, in .venv-kilted'
 	@echo 'make bench   measure speed and accuracy'
 	@echo 'make docs    the documentation as a site, in build/site'
