@@ -14,6 +14,7 @@ from ballbot_ros.decision.perception.elevation import (
 from ballbot_ros.decision.perception.ground import ground_of, GroundSeen
 from ballbot_ros.decision.perception.ground_profile import (
     SLOPE_HYSTERESIS, SLOPE_LENGTH, steep_stretches)
+from ballbot_ros.decision.perception.kernels import middle
 from ballbot_ros.decision.tuning import DecisionTuning
 from ballbot_ros.decision.values import FARTHEST, Profile, Reason, TerrainObservation
 from ballbot_ros.physics.model.terrain import Array
@@ -110,9 +111,12 @@ def misplaced(x: Array, z: Array, radius: float, known: bool) -> str:
 # Odometry slips by no more than this [m] beside a part of the distance rolled [1].
 SLIP_MAX, SLIP_SHARE = 0.3, 0.1
 
-# A lone point this far from its neighbours is an outlier [m], unless half of this number of latest
-# observations show it at the same place.
-OUTLIER_HEIGHT, OUTLIER_MEMORY = 0.03, 10
+# A lone point this far from its neighbours is an outlier [m], and this multiple of the median of
+# all, unless half of this number of latest observations show it at the same place and height [m].
+OUTLIER_HEIGHT, OUTLIER_SPREAD, OUTLIER_MEMORY, SAME_HEIGHT = 0.003, 8.0, 10, 0.015
+
+# Largest slope of a floor [1].
+SLOPE_MAX = 0.3
 
 
 @dataclass
@@ -236,17 +240,20 @@ class TerrainTracker:
 
     def _without_outliers(self, x: Array, z: Array, position: float) -> Flags:
         """Return the points to keep: all except isolated ones that earlier observations lack."""
-        off = z - around(z)
-        lone: Flags = np.abs(off) > OUTLIER_HEIGHT
+        slopes = np.diff(z) / np.maximum(np.diff(x), 1e-9)
+        level = z - x * middle(np.clip(slopes, -SLOPE_MAX, SLOPE_MAX))  # most may be of a wall
+        off = level - around(level)
+        limit = max(OUTLIER_HEIGHT, OUTLIER_SPREAD * middle(np.abs(off)))
+        lone: Flags = np.abs(off) > limit
         if not lone.any():
             return ~lone
-        found = np.stack((x[lone] + position, off[lone]))
-        seen = np.concatenate([*self._outliers, np.zeros((2, 0))], axis=1)
-        self._outliers.append(found)
-        near = (np.abs(found[0][:, None] - seen[0]) < 1.5 * CELL) & (
-            np.abs(found[1][:, None] - seen[1]) < 0.5 * OUTLIER_HEIGHT)
+        places, heights = x[lone, None] + position, off[lone, None]
+        same = np.minimum(0.5 * np.abs(heights), SAME_HEIGHT)
+        times = sum(((np.abs(places - seen[0]) < 1.5 * CELL) & (np.abs(heights - seen[1]) < same)
+                     ).any(axis=1) for seen in self._outliers)
+        self._outliers.append(np.stack((places[:, 0], heights[:, 0])))
         kept: Flags = ~lone
-        kept[lone] = 2 * near.sum(axis=1) >= OUTLIER_MEMORY
+        kept[lone] = 2 * times >= OUTLIER_MEMORY
         return kept
 
     def _with_steep(self, profile: Profile) -> Profile:

@@ -130,6 +130,26 @@ def test_lone_outliers_make_no_faces_and_a_face_that_stays_is_seen():
     assert profile.faces[0].height == pytest.approx(0.03, abs=0.002)
 
 
+@pytest.mark.parametrize('wall', [0, 2000])
+@pytest.mark.parametrize('largest', [0.03, 0.3])
+def test_outliers_of_one_point_in_thirty_make_no_face(largest, wall):
+    """With most of the rays on a wall, too: those have no slope."""
+    floor = np.linspace(-0.3, 2.5, 1400)
+
+    def make(stamp, position):
+        random = np.random.default_rng(round(1e3 * stamp))
+        x = np.concatenate((floor, np.full(wall, 2.5))) - position
+        z = np.concatenate((np.zeros(len(floor)), np.linspace(0.0, 0.6, wall))) - RADIUS
+        wrong = (random.random(len(x)) < 0.03) & (x < 2.4 - position)
+        z += random.uniform(-largest, largest, len(x)) * wrong
+        return [TerrainObservation(
+            stamp, tuple(x.tolist()), tuple(z.tolist()), (), float(x[0]), float(x[-1]))]
+    fusion = GroundFusion(GIMBALL, TUNING)
+    for number in range(100):
+        faces = drive(fusion, make, 1, number, speed=0.2).faces
+        assert all(face.position > 2.4 for face in faces)
+
+
 def test_a_thin_wall_in_each_observation_is_not_an_outlier():
     x = tuple(np.linspace(-0.3, 2.5, 190).tolist())
 
