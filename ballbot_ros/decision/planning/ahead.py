@@ -78,6 +78,8 @@ class Ahead:
         Stop limit of the centre: the end of the known or assumed ground [m].
     known : bool
         Whether it is known.
+    descents : (FACES,) array
+        How far the ball can sink behind each face: limited in a trench, infinite elsewhere [m].
 
     """
 
@@ -90,6 +92,7 @@ class Ahead:
     touch: float
     room_to: float
     known: bool
+    descents: Array
 
 
 @dataclass(frozen=True)
@@ -167,6 +170,7 @@ def look_ahead(profile: Profile, faces: Sequence[Face], position: float, slope: 
     here, level = position, 0.0
     ends: List[End] = []
     feet: List[int] = []
+    descents = np.full(FACES, math.inf)
     last, falls = -math.inf, False
     for index, face in enumerate(faces):
         foot = max(face.position, here)
@@ -178,14 +182,14 @@ def look_ahead(profile: Profile, faces: Sequence[Face], position: float, slope: 
         level += face.height
         here = foot + max(face.run, 0.0)
         rows.append((here, level, index, 1.0, 1.0))
-        doubt = SIGMAS * face.height_sd
-        down = -face.height
-        if down > 0.0 and index + 1 < len(faces) and faces[index + 1].height > 0.0:
+        if index + 1 < len(faces) and faces[index + 1].height > 0.0:
             # The ball sinks into a trench until it touches both edges.
             other = faces[index + 1]
             half = 0.5 * (other.position + other.run - foot)
-            down = min(down, radius - math.sqrt(max(radius**2 - half**2, 0.0)))
-        falls = falls or down > HIGHEST_DESCENT + (doubt if kept else -doubt)
+            descents[index] = radius - math.sqrt(max(radius**2 - half**2, 0.0))
+        doubt = SIGMAS * face.height_sd
+        falls = falls or min(-face.height, descents[index]) > HIGHEST_DESCENT + (
+            doubt if kept else -doubt)
         if falls or index > 0 and foot - last > FACE_SEPARATION:
             continue
         if ends and foot - last < radius:
@@ -212,4 +216,4 @@ def look_ahead(profile: Profile, faces: Sequence[Face], position: float, slope: 
             replace(end, following=feet[end.faces] if end.faces < len(feet) else len(rows) - 1)
             for end in ends), deviations, slope, slope_sd,
         first.position - touch_distance(radius, first.height, slope=slope),
-        min(seen_to - radius - LINE_MARGIN, line), known)
+        min(seen_to - radius - LINE_MARGIN, line), known, descents)

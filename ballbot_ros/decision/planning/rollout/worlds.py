@@ -8,9 +8,9 @@ import numpy as np
 
 from ballbot_ros.control.speed_law import SpeedLaw
 from ballbot_ros.decision.learning.particles import Particles
-from ballbot_ros.decision.planning.ahead import Ahead, FACES
+from ballbot_ros.decision.planning.ahead import Ahead, FACES, HIGHEST_DESCENT
 from ballbot_ros.decision.planning.rollout.rollout import (
-    CORNER_FRICTION, DRAW, FALLS, FLOOR_FRICTION, HEIGHT, OVER, PLACE, PlainDrive,
+    CORNER_FRICTION, DRAW, EDGE_AT, FACE, FALLS, FLOOR_FRICTION, HEIGHT, OVER, PLACE, PlainDrive,
     PLAN, REST, RESULT, ROBOT, run_many, Scratch, SLOPE, Start, STUCK, TOUCH_SPEED, VERDICT)
 from ballbot_ros.decision.planning.situation import Knowledge
 from ballbot_ros.decision.values import Outlook
@@ -181,4 +181,13 @@ class Worlds:
         run_many((position, speed, angle, rate), rows, np.ascontiguousarray(draws), raised,
                  self._drive, ahead.shape, self._scratch[vertices], results)
         self.attempts += results.shape[0] * results.shape[1]
+        heights = np.array([face.height for face in ahead.faces])
+        if heights.min() < 0.0:
+            # A descent of more than `HIGHEST_DESCENT` counts as a fall.
+            down = -heights - draws[:, HEIGHT:HEIGHT + len(heights)]
+            deepest = np.maximum.accumulate(
+                np.minimum(down, ahead.descents[:len(heights)]), axis=1)
+            for row, result in zip(rows, results):
+                last = int(ahead.shape[int(row[EDGE_AT]), FACE])
+                result[deepest[:, last] > HIGHEST_DESCENT, VERDICT] = FALLS
         return results
