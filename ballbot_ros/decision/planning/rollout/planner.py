@@ -26,6 +26,8 @@ from ballbot_ros.decision.tuning import DecisionTuning
 from ballbot_ros.decision.values import Failure, Reason, Strategy
 
 KEPT_PLAN_ROLLOUTS = 80  # rollouts for checking the present plan
+# A kept plan is rejected if its harm exceeds the permitted one by this many standard deviations.
+HARM_SIGMAS = 2.0
 # Hypothetical run-up that separates "too little run-up" from "too high" [m].
 HYPOTHETICAL_RUN_UP = 2.5
 # After a failure, a plan must touch faster by this [m/s] or swing further by this [rad].
@@ -44,7 +46,7 @@ Deliberation = Generator[Optional[Found], None, Found]
 
 def deliberate(task: Task, tuning: DecisionTuning, room_behind: float,
                kept: Optional[Candidate], failures: Sequence[Failure],
-               too_late: bool = False) -> Deliberation:
+               hysteresis: float = 0.0, too_late: bool = False) -> Deliberation:
     """
     Select a plan; a generator that yields after each batch of rollouts.
 
@@ -59,17 +61,20 @@ def deliberate(task: Task, tuning: DecisionTuning, room_behind: float,
         The present plan, kept while it is sufficient.
     failures : sequence of Failure
         At this face.
+    hysteresis : float
+        How far the probability of the present plan may be below the required one if there is no
+        better plan from here.
     too_late : bool
         Whether the weakest robot is past its last braking point: then the best plan is
         selected if it succeeds more often than an emergency stop.
 
     """
     position, speed = task.start[:2]
-    if kept is not None and _promising([kept], failures):
-        trial = Trial(kept)
-        yield from confirm(trial, task, KEPT_PLAN_ROLLOUTS)
-        if good(trial.many, task.required):
-            return _found(kept, Reason.LIKELY, trial.many)
+    present = Trial(kept) if kept is not None and _promising([kept], failures) else None
+    if present is not None:
+        yield from confirm(present, task, KEPT_PLAN_ROLLOUTS)
+        if good(present.many, task.required):
+            return _found(present.candidate, Reason.LIKELY, present.many)
     trials: List[Trial] = []
     here = candidates(task.ahead, position, speed, tuning)
     chosen = yield from search(_promising(here, failures), task, trials)
@@ -81,6 +86,9 @@ def deliberate(task: Task, tuning: DecisionTuning, room_behind: float,
                 return _found(chosen.candidate, Reason.COMMITTED, chosen.many,
                               why_not(trials, chosen))
             chosen = None
+    if chosen is None and present is not None and good(
+            present.many, task.required - hysteresis, HARM_SIGMAS):
+        chosen = present
     if chosen is None and room_behind > 0.1:
         back = from_farther_back(task.ahead, position, room_behind, tuning)
         # Apart from those that were not good enough from here.
@@ -199,7 +207,7 @@ class PlanSelector(Selector):
             self._task, self.basis = task, now
             self._deliberation = deliberate(
                 task, self._tuning, max(0.0, motion.position - situation.free_from), kept,
-                situation.failures_at(now.face), braking_room < 0.0)
+                situation.failures_at(now.face), self._hysteresis, braking_room < 0.0)
         if self._deliberation is None or self._task is None:
             self._reevaluate(task, braking_room)
             return
@@ -238,7 +246,7 @@ class PlanSelector(Selector):
         choice.outlook = replace(self._tally.outlook, others=choice.outlook.others,
                                  height_limit=choice.outlook.height_limit)
         if not self._is_fixed(braking_room) \
-                and not good(self._tally, task.required - self._hysteresis):
+                and not good(self._tally, task.required - self._hysteresis, HARM_SIGMAS):
             self.basis = None
 
 

@@ -270,9 +270,10 @@ def confirm(trial: Trial, task: Task, number: int) -> Generator[None, None, None
             break
 
 
-def good(tally: Tally, required: float) -> bool:
-    """Return whether a plan is permitted."""
-    return tally.probability >= required and tally.harm <= OVERRUN_FRACTION_MAX * tally.attempts
+def good(tally: Tally, required: float, sigmas: float = 0.0) -> bool:
+    """Return whether a plan is permitted; its harm may exceed the limit by some `sigmas`."""
+    most = OVERRUN_FRACTION_MAX * tally.attempts
+    return tally.probability >= required and tally.harm <= most + sigmas * math.sqrt(most)
 
 
 def height_limit(trial: Trial, task: Task, number: int = 24,
