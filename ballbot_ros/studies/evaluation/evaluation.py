@@ -133,7 +133,7 @@ def true_margin(approach: Approach, attempt: Dict[str, Any], nominal: NominalMod
     run_up = RUN_UPS[1] if start is None else min(max(touch - start, RUN_UPS[0]), RUN_UPS[1])
     lead = -1.0 if swing is None else max(0.0, (touch - swing) / speed)
     return height_limit(robot, nominal.robot, nominal.gains, run_up,
-                        Manoeuvre(speed, lead, angle), slope) - height
+                        Manoeuvre(speed, lead, angle), slope, math.inf) - height
 
 
 def run_evaluation(evaluation: Evaluation, folder: Path, pool: Executor, workers: int,

@@ -51,9 +51,9 @@ MANOEUVRES: Tuple[Manoeuvre, ...] = tuple(
 
 
 def gets_over(loop: ClosedLoop, manoeuvre: Manoeuvre, touch: float, goal: float,
-              level_angle: float) -> bool:
+              level_angle: float, fastest: float = FASTEST) -> bool:
     """
-    Return whether a manoeuvre gets a ball over without touching a face faster than `FASTEST`.
+    Return whether a manoeuvre gets a ball over without touching a face faster than permitted.
 
     Parameters
     ----------
@@ -63,6 +63,8 @@ def gets_over(loop: ClosedLoop, manoeuvre: Manoeuvre, touch: float, goal: float,
         Where the centre is at the first touch, and where the ball is over [m].
     level_angle : float
         Pendulum angle at which the ball keeps its speed [rad].
+    fastest : float, optional
+        Highest permitted touch speed [m/s].
 
     """
     swing = touch - manoeuvre.lead * manoeuvre.speed if manoeuvre.lead >= 0.0 else math.inf
@@ -72,7 +74,7 @@ def gets_over(loop: ClosedLoop, manoeuvre: Manoeuvre, touch: float, goal: float,
         while loop.time < CROSSING_TIME_MAX + (goal - touch) / manoeuvre.speed:
             loop.follow(script, CHUNK)
             x = loop.state.x
-            if any(loop.watched[:, TOUCH_SPEED] > FASTEST):
+            if any(loop.watched[:, TOUCH_SPEED] > fastest):
                 return False
             if x > goal:
                 return True
@@ -100,11 +102,12 @@ def possible(robot: Robot, ground: Ground, room_behind: float, nominal: Robot,
 
 
 def height_limit(robot: Robot, nominal: Robot, gains: ControlTuning, run_up: float,
-                 manoeuvre: Manoeuvre, slope: float = 0.0) -> float:
+                 manoeuvre: Manoeuvre, slope: float = 0.0, fastest: float = FASTEST) -> float:
     """
     Return the maximum step height that a robot crosses with a manoeuvre [m].
 
-    From rest at a run-up [m] before the touch, on a slope [rad].
+    From rest at a run-up [m] before the touch, on a slope [rad], with a touch no faster than
+    `fastest` [m/s].
     """
     low, high = 0.0, HEIGHT_MAX
     trial = HEIGHT_MIN
@@ -114,7 +117,7 @@ def height_limit(robot: Robot, nominal: Robot, gains: ControlTuning, run_up: flo
         ground = lay('step', Shape('', [(0.0, trial)], 0.5 * robot.ball_radius), 0.0, slope, None,
                      robot.surface_friction)
         loop = ClosedLoop(robot, ground.terrain, nominal, gains, 0.0, angle, touch - run_up)
-        if gets_over(loop, manoeuvre, touch, ground.goal, angle):
+        if gets_over(loop, manoeuvre, touch, ground.goal, angle, fastest):
             low = trial
         else:
             high = trial
