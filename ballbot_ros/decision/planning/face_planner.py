@@ -13,7 +13,7 @@ from typing import NamedTuple, Optional
 
 from ballbot_ros.crossing.rules import touch_distance
 from ballbot_ros.decision.planning.ahead import (
-    Ahead, BRAKING_DISTANCE, Candidate, faces_ahead, look_ahead)
+    Ahead, BRAKING_DISTANCE, Candidate, faces_ahead, HIGHEST_DESCENT, look_ahead)
 from ballbot_ros.decision.planning.safety_filter import past_braking, stop
 from ballbot_ros.decision.planning.situation import Knowledge, Situation
 from ballbot_ros.decision.planning.stop_line import StopLines
@@ -316,7 +316,7 @@ class FacePlanner:
                            situation.slope_sd, self._robot.ball_radius,
                            self._tuning.unseen_room, behind,
                            committed or self._selector.has_plan_for(faces[0]))
-        return self._face(ahead, situation, committed)
+        return self._face(ahead, situation, previous if committed else None)
 
     def _alone(self, situation: Situation, previous: Optional[Decision]) -> Decision:
         """Decide without a face ahead: continue up to the stop line."""
@@ -335,8 +335,8 @@ class FacePlanner:
             return stop
         return replace(clear, set_speed=stop.set_speed)
 
-    def _face(self, ahead: Ahead, situation: Situation, committed: bool) -> Decision:
-        """Decide on the faces ahead; `committed`: see `past_braking`."""
+    def _face(self, ahead: Ahead, situation: Situation, crossing: Optional[Decision]) -> Decision:
+        """Decide on the faces ahead; `crossing`: one past its last braking point."""
         motion, face, selector = situation.motion, ahead.faces[0], self._selector
         room = self._braking_room(ahead, motion)
         if not ahead.ends or face.height > self._robot.ball_radius:
@@ -348,8 +348,12 @@ class FacePlanner:
         else:
             selector.update(ahead, situation, room)
             choice = selector.choice or Choice(None, Reason.EVALUATING)
-            if selector.choice is None and face.height < 0.0 and motion.speed > REST_SPEED_MAX \
-                    and (room < 0.0 or committed):
+            if selector.choice is None and crossing is not None \
+                    and crossing.contact_since is None:
+                # It continues until a plan for a face that has appeared before it is selected.
+                return replace(crossing, distance=face.position - motion.position)
+            if selector.choice is None and -HIGHEST_DESCENT <= face.height < 0.0 \
+                    and motion.speed > REST_SPEED_MAX and room < 0.0:
                 # The descent is certain before its plan is evaluated.
                 choice = Choice(Candidate(Strategy.CRUISE, min(
                     motion.speed, self._tuning.cruise_speed)), Reason.COMMITTED)

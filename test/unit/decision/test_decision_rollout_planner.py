@@ -216,6 +216,29 @@ def test_past_the_last_braking_point_the_better_of_braking_and_crossing_is_selec
         assert answer.outlook.braking_room < 0.0 and answer.kind is kind
 
 
+def test_a_face_that_appears_past_the_last_braking_point_does_not_end_a_crossing():
+    planner, decision, near = RolloutPlanner(KNOWLEDGE), None, step(0.009, position=-0.1, number=2)
+    for number in range(60):
+        decision = planner(Situation(Motion(0.02 * number, -0.8, 0.8), seen(step(0.03))), decision)
+    assert (decision.kind, decision.reason) == (Kind.CROSS, Reason.COMMITTED)
+    after = planner(Situation(Motion(1.2, -0.5, 0.8), seen(near, step(0.03))), decision)
+    assert (after.kind, after.plan) == (Kind.CROSS, decision.plan)
+    for number in range(30):
+        after = planner(Situation(Motion(1.22, -0.5, 0.8), seen(near, step(0.03))), after)
+    assert after.kind is Kind.CROSS and after.step == near.number
+
+
+def test_a_plan_across_a_step_does_not_continue_down_what_may_be_a_drop():
+    floor = [(-3.0, 0.0), (0.0, 0.0), (0.0, 0.02), (0.45, 0.02), (0.45, -0.035), (3.0, -0.035)]
+    planner, decision = RolloutPlanner(KNOWLEDGE), None
+    for number in range(120):
+        drop = step(-0.055, 0.008, 0.45, 2)
+        faces = (step(0.02),) if number < 60 else (step(0.02), drop)
+        decision = planner(Situation(Motion(0.02 * number, -1.0, 0.3), seen(
+            *faces, points=floor, seen_to=3.0)), decision)
+        assert decision.kind is not Kind.CROSS or decision.plan.edge < 0.45 or number < 60
+
+
 def test_a_ball_at_rest_keeps_its_run_up_while_plans_are_evaluated():
     resting, rolling = (decide(step(0.03), speed=speed, answers=1) for speed in (0.0, 0.4))
     assert resting.reason is rolling.reason is Reason.EVALUATING
