@@ -42,7 +42,7 @@ class Reason(str, Enum):
 
 
 # Positions [m], speeds [m/s] and heights of faces [m] beyond these are invalid.
-FARTHEST, FASTEST, HIGHEST = 1e6, 30.0, 10.0
+POSITION_MAX, SPEED_MAX, HEIGHT_MAX = 1e6, 30.0, 10.0
 # A slower ball rests [m/s].
 REST_SPEED_MAX = 0.03
 # Standard deviation of a slope that the motion has shown for some seconds [rad].
@@ -78,8 +78,8 @@ class Motion:
     @property
     def is_plausible(self) -> bool:
         """Return whether all values are finite and within plausible limits."""
-        return (math.isfinite(self.stamp) and abs(self.position) < FARTHEST
-                and abs(self.speed) < FASTEST and math.isfinite(self.slope)
+        return (math.isfinite(self.stamp) and abs(self.position) < POSITION_MAX
+                and abs(self.speed) < SPEED_MAX and math.isfinite(self.slope)
                 and math.isfinite(self.pendulum_angle) and math.isfinite(self.pendulum_rate))
 
 
@@ -307,9 +307,9 @@ class Profile:
     def is_plausible(self) -> bool:
         """Return whether all values of the faces are finite and plausible."""
         return all(
-            abs(face.position) < FARTHEST and abs(face.height) < HIGHEST
-            and 0.0 <= face.position_sd < FARTHEST and 0.0 <= face.height_sd < HIGHEST
-            and abs(face.run) < FARTHEST for face in self.faces)
+            abs(face.position) < POSITION_MAX and abs(face.height) < HEIGHT_MAX
+            and 0.0 <= face.position_sd < POSITION_MAX and 0.0 <= face.height_sd < HEIGHT_MAX
+            and abs(face.run) < POSITION_MAX for face in self.faces)
 
     @property
     def face(self) -> Optional[Face]:

@@ -23,12 +23,12 @@ from ballbot_ros.decision.planning.ahead import GROUND_EXTENSION, look_ahead
 from ballbot_ros.decision.planning.rollout.planner import exceeds
 from ballbot_ros.decision.planning.rollout.rollout import OVER, REST, STUCK, VERDICT
 from ballbot_ros.decision.planning.rollout.search import (
-    candidates, MANY, OVERRUN_FRACTION_MAX, plan_row, search, Task, Trial)
+    candidates, CONFIRMATION_ROLLOUTS, OVERRUN_FRACTION_MAX, plan_row, search, Task, Trial)
 from ballbot_ros.decision.planning.rollout.worlds import Tally, Worlds
 
 # Run-ups from rest to the touch to try, and longest room behind the last edge that is used [m].
 RUN_UPS = (0.2, 0.35, 0.5, 0.75, 1.0, 1.4, 1.8, 2.4)
-LONGEST_ROOM = 2.5
+ROOM_MAX = 2.5
 # Heights, standard deviations of heights, and widths are rounded up to multiples of this, rooms
 # down [m].
 HEIGHT, HEIGHT_SD, WIDTH, ROOM = 0.0025, 0.001, 0.01, 0.1
@@ -123,14 +123,14 @@ class Capability:
             Available to the centre behind the last edge [m].
 
         """
-        room = round(math.floor(min(room, LONGEST_ROOM) / ROOM + 1e-6) * ROOM, 6)
+        room = round(math.floor(min(room, ROOM_MAX) / ROOM + 1e-6) * ROOM, 6)
         if room <= 0.0:
             return None
         steps = tuple((_rounded(at, WIDTH), _rounded(height, HEIGHT)) for at, height in faces)
         height_sd = _rounded(height_sd, HEIGHT_SD)
         found = None
         # A plan that stops within the room is found with the longest room, too.
-        for longest in (LONGEST_ROOM, room):
+        for longest in (ROOM_MAX, room):
             key = f'{(steps, height_sd)} {run_up} {longest}'
             if key not in self._known:
                 self._known[key] = self._search(steps, height_sd, run_up, longest)
@@ -176,7 +176,7 @@ class Capability:
         # Uniform acceleration to the touch, then to the last edge, then a stop.
         time = 2.0 * run_up / speed + (last + radius) / speed \
             + speed / tuning.deceleration
-        draws = worlds.first(MANY)
+        draws = worlds.first(CONFIRMATION_ROLLOUTS)
         results = worlds.attempt(start, [plan_row(chosen.candidate, ahead)], draws, ahead)[0]
         beyond = float(np.quantile(np.nan_to_num(results[:, REST], nan=-math.inf),
                                    1.0 - OVERRUN_FRACTION_MAX, method='higher'))

@@ -24,31 +24,32 @@ from ballbot_ros.floors.floor import distance_to_segment, Point
 from ballbot_ros.navigation.learned import Learned
 from ballbot_ros.navigation.route import (
     BACKWARD_SPEED, CLEARANCE, Route, RoutePlanner, Segment)
-from ballbot_ros.navigation.tracking import EDGE, EDGE_TIME, Path, SETTLING, Tracker
+from ballbot_ros.navigation.tracking import (
+    EDGE_DISTANCE, EDGE_TIME, Path, SETTLING_DISTANCE, Tracker)
 
 # The ball rests after this time below `REST_SPEED_MAX` [s].
-RESTS_AFTER = 0.4
+REST_TIME_MIN = 0.4
 # A segment is finished this close to its end [m]; the goal is reached within this distance [m].
-CLOSE, TOLERANCE = 0.03, 0.15
+SEGMENT_TOLERANCE, GOAL_TOLERANCE = 0.03, 0.15
 # Deviation from the heading of a path with which it is planned again [rad].
-TURNED = math.radians(45.0)
+HEADING_ERROR_MAX = math.radians(45.0)
 # Alignments that are tried before a crossing begins in any case, and distance that the ball backs
 # off for one: the errors decay twice, backward and forward [m].
-ALIGNMENTS, ALIGNING = 2, 2.0 * SETTLING
+ALIGNMENTS_MAX, ALIGNING_DISTANCE = 2, 2.0 * SETTLING_DISTANCE
 # A localisation that moves farther than the ball between two percepts has jumped [m], [rad].
-JUMP, JUMP_TURN = 0.25, 0.5
+JUMP_DISTANCE, JUMP_ANGLE = 0.25, 0.5
 # Jumps are not detectable over a larger gap between percepts [s].
-LONGEST_GAP = 1.0
+PERCEPT_GAP_MAX = 1.0
 # Distance over which the path is checked for obstacles [m], places on it, and measurements that
 # must agree.
-LOOK_AHEAD, SAMPLES, AGREEING = 1.5, 16, 3
+LOOK_AHEAD, SAMPLES, AGREEING_MIN = 1.5, 16, 3
 # Walls of the map explain observed points within this distance [m].
-EXPLAINED = 0.2
+EXPLAINED_DISTANCE = 0.2
 # Deviation from a mapped height with which it is another one [m].
-HIGHER = 0.004
+HEIGHT_ERROR_MAX = 0.004
 # The ball is stuck with less progress than this [m] in this time [s].
-PROGRESS, STUCK_AFTER = 0.03, 8.0
-REPLANS = 12
+PROGRESS_MIN, PROGRESS_TIMEOUT = 0.03, 8.0
+REPLANS_MAX = 12
 CROSSING_TIMEOUT = 90.0
 
 
@@ -302,11 +303,11 @@ class Navigator:
 
     @staticmethod
     def _jumped(last: Optional[Percept], percept: Percept) -> bool:
-        if last is None or not 0.0 <= percept.stamp - last.stamp <= LONGEST_GAP:
+        if last is None or not 0.0 <= percept.stamp - last.stamp <= PERCEPT_GAP_MAX:
             return False
         moved = max(abs(last.speed), abs(percept.speed)) * (percept.stamp - last.stamp)
-        return math.hypot(percept.x - last.x, percept.y - last.y) > moved + JUMP or abs(
-            math.remainder(percept.heading - last.heading, 2.0 * math.pi)) > JUMP_TURN
+        return math.hypot(percept.x - last.x, percept.y - last.y) > moved + JUMP_DISTANCE or abs(
+            math.remainder(percept.heading - last.heading, 2.0 * math.pi)) > JUMP_ANGLE
 
     def _stop(self, state: NavigationState, reason: str, message: str) -> NavigationState:
         """Stop for a new route."""
@@ -315,14 +316,14 @@ class Navigator:
 
     def _stopping(self, state: NavigationState, percept: Percept
                   ) -> Tuple[NavigationState, Command]:
-        if percept.stamp - state.moving < RESTS_AFTER:
+        if percept.stamp - state.moving < REST_TIME_MIN:
             return state, REST
         if state.next is not NavStatus.DRIVING:
             assert state.next is not None
             return replace(state, status=state.next, next=None), REST
-        if state.replans >= REPLANS:
+        if state.replans >= REPLANS_MAX:
             return replace(state, status=NavStatus.FAILED, next=None, message=(
-                f'no arrival after {REPLANS} routes; the last one ended because '
+                f'no arrival after {REPLANS_MAX} routes; the last one ended because '
                 f'{state.message}')), REST
         try:
             route = self._route(state, percept)
@@ -351,7 +352,7 @@ class Navigator:
         assert state.route is not None and state.goal is not None
         if index >= len(state.route.segments):
             away = math.dist((percept.x, percept.y), state.goal[:2])
-            if away <= TOLERANCE or state.replans >= REPLANS:
+            if away <= GOAL_TOLERANCE or state.replans >= REPLANS_MAX:
                 return replace(state, status=NavStatus.SUCCEEDED, index=index, path=None,
                                reason='', message=f'arrived {away:.2f} m from the goal')
             return replace(state, status=NavStatus.STOPPING, next=NavStatus.DRIVING,
@@ -364,7 +365,7 @@ class Navigator:
         if segment.feature is None:
             return state
         assert segment.crossing is not None
-        if state.alignments < ALIGNMENTS and not self.planner.aligned(
+        if state.alignments < ALIGNMENTS_MAX and not self.planner.aligned(
                 (percept.x, percept.y, percept.heading), segment):
             turned = math.remainder(percept.heading - segment.heading, 2.0 * math.pi)
             return self._align(replace(
@@ -377,8 +378,8 @@ class Navigator:
                ) -> NavigationState:
         """Back off along the line of a crossing and return to its start; else plan again."""
         assert state.route is not None
-        room = min(self.planner.room_before(crossing), ALIGNING)
-        if room < 0.5 * ALIGNING:
+        room = min(self.planner.room_before(crossing), ALIGNING_DISTANCE)
+        if room < 0.5 * ALIGNING_DISTANCE:
             return replace(state, status=NavStatus.STOPPING, next=NavStatus.DRIVING)
         (x, y), heading = crossing.points[0], crossing.heading
         behind = x - room * math.cos(heading), y - room * math.sin(heading)
@@ -397,8 +398,8 @@ class Navigator:
         course = percept.heading + (0.0 if path.direction > 0 else math.pi)
         turned = math.remainder(course - float(np.interp(along, path.along, path.courses)),
                                 2.0 * math.pi)
-        resting = percept.stamp - state.moving >= RESTS_AFTER
-        if path.length - along <= CLOSE:
+        resting = percept.stamp - state.moving >= REST_TIME_MIN
+        if path.length - along <= SEGMENT_TOLERANCE:
             if resting:
                 return self._enter(state, state.index + 1, percept), REST
             return state, REST
@@ -407,15 +408,15 @@ class Navigator:
         there = (percept.x + rests * math.cos(course), percept.y + rests * math.sin(course))
         planned = [float(np.interp(along + rests, path.along, items)) for items in path.points.T]
         clearance = self.planner.clearance
-        if abs(turned) > TURNED or math.dist(there, planned) > 0.5 * CLEARANCE \
+        if abs(turned) > HEADING_ERROR_MAX or math.dist(there, planned) > 0.5 * CLEARANCE \
                 and clearance(there) < min(clearance(planned), CLEARANCE) - 0.5 * CLEARANCE \
                 < clearance((percept.x, percept.y)):
             return self._stop(state, 'off_path', (
                 f'the ball is {left:+.2f} m and {math.degrees(turned):+.0f} degrees off its '
                 'path')), REST
-        if along > state.anchor[0] + PROGRESS:
+        if along > state.anchor[0] + PROGRESS_MIN:
             state = replace(state, anchor=(along, percept.stamp))
-        elif percept.stamp - state.anchor[1] > STUCK_AFTER:
+        elif percept.stamp - state.anchor[1] > PROGRESS_TIMEOUT:
             stuck = (percept.x + (self._radius + CLEARANCE) * math.cos(course),
                      percept.y + (self._radius + CLEARANCE) * math.sin(course))
             return self._stop(replace(state, learned=state.learned.with_obstacles((stuck,))),
@@ -456,7 +457,7 @@ class Navigator:
                          for count, measured, agrees in zip(
                              state.agreeing, (percept.points, percept.faces),
                              (seen, unmapped or learned is not state.learned)))
-        if max(agreeing) < AGREEING:
+        if max(agreeing) < AGREEING_MIN:
             return replace(state, agreeing=agreeing)
         obstacle = seen or bool(unmapped)
         if obstacle:
@@ -472,7 +473,7 @@ class Navigator:
         known = self.planner.features[number].height
         # An area below its surroundings has a negative height, and an edge that rises outwards.
         return learned.with_height(number, math.copysign(height, known)) \
-            if height > abs(known) + HIGHER else learned
+            if height > abs(known) + HEIGHT_ERROR_MAX else learned
 
     def _on(self, point: Point, ahead: NDArray[np.float64]) -> bool:
         """Return whether the ball would touch a point on its path."""
@@ -481,13 +482,13 @@ class Navigator:
 
     def _explained(self, point: Point) -> bool:
         """Return whether a wall of the map is near a point."""
-        return self.planner.floor.nearest_wall(point)[0] < EXPLAINED
+        return self.planner.floor.nearest_wall(point)[0] < EXPLAINED_DISTANCE
 
     def _feature_at(self, point: Point) -> Optional[int]:
         """Return the number of the feature whose line passes near a point."""
         for number, feature in enumerate(self.planner.floor.features):
             if min(float(distance_to_segment(*point, *segment)) for segment in feature.segments) \
-                    < EXPLAINED + 0.5 * feature.width:
+                    < EXPLAINED_DISTANCE + 0.5 * feature.width:
                 return number
         return None
 
@@ -508,7 +509,7 @@ class Navigator:
                     segment.number, math.copysign(report.height, known))
             # Another height explains a refusal.
             if report.touched or report.crossed or not abs(
-                    abs(report.height) - abs(known)) > HIGHER:
+                    abs(report.height) - abs(known)) > HEIGHT_ERROR_MAX:
                 learned = learned.with_outcome(
                     segment.number, segment.sign, segment.crossing.run_up, report.crossed)
             state = replace(state, learned=learned, alignments=0)
@@ -534,7 +535,7 @@ class Navigator:
         to_edge = min(float(distance_to_segment(percept.x, percept.y, *piece))
                       for piece in segment.feature.segments)
         yaw_rate = 0.0
-        if percept.speed < 0.0 or to_edge > EDGE + EDGE_TIME * percept.speed:
+        if percept.speed < 0.0 or to_edge > EDGE_DISTANCE + EDGE_TIME * percept.speed:
             yaw_rate = self._tracker.yaw_rate(path, along, left, percept.heading,
                                               percept.speed)
         return state, Command(CommandKind.CROSS, 0.0, yaw_rate)

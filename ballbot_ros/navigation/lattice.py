@@ -25,7 +25,7 @@ CELL_SHARE = 0.118
 # Levels of the risk -log(probability) up to its limit.
 LEVELS = 50
 # Most nodes of a search; answers of `expand` without a way, and of `_place` without a node.
-MOST_NODES = 1 << 22
+NODES_MAX = 1 << 22
 NONE, FULL, EXCLUDED = -1, -2, -3
 
 
@@ -259,7 +259,7 @@ class Tree:
         while True:
             found = expand(problem, self._nodes,
                            np.full(problem.slowness.size * COUNT, -1, np.int32))
-            if found != FULL or len(self._nodes.states) >= MOST_NODES:
+            if found != FULL or len(self._nodes.states) >= NODES_MAX:
                 break
             self._nodes = SearchTree.of(4 * len(self._nodes.states))
         if found < 0:

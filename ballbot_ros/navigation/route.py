@@ -24,12 +24,12 @@ from ballbot_ros.floors.floor import (
     AREAS, distance_to_segment, Feature, Floor, FREE, inside, LINES, Point, UNKNOWN)
 from ballbot_ros.floors.profile import crossed, crossings
 from ballbot_ros.navigation.capability import (
-    Capability, CrossingPlan, LONGEST_ROOM, RUN_UPS)
+    Capability, CrossingPlan, ROOM_MAX, RUN_UPS)
 from ballbot_ros.navigation.lattice import (
     CELL_SHARE, COUNT, distances, free_steps, HEADINGS, LEVELS, Moves, primitives, Problem, Tree,
     VECTORS)
 from ballbot_ros.navigation.learned import Learned
-from ballbot_ros.navigation.sensing import LOWEST
+from ballbot_ros.navigation.sensing import FACE_HEIGHT_MIN
 from ballbot_ros.navigation.tracking import steered
 from ballbot_ros.steering import curvature_limit, height_factor
 from ballbot_ros.steering.model import required_steering
@@ -37,23 +37,23 @@ from ballbot_ros.steering.model import required_steering
 # Clearance between the ball and walls, and between it and steps that it does not cross [m].
 CLEARANCE = 0.05
 # Clearance that a route prefers [m], and the factor on times with less.
-COMFORT, CLOSE = 0.15, 1.3
+CLEARANCE_PREFERRED, CLOSE_FACTOR = 0.15, 1.3
 # Distance between samples along a crossing, and longest way that is looked at [m].
-SAMPLE, LONGEST = 0.05, RUN_UPS[-1] + LONGEST_ROOM
+SAMPLE_DISTANCE, CROSSING_LENGTH_MAX = 0.05, RUN_UPS[-1] + ROOM_MAX
 # Largest angle between a crossing and the normal of the step, and between the ball and its first
 # state [rad]: half the spacing of headings.
-DEVIATION = math.radians(13.5)
+HEADING_DEVIATION_MAX = math.radians(13.5)
 # Standard deviation of the heading at the edge of a crossing, as driven in random houses [rad].
 HEADING_SD = 0.05
 # Speeds on arcs and backward [m/s]; largest cell of the lattice [m].
-ARC_SPEED, BACKWARD_SPEED, LARGEST_CELL = 0.25, 0.2, 0.12
+ARC_SPEED, BACKWARD_SPEED, CELL_SIZE_MAX = 0.25, 0.2, 0.12
 # Time to stop and change direction, and to align and set out for a crossing [s].
-REVERSAL, ALIGNMENT = 2.0, 2.0
+REVERSAL_TIME, ALIGNMENT_TIME = 2.0, 2.0
 # Time that a deviation of the start from its state costs [s/m], [s/rad].
 OFFSET_COST, TURN_COST = 10.0, 4.0
 # How far the way out of a blocked place may lead [m], and how much nearer to a wall than its
 # radius the localisation may place the ball [m].
-ESCAPE, INACCURATE = 1.0, 0.08
+ESCAPE_DISTANCE_MAX, LOCALIZATION_ERROR_MAX = 1.0, 0.08
 # Areas that no route enters, and features that no route crosses.
 CLOSED = ('keep_out', 'stairs', 'ramp')
 BARRED = ('drop', *CLOSED)
@@ -62,7 +62,7 @@ FACED = tuple(kind for kind in (*LINES, *AREAS) if kind != 'friction')
 # A longer run-up must raise the probability by this to be a separate choice.
 PROBABILITY_GAIN_MIN = 0.005
 # Longest time of a route over that of the fastest: the factor on the heuristic.
-LONGER = 1.05
+HEURISTIC_FACTOR = 1.05
 
 
 class Segment(NamedTuple):
@@ -181,7 +181,7 @@ class RoutePlanner:
                 knowledge.tuning.cruise_speed, 0.0)
         self._capability = capability or Capability(knowledge)
         radius = 1.0 / curvature_limit(knowledge.robot, ARC_SPEED)
-        self._size = min(LARGEST_CELL, CELL_SHARE * radius)
+        self._size = min(CELL_SIZE_MAX, CELL_SHARE * radius)
         self._rows = primitives(radius / self._size)
         speed = self._tuning.cruise_speed
         self._tree = Tree()
@@ -208,10 +208,10 @@ class RoutePlanner:
         # Up to the distance that routes prefer.
         self._clear = self._map_clear.copy()
         for point in learned.obstacles:
-            window, away = self._around((point, point), self.ball_radius + COMFORT)
+            window, away = self._around((point, point), self.ball_radius + CLEARANCE_PREFERRED)
             self._clear[window] = np.minimum(self._clear[window], away)
         self._walls = self._clear < self.ball_radius + CLEARANCE
-        self._close = self._clear < self.ball_radius + COMFORT
+        self._close = self._clear < self.ball_radius + CLEARANCE_PREFERRED
         # Per feature: distance that the centre keeps [m], and cells that it must not enter.
         self._keep: List[float] = []
         self._near: List[NDArray[np.bool_]] = []
@@ -237,7 +237,7 @@ class RoutePlanner:
             near for near, feature in zip(self._near, self.features)
             if feature.kind in BARRED])
         self._blocked = np.logical_or.reduce([self._fixed, *self._near])
-        self._slowness = np.where(self._blocked, np.inf, np.where(self._close, CLOSE, 1.0))
+        self._slowness = np.where(self._blocked, np.inf, np.where(self._close, CLOSE_FACTOR, 1.0))
         self._offer(explore=False)
 
     def _offer(self, explore: bool) -> None:
@@ -245,7 +245,7 @@ class RoutePlanner:
         self._explores, measured = explore, dict(self.learned.heights)
         # As crossings are planned.
         self._assumed = [
-            replace(feature, height=math.copysign(LOWEST, feature.height))
+            replace(feature, height=math.copysign(FACE_HEIGHT_MIN, feature.height))
             if explore and feature.height_sd > 0.0 and number not in measured
             and abs(feature.height) - SIGMAS * feature.height_sd <= HIGHEST_DESCENT else feature
             for number, feature in enumerate(self.features)]
@@ -305,7 +305,8 @@ class RoutePlanner:
         normal = math.atan2(x1 - x0, y0 - y1)
         return self._box(
             [(x + way * math.cos(normal), y + way * math.sin(normal))
-             for x, y in line for way in (LONGEST, -LONGEST)], LONGEST * math.sin(DEVIATION))
+             for x, y in line for way in (CROSSING_LENGTH_MAX, -CROSSING_LENGTH_MAX)],
+            CROSSING_LENGTH_MAX * math.sin(HEADING_DEVIATION_MAX))
 
     def _box(self, points: Sequence[Point], margin: float) -> Tuple[slice, slice]:
         """Return the rows and columns of a box around points."""
@@ -340,7 +341,7 @@ class RoutePlanner:
             for heading in range(COUNT):
                 for sign, way in ((1, normal), (-1, normal + math.pi)):
                     angle = math.remainder(HEADINGS[heading] - way, 2.0 * math.pi)
-                    if abs(angle) <= DEVIATION:
+                    if abs(angle) <= HEADING_DEVIATION_MAX:
                         found += self._along(
                             number, line, heading, sign, angle, barriers)
         return found
@@ -393,7 +394,7 @@ class RoutePlanner:
                 faces = self._faces(feature, (x + edge * way[0], y + edge * way[1]), way, sign,
                                     angle)
                 free = self._free((x, y), way, close | self._barriers(segment.number, line))
-                if free > distance - driven - SAMPLE and any(self._capability.crossing(
+                if free > distance - driven - SAMPLE_DISTANCE and any(self._capability.crossing(
                         faces, feature.height_sd, item, free - edge - 0.5 * faces[-1][0])
                         for item in RUN_UPS if item <= run_up):
                     return True
@@ -442,16 +443,16 @@ class RoutePlanner:
                     continue
                 one, two = (int(np.ravel_multi_index(cell, self._walls.shape))
                             for cell in (begin, stand))
-                at, time = self._point(one), ALIGNMENT + crossing.time
+                at, time = self._point(one), ALIGNMENT_TIME + crossing.time
                 if short:
                     # No state is free there: the ball backs off from the one before.
                     at = middle[0] - before * way[0], middle[1] - before * way[1]
-                    time += REVERSAL + spacing / BACKWARD_SPEED
+                    time += REVERSAL_TIME + spacing / BACKWARD_SPEED
                 if self._free(at, way, self._close) < math.dist(at, self._point(two)):
-                    time *= CLOSE
+                    time *= CLOSE_FACTOR
                 # A failed attempt costs the way back to its begin and another one.
                 time += (1.0 / crossing.probability - 1.0) * (
-                    time + 2.0 * REVERSAL + crossing.run_up / BACKWARD_SPEED)
+                    time + 2.0 * REVERSAL_TIME + crossing.run_up / BACKWARD_SPEED)
                 found.append(_Arc(one * COUNT + heading, two * COUNT + heading, Segment(
                     (at, self._point(two)), self.floor.features[number], crossing, time, 1,
                     HEADINGS[heading], number, sign)))
@@ -510,9 +511,10 @@ class RoutePlanner:
     def _free(self, place: Point, way: Point, barriers: NDArray[np.bool_]) -> float:
         """Return how far the centre may go from a place in a direction [m]."""
         (column, across), (row, up) = (
-            ((at - origin) / self._size, SAMPLE * step / self._size)
+            ((at - origin) / self._size, SAMPLE_DISTANCE * step / self._size)
             for at, step, origin in zip(place, way, self._origin))
-        return SAMPLE * free_steps(barriers, row, column, up, across, round(LONGEST / SAMPLE))
+        return SAMPLE_DISTANCE * free_steps(
+            barriers, row, column, up, across, round(CROSSING_LENGTH_MAX / SAMPLE_DISTANCE))
 
     def check_place(self, point: Sequence[float], what: str) -> None:
         """
@@ -637,8 +639,8 @@ class RoutePlanner:
         at the start.
         """
         return self._tree.find(Problem(
-            states, costs, last, heading, slowness.ravel(), LONGER * far, self._moves,
-            REVERSAL, *self._arc_arrays, aligned, most_level))
+            states, costs, last, heading, slowness.ravel(), HEURISTIC_FACTOR * far, self._moves,
+            REVERSAL_TIME, *self._arc_arrays, aligned, most_level))
 
     def _refuse(self, shortest: float, passed: List[Tuple[int, int]], point_gets_there: bool
                 ) -> None:
@@ -656,11 +658,11 @@ class RoutePlanner:
     def _starts(self, start: Sequence[float]
                 ) -> Tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
         """Return the possible start states, the cost of reaching them [s], and `_opened`."""
-        self._check_walls(start, 'start', self.ball_radius - INACCURATE)
+        self._check_walls(start, 'start', self.ball_radius - LOCALIZATION_ERROR_MAX)
         for feature in self.features:
             on = self.ball_radius if feature.kind in ('drop', 'stairs') else 0.0 \
                 if feature.kind in ('friction', *BARRED) else touch_distance(
-                    self.ball_radius, abs(feature.height)) - INACCURATE
+                    self.ball_radius, abs(feature.height)) - LOCALIZATION_ERROR_MAX
             away = min(float(distance_to_segment(start[0], start[1], *segment))
                        for segment in feature.segments)
             if away < on or feature.kind in CLOSED \
@@ -684,7 +686,7 @@ class RoutePlanner:
                     math.remainder(angle - start[2], 2.0 * math.pi))
                 # Along the heading the ball gets there, sideways it does not.
                 aside = abs(-math.sin(angle) * dx + math.cos(angle) * dy)
-                if turned <= DEVIATION and aside <= 1.01 * self._size:
+                if turned <= HEADING_DEVIATION_MAX and aside <= 1.01 * self._size:
                     states.append(node * COUNT + heading)
                     costs.append(OFFSET_COST * aside + TURN_COST * turned
                                  + math.hypot(dx, dy) / BACKWARD_SPEED)
@@ -695,8 +697,8 @@ class RoutePlanner:
         if not self._blocked.flat[self._node(start)]:
             return self._slowness
         slowness, at = self._slowness.copy(), (float(start[0]), float(start[1]))
-        window, away = self._around((at, at), ESCAPE)
-        x, y, share = self._x[:, window[1]], self._y[window[0]], away / ESCAPE
+        window, away = self._around((at, at), ESCAPE_DISTANCE_MAX)
+        x, y, share = self._x[:, window[1]], self._y[window[0]], away / ESCAPE_DISTANCE_MAX
 
         def leaves(distance: NDArray[np.float64], first: float, keep: float
                    ) -> NDArray[np.bool_]:
@@ -715,7 +717,8 @@ class RoutePlanner:
             if feature.kind in CLOSED:
                 free &= ~inside(x, y, feature.polygon)
         free &= share <= 1.0
-        slowness[window] = np.where(free, np.minimum(slowness[window], CLOSE), slowness[window])
+        slowness[window] = np.where(
+            free, np.minimum(slowness[window], CLOSE_FACTOR), slowness[window])
         return slowness
 
     def _segments(self, path: List[Tuple[int, int]], slowness: NDArray[np.float64]
@@ -742,7 +745,7 @@ class RoutePlanner:
             item = self._rows[move]
             if item.direction != direction:
                 end(HEADINGS[before % COUNT])
-                time = REVERSAL if direction and item.direction != direction else 0.0
+                time = REVERSAL_TIME if direction and item.direction != direction else 0.0
                 points, direction = [at], item.direction
             points += [(at[0] + self._size * x, at[1] + self._size * y)
                        for x, y in item.points.tolist()]
@@ -772,7 +775,8 @@ class RoutePlanner:
         """Return why a feature is not crossed in a direction."""
         limit, label = self._limits.get((number, sign)), self._described(number)
         easiest = None if limit is None else next(
-            self._choices(number, sign, limit.faces, LONGEST, LONGEST), None)
+            self._choices(number, sign, limit.faces, CROSSING_LENGTH_MAX, CROSSING_LENGTH_MAX),
+            None)
         if limit is None or easiest is None:
             return f'{label} cannot be crossed with the required probability'
         if limit.run_up < easiest.run_up:

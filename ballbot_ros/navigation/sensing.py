@@ -10,7 +10,7 @@ from ballbot_ros.decision import TerrainObservation
 # this many samples before and behind.
 SPACING, SAMPLES = 0.01, 5
 # Lowest face [m], and its standard deviations of the mean.
-LOWEST, SIGMAS = 0.004, 6.0
+FACE_HEIGHT_MIN, SIGMAS = 0.004, 6.0
 
 
 def faces_in(observation: TerrainObservation) -> Tuple[Tuple[float, float], ...]:
@@ -27,7 +27,7 @@ def faces_in(observation: TerrainObservation) -> Tuple[Tuple[float, float], ...]
     rises = means[SAMPLES:] - means[:-SAMPLES]
     sd = max(observation.z_sd, default=0.0)
     # Samples between two points of the polyline are not independent.
-    threshold = max(LOWEST, SIGMAS * sd / np.sqrt(2.0))
+    threshold = max(FACE_HEIGHT_MIN, SIGMAS * sd / np.sqrt(2.0))
     found, index = [], 0
     while index < len(rises):
         if abs(rises[index]) <= threshold:

@@ -17,17 +17,17 @@ from ballbot_ros.physics.model.robot import Robot
 from ballbot_ros.steering import curvature_limit
 
 # Distance of both poles of the errors: at least, and per speed [m], [s].
-SETTLING, SETTLING_TIME = 0.35, 1.2
+SETTLING_DISTANCE, SETTLING_TIME = 0.35, 1.2
 # The lean follows later: the feedforward looks ahead by this time [s].
 LEAN_LEAD = 0.6
 # Before the edge, a crossing is not steered any more: distance [m], and time [s].
-EDGE, EDGE_TIME = 0.3, 0.8
+EDGE_DISTANCE, EDGE_TIME = 0.3, 0.8
 # Speed is reduced this far before a turn, and kept this far behind it [m].
 SLOWDOWN_BEFORE, SLOWDOWN_BEHIND = 0.2, 0.1
 # Deceleration towards the end of a path [m/s2], and time constant of the last part [s].
-BRAKING, LAST = 0.15, 0.7
+DECELERATION, LAST_TIME_CONSTANT = 0.15, 0.7
 # Part of the curvature limit that the path may use; feedback has the rest.
-SHARE = 0.95
+CURVATURE_FRACTION = 0.95
 
 
 class Path(NamedTuple):
@@ -121,8 +121,8 @@ def steered(left: float, turned: float, run_up: float, speed: float
         the lean follows later.
 
     """
-    settling = max(SETTLING, SETTLING_TIME * speed)
-    way = max(0.0, run_up - EDGE - (EDGE_TIME + LEAN_LEAD) * speed)
+    settling = max(SETTLING_DISTANCE, SETTLING_TIME * speed)
+    way = max(0.0, run_up - EDGE_DISTANCE - (EDGE_TIME + LEAN_LEAD) * speed)
     rate = left / settling + math.tan(turned)
     decayed = math.exp(-way / settling)
     return way, (left + rate * way) * decayed, math.atan(
@@ -169,19 +169,20 @@ class Tracker:
         # Braking ends a delay before a turn begins.
         room = np.maximum(path.along[ahead] - along - SLOWDOWN_BEFORE, 0.0)
         # The speeds at which the curvatures are within the limit.
-        turns = np.interp(-np.abs(path.curvatures[ahead]), -SHARE * self._limits, self._speeds)
+        turns = np.interp(-np.abs(path.curvatures[ahead]), -CURVATURE_FRACTION * self._limits,
+                          self._speeds)
         remaining = max(path.length - along, 0.0)
-        lost = BRAKING * LAST
+        lost = DECELERATION * LAST_TIME_CONSTANT
         wanted = min(top_speed, self._cruise,
-                     float(np.sqrt(turns**2 + 2.0 * BRAKING * room).min(initial=math.inf)),
-                     2.0 * BRAKING * remaining
-                     / (math.sqrt(lost * lost + 2.0 * BRAKING * remaining) + lost))
+                     float(np.sqrt(turns**2 + 2.0 * DECELERATION * room).min(initial=math.inf)),
+                     2.0 * DECELERATION * remaining
+                     / (math.sqrt(lost * lost + 2.0 * DECELERATION * remaining) + lost))
         return path.direction * wanted, self.yaw_rate(path, along, left, heading, speed)
 
     def yaw_rate(self, path: Path, along: float, left: float, heading: float, speed: float
                  ) -> float:
         """Return the yaw rate that leads back to the path [rad/s]; see `follow`."""
-        settling = max(SETTLING, SETTLING_TIME * abs(speed))
+        settling = max(SETTLING_DISTANCE, SETTLING_TIME * abs(speed))
         course = heading if path.direction > 0 else heading + math.pi
         error = math.remainder(course - float(np.interp(along, path.along, path.courses)),
                                2.0 * math.pi)

@@ -13,7 +13,7 @@ from typing import Optional, Tuple
 from ballbot_ros.decision.learning.outcomes import Outcome
 from ballbot_ros.decision.tuning import DecisionTuning
 from ballbot_ros.decision.values import (
-    Decision, FARTHEST, Kind, Motion, Plan, Reason, REST_SPEED_MAX, Strategy)
+    Decision, Kind, Motion, Plan, POSITION_MAX, Reason, REST_SPEED_MAX, Strategy)
 from ballbot_ros.errors import RefusedError
 
 # The ball rests after this time below `REST_SPEED_MAX` [s].
@@ -225,10 +225,10 @@ class Goals:
 # Minimum speed limit, and speed at which the ball returns after an overshoot [m/s].
 SPEED_LIMIT_MIN = 0.1
 # Allowed tolerances, and the default [m].
-TOLERANCE_MIN, TOLERANCE_MAX, TOLERANCE = 0.01, 1.0, 0.05
+TOLERANCE_MIN, TOLERANCE_MAX, TOLERANCE_DEFAULT = 0.01, 1.0, 0.05
 # Default timeout: this multiple of the travel time, plus a constant [s].
 TIMEOUT_PER_TRAVEL_TIME, TIMEOUT_MIN = 3.0, 20.0
-ROUNDING = 1e-6  # [m/s]
+ROUNDING_TOLERANCE = 1e-6  # [m/s]
 
 
 class DriveGoal(Goal):
@@ -262,8 +262,9 @@ class DriveGoal(Goal):
     def __init__(self, start: Motion, target: float, speed_limit: float, tolerance: float,
                  timeout: float, tuning: DecisionTuning, radius: float, free_from: float):
         """Check the request, and set out."""
-        if not abs(target) < FARTHEST:
-            raise RefusedError(f'target must be finite and within {FARTHEST:g} m, got {target:g}',
+        if not abs(target) < POSITION_MAX:
+            raise RefusedError(
+                f'target must be finite and within {POSITION_MAX:g} m, got {target:g}',
                                'out_of_range', 'target')
         if speed_limit and not SPEED_LIMIT_MIN <= speed_limit <= tuning.highest_speed:
             raise RefusedError(
@@ -273,7 +274,7 @@ class DriveGoal(Goal):
         if tolerance and not TOLERANCE_MIN <= tolerance <= TOLERANCE_MAX:
             raise RefusedError(f'tolerance must be 0 or {TOLERANCE_MIN:g} to {TOLERANCE_MAX:g} m, '
                                f'got {tolerance:g}', 'out_of_range', 'tolerance')
-        tolerance = tolerance or TOLERANCE
+        tolerance = tolerance or TOLERANCE_DEFAULT
         if target < start.position and target < free_from - tolerance:
             raise RefusedError(
                 f'target {target:.2f} m is behind the ball, where the ground is known to be free '
@@ -316,7 +317,7 @@ class DriveGoal(Goal):
             self._obstacle = (
                 f'{self.target:.2f} m is on the step at {face:.2f} m or less than '
                 f'{ROOM_BEHIND_EDGE_MIN:g} m behind its edge, where the ball cannot stop')
-        elif self._fast == planned.step or needed > self._limit + ROUNDING:
+        elif self._fast == planned.step or needed > self._limit + ROUNDING_TOLERANCE:
             self._fast = planned.step  # also while a run-up for it is evaluated
             self._obstacle = (f'the step at {face:.2f} m takes {needed:.2f} m/s, and '
                               f'{self._limit:g} m/s is the limit')

@@ -20,7 +20,7 @@ PlainOrder = tuple[float, float, float, float, float, float, float, float, float
 EXCESS_LEAN = 0.3
 
 # Above the speed that stops in time by more than this, braking uses the full lean [m/s].
-TOO_FAST = 0.03
+SPEED_EXCESS_MAX = 0.03
 
 
 # A ball that brakes as hard as it can eases off below this speed [m/s].
@@ -55,7 +55,7 @@ def enough_lean(position: float, speed: float, slope: float, order: Order,
         # In the direction of motion.
         towards = stopping_speed(gap, slope, order.lean, order.reaction, law) if speed > 0.0 \
             else stopping_speed(-gap, -slope, order.lean, order.reaction, law)
-        if abs(speed) > towards + TOO_FAST:
+        if abs(speed) > towards + SPEED_EXCESS_MAX:
             return order.emergency_lean
     return min(max(order.lean, abs(holding) + EXCESS_LEAN), order.emergency_lean)
 

@@ -30,18 +30,18 @@ from ballbot_ros.physics.model.terrain import (
 from ballbot_ros.physics.solvers.values import FINISHED
 
 # Local error of a step of an attempt [m], right-hand sides and time that it may take.
-TOLERANCE, BUDGET, TIME_LIMIT = 1e-4, 200_000, 1.5
+SOLVER_TOLERANCE, EVALUATIONS_MAX, ATTEMPT_TIME_MAX = 1e-4, 200_000, 1.5
 # Steps of the finite differences of the score: height [m] and fraction of the speed.
-HIGHER, FASTER = 0.002, 0.05
+HEIGHT_STEP, SPEED_STEP = 0.002, 0.05
 # Minimum touch speed of a usable outcome [m/s].
-SLOWEST = 0.1
+TOUCH_SPEED_MIN = 0.1
 # Part of the slip past the face that is not known.
-SLIP = 0.4
+SLIP_FRACTION = 0.4
 
 
 # Part of the outcomes that the model does not explain: a person pushed the ball, or the sensor
 # took another object for the step.
-OUTLIERS = 0.05
+OUTLIER_FRACTION = 0.05
 # Standard deviations: speeds at the touch and past the face [m/s], and the maximum step height of
 # a robot with known parameters [m].
 SPEED_SD, PASSED_SD, MODEL_SD = 0.02, 0.04, 0.0005
@@ -131,11 +131,11 @@ class Chances:
         heights = touching.height - particles.column(HEIGHT_BIAS)
         middle = touching.height - particles.mean(HEIGHT_BIAS)
         self._heights = np.maximum(np.concatenate([
-            heights, middle + np.array([HIGHER, -HIGHER, 0.0, 0.0])]), 1e-4)
+            heights, middle + np.array([HEIGHT_STEP, -HEIGHT_STEP, 0.0, 0.0])]), 1e-4)
         self._scores = np.full((len(self._heights), 2), np.nan)
         self._done = 0
         self._crossings = [_crossing(particles.robot, touching, touching.speed * factor)
-                           for factor in (1.0, 1.0 + FASTER, 1.0 - FASTER)]
+                           for factor in (1.0, 1.0 + SPEED_STEP, 1.0 - SPEED_STEP)]
 
     def advance(self, attempts: Optional[int] = None) -> bool:
         """Make some attempts, all by default; return whether all are made."""
@@ -146,7 +146,7 @@ class Chances:
             special = max(0, self._done - (number - 3))
             last = min(end, number - 2) if special == 0 else self._done + 1
             write_scores(self._done, last, self._rows, self._heights, self._frictions,
-                         self._scores, TOLERANCE, self._crossings[special])
+                         self._scores, SOLVER_TOLERANCE, self._crossings[special])
             self._done = last
         return self._done == number
 
@@ -160,20 +160,21 @@ class Chances:
         """Return (N,) the likelihood of an outcome under each particle; after all `work`."""
         over = self.probabilities()
         if not outcome.crossed:
-            return (1.0 - OUTLIERS) * (1.0 - over) + 0.5 * OUTLIERS
+            return (1.0 - OUTLIER_FRACTION) * (1.0 - over) + 0.5 * OUTLIER_FRACTION
         if outcome.passed_speed is None:
-            return (1.0 - OUTLIERS) * over + 0.5 * OUTLIERS
+            return (1.0 - OUTLIER_FRACTION) * over + 0.5 * OUTLIER_FRACTION
         # Squares of speeds, as scores are; where an attempt failed, any up to that at the touch.
         scores, speeds = self._scores[:-4].T
-        anything = 1.0 / max(self._touching.speed, SLOWEST)**2
+        anything = 1.0 / max(self._touching.speed, TOUCH_SPEED_MIN)**2
         # Slip makes odometry faster than the ball; the standard deviation grows with it.
         slip = speeds - np.sqrt(np.maximum(scores, 0.0))
-        sd = np.hypot(PASSED_SD, SLIP * slip)
+        sd = np.hypot(PASSED_SD, SLIP_FRACTION * slip)
         spread = np.sqrt(self._deviation**2 + (2.0 * speeds * sd)**2 + sd**4)
         density = np.exp(-0.5 * ((outcome.passed_speed**2 - speeds**2) / spread)**2) / (
             spread * math.sqrt(2.0 * math.pi))
         explained = np.where((scores > 0.0) & np.isfinite(density), density, anything)
-        likelihood: Array = (1.0 - OUTLIERS) * over * explained + OUTLIERS * anything
+        likelihood: Array = (
+            (1.0 - OUTLIER_FRACTION) * over * explained + OUTLIER_FRACTION * anything)
         return likelihood
 
     @property
@@ -181,7 +182,7 @@ class Chances:
         """Return the standard deviation of the scores, for one robot [m2/s2]."""
         higher, lower, faster, slower = np.nan_to_num(self._scores[-4:, 0]).tolist()
         per_height = (lower - higher) / (self._heights[-4] - self._heights[-3])
-        per_speed = (faster - slower) / (2.0 * FASTER * self._touching.speed)
+        per_speed = (faster - slower) / (2.0 * SPEED_STEP * self._touching.speed)
         return max(math.hypot(
             per_height * math.hypot(self._touching.height_sd, MODEL_SD),
             per_speed * SPEED_SD), LEAST)
@@ -191,10 +192,10 @@ def _crossing(robot: Robot, touching: Touching, speed: float) -> Crossing:
     actuation = held_at(touching.set_angle) if robot.has_pendulum else Actuation()
     return Crossing.of(
         # Up to the edge: the outcome reports the speed past the face.
-        Course(speed, touching.angle, 0.0, 1.0, TIME_LIMIT, 0.0),
+        Course(speed, touching.angle, 0.0, 1.0, ATTEMPT_TIME_MAX, 0.0),
         System(Parameters(*([0.0] * len(Parameters._fields))),
                Site(slope_before=touching.slope, slope_behind=touching.slope).profile(robot),
-               actuation.actuator(robot, 0.0, touching.angle)), BUDGET)
+               actuation.actuator(robot, 0.0, touching.angle)), EVALUATIONS_MAX)
 
 
 def score_of(robot: Robot, touching: Touching) -> Tuple[float, float]:
@@ -202,7 +203,7 @@ def score_of(robot: Robot, touching: Touching) -> Tuple[float, float]:
     scores = np.zeros((1, 2))
     write_scores(
         0, 1, np.array([Parameters.of(robot, ContactOptions())[:]]), np.array([touching.height]),
-        np.array([[robot.surface_friction, robot.edge_friction]]), scores, TOLERANCE,
+        np.array([[robot.surface_friction, robot.edge_friction]]), scores, SOLVER_TOLERANCE,
         _crossing(robot, touching, touching.speed))
     return float(scores[0, 0]), float(scores[0, 1])
 

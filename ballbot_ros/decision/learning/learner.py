@@ -5,14 +5,14 @@ from typing import Deque, Iterable, Optional, Tuple
 
 import numpy as np
 
-from ballbot_ros.decision.learning.chances import Chances, SLOWEST, Touching
+from ballbot_ros.decision.learning.chances import Chances, TOUCH_SPEED_MIN, Touching
 from ballbot_ros.decision.learning.outcomes import Outcome
 from ballbot_ros.decision.learning.particles import Particles
 
 # A step lower than this teaches nothing [m].
-LOWEST = 0.002
+HEIGHT_MIN = 0.002
 # Outcomes that wait; more are dropped, the oldest first.
-WAITING = 64
+PENDING_MAX = 64
 
 
 class Learner:
@@ -29,13 +29,13 @@ class Learner:
     def __init__(self, particles: Particles):
         """Start with nothing learned."""
         self.particles = particles
-        self._waiting: Deque[Outcome] = deque(maxlen=WAITING)
+        self._waiting: Deque[Outcome] = deque(maxlen=PENDING_MAX)
         self._current: Optional[Tuple[Outcome, Chances]] = None
 
     def take(self, outcome: Outcome) -> bool:
         """Take an outcome; return whether it teaches anything."""
-        teaches = (LOWEST < outcome.height < self.particles.robot.ball_radius
-                   and outcome.touch_speed > SLOWEST and outcome.robot in (
+        teaches = (HEIGHT_MIN < outcome.height < self.particles.robot.ball_radius
+                   and outcome.touch_speed > TOUCH_SPEED_MIN and outcome.robot in (
                        '', self.particles.robot.digest))
         if teaches:
             self._waiting.append(outcome)

@@ -26,18 +26,18 @@ SURFACE_FRICTION, EDGE_FRICTION, HEIGHT_BIAS = 'surface_friction', 'edge_frictio
 GROUND = (SURFACE_FRICTION, EDGE_FRICTION)
 
 # Resample below this effective sample size, as a fraction of the particles.
-FEWEST = 1.0 / 3.0
+SAMPLE_SIZE_FRACTION_MIN = 1.0 / 3.0
 # Kernel width of the resampling (Liu and West), as a fraction of the particles' spread.
-JITTER = 0.25
+KERNEL_WIDTH_FRACTION = 0.25
 # Fraction redrawn from the prior at resampling: floors change, sensors get displaced.
-REDRAWN = 0.1
+REDRAWN_FRACTION = 0.1
 # Assumed friction of a floor, over that of the robot file.
 FRICTION_RANGE = (0.6, 1.3)
 # Assumed part of the sensors that are bent, or calibrated for another mounting, and standard
 # deviation of the constant error of their heights [m].
-SENSORS_OFF, OFF_SD = 0.2, 0.004
+MISCALIBRATED_FRACTION, MISCALIBRATION_SD = 0.2, 0.004
 # The height bias is truncated at this many standard deviations of the worse sensors.
-FARTHEST = 3.0
+BIAS_SIGMAS_MAX = 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,7 +104,7 @@ class Particles:
         for name, ends in drawn.items():
             for end in ends:
                 changed(robot, {name: end})  # refuses inconsistent values
-        reach = FARTHEST * max(OFF_SD, height_bias_sd)
+        reach = BIAS_SIGMAS_MAX * max(MISCALIBRATION_SD, height_bias_sd)
         lows = np.array([low for low, _ in drawn.values()] + [-reach])
         highs = np.array([high for _, high in drawn.values()] + [reach])
         points = spread_points(len(lows), number, seed)
@@ -113,9 +113,10 @@ class Particles:
         values = lows + points * (highs - lows)
         # Quantiles of a mixture of two normal distributions.
         part = points[:, -1]
-        off = part < SENSORS_OFF
-        quantiles = np.where(off, part / SENSORS_OFF, (part - SENSORS_OFF) / (1.0 - SENSORS_OFF))
-        values[:, -1] = np.clip(np.where(off, OFF_SD, height_bias_sd) * np.array([
+        off = part < MISCALIBRATED_FRACTION
+        quantiles = np.where(off, part / MISCALIBRATED_FRACTION,
+                             (part - MISCALIBRATED_FRACTION) / (1.0 - MISCALIBRATED_FRACTION))
+        values[:, -1] = np.clip(np.where(off, MISCALIBRATION_SD, height_bias_sd) * np.array([
             NormalDist().inv_cdf(one) for one in np.clip(quantiles, 1e-9, 1.0 - 1e-9)]),
             -reach, reach)
         names = (*drawn, HEIGHT_BIAS)
@@ -192,7 +193,7 @@ class Particles:
         weights = self.weights * np.exp(given - given.max())
         after = replace(self, weights=_fixed(weights / weights.sum()),
                         outcomes=self.outcomes + 1)
-        if after.effective_size >= FEWEST * len(self):
+        if after.effective_size >= SAMPLE_SIZE_FRACTION_MIN * len(self):
             return after
         return after._resampled()
 
@@ -206,13 +207,13 @@ class Particles:
         root = axes * np.sqrt(np.maximum(sizes, 0.0))
         random = np.random.default_rng(self.outcomes)
         chosen = self.values[self.draw(len(self), self.outcomes)]
-        values = (mean + np.sqrt(1.0 - JITTER**2) * (chosen - mean)
-                  + JITTER * random.standard_normal(chosen.shape) @ root.T)
+        values = (mean + np.sqrt(1.0 - KERNEL_WIDTH_FRACTION**2) * (chosen - mean)
+                  + KERNEL_WIDTH_FRACTION * random.standard_normal(chosen.shape) @ root.T)
         # Reflect at the bounds.
         values = np.where(values > self.highs, 2.0 * self.highs - values, values)
         values = np.where(values < self.lows, 2.0 * self.lows - values, values)
         values = np.clip(values, self.lows, self.highs)
-        redrawn = random.permutation(len(self))[:round(REDRAWN * len(self))]
+        redrawn = random.permutation(len(self))[:round(REDRAWN_FRACTION * len(self))]
         values[redrawn] = self.first[redrawn]
         return replace(self, values=_fixed(values), rows=_rows(self.robot, self.names, values),
                        weights=_fixed(np.full(len(self), 1.0 / len(self))))

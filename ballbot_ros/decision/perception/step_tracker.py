@@ -11,7 +11,7 @@ import numpy as np
 from ballbot_ros.decision.perception.edge_map import (
     EdgeEstimate, EdgeMap, Rejection, TrackedEdge)
 from ballbot_ros.decision.tuning import DecisionTuning
-from ballbot_ros.decision.values import Face, FARTHEST, Reason, StepObservation
+from ballbot_ros.decision.values import Face, POSITION_MAX, Reason, StepObservation
 
 # Number of differences in the estimate of the scatter.
 DIFFERENCES_MAX, DIFFERENCES_MIN = 25, 10
@@ -229,7 +229,7 @@ def _fault(observation: StepObservation, position: float) -> str:
         if getattr(observation, name) < 0.0:
             return f'{name} is negative ({getattr(observation, name):g} m)'
     for name in ('distance', 'height', 'distance_sd', 'height_sd'):
-        if abs(getattr(observation, name)) > FARTHEST:
+        if abs(getattr(observation, name)) > POSITION_MAX:
             return f'{name} is out of range ({getattr(observation, name):g} m)'
     return ''
 

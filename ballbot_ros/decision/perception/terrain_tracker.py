@@ -16,7 +16,7 @@ from ballbot_ros.decision.perception.ground_profile import (
     SLOPE_HYSTERESIS, SLOPE_LENGTH, steep_stretches)
 from ballbot_ros.decision.perception.kernels import middle
 from ballbot_ros.decision.tuning import DecisionTuning
-from ballbot_ros.decision.values import FARTHEST, Profile, Reason, TerrainObservation
+from ballbot_ros.decision.values import POSITION_MAX, Profile, Reason, TerrainObservation
 from ballbot_ros.physics.model.terrain import Array
 
 # More points than a row of any camera are invalid.
@@ -56,7 +56,7 @@ def fault(x: Array, z: Array, z_sd: Array, observation: TerrainObservation, fram
     largest = [float(np.abs(numbers).max()) for numbers in (x, z, z_sd, others)]
     if not np.isfinite(largest).all():
         return 'a number of it is not finite'
-    if max(largest[:3]) > FARTHEST or np.abs(others[1:]).max() > FARTHEST:
+    if max(largest[:3]) > POSITION_MAX or np.abs(others[1:]).max() > POSITION_MAX:
         return f'ground {max(largest[:3]):g} m away is out of range'
     if z_sd.min() < 0.0:
         return f'a standard deviation is negative ({z_sd.min():g} m)'
@@ -186,7 +186,7 @@ class TerrainTracker:
         # Unknown deviations are 0.
         z_sd = np.array(observation.z_sd or (0.0,) * len(x), dtype=float)
         wrong = fault(x, z, z_sd, observation, self._frame)
-        if not wrong and not abs(position) < FARTHEST:
+        if not wrong and not abs(position) < POSITION_MAX:
             wrong = f'the odometry is at {position:g} m'
         if wrong:
             return Reason.BAD_OBSERVATION, wrong

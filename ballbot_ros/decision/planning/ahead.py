@@ -13,7 +13,7 @@ from ballbot_ros.decision.values import Face, Profile, Strategy
 from ballbot_ros.physics.model.terrain import Array
 
 # Maximum number of faces that are planned together.
-FACES = 4
+FACES_MAX = 4
 # An obstacle nearer than this behind the last edge requires braking immediately [m].
 BRAKING_DISTANCE = 1.5
 # A descent of more than this is a drop; others are planned like steps up [m].
@@ -21,7 +21,7 @@ HIGHEST_DESCENT = 0.05
 # Faces that are farther apart than this are planned one by one [m].
 FACE_SEPARATION = 1.0
 # A swing is held until the centre is past the edge by this [m].
-HELD = 0.01
+SWING_END_DISTANCE = 0.01
 # Number of standard deviations of position and height that count.
 SIGMAS = 2.0
 # Ground is drawn this far behind the ball, and this far behind the last that is known [m].
@@ -65,10 +65,10 @@ class Ahead:
     shape : (n, 5) array
         See `ground`.
     faces : tuple of Face
-        At most `FACES`.
+        At most `FACES_MAX`.
     ends : tuple of End
         From near to far; none if the first face is a drop.
-    deviations : (2, FACES) array
+    deviations : (2, FACES_MAX) array
         Standard deviations of height and place of each face [m].
     slope, slope_sd : float
         Below the ball, positive uphill [rad].
@@ -78,7 +78,7 @@ class Ahead:
         Stop limit of the centre: the end of the known or assumed ground [m].
     known : bool
         Whether it is known.
-    descents : (FACES,) array
+    descents : (FACES_MAX,) array
         How far the ball can sink behind each face: limited in a trench, infinite elsewhere [m].
 
     """
@@ -133,7 +133,7 @@ class Candidate:
 
 def faces_ahead(profile: Profile, position: float) -> Tuple[Face, ...]:
     """Return the faces whose foot is ahead of a position."""
-    return tuple(face for face in profile.faces if face.position > position)[:FACES]
+    return tuple(face for face in profile.faces if face.position > position)[:FACES_MAX]
 
 
 def look_ahead(profile: Profile, faces: Sequence[Face], position: float, slope: float,
@@ -170,7 +170,7 @@ def look_ahead(profile: Profile, faces: Sequence[Face], position: float, slope: 
     here, level = position, 0.0
     ends: List[End] = []
     feet: List[int] = []
-    descents = np.full(FACES, math.inf)
+    descents = np.full(FACES_MAX, math.inf)
     last, falls = -math.inf, False
     for index, face in enumerate(faces):
         foot = max(face.position, here)
@@ -197,7 +197,7 @@ def look_ahead(profile: Profile, faces: Sequence[Face], position: float, slope: 
         last = here
         # A step down may be later than observed; a step up lifts the ball.
         later = SIGMAS * max(face.position_sd, 0.0) if face.height < 0.0 else 0.0
-        ends.append(End(index + 1, len(rows) - 1, here, here + HELD + later))
+        ends.append(End(index + 1, len(rows) - 1, here, here + SWING_END_DISTANCE + later))
     known = seen and profile.seen_to > here + radius
     seen_to = max(profile.seen_to if seen else here, here + unseen_room)
     for x, rise in floor.bends(here, seen_to):
@@ -207,8 +207,8 @@ def look_ahead(profile: Profile, faces: Sequence[Face], position: float, slope: 
     last = seen_to + GROUND_EXTENSION
     rows.append((last, level + floor.rise(seen_to, last),
                  len(faces) - 1, 1.0, 1.0))
-    deviations = np.zeros((2, FACES))
-    for index, face in enumerate(faces[:FACES]):
+    deviations = np.zeros((2, FACES_MAX))
+    for index, face in enumerate(faces[:FACES_MAX]):
         deviations[:, index] = max(face.height_sd, 0.0), max(face.position_sd, 0.0)
     first = faces[0]
     return Ahead(

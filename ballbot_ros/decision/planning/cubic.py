@@ -21,26 +21,26 @@ from ballbot_ros.decision.values import Face, Outlook, Reason, Strategy
 
 # Aim above the required speed by this [m/s], or by more if it is not reached in time: the
 # remaining error at the touch must not use up the margin.
-HEADROOM = (0.05, 0.1)
+SPEED_RESERVES = (0.05, 0.1)
 
 # Nodes and weights of a mean over a normal distribution (Gauss and Hermite).
 NODES = ((0.0, 0.53333333), (1.3556262, 0.22207592), (-1.3556262, 0.22207592),
          (2.8569700, 0.01125741), (-2.8569700, 0.01125741))
 
 # Longest searched run-up [m].
-LONGEST_RUN_UP = 6.0
+RUN_UP_MAX = 6.0
 
 # The pendulum is lowered this long before the touch [s].
-HANGING = 0.3
+HANGING_TIME = 0.3
 
 # After a failure, the ball must touch faster than it did, and than was planned, by these factors.
-FASTER, FASTER_PLAN = 1.1, 1.05
+TOUCH_SPEED_RATIO_MIN, PLAN_SPEED_RATIO_MIN = 1.1, 1.05
 
 # Past the last braking point of the nominal robot, a step is crossed at this probability.
 PROBABILITY_MIN = 0.5
 
 # Steps up that are crossed at any speed, behind another one [m].
-PASSABLE = 0.002
+PASSABLE_HEIGHT_MAX = 0.002
 
 
 class CurveRule:
@@ -211,11 +211,12 @@ class CurveSelector(Selector):
             return Choice(None, Reason.DROP)
         failed = situation.failures_at(face)
         required = self._rule.required_speed(face, max((
-            max(FASTER * one.touch_speed, FASTER_PLAN * one.plan.speed) for one in failed),
+            max(TOUCH_SPEED_RATIO_MIN * one.touch_speed, PLAN_SPEED_RATIO_MIN * one.plan.speed)
+            for one in failed),
             default=0.0))
         top = self._rule.highest_speed
         set_speeds = [top] if required is None else [
-            min(top, max(required + more, tuning.cruise_speed)) for more in HEADROOM] + [top]
+            min(top, max(required + more, tuning.cruise_speed)) for more in SPEED_RESERVES] + [top]
         here = [self._predict(speed, 0.0, ahead, situation) for speed in set_speeds]
         fastest, selected = here[-1], None
         if required is not None:
@@ -267,14 +268,15 @@ class CurveSelector(Selector):
         needed = braking.expected_distance(behind, downhill) if kept \
             else braking.distance(behind, downhill, emergency=True)
         fitting = [end for end in ahead.ends
-                   if all(other.height <= PASSABLE for other in ahead.faces[1:end.faces])
+                   if all(other.height <= PASSABLE_HEIGHT_MAX
+                          for other in ahead.faces[1:end.faces])
                    and end.passed + needed <= self._room_to(ahead, end)]
         end = (fitting or ahead.ends)[0]
         strategy = Strategy.BACK_OFF if back > 0.0 else Strategy.CARRY if end.faces > 1 else \
             Strategy.CRUISE if set_speed <= self._tuning.cruise_speed else Strategy.ACCELERATE
         probability = self._rule.probability(touch, face)
         return Prediction(
-            Candidate(strategy, set_speed, HANGING * touch, faces=end.faces, back=back),
+            Candidate(strategy, set_speed, HANGING_TIME * touch, faces=end.faces, back=back),
             Outlook(probability, 1.0 - probability, 0.0, touch_speed=touch,
                     height_limit=self._rule.height_limit(touch)), bool(fitting))
 
@@ -282,13 +284,13 @@ class CurveSelector(Selector):
         """Return the stop limit of the centre behind an end [m]."""
         return min([ahead.room_to, *(
             self._lines.before_face(face).position for face in ahead.faces[end.faces:]
-            if not 0.0 <= face.height <= PASSABLE)])
+            if not 0.0 <= face.height <= PASSABLE_HEIGHT_MAX)])
 
     def _run_up_for(self, required: float, slope: float) -> float:
         """Return the run-up from rest that reaches a touch speed with a reserve [m]."""
         def driven(run_up: float) -> float:
             return self._lines.braking.touch_speed(0.0, self._rule.highest_speed, run_up, slope)
-        near, far = 0.0, LONGEST_RUN_UP
+        near, far = 0.0, RUN_UP_MAX
         if driven(far) < required:
             return math.inf
         for _ in range(20):

@@ -265,9 +265,9 @@ def refuse(choice: Choice, ahead: Ahead, motion: Motion, braking_room: float,
 
 
 # The ball counts as on the step from this distance before the touch [m], for at most this [s].
-CONTACT, LONGEST_CONTACT = 0.005, 3.0
+CONTACT_DISTANCE, CONTACT_TIME_MAX = 0.005, 3.0
 # Clearance of a stop before a touch [m].
-GAP = 0.03
+TOUCH_CLEARANCE = 0.03
 
 
 class FacePlanner:
@@ -379,14 +379,14 @@ class FacePlanner:
         own = [face for face in faces if face.number == previous.step]
         face = own[0] if own else basis.face
         touch = face.position - touch_distance(self._robot.ball_radius, face.height)
-        if previous.contact_since is None and motion.position < touch - CONTACT:
+        if previous.contact_since is None and motion.position < touch - CONTACT_DISTANCE:
             if own or previous.reason is not Reason.COMMITTED:
                 return None
             # The map has lost the face of a crossing past its last braking point.
             return replace(previous, distance=face.position - motion.position)
         since = motion.stamp if previous.contact_since is None else previous.contact_since
-        if not 0.0 <= motion.stamp - since <= LONGEST_CONTACT \
-                or motion.position < touch - GAP and motion.speed < 0.0:
+        if not 0.0 <= motion.stamp - since <= CONTACT_TIME_MAX \
+                or motion.position < touch - TOUCH_CLEARANCE and motion.speed < 0.0:
             self._selector.forget()
             return None
         # With two edges the second one is left when the first is passed.
@@ -412,4 +412,4 @@ class FacePlanner:
     def _braking_room(self, ahead: Ahead, motion: Motion) -> float:
         """Return the distance to the last braking point [m]."""
         way = self._lines.braking.distance(motion.speed, ahead.slope, emergency=True)
-        return ahead.touch - GAP - motion.position - way
+        return ahead.touch - TOUCH_CLEARANCE - motion.position - way

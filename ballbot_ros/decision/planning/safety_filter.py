@@ -15,7 +15,7 @@ from ballbot_ros.decision.tuning import DecisionTuning
 from ballbot_ros.decision.values import Decision, Kind, Plan, Reason, Strategy
 from ballbot_ros.physics.model.robot import Robot
 
-ROUNDING = 1e-9  # [m/s], [m]
+ROUNDING_TOLERANCE = 1e-9  # [m/s], [m]
 
 
 def stop(reason: Reason, explanation: str, **numbers: float) -> Decision:
@@ -117,13 +117,15 @@ def checked(decision: Decision, situation: Situation, knowledge: Knowledge) -> D
     crossing = decision.kind is Kind.CROSS
     most = tuning.highest_speed if crossing else tuning.cruise_speed
     # Written so that NaN is refused.
-    if not (all(0.0 <= speed <= most + ROUNDING for speed in (decision.set_speed, plan.speed))
+    if not (all(0.0 <= speed <= most + ROUNDING_TOLERANCE
+                for speed in (decision.set_speed, plan.speed))
             and abs(plan.swing_angle) <= tuning.largest_swing):
         return stop(
             Reason.BAD_OBSERVATION, f'Stopping: a plan requested {decision.set_speed:g} and '
             f'{plan.speed:g} m/s and {plan.swing_angle:g} rad, {most:g} m/s and '
             f'{tuning.largest_swing:g} rad are allowed')
-    if decision.kind is Kind.BACK_OFF and not plan.start >= situation.free_from - ROUNDING:
+    if decision.kind is Kind.BACK_OFF \
+            and not plan.start >= situation.free_from - ROUNDING_TOLERANCE:
         if plan.start < situation.free_from < situation.motion.position:
             return replace(decision, plan=replace(plan, start=situation.free_from))
         return stop(Reason.NO_ROOM, 'Stopping: a plan backs off over ground that is not known '

@@ -37,12 +37,13 @@ from ballbot_ros.studies.evaluation.terrains import true_faces
 OUTCOMES = ('over', 'stopped', 'fell', 'hit', 'ran away', 'stuck', 'idle', 'undecided')
 
 GOAL_MARGIN = 0.25         # behind the goal [m]
-FALL, DEEPEST = 0.005, 0.06  # of a drop that counts, and of one that may be crossed [m]
+# Depths of a drop that counts, and of one that may be crossed [m].
+FALL_DEPTH_MIN, DROP_CROSSABLE_MAX = 0.005, 0.06
 CORD_WIDTH = 0.05          # of an obstacle without a drop on its far side [m]
 PENETRATION = 0.003        # of a ball into the ground that it rolls on, at most [m]
-HIT, BUMP = 0.1, 0.008     # [m/s], [m]
-CANCELLED = 0.1            # a crossing counts for this time after its cancellation [s]
-RESTING, STANDING, WAITING = 0.01, 1.0, 4.0  # [m/s], [s], [s]
+HIT_SPEED_MIN, BUMP_HEIGHT_MAX = 0.1, 0.008     # [m/s], [m]
+CANCELLATION_TIME = 0.1            # a crossing counts for this time after its cancellation [s]
+RESTING_SPEED_MAX, REST_TIME_MIN, IDLE_TIME_MAX = 0.01, 1.0, 4.0  # [m/s], [s], [s]
 POSITION_ERROR_MAX, SPEED_EXCESS_MAX = 0.25, 1.5  # [m], over the highest speed
 SAME_FACE = 0.06           # position error of a face [m]
 RETREAT_MIN = 0.03                # an attempt has failed this far before its touch [m]
@@ -156,7 +157,7 @@ class OutcomeMonitor:
         state = self._loop.state
         self._path.append((state.x, state.velocity_x))
         self._decisions.append((before, self._x, decision))
-        while self._decisions[0][0] < before - CANCELLED - 1e-9:
+        while self._decisions[0][0] < before - CANCELLATION_TIME - 1e-9:
             self._decisions.popleft()
         self._settle_attempt(state)
         ended = self._falls(state) or self._hits() or self._ends(state, decision)
@@ -182,7 +183,8 @@ class OutcomeMonitor:
     def _is_low(self, x: float) -> bool:
         """Return whether the face at x is no more than a bump to the ball, or a narrow groove."""
         bottom = min(self._y, self._loop.state.y) - self._radius
-        return all(abs(height) <= BUMP or max(low, low + height) <= bottom + BUMP
+        return all(abs(height) <= BUMP_HEIGHT_MAX
+                   or max(low, low + height) <= bottom + BUMP_HEIGHT_MAX
                    for left, low, width, height in self._faces
                    if left - 1e-6 <= x <= left + width + 1e-6)
 
@@ -211,14 +213,14 @@ class OutcomeMonitor:
                 self._passed.pop(edge, None)
                 continue
             if edge not in self._passed:
-                crossing = side > 0.0 and -height <= DEEPEST and self._crossing(edge)
+                crossing = side > 0.0 and -height <= DROP_CROSSABLE_MAX and self._crossing(edge)
                 self._passed[edge] = crossing
                 self.news = state.time
                 if crossing:
                     self._begin(state.time, edge, state.velocity_x)
             floor = self._floor_before(edge, top, side) + math.tan(slope) * (state.x - edge)
             if not self._passed[edge] and state.y < floor + self._radius / math.cos(
-                    slope) - FALL - PENETRATION:
+                    slope) - FALL_DEPTH_MIN - PENETRATION:
                 self.verdict.outcome, self.verdict.depth = 'fell', abs(height)
                 return True
         return False
@@ -234,7 +236,7 @@ class OutcomeMonitor:
             self.news = when
             if self._crossing(face):
                 self._begin(when, face, speed)
-            elif speed > HIT and not self._crossing(face, CANCELLED):
+            elif speed > HIT_SPEED_MIN and not self._crossing(face, CANCELLATION_TIME):
                 if self._is_low(face) and self._decisions[-1][2].kind in (Kind.CLEAR, Kind.CROSS):
                     self.verdict.bumps += 1
                     continue
@@ -288,17 +290,17 @@ class OutcomeMonitor:
                 or abs(state.velocity_x) > SPEED_EXCESS_MAX * self._tuning.highest_speed):
             verdict.outcome = 'ran away'
             return True
-        if abs(state.velocity_x) > RESTING:
+        if abs(state.velocity_x) > RESTING_SPEED_MAX:
             self._resting_since = math.inf
             return False
         if self._resting_since == math.inf:
             self._resting_since = state.time
         rest = state.time - self._resting_since
         verdict.gap = self._gap(state)
-        if rest >= STANDING and decision.refuses:
+        if rest >= REST_TIME_MIN and decision.refuses:
             verdict.outcome = 'stopped'
             return True
-        if rest >= WAITING:
+        if rest >= IDLE_TIME_MAX:
             verdict.outcome = 'stuck' if verdict.gap < 0.005 else 'idle'
             return True
         return False

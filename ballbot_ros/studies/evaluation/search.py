@@ -27,13 +27,13 @@ from ballbot_ros.studies.progress import ignore, Progress
 Limits = Tuple[Tuple[float, float], ...]
 
 FILE = 'crossable.json'
-FASTEST = 1.15         # touch [m/s]
-GAIN, LEAN = 4.0, 1.2  # of the run-up [rad s/m], [rad]
+TOUCH_SPEED_MAX = 1.15         # touch [m/s]
+RUN_UP_GAIN, RUN_UP_LEAN = 4.0, 1.2  # of the run-up [rad s/m], [rad]
 CHUNK, CROSSING_TIME_MAX = 50, 8.0  # control periods between two checks, [s]
 EDGE_GAP = 0.05        # from the end of the room behind to the start [m]
-ROBOTS, MOST = 24, 23
+ROBOTS, ROBOTS_CROSSING = 24, 23
 KNOTS = (0.05, 0.15, 0.3, 0.5, 0.8, 1.2, 1.8)  # run-ups [m]
-HEIGHT_MIN, HEIGHT_MAX, FINE = 0.006, 0.09, 0.0005  # heights that are searched [m]
+HEIGHT_MIN, HEIGHT_MAX, HEIGHT_RESOLUTION = 0.006, 0.09, 0.0005  # heights that are searched [m]
 
 
 class Manoeuvre(NamedTuple):
@@ -51,7 +51,7 @@ MANOEUVRES: Tuple[Manoeuvre, ...] = tuple(
 
 
 def gets_over(loop: ClosedLoop, manoeuvre: Manoeuvre, touch: float, goal: float,
-              level_angle: float, fastest: float = FASTEST) -> bool:
+              level_angle: float, fastest: float = TOUCH_SPEED_MAX) -> bool:
     """
     Return whether a manoeuvre gets a ball over without touching a face faster than permitted.
 
@@ -68,7 +68,8 @@ def gets_over(loop: ClosedLoop, manoeuvre: Manoeuvre, touch: float, goal: float,
 
     """
     swing = touch - manoeuvre.lead * manoeuvre.speed if manoeuvre.lead >= 0.0 else math.inf
-    script: Script = (level_angle, GAIN, manoeuvre.speed, LEAN, swing, manoeuvre.angle)
+    script: Script = (
+        level_angle, RUN_UP_GAIN, manoeuvre.speed, RUN_UP_LEAN, swing, manoeuvre.angle)
     best, since = -math.inf, 0.0
     try:
         while loop.time < CROSSING_TIME_MAX + (goal - touch) / manoeuvre.speed:
@@ -102,7 +103,8 @@ def possible(robot: Robot, ground: Ground, room_behind: float, nominal: Robot,
 
 
 def height_limit(robot: Robot, nominal: Robot, gains: ControlTuning, run_up: float,
-                 manoeuvre: Manoeuvre, slope: float = 0.0, fastest: float = FASTEST) -> float:
+                 manoeuvre: Manoeuvre, slope: float = 0.0,
+                 fastest: float = TOUCH_SPEED_MAX) -> float:
     """
     Return the maximum step height that a robot crosses with a manoeuvre [m].
 
@@ -112,7 +114,7 @@ def height_limit(robot: Robot, nominal: Robot, gains: ControlTuning, run_up: flo
     low, high = 0.0, HEIGHT_MAX
     trial = HEIGHT_MIN
     angle = balanced_angle(robot, slope)
-    while high - low > FINE:
+    while high - low > HEIGHT_RESOLUTION:
         touch = -touch_distance(robot.ball_radius, trial)
         ground = lay('step', Shape('', [(0.0, trial)], 0.5 * robot.ball_radius), 0.0, slope, None,
                      robot.surface_friction)
@@ -132,7 +134,7 @@ def set_robots(nominal: Robot) -> List[Robot]:
 
 def limit_of_most(robot: str, gains: str, run_up: float) -> float:
     """
-    Return the maximum step height that `MOST` of `ROBOTS` drawn robots cross [m].
+    Return the maximum step height that `ROBOTS_CROSSING` of `ROBOTS` drawn robots cross [m].
 
     All with the same manoeuvre, from rest at a run-up [m]; for each speed, only the best
     manoeuvre of the nominal robot is tried.  Robot and tuning are names or files.
@@ -142,7 +144,7 @@ def limit_of_most(robot: str, gains: str, run_up: float) -> float:
     best = [max((one for one in MANOEUVRES if one.speed == speed), key=heights.__getitem__)
             for speed in sorted({one.speed for one in MANOEUVRES})]
     return max(sorted(height_limit(drawn, nominal, tuning, run_up, one)
-                      for drawn in set_robots(nominal))[ROBOTS - MOST] for one in best)
+                      for drawn in set_robots(nominal))[ROBOTS - ROBOTS_CROSSING] for one in best)
 
 
 def limits_of_most(robot: str, gains: str, folder: Path, pool: Executor,

@@ -12,7 +12,7 @@ from ballbot_ros.errors import RefusedError
 from ballbot_ros.floors import load_floor
 from ballbot_ros.navigation import RoutePlanner
 from ballbot_ros.navigation.execution import (
-    CLOSE, CommandKind, CrossingReport, NavigationState, Navigator, NavStatus, Percept)
+    CommandKind, CrossingReport, NavigationState, Navigator, NavStatus, Percept, SEGMENT_TOLERANCE)
 from ballbot_ros.navigation.route import CLEARANCE
 from ballbot_ros.navigation.tracking import Path
 from ballbot_ros.physics import load_robot
@@ -295,7 +295,7 @@ def test_a_ball_off_the_line_of_a_crossing_backs_off_and_returns_onto_it(navigat
     ball.run(60.0, until=lambda ball: (
         ball.state.segment and ball.state.segment.feature is None
         and ball.state.route.segments[ball.state.index + 1].feature is not None
-        and ball.state.path.length - ball.state.along <= CLOSE))
+        and ball.state.path.length - ball.state.along <= SEGMENT_TOLERANCE))
     ball.x += 0.25
     ball.run(10.0, until=lambda ball: ball.state.alignments == 1)
     there, back, crossing = ball.state.route.segments[ball.state.index:ball.state.index + 3]

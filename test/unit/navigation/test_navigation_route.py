@@ -19,7 +19,7 @@ from ballbot_ros.navigation import Capability, RoutePlanner, write_masks
 from ballbot_ros.navigation.capability import RUN_UPS
 from ballbot_ros.navigation.lattice import cells_around, COUNT, LEVELS
 from ballbot_ros.navigation.learned import Learned
-from ballbot_ros.navigation.route import CLEARANCE, DEVIATION, REVERSAL
+from ballbot_ros.navigation.route import CLEARANCE, HEADING_DEVIATION_MAX, REVERSAL_TIME
 from ballbot_ros.physics import load_robot
 
 TUNING = load_decision_tuning('decision_default')
@@ -253,7 +253,7 @@ def exhaustive(planner, start, goal):
                 begins.append((1 - before) // 2 * states + one)
                 ends.append((1 - item.direction) // 2 * states + two)
                 weights.append(planner._moves.times[number] * slowness
-                               + REVERSAL * (before != item.direction))
+                               + REVERSAL_TIME * (before != item.direction))
     begins, ends, weights = (np.array(item) for item in (begins, ends, weights))
     all_begins = [begins + 2 * states * layer for layer in range(layers)]
     all_ends = [ends + 2 * states * layer for layer in range(layers)]
@@ -442,7 +442,7 @@ def test_the_way_out_of_a_place_near_a_wall_leads_along_the_heading_and_away_fro
                 assert min(map(flat.clearance, first.points)) \
                     > min(flat.clearance(place), CLEARANCE) - 0.026
     assert len(turned) > 30
-    assert max(turned) <= DEVIATION
+    assert max(turned) <= HEADING_DEVIATION_MAX
 
 
 def test_the_way_out_of_a_narrow_place_begins_there_and_passes_no_edge(flat):

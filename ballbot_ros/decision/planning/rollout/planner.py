@@ -31,7 +31,7 @@ HARM_SIGMAS = 2.0
 # Hypothetical run-up that separates "too little run-up" from "too high" [m].
 HYPOTHETICAL_RUN_UP = 2.5
 # After a failure, a plan must touch faster by this [m/s] or swing further by this [rad].
-FASTER, FURTHER = 0.04, 0.3
+SPEED_INCREASE_MIN, SWING_INCREASE_MIN = 0.04, 0.3
 
 
 class Found(NamedTuple):
@@ -136,8 +136,8 @@ def _more(item: Candidate, failure: Failure) -> bool:
 
 def exceeds(item: Candidate, speed: float, angle: float) -> bool:
     """Return whether a candidate touches faster than at a speed, or swings past an angle."""
-    return (item.speed > speed + FASTER and item.angle >= angle - 0.01) \
-        or item.angle > angle + FURTHER
+    return (item.speed > speed + SPEED_INCREASE_MIN and item.angle >= angle - 0.01) \
+        or item.angle > angle + SWING_INCREASE_MIN
 
 
 def _reason(task: Task, trials: Sequence[Trial], tuning: DecisionTuning,
@@ -166,7 +166,7 @@ def _reason(task: Task, trials: Sequence[Trial], tuning: DecisionTuning,
 # Rollouts of a search in each decision.
 ROLLOUTS_PER_DECISION = 20
 # Re-evaluation: period in decisions, and rollouts.
-EVERY, ATTEMPTS = 10, 24
+REEVALUATION_PERIOD, REEVALUATION_ROLLOUTS = 10, 24
 
 
 class PlanSelector(Selector):
@@ -238,11 +238,11 @@ class PlanSelector(Selector):
         choice = self.choice
         self._answers += 1
         # Beyond the last braking point the result is only reported.
-        every = EVERY if braking_room > 0.0 else 4 * EVERY
+        every = REEVALUATION_PERIOD if braking_room > 0.0 else 4 * REEVALUATION_PERIOD
         if choice is None or choice.candidate is None or self._answers % every:
             return
         self.worlds.see(task.ahead)
-        self._tally += task.tally(Trial(choice.candidate), task.worlds.take(ATTEMPTS))
+        self._tally += task.tally(Trial(choice.candidate), task.worlds.take(REEVALUATION_ROLLOUTS))
         choice.outlook = replace(self._tally.outlook, others=choice.outlook.others,
                                  height_limit=choice.outlook.height_limit)
         if not self._is_fixed(braking_room) \

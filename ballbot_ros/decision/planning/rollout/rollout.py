@@ -23,7 +23,7 @@ from ballbot_ros.control.rolling_model import rolling_loads, RollingNumbers
 from ballbot_ros.control.speed_law import Numbers, speed_law_start, SpeedState
 from ballbot_ros.crossing.rules import CLEARANCE
 from ballbot_ros.decision.execution.pilot_law import pilot_step, PlainOrder
-from ballbot_ros.decision.planning.ahead import BRAKING_DISTANCE, FACES
+from ballbot_ros.decision.planning.ahead import BRAKING_DISTANCE, FACES_MAX
 from ballbot_ros.decision.values import REST_SPEED_MAX
 from ballbot_ros.jit import compiled, outlined, unlocked
 from ballbot_ros.physics.mechanics.contact import (
@@ -56,8 +56,8 @@ FLOOR_FRICTION = ROBOT  # coefficients of friction
 CORNER_FRICTION = ROBOT + 1
 SLOPE = ROBOT + 2      # added to the slope of the ground ahead [rad]
 HEIGHT = ROBOT + 3     # deviations of the heights of the first faces [m]
-PLACE = HEIGHT + FACES  # and of their positions [m]
-DRAW = PLACE + FACES
+PLACE = HEIGHT + FACES_MAX  # and of their positions [m]
+DRAW = PLACE + FACES_MAX
 
 # Columns of a result.
 VERDICT = 0
@@ -208,12 +208,12 @@ def fill_ground(shape: Array, draw: Array, raised: float, here: float, ground: A
     for i in range(count):
         face = int(shape[i, FACE])
         x, z = shape[i, SHAPE_X], shape[i, SHAPE_Z]
-        for j in range(min(face + 1, FACES)):
+        for j in range(min(face + 1, FACES_MAX)):
             share = shape[i, HEIGHT_SHARE] if j == face else 1.0
             z += share * draw[HEIGHT + j]
             if j == 0:
                 z += share * raised
-        if 0 <= face < FACES:
+        if 0 <= face < FACES_MAX:
             x += shape[i, PLACE_SHARE] * draw[PLACE + face]
         x = max(x, before)
         z += math.tan(draw[SLOPE]) * (x - here)
@@ -246,19 +246,19 @@ def write_tangents(ground: Array) -> None:
 
 
 DECISION_PERIODS = 10  # control periods between two set angles: 50 Hz
-ROLLED = 0.01  # step of the rolling model [s]
-ROLLS = 2  # of them between two set angles
+ROLLING_STEP = 0.01  # step of the rolling model [s]
+ROLLING_STEPS = 2  # of them between two set angles
 BEND_MAX = 0.03  # sine of a bend of the ground without effect on a rolling ball
 FULL_MODEL_LEAD = 0.02  # the full model begins this much before the touch [m]
-PROGRESS = 0.001  # minimum progress [m]
-RETREAT = 0.004  # a ball this far before where it touched has rolled back [m]
+PROGRESS_MIN = 0.001  # minimum progress [m]
+RETREAT_MIN = 0.004  # a ball this far before where it touched has rolled back [m]
 DURATION_MAX = 15.0  # maximum duration of an approach [s]
 TIME_TO_ROLL_MAX = 2.5  # maximum time until the ball rolls forward [s]
-LONGEST_CONTACT = 3.0  # maximum duration of a contact [s]
-IDLE = 0.6  # maximum time without progress in contact [s]
-SETTLED = 0.002  # a ball no higher above the ground rolls on it [m]
+CONTACT_TIME_MAX = 3.0  # maximum duration of a contact [s]
+IDLE_TIME_MAX = 0.6  # maximum time without progress in contact [s]
+SETTLED_HEIGHT_MAX = 0.002  # a ball no higher above the ground rolls on it [m]
 STOP_DELAY = 0.02  # delay of the stop after the edge [s]
-GAP = 0.04  # clearance between the standing ball and the next obstacle [m]
+OBSTACLE_CLEARANCE = 0.04  # clearance between the standing ball and the next obstacle [m]
 
 
 @compiled
@@ -328,11 +328,12 @@ def roll_until(until: float, rising: float, now: Rolling, order: PlainOrder, rob
     memory = speed_law_start(now.speed, now.angle, slope_at(ground, now.position), drive.law)
     while now.position < until and time < DURATION_MAX and (
             now.speed > REST_SPEED_MAX or time < rising):
-        if count % ROLLS == 0:
+        if count % ROLLING_STEPS == 0:
             memory, set_angle = pilot_step(
-                memory, now.position, now.speed, math.nan, order, ROLLS * ROLLED, drive.law)
-        now = roll(now, set_angle, slope_at(ground, now.position), ROLLED, robot, drive)
-        time += ROLLED
+                memory, now.position, now.speed, math.nan, order, ROLLING_STEPS * ROLLING_STEP,
+                drive.law)
+        now = roll(now, set_angle, slope_at(ground, now.position), ROLLING_STEP, robot, drive)
+        time += ROLLING_STEP
         count += 1
     return now, memory
 
@@ -386,7 +387,7 @@ def climb(memory: SpeedState, plan: Array, robot: Parameters, drive: Drive, scra
     room = reached_at(ground, int(plan[NEXT_AT]), robot.radius)
     after = 0.0 if room - ground[edge, VERTEX_X] < BRAKING_DISTANCE \
         else min(plan[SPEED], drive.cruise)
-    foot = ground[next_rough(ground, first_segment(ground, state[X])), VERTEX_X] - PROGRESS
+    foot = ground[next_rough(ground, first_segment(ground, state[X])), VERTEX_X] - PROGRESS_MIN
     order = order_of(plan, after, drive)
     touch_x, until, time, set_angle = math.inf, DURATION_MAX, 0.0, 0.0
     farthest, idle_from = -math.inf, 0.0
@@ -399,22 +400,24 @@ def climb(memory: SpeedState, plan: Array, robot: Parameters, drive: Drive, scra
         foremost = push(state, torque, PERIOD, robot, ground, scratch.contacts, scratch.rates)
         time += PERIOD
         if touch_x == math.inf and foremost >= foot:
-            touch_x, until = state[X], time + LONGEST_CONTACT
+            touch_x, until = state[X], time + CONTACT_TIME_MAX
             result[TOUCH_SPEED], result[TOUCH_ANGLE] = state[VELOCITY_X], state[PENDULUM_ANGLE]
         if state[X] - STOP_DELAY * state[VELOCITY_X] > over_x and state[Y] > over_y:
             # A ball that descends from the edge becomes faster.
-            if math.isnan(result[REST]) and height_above(state, robot, ground) < SETTLED:
+            if math.isnan(result[REST]) \
+                    and height_above(state, robot, ground) < SETTLED_HEIGHT_MAX:
                 if touch_x == math.inf:  # down a drop
                     result[TOUCH_SPEED], result[TOUCH_ANGLE] = (
                         state[VELOCITY_X], state[PENDULUM_ANGLE])
                 result[PASSED_SPEED] = state[VELOCITY_X]
                 result[REST] = rest_position(state, robot, drive, ground)
-            if result[REST] > room - GAP or result[REST] > -math.inf and state[X] > clear_x:
-                return FALLS if result[REST] > room - GAP else OVER
-        if state[X] > farthest + PROGRESS:
+            overruns = result[REST] > room - OBSTACLE_CLEARANCE
+            if overruns or result[REST] > -math.inf and state[X] > clear_x:
+                return FALLS if overruns else OVER
+        if state[X] > farthest + PROGRESS_MIN:
             farthest, idle_from = state[X], time
-        idle = touch_x < math.inf and time > idle_from + IDLE
-        back = state[VELOCITY_X] < 0.0 and state[X] < touch_x - RETREAT
+        idle = touch_x < math.inf and time > idle_from + IDLE_TIME_MAX
+        back = state[VELOCITY_X] < 0.0 and state[X] < touch_x - RETREAT_MIN
         if (back and touch_x < math.inf) or idle or time > until or not state[Y] > -1e3:
             break
     return STUCK

@@ -116,18 +116,18 @@ def from_farther_back(ahead: Ahead, position: float, room: float, tuning: Decisi
 
 
 # Steps are raised by these multiples of their height deviation, to rank candidates.
-RAISED, MORE = 1.3, 2.3
-HIGHEST = 3
+RAISED_SIGMAS, RAISED_SIGMAS_MAX = 1.3, 2.3
+LEVEL_MAX = 3
 # Number of finalists, and of common worlds for comparing them.
-FINALISTS, FEW = 8, 16
+FINALISTS_MAX, COMPARISON_WORLDS = 8, 16
 # Worlds for confirming a plan, and before the first check.
-MANY, ROLLOUTS_BEFORE_CHECK = 200, 40
+CONFIRMATION_ROLLOUTS, ROLLOUTS_BEFORE_CHECK = 200, 40
 # Candidates per batch, and sufficient number at the highest level.
 CANDIDATES_PER_BATCH, SUFFICIENT_COUNT = 20, 6
 ROLLOUTS_PER_YIELD = 20  # rollouts between two yields
 # A candidate this far below the required probability at a check is rejected.
 REJECTION_MARGIN = 0.12
-CHOICES = 3
+CONFIRMED_MAX = 3
 # Maximum fraction of rollouts of a permitted plan that end beyond the stop line behind the edge.
 OVERRUN_FRACTION_MAX = 0.02
 
@@ -191,11 +191,11 @@ def search(plans: Sequence[Candidate], task: Task, trials: List[Trial]) -> Steps
     yield from _sort(trials, task)
     finalists = _finalists(trials, task.highest_speed)
     # The gentlest one is not compared if it is already sufficient.
-    if finalists and finalists[0].level == HIGHEST:
-        yield from confirm(finalists[0], task, MANY)
+    if finalists and finalists[0].level == LEVEL_MAX:
+        yield from confirm(finalists[0], task, CONFIRMATION_ROLLOUTS)
         if good(finalists[0].many, 0.5 * (task.required + 1.0)):
             return finalists[0]
-    few = task.worlds.first(FEW)
+    few = task.worlds.first(COMPARISON_WORLDS)
     for trial in finalists:
         trial.few = task.tally(trial, few)
         yield
@@ -203,12 +203,12 @@ def search(plans: Sequence[Candidate], task: Task, trials: List[Trial]) -> Steps
     goal = task.required + 0.5 * max(best - task.required, 0.0)
     # The gentlest sufficient candidates first, then by probability.
     order = sorted(finalists, key=lambda item: (
-        item.few.harm > 0.0, item.few.probability < goal, item.level < HIGHEST,
+        item.few.harm > 0.0, item.few.probability < goal, item.level < LEVEL_MAX,
         item.behind if item.few.probability >= goal else -item.few.probability))
-    for trial in order[:CHOICES]:
+    for trial in order[:CONFIRMED_MAX]:
         if trial.few.probability < task.required - REJECTION_MARGIN:
             continue
-        yield from confirm(trial, task, MANY)
+        yield from confirm(trial, task, CONFIRMATION_ROLLOUTS)
         if good(trial.many, task.required):
             return trial
     return None
@@ -222,14 +222,14 @@ def _sort(trials: List[Trial], task: Task) -> Generator[None, None, None]:
         bundle = trials[begin:begin + CANDIDATES_PER_BATCH]
         rows = [plan_row(trial.candidate, task.ahead) for trial in bundle]
         first = task.worlds.attempt(
-            task.start, rows, middle, task.ahead, RAISED * spread)[:, 0]
+            task.start, rows, middle, task.ahead, RAISED_SIGMAS * spread)[:, 0]
         yield
         for trial, result in zip(bundle, first):
             trial.level = 2 if result[VERDICT] == OVER else 0
             trial.speed, trial.falls = float(result[TOUCH_SPEED]), result[VERDICT] == FALLS
             if result[VERDICT] == OVER:
                 trial.behind = float(result[PASSED_SPEED])
-        for level, raised in ((2, MORE * spread), (0, 0.0)):
+        for level, raised in ((2, RAISED_SIGMAS_MAX * spread), (0, 0.0)):
             chosen = [trial for trial in bundle if trial.level == level and not trial.falls]
             yield
             if chosen:
@@ -242,7 +242,7 @@ def _sort(trials: List[Trial], task: Task) -> Generator[None, None, None]:
                         trial.behind = float(result[PASSED_SPEED])
                     trial.falls = trial.falls or result[VERDICT] == FALLS
         yield
-        if sum(trial.level == HIGHEST for trial in trials) >= SUFFICIENT_COUNT:
+        if sum(trial.level == LEVEL_MAX for trial in trials) >= SUFFICIENT_COUNT:
             # The remaining ones are less gentle.
             break
 
@@ -256,7 +256,7 @@ def _finalists(trials: Sequence[Trial], highest_speed: float) -> List[Trial]:
     """Return the gentlest trials of the highest level, then the fastest behind of the others."""
     passing = [trial for trial in trials if trial.level > 0 and trial.speed <= highest_speed]
     return sorted(passing, key=lambda trial: (
-        -trial.level, trial.behind if trial.level == HIGHEST else -trial.behind))[:FINALISTS]
+        -trial.level, trial.behind if trial.level == LEVEL_MAX else -trial.behind))[:FINALISTS_MAX]
 
 
 def confirm(trial: Trial, task: Task, number: int) -> Generator[None, None, None]:

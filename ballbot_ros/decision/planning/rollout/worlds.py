@@ -8,7 +8,7 @@ import numpy as np
 
 from ballbot_ros.control.speed_law import SpeedLaw
 from ballbot_ros.decision.learning.particles import Particles
-from ballbot_ros.decision.planning.ahead import Ahead, FACES, HIGHEST_DESCENT
+from ballbot_ros.decision.planning.ahead import Ahead, FACES_MAX, HIGHEST_DESCENT
 from ballbot_ros.decision.planning.rollout.rollout import (
     CORNER_FRICTION, DRAW, EDGE_AT, FACE, FALLS, FLOOR_FRICTION, HEIGHT, OVER, PLACE, PlainDrive,
     PLAN, REST, RESULT, ROBOT, run_many, Scratch, SLOPE, Start, STUCK, TOUCH_SPEED, VERDICT)
@@ -95,7 +95,7 @@ class Worlds:
         robot, tuning, control = knowledge.robot, knowledge.tuning, knowledge.control
         seed = knowledge.seed
         random = np.random.default_rng(seed)
-        self._normal = random.standard_normal((WORLDS, 2 * FACES + 1))
+        self._normal = random.standard_normal((WORLDS, 2 * FACES_MAX + 1))
         self._draws = np.zeros((WORLDS, DRAW))
         self._seed = seed
         self._particles: Optional[Particles] = None
@@ -128,11 +128,11 @@ class Worlds:
         """Sample the terrain from its uncertainty."""
         draws, normal = self._draws, self._normal
         heights, places = ahead.deviations
-        draws[:, HEIGHT:HEIGHT + FACES] = normal[:, :FACES] * heights
+        draws[:, HEIGHT:HEIGHT + FACES_MAX] = normal[:, :FACES_MAX] * heights
         # The height bias of a sensor is common to all rising faces.
         for index, face in enumerate(ahead.faces):
             draws[:, HEIGHT + index] -= np.sign(face.height) * self._bias
-        draws[:, PLACE:PLACE + FACES] = normal[:, FACES:2 * FACES] * places
+        draws[:, PLACE:PLACE + FACES_MAX] = normal[:, FACES_MAX:2 * FACES_MAX] * places
         draws[:, SLOPE] = normal[:, -1] * ahead.slope_sd
 
     def middle(self) -> Array:
