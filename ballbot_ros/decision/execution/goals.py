@@ -265,7 +265,7 @@ class DriveGoal(Goal):
         if not abs(target) < POSITION_MAX:
             raise RefusedError(
                 f'target must be finite and within {POSITION_MAX:g} m, got {target:g}',
-                               'out_of_range', 'target')
+                'out_of_range', 'target')
         if speed_limit and not SPEED_LIMIT_MIN <= speed_limit <= tuning.highest_speed:
             raise RefusedError(
                 f'speed_limit must be 0 or {SPEED_LIMIT_MIN:g} to {tuning.highest_speed:g} m/s, '
