@@ -28,7 +28,7 @@ def attempts(height, speed, swing, count=400):
     worlds = Worlds(KNOWLEDGE)
     face = Face(1, 0.0, height, 0.01, 0.001)
     ahead = look_ahead(Profile(0.0, (face,)), (face,), -1.4, 0.0, 0.003, GIMBALL.ball_radius,
-                       TUNING.unseen_room)
+                       TUNING.unseen_room, TUNING.highest_descent)
     worlds.see(ahead)
     row, draws = plan_row(Candidate(Strategy.SWING, speed, swing, 1.5), ahead), worlds.first(count)
     spent = []

@@ -77,6 +77,9 @@ class DecisionTuning(Checked):
         'm', 'floor that this site is stated to have behind each edge, where a sensor does not '
         'see it; a stop takes 1 m; 0: such an edge is not crossed', minimum=0.0,
         maximum=100.0, default=0.0)
+    highest_descent: float = quantity(
+        'm', 'highest step down that may be crossed; a higher one is a drop', minimum=0.0,
+        maximum=1.0, default=0.05)
     actuation_delay: float = quantity(
         's', 'time from an odometry message until its answer acts', minimum=0.0, maximum=0.5,
         default=0.0)

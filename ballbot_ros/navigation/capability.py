@@ -153,7 +153,7 @@ class Capability:
         profile = Profile(
             0.0, faces, tuple(points), seen_to=seen_to, slope=0.0, slope_sd=SLOPE_SD)
         ahead = look_ahead(
-            profile, faces, -run_up - radius, 0.0, SLOPE_SD, radius, 0.0)
+            profile, faces, -run_up - radius, 0.0, SLOPE_SD, radius, 0.0, tuning.highest_descent)
         if not ahead.ends or ahead.ends[-1].faces < len(faces):
             return None
         start = (ahead.touch - run_up, 0.0, 0.0, 0.0)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ballbot_ros.crossing.rules import touch_distance
 from ballbot_ros.decision import check_decision, Knowledge
-from ballbot_ros.decision.planning.ahead import HIGHEST_DESCENT, SIGMAS
+from ballbot_ros.decision.planning.ahead import SIGMAS
 from ballbot_ros.decision.planning.braking import Braking
 from ballbot_ros.errors import RefusedError
 from ballbot_ros.floors.floor import (
@@ -247,7 +247,8 @@ class RoutePlanner:
         self._assumed = [
             replace(feature, height=math.copysign(FACE_HEIGHT_MIN, feature.height))
             if explore and feature.height_sd > 0.0 and number not in measured
-            and abs(feature.height) - SIGMAS * feature.height_sd <= HIGHEST_DESCENT else feature
+            and abs(feature.height) - SIGMAS * feature.height_sd
+            <= self._tuning.highest_descent else feature
             for number, feature in enumerate(self.features)]
         for number, feature in enumerate(self._assumed):
             basis = (feature, self.learned.heights, self.learned.outcomes, *(

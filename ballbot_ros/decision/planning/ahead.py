@@ -16,8 +16,6 @@ from ballbot_ros.physics.model.terrain import Array
 FACES_MAX = 4
 # An obstacle nearer than this behind the last edge requires braking immediately [m].
 BRAKING_DISTANCE = 1.5
-# A descent of more than this is a drop; others are planned like steps up [m].
-HIGHEST_DESCENT = 0.05
 # Faces that are farther apart than this are planned one by one [m].
 FACE_SEPARATION = 1.0
 # A swing is held until the centre is past the edge by this [m].
@@ -137,7 +135,7 @@ def faces_ahead(profile: Profile, position: float) -> Tuple[Face, ...]:
 
 
 def look_ahead(profile: Profile, faces: Sequence[Face], position: float, slope: float,
-               slope_sd: float, radius: float, unseen_room: float,
+               slope_sd: float, radius: float, unseen_room: float, highest_descent: float,
                line: float = math.inf, kept: bool = False) -> Ahead:
     """
     Return the terrain ahead of the ball.
@@ -156,11 +154,13 @@ def look_ahead(profile: Profile, faces: Sequence[Face], position: float, slope: 
         Of the ball [m].
     unseen_room : float
         Ground assumed behind an edge [m].
+    highest_descent : float
+        A higher step down is a drop; others are planned like steps up [m].
     line : float
         Stop line of other obstacles than faces [m].
     kept : bool
         Whether there is a plan: then a step down is a drop only if it certainly exceeds
-        `HIGHEST_DESCENT`.
+        `highest_descent`.
 
     """
     floor = GroundProfile(profile.points, slope)
@@ -188,7 +188,7 @@ def look_ahead(profile: Profile, faces: Sequence[Face], position: float, slope: 
             half = 0.5 * (other.position + other.run - foot)
             descents[index] = radius - math.sqrt(max(radius**2 - half**2, 0.0))
         doubt = SIGMAS * face.height_sd
-        falls = falls or min(-face.height, descents[index]) > HIGHEST_DESCENT + (
+        falls = falls or min(-face.height, descents[index]) > highest_descent + (
             doubt if kept else -doubt)
         if falls or index > 0 and foot - last > FACE_SEPARATION:
             continue

@@ -13,7 +13,7 @@ from typing import NamedTuple, Optional
 
 from ballbot_ros.crossing.rules import touch_distance
 from ballbot_ros.decision.planning.ahead import (
-    Ahead, BRAKING_DISTANCE, Candidate, faces_ahead, HIGHEST_DESCENT, look_ahead)
+    Ahead, BRAKING_DISTANCE, Candidate, faces_ahead, look_ahead)
 from ballbot_ros.decision.planning.safety_filter import past_braking, stop
 from ballbot_ros.decision.planning.situation import Knowledge, Situation
 from ballbot_ros.decision.planning.stop_line import StopLines
@@ -314,7 +314,7 @@ class FacePlanner:
         behind = math.inf if line is None else line.position
         ahead = look_ahead(profile, faces, motion.position, situation.slope,
                            situation.slope_sd, self._robot.ball_radius,
-                           self._tuning.unseen_room, behind,
+                           self._tuning.unseen_room, self._tuning.highest_descent, behind,
                            committed or self._selector.has_plan_for(faces[0]))
         return self._face(ahead, situation, previous if committed else None)
 
@@ -352,7 +352,7 @@ class FacePlanner:
                     and crossing.contact_since is None:
                 # It continues until a plan for a face that has appeared before it is selected.
                 return replace(crossing, distance=face.position - motion.position)
-            if selector.choice is None and -HIGHEST_DESCENT <= face.height < 0.0 \
+            if selector.choice is None and -self._tuning.highest_descent <= face.height < 0.0 \
                     and motion.speed > REST_SPEED_MAX and room < 0.0:
                 # The descent is certain before its plan is evaluated.
                 choice = Choice(Candidate(Strategy.CRUISE, min(

@@ -44,7 +44,8 @@ def world(robot):
 
 def ahead_of(position, *faces, slope=0.0, points=()):
     profile = Profile(0.0, faces, points, seen_to=max([4.0, *(x for x, _ in points)]))
-    return look_ahead(profile, faces, position, slope, 0.0, RADIUS, TUNING.unseen_room)
+    return look_ahead(profile, faces, position, slope, 0.0, RADIUS, TUNING.unseen_room,
+                      TUNING.highest_descent)
 
 
 def rolled_out(robot, height, position, speed, candidate):

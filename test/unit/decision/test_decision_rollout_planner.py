@@ -168,7 +168,7 @@ def test_a_threshold_is_carried_over():
 def test_no_plan_ends_between_two_edges_where_the_ball_cannot_stand():
     floor = [(-3.0, 0.0), (0.0, 0.0), (0.0, 0.02), (0.1, 0.02), (0.1, 0.0), (3.0, 0.0)]
     profile = seen(step(0.02), Face(2, 0.1, -0.02, 0.01, 0.001), points=floor, seen_to=3.0)
-    found = look_ahead(profile, profile.faces, -1.0, 0.0, 0.0, RADIUS, 0.0)
+    found = look_ahead(profile, profile.faces, -1.0, 0.0, 0.0, RADIUS, 0.0, 0.05)
     assert [end.faces for end in found.ends] == [2]
 
 
@@ -177,8 +177,17 @@ def test_to_see_more_of_the_floor_does_not_shrink_the_room_behind_an_edge():
     for end in (0.1, 0.3, 0.8, 1.2):
         profile = seen(step(0.02), points=[(-3.0, 0.0), (0.0, 0.0), (0.0, 0.02), (end, 0.02)],
                        seen_to=end)
-        rooms.append(look_ahead(profile, profile.faces, -1.0, 0.0, 0.0, RADIUS, 1.0).room_to)
+        rooms.append(look_ahead(
+            profile, profile.faces, -1.0, 0.0, 0.0, RADIUS, 1.0, 0.05).room_to)
     assert rooms == sorted(rooms) and rooms[0] < rooms[-1]
+
+
+@pytest.mark.parametrize('highest, kind', [(0.05, Kind.STOP), (0.08, Kind.CROSS)])
+def test_the_tuning_states_which_step_down_is_a_drop(highest, kind):
+    floor = [(-3.0, 0.0), (0.0, 0.0), (0.0, -0.06), (3.0, -0.06)]
+    answer = decide(step(-0.06), points=floor, seen_to=3.0, knowledge=replace(
+        KNOWLEDGE, tuning=replace(TUNING, highest_descent=highest)))
+    assert answer.kind is kind
 
 
 def test_before_a_small_step_down_too_late_for_a_stop_it_decides_immediately():

@@ -74,7 +74,7 @@ TINY = 1e-9
         'contradiction_sigma', 'cruise_speed')),
     *((name, [0.0], [-TINY]) for name in (
         'height_margin', 'sigma_margin', 'stop_gap', 'room_behind', 'unseen_room',
-        'height_bias_sd')),
+        'highest_descent', 'height_bias_sd')),
     ('required_probability', [0.5, 0.999], [0.5 - TINY, 0.999 + TINY]),
     ('actuation_delay', [0.0, 0.5], [-TINY, 0.5 + TINY]),
     ('emergency_lean', [0.7, 1.55], [0.0, 1.55 + TINY]),

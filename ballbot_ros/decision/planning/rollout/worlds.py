@@ -8,7 +8,7 @@ import numpy as np
 
 from ballbot_ros.control.speed_law import SpeedLaw
 from ballbot_ros.decision.learning.particles import Particles
-from ballbot_ros.decision.planning.ahead import Ahead, FACES_MAX, HIGHEST_DESCENT
+from ballbot_ros.decision.planning.ahead import Ahead, FACES_MAX
 from ballbot_ros.decision.planning.rollout.rollout import (
     CORNER_FRICTION, DRAW, EDGE_AT, FACE, FALLS, FLOOR_FRICTION, HEIGHT, OVER, PLACE, PlainDrive,
     PLAN, REST, RESULT, ROBOT, run_many, Scratch, SLOPE, Start, STUCK, TOUCH_SPEED, VERDICT)
@@ -97,7 +97,7 @@ class Worlds:
         random = np.random.default_rng(seed)
         self._normal = random.standard_normal((WORLDS, 2 * FACES_MAX + 1))
         self._draws = np.zeros((WORLDS, DRAW))
-        self._seed = seed
+        self._seed, self._highest_descent = seed, tuning.highest_descent
         self._particles: Optional[Particles] = None
         self._bias = np.zeros(WORLDS)
         law = SpeedLaw.of(robot, control.position_kd / control.position_kp)
@@ -183,11 +183,11 @@ class Worlds:
         self.attempts += results.shape[0] * results.shape[1]
         heights = np.array([face.height for face in ahead.faces])
         if heights.min() < 0.0:
-            # A descent of more than `HIGHEST_DESCENT` counts as a fall.
+            # A descent of more than `highest_descent` counts as a fall.
             down = -heights - draws[:, HEIGHT:HEIGHT + len(heights)]
             deepest = np.maximum.accumulate(
                 np.minimum(down, ahead.descents[:len(heights)]), axis=1)
             for row, result in zip(rows, results):
                 last = int(ahead.shape[int(row[EDGE_AT]), FACE])
-                result[deepest[:, last] > HIGHEST_DESCENT, VERDICT] = FALLS
+                result[deepest[:, last] > self._highest_descent, VERDICT] = FALLS
         return results
