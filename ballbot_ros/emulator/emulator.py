@@ -290,10 +290,12 @@ class Emulator:
             self.plug_at = math.inf
             self.terminal.plug()
         self._advance_ball(now)
+        data = self._read(elapsed)
         if self.terminal.plugged:
+            # After reading: a host sets its baud rate before it writes.
             garbled = self.terminal.baud not in (None, self.baud)
             self.to_drive.garbled = self.from_drive.garbled = garbled
-        self.to_drive.put(self._read(elapsed), now)
+        self.to_drive.put(data, now)
         self.device.tick(now)
         arrived = self.to_drive.take(now)
         reply = self.device.receive(arrived, now)
