@@ -16,7 +16,8 @@ def test_torque_ends_within_its_timeout_when_the_controller_is_killed(graph):
     graph.start('controller', set_point_timeout=0.0, tuning='gentle')
     graph.start('simulator', scene='flat', ball_state_rate=500.0, command_timeout=0.1)
     # Held at an angle, gravity asks for a torque all the time.
-    graph.publish_until(lambda: states and states[-1].pendulum_torque > 0.3, 'the motor pulls',
+    graph.publish_until(lambda: commands and states and states[-1].pendulum_torque > 0.3,
+                        'the motor pulls',
                         'set_point', graph.joint(position=[0.5]))
     graph.kill('controller')
     graph.wait(lambda: states[-1].pendulum_torque == 0.0, 'the torque is gone')

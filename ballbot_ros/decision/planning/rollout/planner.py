@@ -150,6 +150,8 @@ def _reason(task: Task, trials: Sequence[Trial], tuning: DecisionTuning,
     if any(trial.falls for trial in trials) or any(
             tally.harm > 0.0 for tally in tallies):
         return Reason.LANDING
+    if task.ahead.faces[0].height < 0.0:
+        return Reason.DROP
     far = from_farther_back(task.ahead, task.ahead.touch - 0.01, HYPOTHETICAL_RUN_UP, tuning,
                             (1.2, HYPOTHETICAL_RUN_UP))
     rows = [plan_row(item, task.ahead) for item in _promising(far, failures)]

@@ -183,11 +183,11 @@ class Worlds:
         self.attempts += results.shape[0] * results.shape[1]
         heights = np.array([face.height for face in ahead.faces])
         if heights.min() < 0.0:
-            # A descent of more than `highest_descent` counts as a fall.
+            # A plan down more than `highest_descent` does not succeed.
             down = -heights - draws[:, HEIGHT:HEIGHT + len(heights)]
             deepest = np.maximum.accumulate(
                 np.minimum(down, ahead.descents[:len(heights)]), axis=1)
             for row, result in zip(rows, results):
                 last = int(ahead.shape[int(row[EDGE_AT]), FACE])
-                result[deepest[:, last] > self._highest_descent, VERDICT] = FALLS
+                result[deepest[:, last] > self._highest_descent, VERDICT] = STUCK
         return results
