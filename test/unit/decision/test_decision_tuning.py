@@ -33,7 +33,7 @@ def test_shipped_tuning_fits_the_shipped_curves():
 
 
 @pytest.mark.parametrize('name, shown', [('gimball_horizontal', '1.5708 rad'),
-                                        ('gimball_free', 'law ')])
+                                         ('gimball_free', 'law ')])
 def test_a_curve_for_another_approach_is_refused(name, shown):
     with refused('inconsistent', 'curve') as caught:
         check_decision(GIMBALL, load_curve(name), TUNING)
