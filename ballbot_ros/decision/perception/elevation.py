@@ -63,9 +63,9 @@ class Scan(NamedTuple):
         return found
 
 
-def around(values: Array) -> Array:
+def neighbourhoods(values: Array) -> Array:
     """
-    Return the median of each value and its neighbours, three on each side.
+    Return each value with its neighbours, three on each side, (n, 7).
 
     An end value has its neighbours twice: a last point beyond a gap is not a neighbourhood.
     """
@@ -73,8 +73,13 @@ def around(values: Array) -> Array:
     last, places = len(values) - 1, np.arange(-3, len(values) + 3)
     padded = values[last - np.abs(last - np.abs(places)) if last > 2 else
                     np.clip(places, 0, last)]
-    windows = np.lib.stride_tricks.sliding_window_view(padded, 7)
-    found: Array = np.partition(windows, 3, axis=1)[:, 3]
+    windows: Array = np.lib.stride_tricks.sliding_window_view(padded, 7)
+    return windows
+
+
+def around(values: Array) -> Array:
+    """Return the median of the neighbourhood of each value."""
+    found: Array = np.partition(neighbourhoods(values), 3, axis=1)[:, 3]
     return found
 
 

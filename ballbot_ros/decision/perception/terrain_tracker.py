@@ -10,7 +10,7 @@ import numpy as np
 from ballbot_ros.decision.perception.edge_map import (
     EdgeEstimate, EdgeMap, Existence, Rejection)
 from ballbot_ros.decision.perception.elevation import (
-    around, CELL, ElevationMap, Flags, resample)
+    CELL, ElevationMap, Flags, neighbourhoods, resample)
 from ballbot_ros.decision.perception.ground import ground_of, GroundSeen
 from ballbot_ros.decision.perception.ground_profile import (
     SLOPE_HYSTERESIS, SLOPE_LENGTH, steep_stretches)
@@ -111,9 +111,11 @@ def misplaced(x: Array, z: Array, radius: float, known: bool) -> str:
 # Odometry slips by no more than this [m] beside a part of the distance rolled [1].
 SLIP_MAX, SLIP_SHARE = 0.3, 0.1
 
-# A lone point this far from its neighbours is an outlier [m], and this multiple of the median of
-# all, unless half of this number of latest observations show it at the same place and height [m].
-OUTLIER_HEIGHT, OUTLIER_SPREAD, OUTLIER_MEMORY, SAME_HEIGHT = 0.003, 8.0, 10, 0.015
+# A point this far from the median of its neighbourhood is an outlier [m], and these multiples of
+# the median deviation of all points and of its neighbourhood, unless half of this number of
+# latest observations show it at the same place and height [m].
+OUTLIER_HEIGHT, OUTLIER_SPREAD, OUTLIER_LOCAL_SPREAD = 0.003, 8.0, 3.0
+OUTLIER_MEMORY, SAME_HEIGHT = 10, 0.015
 
 # Largest slope of a floor [1].
 SLOPE_MAX = 0.3
@@ -242,9 +244,13 @@ class TerrainTracker:
         """Return the points to keep: all except isolated ones that earlier observations lack."""
         slopes = np.diff(z) / np.maximum(np.diff(x), 1e-9)
         level = z - x * middle(np.clip(slopes, -SLOPE_MAX, SLOPE_MAX))  # most may be of a wall
-        off = level - around(level)
-        limit = max(OUTLIER_HEIGHT, OUTLIER_SPREAD * middle(np.abs(off)))
-        lone: Flags = np.abs(off) > limit
+        near = neighbourhoods(level)
+        medians = np.partition(near, 3, axis=1)[:, 3]
+        off = level - medians
+        # Hampel filter: on a face, the deviations of the neighbourhood are large.
+        spread = np.partition(np.abs(near - medians[:, None]), 3, axis=1)[:, 3]
+        least = max(OUTLIER_HEIGHT, OUTLIER_SPREAD * middle(np.abs(off)))
+        lone: Flags = np.abs(off) > np.maximum(least, OUTLIER_LOCAL_SPREAD * spread)
         if not lone.any():
             return ~lone
         places, heights = x[lone, None] + position, off[lone, None]
