@@ -351,7 +351,8 @@ class FacePlanner:
             if selector.choice is None and crossing is not None \
                     and crossing.contact_since is None:
                 # It continues until a plan for a face that has appeared before it is selected.
-                return replace(crossing, distance=face.position - motion.position)
+                own = next((one for one in ahead.faces if one.number == crossing.step), face)
+                return replace(crossing, distance=own.position - motion.position)
             if selector.choice is None and -self._tuning.highest_descent <= face.height < 0.0 \
                     and motion.speed > REST_SPEED_MAX and room < 0.0:
                 # The descent is certain before its plan is evaluated.

@@ -232,6 +232,7 @@ def test_a_face_that_appears_past_the_last_braking_point_does_not_end_a_crossing
     assert (decision.kind, decision.reason) == (Kind.CROSS, Reason.COMMITTED)
     after = planner(Situation(Motion(1.2, -0.5, 0.8), seen(near, step(0.03))), decision)
     assert (after.kind, after.plan) == (Kind.CROSS, decision.plan)
+    assert (after.step, after.distance) == (decision.step, pytest.approx(0.5))
     for number in range(30):
         after = planner(Situation(Motion(1.22, -0.5, 0.8), seen(near, step(0.03))), after)
     assert after.kind is Kind.CROSS and after.step == near.number
