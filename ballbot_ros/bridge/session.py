@@ -231,8 +231,8 @@ class Session:
         Accept a set-point, stamped with the session clock, or 0 for now.
 
         Raises `MessageError` as `SupervisedController.give`, with reason ``out_of_range`` beyond
-        the limits of the hardware file, and with ``direct`` in direct control; the current set-
-        point remains.
+        the limits of the hardware file, and with ``direct`` in direct control; the current
+        set-point remains.
         """
         if self.law is None:
             raise MessageError(

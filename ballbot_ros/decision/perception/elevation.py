@@ -77,10 +77,15 @@ def neighbourhoods(values: Array) -> Array:
     return windows
 
 
+def medians(near: Array) -> Array:
+    """Return the median of each neighbourhood."""
+    found: Array = np.partition(near, 3, axis=1)[:, 3]
+    return found
+
+
 def around(values: Array) -> Array:
     """Return the median of the neighbourhood of each value."""
-    found: Array = np.partition(neighbourhoods(values), 3, axis=1)[:, 3]
-    return found
+    return medians(neighbourhoods(values))
 
 
 def resample(x: Array, z: Array, z_sd: Array, position: float) -> Optional[Scan]:

@@ -10,7 +10,7 @@ import numpy as np
 from ballbot_ros.decision.perception.edge_map import (
     EdgeEstimate, EdgeMap, Existence, Rejection)
 from ballbot_ros.decision.perception.elevation import (
-    CELL, ElevationMap, Flags, neighbourhoods, resample)
+    CELL, ElevationMap, Flags, medians, neighbourhoods, resample)
 from ballbot_ros.decision.perception.ground import ground_of, GroundSeen
 from ballbot_ros.decision.perception.ground_profile import (
     SLOPE_HYSTERESIS, SLOPE_LENGTH, steep_stretches)
@@ -245,10 +245,10 @@ class TerrainTracker:
         slopes = np.diff(z) / np.maximum(np.diff(x), 1e-9)
         level = z - x * middle(np.clip(slopes, -SLOPE_MAX, SLOPE_MAX))  # most may be of a wall
         near = neighbourhoods(level)
-        medians = np.partition(near, 3, axis=1)[:, 3]
-        off = level - medians
+        middles = medians(near)
+        off = level - middles
         # Hampel filter: on a face, the deviations of the neighbourhood are large.
-        spread = np.partition(np.abs(near - medians[:, None]), 3, axis=1)[:, 3]
+        spread = medians(np.abs(near - middles[:, None]))
         least = max(OUTLIER_HEIGHT, OUTLIER_SPREAD * middle(np.abs(off)))
         lone: Flags = np.abs(off) > np.maximum(least, OUTLIER_LOCAL_SPREAD * spread)
         if not lone.any():

@@ -46,7 +46,7 @@ Deliberation = Generator[Optional[Found], None, Found]
 
 def deliberate(task: Task, tuning: DecisionTuning, room_behind: float,
                kept: Optional[Candidate], failures: Sequence[Failure],
-               hysteresis: float = 0.0, too_late: bool = False) -> Deliberation:
+               hysteresis: float, too_late: bool) -> Deliberation:
     """
     Select a plan; a generator that yields after each batch of rollouts.
 
