@@ -14,8 +14,6 @@ KEY = 'ballbot_ros'  # of the text, a JSON object
 
 @dataclass(frozen=True)
 class BagMetadata:
-    """The origin of a bag."""
-
     source: str = ''  # `SIMULATOR` or `BRIDGE`; empty if the bag does not contain it
     version: str = ''  # of this package
     # Those of the node that is the source.
@@ -39,21 +37,7 @@ class BagMetadata:
 def bag_metadata(source: str, parameters: Mapping[str, Any],
                  scene: Optional[Scene] = None,
                  decision: Optional[Mapping[str, Any]] = None) -> Dict[str, str]:
-    """
-    Return the texts for a bag.
-
-    Parameters
-    ----------
-    source : str
-        `SIMULATOR` or `BRIDGE`.
-    parameters : mapping
-        Of that node.
-    scene : Scene, optional
-        Of the simulator.
-    decision : mapping, optional
-        Parameters of the node obstacle_decision.
-
-    """
+    """Return the texts for a bag of a simulator or bridge, from the parameters of its nodes."""
     return {KEY: json.dumps(asdict(BagMetadata(
         source, __version__, parameters, {} if scene is None else scene_digests(scene),
         decision or {})))}

@@ -67,8 +67,6 @@ def custom_data(path: Path) -> Mapping[str, str]:
 
 
 class Bag(NamedTuple):
-    """An open bag."""
-
     topics: Mapping[str, str]  # types of the messages, such as ``sensor_msgs/msg/JointState``
     metadata: Mapping[str, str]  # written by the recorder
     # Yields topic and message of some topics in the order of the bag; raises `ConfigurationError`

@@ -56,24 +56,10 @@ def source_metadata(observer: Observer) -> Dict[str, str]:
 def record(observer: Observer, folder: Path, topics: List[str], duration: float,
            say: Callable[[str], None]) -> Counter:
     """
-    Record topics as they appear, until Ctrl-C; return the number of messages by topic.
+    Record topics (all if none are named) as they appear, for a time [s] or until Ctrl-C.
 
-    Parameters
-    ----------
-    folder : Path
-        Of the bag.
-    topics : list of str
-        Their names; empty for all.
-    duration : float
-        [s]
-    say : callable
-        Receives messages about recorded topics, and about those that cannot be recorded.
-
-    Raises
-    ------
-    ConfigurationError
-        If the folder exists.
-
+    Returns the number of messages by topic; `say` receives a sentence for each recorded topic and
+    for each that cannot be recorded.  Raises `ConfigurationError` if the folder exists.
     """
     check_new(folder)
     metadata = source_metadata(observer)

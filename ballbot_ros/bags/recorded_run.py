@@ -58,18 +58,10 @@ class RecordedRun:
 
 def read_run(path: Path, namespace: Optional[str] = None) -> RecordedRun:
     """
-    Return the run of a robot in a bag.
+    Return the run of a robot in a bag, which `namespace` selects if there are several.
 
-    Parameters
-    ----------
-    namespace : str, optional
-        Of the robot; required if the bag has several.
-
-    Raises
-    ------
-    ConfigurationError
-        If the bag cannot be read, or has no joint states, or those of several robots.
-
+    Raises `ConfigurationError` if the bag cannot be read, or has no joint states, or those of
+    several robots.
     """
     with open_bag(path) as bag:
         where = _namespace(path, bag, namespace)

@@ -154,20 +154,10 @@ class Rerun:
 
 def rerun(plant: Plant, run: RecordedRun, torques: Torques) -> Rerun:
     """
-    Run a plant from its start by a recording, and compare each recorded state.
+    Run a plant of the simulator from its start by a recording, and compare each recorded state.
 
-    Parameters
-    ----------
-    plant : Plant
-        Of the simulator, at its start.
-    torques : Torques
-        For an unknown torque, the motor torque in the next joint state is used.
-
-    Raises
-    ------
-    ConfigurationError
-        If stamps are not those of the control rate.
-
+    For an unknown torque, the motor torque in the next joint state is used.  Raises
+    `ConfigurationError` if stamps are not those of the control rate.
     """
     moments = sorted({*run.joints, *run.balls})
     first, last = (round(stamp * 1e-9 / plant.period) for stamp in (moments[0], moments[-1]))
@@ -311,14 +301,8 @@ def scene_content(scene: str, robot: str, columns: Mapping[str, Array]) -> Dict[
     """
     Return the content of a scene file that starts as a recording does.
 
-    Parameters
-    ----------
-    scene, robot : str
-        Names or files; an empty robot keeps that of the scene.
-    columns : mapping
-        See `measured_columns`.  Their x is moved to the start of the scene, because odometry
-        starts at 0 at any position.
-
+    Scene and robot are names or files; an empty robot keeps that of the scene.  The x of the
+    columns is moved to the start of the scene, because odometry starts at 0 at any position.
     """
     content = dict(read_yaml(find_config('scenes', scene)))
     robot = robot or str(content.get('robot', ''))
@@ -343,13 +327,7 @@ def driven_series(scene: Scene, columns: Mapping[str, Array]) -> Series:
     """
     Return measured and model of all channels, under the torque in the recording.
 
-    Raises
-    ------
-    ConfigurationError
-        If there is no torque.
-    SimulationError
-        If the model fails.
-
+    Raises `ConfigurationError` if there is no torque, `SimulationError` if the model fails.
     """
     recording = Recording.of_columns(columns)
     model = replay(scene, recording, use_torque=True)

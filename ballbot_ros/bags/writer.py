@@ -50,27 +50,12 @@ def offered_qos(node: Node, topic: str) -> List[Qos]:
 
 class BagRecorder:
     """
-    Writes serialized messages on arrival, with the stamp of their header.
+    Writes serialized messages on arrival into a new bag, with the stamp of their header.
 
     Messages without a stamp, or with a wall time, take the last stamp before them; see
-    `stamp_reader`.  Messages are neither decoded nor encoded, which keeps recording cheap.
-    Use as a context manager: the bag is complete when it is closed, also after an error.
-
-    Parameters
-    ----------
-    folder : Path
-        Folder of the bag; replaces an older bag there.
-    metadata : mapping of str to str, optional
-        Stored in the bag.
-
-    Attributes
-    ----------
-    folder : Path
-    recorded : mapping of str to list of int
-        Stamps of the recorded messages by topic [ns].
-    failure : Exception or None
-        The error that ended the thread of `record_in_thread`.
-
+    `stamp_reader`.  Messages are neither decoded nor encoded, which keeps recording cheap.  Use as
+    a context manager: the bag is complete when it is closed, also after an error; an older bag in
+    the folder is replaced.
     """
 
     def __init__(self, folder: Path, metadata: Optional[Mapping[str, str]] = None):
@@ -79,9 +64,9 @@ class BagRecorder:
         self.folder = folder
         self._writer = bag_writer(folder, metadata or {})
         self._subscriptions: List[Tuple[Subscription, Callable[[bytes], None]]] = []
-        self.recorded: Dict[str, List[int]] = {}
+        self.recorded: Dict[str, List[int]] = {}  # stamps by topic [ns]
         self._latest: Dict[str, int] = {}  # largest stamp by topic [ns]
-        self.failure: Optional[Exception] = None
+        self.failure: Optional[Exception] = None  # that ended the thread
         self._newest: Optional[int] = None  # stamp [ns]
         self._early: List[Callable[[], None]] = []  # without a stamp, and before any other
         self._taking, self._ending = threading.Lock(), threading.Event()
@@ -107,15 +92,8 @@ class BagRecorder:
         """
         Record a topic to which a node subscribes.
 
-        Parameters
-        ----------
-        callback : callable, optional
-            Called with the serialized message, too, in the thread that takes it.
-        kind : type, optional
-            Message class, by default that in the table of topics.
-        profile : QoSProfile, optional
-            By default one that misses no message of a topic in the table.
-
+        The callback also gets each serialized message, in the thread that takes it.  By default,
+        type and profile are those of the table of topics, and no message is missed.
         """
         kind = kind or message_class(TOPICS[topic].type)
         type_name = f'{kind.__module__.split(".")[0]}/msg/{kind.__name__}'
@@ -224,20 +202,9 @@ def stamp_reader(kind: Any) -> StampOf:
 
 def bag_writer(folder: Path, metadata: Mapping[str, str]) -> Any:
     """
-    Return a `RosbagsWriter` or `Rosbag2Writer` for a new bag.
+    Return a `RosbagsWriter` or `Rosbag2Writer` for a new bag, in a folder that does not exist yet.
 
-    Parameters
-    ----------
-    folder : Path
-        That does not exist yet.
-    metadata : mapping of str to str
-        Kept in the bag.
-
-    Raises
-    ------
-    ConfigurationError
-        If no library that writes bags is installed.
-
+    Raises `ConfigurationError` if no library that writes bags is installed.
     """
     if find_spec('rosbags') is not None:
         return RosbagsWriter(folder, metadata)
@@ -262,21 +229,17 @@ class RosbagsWriter:
             self._writer.set_custom_data(key, value)
 
     def open(self) -> None:
-        """Begin."""
         self._writer.open()
 
     def add_topic(self, name: str, kind: str, offered: Sequence[Qos] = ()) -> Any:
-        """Return the connection."""
         return self._writer.add_connection(name, kind, typestore=self._store,
                                            offered_qos_profiles=[_rosbags_qos(one)
                                                                  for one in offered])
 
     def write(self, topic: Any, stamp: int, data: bytes) -> None:
-        """Write a message."""
         self._writer.write(topic, stamp, data)
 
     def close(self) -> None:
-        """Complete the bag."""
         self._writer.close()
 
 
@@ -311,7 +274,6 @@ class Rosbag2Writer:
                                      'not_writable', str(self._storage.uri)) from error
 
     def add_topic(self, name: str, kind: str, offered: Sequence[Qos] = ()) -> str:
-        """Return the name."""
         self._topics += 1
         self._writer.create_topic(self._rosbag2.TopicMetadata(
             id=self._topics, name=name, type=kind, serialization_format='cdr',
@@ -324,7 +286,6 @@ class Rosbag2Writer:
         return found.transient_local() if offered.latched else found
 
     def write(self, topic: str, stamp: int, data: bytes) -> None:
-        """Write a message."""
         self._writer.write(topic, data, stamp)
 
     def close(self) -> None:
@@ -343,15 +304,8 @@ def verdict(bag: Path, recorded: Mapping[str, Sequence[int]], rates: Mapping[str
     """
     Return a sentence for each gap in a closed bag, and its number of messages.
 
-    Parameters
-    ----------
-    recorded : mapping of str to sequence of int
-        Stamps by topic [ns]; those of repeated messages count once.
-    rates : mapping of str to float
-        Required rate of each of these topics, from 0 on [Hz].
-    end : int
-        Stamp up to which it must be complete [ns].
-
+    `recorded` has the stamps by topic [ns], of which repeated ones count once; `rates` the
+    required rate of topics from time 0 to the stamp `end` [Hz], [ns].
     """
     found = []
     for topic, rate in rates.items():

@@ -41,22 +41,9 @@ CLOSE_TIMEOUT = 10.0
 
 class BlackBoxFiles:
     """
-    Writes the content of a black box to a folder after each fault.
+    Writes the content of a black box to a folder after each fault, with metadata for a reader.
 
-    Parameters
-    ----------
-    folder : Path
-        Created with the first file.
-    about : mapping of str to str
-        Metadata for a reader: hardware, robot, protocol.
-
-    Attributes
-    ----------
-    failure : str
-        Why the last file could not be written; empty if it could.
-    written : int
-        Number of files.
-
+    `failure` is why the last file could not be written, empty if it could; `written` counts files.
     """
 
     def __init__(self, box: BlackBox, folder: Path, about: Mapping[str, str]):
@@ -105,16 +92,8 @@ def write_file(folder: Path, box: BlackBox, when: float, reason: str,
     """
     Write a file, whole or not at all, delete the oldest ones, and return its path.
 
-    Parameters
-    ----------
-    when : float
-        Time of the fault by the clock of the box [s].
-
-    Raises
-    ------
-    OSError
-        If it cannot be written.
-
+    `when` is the time of the fault by the clock of the box [s].  Raises `OSError` if it cannot be
+    written.
     """
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / f'{datetime.now(timezone.utc):{NAME}}{ENDING}'

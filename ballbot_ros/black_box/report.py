@@ -45,7 +45,6 @@ def _origin(recording: BlackBoxRecording) -> Iterator[Tuple[str, str]]:
 
 
 def _before(recording: BlackBoxRecording) -> Iterator[Tuple[str, str]]:
-    """Yield motion, torque and traffic of the last second before the fault."""
     fault = recording.fault_time
     periods = _cut(recording, 'period', fault - BEFORE, fault)
     yield f'In the last {BEFORE:g} s', ''
@@ -92,7 +91,6 @@ def _slow(recording: BlackBoxRecording, periods: dict[str, Array]) -> Iterator[T
 
 
 def _events(recording: BlackBoxRecording) -> Iterator[str]:
-    """Yield a line for each event around the fault."""
     fault = recording.fault_time
     events = [event for event in merge_repeated(recording.events) if event.time >= fault - BEFORE]
     for event in events[:MOST_EVENTS]:
@@ -139,7 +137,6 @@ def gaps(times: Array) -> Tuple[Array, Array]:
 
 
 def _gap(times: Array, fault: float) -> str:
-    """Return the longest time between two periods as text."""
     if len(times) < 2:
         return f'{len(times)} periods'
     ends, lengths = gaps(times)
@@ -149,7 +146,6 @@ def _gap(times: Array, fault: float) -> str:
 
 
 def _last_command(commands: dict[str, Array], fault: float) -> str:
-    """Return the number of commands, and the last one."""
     if not len(commands['time']):
         return 'none'
     what, unit = COMMANDS[int(commands['kind'][-1])]
@@ -158,7 +154,6 @@ def _last_command(commands: dict[str, Array], fault: float) -> str:
 
 
 def _zero_after(after: dict[str, Array], fault: float) -> str:
-    """Return the time from which the torque remained at zero."""
     if not len(after['time']):
         return 'no records after the fault'
     pushing = np.abs(after['torque']) > ZERO_TORQUE

@@ -103,20 +103,8 @@ class BlackBox(SessionObserver):
     """
     Records a session in bounded memory; may be used from any thread.
 
-    Parameters
-    ----------
-    clock : callable
-        Clock of the session [s].
-    period : float
-        Period of its loop [s].
-
-    Attributes
-    ----------
-    faulted : threading.Event
-        Set when a fault requests a dump.
-    clock_offset : float
-        Of the system clock from that of the session, at the start [s]; messages have system time.
-
+    Clock and period of the loop are those of the session [s].  `faulted` is set when a fault
+    requests a dump; messages have system time, `clock_offset` after the clock at the start [s].
     """
 
     def __init__(self, clock: Callable[[], float] = time.monotonic, period: float = 0.002):
@@ -173,15 +161,12 @@ class BlackBox(SessionObserver):
                 self.event('commands arrive')
 
     def command(self, torque: float, stamp: float) -> None:
-        """Record a torque command."""
         self._put(COMMAND, self.clock(), stamp, torque, TORQUE)
 
     def set_point(self, given: SetPoint) -> None:
-        """Record a set-point."""
         self._put(COMMAND, self.clock(), given.stamp, given.value, MODES[given.mode])
 
     def imu(self, reading: ImuReading) -> None:
-        """Record an IMU reading."""
         self._put(IMU, reading.stamp, reading.turn_rate, reading.forward, reading.upward)
 
     def record(self, direction: str, data: bytes) -> None:

@@ -20,7 +20,6 @@ class Console:
     """The dialogue at the terminal."""
 
     def say(self, text: str) -> None:
-        """Print."""
         print(text, flush=True)
 
     def ask(self, question: str) -> str:
@@ -37,7 +36,6 @@ class Console:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Run the calibration and write the file."""
     from ballbot_ros.bridge.commissioning.calibration import Calibrator
     from ballbot_ros.bridge.drive_line import connector, handshake
     from ballbot_ros.bridge.hardware_file import load_hardware
@@ -66,17 +64,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def write(path: Path, content: Mapping[str, Any], found: Any, base: str) -> None:
-    """
-    Write a hardware file with the result of a calibration.
-
-    Parameters
-    ----------
-    content : mapping
-        Of the uncalibrated hardware file.
-    base : str
-        Name of that file.
-
-    """
+    """Write the content of a hardware file `base`, with the result of its calibration."""
     import yaml
 
     from ballbot_ros.bridge.hardware_file import read_hardware

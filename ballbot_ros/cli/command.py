@@ -87,19 +87,10 @@ def load_verb(name: str) -> Any:
 
 def main(argv: Optional[Sequence[str]] = None) -> int:
     """
-    Run the command ``ballbot``.
+    Run the command ``ballbot`` with arguments, those of the process by default.
 
-    Parameters
-    ----------
-    argv : sequence of str, optional
-        Arguments without the name of the program; those of the process by default.
-
-    Returns
-    -------
-    int
-        Exit code: 0, 1 for a failed run, 2 for an error in the arguments or a file, 130 after
-        Ctrl-C or 0 for a verb that runs until Ctrl-C.
-
+    Returns the exit code: 0, 1 for a failed run, 2 for an error in the arguments or a file, 130
+    after Ctrl-C or 0 for a verb that runs until Ctrl-C.
     """
     words = list(sys.argv[1:] if argv is None else argv)
     with _interruption() as pressed:

@@ -22,7 +22,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Compute and print the table."""
     refuse_without(arguments, '--actuation held', arguments.actuation == 'held', '--angle-deg')
     angle = arguments.angle_deg or 0.0
     robot = read_robot(arguments)
@@ -46,7 +45,6 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def print_table(found: Any, title: str) -> None:
-    """Print a line for each model."""
     from ballbot_ros.paper.cases import ACCURACY
     from ballbot_ros.paper.comparison import DEVIATION_LEVELS, spans
     from ballbot_ros.table import table

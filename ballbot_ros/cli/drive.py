@@ -70,11 +70,7 @@ def drive(arguments: argparse.Namespace, observer: Any, robot: Any, keyboard: An
     """
     Publish the commands of keys and stick at a rate, and show the status line.
 
-    Returns
-    -------
-    int
-        0 after q, 1 if the terminal or the gamepad was disconnected.
-
+    Returns 0 after q, 1 if the terminal or the gamepad was disconnected.
     """
     driving = Driving(arguments.step, arguments.max_speed, arguments.hold)
     print(HOLD_HELP if arguments.hold else HELP)
@@ -115,7 +111,7 @@ def show(robot: Any, wanted: float) -> None:
     """Rewrite the status line."""
     width = shutil.get_terminal_size().columns
     text = line(wanted, robot.speed, robot.pendulum, robot.decision, robot.e_stop,
-                robot.followers, robot.said, width)
+                robot.followers, robot.reply, width)
     sys.stdout.write(f'\r{text}\x1b[K')
     sys.stdout.flush()
 
@@ -136,27 +132,14 @@ def ended_by_exception() -> Iterator[None]:
 
 class Driving:
     """
-    Turns keys into a speed.
+    Turns keys into a speed, within +-`largest` [m/s].
 
-    Parameters
-    ----------
-    step : float
-        By which a key changes the speed, and with `hold` the speed while a key is held [m/s].
-    largest : float
-        Speed that is not exceeded [m/s].
-    hold : bool
-        Drive only while a key is held.
-
-    Attributes
-    ----------
-    speed : float
-        Commanded speed [m/s].
-
+    A key changes the speed by `step` or, with `hold`, gives that speed while it is held.
     """
 
     def __init__(self, step: float, largest: float, hold: bool = False):
         self._step, self._largest, self.hold = step, largest, hold
-        self.speed = 0.0
+        self.speed = 0.0  # commanded [m/s]
         self._until = math.inf
         self._last = ''
 
@@ -194,7 +177,7 @@ class Driving:
 
 
 def line(wanted: float, speed: Optional[float], pendulum: Optional[float], decision: str,
-         e_stop: Optional[bool], followers: int, said: str, width: int) -> str:
+         e_stop: Optional[bool], followers: int, reply: str, width: int) -> str:
     """Return the status line, cut to the width of the terminal."""
     words = [f'command {wanted:+.2f} m/s']
     words.append('measured   -  m/s' if speed is None else f'measured {speed:+.2f} m/s')
@@ -206,8 +189,8 @@ def line(wanted: float, speed: Optional[float], pendulum: Optional[float], decis
         words.append(decision)
     if not followers:
         words.append('no subscriber of cmd_vel')
-    if said:
-        words.append(' '.join(said.split()))
+    if reply:
+        words.append(' '.join(reply.split()))
     text = '  '.join(words)
     return text if len(text) < width else f'{text[:max(width - 4, 0)]}...'
 
@@ -247,23 +230,9 @@ class Keyboard:
     The keys of a terminal as they are pressed, without Enter and without an echo.
 
     Use as a context manager: every exit restores the settings of the terminal.  Ctrl-C is a key
-    here and interrupts nothing, so that the robot is stopped first.
-
-    Parameters
-    ----------
-    stream : text stream, optional
-        Standard input by default.
-
-    Attributes
-    ----------
-    gone : bool
-        Whether the terminal has been closed.
-
-    Raises
-    ------
-    ConfigurationError
-        If it is not a terminal.
-
+    here and interrupts nothing, so that the robot is stopped first.  `gone` is whether the
+    terminal has been closed.  Raises `ConfigurationError` if the stream, standard input by
+    default, is not a terminal.
     """
 
     def __init__(self, stream: Optional[TextIO] = None):

@@ -48,7 +48,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Run the approaches, or one of them, and print the outcomes."""
     evaluation = read_evaluation(arguments)
     from ballbot_ros.results.files import check_writable
     from ballbot_ros.studies.evaluation.evaluation import run_block, run_evaluation

@@ -29,7 +29,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Drive, and print the figures."""
     from ballbot_ros.results.files import check_writable, write_text
     from ballbot_ros.studies.navigation.evaluation import (
         NavigationEvaluation, page, PLANNERS, report, run_block, run_evaluation)

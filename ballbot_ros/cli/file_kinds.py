@@ -75,7 +75,6 @@ terrain:
 
 
 def scene_file(name: str, robot: str = 'gimball') -> list[Section]:
-    """Return the sections of a scene file."""
     parts = ('robot_changes', 'terrain', 'initial', 'actuation', 'solver', 'contact')
     top = {key: {**metadata, **({'default': 1e-3} if key == 'output_step' else {})}
            for key, metadata in described(SceneFile, parts).items()}
@@ -121,7 +120,6 @@ def _first_line(cls: Any) -> str:
 
 
 def experiment_file(name: str, scene: str = 'doorstep') -> list[Section]:
-    """Return the sections of the file of an experiment."""
     text = {
         'seeds': '[0, 1, 2]', 'simulator': '{terrain_rate: 50.0, terrain_height_sd: 0.002}',
         'controller': '{tuning: published}', 'obstacle_decision': '{curve: gimball_down}'}

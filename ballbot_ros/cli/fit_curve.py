@@ -32,7 +32,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Simulate, fit and write."""
     law = options.read_law(arguments)
     check_new_file(arguments.out, arguments.overwrite, endings=YAML)
     robot = options.read_robot(arguments)

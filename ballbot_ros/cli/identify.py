@@ -32,7 +32,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Estimate, write the files and print the table."""
     import json
 
     from ballbot_ros.figures.residuals import residual_figure

@@ -42,7 +42,6 @@ def add_scenes(parser: argparse.ArgumentParser) -> None:
 
 
 def scenes(arguments: argparse.Namespace) -> int:
-    """List the scenes."""
     print_list('scenes')
     return DONE
 
@@ -60,7 +59,6 @@ def add_robots(parser: argparse.ArgumentParser) -> None:
 
 
 def robots(arguments: argparse.Namespace) -> int:
-    """List the robots, or print the parameters or the description of one."""
     if arguments.robot is None:
         if arguments.urdf:
             raise ConfigurationError(

@@ -29,7 +29,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Search and print."""
     speeds = read_numbers(arguments.speed, '--speed')
     robot = options.read_robot(arguments)
     options.warn_speeds('--speed', speeds)

@@ -47,7 +47,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Write the template."""
     from ballbot_ros.cli import file_kinds
     from ballbot_ros.cli.output import check_new_file, YAML
     from ballbot_ros.physics import load_robot, load_scene

@@ -31,7 +31,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Simulate and print row by row."""
     from dataclasses import replace
 
     from ballbot_ros.bridge.hardware_file import load_hardware, ON_TIMEOUT
@@ -83,5 +82,4 @@ def row(response: Any) -> str:
 
 
 def line(cells: Iterable[str]) -> str:
-    """Return a line of the table."""
     return f'| {" | ".join(f"{cell:<{width}}" for cell, width in zip(cells, WIDTHS))} |'

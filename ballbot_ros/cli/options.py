@@ -21,15 +21,7 @@ LAWS = ('free', 'held', 'velocity', 'voltage')
 
 def add_number(parser: argparse.ArgumentParser, option: str, metavar: str, declared: Any,
                *short: str) -> None:
-    """
-    Add an option with a number; `command.main` checks its range.
-
-    Parameters
-    ----------
-    declared : field
-        A `quantity` or a `count` of `config.fields`, an optional one without a default.
-
-    """
+    """Add a number, declared as in `config.fields`; `command.main` checks its range."""
     default, doc = declared.default, declared.metadata['doc']
     words = '' if default is None else ' (default: %(default)s)'
     action: Any = parser.add_argument(*short, option, type=declared.metadata['kind'],
@@ -206,16 +198,7 @@ def read_numbers(words: Sequence[str], option: str) -> list[float]:
     """
     Return the numbers of the words of an option.
 
-    Parameters
-    ----------
-    option : str
-        With its dashes; each refusal begins with it.
-
-    Raises
-    ------
-    ConfigurationError
-        Naming the word and the allowed values.
-
+    Raises `ConfigurationError` naming the option, the word and the allowed values.
     """
     numbers: list[float] = []
     for word in words:

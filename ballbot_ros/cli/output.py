@@ -32,27 +32,12 @@ _claimed: list[Path] = []
 def result_folder(given: Optional[Path], default: Path, names: Sequence[str],
                   overwrite: bool) -> Path:
     """
-    Return the folder that a verb writes to: without results in it, unless these are replaced.
+    Return the folder for the files of a verb: the given one, else the default, without results.
 
-    The folder is created, so that no other process chooses it; see `empty_folders_removed`.
-    Missing folders above a given one are reported.
-
-    Parameters
-    ----------
-    given : Path or None
-        From the command line.
-    default : Path
-        Without it; with ``_2``, ``_3``, ... while it contains results.
-    names : sequence of str
-        Files that the verb writes.
-    overwrite : bool
-        Replace existing results.
-
-    Raises
-    ------
-    ConfigurationError
-        If the given folder contains results, or cannot be written.
-
+    The default gets ``_2``, ``_3``, ... while it contains one of the files, unless these are to be
+    overwritten.  The folder is created, so that no other process chooses it; see
+    `empty_folders_removed`.  Missing folders above a given one are reported.  Raises
+    `ConfigurationError` if the given folder contains results, or cannot be written.
     """
     from ballbot_ros.results.files import check_writable
 
@@ -213,19 +198,10 @@ def compilation_shown() -> Iterator[None]:
 def watched(total: float, silent: bool, doing: str = 'simulating',
             unit: str = 's', keeps: bool = True) -> Iterator[Callable[[float], None]]:
     """
-    Yield a callback that shows the progress of a task on standard error.
+    Yield a callback that shows the progress of a task on standard error, unless `silent`.
 
-    Parameters
-    ----------
-    total : float
-        Simulated time of a run [s], or the number of units.
-    silent : bool
-        Show nothing.
-    doing, unit : str
-        Name of the task, and unit of `total`.
-    keeps : bool
-        Ctrl-C keeps the part so far.
-
+    `total` is in `unit`: simulated time of a run [s], or a number; with `keeps`, Ctrl-C keeps the
+    part so far.
     """
     if silent:
         yield ignore

@@ -41,7 +41,6 @@ def _planner(arguments: argparse.Namespace) -> Any:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Plan, print and draw."""
     if arguments.out is not None:
         from ballbot_ros.figures.canvas import FORMATS
         check_new_file(arguments.out, arguments.overwrite,
@@ -90,7 +89,6 @@ def add_masks(parser: argparse.ArgumentParser) -> None:
 
 
 def masks(arguments: argparse.Namespace) -> int:
-    """Write the masks."""
     from ballbot_ros.navigation import write_masks
     if not arguments.out.is_dir():
         raise ConfigurationError(

@@ -233,7 +233,6 @@ def replay_simulator(arguments: argparse.Namespace, run: Any, metadata: Any) -> 
 
 
 def source(by: str, run: Any, settings: Any, robot: Any) -> Any:
-    """Return the source of the torque."""
     from ballbot_ros.bags.replay import Commands, Laws, MotorTorques
     from ballbot_ros.control import checked_controller, load_tuning, Supervision
     if by == SET_POINTS:
@@ -260,7 +259,6 @@ def differing(metadata: Any, scene: Any) -> list[str]:
 
 
 def report_lines(found: Any) -> list[str]:
-    """Return the report of a run, in lines."""
     lines = [f'driven by {found.applied} {found.what}'
              + (f'; {found.filled} are missing, replaced by the motor torque'
                 if found.filled else '')

@@ -70,7 +70,6 @@ def animation_file(text: str) -> Path:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Simulate, write the files and print the summary."""
     scene = read_scene(arguments)
     from ballbot_ros.errors import SimulationError
     from ballbot_ros.jit import compile_time

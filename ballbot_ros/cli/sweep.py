@@ -41,7 +41,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Plan and run the sweep, and print a summary."""
     check_new_file(arguments.out, arguments.overwrite, endings=('.parquet',))
     robot = options.read_robot(arguments)
     from ballbot_ros.physics.model.robot import height_warnings

@@ -36,7 +36,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Roll, write the files and print the thresholds."""
     robot, bench = read_robot(arguments), make_bench(arguments)
     from ballbot_ros.paper.procedure import HEIGHTS, run_tests
     name = f'bench_{robot.name}{"_driven" if arguments.driven else ""}'

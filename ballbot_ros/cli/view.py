@@ -42,7 +42,6 @@ def add_server(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Serve the page until Ctrl-C."""
     load_optional('viser', 'viser', 'pip install "ballbot_ros[view]", or pip install viser')
     return serve(source_of(arguments), arguments, begin=not arguments.live)
 
@@ -81,19 +80,7 @@ def source_of(arguments: argparse.Namespace) -> Any:
 
 
 def serve(source: Any, arguments: argparse.Namespace, begin: bool) -> int:
-    """
-    Serve a page for a source until the end of its duration, return 0; Ctrl-C raises.
-
-    Parameters
-    ----------
-    source : Source
-        Of `ballbot_ros.view.source`; ended here.
-    arguments : namespace
-        With the options of `add_server`, checked.
-    begin : bool
-        See `Page`.
-
-    """
+    """Serve a page for a source until the end of its duration, and close it; Ctrl-C raises."""
     from ballbot_ros.view.page import Page
     from ballbot_ros.view.server import free_port, PageServer
     if arguments.host not in (LOOPBACK, 'localhost', '::1'):

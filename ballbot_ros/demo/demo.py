@@ -81,21 +81,9 @@ def demo_cases(scene: Optional[str] = None, robot: Optional[str] = None,
     """
     Return the cases of a demo, after the same checks as in their nodes.
 
-    Parameters
-    ----------
-    scene, robot, curve, tuning : str, optional
-        Names or paths; by default the scenes of the demo, the robot of the scene, a curve for
-        that robot, and the published gains.
-    longest : float, optional
-        End of the run, in simulated time [s].
-    planner : str
-        Planner of the decision, see `decision.planning.planners`.
-
-    Raises
-    ------
-    ConfigurationError
-        If a file does not exist or files are inconsistent; with the remedy.
-
+    By default they have the scenes of the demo, the robot of the scene, a curve for that robot,
+    and the published gains; `longest` is the end of the run in simulated time [s].  Raises
+    `ConfigurationError` with the remedy if a file does not exist or files are inconsistent.
     """
     check_value('planner', planner, DecisionSettings.__dataclass_fields__['planner'].metadata,
                 'demo')
@@ -139,29 +127,12 @@ def fitting_curve(robot: Robot, name: str, curve: Optional[str]) -> str:
 def run_demo(out: Path, real_time: bool = False, quiet: bool = False, timeout: float = 60.0,
              cases: Sequence[DemoCase] = CASES, watched: bool = False) -> int:
     """
-    Run the demo: two steps, and a drop on a slope.
+    Run the demo, two steps and a drop on a slope; return 0 if the robot acted as expected, or 1.
 
-    Cases in lockstep run at the same time, each on a ROS domain of its own, unless the environment
-    sets the domain.
-
-    Parameters
-    ----------
-    out : Path
-        Output folder with one folder per case: bag, picture and logs.
-    real_time : bool
-        Run in real time instead of in lockstep at maximum speed.
-    quiet : bool
-        Print only the verdict.
-    timeout : float
-        Longest wall time without a new state [s].
-    watched : bool
-        Limit lockstep to real time, for viewers.
-
-    Returns
-    -------
-    int
-        0 if the robot acted as expected in every case, 1 if not.
-
+    Each case writes bag, picture and logs to a folder in `out`.  Nodes run in real time, or in
+    lockstep at maximum speed or, if `watched` by viewers, at most in real time.  Cases in lockstep
+    run at the same time, each on a ROS domain of its own, unless the environment sets the domain.
+    `quiet` prints only the verdict; `timeout` is the longest wall time without a new state [s].
     """
     lockstep_period = 0.0 if real_time else 1.0 / STATES['terrain_observation']
     prepare(('simulator', 'controller', 'decision'))  # before anything is waited for
@@ -307,21 +278,9 @@ def conclude(out: Path, title: str, quiet: bool, timeline: Timeline,
     """
     Print the timeline of a run, draw its picture, and return the exit code.
 
-    Parameters
-    ----------
-    out : Path
-        Folder for bag, picture and logs.
-    quiet : bool
-        Print only the verdict.
-    play : callable
-        Runs the nodes, and returns the errors of the run.
-    verdict_on : callable
-        Returns the deviations of the robot from the expected actions.
-    draw : callable
-        Returns the picture of a run with states.
-    picture : str
-        Name of its file.
-
+    `play` runs the nodes and returns the errors of the run, `verdict_on` the deviations of the
+    robot from the expected actions, and `draw` the picture of a run with states, which gets the
+    name `picture` in the folder `out`.
     """
     out.mkdir(parents=True, exist_ok=True)
     start = time.monotonic()
@@ -367,7 +326,7 @@ ADVANCE_TIME = 1.0
 
 class RecordedSimulation:
     """
-    Runs a paused simulator no faster than a recorder can follow.
+    Runs a paused simulator no faster than a recorder of some topics can follow.
 
     First, the recorder must have received every topic: each reset makes the simulator publish its
     first state, to which the other nodes respond.  Counting publishers is not enough: a publisher
@@ -375,16 +334,8 @@ class RecordedSimulation:
 
     In lockstep the simulator advances by one second at a time, as soon as all messages of the
     second before are recorded.  On a busy machine a recorder would otherwise lag by more messages
-    than the publishers keep.
-
-    Parameters
-    ----------
-    topics : iterable of str
-        Topics to be recorded.
-    free_running : bool
-        Run without interruption, in real time for instance; else the simulator must be in
-        lockstep.
-
+    than the publishers keep.  A `free_running` simulator, in real time for instance, is not
+    interrupted.
     """
 
     def __init__(self, node: Node, bag: BagRecorder, topics: Iterable[str],

@@ -21,15 +21,7 @@ class Forked:
     """
     A copy of this process that runs a function; with the methods of `subprocess.Popen`.
 
-    Parameters
-    ----------
-    work : callable
-        Returns the exit code.
-
-    Attributes
-    ----------
-    pid : int
-
+    The function returns the exit code.
     """
 
     def __init__(self, work: Callable[[], int]):
@@ -48,11 +40,7 @@ class Forked:
         """
         Return the exit code of a process that is about to end.
 
-        Raises
-        ------
-        subprocess.TimeoutExpired
-            After the timeout [s].
-
+        Raises `subprocess.TimeoutExpired` after the timeout [s].
         """
         self._process.join(timeout)
         code = self._process.exitcode

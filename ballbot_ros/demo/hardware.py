@@ -35,26 +35,10 @@ def run_hardware_demo(out: Path, protocol: str, firmware: str = '', serial_imu: 
     """
     Run the demo with two steps, and the motor on an emulated serial port.
 
-    Parameters
-    ----------
-    out : Path
-        Folder for the bag, the picture and the logs.
-    protocol : str
-        Of the emulated drive.
-    firmware : str
-        Firmware generation; empty for the only or oldest one.
-    serial_imu : bool
-        Whether the IMU is on a serial port, too, read by a node imu.
-    quiet : bool
-        Print only the verdict.
-    timeout : float
-        Longest wall time without a new state, and longest time of the run [s].
-
-    Returns
-    -------
-    int
-        0 if the robot crossed the first step and came to rest before the second, 1 if not.
-
+    The firmware is a generation, empty for the only or oldest one; with `serial_imu` a node imu
+    reads the IMU from another serial port.  `timeout` limits the wall time without a new state,
+    and the run [s].  Returns 0 if the robot crossed the first step and came to rest before the
+    second, 1 if not.
     """
     # A separate file confirms the values that the emulated drive does not report.
     shipped = {path.stem for path in shipped_files('hardware')}

@@ -60,31 +60,12 @@ def run_house_demo(out: Path, real_time: bool = False, quiet: bool = False, time
                    robot: Optional[str] = None, curve: Optional[str] = None,
                    goals: Sequence[Sequence[float]] = ()) -> int:
     """
-    Drive through the shipped flat with the node navigator.
+    Drive through the shipped flat with the node navigator; return 0 for every room, or 1.
 
-    Parameters
-    ----------
-    out, real_time, quiet, timeout, watched
-        See `run_demo`.
-    longest : float, optional
-        End of the run, in simulated time [s].
-    robot, curve : str, optional
-        Names or files, see `find_config`; GimBall and a shipped curve if not given.
-    goals : sequence of (float, float), optional
-        Places to drive to, instead of those of `TOUR` [m].
-
-    Returns
-    -------
-    int
-        0 if every room was reached, 1 if not.
-
-    Raises
-    ------
-    ConfigurationError
-        If a file is not valid, or the curve is of another robot.
-    RefusedError
-        If the ball cannot be at a goal, see `RoutePlanner.check_place`.
-
+    `longest` is the end of the run in simulated time [s]; `goals` are places to drive to instead
+    of those of `TOUR` [m]; see `run_demo` for the others.  Raises `ConfigurationError` if a file
+    is not valid, or the curve is of another robot, and `RefusedError` if the ball cannot be at a
+    goal.
     """
     floor, robot = load_floor(FLOOR), robot or ROBOT
     ball, tour = load_robot(robot), [Visit('room', x, y) for x, y in goals] or TOUR
@@ -135,30 +116,17 @@ def run_house_demo(out: Path, real_time: bool = False, quiet: bool = False, time
 
 class HouseTimeline(Timeline):
     """
-    Detects on a floor which steps, thresholds and cords the ball has crossed.
+    Detects on a floor which steps, thresholds and cords the ball has crossed; see `Timeline`.
 
-    Parameters
-    ----------
-    start : (float, float, float)
-        Pose of the frame odom on the map [m], [rad].
-    report : callable
-        See `Timeline`.
-
-    Attributes
-    ----------
-    driven : list of (float, float)
-        Places on the map [m].
-    plans : list of lists of (float, float)
-        Paths that the navigator has published [m].
-
+    `start` is the pose of the frame odom on the map [m], [rad].
     """
 
     def __init__(self, floor: Floor, robot: Robot, start: Tuple[float, float, float],
                  report: Callable[[float, str, str], None]):
         super().__init__([], robot, report)
         self._floor, self._start = floor, start
-        self.driven: List[Point] = []
-        self.plans: List[List[Point]] = []
+        self.driven: List[Point] = []  # places on the map [m]
+        self.plans: List[List[Point]] = []  # published by the navigator [m]
 
     def add_state(self, message: BallState) -> None:
         """Take a state; crossed lines are reported."""
@@ -194,11 +162,7 @@ class TourGuide:
     """
     Sends the goals of a tour to the navigator, one after the other.
 
-    Parameters
-    ----------
-    arrived : list of Visit
-        Those that were reached are appended.
-
+    Those that were reached are appended to `arrived`.
     """
 
     def __init__(self, graph: RecordedGraph, timeline: HouseTimeline, tour: Sequence[Visit],

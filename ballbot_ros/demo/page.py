@@ -20,20 +20,10 @@ START_TIMEOUT, END_TIMEOUT = 60.0, 10.0
 @contextmanager
 def page_beside(quiet: bool = False) -> Iterator[None]:
     """
-    Serve the page for as long as the demo runs.
+    Serve the page for as long as the demo runs; `quiet` does not print its address.
 
-    The domain of the demo is that of the environment from here on.
-
-    Parameters
-    ----------
-    quiet : bool
-        Do not print the address.
-
-    Raises
-    ------
-    ConfigurationError
-        If the page does not start; with the reason.
-
+    The domain of the demo is that of the environment from here on.  Raises `ConfigurationError`
+    with the reason if the page does not start.
     """
     if find_spec('viser') is None:
         raise ConfigurationError(

@@ -26,18 +26,8 @@ def own_domain(number: int = 0) -> int:
     Return the ROS domain to use: that of the environment, or one of this process alone.
 
     101 domains are free of clashes with the ports of ordinary programs.  A bound socket claims a
-    domain for as long as this process or a copy of it runs.
-
-    Parameters
-    ----------
-    number : int
-        For several domains in one process.
-
-    Raises
-    ------
-    ConfigurationError
-        If all 101 are claimed.
-
+    domain for as long as this process or a copy of it runs; a process may claim several by number.
+    Raises `ConfigurationError` if all 101 are claimed.
     """
     given = os.environ.get('ROS_DOMAIN_ID')
     if given:
@@ -79,17 +69,9 @@ def parameter_arguments(parameters: Mapping[str, Any]) -> List[str]:
 
 class NodeProcesses:
     """
-    Nodes of this package as processes, each with a log file.
+    Nodes of this package as processes on a ROS domain, each with a log file in a folder.
 
     Context manager that terminates all processes on exit.
-
-    Parameters
-    ----------
-    folder : Path
-        For the logs.
-    domain : int
-        ROS domain.
-
     """
 
     def __init__(self, folder: Path, domain: int):
@@ -115,14 +97,8 @@ class NodeProcesses:
         """
         Start a node as its executable does; a second start appends to the same log.
 
-        Parameters
-        ----------
-        parameters : mapping, optional
-        arguments : sequence of str
-            More of the command line, ``('--ros-args', '-r', '__ns:=/left')`` for instance.
-        label : str
-            Name of the process, if the same node is started twice.
-
+        More of the command line may follow, ``('--ros-args', '-r', '__ns:=/left')`` for instance;
+        a label names the process if the same node is started twice.
         """
         self.run('ballbot_ros.nodes.start',
                  [name, *parameter_arguments(parameters or {}), *arguments], label or name)

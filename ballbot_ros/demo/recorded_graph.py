@@ -32,20 +32,10 @@ LONGEST_DELAY = 5 * 10**9
 
 class MessagesInOrder:
     """
-    Queue of the messages of several topics, in the order of their stamps.
+    Queue of the messages of several topics, in the order of their stamps and then of the topics.
 
     Topics arrive independently: on a busy machine one may be a second behind another one.
     Messages are added in one thread and taken in another one.
-
-    Parameters
-    ----------
-    *topics : str
-        Messages with equal stamps are taken in the order of these topics.
-
-    Attributes
-    ----------
-    topics : tuple of str
-
     """
 
     def __init__(self, *topics: str):

@@ -56,20 +56,8 @@ class Timeline:
     Detects events and the end of a run from ball states and decisions.
 
     Messages are added in the order of their stamps; a decision follows the state that it answers.
-    Times count from the first state [s].
-
-    Parameters
-    ----------
-    passages : list of Passage
-        The faces of the scene, from left to right; faces to be crossed come first.
-    report : callable
-        Called with time [s], a mark and a sentence.
-
-    Attributes
-    ----------
-    rested : float or None
-        Time at which the ball came to rest behind all faces to be crossed [s].
-
+    Times count from the first state [s].  The passages are the faces of the scene, from left to
+    right, those to be crossed first; `report` is called with time [s], a mark and a sentence.
     """
 
     def __init__(self, passages: List[Passage], robot: Robot,
@@ -81,7 +69,7 @@ class Timeline:
         self._last: Optional[Tuple[int, int, int]] = None
         self._seen = -1  # index of the last step whose observation was reported
         self._resting: Optional[float] = None
-        self.rested: Optional[float] = None
+        self.rested: Optional[float] = None  # when, behind all faces to be crossed [s]
 
     @property
     def next_step(self) -> int:

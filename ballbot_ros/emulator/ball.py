@@ -31,15 +31,9 @@ def motor_of(robot: Robot) -> Motor:
 
 def settings_for(robot: Robot, **changes: Any) -> DriveSettings:
     """
-    Return a drive set up for the motor of a robot.
+    Return a drive set up for the motor of a robot, with changes of `DriveSettings`.
 
     Its torque limit is the largest torque of the robot, brought to the motor shaft.
-
-    Parameters
-    ----------
-    **changes
-        Other values of `DriveSettings`.
-
     """
     motor = motor_of(robot)
     limit = motor.maximum_torque / (motor.gear_ratio * motor.gear_efficiency)
@@ -51,22 +45,11 @@ def settings_for(robot: Robot, **changes: Any) -> DriveSettings:
 
 class Ball:
     """
-    A scene that takes the torque of a motor shaft.
+    A scene that takes the torque of a motor shaft, constant over a period [s].
 
-    Parameters
-    ----------
-    settings : DriveSettings
-        For the resolution of the encoder.
-    period : float
-        Over which the torque is constant [s]; a whole number of solver steps.
-
-    Attributes
-    ----------
-    lateral : LateralState
-        Of a robot whose second motor leans the pendulum.
-    course : GroundTrack
-        Pose in the frame of the start.
-
+    The period is a whole number of solver steps; the settings give the resolution of the encoder.
+    `lateral` is the state of a robot whose second motor leans the pendulum, `course` the pose in
+    the frame of the start.
     """
 
     def __init__(self, scene: Scene, settings: DriveSettings, period: float = PERIOD):
@@ -85,7 +68,6 @@ class Ball:
 
     @property
     def state(self) -> State:
-        """Return the true state."""
         return self.plant.state
 
     def pendulum_torque(self, shaft_torque: float) -> float:
@@ -101,16 +83,8 @@ class Ball:
         """
         Advance by a period and return the new planar state.
 
-        Parameters
-        ----------
-        shaft_torque, lateral_torque : float
-            Of the motor, and of the one that leans the pendulum, at their shafts [N m].
-
-        Raises
-        ------
-        SimulationError
-            If the model fails.
-
+        The torques are those of the motor, and of the one that leans the pendulum, at their shafts
+        [N m].  Raises `SimulationError` if the model fails.
         """
         before = self.state
         after = self.plant.advance(self.pendulum_torque(shaft_torque))
@@ -129,21 +103,14 @@ class Ball:
         return after
 
     def reset(self) -> None:
-        """Reset the ball to the start of the scene."""
         self.plant.reset()
         self._begin()
 
     def sensed(self, before: Sensed, jump: float = 0.0) -> Sensed:
         """
-        Return the present measurements of the drive.
+        Return the present measurements of the drive, with an error of the encoder [rad].
 
-        Parameters
-        ----------
-        before : Sensed
-            Source of voltage and temperatures.
-        jump : float
-            Error of the encoder [rad].
-
+        Voltage and temperatures are those of the measurements before.
         """
         return self._at_shaft(before, self.state.joint_angle, self.state.joint_rate, jump)
 

@@ -191,16 +191,7 @@ class Channel:
     """
     Executes lines received over a Unix socket, and answers each with one line.
 
-    Parameters
-    ----------
-    path : Path
-        Of the socket.
-
-    Raises
-    ------
-    ConfigurationError
-        If the socket cannot be made.
-
+    Raises `ConfigurationError` if the socket cannot be made.
     """
 
     def __init__(self, emulator: Emulator, path: Path):

@@ -40,11 +40,7 @@ class BusOfTwo(Device):
     """
     Two devices of a protocol on a bus, as one device with a second output; see `Device`.
 
-    Parameters
-    ----------
-    settings : DriveSettings
-        Of the first; those of the second differ in `axis`.
-
+    The settings are those of the first; those of the second differ in `axis`.
     """
 
     def __init__(self, device: type[Device], settings: DriveSettings):
@@ -59,7 +55,6 @@ class BusOfTwo(Device):
 
     @property
     def baud(self) -> float:
-        """Return the bit rate of the bus."""
         return self.first.baud
 
     @baud.setter
@@ -67,7 +62,6 @@ class BusOfTwo(Device):
         self.first.baud = self.other.baud = baud
 
     def torque(self) -> float:
-        """Return the torque of the first motor [N m]."""
         return self.first.torque()
 
     def second_torque(self) -> float:
@@ -75,16 +69,13 @@ class BusOfTwo(Device):
         return self.other.torque()
 
     def tick(self, now: float) -> None:
-        """Update both."""
         self.first.tick(now)
         self.other.tick(now)
 
     def receive(self, data: bytes, now: float) -> bytes:
-        """Give bytes to both."""
         return self.first.receive(data, now) + self.other.receive(data, now)
 
     def reboot(self, now: float) -> None:
-        """Let both lose their supply."""
         self.first.reboot(now)
         self.other.reboot(now)
 
@@ -129,39 +120,14 @@ class Emulator:
     Start it, open `path` as a serial port, stop it; or use it as a context manager.  The model
     runs in a separate thread, so all methods may be called from another one.
 
-    Parameters
-    ----------
-    protocol : str
-        Of the drive; see `drives.DRIVES`.
-    scene : Scene
-        Robot, ground and start; the robot must have a motor.
-    baud : int
-        Of the drive; a host that sets another one gets, and sends, noise.
-    settings : DriveSettings, optional
-        Those that fit the motor of the robot if not given.
-    link : Path, optional
-        Symbolic link to keep pointing to the device.
-    seed : int
-        Of the faults.
-    steering : bool
-        Whether a second motor, with the same gear, leans the pendulum: that on M2 of a RoboClaw,
-        or one with a separate drive at the next address of the CAN bus.
+    A host that sets another baud rate than that of the drive gets, and sends, noise.  The settings
+    are by default those that fit the motor of the robot; `link` is a symbolic link to keep
+    pointing to the device, and `seed` that of the faults.  With `steering` a second motor, with
+    the same gear, leans the pendulum: that on M2 of a RoboClaw, or one with a separate drive at
+    the next address of the CAN bus.
 
-    Attributes
-    ----------
-    torque : float
-        At the motor shaft now [N m].
-    log : deque of Applied
-        Every change of the torque, oldest first.
-    dropped : int
-        Periods of the model that were skipped because the machine was too slow.
-
-    Raises
-    ------
-    ConfigurationError
-        For an unknown protocol or firmware, a robot without motor, or without steering where it
-        should steer, or a link that cannot be made.
-
+    Raises `ConfigurationError` for an unknown protocol or firmware, a robot without motor, or
+    without steering where it should steer, or a link that cannot be made.
     """
 
     def __init__(self, protocol: str, scene: Scene, baud: int = 115200,
@@ -181,7 +147,7 @@ class Emulator:
         self.to_drive, self.from_drive = Direction(baud, rng), Direction(baud, rng)
         self.terminal = (
             PseudoTerminal if line_of(protocol) is SERIAL else SlcanAdapter)(link)
-        self.log: Deque[Applied] = deque(maxlen=LONGEST_LOG)
+        self.log: Deque[Applied] = deque(maxlen=LONGEST_LOG)  # oldest first
         self.encoder_jump = 0.0  # [rad at the motor shaft]
         self.silent_until = -math.inf  # the drive sends nothing
         self.plug_at = math.inf
@@ -191,7 +157,7 @@ class Emulator:
         self._pace = Pace(PERIOD, 1.0, MOST_PERIODS)
         self._replies: Deque[tuple[float, bytes]] = deque()  # when the firmware sends, what
         self._calls: SimpleQueue[tuple[Callable[[], None], Event]] = SimpleQueue()
-        self.torque = 0.0
+        self.torque = 0.0  # at the motor shaft now [N m]
         self._running = False
         # Until Python 3.12 a thread whose join() a signal has interrupted passes for ended.
         self._ended = Event()
@@ -201,7 +167,6 @@ class Emulator:
 
     @property
     def path(self) -> str:
-        """Return the serial device, or the link to it."""
         return self.terminal.path
 
     @property
@@ -211,7 +176,6 @@ class Emulator:
 
     @property
     def state(self) -> State:
-        """Return the true state of the ball."""
         return self.ball.state
 
     @property
@@ -220,7 +184,6 @@ class Emulator:
         return self._pace.dropped
 
     def imu(self) -> ImuSample:
-        """Return a reading of an inertial sensor in the shell."""
         return self.ball.imu()
 
     def start(self) -> 'Emulator':

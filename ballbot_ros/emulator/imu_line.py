@@ -14,27 +14,11 @@ POLL_PERIOD = 0.002
 
 class ImuLine:
     """
-    A sensor, as it leaves the factory, on a pseudo-terminal.
+    A sensor of `imus.IMUS`, as it leaves the factory, on a pseudo-terminal.
 
-    Its y axis is the axle, to the left; x is forward and z up.
-
-    Parameters
-    ----------
-    link : Path, optional
-        Symbolic link to keep pointing to the device.
-    sensor : str
-        Of `imus.IMUS`.
-
-    Attributes
-    ----------
-    failure : Exception or None
-        The error that ended the thread; None otherwise.
-
-    Raises
-    ------
-    ConfigurationError
-        If the link cannot be made, or there is no such sensor.
-
+    Its y axis is the axle, to the left; x is forward and z up.  `failure` is the error that ended
+    the thread.  Raises `ConfigurationError` if the link cannot be made, or there is no such
+    sensor.
     """
 
     def __init__(self, link: Optional[Path] = None, sensor: str = 'witmotion'):
@@ -46,7 +30,6 @@ class ImuLine:
 
     @property
     def path(self) -> str:
-        """Return the path to open."""
         return self._terminal.path
 
     def measure(self, turn_rate: float, forward: float, upward: float) -> None:
@@ -54,7 +37,6 @@ class ImuLine:
         self.device.turn_rate, self.device.force = (0.0, -turn_rate, 0.0), (forward, 0.0, upward)
 
     def stop(self) -> None:
-        """Unplug."""
         self._ending.set()
         self._thread.join()
         self._terminal.unplug()

@@ -44,15 +44,7 @@ class LineFaults(Checked):
 
 
 class Direction:
-    """
-    One direction of a line, which delivers one byte after the other.
-
-    Parameters
-    ----------
-    baud : float
-        [bit/s]
-
-    """
+    """One direction of a line, which delivers one byte after the other at a baud rate [bit/s]."""
 
     def __init__(self, baud: float, rng: random.Random):
         self.faults = LineFaults()

@@ -26,16 +26,8 @@ class PseudoTerminal:
     """
     The end of a serial line that the drive has.
 
-    Parameters
-    ----------
-    link : Path, optional
-        Symbolic link to keep pointing to the device, as udev does for a real one.
-
-    Raises
-    ------
-    ConfigurationError
-        If `link` exists and is not a symbolic link, or cannot be created.
-
+    `link` is a symbolic link to keep pointing to the device, as udev does for a real one.  Raises
+    `ConfigurationError` if it exists and is not a symbolic link, or cannot be created.
     """
 
     def __init__(self, link: Optional[Path] = None):
@@ -60,7 +52,6 @@ class PseudoTerminal:
 
     @property
     def plugged(self) -> bool:
-        """Return whether the device is there."""
         return self._master >= 0
 
     @property
@@ -173,7 +164,6 @@ class SlcanAdapter(PseudoTerminal):
 
 
 def text_of(frame: CanFrame) -> bytes:
-    """Return the text of a frame."""
     kind = 'Rr' if frame.remote else 'Tt'
     head = f'{kind[0]}{frame.identifier:08X}' if frame.extended \
         else f'{kind[1]}{frame.identifier:03X}'

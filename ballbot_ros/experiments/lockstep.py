@@ -19,7 +19,6 @@ SPIN_TIME = 0.02
 
 
 def topics_of(nodes: Mapping[str, Mapping[str, Any]]) -> List[str]:
-    """Return the recorded topics."""
     topics = ['joint_states', 'joint_commands', 'odom', 'ball_state']
     if nodes['simulator']['terrain_rate']:
         topics.append('terrain_observation')
@@ -42,24 +41,11 @@ def last_stamps(simulator: Mapping[str, Any], periods: int) -> Dict[str, int]:
 def run_lockstep(folder: Path, nodes: Mapping[str, Mapping[str, Any]], periods: int,
                  metadata: Mapping[str, str], timeout: float) -> None:
     """
-    Run nodes for a number of control periods, and record them.
+    Run nodes, given by their parameters, for a number of control periods, and record them.
 
-    Parameters
-    ----------
-    folder : Path
-        For the folders ``bag`` and ``logs``.
-    nodes : mapping of str to mapping
-        Parameters by node; the simulator is among them, in lockstep and paused.
-    metadata : mapping of str to str
-        For the bag.
-    timeout : float
-        Longest wall time [s].
-
-    Raises
-    ------
-    RefusedError
-        If a node ends, time does not advance, or after the timeout; the message names the logs.
-
+    The simulator is among them, in lockstep and paused.  The folder gets ``bag``, with the
+    metadata, and ``logs``.  Raises `RefusedError` naming the logs if a node ends, time does not
+    advance, or after the timeout [s of wall time].
     """
     domain, logs = own_domain(), folder / 'logs'
     logs.mkdir(parents=True, exist_ok=True)

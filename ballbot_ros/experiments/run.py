@@ -26,31 +26,12 @@ RESULT, TABLE, VERSIONS = 'numbers.json', 'results.csv', 'versions.json'
 
 def run_experiment(target: str, out: Optional[Path], quiet: bool, timeout: float) -> bool:
     """
-    Run the file of an experiment, or its folder again.
+    Run the file of an experiment, or its folder again; return False if repeated numbers differ.
 
-    Completed seeds are kept; each appears completely or not at all.
-
-    Parameters
-    ----------
-    target : str
-        The file, or the folder.
-    out : Path, optional
-        Folder for a new one; ``ballbot_output/experiments/NAME`` by default.
-    quiet : bool
-        Print only errors.
-    timeout : float
-        Wall time per seed [s].
-
-    Returns
-    -------
-    bool
-        False if the repeated numbers differ.
-
-    Raises
-    ------
-    ConfigurationError
-        If the file is invalid, or the folder contains another experiment.
-
+    Completed seeds are kept; each appears completely or not at all.  A new experiment is written
+    to `out`, ``ballbot_output/experiments/NAME`` by default; the timeout is wall time per seed
+    [s].  Raises `ConfigurationError` if the file is invalid, or the folder contains another
+    experiment.
     """
     if not 0.0 < timeout < float('inf'):
         raise ConfigurationError(

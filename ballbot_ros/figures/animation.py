@@ -64,15 +64,9 @@ class ForceArrow(NamedTuple):
 
 def mean_forces(run: Trajectory, frames: NDArray[np.int64]) -> list[tuple[ForceArrow, ...]]:
     """
-    Return for each frame the mean contact forces since the frame before it.
+    Return for each frame, a number of a sample, the mean contact forces since the frame before it.
 
     A picture of the force at one moment would miss most impacts, or show their peaks by chance.
-
-    Parameters
-    ----------
-    frames : (n,) array of int
-        Numbers of samples, ascending.
-
     """
     table = contact_table(len(run.model.profile))
     numbers = frames.tolist()

@@ -23,11 +23,7 @@ def around_fault(recording: BlackBoxRecording, before: float = 5.0) -> Figure:
     """
     Draw angles, rates, torques, supply, temperatures and gaps of the loop around the fault.
 
-    Parameters
-    ----------
-    before : float
-        Duration shown before the fault [s].
-
+    The figure begins a time [s] before the fault.
     """
     begin, end = window(recording, before, None)
     fault = recording.fault_time

@@ -43,22 +43,11 @@ def draw_ground(axes: Any, terrain: Terrain, left: float, right: float,
 def draw_ball(axes: Any, robot: Robot, x: float, y: float, ball_angle: float,
               pendulum_angle: float, strength: float, order: float = 3.0) -> None:
     """
-    Draw the ball with a spoke that turns with it, and the pendulum inside.
+    Draw the ball at its centre [m] with a spoke that turns with it, and the pendulum inside.
 
-    Parameters
-    ----------
-    axes : matplotlib axes
-        In metres, true to scale.
-    x, y : float
-        Centre [m].
-    ball_angle, pendulum_angle : float
-        theta1 and the absolute pendulum angle [rad]; both point down at 0, so that the angle
-        from spoke to pendulum is theta2.
-    strength : float
-        1 for the ball itself, less for where it was before.
-    order : float
-        Drawn above everything of a lower order.
-
+    The angles are theta1 and the absolute pendulum angle [rad]; both point down at 0, so that the
+    angle from spoke to pendulum is theta2.  `strength` is 1 for the ball itself, less for where it
+    was before; it is drawn above everything of a lower order.
     """
     radius = robot.ball_radius
     axes.add_patch(Circle((x, y), radius, facecolor=canvas.SKY, alpha=0.16 * strength, lw=0,

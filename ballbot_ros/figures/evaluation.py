@@ -13,15 +13,7 @@ BAD = {'fell': canvas.INK, 'hit': canvas.GREY, 'ran away': canvas.SOIL, 'stuck':
 
 
 def evaluation(report: Dict[str, Any]) -> Figure:
-    """
-    Draw reliability, failures, and crossings by room.
-
-    Parameters
-    ----------
-    report : dict
-        As `studies.evaluation.report.report` returns it.
-
-    """
+    """Draw reliability, failures, and crossings by room from `evaluation.report.report`."""
     planners = report['planners']
     with canvas.panels(10.4, 3.8) as figure:
         left, middle, right = (figure.add_axes((0.06 + 0.33 * place, 0.16, 0.255, 0.66))

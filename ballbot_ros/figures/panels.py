@@ -81,19 +81,10 @@ def time_series(trajectory: Trajectory, title: str = '') -> Figure:
 def panel_figure(panels: Sequence[Panel], times: Array, width: float, label: str,
                  below: float = 0.0) -> Iterator[tuple[Figure, list[Any]]]:
     """
-    Give a figure with panels below one another, and their axes.
+    Give a figure with panels below one another, and their axes, under the label of the time axis.
 
-    Parameters
-    ----------
-    times : array
-        Of series without times of their own.
-    width : float
-        Of the figure [in].
-    label : str
-        Of the axis of time.
-    below : float
-        Additional room below the panels [in].
-
+    The times are those of series without times of their own; the width, and additional room below
+    the panels, are in inches.
     """
     height = TOP + BOTTOM + below + sum(panel.height + GAP for panel in panels) - GAP
     with canvas.drawing(width, height) as figure:

@@ -20,15 +20,8 @@ def residual_figure(series: Mapping[str, Tuple[Array, Array]], channels: Mapping
     """
     Draw residuals against time, a panel per channel, with twice their RMS.
 
-    Parameters
-    ----------
-    series : mapping of str to (times, residuals)
-        By channel.
-    channels : mapping of str to ChannelFit
-        Residual RMS and verdict; a bad fit is said, and drawn in another colour.
-    command : str
-        That makes the figure, for its caption.
-
+    `series` has times [s] and residuals of each channel, `channels` its `ChannelFit`: a bad fit is
+    stated, and drawn in another colour.  The command that makes the figure is its caption.
     """
     with canvas.drawing(7.0, 1.1 + 1.35 * len(series)) as figure:
         axes: Any = figure.subplots(len(series), 1, sharex=True, squeeze=False)[:, 0]

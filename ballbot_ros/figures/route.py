@@ -21,12 +21,7 @@ def route_figure(floor: Floor, route: Optional[Route] = None, radius: float = 0.
     """
     Return a plan of a floor, with a route.
 
-    Parameters
-    ----------
-    route : Route, optional
-    radius : float
-        Of the ball [m]; it is drawn at start, goal, and where each crossing begins.
-
+    The ball, with its radius [m], is drawn at start, goal, and where each crossing begins.
     """
     title = floor.name if route is None else (
         f'{floor.name}: {route.time:.0f} s, probability {route.probability:.2f}')
@@ -38,19 +33,7 @@ def route_figure(floor: Floor, route: Optional[Route] = None, radius: float = 0.
 
 def driven_figure(floor: Floor, title: str, plans: Sequence[Points], driven: Points,
                   goals: Points, radius: float) -> Figure:
-    """
-    Return a plan of a floor with planned paths and the driven one.
-
-    Parameters
-    ----------
-    plans : sequence of sequence of points
-        [m]
-    driven, goals : sequence of points
-        [m]
-    radius : float
-        Of the ball [m].
-
-    """
+    """Return a plan of a floor with planned paths and the driven one; all places in m."""
     with _plan_of(floor, title) as (figure, axes):
         for plan in plans:
             axes.plot(*np.array(plan).T, color=BLUE, linewidth=1.0, linestyle='--',
@@ -64,7 +47,6 @@ def driven_figure(floor: Floor, title: str, plans: Sequence[Points], driven: Poi
 
 @contextmanager
 def _plan_of(floor: Floor, title: str) -> Iterator[Tuple[Figure, Any]]:
-    """Give a figure with a plan of a floor, and its axes."""
     left, right, bottom, top = floor.extent
     width = 7.0
     with drawing(width, 1.2 + width * (top - bottom) / (right - left)) as figure:

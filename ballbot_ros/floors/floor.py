@@ -420,7 +420,6 @@ class _HeightsFile(Checked):
     origin: Any = section('x and y of the lower left corner [m]', default=(0.0, 0.0))
 
     def read(self, folder: Path) -> Heights:
-        """Return the heights of the image."""
         origin, = _points([self.origin], 'origin', 1)
         values = _shades(folder / Path(self.image).expanduser(), deep=True)
         return Heights(self.offset + self.scale * values, self.resolution, origin)
@@ -458,8 +457,6 @@ class _MapFile(Checked):
 
 @dataclass(frozen=True)
 class _Walls(Checked):
-    """Walls as polylines."""
-
     size: Any = section('width and height of the map [m]')
     lines: Any = section('polylines of walls [m]')
     resolution: float = quantity('m', 'size of a cell', default=0.05, minimum=0.005, maximum=1.0)

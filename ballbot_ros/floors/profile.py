@@ -146,19 +146,9 @@ def crossings(segments: Sequence[Tuple[Point, Point]], place: Point, along: Poin
     """
     Return where a line crosses segments.
 
-    Parameters
-    ----------
-    segments : sequence of two points
-        [m]
-    place, along : (float, float)
-        Where the line is at distance 0 [m], and unit vector of its direction.
-
-    Returns
-    -------
-    list of (float, int, float)
-        Distance ahead [m]; 1 where the line goes to the left of the segment, -1 to the right; and
-        the angle from the normal of the segment to the line [rad].
-
+    The line is at `place` at distance 0 [m], with the unit vector `along`.  Each crossing has its
+    distance ahead [m]; 1 where the line goes to the left of the segment, -1 to the right; and the
+    angle from the normal of the segment to the line [rad].
     """
     found = []
     for begin, end in segments:

@@ -67,23 +67,10 @@ class Comparison(NamedTuple):
 def compare(case: Case, speeds: Array,
             progress: Callable[[int], None] = ignore) -> Comparison:
     """
-    Compute the maximum step height by every model that applies.
+    Compute the maximum step height by every model that applies, at collision speeds [m/s].
 
-    Parameters
-    ----------
-    case : Case
-        With its pendulum free, or held by law (11): for other actuations the simpler models say
-        nothing.
-    speeds : array
-        Collision speeds [m/s].
-    progress : callable, optional
-        Called with the number of heights done.
-
-    Raises
-    ------
-    ConfigurationError
-        For another actuation.
-
+    The progress is the number of heights done.  Raises `ConfigurationError` for an actuation other
+    than a free pendulum or one held by law (11), for which the simpler models say nothing.
     """
     if case.actuation.law not in ('free', 'position'):
         raise ConfigurationError(

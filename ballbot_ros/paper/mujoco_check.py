@@ -85,19 +85,10 @@ def write_model(robot: Robot, height: float, step: float, integrator: str,
     """
     Return the robot before a step as a MuJoCo model (MJCF).
 
-    A pair of geoms has one friction only, so that of the edge holds for the whole step.
-
-    Parameters
-    ----------
-    height : float
-        Of the step, whose face is at x = 0 [m].
-    step : float
-        Time step [s].
-    integrator : str
-        ``'Euler'``, ``'implicitfast'`` or ``'RK4'``.
-    own_contact : bool
-        Let MuJoCo find and resolve contacts, with its default parameters.
-
+    The face of the step is at x = 0; height and time step are in m and s.  The integrator is
+    ``'Euler'``, ``'implicitfast'`` or ``'RK4'``.  With `own_contact`, MuJoCo finds and resolves
+    contacts with its default parameters; a pair of geoms has one friction only, so that of the
+    edge holds for the whole step.
     """
     pendulum = _PENDULUM.format(
         friction=robot.joint_friction, length=robot.pendulum_length, mass=robot.pendulum_mass,
@@ -132,26 +123,10 @@ def _match(model: Any, robot: Robot) -> None:
 
 class MujocoRun:
     """
-    A robot that touches a step, in MuJoCo.
+    A robot that touches a step of a height [m] at a speed [m/s], in MuJoCo with a time step [s].
 
-    Parameters
-    ----------
-    case : Case
-        Robot, actuation and pendulum angle.
-    speed, height : float
-        Of the collision [m/s] and of the step [m].
-    step : float
-        Time step [s].
-    integrator : str
-        ``'Euler'``, ``'implicitfast'`` or ``'RK4'``.
-    law : str
-        One of `CONTACTS`.
-
-    Raises
-    ------
-    ConfigurationError
-        If MuJoCo is not installed, or for an unknown contact.
-
+    See `write_model` for the integrators and `CONTACTS` for the laws of contact.  Raises
+    `ConfigurationError` if MuJoCo is not installed, or for an unknown contact.
     """
 
     def __init__(self, case: Case, speed: float, height: float, step: float,

@@ -33,22 +33,11 @@ class Threshold(NamedTuple):
 def run_tests(bench: Bench, robot: Robot, heights: Sequence[float] = HEIGHTS, seed: int = 0,
               fine_rolls: int = FINE_ROLLS) -> Iterator[Roll]:
     """
-    Yield each roll of a test, in the order in which they are made.
+    Yield each roll of a test at steps of rising heights [m], in the order in which they are made.
 
-    Parameters
-    ----------
-    heights : sequence of float
-        Of the step, rising [m].
-    seed : int
-        Of the scatter: the same one gives the same rolls.
-    fine_rolls : int
-        About the threshold of each step.
-
-    Raises
-    ------
-    ConfigurationError
-        If the heights do not rise, or the robot cannot be driven so.
-
+    The same seed of the scatter gives the same rolls; `fine_rolls` are made about the threshold of
+    each step.  Raises `ConfigurationError` if the heights do not rise, or the robot cannot be
+    driven so.
     """
     if not heights or not all(low < high for low, high in zip((0.0, *heights), heights)):
         raise ConfigurationError(

@@ -47,17 +47,14 @@ class RecordedLine(MemoryLine):
             self.hardware, scene.model.robot, self.connect, self.clock, self.box)
 
     def connect(self) -> Driver:
-        """Return a driver on the line."""
         return open_driver(self.hardware.connection.protocol, self, self.hardware.options(),
                            self.clock)
 
     def to_drive(self, data: bytes) -> bytes:
-        """Record data to the drive."""
         self.box.record('>', data)
         return data
 
     def read(self) -> bytes:
-        """Record data from the drive."""
         data = super().read()
         if data:
             self.box.record('<', data)

@@ -42,20 +42,9 @@ def crosses_rigidly(robot: Robot, speed: float, height: float,
     """
     Return whether a rigid ball gets over a step at the first attempt.
 
-    Parameters
-    ----------
-    speed : float
-        Collision speed [m/s].
-    height : float
-        Of the step [m], at most the radius.
-    restitution : float, optional
-        0 to 1; that of the robot's contact spring and damper by default.
-
-    Raises
-    ------
-    ConfigurationError
-        For values outside these ranges.
-
+    The collision speed is in m/s, the height [m] at most the radius; the restitution from 0 to 1
+    is by default that of the robot's contact spring and damper.  Raises `ConfigurationError` for
+    other values.
     """
     check(robot, speed)
     if not 0.0 < height <= robot.ball_radius:

@@ -101,22 +101,11 @@ class Bench(Checked):
     def roll(self, robot: Robot, height: float, setting: float,
              chance: np.random.Generator) -> Roll:
         """
-        Let the ball roll once.
+        Let the ball roll once into a step of a height [m].
 
-        Parameters
-        ----------
-        height : float
-            Of the step [m].
-        setting : float
-            Release height [m] or voltage [V].
-        chance : numpy Generator
-            Gives the scatter; the same one gives the same rolls.
-
-        Raises
-        ------
-        ConfigurationError
-            If the second sensor is behind the touch position.
-
+        The setting is a release height [m] or a voltage [V]; `chance` gives the scatter: the same
+        one gives the same rolls.  Raises `ConfigurationError` if the second sensor is behind the
+        touch position.
         """
         touch = touch_distance(robot.ball_radius, height, robot.static_penetration)
         if self.sensor_distance < touch:
@@ -170,16 +159,13 @@ class Ramp(Bench):
 
     @property
     def highest(self) -> float:
-        """Return the highest setting."""
         return self.highest_release
 
     @property
     def level(self) -> float:
-        """Return the length of the level floor before the step [m]."""
         return self.floor
 
     def terrain(self, height: float) -> Terrain:
-        """Return ramp, bend, floor and step."""
         radius = self.bend / math.sin(self.slope)
         angles = np.linspace(self.slope, 0.0, 1 + math.ceil(self.slope / BEND_ARC))
         foot = np.column_stack([-self.floor - radius * np.sin(angles),
@@ -219,16 +205,13 @@ class RunUp(Bench):
 
     @property
     def highest(self) -> float:
-        """Return the highest setting."""
         return self.highest_voltage
 
     @property
     def level(self) -> float:
-        """Return the length of the run-up [m]."""
         return self.length
 
     def terrain(self, height: float) -> Terrain:
-        """Return floor and step."""
         return Terrain.step(height)
 
     def begin(self, model: Model, setting: float, chance: np.random.Generator

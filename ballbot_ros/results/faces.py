@@ -63,15 +63,7 @@ def watch_faces(trajectory: Trajectory) -> list['FaceWatch']:
 
 
 class FaceWatch:
-    """
-    Finds the first meeting of the ball with a face.
-
-    Attributes
-    ----------
-    result : FaceMeeting
-        So far.
-
-    """
+    """Finds the first meeting of the ball with a face; `result` is that of the run so far."""
 
     def __init__(self, vertices: Array, radius: float):
         self._vertices, self._radius = vertices, radius

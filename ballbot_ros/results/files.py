@@ -36,13 +36,7 @@ def replacing(path: PathLike) -> Iterator[BinaryIO]:
     Yield a file that replaces `path` once it is complete.
 
     Folders are created as needed.  An interruption, Ctrl-C or a power failure included, leaves an
-    older file unchanged.  The same command then continues from there.
-
-    Raises
-    ------
-    ConfigurationError
-        If the file cannot be written.
-
+    older file unchanged.  Raises `ConfigurationError` if the file cannot be written.
     """
     target = Path(path)
     draft = target.with_name(f'.{target.name}.{os.getpid()}.part')
@@ -66,13 +60,7 @@ def check_writable(path: PathLike) -> None:
     """
     Refuse a file that cannot be written, before the computation of its content.
 
-    No file or folder is created.
-
-    Raises
-    ------
-    ConfigurationError
-        Naming the obstacle.
-
+    No file or folder is created.  Raises `ConfigurationError` naming the obstacle.
     """
     target = Path(path).absolute()
     try:
@@ -99,13 +87,7 @@ def write_csv(trajectory: Trajectory, path: PathLike) -> None:
     Write a trajectory as comma-separated values.
 
     The first row names the columns with their units, ``x [m]``; each number has enough digits to
-    be read back unchanged.
-
-    Raises
-    ------
-    ConfigurationError
-        If the file cannot be written.
-
+    be read back unchanged.  Raises `ConfigurationError` if the file cannot be written.
     """
     write_columns(trajectory.columns, UNITS, path)
 
@@ -114,11 +96,7 @@ def write_parquet(trajectory: Trajectory, path: PathLike) -> None:
     """
     Write a trajectory as Parquet; each column has its unit in its metadata.
 
-    Raises
-    ------
-    ConfigurationError
-        If pyarrow is not installed, or the file cannot be written.
-
+    Raises `ConfigurationError` if pyarrow is not installed, or the file cannot be written.
     """
     pyarrow = load_arrow()
     columns = trajectory.columns
@@ -141,11 +119,7 @@ def write_trajectory(trajectory: Trajectory, path: PathLike) -> None:
     """
     Write a trajectory in the format of the file name extension.
 
-    Raises
-    ------
-    ConfigurationError
-        If the extension is unknown, or the file cannot be written.
-
+    Raises `ConfigurationError` if the extension is unknown, or the file cannot be written.
     """
     writers = {'.csv': write_csv, '.npz': write_npz, '.parquet': write_parquet}
     ending = Path(path).suffix
@@ -158,15 +132,7 @@ def write_trajectory(trajectory: Trajectory, path: PathLike) -> None:
 
 def write_columns(columns: Mapping[str, Array], units: Mapping[str, str],
                   path: PathLike) -> None:
-    """
-    Write columns of equal length as comma-separated values; see `write_csv`.
-
-    Raises
-    ------
-    ConfigurationError
-        If the file cannot be written.
-
-    """
+    """Write columns of equal length as comma-separated values; see `write_csv`."""
     length = len(next(iter(columns.values())))
     with replacing(path) as stream:
         header = ','.join(f'{name} [{units[name]}]' for name in columns)
@@ -183,13 +149,8 @@ def write_npz(trajectory: Trajectory, path: PathLike) -> None:
     """
     Write a trajectory as compressed numpy arrays, one per column.
 
-    The array ``units`` has a row of name and unit for each column.
-
-    Raises
-    ------
-    ConfigurationError
-        If the file cannot be written.
-
+    The array ``units`` has a row of name and unit for each column.  Raises `ConfigurationError` if
+    the file cannot be written.
     """
     columns = trajectory.columns
     arrays: dict[str, Any] = {
@@ -200,15 +161,11 @@ def write_npz(trajectory: Trajectory, path: PathLike) -> None:
 
 def read_columns(path: PathLike) -> dict[str, Array]:
     """
-    Return the columns of a file from `write_csv` or `write_npz`, by name, in SI.
+    Return the columns of a file from `write_csv`, `write_npz` or `write_parquet`, by name, in SI.
 
-    Columns of a trajectory may be in other units, such as ``x [mm]``; see `results.units`.
-
-    Raises
-    ------
-    ConfigurationError
-        If the file cannot be read or is not of this kind, or the unit of a column does not fit.
-
+    Columns of a trajectory may be in other units, such as ``x [mm]``; see `results.units`.  Raises
+    `ConfigurationError` if the file cannot be read or is not of this kind, or the unit of a column
+    does not fit.
     """
     columns, units = _read(Path(path))
     try:
@@ -218,15 +175,7 @@ def read_columns(path: PathLike) -> dict[str, Array]:
 
 
 def read_units(path: PathLike) -> dict[str, str]:
-    """
-    Return the units of the columns that `read_columns` returns.
-
-    Raises
-    ------
-    ConfigurationError
-        If the file cannot be read or is not of this kind.
-
-    """
+    """Return the units of the columns that `read_columns` returns; raises as it does."""
     return {name: SI.get(name, unit) for name, unit in _read(Path(path))[1].items()}
 
 

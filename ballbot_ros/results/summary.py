@@ -127,21 +127,11 @@ def summarise(trajectory: Trajectory, wall_time: Optional[float] = None) -> Summ
 
 
 class Extremes:
-    """
-    Extremes of a run and how often the ball flew, landed and slid, from its pieces.
-
-    Attributes
-    ----------
-    highest : dict of str to float
-        Largest magnitudes by column, and of the speed.
-    lowest_speed : float
-    landings : int
-
-    """
+    """Extremes of a run and how often the ball flew, landed and slid, from its pieces."""
 
     def __init__(self, slip_threshold: float):
         self._slip_threshold = slip_threshold
-        self.highest: dict[str, float] = {}
+        self.highest: dict[str, float] = {}  # largest magnitudes by column, and of the speed
         self.lowest_speed, self.landings = math.inf, 0
         self._samples = self._flying = self._sliding = 0
 

@@ -28,21 +28,10 @@ CONVERSIONS: Mapping[str, Tuple[str, float]] = {
 
 def in_si(name: str, values: Array, unit: str) -> Array:
     """
-    Return a column in SI.
+    Return a column, whose unit is that in the file, in SI; one that is not in `SI` is unchanged.
 
-    Parameters
-    ----------
-    name : str
-        Of the column; one that is not in `SI` is returned unchanged.
-    values : array
-    unit : str
-        As the file has it.
-
-    Raises
-    ------
-    ConfigurationError
-        If the unit does not fit the column; the message lists those that do.
-
+    Raises `ConfigurationError` if the unit does not fit the column; the message lists those that
+    do.
     """
     wanted = SI.get(name)
     if wanted is None or unit == wanted:

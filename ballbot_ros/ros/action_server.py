@@ -19,15 +19,8 @@ class DeferredActionServer(ActionServer):
     """
     Serves an action; cancel requests are granted, and found at the handle.
 
-    Parameters
-    ----------
-    kind : type
-        Of the action.
-    check : callable
-        Called with each request first; raises `RefusedError` to refuse it.
-    begin : callable
-        Called with the handle of each accepted goal.
-
+    `check` is called with each request first, and raises `RefusedError` to refuse it; `begin` with
+    the handle of each accepted goal.
     """
 
     def __init__(self, node: Node, kind: Any, name: str, check: Callable[[Any], None],

@@ -35,12 +35,6 @@ class SpeedSubscription:
     Subscribes to speeds in the type that is published, TwistStamped before there is a publisher.
 
     A process can subscribe to a topic in one type at a time, so the type follows the graph.
-
-    Parameters
-    ----------
-    callback : callable
-        Takes a message of either type.
-
     """
 
     def __init__(self, node: Node, callback: Callable[[Any], None]):
@@ -109,21 +103,10 @@ def speed_set_point(message: Union[Twist, TwistStamped], steers: bool) -> SetPoi
     """
     Return the forward speed as a set-point of the speed law, stamped 0 where it has no stamp.
 
-    A message that demands another motion, too, is refused as a whole: a robot that turns around
-    an obstacle must not drive straight into it.
-
-    Parameters
-    ----------
-    message : Twist or TwistStamped
-    steers : bool
-        Whether the yaw rate is followed, too; within its limits, see `steering.law`.
-
-    Raises
-    ------
-    MessageError
-        With reason ``not_finite``, or ``other_axes`` if a turn, or speed in another direction than
-        forward, is above `DEAD_BAND`.
-
+    The yaw rate is followed by a robot that steers, within the limits of `steering.law`.  A
+    message that demands another motion, too, is refused as a whole: a robot that turns around an
+    obstacle must not drive straight into it.  Raises `MessageError` with reason ``not_finite``, or
+    ``other_axes`` if a turn, or speed in another direction than forward, is above `DEAD_BAND`.
     """
     stamped = isinstance(message, TwistStamped)
     twist = message.twist if stamped else message

@@ -45,7 +45,6 @@ def to_time(seconds: float) -> Time:
 
 
 def to_seconds(stamp: Time) -> float:
-    """Return a stamp in seconds."""
     return stamp.sec + 1e-9 * stamp.nanosec
 
 
@@ -208,20 +207,11 @@ def estimated_odometry_message(stamp: float, state: OdometryState, radius: float
                                frames: Frames, place: Optional[Tuple[float, float, float]],
                                lateral: LateralState) -> Odometry:
     """
-    Return pose and velocity of the same frame, estimated from encoder and IMU.
+    Return pose and velocity of the same frame at a ROS time [s], estimated from encoder and IMU.
 
-    Parameters
-    ----------
-    stamp : float
-        ROS time [s].
-    radius : float
-        Height of the centre above the start floor [m]; climbed height is not estimated.
-    place : (float, float, float) or None
-        x, y and heading of a robot that steers, by its model [m], [rad]: their covariance is
-        that of an unknown.
-    lateral : LateralState
-        Of that robot.
-
+    `radius` is the height of the centre above the start floor [m]; climbed height is not
+    estimated.  `place` is x, y and heading of a robot that steers, by its model [m], [rad]: their
+    covariance is that of an unknown.
     """
     pose, twist = (np.diag([variance + EXACT, UNKNOWN, UNKNOWN, EXACT, EXACT, UNKNOWN]).ravel()
                    for variance in (state.position_variance, state.speed_variance))
@@ -278,7 +268,6 @@ def ball_state_message(state: State, torque: float, model: Model, frames: Frames
 
 def observation_message(stamp: Time, sight: Sight, sensor: Sensor, frames: Frames
                         ) -> StepObservationMsg:
-    """Return the observation of a step sensor."""
     message = StepObservationMsg(
         detected=sight.detected, distance=sight.distance, height=sight.height,
         distance_sd=sensor.distance_sd, height_sd=sensor.height_sd)
@@ -295,7 +284,6 @@ def observation(message: StepObservationMsg) -> StepObservation:
 
 
 def terrain_message(stamp: Time, sight: TerrainSight, frames: Frames) -> TerrainObservationMsg:
-    """Return the observation of a terrain sensor."""
     message = TerrainObservationMsg(
         x=sight.x, z=sight.z, z_sd=sight.z_sd, x_min=sight.x_min, x_max=sight.x_max)
     message.header.frame_id = frames.base
@@ -315,13 +303,7 @@ def scan_message(stamp: Time, plant: FloorPlant, beams: int, reach: float, noise
     """
     Return the distances to walls all around, from behind over the right and the front to the left.
 
-    Parameters
-    ----------
-    reach : float
-        [m]
-    noise : (beams,) array
-        Errors of the distances [m].
-
+    They end at a reach [m], and have errors [m], one for each beam.
     """
     step = 2.0 * math.pi / beams
     angles = -math.pi + step * np.arange(beams)

@@ -28,20 +28,10 @@ def refusals(kind: str, counts: Mapping[str, int]) -> Dict[str, int]:
 
 class Diagnostics:
     """
-    Publishes the result of `report`: level, message, and named values.
+    Publishes level, message, and named values that `report` returns, under a name after the node.
 
-    Parameters
-    ----------
-    name : str
-        Of the status, after the name of the node.
-    report : callable
-        Called at each publication.
-    hardware : str
-        Hardware id, such as the name of a robot; with the namespace of the node it identifies
-        the robot.
-    stamp : callable, optional
-        Returns the time of the node, where that is not its clock.
-
+    The hardware id, such as the name of a robot, identifies the robot with the namespace of the
+    node.  `stamp` returns the time of a node whose time is not that of its clock.
     """
 
     def __init__(self, node: Node, name: str, report: Callable[[], Health], hardware: str,
@@ -56,7 +46,6 @@ class Diagnostics:
         create_wall_timer(node, PERIOD, self.publish)
 
     def publish(self) -> None:
-        """Publish now."""
         level, message, values = self._report()
         status = DiagnosticStatus(
             level=level, name=self._name, message=message, hardware_id=self._hardware,

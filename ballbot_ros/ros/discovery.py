@@ -51,11 +51,7 @@ def apply(environment: MutableMapping[str, str]) -> str:
     """
     Add `variables` to an environment, and return a sentence with the discovery range.
 
-    Parameters
-    ----------
-    environment : mutable mapping
-        Usually ``os.environ``, before ``rclpy.init``.
-
+    It is usually ``os.environ``, before ``rclpy.init``.
     """
     choice = chosen(environment)
     environment.update(variables(environment))

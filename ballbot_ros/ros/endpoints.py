@@ -78,14 +78,9 @@ def create_service(node: Node, kind: Any, name: str,
 
 def create_trigger(node: Node, name: str, act: Callable[[], str]) -> Service:
     """
-    Return a service of type std_srvs/Trigger.
+    Return a service of type std_srvs/Trigger, which answers with the message that `act` returns.
 
-    Parameters
-    ----------
-    act : callable
-        Returns the message of a success; the message of a `BallbotError` that it raises gives
-        the reason of a failure.
-
+    The message of a `BallbotError` that it raises gives the reason of a failure.
     """
     def callback(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         try:

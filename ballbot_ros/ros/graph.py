@@ -34,18 +34,8 @@ class Observer:
     """
     Node, context and executor of a command; use as a context manager.
 
-    Parameters
-    ----------
-    name : str
-        Of the command; the node is named after it and the process.
-    namespace : str, optional
-        Of the node.
-
-    Raises
-    ------
-    ConfigurationError
-        If the namespace is not valid.
-
+    The node is named after the command and the process.  Raises `ConfigurationError` if the
+    namespace is not valid.
     """
 
     def __init__(self, name: str, namespace: str = ''):
@@ -185,22 +175,8 @@ def echo(observer: Observer, topic: str, show: Callable[[Any], None], once: bool
     """
     Pass on the messages of a topic until interrupted, and return their number.
 
-    Parameters
-    ----------
-    show : callable
-        Takes a message.
-    once : bool
-        End after the first.
-    timeout : float
-        End after this long [s].
-    waiting : callable
-        Called once if the topic does not exist, or no message arrives at first.
-
-    Raises
-    ------
-    ConfigurationError
-        See `Observer.type_of`.
-
+    Ends after the first message with `once`, or after the timeout [s].  `waiting` is called once
+    if the topic does not exist, or no message arrives at first.  Raises as `Observer.type_of`.
     """
     start = time.monotonic()
     came: Deque[Any] = deque()
@@ -272,22 +248,11 @@ class ServiceAnswer(NamedTuple):
 
 def trigger(observer: Observer, node: str, verb: str, timeout: float) -> ServiceAnswer:
     """
-    Call a service of a node.
+    Call a service, ``'release_e_stop'`` for instance, of a node, with its namespace if it has one.
 
-    Parameters
-    ----------
-    node : str
-        Name of the node, with its namespace if it has one.
-    verb : str
-        ``'release_e_stop'`` for instance.
-    timeout : float
-        For the service to appear, and for its answer [s].
-
-    Raises
-    ------
-    ConfigurationError
-        If there is no such service, or it does not answer; names the nodes that have one.
-
+    The timeout is that for the service to appear, and for its answer [s].  Raises
+    `ConfigurationError` if there is no such service, or it does not answer; names the nodes that
+    have one.
     """
     # Look up the server first: a client would count as one, too.
     def who() -> List[str]:

@@ -115,15 +115,7 @@ def subscribe_joint_states(node: Node, topic: str, callback: Callable[[AnyJointS
 
 
 class _Layout:
-    """
-    Joint states that differ in stamp and numbers only.
-
-    Parameters
-    ----------
-    counts : sequence of int
-        Of positions, velocities and efforts.
-
-    """
+    """Joint states that differ in stamp and numbers only; with counts of each kind of number."""
 
     def __init__(self, frame: str, names: Sequence[str], counts: Sequence[int]):
         def text(value: str) -> bytes:
@@ -139,21 +131,12 @@ class _Layout:
 
     def of(self, sec: int, nanosec: int, position: Sequence[float], velocity: Sequence[float],
            effort: Sequence[float]) -> bytes:
-        """Return the bytes of a message."""
         return self._pack(CDR, sec, nanosec, self._texts, len(position), *position,
                           len(velocity), *velocity, len(effort), *effort)
 
 
 class JointStateBytes:
-    """
-    Joint states of shell and pendulum.
-
-    Parameters
-    ----------
-    steers : bool
-        Whether lean, tilt and yaw follow, with an effort of 0.
-
-    """
+    """Joint states of shell and pendulum and, where it steers, of lean, tilt and yaw."""
 
     def __init__(self, frame: str = '', has_pendulum: bool = True, steers: bool = False):
         self._steers, self._count = steers, 2 if has_pendulum else 1
@@ -162,20 +145,7 @@ class JointStateBytes:
 
     def of(self, stamp: float, readings: Union[JointReadings, State], torque: float,
            lateral: LateralState = LateralState()) -> bytes:
-        """
-        Return the bytes of a joint state.
-
-        Parameters
-        ----------
-        stamp : float
-            ROS time [s].
-        readings : JointReadings or State
-        torque : float
-            Of the pendulum motor [N m].
-        lateral : LateralState, optional
-            Of a robot that steers.
-
-        """
+        """Return the bytes of a joint state at a ROS time [s], with a pendulum torque [N m]."""
         count = self._count
         angles = [readings.ball_angle, readings.joint_angle][:count]
         rates = [readings.ball_rate, readings.joint_rate][:count]

@@ -94,11 +94,7 @@ class Given:
         """
         Return a node of this package; when it ends, everything ends.
 
-        Parameters
-        ----------
-        parameters : mapping of str to float, bool or str
-            Those of `params_file` go before them.
-
+        The parameters of `params_file` override those given.
         """
         return Node(
             package='ballbot_ros', executable=executable, output='screen',
@@ -164,15 +160,9 @@ def typed(parameters: Mapping[str, Any]) -> Dict[str, Any]:
 def describe(arguments: Iterable[Argument], start: Callable[[Given], List[Any]]
              ) -> LaunchDescription:
     """
-    Return a launch description with arguments, and with the actions that use them.
+    Return a launch description with arguments, besides those that all launch files have.
 
-    Parameters
-    ----------
-    arguments : iterable of (name, default, description) or (name, default, description, choices)
-        Besides those that all launch files have.
-    start : callable
-        Takes the arguments as given, returns actions; see `together`.
-
+    `start` takes the arguments as given and returns actions; see `together`.
     """
     return LaunchDescription([
         *(DeclareLaunchArgument(name, default_value=default, description=text,

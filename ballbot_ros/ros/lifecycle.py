@@ -24,20 +24,12 @@ Serve = Callable[[ChangeState.Request, ChangeState.Response], ChangeState.Respon
 
 
 class ManagedNode(LifecycleNode):
-    """
-    A lifecycle node that rejects an invalid transition and logs the reason.
-
-    Attributes
-    ----------
-    managed : bool
-        Whether a service call has requested a transition.
-
-    """
+    """A lifecycle node that rejects an invalid transition and logs the reason."""
 
     def __init__(self, name: str, **kwargs: Any):
         """Replace the service callback that may raise."""
         super().__init__(name, **kwargs)
-        self.managed = False
+        self.managed = False  # whether a service call has requested a transition
         service = change_state_service(self)
         serve: Serve = service.callback
 
@@ -59,7 +51,6 @@ class ManagedNode(LifecycleNode):
 
     @property
     def state_label(self) -> str:
-        """Return the name of the state."""
         return state_label(self)
 
     def start(self) -> bool:

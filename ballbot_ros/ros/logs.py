@@ -37,11 +37,7 @@ class DeferredLogs:
     """
     Buffers log records, so that a loop that drives a motor does not wait for a terminal.
 
-    Parameters
-    ----------
-    name : str
-        Of a logger; those below it count, too.
-
+    The records are those of a logger and of those below it.
     """
 
     def __init__(self, name: str):

@@ -33,15 +33,7 @@ Place = Tuple[float, float, float]
 
 
 class MarkerTopic:
-    """
-    The topic ``markers``: at most ten times a second, and only with a subscriber.
-
-    Parameters
-    ----------
-    wanted : bool
-        Whether to publish at all.
-
-    """
+    """The topic ``markers``, if wanted: at most ten times a second, and only with a subscriber."""
 
     def __init__(self, node: Node, wanted: bool):
         self._topic = create_publisher(node, 'markers') if wanted else None
@@ -55,7 +47,6 @@ class MarkerTopic:
         return self._topic.get_subscription_count() > 0
 
     def publish(self, markers: List[Marker]) -> None:
-        """Publish markers."""
         assert self._topic is not None
         self._topic.publish(MarkerArray(markers=markers))
 
@@ -114,13 +105,8 @@ def decision_markers(decision: Decision, odometry: Odometry, radius: float) -> L
     """
     Return markers of the step ahead, its permitted height, and the decision at the ball.
 
-    Parameters
-    ----------
-    odometry : Odometry
-        Of the centre of the ball; the markers are in its frame.
-    radius : float
-        Of the ball [m].
-
+    They are in the frame of the odometry, which is that of the centre of the ball; the radius is
+    that of the ball [m].
     """
     stamp, frame = odometry.header.stamp, odometry.header.frame_id
     at = odometry.pose.pose.position

@@ -28,15 +28,9 @@ class OdometryTopics:
 
     Odometry moves the base in the frame ``odom``.  The frames below the base are published by
     robot_state_publisher, or by this class in its place: ``robot_description``, ``/tf_static``,
-    and on ``/tf`` the links that turn; these are published without odometry, too.
-
-    Parameters
-    ----------
-    settings : SimulatorSettings or BridgeSettings
-        Its names of frames, ``publish_description``, and ``odom_rate``, 0 for no odometry.
-    steers : bool
-        Whether the robot turns, so that axle and pendulum have separate joints.
-
+    and on ``/tf`` the links that turn; these are published without odometry, too.  An
+    ``odom_rate`` of 0 in the settings means no odometry; a robot that steers has separate joints
+    of axle and pendulum.
     """
 
     def __init__(self, node: Node, robot: Robot, settings: Any, steers: bool):
@@ -57,17 +51,7 @@ class OdometryTopics:
         self.enable_odometry(settings.odom_rate > 0.0)
 
     def publish_map(self, stamp: float, pose: Tuple[float, float, float]) -> None:
-        """
-        Publish the transform from the map to the frame ``odom``.
-
-        Parameters
-        ----------
-        stamp : float
-            [s]
-        pose : (float, float, float)
-            x, y and heading of ``odom`` on the map [m], [rad].
-
-        """
+        """Publish x, y, heading of ``odom`` on the map [m], [rad] at a time [s]."""
         if self._transforms is not None and self.frames.map and has_subscribers(self._transforms):
             x, y, heading = pose
             header = Header(stamp=to_time(stamp), frame_id=self.frames.map)
@@ -97,17 +81,9 @@ class OdometryTopics:
     def publish(self, make: Callable[[], Odometry], ball_angle: float, joint_angle: float,
                 lateral: LateralState = LateralState()) -> None:
         """
-        Publish odometry, if it has subscribers.
+        Publish the odometry of the centre of the ball that `make` returns, if it has subscribers.
 
-        Parameters
-        ----------
-        make : callable
-            Returns the odometry of the centre of the ball.
-        ball_angle, joint_angle : float
-            Of the joints ``shell`` and ``pendulum`` [rad].
-        lateral : LateralState, optional
-            Of a robot that steers.
-
+        The angles are those of the joints ``shell`` and ``pendulum`` [rad].
         """
         if not any(publisher is not None and has_subscribers(publisher)
                    for publisher in (self._odometry, self._transforms)):

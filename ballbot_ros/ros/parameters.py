@@ -81,26 +81,10 @@ def declare(node: Node, cls: Type[S], prepare: Optional[Prepare[S]] = None) -> S
     """
     Declare the parameters of a node, and permit changes at run time where possible.
 
-    Parameters
-    ----------
-    cls : type
-        The settings, whose fields all have defaults.
-    prepare : callable, optional
-        Takes settings requested while the node runs; raises `BallbotError` if they are
-        invalid, or returns a function that applies them.  See `Changes`.  Without it no
-        parameter can change.
-
-    Returns
-    -------
-    Settings
-        Checked.
-
-    Raises
-    ------
-    ConfigurationError
-        For a value that is not acceptable, or an override that is not a parameter; the message
-        names the nearest one that is.
-
+    `prepare` takes settings requested while the node runs; it raises `BallbotError` if they are
+    invalid, or returns a function that applies them, see `Changes`.  Without it no parameter can
+    change.  Returns the checked settings; raises `ConfigurationError` for a value that is not
+    acceptable, or an override that is not a parameter, naming the nearest one that is.
     """
     described = cls.described()
     refuse_unknown_overrides(node, described)
@@ -214,15 +198,7 @@ class Changes(Generic[S]):
     The pre-set callback computes the change: it converts numbers, adds the parameters that a named
     file gives, and leaves out those that keep their value, so that the dump of a node can be
     loaded although it holds read-only parameters.  The on-set callback refuses, the post-set
-    callback commits.
-
-    Parameters
-    ----------
-    settings : Settings
-        In force.
-    prepare : callable, optional
-        See `declare.declare`.  It may be called from any thread, one at a time.
-
+    callback commits.  `prepare`, see `declare`, may be called from any thread, one at a time.
     """
 
     def __init__(self, node: Node, settings: S, prepare: Optional[Prepare[S]]):

@@ -16,16 +16,8 @@ def prepare_laws(controller: SupervisedController, robot: Robot, now: LoopNumber
     """
     Check the requested gains; return a function that applies them.
 
-    Parameters
-    ----------
-    expected : Supervision
-        Whose `lowest_rate` is found here.
-
-    Raises
-    ------
-    ConfigurationError, UnstableLoopError
-        As `control.checked_controller`.
-
+    The `lowest_rate` of the expected supervision is found here.  Raises `ConfigurationError` or
+    `UnstableLoopError` as `control.checked_controller`.
     """
     lowest = controller.expected.lowest_rate if wanted == now else run_in_process(
         checked_rate, robot, *wanted)

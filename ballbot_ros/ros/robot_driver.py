@@ -16,26 +16,7 @@ from ballbot_ros.ros.graph import Observer
 
 
 class RobotDriver:
-    """
-    Publishes cmd_vel, and keeps the latest messages of the robot.
-
-    Parameters
-    ----------
-    node : str
-        The node with the e-stop services.
-
-    Attributes
-    ----------
-    speed, pendulum : float or None
-        Of the centre [m/s], and absolute [rad]; None before the first message.
-    decision : str
-        The latest of obstacle_decision; empty without one.
-    e_stop : bool or None
-        Whether it is engaged; None without a publisher.
-    said : str
-        Latest answer of the e-stop.
-
-    """
+    """Publishes cmd_vel, calls the e-stop of a node, and keeps the latest messages."""
 
     def __init__(self, observer: Observer, node: str):
         self._observer = observer
@@ -43,10 +24,11 @@ class RobotDriver:
         self._speeds = SpeedPublisher(one)
         self._clients = {verb: one.create_client(Trigger, f'{node}/{verb}')
                          for verb in ('engage_e_stop', 'release_e_stop')}
-        self.speed: Optional[float] = None
-        self.pendulum: Optional[float] = None
-        self.decision, self.said = '', ''
-        self.e_stop: Optional[bool] = None
+        self.speed: Optional[float] = None  # of the centre [m/s]; None before the first message
+        self.pendulum: Optional[float] = None  # absolute angle [rad]
+        self.decision = ''  # the latest of obstacle_decision
+        self.reply = ''  # the latest of the e-stop
+        self.e_stop: Optional[bool] = None  # None without a publisher
         self._e_stop: Any = None
         create_subscription(one, 'odom', lambda message: setattr(
             self, 'speed', message.twist.twist.linear.x), profile=qos.SENSOR)
@@ -57,7 +39,6 @@ class RobotDriver:
 
     @property
     def followers(self) -> int:
-        """Return the number of subscribers to cmd_vel."""
         return self._speeds.followers
 
     def publish(self, speed: float) -> None:
@@ -81,12 +62,12 @@ class RobotDriver:
         client = self._clients[verb]
         if client.service_is_ready():
             client.call_async(Trigger.Request()).add_done_callback(
-                lambda done: setattr(self, 'said', done.result().message))
+                lambda done: setattr(self, 'reply', done.result().message))
             return
         if self._e_stop is None:
             self._e_stop = create_publisher(self._observer.node, 'e_stop')
         self._e_stop.publish(Bool(data=engaged))
-        self.said = f'no bridge: e-stop {"engaged" if engaged else "released"} by its topic'
+        self.reply = f'no bridge: e-stop {"engaged" if engaged else "released"} by its topic'
 
     def _on_joints(self, message: JointState) -> None:
         try:

@@ -41,11 +41,6 @@ class Stop:
     Stops an executor from a signal handler or a callback; a future to the executor.
 
     A future of rclpy has a lock, for which a signal handler might wait forever.
-
-    Attributes
-    ----------
-    given : bool
-
     """
 
     def __init__(self) -> None:
@@ -59,7 +54,6 @@ class Stop:
             self._wake(self)
 
     def done(self) -> bool:
-        """Return whether a stop was requested."""
         return self.given
 
     def cancelled(self) -> bool:
@@ -73,20 +67,11 @@ class Stop:
             wake(self)
 
     def remove_done_callback(self, wake: Callable[[Any], None]) -> None:
-        """Remove the callback."""
         self._wake = None
 
 
 def spin(executor: Executor, stop: Stop, longest: float) -> None:
-    """
-    Spin an executor until `stop` is given, or for a time.
-
-    Parameters
-    ----------
-    longest : float
-        [s]; longer while there is work.
-
-    """
+    """Spin an executor until `stop` is given, or for a time [s], longer while there is work."""
     executor.spin_until_future_complete(stop, timeout_sec=longest)
 
 
@@ -115,18 +100,8 @@ def run_together(make_nodes: Sequence[Callable[[], Node]],
     exception that it shows as its ``failure`` ends them all: raised in a callback, it would be
     logged by the executor, too.
 
-    Parameters
-    ----------
-    make_nodes : sequence of callable
-        Usually the classes of the nodes.
-    args : list of str, optional
-        Command line, ``sys.argv`` if not given.
-
-    Returns
-    -------
-    int
-        0 after a signal, 2 for a configuration or an argument that is refused.
-
+    Returns 0 after a signal, 2 for a configuration or an argument, by default of ``sys.argv``,
+    that is refused.
     """
     try:
         return _run_together(make_nodes, args)
@@ -267,15 +242,7 @@ LATE_KERNEL = 'this node is late by a kernel that is called for the first time: 
 
 
 class FirstStart:
-    """
-    Logs compilation during the start of a node, and warns of later compilation.
-
-    Parameters
-    ----------
-    log, warn : callable
-        Log a message.
-
-    """
+    """Logs compilation during the start of a node, and warns of later compilation."""
 
     def __init__(self, log: Callable[[str], None], warn: Callable[[str], None]):
         self._log, self._warn = log, warn

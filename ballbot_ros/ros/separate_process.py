@@ -38,13 +38,8 @@ def run_in_process(function: Callable[..., R], *arguments: Any) -> R:
     """
     Return the result of a function of a module, calculated in another process.
 
-    Raises
-    ------
-    BallbotError
-        As the function does.
-    RefusedError
-        If the function raises anything else, or takes longer than `CALCULATION_TIMEOUT`.
-
+    Raises `BallbotError` as the function does, and `RefusedError` if the function raises anything
+    else, or takes longer than `CALCULATION_TIMEOUT`.
     """
     # A process inherits the priority of the thread that starts it: that one has no real-time
     # priority.

@@ -27,23 +27,10 @@ class SetPoints:
     Passes on the set-points of set_point and cmd_vel, and counts and logs refused ones.
 
     Each topic has one publisher, and one of the two at a time has authority over the robot, see
-    `control.Authority`.
-
-    Parameters
-    ----------
-    give : callable
-        Takes a `SetPoint` stamped as its message, 0 where that was not; raises `MessageError`.
-    refused : Counter
-        Counts them by reason.
-    record_request : callable
-        Takes a `SetPoint` of a node without authority, which also requests motion.
-
-    Attributes
-    ----------
-    authority : Authority
-    steers : bool
-        Whether yaw rates are followed.
-
+    `control.Authority`.  `give` takes a `SetPoint` stamped as its message, 0 where that was not,
+    and may raise `MessageError`; `refused` counts by reason; `record_request` takes a `SetPoint`
+    of a node without authority, which also requests motion.  With `steers`, yaw rates are
+    followed.
     """
 
     def __init__(self, node: Node, give: Callable[[SetPoint], None], refused: Counter,

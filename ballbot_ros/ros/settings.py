@@ -31,26 +31,16 @@ def config_folders(cls: Type[Checked]) -> dict[str, str]:
 
 
 def rate_of(topic: str, default: float, minimum: float = 1.0, maximum: float = 10000.0) -> Any:
-    """Declare the rate of a topic."""
     return quantity('Hz', f'rate of {topic}', default=default, minimum=minimum, maximum=maximum)
 
 
 def numbers_in(source: str, cls: Type[Checked], load: Callable[[str], Any],
                prefix: str = '') -> Any:
     """
-    Declare the numbers of a file as parameters, each by its own name.
+    Declare the described fields of a class, which `load` reads from a file, as parameters each.
 
-    Parameters
-    ----------
-    source : str
-        The field that names the file.  If it changes, all of the numbers change.
-    cls : type
-        Whose described fields are the parameters.
-    load : callable
-        Reads the file.
-    prefix : str
-        Of the names of the parameters.
-
+    If the field `source`, which names the file, changes, all of the numbers change; the names of
+    the parameters have a prefix.
     """
     return field(default=None, metadata={
         'kind': object, 'doc': f'the parameters of {source}', 'cls': cls, 'source': source,
@@ -65,7 +55,6 @@ class Described(NamedTuple):
     metadata: Mapping[str, Any]
 
     def value(self, settings: Any) -> Any:
-        """Return the value of the parameter."""
         value = getattr(settings, self.field)
         return getattr(value, self.part) if self.part else value
 

@@ -16,15 +16,7 @@ RESTART_TIME = 25.0
 
 
 class SinglePublisher:
-    """
-    The node that publishes a topic, from the graph: rclpy does not give the sender of a message.
-
-    Parameters
-    ----------
-    topic : str
-        That it subscribes to.
-
-    """
+    """The node that publishes a subscribed topic: rclpy does not give the sender of a message."""
 
     def __init__(self, node: Node, topic: str):
         self._node, self._topic = node, node.resolve_topic_name(topic)  # queries do not remap

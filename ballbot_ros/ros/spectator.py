@@ -52,22 +52,9 @@ class Spectator:
     """
     Receives messages of nodes in its own thread, and drops messages above the display rate.
 
-    It subscribes best effort to fast topics, so that no publisher waits for it.
-
-    Parameters
-    ----------
-    namespace : str
-        Of the nodes; empty for none.
-    receive : callable
-        Takes the name of a topic and a message; called in the thread.
-    learn : callable
-        Takes the name of a node and its parameters, likewise.
-
-    Raises
-    ------
-    ConfigurationError
-        If the namespace is not valid.
-
+    It subscribes best effort to fast topics, so that no publisher waits for it.  In the thread,
+    `receive` is called with the name of a topic and a message, and `learn` with the name of a node
+    and its parameters.  Raises `ConfigurationError` if the namespace is not valid.
     """
 
     def __init__(self, namespace: str, receive: Callable[[str, Any], None],

@@ -35,8 +35,6 @@ DECISION = Qos(1000, latched=True)
 
 
 class Topic(NamedTuple):
-    """A topic."""
-
     type: str
     offered: Qos  # of its publishers
     requested: Qos  # of the subscriptions of the nodes

@@ -27,21 +27,11 @@ COLOURS = {'shell': (0.75, 0.82, 0.9, 0.35), 'dark': (0.1, 0.25, 0.4, 1.0),
 
 def robot_description(robot: Robot, frames: Frames = FRAMES, steers: bool = False) -> str:
     """
-    Return a robot as URDF.
+    Return a robot as URDF; a prefix of the links is best left to robot_state_publisher.
 
-    Parameters
-    ----------
-    frames : Frames
-        Names of the links; a prefix is best left to robot_state_publisher.
-    steers : bool, optional
-        Whether the robot turns: with the joints ``tilt`` of the axle and ``lean`` of the pendulum.
-
-    Returns
-    -------
-    str
-        XML.  Masses, inertia, and limits of the motor are those of the robot file; inertia
-        about the axes that planar motion leaves unknown is taken to be the same.
-
+    A robot that steers has the joints ``tilt`` of the axle and ``lean`` of the pendulum.  Masses,
+    inertia, and limits of the motor are those of the robot file; inertia about the axes that
+    planar motion leaves unknown is taken to be the same.
     """
     tree = Xml.Element('robot', name=robot.name)
     for name, colour in COLOURS.items():

@@ -121,20 +121,10 @@ def scene_of(hardware: Hardware, scenario: Scenario) -> Scene:
 def lose_commands(hardware: Hardware, scenario: Scenario,
                   lasts: float = OBSERVED_TIME) -> Response:
     """
-    Simulate a scenario up to some time after the last command.
+    Simulate a scenario up to some time after the last command [s].
 
-    Parameters
-    ----------
-    hardware : Hardware
-        Whose robot and limits count; its ``on_timeout`` is that of the scenario.
-    lasts : float
-        [s] after the last command.
-
-    Raises
-    ------
-    ConfigurationError
-        If the robot cannot be held on that slope, or the policy is none.
-
+    Robot and limits are those of the hardware; its ``on_timeout`` is that of the scenario.  Raises
+    `ConfigurationError` if the robot cannot be held on that slope, or the policy is unknown.
     """
     scene = scene_of(hardware, scenario)
     limits = replace(hardware.limits, on_timeout=scenario.policy)

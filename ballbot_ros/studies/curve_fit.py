@@ -76,29 +76,14 @@ def fit_curve(name: str, robot: Robot, actuation: Actuation, wording: str,
               request: Request = Request(), rules: Rules = Rules(over='clear'),
               progress: Callable[[int], None] = ignore) -> HeightCurve:
     """
-    Simulate and fit.
+    Simulate and fit a curve for an actuation, whose text is `wording`.
 
-    Parameters
-    ----------
-    name : str
-        Of the curve.
-    actuation : Actuation
-        Its set rate follows the speed, and so does its voltage if that is 0.
-    wording : str
-        Actuation of the pendulum as text.
-    progress : callable, optional
-        Called with the number of heights done, see `heights_for`.
-    robot, request
-    rules : Rules
-        By default those of decisions: the ball is over that gets clear of the edge.
+    The set rate of the actuation follows the speed, and so does its voltage if that is 0.  The
+    rules are by default those of decisions: the ball must get clear of the edge.  The progress is
+    the number of heights done, see `heights_for`.
 
-    Raises
-    ------
-    ConfigurationError
-        If no rising cubic can be fitted, or an argument is out of range.
-    SimulationError
-        See `max_step_height`.
-
+    Raises `ConfigurationError` if no rising cubic can be fitted, or an argument is out of range,
+    and `SimulationError` as `max_step_height`.
     """
     if actuation.law not in LAWS:
         raise ConfigurationError(
@@ -220,15 +205,9 @@ BAND = 'The band has the maximum step heights of robots drawn from the ranges of
 
 def curve_text(curve: HeightCurve, crossing: str, writer: str) -> str:
     """
-    Return the content of a curve file.
+    Return the content of a curve file by a writing program.
 
-    Parameters
-    ----------
-    crossing : str
-        Such as ``GimBall crosses with a free pendulum``.
-    writer : str
-        Name of the writing program.
-
+    `crossing` is such as ``GimBall crosses with a free pendulum``.
     """
     text = HEADER.format(crossing=crossing) + (BAND if curve.band else '') + (
         f'\nWritten by {writer}: re-simulated, the paper prints its cubic in a figure only.')

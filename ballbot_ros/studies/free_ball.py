@@ -68,28 +68,11 @@ def load_mujoco() -> Any:
 
 class FreeBall:
     """
-    A ball that rolls on a floor towards a step.
+    A ball that rolls from x [m] on a floor towards a step of a height [m].
 
-    Parameters
-    ----------
-    robot : Robot
-        With a pendulum.
-    speed : float
-        At the start, along the heading [m/s].
-    heading : float
-        At the start; 0 is at right angles to the edge [rad].
-    height : float
-        Of the step [m].
-    x : float
-        Of the centre at the start [m].
-    set_angle : float or None
-        Pendulum angle that law (11) holds, from the start [rad]; None leaves the pendulum free.
-
-    Raises
-    ------
-    ConfigurationError
-        If MuJoCo is not installed.
-
+    At the start it has a speed along the heading [m/s]; a heading of 0 is at right angles to the
+    edge [rad].  Law (11) holds the pendulum at the set angle from the start [rad]; None leaves it
+    free.  Raises `ConfigurationError` if MuJoCo is not installed.
     """
 
     def __init__(self, robot: Robot, speed: float, heading: float = 0.0, height: float = 0.0,

@@ -80,16 +80,10 @@ class ParameterEstimate(NamedTuple):
 def channel_fit(measured: Array, residual: Array, roughness: float,
                 integration: float) -> ChannelFit:
     """
-    Judge the residuals of a channel.
+    Judge the residuals of a channel, (n,) each.
 
-    Parameters
-    ----------
-    measured, residual : (n,) arrays
-    roughness : float
-        Noise that second differences of the measurement show.
-    integration : float
-        Largest error of the simulated channel.
-
+    `roughness` is the noise that second differences of the measurement show, `integration` the
+    largest error of the simulated channel.
     """
     rms, motion = float(np.sqrt(np.mean(residual**2))), float(np.std(measured))
     correlation = _samples_per_independent(residual)
@@ -125,17 +119,10 @@ def judge(names: Sequence[str], units: Sequence[str], starts: Array, scales: Arr
     """
     Return estimates with intervals, vague combinations and singular values.
 
-    Parameters
-    ----------
-    starts, scales, shift : (k,) arrays
-        The numbers found are ``starts + scales * shift``.
-    fit : with ``jac`` (n, k) and ``fun`` (n,)
-        Residuals over their noise, at the solution.
-    error : (m, n) array
-        Errors of integration over the noise, in place of the residuals: a row per kind.
-    channels : mapping of str to (samples, ChannelFit)
-        In the order of the residuals.
-
+    The numbers found are ``starts + scales * shift``, (k,) each.  `fit` has the residuals over
+    their noise, (n,), and their Jacobian, (n, k), at the solution; `error` a row per kind of error
+    of the integration over the noise, (m, n).  The channels, each with its number of samples, are
+    in the order of the residuals.
     """
     values = starts + scales * shift
     # Per relative change of the number found; of one that is 0, per unit.
@@ -204,28 +191,15 @@ class Identification(NamedTuple):
 def identify(scene: Scene, recording: Recording, names: Sequence[str], use_torque: bool = False,
              progress: Callable[[float], None] = ignore) -> Identification:
     """
-    Estimate parameters of a scene from a recording.
+    Estimate parameters of a scene, which has the best guess of all, from a recording of it.
 
-    Ctrl-C ends the search and returns the best values until then.
+    The names are fields of the robot, or ``motor.`` or ``initial.`` and a field of those.  With
+    `use_torque`, the recorded torque is applied instead of the law of the scene.  The progress is
+    the number of fits that are done, of `FIT_COUNT`.  Ctrl-C ends the search and returns the best
+    values until then.
 
-    Parameters
-    ----------
-    scene : Scene
-        The scene of the recording, with the best guess of all parameters.
-    names : sequence of str
-        Fields of the robot, ``motor.`` or ``initial.`` and a field of those.
-    use_torque : bool
-        Apply the recorded torque instead of the law of the scene.
-    progress : callable, optional
-        Called with the number of fits that are done, of `FIT_COUNT`.
-
-    Raises
-    ------
-    ConfigurationError
-        If a parameter is unknown or named twice, or a channel is in another unit.
-    SimulationError
-        If the scene itself cannot be simulated.
-
+    Raises `ConfigurationError` if a parameter is unknown or named twice, or a channel is in
+    another unit, and `SimulationError` if the scene itself cannot be simulated.
     """
     if not names or len(set(names)) < len(names):
         raise ConfigurationError(
@@ -359,7 +333,6 @@ class _Search:
         return [{name: values - here[name] for name, values in other.items()} for other in others]
 
     def conclude(self, interrupted: bool) -> Identification:
-        """Return the result."""
         if interrupted:
             self.reweigh()
         fit = self.at_best()
@@ -406,16 +379,8 @@ def check_units(ranges: Mapping[str, Tuple[float, float]]) -> None:
     """
     Refuse columns whose range is that of the scene times the factor of another unit.
 
-    Parameters
-    ----------
-    ranges : mapping
-        Of each column: range in the recording and in the scene.
-
-    Raises
-    ------
-    ConfigurationError
-        Naming the column and the likely unit.
-
+    The ranges of each column are those in the recording and in the scene.  Raises
+    `ConfigurationError` naming the column and the likely unit.
     """
     problems, suspects = [], []
     for name, (measured, simulated) in ranges.items():

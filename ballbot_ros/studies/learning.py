@@ -74,21 +74,9 @@ def study(robot: Robot, robots: int, attempts: int, seed: int = 0,
           cases: Sequence[str] = tuple(CASES), particles: int = 256,
           progress: Callable[[float], None] = lambda done: None) -> List[SuccessRates]:
     """
-    Simulate learning with virtual robots.
+    Simulate learning with a number of virtual robots, drawn from a robot, for each of `CASES`.
 
-    Parameters
-    ----------
-    robot : Robot
-        Nominal robot.
-    robots : int
-        Number of sampled robots per case.
-    attempts : int
-        Number of attempts per robot.
-    cases : sequence of str
-        Of `CASES`.
-    progress : callable
-        Called with the number of completed robots.
-
+    Each makes a number of attempts; the progress is the number of completed robots.
     """
     tuning = DecisionTuning()
     found: List[SuccessRates] = []

@@ -33,36 +33,15 @@ def checkpointed_map(function: Callable[..., Any],
     """
     Call a function for each block whose file is missing, and write the file.
 
-    Parameters
-    ----------
-    function : callable
-        At the top level of a module, so that it can be pickled.
-    blocks : mapping
-        File name -> number of cases in the block, arguments of `function`.
-    folder : Path
-        Of the files; a previous, interrupted run may have left some.
-    digest : str
-        Of all that the results depend on besides the file name.
-    pool : Executor
-        Of processes, or of a cluster.
-    workers : int
-        Number of workers in the pool.
-    write : callable
-        Called in this process with a result and the path of its file; must replace the file
-        atomically.
-    progress : callable, optional
-        Called with the number of finished cases.
+    Each block, by its file name, has a number of cases and the arguments of the function, which
+    stands at the top level of a module, so that it can be pickled.  A previous, interrupted run
+    may have left files in the folder; the digest is that of all that the results depend on besides
+    the file name.  `write` is called in this process with a result and the path of its file, which
+    it must replace atomically.
 
-    Returns
-    -------
-    int
-        Number of cases that a previous run had finished.
-
-    Raises
-    ------
-    ConfigurationError
-        If the folder holds blocks of another run, is damaged, or cannot be written.
-
+    Returns the number of cases that a previous run had finished; the progress is the number of
+    finished cases.  Raises `ConfigurationError` if the folder holds blocks of another run, is
+    damaged, or cannot be written.
     """
     _claim(folder, digest)
     missing = {name: block for name, block in blocks.items() if not (folder / name).is_file()}
@@ -128,18 +107,9 @@ def worker_pool(workers: Optional[int] = None,
     """
     Provide a pool of local processes or of a Dask cluster, and its number of workers.
 
-    Parameters
-    ----------
-    workers : int, optional
-        Local processes; by default one per core.
-    scheduler : str, optional
-        Address of a Dask scheduler, such as ``tcp://host:8786``; then the cluster does the work.
-
-    Raises
-    ------
-    ConfigurationError
-        If Dask is not installed, no scheduler answers, or there are no workers.
-
+    There is one local process per core by default, and none with the address of a Dask scheduler,
+    such as ``tcp://host:8786``.  Raises `ConfigurationError` if Dask is not installed, no
+    scheduler answers, or there are no workers.
     """
     if scheduler is None:
         number = (os.cpu_count() or 1) if workers is None else workers

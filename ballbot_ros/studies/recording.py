@@ -80,7 +80,6 @@ class Recording:
 
 
 def _series(name: str, times: Any, values: Any) -> Tuple[Array, Array]:
-    """Return checked times and values."""
     moments, numbers = np.array(times, dtype=float), np.array(values, dtype=float)
     if len(moments) != len(numbers) or len(moments) < FEWEST_SAMPLES:
         raise ConfigurationError(
@@ -110,24 +109,11 @@ def replay(scene: Scene, recording: Recording, use_torque: bool, solver: Solver 
     """
     Return the samples of each channel from the simulation of a scene.
 
-    Parameters
-    ----------
-    scene : Scene
-        Its solver and duration are not used.
-    use_torque : bool
-        Apply the recorded torque instead of the law of the scene.
-    grid : float
-        Time between samples of the simulation, which are interpolated [s].
+    Solver and duration of the scene are not used; samples are interpolated on a grid of time [s].
+    With `use_torque`, the recorded torque is applied instead of the law of the scene.
 
-    Raises
-    ------
-    KeyboardInterrupt
-        If Ctrl-C has ended the run early.
-    ConfigurationError
-        If there is no torque.
-    SimulationError
-        If the run fails.
-
+    Raises `ConfigurationError` if there is no torque, `SimulationError` if the run fails, and
+    `KeyboardInterrupt` if Ctrl-C has ended the run early.
     """
     model = Model(scene.model.robot, scene.model.terrain, scene.model.options, solver)
     if use_torque:

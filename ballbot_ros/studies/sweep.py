@@ -95,28 +95,10 @@ def run_sweep(plan: SweepPlan, out: Path, pool: Executor, workers: int,
     """
     Run a plan into a Parquet file, resuming an interrupted run.
 
-    Parameters
-    ----------
-    pool : Executor
-        Of processes, or of a cluster.
-    workers : int
-        Number of workers in the pool.
-    progress : callable, optional
-        Called with the number of finished cases.
-    block : int
-        Cases per file.
-
-    Returns
-    -------
-    int
-        Number of cases that a previous run had finished.
-
-    Raises
-    ------
-    ConfigurationError
-        If pyarrow is missing, a file cannot be written, `out` exists and is not the result of a
-        sweep, or the folder beside it belongs to another sweep.
-
+    A block is a number of cases in a file.  Returns the number of cases that a previous run had
+    finished; the progress is the number of finished cases.  Raises `ConfigurationError` if pyarrow
+    is missing, a file cannot be written, `out` exists and is not the result of a sweep, or the
+    folder beside it belongs to another sweep.
     """
     refuse_foreign(out)
     arrow = load_arrow()

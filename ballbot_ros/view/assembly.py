@@ -43,14 +43,8 @@ class FrameAssembly:
     """
     Creates frames from messages, in the order of their arrival.
 
-    Each ``ball_state`` creates a frame; without it, each ``joint_states`` does, with the
-    latest ``odom``.
-
-    Parameters
-    ----------
-    terrain : Terrain, optional
-        The ground, if known; otherwise the observed terrain.
-
+    Each ``ball_state`` creates a frame; without it, each ``joint_states`` does, with the latest
+    ``odom``.  The ground is the given one, otherwise the observed terrain.
     """
 
     def __init__(self, robot: Robot, terrain: Optional[Terrain] = None):
@@ -75,7 +69,6 @@ class FrameAssembly:
 
     @property
     def decision(self) -> Optional[DecisionSign]:
-        """Return the last decision."""
         return self._decision
 
     def take(self, topic: str, message: Any) -> Optional[Frame]:
@@ -182,11 +175,7 @@ class ObservedTerrain:
     """
     Scans of the terrain joined to one polyline; the latest scan replaces older ones in its range.
 
-    Parameters
-    ----------
-    radius : float
-        Of the ball [m], from whose centre a scan is measured.
-
+    A scan is measured from the centre of the ball, whose radius is in m.
     """
 
     def __init__(self, radius: float):
@@ -201,17 +190,7 @@ class ObservedTerrain:
 
     def add_profile(self, x: float, y: float, along: Sequence[float],
                     above: Sequence[float]) -> None:
-        """
-        Take a polyline.
-
-        Parameters
-        ----------
-        x, y : float
-            Centre of the ball [m].
-        along, above : sequence of float
-            From the centre of the ball [m].
-
-        """
+        """Take a polyline relative to the centre (x, y) of the ball [m]."""
         self._join(np.column_stack([np.asarray(along) + x, np.asarray(above) + y]))
 
     def add_step(self, x: float, y: float, distance: float, height: float) -> None:
@@ -278,19 +257,9 @@ class MessageSource(Source):
     """
     A source whose frames come from messages, and whose robot parameters of nodes describe.
 
-    Parameters
-    ----------
-    parameters : mapping
-        ``scene``, ``floor``, ``robot``, ``hardware``, ``curve`` and its ``variant``; a file of
-        another machine may be missing here.
-    robot : str
-        Name or file of a robot that overrides the parameters.
-
-    Raises
-    ------
-    ConfigurationError
-        If `robot` cannot be read.
-
+    These are ``scene``, ``floor``, ``robot``, ``hardware``, ``curve`` and its ``variant``; a file
+    of another machine may be missing here.  A robot, by name or file, overrides them, and raises
+    `ConfigurationError` if it cannot be read.
     """
 
     def __init__(self, parameters: Mapping[str, Any], robot: str) -> None:
@@ -343,7 +312,6 @@ class MessageSource(Source):
 
     @property
     def robot(self) -> Robot:
-        """Return the robot."""
         return self._assembly.robot
 
     @property
@@ -353,5 +321,4 @@ class MessageSource(Source):
 
     @property
     def curve(self) -> Optional[HeightCurve]:
-        """Return the curve of this robot, None where the package has none."""
         return self._curve

@@ -24,15 +24,8 @@ class Playback:
     """
     A playback time that advances at some speed, from a start to an end that may grow.
 
-    No thread advances it: it is computed at each query.  Safe for any number of threads.
-
-    Parameters
-    ----------
-    span : callable
-        Returns start and end [s].
-    clock : callable
-        Returns seconds.
-
+    No thread advances it: it is computed at each query.  Safe for any number of threads.  `span`
+    returns start and end, the clock seconds.
     """
 
     def __init__(self, span: Callable[[], tuple[float, float]],
@@ -55,7 +48,6 @@ class Playback:
 
     @property
     def paused(self) -> bool:
-        """Return whether it is paused or at the end."""
         with self._lock:
             return self._paused or self._place() >= self._span()[1]
 
@@ -78,7 +70,6 @@ class Playback:
             self._stand(self._span()[0])
 
     def set_speed(self, speed: float) -> None:
-        """Change the speed."""
         with self._lock:
             self._stand(self._place())
             self._speed = speed
@@ -94,27 +85,11 @@ class Playback:
 
 class BagSource(MessageSource):
     """
-    Plays the frames of a bag.
+    Plays the frames of a bag, a folder or a file ending in .mcap.
 
-    A thread reads the bag; the part already read can be shown.
-
-    Parameters
-    ----------
-    path : Path
-        Folder of a bag, or a file ending in .mcap.
-    namespace : str
-        Of the robot, if the bag has several.
-    robot : str
-        Name or file of the robot; empty for that of the bag.
-    paused : bool
-        Whether to wait for ``pause`` to be lifted.
-
-    Raises
-    ------
-    ConfigurationError
-        For a bag that cannot be read or has no robot, and for a bag of several robots without a
-        namespace.
-
+    A thread reads the bag; the part already read can be shown.  The robot is by default that of
+    the bag; a namespace selects one of several.  Raises `ConfigurationError` for a bag that cannot
+    be read or has no robot, and for a bag of several robots without a namespace.
     """
 
     def __init__(self, path: Path, namespace: str = '', robot: str = '', paused: bool = False):
@@ -138,18 +113,15 @@ class BagSource(MessageSource):
 
     @property
     def title(self) -> str:
-        """Return the name of the bag."""
         path = self._path.resolve()
         return f'Bag {path.parent.name}/{path.name}'
 
     @property
     def shown(self) -> Optional[Frame]:
-        """Return the frame at the time of the playback."""
         return self._history.at(self._playback.place)
 
     @property
     def health(self) -> Health:
-        """Return whether it plays, and whether the bag has been read."""
         reading = ('Reading the bag.',) if self._reading else ()
         runs = self._history.epoch + 1
         last = () if runs == 1 else (
@@ -161,7 +133,6 @@ class BagSource(MessageSource):
 
     @property
     def controls(self) -> Mapping[str, Control]:
-        """Return pause, step, reset, speed and seek."""
         begin, end = self._history.span
         return MappingProxyType({
             'pause': Control(self._playback.paused),

@@ -22,20 +22,9 @@ SET_SPEED_MAX, YAW_RATE_MAX = 1.2, 0.5  # set-points [m/s], [rad/s]
 
 class FloorSource(Source):
     """
-    A robot on a floor, driven by the controls of the page.
+    A robot on a floor, each a name or file, driven by the controls of the page.
 
-    Parameters
-    ----------
-    floor : str
-        Name or file.
-    robot : str
-        Name or file.
-
-    Raises
-    ------
-    ConfigurationError
-        If a file is not valid.
-
+    Raises `ConfigurationError` if a file is not valid.
     """
 
     def __init__(self, floor: str, robot: str = 'gimball'):
@@ -53,18 +42,15 @@ class FloorSource(Source):
 
     @property
     def title(self) -> str:
-        """Return the name of the floor."""
         assert self.floor is not None
         return f'Floor {self.floor.name}'
 
     @property
     def robot(self) -> Robot:
-        """Return the robot."""
         return self._plant.model.robot
 
     @property
     def health(self) -> Health:
-        """Return whether time advances."""
         stands = not self._paused and not self._speed
         return Health(not self._paused, None if self._paused else self._speedometer.factor,
                       failure=self._failure,
@@ -73,7 +59,6 @@ class FloorSource(Source):
 
     @property
     def controls(self) -> Mapping[str, Control]:
-        """Return pause, reset, speed and yaw rate."""
         steers = '' if self._plant.steers else 'the robot file has no section steering'
         return MappingProxyType({
             'pause': Control(self._paused, refusal=self._failure), 'reset': Control(None),

@@ -21,15 +21,9 @@ class StepAhead(NamedTuple):
 
 def step_ahead(terrain: Terrain, x: float, radius: float) -> Optional[StepAhead]:
     """
-    Return the first face beyond `x`, None without one.
+    Return the first face beyond `x` [m], None without one.
 
-    Parameters
-    ----------
-    x : float
-        Start of the search [m].
-    radius : float
-        Of the ball [m]: a segment that is short relative to it is not a slope.
-
+    A segment that is short relative to the radius of the ball [m] is not a slope.
     """
     for face in faces_of(terrain, radius, endless=False):
         if face[0, 0] > x:

@@ -20,27 +20,11 @@ SET_SPEED_MAX = 1.5  # set speed [m/s]
 
 class MotorLaw:
     """
-    A control law with its set-point, for one robot.
+    A control law of `UNITS` with its set-point in the unit of the law, for one robot.
 
-    The actuation of the scene file applies until the user selects another law or set-point; from
-    then on the motor of the robot file limits the torque.
-
-    Parameters
-    ----------
-    law : str
-        One of `UNITS`.
-    set_point : float
-        In the unit of the law.
-    base : Actuation
-        Gains, and the actuation before the user selects a law.
-    chosen : bool
-        Whether the user has selected a law or set-point.
-
-    Raises
-    ------
-    ConfigurationError
-        If the robot cannot follow this law.
-
+    The actuation of the scene file, `base`, applies until the user has chosen another law or
+    set-point; from then on the motor of the robot file limits the torque.  Raises
+    `ConfigurationError` if the robot cannot follow this law.
     """
 
     def __init__(self, robot: Robot, law: str, set_point: float, base: Actuation,

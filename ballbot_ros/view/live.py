@@ -24,20 +24,8 @@ class LiveSource(MessageSource):
     """
     Keeps frames of the topics of nodes, and publishes set-points while a page is open.
 
-    Parameters
-    ----------
-    namespace : str
-        Of the nodes; empty for none.
-    robot : str
-        Name or file of the robot; empty for that of the nodes.
-    link : Spectator, optional
-        The connection to the nodes; created here by default.
-
-    Raises
-    ------
-    ConfigurationError
-        If there is no such robot, or the namespace is invalid.
-
+    The robot, by name or file, is by default that of the nodes; `link` is the connection to the
+    nodes.  Raises `ConfigurationError` if there is no such robot, or the namespace is invalid.
     """
 
     def __init__(self, namespace: str = '', robot: str = '', link: Optional[Spectator] = None):
@@ -54,7 +42,6 @@ class LiveSource(MessageSource):
     # Messages and parameters of nodes; from the thread of the link.
 
     def receive(self, topic: str, message: Any) -> None:
-        """Take a message of a topic."""
         frame = self._assembly.take(topic, message)
         if frame is None:
             return
@@ -74,7 +61,6 @@ class LiveSource(MessageSource):
         self._speedometer.note(frame.time, self._frame_at)
 
     def learn(self, node: str, parameters: Mapping[str, Any]) -> None:
-        """Take parameters of a node."""
         if self._described.get(node) != parameters:
             self._described[node] = dict(parameters)
             self._describe(self._parameters, self._robot_name)
@@ -83,7 +69,6 @@ class LiveSource(MessageSource):
 
     @property
     def title(self) -> str:
-        """Return the nodes that are shown."""
         nodes = [name for name in ('simulator', 'bridge') if name in self._link.presence.nodes]
         where = f' in /{self._namespace}' if self._namespace else ''
         return f'Live: {" and ".join(nodes) or "waiting"}{where}'
@@ -131,11 +116,9 @@ class LiveSource(MessageSource):
         return MappingProxyType(found)
 
     def start(self) -> None:
-        """Start to receive."""
         self._link.start()
 
     def close(self) -> None:
-        """Disconnect from the nodes."""
         self._link.close()
 
     @property

@@ -19,18 +19,8 @@ class Page:
     Samples a source and sends changes to all connected browsers.
 
     It runs in its own threads and only reads from the source, so that a slow or closed browser
-    does not delay it.  Without a browser it does nothing.
-
-    Parameters
-    ----------
-    begin : bool
-        Resume the source when the first browser connects.
-
-    Attributes
-    ----------
-    frames : int
-        Drawn so far.
-
+    does not delay it.  Without a browser it does nothing.  With `begin`, the first browser to
+    connect resumes the source.
     """
 
     def __init__(self, source: Source, server: PageServer, begin: bool = False):
@@ -42,7 +32,7 @@ class Page:
             self._stage.point_at(event.ray_origin, event.ray_direction), event))
         self._begin = begin
         self._ended = Event()
-        self.frames = 0
+        self.frames = 0  # drawn so far
         self._thread = Thread(target=self._live, name='page', daemon=True)
 
     @property
@@ -55,7 +45,6 @@ class Page:
         return f'http://{shown}:{self._server.get_port()}'
 
     def start(self) -> None:
-        """Start to draw."""
         self._source.start()
         self._draw(whole=True)
         self._thread.start()

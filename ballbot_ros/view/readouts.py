@@ -269,14 +269,10 @@ def verdict(curve: Optional[HeightCurve], prospect: Prospect) -> str:
 
 def curve_columns(curve: Optional[HeightCurve], prospect: Prospect) -> Tuple[Array, ...]:
     """
-    Return the columns of the plot of the height curve.
+    Return the columns of the plot of the height curve: rising speeds [m/s], then heights [mm].
 
-    Returns
-    -------
-    tuple of array
-        Speeds [m/s], rising; then heights [mm], NaN where there is none: of the curve, of the
-        step ahead, of the step at the present speed, and at the speed expected at contact.
-
+    The heights, NaN where there is none, are those of the curve, of the step ahead, of the step at
+    the present speed, and at the speed expected at contact.
     """
     height = math.nan if prospect.height is None else max(1e3 * prospect.height, 0.0)
     now = math.nan if prospect.speed is None else prospect.speed

@@ -30,21 +30,11 @@ def _shipped_curves() -> Tuple[HeightCurve, ...]:
 
 class SceneRun:
     """
-    A scene, one period after the other; for one thread.
+    A scene, one period [s] after the other; for one thread.
 
-    Each change is applied completely or, with an error, not at all.
-
-    Attributes
-    ----------
-    law : MotorLaw
-    e_stop : bool
-        While engaged there is no torque.
-    accuracy : float or None
-        Largest error of position that is allowed [m]; None takes the solver of the scene.
-    state : State
-    period : float
-        [s].
-
+    Each change is applied completely or, with an error, not at all.  While `e_stop` is engaged
+    there is no torque; `accuracy` is the largest error of position that is allowed [m], None for
+    the solver of the scene.
     """
 
     def __init__(self, scene: Scene):
@@ -62,7 +52,6 @@ class SceneRun:
 
     @property
     def robot(self) -> Robot:
-        """Return the robot."""
         return self._model.robot
 
     @property

@@ -35,23 +35,11 @@ DRIVE_SPEED = 0.5  # speed offered by the page for a robot at rest [m/s]
 
 class SceneSource(Source):
     """
-    Simulates a scene and keeps its frames.
+    Simulates a scene, by name or file, and keeps its frames.
 
     The scene repeats after its duration until a control changes robot, ground, law or solver; then
-    it continues without an end.  Controls act between two frames.
-
-    Parameters
-    ----------
-    name : str
-        Of a scene, or its file.
-    paused : bool
-        Whether the scene starts paused.
-
-    Raises
-    ------
-    ConfigurationError
-        For a scene that cannot be read.
-
+    it continues without an end.  Controls act between two frames.  Raises `ConfigurationError` for
+    a scene that cannot be read.
     """
 
     def __init__(self, name: str, paused: bool = False):
@@ -72,27 +60,22 @@ class SceneSource(Source):
 
     @property
     def title(self) -> str:
-        """Return the name of the scene."""
         return f'Scene {Path(self._name).stem}'
 
     @property
     def robot(self) -> Robot:
-        """Return the robot."""
         return self._run.robot
 
     @property
     def terrain(self) -> Terrain:
-        """Return the ground."""
         return self._run.model.terrain
 
     @property
     def curve(self) -> Optional[HeightCurve]:
-        """Return the height curve for robot and law."""
         return self._curve
 
     @property
     def health(self) -> Health:
-        """Return the state of the run."""
         run, notes = self._run, []
         if compiling():
             notes.append('Compiling for this machine, which takes some seconds the first time.')
@@ -125,7 +108,6 @@ class SceneSource(Source):
 
     @property
     def controls(self) -> Mapping[str, Control]:
-        """Return the controls."""
         run, known = self._run, dict(self._controls)
         ahead = step_ahead(run.model.terrain, run.state.x, run.robot.ball_radius)
         known['step_height'] = replace(

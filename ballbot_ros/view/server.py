@@ -32,17 +32,7 @@ POLICY = (
 
 
 class PageServer(viser.ViserServer):
-    """
-    A viser server that answers its own page only, and never opens a tunnel.
-
-    Parameters
-    ----------
-    host : str
-        Address to listen on.
-    port : int
-        A free one.
-
-    """
+    """A viser server that answers its own page only, and never opens a tunnel."""
 
     def __init__(self, host: str, port: int):
         guarded: List[bool] = []
@@ -66,16 +56,10 @@ class PageServer(viser.ViserServer):
 
 def refusal(request: Request, bound: str) -> Optional[str]:
     """
-    Return why a request is refused, None if it is accepted.
+    Return why a request to the address `bound` is refused, None if it is accepted.
 
     A foreign page in the same browser must neither read nor drive the robot.  Its requests carry
     its own origin or, after DNS rebinding, its own name as the host.
-
-    Parameters
-    ----------
-    bound : str
-        Address that the server listens on.
-
     """
     hosts, origins = request.headers.get_all('Host'), request.headers.get_all('Origin')
     if len(hosts) != 1 or not _is_ours(hosts[0], bound):
@@ -153,18 +137,9 @@ def _guarded(bound: str, done: List[bool]) -> Iterator[None]:
 
 def free_port(host: str, port: Optional[int]) -> int:
     """
-    Return a port to listen on.
+    Return a port to listen on: the given one, or the first free one from `DEFAULT_PORT` on.
 
-    Parameters
-    ----------
-    port : int or None
-        This port, or None for the first free one from `DEFAULT_PORT` on.
-
-    Raises
-    ------
-    ConfigurationError
-        If the port is in use, or the address is not one of this machine.
-
+    Raises `ConfigurationError` if the port is in use, or the address is not one of this machine.
     """
     first = DEFAULT_PORT if port is None else port
     last = first + PORTS_TRIED if port is None else first

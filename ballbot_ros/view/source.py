@@ -86,16 +86,7 @@ class FrameHistory:
     """
     Frames in the order of time, the oldest dropped; safe for any number of threads.
 
-    Parameters
-    ----------
-    most : int
-        Frames kept at least; up to a tenth more are stored before they are dropped.
-
-    Attributes
-    ----------
-    epoch : int
-        Number of calls of `forget`.
-
+    At least `most` are kept; up to a tenth more are stored before they are dropped.
     """
 
     def __init__(self, most: int = FRAMES_MAX):
@@ -103,7 +94,7 @@ class FrameHistory:
         self._lock = Lock()
         self._times: List[float] = []
         self._frames: List[Frame] = []
-        self.epoch = 0
+        self.epoch = 0  # number of restarts
 
     def add(self, frame: Frame) -> None:
         """Take the next frame; one that is not later than the last begins a new epoch."""

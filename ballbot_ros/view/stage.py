@@ -76,15 +76,9 @@ def rgb(colour: str) -> Colour:
 
 def quarter_ring(radius: float, thickness: float, begin: float) -> Mesh:
     """
-    Return a quarter of a ring about the axis of the ball.
+    Return a quarter of a ring of a tube about the axis of the ball [m].
 
-    Parameters
-    ----------
-    radius, thickness : float
-        Of the ring, and of its tube [m].
-    begin : float
-        Counter-clockwise from straight down, as the angles of the model [rad].
-
+    It begins counter-clockwise from straight down, as the angles of the model [rad].
     """
     roll = np.linspace(0.0, 2.0 * math.pi, 11)
     profile = np.column_stack([radius + thickness * np.cos(roll), thickness * np.sin(roll)])
@@ -142,15 +136,9 @@ def place_of(source: Source, frame: Frame) -> Optional[Point]:
 
 class Stage:
     """
-    Draws frames of a source.
+    Draws frames of a source; the camera starts above its floor if it has one.
 
     The world is one node that moves below the camera: the ball stays in sight from every side.
-
-    Parameters
-    ----------
-    source : Source
-        The camera starts above its floor if it has one.
-
     """
 
     def __init__(self, server: viser.ViserServer, source: Source):
@@ -186,7 +174,6 @@ class Stage:
         self._nodes: dict[str, Any] = {}
 
     def draw(self, source: Source, frame: Frame) -> None:
-        """Draw a frame."""
         if source.robot is not self._robot:
             self._build_robot(source.robot)
         x = frame.x if frame.x is not None else 0.0

@@ -46,8 +46,6 @@ class Dialogue(Protocol):
 
 
 class Calibration(NamedTuple):
-    """Result of a calibration."""
-
     direction: int
     encoder_scale: float  # turns of the joint per reported turn of the drive
     torque_factor: float  # actual over requested torque
@@ -57,15 +55,9 @@ class Calibration(NamedTuple):
 
 class Calibrator:
     """
-    Runs the calibration of one motor.
+    Calibrates one motor through the driver of an identified, stopped drive.
 
-    Parameters
-    ----------
-    hardware : Hardware
-        The uncalibrated file; its gear ratio converts the torque.
-    driver : Driver
-        Driver of an identified, stopped drive.
-
+    The hardware file is the uncalibrated one; its gear ratio converts the torque.
     """
 
     def __init__(self, hardware: Hardware, robot: Robot, driver: Driver, dialogue: Dialogue):
@@ -77,13 +69,8 @@ class Calibrator:
         """
         Run the calibration, and disable motor power at the end, also after an error.
 
-        Raises
-        ------
-        RefusedError
-            If the operator cancels, or the motor exceeds a limit.
-        LinkError, DriveError
-            If the drive is lost.
-
+        Raises `RefusedError` if the operator cancels or the motor exceeds a limit, `LinkError` or
+        `DriveError` if the drive is lost.
         """
         say, ask = self._dialogue.say, self._dialogue.ask
         say('The shell must be held so that it cannot roll, nothing in reach of the pendulum, a '
@@ -217,22 +204,11 @@ class Calibrator:
 def fit(torques: List[float], angles: List[float], gravity_torque: float
         ) -> Tuple[float, float, float]:
     """
-    Return torque factor, its standard deviation, and friction.
+    Return torque factor, its standard deviation, and friction [N m].
 
-    Parameters
-    ----------
-    torques : list of float
-        Requested torques, up and down on both sides [N m].
-    angles : list of float
-        Rest angles of the pendulum [rad].
-    gravity_torque : float
-        M2 g e [N m].
-
-    Raises
-    ------
-    RefusedError
-        If the pendulum moved too little.
-
+    The torques are those requested, up and down on both sides [N m], with the rest angles of the
+    pendulum [rad]; `gravity_torque` is M2 g e [N m].  Raises `RefusedError` if the pendulum moved
+    too little.
     """
     asked, lifted = np.array(torques), gravity_torque * np.sin(np.array(angles))
     if np.abs(lifted).max() < 0.1 * np.abs(asked).max():

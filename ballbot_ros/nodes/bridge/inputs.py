@@ -31,12 +31,7 @@ class MotorInputs:
     """
     Passes messages to a session, and counts and logs those that are refused.
 
-    Attributes
-    ----------
-    imu_refused : int
-    authority : Authority
-        Over joint_commands, or over the set-points of the laws on board.
-
+    `authority` is that over joint_commands, or over the set-points of the laws on board.
     """
 
     def __init__(self, node: Node, session: Session, clocks: Clocks,

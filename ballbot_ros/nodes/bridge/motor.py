@@ -133,15 +133,7 @@ class MotorOutputs:
     """
     Publishes joint_states, motor_status and e_stop; may be called from any one thread.
 
-    Parameters
-    ----------
-    status_rate : float
-        [Hz]
-    joint_state_period : float
-        [s]; 0 for each estimate.
-    frame : str
-        Of joint_states and motor_status.
-
+    The rate of motor_status is in Hz, the period of joint_states in s, 0 for each estimate.
     """
 
     def __init__(self, node: Node, clocks: Clocks, status_rate: float,
@@ -224,7 +216,6 @@ class MotorOutputs:
 
 
 def state_of(report: Report) -> str:
-    """Return the state of a report, as in MotorStatus."""
     if report.state is MotorState.DISCONNECTED:
         return MotorStatus.STATE_LOST
     if report.state is MotorState.STOPPING:

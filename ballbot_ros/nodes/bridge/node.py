@@ -152,7 +152,6 @@ class Bridge(ManagedNode):
 
 
 def main(args: Optional[List[str]] = None) -> int:
-    """Run the node."""
     # The loop must not wait long for a computing thread: Python's default is 5 ms.
     sys.setswitchinterval(SWITCH_INTERVAL)
     return run(Bridge, args)

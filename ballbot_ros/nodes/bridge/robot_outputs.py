@@ -58,15 +58,7 @@ class RobotOutputs:
 
 def battery_message(stamp: float, battery: Battery, telemetry: Telemetry,
                     condition: Condition, frame: str = FRAMES.base) -> BatteryState:
-    """
-    Return the battery state; NaN for unmeasured fields, as BatteryState specifies.
-
-    Parameters
-    ----------
-    stamp : float
-        ROS time [s].
-
-    """
+    """Return the battery state at a ROS time [s]; NaN for unmeasured fields, as specified."""
     voltage, drawn = telemetry.bus_voltage, telemetry.bus_current
     status, health = (BatteryState.POWER_SUPPLY_STATUS_UNKNOWN,
                       BatteryState.POWER_SUPPLY_HEALTH_UNKNOWN)

@@ -100,7 +100,6 @@ class LogRecorder(logging.Handler):
         self._box = box
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Record a line."""
         self._box.event(record.getMessage(), Level.LOG)
 
 

@@ -135,7 +135,6 @@ class Controller(Node):
             wait_until_received(self._commands)
 
     def _health(self) -> Tuple[bytes, str, dict]:
-        """Return level, message and numbers for /diagnostics."""
         now = self._controller.set_point
         values = {
             'mode': now.mode.value, 'set_value': f'{now.value:.4f}',
@@ -157,5 +156,4 @@ class Controller(Node):
 
 
 def main(args: Optional[List[str]] = None) -> int:
-    """Run the node."""
     return run(Controller, args)

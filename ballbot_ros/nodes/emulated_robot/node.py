@@ -143,7 +143,6 @@ class EmulatedRobot(Node):
                 self._terrain.publish(terrain_message(to_time(now), ground, self._frames))
 
     def make_safe(self) -> None:
-        """Unplug."""
         self._emulator.stop()
         if self._imu_line is not None:
             self._imu_line.stop()
@@ -153,6 +152,5 @@ class EmulatedRobot(Node):
 
 
 def main(args: Optional[List[str]] = None) -> int:
-    """Run the node."""
     sys.setswitchinterval(SWITCH_INTERVAL)
     return run(EmulatedRobot, args)

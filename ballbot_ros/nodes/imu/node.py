@@ -68,11 +68,9 @@ class ImuNode(Node):
         return self._output.failure
 
     def make_safe(self) -> None:
-        """Close the line."""
         self._output.end()
 
 
 def main(args: Optional[List[str]] = None) -> int:
-    """Run the node."""
     sys.setswitchinterval(SWITCH_INTERVAL)
     return run(ImuNode, args)

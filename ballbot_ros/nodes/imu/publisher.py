@@ -37,19 +37,8 @@ class ImuOutput:
     """
     Reads a sensor and publishes `imu`, where there are subscribers, until it is stopped.
 
-    Parameters
-    ----------
-    frame : str
-        Frame of the readings.
-    take : callable, optional
-        Receives each `StampedReading` before it is published, in the thread.
-
-    Attributes
-    ----------
-    source : ImuSource
-    failure : LinkError or None
-        The error that ended the thread.
-
+    `take` receives each `StampedReading` before it is published, in the thread; `failure` is the
+    error that ended the thread.
     """
 
     def __init__(self, node: Node, port: ImuPort, frame: str = FRAMES.imu,

@@ -28,19 +28,11 @@ FAILED = 9000  # error_code; error_msg begins with the reason code
 
 
 class NavigationServers:
-    """
-    Serves both actions; a new goal replaces the active one, whose action is aborted.
-
-    Attributes
-    ----------
-    refused : Counter
-        Goals by reason.
-
-    """
+    """Serves both actions; a new goal replaces the active one, whose action is aborted."""
 
     def __init__(self, node: Any):
         self._node = node
-        self.refused: Counter = Counter()
+        self.refused: Counter = Counter()  # goals by reason
         self._handle: Optional[ServerGoalHandle] = None
         self._started = self._feedback_at = -math.inf
         self._navigate = DeferredActionServer(

@@ -227,7 +227,6 @@ class NavigatorNode(ManagedNode):
         self.abort('inactive', 'navigator was ended')
 
     def _health(self) -> Tuple[bytes, str, dict]:
-        """Return level, message and numbers for /diagnostics."""
         values = {'status': self.state.status.value, 'replans': self.state.replans,
                   'obstacles': len(self.state.learned.obstacles),
                   **diagnostics.refusals('goals', self.servers.refused)}
@@ -243,5 +242,4 @@ class NavigatorNode(ManagedNode):
 
 
 def main(args: Optional[List[str]] = None) -> int:
-    """Run the node."""
     return run(NavigatorNode, args)

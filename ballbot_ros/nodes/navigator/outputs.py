@@ -19,7 +19,6 @@ COLOURS = {True: (0.1, 0.65, 0.25), False: (0.85, 0.5, 0.1)}  # of a crossing, b
 
 
 def stamped_pose(frame: str, stamp: Time, x: float, y: float, heading: float) -> PoseStamped:
-    """Return a pose on the map."""
     message = PoseStamped()
     message.header.frame_id, message.header.stamp = frame, stamp
     message.pose.position.x, message.pose.position.y = x, y

@@ -24,15 +24,8 @@ class GoalServers:
     """
     Serves both actions, one goal at a time.
 
-    Parameters
-    ----------
-    decider : callable
-        Returns the decider.
-    standstill : Standstill
-        During a standstill goals are rejected; its service resumes without goals.
-    waiting : bool
-        Whether the ball rests until a goal arrives.
-
+    During a standstill goals are rejected; its service resumes without goals.  With `waiting`, the
+    ball rests until a goal arrives.
     """
 
     def __init__(self, node: Node, decider: Callable[[], Decider], knowledge: Knowledge,

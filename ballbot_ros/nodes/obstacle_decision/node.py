@@ -163,7 +163,6 @@ class ObstacleDecision(Node):
         self._experience.close()
 
     def _health(self) -> Tuple[bytes, str, dict]:
-        """Return level, message and numbers for /diagnostics."""
         values: Dict[str, object] = {**self._experience.problem, **{
             f'decided_{kind}': number for kind, number in self._counts.items()}}
         if self._standstill.standing:
@@ -184,5 +183,4 @@ class ObstacleDecision(Node):
 
 
 def main(args: Optional[List[str]] = None) -> int:
-    """Run the node."""
     return run(ObstacleDecision, args)

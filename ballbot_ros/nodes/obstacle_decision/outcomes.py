@@ -18,20 +18,9 @@ NEWEST = 100
 
 class Experience:
     """
-    A log of outcomes, or none.
+    A log of outcomes, or none for an empty path.
 
-    Parameters
-    ----------
-    path : str
-        Of the log; empty for none.
-    planner : str
-        One of `PLANNERS`.
-
-    Attributes
-    ----------
-    knowledge : Knowledge
-        With the particles updated from the log.
-
+    The particles of `knowledge` are updated from it.
     """
 
     def __init__(self, path: str, knowledge: Knowledge, planner: str, logger: RcutilsLogger):

@@ -27,14 +27,8 @@ class GainWatch:
     Monitors parameter changes of the nodes that follow the set-points of a node.
 
     Plans depend on gains (``control_tuning``): with others the pendulum takes another path to its
-    set angle.  New gains are not adopted automatically: the driving node is not known, and
-    the learned parameters depend on the gains.
-
-    Parameters
-    ----------
-    node : Node
-        With a parameter ``control_tuning``, that publishes ``set_point``.
-
+    set angle.  New gains are not adopted automatically: the driving node is not known, and the
+    learned parameters depend on the gains.
     """
 
     def __init__(self, node: Node):

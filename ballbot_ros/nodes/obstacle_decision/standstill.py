@@ -10,24 +10,11 @@ from ballbot_ros.ros.endpoints import create_trigger, subscribe_e_stop
 
 class Standstill:
     """
-    Latches the e-stop, and offers the service ``~/resume``.
+    Latches the e-stop, which calls `stand`, and offers the service ``~/resume``.
 
     Releasing the e-stop permits motion but does not start it: a person may stand beside the ball.
-
-    Parameters
-    ----------
-    stand : callable
-        Called when the e-stop engages.
-
-    Attributes
-    ----------
-    engaged : bool
-        Latest state of the e-stop.
-    standing : bool
-        The e-stop is engaged, or has been since the last resume.
-    go_on : callable
-        Also called by the service; returns whether the state changed.
-
+    `engaged` is the latest state of the e-stop; `standing` lasts until the next resume.  `go_on`
+    is also called by the service, and returns whether the state changed.
     """
 
     def __init__(self, node: Node, stand: Callable[[], None]):

@@ -34,16 +34,8 @@ class LawsInside:
     """
     The on-board control laws of a bridge, inside the simulator, without latency.
 
-    Attributes
-    ----------
-    refused : Counter
-        Set-points, by reason.
-
-    Raises
-    ------
-    ConfigurationError, UnstableLoopError
-        If the robot has no pendulum, or the loop would diverge.
-
+    Raises `ConfigurationError` or `UnstableLoopError` if the robot has no pendulum, or the loop
+    would diverge.
     """
 
     def __init__(self, node: Node, plant: Plant, settings: SimulatorSettings):
@@ -51,7 +43,7 @@ class LawsInside:
         self._plant = plant
         self._controller: SupervisedController = checked_controller(
             plant.model.robot, *_loop(settings), _supervision(settings))
-        self.refused: Counter[str] = Counter()
+        self.refused: Counter[str] = Counter()  # set-points by reason
         SetPoints(node, self._give, self.refused, self._controller.record_request, plant.steers)
         subscribe_e_stop(node, self._controller.on_e_stop)
 
@@ -85,7 +77,6 @@ class LawsInside:
 
     @property
     def values(self) -> Dict[str, object]:
-        """Return the values for /diagnostics."""
         now = self._controller.set_point
         return {'law': now.mode.value, 'set_value': f'{now.value:.4f}',
                 'e_stop': self._controller.e_stop}

@@ -134,7 +134,6 @@ class Simulator(Node):
         return response
 
     def _health(self) -> Tuple[bytes, str, dict]:
-        """Return level, message and numbers for /diagnostics."""
         values = {
             'simulated_time': f'{self._plant.time:.3f}',
             'scene': self._settings.floor or self._settings.scene,
@@ -159,5 +158,4 @@ class Simulator(Node):
 
 
 def main(args: Optional[List[str]] = None) -> int:
-    """Run the node."""
     return run(Simulator, args)

@@ -153,13 +153,8 @@ class PlaceOnMap:
     """
     Publishes the pose of the frame ``odom`` on the map: exactly, or with a drifting error.
 
-    The error is that of a localisation, an Ornstein-Uhlenbeck process for each coordinate.
-
-    Parameters
-    ----------
-    settings : SimulatorSettings
-        May be replaced.
-
+    The error is that of a localisation, an Ornstein-Uhlenbeck process for each coordinate.  The
+    settings may be replaced.
     """
 
     CORRELATION = 10.0  # time of the drift [s]
@@ -211,13 +206,8 @@ class Sensors:
         """
         Create sensors with these parameters; return a function that installs them.
 
-        A delayed observation keeps its position: only its delay changes.
-
-        Raises
-        ------
-        ConfigurationError
-            See the class.
-
+        A delayed observation keeps its position: only its delay changes.  Raises as the class
+        does.
         """
         if settings.lockstep:
             check_lockstep(settings)
@@ -241,11 +231,8 @@ class Sensors:
         """
         Return the messages that are to be published now, each with its publisher.
 
-        Parameters
-        ----------
-        everything : bool
-            The state is new: discard delayed measurements, and measure now.
-
+        With `everything` the state is new: delayed measurements are discarded, and all sensors
+        measure.
         """
         plant, settings = self._plant, self._settings
         if everything:
@@ -278,7 +265,6 @@ class Sensors:
 
 
 def sensors_on(ground: Terrain, settings: SimulatorSettings) -> Tuple[Sensor, TerrainSensor]:
-    """Return the sensors of the ground ahead."""
     faults = SensorFaults(**{item.name: getattr(settings, f'sensor_{item.name}')
                              for item in fields(SensorFaults)})
     return (Sensor(ground, settings.observation_reach, settings.observation_distance_sd,

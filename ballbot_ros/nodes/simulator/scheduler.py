@@ -35,18 +35,8 @@ class FollowedClock:
     Counts the control periods that are due by /clock, in place of a `Pace`.
 
     The time of the plant starts at the first message, is never ahead of the newest, and follows
-    its jumps: the stamps have the common time of the graph.
-
-    Parameters
-    ----------
-    most : int
-        Periods per call.
-
-    Attributes
-    ----------
-    dropped : int
-        Periods skipped so far.
-
+    its jumps: the stamps have the common time of the graph.  A call returns at most `most`
+    periods; `dropped` counts those skipped.
     """
 
     def __init__(self, node: Node, plant: Plant, most: int = 50):
@@ -94,22 +84,9 @@ class Scheduler:
     """
     Runs the control periods of a plant when they are due and publishes each new state.
 
-    Parameters
-    ----------
-    gate : CommandGate or LawsInside
-        Source of the torque of a period.
-    outputs : Outputs
-        Publishes the states.
-    failed : callable
-        Called when the simulation cannot continue.
-    clock : FollowedClock, optional
-        Of another simulator, which sets the time here.
-
-    Attributes
-    ----------
-    failure : SimulationError or None
-        The reason why time is stopped until `reset`.
-
+    The gate is the source of the torque of a period, and the clock that of another simulator, if
+    it sets the time.  When the simulation cannot continue, `failed` is called, and time is stopped
+    by `failure` until `reset`.
     """
 
     def __init__(self, plant: Plant, gate: Union[CommandGate, LawsInside], outputs: Outputs,
@@ -197,11 +174,9 @@ class Scheduler:
         return Pace(self._plant.period, factor) if factor > 0.0 else None
 
     def pause(self) -> None:
-        """Stop time."""
         self._run_on(0)
 
     def resume(self) -> None:
-        """Resume time."""
         self._run_on(None)
         self._restart()
 
@@ -221,13 +196,8 @@ class Scheduler:
         """
         Return to the start of the scene.
 
-        Parameters
-        ----------
-        state : bool
-            Reset the state of the robot, and clear failure and commands.
-        time : bool
-            Reset the simulated time, unless another simulator publishes it.
-
+        `state` resets the robot, and clears failure and commands; `time` resets the simulated
+        time, unless another simulator publishes it.
         """
         time = time and self.makes_time
         self._gate.clear()
@@ -241,7 +211,6 @@ class Scheduler:
         self._publish(everything=True)
 
     def put(self, state: State) -> None:
-        """Set the state of the robot."""
         self._plant.put(state)
         self._publish(everything=True)
 

@@ -57,15 +57,7 @@ def serve(node: Node, plant: Plant, scheduler: Scheduler,
 
 
 class Interfaces:
-    """
-    Serves the interfaces.
-
-    Parameters
-    ----------
-    frame : str
-        Of poses.
-
-    """
+    """Serves the interfaces; poses are in a frame."""
 
     def __init__(self, node: Node, plant: Plant, scheduler: Scheduler, frame: str):
         self._plant, self._scheduler, self._frame = plant, scheduler, frame

@@ -44,7 +44,7 @@ class Robot(SimpleNamespace):
 
     def __init__(self, terminal, *keys):
         super().__init__(speed=0.25, pendulum=0.5, decision='CROSS', e_stop=False, followers=1,
-                         said='', asked=[], calls=[])
+                         reply='', asked=[], calls=[])
         self._terminal, self._keys = terminal, list(keys)
 
     def publish(self, speed):

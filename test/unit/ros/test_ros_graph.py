@@ -267,7 +267,7 @@ def test_the_e_stop_of_a_driver_is_that_of_the_bridge_or_else_the_topic(look, ro
     robot.create_service(Trigger, 'bridge/engage_e_stop', answer(True, 'engaged by service'))
     assert look.wait(lambda: driver._clients['engage_e_stop'].service_is_ready(), 30.0)
     driver.engage()
-    assert look.wait(lambda: driver.said == 'engaged by service', 30.0)
+    assert look.wait(lambda: driver.reply == 'engaged by service', 30.0)
 
 
 def logged_until(text, *words):
