@@ -130,11 +130,7 @@ def _open_with_rosbag2(path: Path) -> Bag:
 
 @contextmanager
 def open_bag(path: Path) -> Iterator[Bag]:
-    """
-    Open a ROS 2 bag, a folder or its one file.
-
-    Raises `ConfigurationError` if it cannot be read, or if nothing is installed that reads bags.
-    """
+    """Open a bag, a folder or its one file; `ConfigurationError` if it cannot be read."""
     if find_spec('rosbags') is not None:
         with _open_with_rosbags(path) as bag:
             yield bag

@@ -279,11 +279,7 @@ def measured_columns(run: RecordedRun) -> Dict[str, Array]:
 
 
 def commanded_torque(run: RecordedRun, columns: Mapping[str, Array]) -> Array:
-    """
-    Return the commanded torque, each up to the time of a row as in `Recording`.
-
-    Raises `ConfigurationError` if there are no commands.
-    """
+    """Return the commanded torque up to each row; `ConfigurationError` without commands."""
     if not run.commands:
         raise ConfigurationError(
             'the recording has no joint_commands', 'missing', 'joint_commands')

@@ -90,12 +90,7 @@ def _is_black_box(path: Path) -> bool:
 
 
 def read_black_box(path: PathLike) -> BlackBoxRecording:
-    """
-    Read a file.
-
-    Raises `ConfigurationError` if it cannot be read, is not of a black box, or has lost its
-    metadata.
-    """
+    """Read a file; `ConfigurationError` if it is not that of a black box, or has no metadata."""
     damage: List[str] = []
     metadata: Dict[str, Dict[str, str]] = {}
     messages: Dict[int, List[Tuple[float, bytes]]] = {number: [] for number in CHANNELS}

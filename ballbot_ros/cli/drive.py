@@ -4,6 +4,7 @@ import argparse
 from contextlib import contextmanager
 import math
 import os
+import re
 import select
 import shutil
 import signal
@@ -199,30 +200,15 @@ def line(wanted: float, speed: Optional[float], pendulum: Optional[float], decis
 _KEYS = {b'\x1b[A': 'up', b'\x1b[B': 'down', b'\x1b[C': 'right', b'\x1b[D': 'left',
          b'\x1bOA': 'up', b'\x1bOB': 'down', b'\x1bOC': 'right', b'\x1bOD': 'left',
          b' ': 'space', b'\x03': 'interrupt', b'\x04': 'interrupt'}
+# An escape sequence, known or not, or one byte.
+_KEY = re.compile(rb'\x1b.?[^A-Za-z~]*[A-Za-z~]?|.', re.DOTALL)
 _BYTES_MAX = 1024
 
 
 def keys_of(data: bytes) -> list[str]:
     """Return names of keys, such as ``'up'``; letters unchanged, others left out."""
-    found = []
-    while data:
-        for code, name in _KEYS.items():
-            if data.startswith(code):
-                found.append(name)
-                data = data[len(code):]
-                break
-        else:
-            if data[:1] == b'\x1b':  # an unknown sequence: skip all of it
-                end = 2
-                while end < len(data) and not data[end:end + 1].isalpha() \
-                        and data[end:end + 1] != b'~':
-                    end += 1
-                data = data[end + 1:]
-                continue
-            if data[:1].isalnum():
-                found.append(data[:1].decode())
-            data = data[1:]
-    return found
+    return [_KEYS.get(code) or code.decode() for code in _KEY.findall(data)
+            if code in _KEYS or code.isalnum()]
 
 
 class Keyboard:
@@ -286,11 +272,7 @@ class StickReading(NamedTuple):
 
 
 class Gamepad:
-    """
-    The first gamepad.
-
-    Raises `ConfigurationError` if no gamepad, or the package evdev to read it, is available.
-    """
+    """The first gamepad; `ConfigurationError` without one, or without the package evdev."""
 
     def __init__(self) -> None:
         evdev = load_optional('evdev', 'evdev', 'pip install evdev')

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The verbs for a running graph: topics, echo, hz, record, and the e-stop of a node."""
 import argparse
+from functools import cache, partial
 import math
 from pathlib import Path
 import sys
@@ -20,13 +21,7 @@ def note(sentence: str) -> None:
 
 def note_once(sentence: str) -> Callable[[], None]:
     """Return a function that prints a note at its first call."""
-    printed: list[str] = []
-
-    def print_it() -> None:
-        if not printed:
-            printed.append(sentence)
-            note(sentence)
-    return print_it
+    return cache(partial(note, sentence))
 
 
 def add_topics(parser: argparse.ArgumentParser) -> None:
@@ -142,11 +137,11 @@ def call_e_stop(arguments: argparse.Namespace, service: str) -> int:
     """Call a service of the node and print its reply; 1 if the node refuses."""
     graph = from_ros()
     with graph.Observer(service) as observer:
-        reply = graph.trigger(observer, arguments.node, service, arguments.timeout)
-    if not reply.success:
-        print_error(reply.message)
+        success, message = graph.trigger(observer, arguments.node, service, arguments.timeout)
+    if not success:
+        print_error(message)
         return FAILED
-    print(reply.message or 'done')
+    print(message or 'done')
     return DONE
 
 

@@ -195,11 +195,7 @@ Values = Union[list[float], tuple[float, float]]
 
 
 def read_numbers(words: Sequence[str], option: str) -> list[float]:
-    """
-    Return the numbers of the words of an option.
-
-    Raises `ConfigurationError` naming the option, the word and the allowed values.
-    """
+    """Return the numbers of the words of an option; `ConfigurationError` for other words."""
     numbers: list[float] = []
     for word in words:
         values = read_values(word, option)

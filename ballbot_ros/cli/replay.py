@@ -109,11 +109,7 @@ def difference_table(found: list[Any]) -> str:
 
 
 def parameters_of(arguments: argparse.Namespace, known: dict[str, Any]) -> Any:
-    """
-    Return the parameters of the simulator of a bag.
-
-    Raises `ConfigurationError` if no scene is known, or a parameter is unknown or out of range.
-    """
+    """Return the parameters of the simulator of a bag; `ConfigurationError` without a scene."""
     import yaml
 
     from ballbot_ros.nodes.simulator.settings import SimulatorSettings

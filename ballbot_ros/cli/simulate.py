@@ -123,11 +123,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def check_size(scene: Any, folder: Path) -> None:
-    """
-    Warn on standard error if the files of a run will be large.
-
-    Raises `ConfigurationError` if the files would not fit on the disk.
-    """
+    """Warn if the files of a run will be large; refuse those that do not fit on the disk."""
     samples = scene.run.duration / scene.run.output_step
     size = BYTES_PER_SAMPLE * samples
     coarser = scene.run.output_step * 10.0
@@ -146,11 +142,7 @@ def check_size(scene: Any, folder: Path) -> None:
 
 
 def animation_asked(arguments: argparse.Namespace, scene: Any, folder: Path) -> Optional[Path]:
-    """
-    Return the file of the animation, None without one.
-
-    Raises `ConfigurationError` if it cannot be written.
-    """
+    """Return the file of the animation, None without one; refuse one that cannot be written."""
     refuse_without(arguments, '--animate', arguments.animate is not None, '--playback')
     if arguments.animate is None:
         return None
@@ -230,11 +222,7 @@ def read_scene(arguments: argparse.Namespace) -> Any:
 
 
 def refuse_idle(arguments: argparse.Namespace, scene: Any) -> None:
-    """
-    Refuse an option without effect, and an output step beyond the duration.
-
-    Raises `ConfigurationError` naming the option and the ones that it needs.
-    """
+    """Refuse an option without effect, and an output step beyond the duration."""
     from ballbot_ros.physics.simulation.solver import METHODS
     if scene.run.output_step > scene.run.duration:
         raise ConfigurationError(

@@ -18,11 +18,7 @@ from ballbot_ros.compile_notice import on_compiling
 
 
 class Forked:
-    """
-    A copy of this process that runs a function; with the methods of `subprocess.Popen`.
-
-    The function returns the exit code.
-    """
+    """A copy of this process that runs a function; with the methods of `subprocess.Popen`."""
 
     def __init__(self, work: Callable[[], int]):
         sys.stdout.flush()
@@ -37,11 +33,7 @@ class Forked:
         return self._process.exitcode
 
     def wait(self, timeout: Optional[float] = None) -> int:
-        """
-        Return the exit code of a process that is about to end.
-
-        Raises `subprocess.TimeoutExpired` after the timeout [s].
-        """
+        """Return the exit code; `subprocess.TimeoutExpired` after the timeout [s]."""
         self._process.join(timeout)
         code = self._process.exitcode
         if code is None:

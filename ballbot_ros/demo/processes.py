@@ -68,11 +68,7 @@ def parameter_arguments(parameters: Mapping[str, Any]) -> List[str]:
 
 
 class NodeProcesses:
-    """
-    Nodes of this package as processes on a ROS domain, each with a log file in a folder.
-
-    Context manager that terminates all processes on exit.
-    """
+    """Nodes as processes on a ROS domain, with log files in a folder; ended on exit."""
 
     def __init__(self, folder: Path, domain: int):
         self._folder = folder

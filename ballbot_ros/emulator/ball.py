@@ -17,11 +17,7 @@ PERIOD = 1e-3
 
 
 def motor_of(robot: Robot) -> Motor:
-    """
-    Return the motor of a robot.
-
-    Raises `ConfigurationError` if it has none: then there is nothing to emulate.
-    """
+    """Return the motor of a robot; `ConfigurationError` if it has none to emulate."""
     if robot.motor is None or not robot.has_pendulum:
         raise ConfigurationError(
             f'robot {robot.name!r} has no pendulum motor; take one that has, such as gimball',

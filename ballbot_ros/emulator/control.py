@@ -103,11 +103,7 @@ LINE_FAULTS = {name: item.metadata for name, item in LineFaults.__dataclass_fiel
 
 
 def execute(emulator: Emulator, line: str) -> str:
-    """
-    Execute a line and return the answer.
-
-    Raises `ConfigurationError` if it is not understood.
-    """
+    """Execute a line and return the answer; `ConfigurationError` for an unknown one."""
     name, *words = line.split() or ['']
     if name == 'state':
         return json.dumps(state_of(emulator))
@@ -188,11 +184,7 @@ def answer(emulator: Emulator, line: str) -> str:
 
 
 class Channel:
-    """
-    Executes lines received over a Unix socket, and answers each with one line.
-
-    Raises `ConfigurationError` if the socket cannot be made.
-    """
+    """Executes lines received over a Unix socket, and answers each with one line."""
 
     def __init__(self, emulator: Emulator, path: Path):
         class Handler(socketserver.StreamRequestHandler):

@@ -219,11 +219,7 @@ Digests = Dict[str, Dict[int, str]]  # of messages, by topic and stamp [ns]
 
 
 def read_digests(path: Path, until: int) -> Digests:
-    """
-    Return the digests of all messages up to a stamp [ns]; repeated messages count once.
-
-    Raises `ConfigurationError` if the bag cannot be read.
-    """
+    """Return the digests of messages up to a stamp [ns]; repeated messages count once."""
     topics: Digests = {}
     with open_bag(path) as bag:
         for topic, message in bag.messages(list(bag.topics)):

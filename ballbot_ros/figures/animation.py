@@ -317,7 +317,8 @@ def _write_gif(pictures: Iterator[Picture], some: Picture, stream: Any) -> None:
     """Write pictures with a common palette, so that static parts are not stored."""
     from PIL import Image
     palette = _palette(some)
-    known = np.full(1 << 24, -1, dtype=np.int16)  # number in the palette, by colour
+    # Number in the palette by colour. Image.quantize takes neighbours of colours, even of white.
+    known = np.full(1 << 24, -1, dtype=np.int16)
     frames = []
     for picture in pictures:
         codes = picture.astype(np.int32) @ np.array([1 << 16, 1 << 8, 1], dtype=np.int32)

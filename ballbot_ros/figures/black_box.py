@@ -20,11 +20,7 @@ WIDEST = 118
 
 
 def around_fault(recording: BlackBoxRecording, before: float = 5.0) -> Figure:
-    """
-    Draw angles, rates, torques, supply, temperatures and gaps of the loop around the fault.
-
-    The figure begins a time [s] before the fault.
-    """
+    """Draw the time from some seconds before the fault on, a panel for each quantity."""
     begin, end = window(recording, before, None)
     fault = recording.fault_time
     events = chosen([event for event in merge_repeated(recording.events)

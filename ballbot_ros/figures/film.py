@@ -84,11 +84,7 @@ def strip(trajectory: Trajectory, title: str = '', marks: Sequence[Mark] = ()) -
 
 
 def stacked(runs: Sequence[tuple[Trajectory, str]], title: str) -> Figure:
-    """
-    Return short runs below one another, at the same scale.
-
-    Of each run the first row of its strip, with its text above it.
-    """
+    """Return the first rows of the strips of short runs below one another, with their texts."""
     chosen = [(run, lay_out(run).rows[0], label) for run, label in runs]
     views = [_view(run, row) for run, row, _ in chosen]
     scale = _NARROWEST / max(right - left for left, right, _, _ in views)  # [in/m]

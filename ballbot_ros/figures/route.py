@@ -18,11 +18,7 @@ COLOURS = {'step': VERMILION, 'threshold': ORANGE, 'cord': ORANGE, 'drop': INK, 
 
 
 def route_figure(floor: Floor, route: Optional[Route] = None, radius: float = 0.0) -> Figure:
-    """
-    Return a plan of a floor, with a route.
-
-    The ball, with its radius [m], is drawn at start, goal, and where each crossing begins.
-    """
+    """Return a plan of a floor, with a route and the ball, of a radius [m], along it."""
     title = floor.name if route is None else (
         f'{floor.name}: {route.time:.0f} s, probability {route.probability:.2f}')
     with _plan_of(floor, title) as (figure, axes):

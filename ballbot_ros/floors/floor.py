@@ -235,11 +235,7 @@ def rectangles(mask: NDArray[np.bool_], resolution: float, origin: Point
 
 
 def start_on(floor: Floor, text: str) -> Tuple[float, float, float]:
-    """
-    Return the pose that a text gives, as x, y [m] and heading [rad] with commas; else the start.
-
-    Raises `ConfigurationError` if it is not three numbers.
-    """
+    """Return the pose of a text with x, y [m] and heading [rad]; without text, the start."""
     if not text:
         return floor.start
     try:

@@ -68,11 +68,7 @@ def sensitivity(case: Case, speed: float, progress: Progress = ignore) -> list[B
 
 def sampled_heights(case: Case, speeds: Array, samples: int, seed: int = 0,
                     progress: Progress = ignore) -> Array:
-    """
-    Return the maximum step height at each speed of robots drawn from the ranges, a row each [m].
-
-    See `uncertainty.draw`.
-    """
+    """Return the maximum step heights [m] of robots drawn from the ranges, a row each."""
     return np.array([step_heights(case._replace(robot=robot), speeds)
                      for robot in tracked(draw(case.robot, samples, seed), progress)])
 

@@ -80,11 +80,7 @@ def plain(value: Any) -> Any:
 
 
 def summarise(trajectory: Trajectory, wall_time: Optional[float] = None) -> Summary:
-    """
-    Return the summary of a complete or partial run with its wall time [s].
-
-    Extremes and contacts do not depend on the output step of the run.
-    """
+    """Return the summary of a run with its wall time [s]; the output step has no effect."""
     robot, scene = trajectory.model.robot, trajectory.scene
     samples = len(trajectory)
     asked = samples if scene is None else 1 + math.ceil(

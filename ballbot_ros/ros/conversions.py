@@ -117,11 +117,7 @@ def lateral_readings(message: JointState, robot: Robot) -> Optional[LateralState
 
 
 def readings(message: JointState) -> JointReadings:
-    """
-    Return the joint readings that the controller needs.
-
-    Raises `MessageError` if a joint is missing, the lengths do not fit or a number is not finite.
-    """
+    """Return the joint readings; `MessageError` if one is missing or not finite."""
     return JointReadings(
         to_seconds(message.header.stamp),
         _joint_value(message, SHELL, message.position, 'position'),

@@ -48,11 +48,7 @@ def variables(environment: Mapping[str, str]) -> Dict[str, str]:
 
 
 def apply(environment: MutableMapping[str, str]) -> str:
-    """
-    Add `variables` to an environment, and return a sentence with the discovery range.
-
-    It is usually ``os.environ``, before ``rclpy.init``.
-    """
+    """Add `variables` to an environment, and return a sentence with the discovery range."""
     choice = chosen(environment)
     environment.update(variables(environment))
     if not choice:

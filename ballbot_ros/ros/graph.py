@@ -4,8 +4,9 @@ from collections import deque
 import csv
 import io
 import os
+from statistics import fmean, pstdev
 import time
-from typing import Any, Callable, Deque, Iterator, List, NamedTuple, Optional
+from typing import Any, Callable, Deque, Iterator, List, NamedTuple, Optional, Tuple
 
 import rclpy
 from rclpy.context import Context
@@ -210,10 +211,8 @@ def rate_in_words(times: List[float]) -> Optional[str]:
     gaps = [after - before for before, after in zip(times, times[1:])]
     if not gaps:
         return None
-    mean = sum(gaps) / len(gaps)
-    spread = (sum((gap - mean) ** 2 for gap in gaps) / len(gaps)) ** 0.5
-    return (f'average rate: {1.0 / mean:.3f}\n\tmin: {min(gaps):.3f}s max: {max(gaps):.3f}s '
-            f'std dev: {spread:.5f}s window: {len(gaps) + 1}')
+    return (f'average rate: {1.0 / fmean(gaps):.3f}\n\tmin: {min(gaps):.3f}s '
+            f'max: {max(gaps):.3f}s std dev: {pstdev(gaps):.5f}s window: {len(gaps) + 1}')
 
 
 def as_yaml(message: Any) -> str:
@@ -239,16 +238,9 @@ def _leaves(value: Any) -> Iterator[Any]:
         yield value
 
 
-class ServiceAnswer(NamedTuple):
-    """Answer of a service."""
-
-    success: bool
-    message: str
-
-
-def trigger(observer: Observer, node: str, verb: str, timeout: float) -> ServiceAnswer:
+def trigger(observer: Observer, node: str, verb: str, timeout: float) -> Tuple[bool, str]:
     """
-    Call a service, ``'release_e_stop'`` for instance, of a node, with its namespace if it has one.
+    Call a service of a node, with its namespace if it has one; return success and message.
 
     The timeout is that for the service to appear, and for its answer [s].  Raises
     `ConfigurationError` if there is no such service, or it does not answer; names the nodes that
@@ -274,4 +266,4 @@ def trigger(observer: Observer, node: str, verb: str, timeout: float) -> Service
         raise ConfigurationError(f'{node}/{verb} has not answered within {timeout:g} s; check '
                                  'whether it was executed', 'unavailable', '--node')
     result = answer.result()
-    return ServiceAnswer(result.success, result.message)
+    return result.success, result.message

@@ -91,11 +91,7 @@ class Given:
         return BOOLEANS[text]
 
     def node(self, executable: str, parameters: Mapping[str, Any]) -> Node:
-        """
-        Return a node of this package; when it ends, everything ends.
-
-        The parameters of `params_file` override those given.
-        """
+        """Return a node of this package; when it ends, everything ends."""
         return Node(
             package='ballbot_ros', executable=executable, output='screen',
             parameters=[typed(parameters), *self._file()],

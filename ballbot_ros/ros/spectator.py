@@ -90,11 +90,7 @@ class Spectator:
         self._observer.close()
 
     def trigger(self, service: str) -> str:
-        """
-        Call a service of type std_srvs/Trigger and return its message.
-
-        Raises `RefusedError` if it refuses, or does not answer.
-        """
+        """Call a Trigger service and return its message; `RefusedError` if it refuses."""
         answer = self._call(Trigger, service, Trigger.Request())
         if not answer.success:
             raise RefusedError(answer.message, 'refused', service)

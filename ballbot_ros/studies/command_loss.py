@@ -104,11 +104,7 @@ def held_angle(robot: Robot, slope: float, joint_rate: float) -> float:
 
 
 def scene_of(hardware: Hardware, scenario: Scenario) -> Scene:
-    """
-    Return the ball of a scenario while it is still commanded, in equilibrium.
-
-    Raises `ConfigurationError` if the robot cannot be held on that slope.
-    """
+    """Return the ball in equilibrium; `ConfigurationError` if a slope is too steep for it."""
     robot = load_robot(hardware.robot)
     rise = math.tan(scenario.slope)
     model = Model(robot, Terrain([[-1.0, -rise], [1.0, rise]]))

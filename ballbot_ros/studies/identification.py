@@ -410,11 +410,7 @@ def _roughness(values: Array, gap: Array) -> float:
 
 
 def with_values(scene: Scene, values: Mapping[str, float]) -> Scene:
-    """
-    Return a scene with other parameters of robot, motor and start.
-
-    Raises `ConfigurationError` if a parameter is unknown or out of range.
-    """
+    """Return a scene with other parameters; `ConfigurationError` for one out of range."""
     check_known(scene, list(values))
     robot = with_parameters(scene.model.robot, values)
     start: Dict[str, Any] = {

@@ -115,11 +115,7 @@ def run_sweep(plan: SweepPlan, out: Path, pool: Executor, workers: int,
 
 
 def refuse_foreign(out: Path) -> None:
-    """
-    Refuse to replace a file that no sweep has written.
-
-    Raises `ConfigurationError` naming the file, or pyarrow if it is missing.
-    """
+    """Refuse to replace a file that no sweep has written; pyarrow must be installed."""
     arrow = load_arrow()
     if not out.exists():
         return

@@ -186,11 +186,7 @@ class BagSource(MessageSource):
 
 
 def robot_topics(path: Path, topics: List[str], namespace: str) -> Tuple[str, ...]:
-    """
-    Return the topics of the robot of a bag that create frames.
-
-    Raises `ConfigurationError` if there is no robot, or several of which none is named.
-    """
+    """Return the topics of the robot of a bag that create frames; refuse several robots."""
     prefixes = sorted({topic.rsplit('/', 1)[0] for topic in topics
                        if topic.rsplit('/', 1)[-1] in STATE_TOPICS})
     asked = '/' + namespace.strip('/') if namespace.strip('/') else ''

@@ -21,11 +21,7 @@ SET_SPEED_MAX, YAW_RATE_MAX = 1.2, 0.5  # set-points [m/s], [rad/s]
 
 
 class FloorSource(Source):
-    """
-    A robot on a floor, each a name or file, driven by the controls of the page.
-
-    Raises `ConfigurationError` if a file is not valid.
-    """
+    """A robot on a floor, each a name or file, driven by the controls of the page."""
 
     def __init__(self, floor: str, robot: str = 'gimball'):
         super().__init__()

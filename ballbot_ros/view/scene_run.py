@@ -65,11 +65,7 @@ class SceneRun:
         return self._monitor.accuracy_lost_at if self._monitor else math.inf
 
     def advance(self, periods: int) -> None:
-        """
-        Advance by some periods.
-
-        Raises `SimulationError` if the run fails; it remains at the last valid period.
-        """
+        """Advance by some periods; a run that fails stays at its last valid period."""
         # A law that depends on the state at the start of a period is evaluated once per period.
         chunk = 1 if self.law.sampled and not self.e_stop else periods
         for _ in range(periods // chunk):

@@ -57,11 +57,7 @@ def new_session(node: Node, settings: BridgeSettings) -> Session:
 
 
 def prepare_session(session: Session, now: BridgeSettings, wanted: BridgeSettings) -> Commit:
-    """
-    Check other gains and timeouts; return a function that passes them to the loop.
-
-    Raises `ConfigurationError` or `UnstableLoopError` as `new_session`.
-    """
+    """Check other gains and timeouts; return a function that passes them to the loop."""
     hardware, law = session.hardware, session.law
     if law is None:
         if (wanted.gains, wanted.delay) != (now.gains, now.delay):

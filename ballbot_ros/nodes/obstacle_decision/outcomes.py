@@ -17,11 +17,7 @@ NEWEST = 100
 
 
 class Experience:
-    """
-    A log of outcomes, or none for an empty path.
-
-    The particles of `knowledge` are updated from it.
-    """
+    """A log of outcomes, or none for an empty path, and the knowledge with it."""
 
     def __init__(self, path: str, knowledge: Knowledge, planner: str, logger: RcutilsLogger):
         """Compile the kernels of the decision, and update the particles from the log."""

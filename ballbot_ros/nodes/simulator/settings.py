@@ -133,11 +133,7 @@ class SimulatorSettings(Settings):
 
 
 def plant_for(settings: SimulatorSettings) -> Plant:
-    """
-    Return the plant that these parameters describe, at its start.
-
-    Raises `ConfigurationError` if a file is not valid, or parameters are inconsistent.
-    """
+    """Return the plant at its start; `ConfigurationError` for inconsistent parameters."""
     solver, limit = Solver(settings.method, settings.physics_step), settings.torque_limit or None
     if not settings.floor:
         if settings.start:
