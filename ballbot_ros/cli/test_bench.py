@@ -68,7 +68,7 @@ def make_bench(arguments: argparse.Namespace) -> Any:
                    '--slope-deg')
     changes = {name: value for name, value in (
         ('slope', None if arguments.slope_deg is None else math.radians(arguments.slope_deg)),
-        ('length', arguments.run_up), ('sensor_distance', arguments.sensor_distance))
+        ('run_up', arguments.run_up), ('sensor_distance', arguments.sensor_distance))
         if value is not None}
     return RunUp(**changes) if arguments.driven else Ramp(**changes)
 

@@ -58,6 +58,8 @@ class Bench(Checked):
     pendulum_sd: float = quantity(
         'rad', 'standard deviation of the pendulum angle at the start', default=0.25,
         minimum=0.0)
+    run_up: float = quantity('m', 'level floor before the step', default=0.6, above=0.3)
+    highest: float = quantity('1', 'highest setting', default=1.0, above=0.0)
 
     # Quantity, its least setting, and the factors between the settings of two rolls.
     setting_name: ClassVar[str]
@@ -68,21 +70,11 @@ class Bench(Checked):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.sensor_distance + self.sensor_gap > self.level:
+        if self.sensor_distance + self.sensor_gap > self.run_up:
             raise ConfigurationError(
-                f'sensor_distance must be at most {self.level - self.sensor_gap:.3g} m, where the '
+                f'sensor_distance must be at most {self.run_up - self.sensor_gap:.3g} m, where the '
                 f'first sensor is at the start of the level floor, got {self.sensor_distance:g} m',
                 'inconsistent', 'sensor_distance')
-
-    @property
-    def highest(self) -> float:
-        """Return the highest setting."""
-        raise NotImplementedError
-
-    @property
-    def level(self) -> float:
-        """Return the length of the level floor before the step [m]."""
-        raise NotImplementedError
 
     def terrain(self, height: float) -> Terrain:
         """Return the ground with a step; its face is at x = 0."""
@@ -148,27 +140,18 @@ class Ramp(Bench):
     slope: float = quantity('rad', 'angle of the ramp', default=math.radians(8.0), above=0.0,
                             maximum=math.radians(45.0))
     bend: float = quantity('m', 'length of the rounding at its foot', default=0.3, above=0.0)
-    floor: float = quantity('m', 'level, from the bend to the step', default=0.6, above=0.3)
     release_sd: float = quantity('m', 'standard deviation of the release height', default=1e-3,
                                  minimum=0.0)
     push_sd: float = quantity('m/s', 'standard deviation of the speed at the release',
                               default=0.01, minimum=0.0)
-    highest_release: float = quantity('m', 'top of the ramp', default=0.4, above=0.0)
+    highest: float = quantity('m', 'top of the ramp', default=0.4, above=0.0)
 
     setting_name, unit, lowest, coarse, fine = 'release height', 'm', 4e-3, 1.3, 1.05
-
-    @property
-    def highest(self) -> float:
-        return self.highest_release
-
-    @property
-    def level(self) -> float:
-        return self.floor
 
     def terrain(self, height: float) -> Terrain:
         radius = self.bend / math.sin(self.slope)
         angles = np.linspace(self.slope, 0.0, 1 + math.ceil(self.slope / BEND_ARC))
-        foot = np.column_stack([-self.floor - radius * np.sin(angles),
+        foot = np.column_stack([-self.run_up - radius * np.sin(angles),
                                 radius * (1.0 - np.cos(angles))])
         top = foot[0] + [-1.0, math.tan(self.slope)]
         return Terrain([top, *foot, [0.0, 0.0], [0.0, height], [1.0, height]])
@@ -191,25 +174,17 @@ class Ramp(Bench):
 class RunUp(Bench):
     """The driven test: a constant voltage from rest; the setting is the voltage."""
 
-    length: float = quantity('m', 'distance of the centre to the touch of the step', default=1.2,
+    run_up: float = quantity('m', 'distance of the centre to the touch of the step', default=1.2,
                              above=0.4, maximum=10.0)
     voltage_sd: float = quantity('1', 'standard deviation of the voltage, relative to it',
                                  default=0.02, minimum=0.0)
     length_sd: float = quantity('m', 'standard deviation of the run-up', default=0.01,
                                 minimum=0.0)
-    highest_voltage: float = quantity(
+    highest: float = quantity(
         'V', 'that the driver gives; more would swing the pendulum of GimBall over its top at '
         'the start, and the ball would be slower', default=8.0, above=0.0)
 
     setting_name, unit, lowest, coarse, fine = 'voltage', 'V', 1.0, 1.15, 1.03
-
-    @property
-    def highest(self) -> float:
-        return self.highest_voltage
-
-    @property
-    def level(self) -> float:
-        return self.length
 
     def terrain(self, height: float) -> Terrain:
         return Terrain.step(height)
@@ -218,12 +193,12 @@ class RunUp(Bench):
               ) -> tuple[State, Actuation]:
         """Return the ball at rest, with a voltage on its motor."""
         voltage = setting * (1.0 + chance.normal(0.0, self.voltage_sd))
-        length = max(self.length + chance.normal(0.0, self.length_sd), 0.4)
+        length = max(self.run_up + chance.normal(0.0, self.length_sd), 0.4)
         height = float(model.terrain.vertices[-1, 1])
         touch = touch_distance(
             model.robot.ball_radius, height, model.robot.static_penetration)
         start = model.at_rest(-touch - length, 0.0, self.pendulum_angle(model.robot, chance))
-        return start, Actuation(law='voltage', voltage=min(voltage, self.highest_voltage))
+        return start, Actuation(law='voltage', voltage=min(voltage, self.highest))
 
 
 def run_to_the_end(model: Model, start: State, actuation: Actuation, touch: float,

@@ -93,7 +93,7 @@ def test_the_threshold_that_is_found_is_that_of_the_model():
 
 
 def test_tests_end_where_the_ramp_ends():
-    rolls = list(run_tests(Ramp(highest_release=0.02), SHELLBALL, (0.005, 0.03, 0.04)))
+    rolls = list(run_tests(Ramp(highest=0.02), SHELLBALL, (0.005, 0.03, 0.04)))
     assert [roll.step_height for roll in rolls][-1] == 0.03
     assert [roll.setting for roll in rolls[-procedure.ATTEMPTS_MAX:]] == [
         0.02] * procedure.ATTEMPTS_MAX
@@ -113,9 +113,9 @@ def test_thresholds_leave_out_rolls_without_a_speed():
     (lambda: list(run_tests(Ramp(), GIMBALL, ())), 'out_of_range', 'heights'),
     (lambda: list(run_tests(Ramp(), GIMBALL, fine_rolls=0)), 'out_of_range', 'fine_rolls'),
     (lambda: Ramp(slope=1.0), 'out_of_range', 'slope'),
-    (lambda: RunUp(length=1e9), 'out_of_range', 'length'),
+    (lambda: RunUp(run_up=1e9), 'out_of_range', 'run_up'),
     (lambda: Ramp(sensor_distance=0.55), 'inconsistent', 'sensor_distance'),
-    (lambda: RunUp(length=0.6, sensor_distance=0.55), 'inconsistent', 'sensor_distance'),
+    (lambda: RunUp(run_up=0.6, sensor_distance=0.55), 'inconsistent', 'sensor_distance'),
     (lambda: Ramp(sensor_distance=0.1).roll(GIMBALL, 0.055, 0.1, dice()), 'inconsistent',
      'sensor_distance'),
     (lambda: RunUp().roll(SHELLBALL, 0.02, 5.0, dice()), 'missing', 'law')])
