@@ -36,29 +36,17 @@ AREAS = ('carpet', 'level', 'ramp', 'friction', 'keep_out', 'stairs')
 @dataclass(frozen=True)
 class Feature(Checked):
     """
-    A step, threshold, cord or drop along a line, or an area.
+    A step, threshold, cord or drop along a line, or an area; all lengths in m.
 
-    Attributes
-    ----------
-    kind : str
-        ``step``: the floor on the left of the line, seen from its first point to its last, is
-        higher by `height`.  ``threshold``: a bar of `height` and `width`, the line is its middle.
-        ``cord``: the same, flexible.  ``drop``: the floor on the right of the line is lower by
-        `height`, and no route crosses it.  ``carpet`` and ``level``: an area that is higher by
-        `height`, or lower where that of a level is negative.  ``ramp``: an area that rises by
-        `height` along its line, from the foot to the top.  ``friction``: an area with a
-        coefficient of friction.  ``keep_out`` and ``stairs``: areas that no route enters; a route
-        keeps the stopping distance from stairs.
-    name : str
-    line : tuple of (float, float)
-        Of a line or a ramp; at least two points [m].
-    polygon : tuple of (float, float)
-        Of an area; at least three points [m].
-    height, height_sd, width : float
-        [m]
-    friction : float or None
-        Coefficient of an area of friction [1].
+    ``step``: the floor on the left of the line, seen from its first point to its last, is higher
+    by `height`.  ``threshold``: a bar of `height` and `width`, the line is its middle.  ``cord``:
+    the same, flexible.  ``drop``: the floor on the right of the line is lower by `height`, and no
+    route crosses it.  ``carpet`` and ``level``: an area that is higher by `height`, or lower where
+    that of a level is negative.  ``ramp``: an area that rises by `height` along its line, from the
+    foot to the top.  ``friction``: an area with a coefficient of friction.  ``keep_out`` and
+    ``stairs``: areas that no route enters; a route keeps the stopping distance from stairs.
 
+    A line has at least two points (x, y), the polygon of an area at least three.
     """
 
     kind: str = text('kind of the feature', choices=(*LINES, *AREAS))
@@ -321,27 +309,10 @@ def read_map(path: Path) -> Tuple[NDArray[np.uint8], float, Point]:
     """
     Read a map as Nav2's map_server does, in its modes ``trinary`` and ``scale``.
 
-    A map with a rotated origin is sampled along the axes.
-
-    Parameters
-    ----------
-    path : Path
-        Of the YAML file, with image, resolution, origin, negate, occupied_thresh, free_thresh.
-
-    Returns
-    -------
-    cells : (rows, columns) array of uint8
-        See `Floor`.
-    resolution : float
-        [m]
-    origin : tuple of float
-        [m]
-
-    Raises
-    ------
-    ConfigurationError
-        For values out of range, an image that cannot be read or is too large.
-
+    The YAML file has image, resolution, origin, negate, occupied_thresh and free_thresh.  A map
+    with a rotated origin is sampled along the axes.  Returns cells, resolution and origin as in
+    `Floor` [m].  Raises `ConfigurationError` for values out of range, an image that cannot be read
+    or is too large.
     """
     content = dict(read_yaml(find_config('maps', path)))
     where = str(path)

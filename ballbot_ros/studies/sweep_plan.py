@@ -184,22 +184,10 @@ class SweepPlan(Checked):
 
     def crossings(self, rows: Array) -> tuple[Optional[Crossings], Any, Array]:
         """
-        Return cases as the kernels read them.
+        Return the cases of a block as the kernels read them, with the heights of their steps [m].
 
-        Parameters
-        ----------
-        rows : (n, names) array
-            Of a block.
-
-        Returns
-        -------
-        crossings : Crossings or None
-            Of the cases that can be; None if none can.
-        heights : array or None
-            Of their steps [m].
-        which : (n,) array of bool
-            These cases; `case` raises the error of another one.
-
+        The third value is which of the rows these are, (n,): `case` raises the error of another
+        one.  The first two are None if no case can be made.
         """
         columns = {**{name: np.full(len(rows), value, dtype=float)
                       for name, value in self.fixed.items()}, **dict(zip(self.names, rows.T))}

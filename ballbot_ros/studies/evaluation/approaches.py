@@ -66,15 +66,9 @@ def draw_robot(robot: Robot, random: np.random.Generator) -> Robot:
 def draw_approach(nominal: Robot, tuning: DecisionTuning, seed: int, number: int,
                   kind: Optional[str] = None, sensor: Optional[str] = None) -> Approach:
     """
-    Return approach `number` of a seed.
+    Return approach `number` of a seed, on a kind of `terrains.KINDS`, with one of `sensors.KINDS`.
 
-    Parameters
-    ----------
-    kind : str, optional
-        Of the terrain, see `terrains.KINDS`.
-    sensor : str, optional
-        Kind of sensor, see `sensors.KINDS`; terrains that it cannot detect get another.
-
+    By default any; a terrain that the sensor cannot detect gets another one.
     """
     random = np.random.default_rng([seed, number])
     room = UNSEEN_ROOM if random.random() < 0.5 else 0.0

@@ -96,15 +96,8 @@ def advance_periods(call: Call) -> Tuple[int, int, float]:
     """
     Advance a state in place by some control periods.
 
-    Returns
-    -------
-    outcome : int
-        FINISHED, or the reason of a failure; see `solvers.values`.
-    done : int
-        Periods.
-    torque : float
-        In the last period [N m].
-
+    Returns FINISHED, or the reason of a failure, see `solvers.values`; the number of periods; and
+    the torque in the last one [N m].
     """
     span, script, drive, packed, solving, state, watched, rows, arrays = call
     first, count, period = span
@@ -133,21 +126,9 @@ class ClosedLoop:
     """
     A ball under law (11), whose set angle is held for some control periods.
 
-    Parameters
-    ----------
-    robot : Robot
-        The true one.
-    nominal : Robot
-        Assumed by the controller.
-    speed, pendulum_angle : float
-        At x = 0 [m/s], [rad].
-
-    Attributes
-    ----------
-    model : Model
-    watched : (n, 7) array
-        The straight pieces of the faces; columns `AX` to `TOUCH_PERIOD`.
-
+    The true robot starts at x with a speed [m/s] and a pendulum angle [rad]; the controller
+    assumes the nominal one.  `watched` has the straight pieces of the faces, (n, 7), with the
+    columns `AX` to `TOUCH_PERIOD`.
     """
 
     def __init__(self, robot: Robot, terrain: Terrain, nominal: Robot, gains: ControlTuning,

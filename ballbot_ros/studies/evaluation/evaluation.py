@@ -139,29 +139,11 @@ def true_margin(approach: Approach, attempt: Dict[str, Any], nominal: NominalMod
 def run_evaluation(evaluation: Evaluation, folder: Path, pool: Executor, workers: int,
                    progress: Progress = ignore) -> List[Row]:
     """
-    Run an evaluation, resuming an interrupted one.
+    Run an evaluation, resuming an interrupted one, and return the row of each run.
 
-    Parameters
-    ----------
-    folder : Path
-        The blocks are in its subfolder `FOLDER`.
-    pool : Executor
-        Of processes, or of a cluster.
-    workers : int
-        Number of workers in the pool.
-    progress : callable, optional
-        Called with the number of finished runs.
-
-    Returns
-    -------
-    list of dict
-        The row of each run.
-
-    Raises
-    ------
-    ConfigurationError
-        If the folder is of another evaluation, or cannot be written.
-
+    The blocks are in the subfolder `FOLDER` of the folder; the pool is one of processes, or of a
+    cluster.  The progress is the number of finished runs.  Raises `ConfigurationError` if the
+    folder is of another evaluation, or cannot be written.
     """
     blocks = {}
     for planner, group, count in evaluation.parts:

@@ -121,14 +121,7 @@ def finite_or_none(value: Any) -> Any:
 
 
 class OutcomeMonitor:
-    """
-    Determines the outcome of one approach.
-
-    Attributes
-    ----------
-    verdict : Verdict
-
-    """
+    """Determines the outcome of one approach."""
 
     def __init__(self, approach: Approach, loop: ClosedLoop, tuning: DecisionTuning):
         self._approach, self._loop, self._tuning = approach, loop, tuning
@@ -146,13 +139,7 @@ class OutcomeMonitor:
         """
         Evaluate the state after some periods; return whether the approach has ended.
 
-        Parameters
-        ----------
-        before : float
-            Time at the begin of these periods [s].
-        decision : Decision
-            In force during these periods.
-
+        The decision was in force during these periods, which began at the time `before` [s].
         """
         state = self._loop.state
         self._path.append((state.x, state.velocity_x))

@@ -119,17 +119,7 @@ def failures(one: Mapping[str, Any]) -> List[str]:
 
 
 def page(report: Report, command: str) -> str:
-    """
-    Return the report as Markdown.
-
-    Parameters
-    ----------
-    report : dict
-        As `report.report` returns it.
-    command : str
-        That made it.
-
-    """
+    """Return the report of `report.report`, which a command made, as Markdown."""
     planners = report['planners']
     first, one = next(iter(planners.items()))
     missed = one['missed']

@@ -197,15 +197,7 @@ def planner_figures(rows: Sequence[Row], crossable: Sequence[Row],
 
 
 def report(evaluation: Evaluation, rows: Sequence[Row]) -> Dict[str, Any]:
-    """
-    Return all figures of an evaluation, as JSON values.
-
-    Parameters
-    ----------
-    rows : sequence of dict
-        As `run_evaluation` returns them.
-
-    """
+    """Return all figures of an evaluation with the rows of `run_evaluation`, as JSON values."""
     radius = evaluation.nominal().robot.ball_radius
     ordered = sorted(rows, key=lambda row: row['number'])
     planners = {}

@@ -35,13 +35,7 @@ class NominalModel:
     """
     Assumptions of the decision: the nominal robot, curve and tunings, loaded and checked.
 
-    Parameters
-    ----------
-    robot, curve, tuning, gains : str
-        Names or files.
-    changes : mapping, optional
-        Other values of the decision tuning.
-
+    They are names or files; `changes` are other values of the decision tuning.
     """
 
     def __init__(self, robot: str = 'gimball', curve: str = 'gimball_down',
@@ -122,18 +116,9 @@ def heading(approach: Approach, planner: str) -> Dict[str, Any]:
 def run_approach(approach: Approach, planner: str, nominal: NominalModel,
                  listener: Optional[Listener] = None) -> Dict[str, Any]:
     """
-    Run an approach to its end.
+    Run an approach to its end, and return a row of the report, of JSON values.
 
-    Parameters
-    ----------
-    listener : callable, optional
-        Called with each decision.
-
-    Returns
-    -------
-    dict
-        A row of the report, of JSON values.
-
+    The listener is called with each decision.
     """
     ground = approach.ground
     loop = ClosedLoop(approach.robot, ground.terrain, nominal.robot, nominal.gains,
@@ -180,14 +165,7 @@ def run_approach(approach: Approach, planner: str, nominal: NominalModel,
 
 
 class DecisionLog:
-    """
-    Collects a line for each change of the decision, and some between.
-
-    Attributes
-    ----------
-    lines : list of str
-
-    """
+    """Collects a line for each change of the decision, and some between."""
 
     def __init__(self, every: float = LOG_PERIOD):
         self.lines: List[str] = []
@@ -233,17 +211,7 @@ def _number(value: Optional[float]) -> str:
 
 def run_with_log(approach: Approach, planner: str, nominal: NominalModel,
                  every: float = LOG_PERIOD) -> Tuple[List[str], Dict[str, Any]]:
-    """
-    Run one approach and log its decisions.
-
-    Returns
-    -------
-    lines : list of str
-        Description, decisions with their reasons, and outcome.
-    row : dict
-        As `run_approach` returns it.
-
-    """
+    """Run one approach; return lines with its decisions, reasons and outcome, and the row."""
     log = DecisionLog(every)
     row = run_approach(approach, planner, nominal, log.update)
     faces = '; '.join(f'{1e3 * height:+.1f} mm at {left:.3f} m' for left, _, _, height in

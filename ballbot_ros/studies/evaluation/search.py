@@ -53,19 +53,11 @@ MANOEUVRES: Tuple[Manoeuvre, ...] = tuple(
 def gets_over(loop: ClosedLoop, manoeuvre: Manoeuvre, touch: float, goal: float,
               level_angle: float, fastest: float = TOUCH_SPEED_MAX) -> bool:
     """
-    Return whether a manoeuvre gets a ball over without touching a face faster than permitted.
+    Return whether a manoeuvre gets a ball over without a touch faster than permitted [m/s].
 
-    Parameters
-    ----------
-    loop : ClosedLoop
-        At the begin of the run-up.
-    touch, goal : float
-        Where the centre is at the first touch, and where the ball is over [m].
-    level_angle : float
-        Pendulum angle at which the ball keeps its speed [rad].
-    fastest : float, optional
-        Highest permitted touch speed [m/s].
-
+    The loop is at the begin of the run-up; `touch` and `goal` are where the centre is at the first
+    touch, and where the ball is over [m]; at the level angle of the pendulum the ball keeps its
+    speed [rad].
     """
     swing = touch - manoeuvre.lead * manoeuvre.speed if manoeuvre.lead >= 0.0 else math.inf
     script: Script = (

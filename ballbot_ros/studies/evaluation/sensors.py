@@ -94,15 +94,9 @@ class SensorModel:
 
 def draw_sensor(random: Random, sensors: str, kind: Optional[str] = None) -> SensorModel:
     """
-    Return a sensor with faults.
+    Return a sensor with faults, of a kind of `KINDS` (by default any) that detects the obstacle.
 
-    Parameters
-    ----------
-    sensors : str
-        Sensors that can detect the obstacle; see `terrains.Shape.sensors`.
-    kind : str, optional
-        One of `KINDS`, where it can detect the obstacle; by default any of these.
-
+    Kinds that do are those of `terrains.Shape.sensors`.
     """
     drawn = str(random.choice(KINDS, p=(0.4, 0.25, 0.35)))
     wanted = kind or drawn

@@ -206,15 +206,9 @@ KINDS: Mapping[str, Tuple[float, Callable[[Random, float], Shape]]] = {
 
 def draw_shape(random: Random, room: float, kind: Optional[str] = None) -> Tuple[str, Shape]:
     """
-    Return a kind and an obstacle of it.
+    Return a kind of `KINDS`, by default any, and an obstacle of it.
 
-    Parameters
-    ----------
-    room : float
-        Floor behind each edge, where the kind can have it [m].
-    kind : str, optional
-        One of `KINDS`; by default any.
-
+    `room` is the floor behind each edge, where the kind can have it [m].
     """
     names = list(KINDS)
     weights = np.array([KINDS[name][0] for name in names])
@@ -226,19 +220,11 @@ def draw_shape(random: Random, room: float, kind: Optional[str] = None) -> Tuple
 def lay(kind: str, shape: Shape, foot: float, slope: float, back: Optional[float],
         friction: float) -> Ground:
     """
-    Return the terrain with an obstacle.
+    Return the terrain with an obstacle, which begins at `foot`; the ball starts at 0 [m].
 
-    Parameters
-    ----------
-    foot : float
-        Where the obstacle begins; the ball starts at 0 [m].
-    slope : float
-        Of everything, positive uphill [rad].
-    back : float or None
-        How far behind the start the floor ends in a drop [m]; None if it does not end.
-    friction : float
-        Coefficient of all surfaces.
-
+    The slope is that of everything, positive uphill [rad]; `back` how far behind the start the
+    floor ends in a drop [m], None if it does not end; and the friction the coefficient of all
+    surfaces.
     """
     vertices = [(foot, 0.0)]
     for run, rise in shape.strides:

@@ -42,25 +42,8 @@ class FloorLoop:
     """
     Robot, sensors, localisation, `Navigator` and obstacle decision in one process.
 
-    Parameters
-    ----------
-    navigator : Navigator
-        Plans on the map.
-    knowledge : Knowledge
-        Of the decision: the nominal robot.
-    robot : Robot
-        The true one.
-    floor : Floor
-        The true one.
-    pose : (float, float, float)
-        [m], [rad]
-
-    Attributes
-    ----------
-    plant : FloorPlant
-    state : NavigationState
-    command : Command
-
+    The navigator plans on the map, and the decision knows the nominal robot; robot and floor are
+    the true ones.
     """
 
     def __init__(self, navigator: Navigator, knowledge: Knowledge, robot: Robot, floor: Floor,
