@@ -73,7 +73,7 @@ class Bench(Checked):
         if self.sensor_distance + self.sensor_gap > self.run_up:
             raise ConfigurationError(
                 f'sensor_distance must be at most {self.run_up - self.sensor_gap:.3g} m, where '
-                f'the first sensor is at the start of the level floor, got {self.sensor_distance:g} m',
+                f'the first sensor is at the start of the floor, got {self.sensor_distance:g} m',
                 'inconsistent', 'sensor_distance')
 
     def terrain(self, height: float) -> Terrain:

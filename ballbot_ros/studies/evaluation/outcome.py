@@ -139,7 +139,7 @@ class OutcomeMonitor:
         """
         Evaluate the state after some periods; return whether the approach has ended.
 
-        The decision was in force during these periods, which began at the time `before` [s].
+        The decision was in force during these periods, which start at the time `before` [s].
         """
         state = self._loop.state
         self._path.append((state.x, state.velocity_x))

@@ -42,7 +42,7 @@ class FloorLoop:
     """
     Robot, sensors, localisation, `Navigator` and obstacle decision in one process.
 
-    The navigator plans on the map, and the decision knows the nominal robot; robot and floor are
+    The navigator plans on the map, and the decision assumes the nominal robot; robot and floor are
     the true ones.
     """
 
