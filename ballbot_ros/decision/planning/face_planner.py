@@ -171,7 +171,7 @@ class Selector(ABC):
         if choice.candidate is None:
             freed = now.free_from < then.free_from - 0.3
             if now.standing and (not then.standing or freed) \
-                    or now.slope_sd < 0.5 * then.slope_sd:
+                    or now.slope_sd < 0.75 * then.slope_sd:
                 return True
             if choice.reason is Reason.LANDING and now.room_to > then.room_to + ROOM_CHANGE:
                 return True

@@ -16,7 +16,9 @@ from ballbot_ros import __version__
 from ballbot_ros.crossing.rules import touch_distance
 from ballbot_ros.studies.evaluation.approaches import Approach, crossable_approach, draw_approach
 from ballbot_ros.studies.evaluation.run import heading, NominalModel, run_approach
-from ballbot_ros.studies.evaluation.search import height_limit, Manoeuvre, possible
+from ballbot_ros.studies.evaluation.search import (
+    EDGE_GAP, height_limit, Manoeuvre, MANOEUVRES, possible)
+from ballbot_ros.studies.evaluation.terrains import true_faces
 from ballbot_ros.studies.parallel_map import checkpointed_rows
 from ballbot_ros.studies.progress import ignore, Progress
 
@@ -118,7 +120,18 @@ def _run(evaluation: Evaluation, planner: str, group: str, number: int, search: 
     if row['kind'] in ('step', 'crossable'):
         for attempt in row['attempts']:
             attempt['true_margin'] = true_margin(approach, attempt, nominal)
+        if row.get('height_margin') is not None:
+            row['true_margin'] = refused_margin(approach, nominal)
     return row
+
+
+def refused_margin(approach: Approach, nominal: NominalModel) -> float:
+    """Return how much higher a step the true robot crosses than the refused one [m]."""
+    height = true_faces(approach.ground.terrain)[-1][3]
+    touch = approach.ground.foot - touch_distance(approach.robot.ball_radius, height)
+    run_up = min(max(touch + approach.room_behind - EDGE_GAP, RUN_UPS[0]), RUN_UPS[1])
+    return height_limit(approach.robot, nominal.robot, nominal.gains, run_up, MANOEUVRES,
+                        approach.ground.slope) - height
 
 
 def true_margin(approach: Approach, attempt: Dict[str, Any], nominal: NominalModel) -> float:
@@ -133,7 +146,7 @@ def true_margin(approach: Approach, attempt: Dict[str, Any], nominal: NominalMod
     run_up = RUN_UPS[1] if start is None else min(max(touch - start, RUN_UPS[0]), RUN_UPS[1])
     lead = -1.0 if swing is None else max(0.0, (touch - swing) / speed)
     return height_limit(robot, nominal.robot, nominal.gains, run_up,
-                        Manoeuvre(speed, lead, angle), slope, math.inf) - height
+                        (Manoeuvre(speed, lead, angle),), slope, math.inf) - height
 
 
 def run_evaluation(evaluation: Evaluation, folder: Path, pool: Executor, workers: int,

@@ -104,6 +104,7 @@ class Verdict:
     depth: float = 0.0          # of the drop that it fell [m]
     bumps: int = 0              # low faces that it rolled over without a plan
     changes: int = 0            # of the decision, without news
+    height_margin: float = math.nan  # of the step that the last decision refuses [m]
     attempts: List[ObservedAttempt] = field(default_factory=list)
 
     @property
@@ -285,7 +286,7 @@ class OutcomeMonitor:
         rest = state.time - self._resting_since
         verdict.gap = self._gap(state)
         if rest >= REST_TIME_MIN and decision.refuses:
-            verdict.outcome = 'stopped'
+            verdict.outcome, verdict.height_margin = 'stopped', decision.height_margin
             return True
         if rest >= IDLE_TIME_MAX:
             verdict.outcome = 'stuck' if verdict.gap < 0.005 else 'idle'

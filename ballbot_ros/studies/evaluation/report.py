@@ -111,9 +111,9 @@ def predictions(sensor: str, rows: Sequence[Row]) -> List[Dict[str, Any]]:
 
 
 def margin_correlation(rows: Sequence[Row]) -> Tuple[int, float]:
-    """Return the number of attempts with both margins, and the correlation of the margins."""
+    """Return the number of steps with both margins, crossed or refused, and the correlation."""
     pairs = [(one['height_margin'], one['true_margin']) for row in rows
-             for one in row['attempts']
+             for one in (*row['attempts'], row)
              if one.get('height_margin') is not None and one.get('true_margin') is not None]
     if len(pairs) < 3 or min(np.ptp(pairs, axis=0)) == 0.0:
         return len(pairs), math.nan

@@ -95,10 +95,10 @@ def possible(robot: Robot, ground: Ground, room_behind: float, nominal: Robot,
 
 
 def height_limit(robot: Robot, nominal: Robot, gains: ControlTuning, run_up: float,
-                 manoeuvre: Manoeuvre, slope: float = 0.0,
+                 manoeuvres: Sequence[Manoeuvre], slope: float = 0.0,
                  fastest: float = TOUCH_SPEED_MAX) -> float:
     """
-    Return the maximum step height that a robot crosses with a manoeuvre [m].
+    Return the maximum step height that a robot crosses with one of some manoeuvres [m].
 
     From rest at a run-up [m] before the touch, on a slope [rad], with a touch no faster than
     `fastest` [m/s].
@@ -110,8 +110,9 @@ def height_limit(robot: Robot, nominal: Robot, gains: ControlTuning, run_up: flo
         touch = -touch_distance(robot.ball_radius, trial)
         ground = lay('step', Shape('', [(0.0, trial)], 0.5 * robot.ball_radius), 0.0, slope, None,
                      robot.surface_friction)
-        loop = ClosedLoop(robot, ground.terrain, nominal, gains, 0.0, angle, touch - run_up)
-        if gets_over(loop, manoeuvre, touch, ground.goal, angle, fastest):
+        if any(gets_over(
+                ClosedLoop(robot, ground.terrain, nominal, gains, 0.0, angle, touch - run_up),
+                manoeuvre, touch, ground.goal, angle, fastest) for manoeuvre in manoeuvres):
             low = trial
         else:
             high = trial
@@ -132,10 +133,10 @@ def limit_of_most(robot: str, gains: str, run_up: float) -> float:
     manoeuvre of the nominal robot is tried.  Robot and tuning are names or files.
     """
     nominal, tuning = load_robot(robot), load_tuning(gains)
-    heights = {one: height_limit(nominal, nominal, tuning, run_up, one) for one in MANOEUVRES}
+    heights = {one: height_limit(nominal, nominal, tuning, run_up, (one,)) for one in MANOEUVRES}
     best = [max((one for one in MANOEUVRES if one.speed == speed), key=heights.__getitem__)
             for speed in sorted({one.speed for one in MANOEUVRES})]
-    return max(sorted(height_limit(drawn, nominal, tuning, run_up, one)
+    return max(sorted(height_limit(drawn, nominal, tuning, run_up, (one,))
                       for drawn in set_robots(nominal))[ROBOTS - ROBOTS_CROSSING] for one in best)
 
 

@@ -140,8 +140,10 @@ def test_limits_are_kept_in_a_file_and_searched_once(tmp_path, monkeypatch):
 
 
 def test_a_swing_carries_over_more_than_a_hanging_pendulum():
-    hanging = height_limit(GIMBALL, GIMBALL, NOMINAL.gains, 0.5, Manoeuvre(0.5, -1.0, 0.0))
-    swinging = height_limit(GIMBALL, GIMBALL, NOMINAL.gains, 0.5, Manoeuvre(0.5, 0.3, 1.57))
+    hanging = height_limit(GIMBALL, GIMBALL, NOMINAL.gains, 0.5,
+                           [Manoeuvre(0.5, -1.0, 0.0)])
+    swinging = height_limit(GIMBALL, GIMBALL, NOMINAL.gains, 0.5,
+                            [Manoeuvre(0.5, 0.3, 1.57)])
     # The curve of the pendulum that hangs down says 14 mm at 0.5 m/s; here it keeps the speed.
     assert 0.013 < hanging < 0.02 and swinging > hanging + 0.01
 

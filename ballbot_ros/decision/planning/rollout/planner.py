@@ -18,8 +18,8 @@ from ballbot_ros.decision.planning.ahead import Ahead, Candidate
 from ballbot_ros.decision.planning.face_planner import Choice, FacePlanner, Selector
 from ballbot_ros.decision.planning.rollout.rollout import TOUCH_SPEED
 from ballbot_ros.decision.planning.rollout.search import (
-    candidates, confirm, from_farther_back, good, height_limit, plan_row, search, Task, Trial,
-    why_not)
+    candidates, confirm, from_farther_back, good, height_limit, highest_step, plan_row, search,
+    Task, Trial, why_not)
 from ballbot_ros.decision.planning.rollout.worlds import Tally, Worlds
 from ballbot_ros.decision.planning.situation import Knowledge, Situation
 from ballbot_ros.decision.tuning import DecisionTuning
@@ -103,9 +103,13 @@ def deliberate(task: Task, tuning: DecisionTuning, room_behind: float,
         found.choice.outlook = replace(found.choice.outlook, height_limit=limit)
         return found
     best = _best(trials)
-    tally = Tally() if best is None else best.many if best.many.attempts else best.few
     reason = yield from _reason(task, trials, tuning, failures)
-    return _found(None, reason, tally, others)
+    found = _found(None, reason, Tally() if best is None else best.tally, others)
+    if task.ahead.faces[0].height > 0.0:
+        yield found
+        limit = yield from highest_step([trial.candidate for trial in trials], task)
+        found.choice.outlook = replace(found.choice.outlook, height_limit=limit)
+    return found
 
 
 def _found(candidate: Optional[Candidate], reason: Reason, tally: Tally,
@@ -116,8 +120,7 @@ def _found(candidate: Optional[Candidate], reason: Reason, tally: Tally,
 def _best(trials: Sequence[Trial]) -> Optional[Trial]:
     """Return the trial with the least harm, then the highest probability; None without trials."""
     def merit(trial: Trial) -> Tuple[float, float]:
-        tally = trial.many if trial.many.attempts else trial.few
-        return -tally.harm / tally.attempts, tally.probability
+        return -trial.tally.harm / trial.tally.attempts, trial.tally.probability
     return max((trial for trial in trials if trial.few.attempts), default=None, key=merit)
 
 
@@ -145,10 +148,8 @@ def _reason(task: Task, trials: Sequence[Trial], tuning: DecisionTuning,
     """Return the reason why no plan is sufficient."""
     if not trials:
         return Reason.FAILED_BEFORE if failures else Reason.NOT_LIKELY
-    tallies = [trial.many if trial.many.attempts else trial.few for trial in trials
-               if trial.few.attempts]
-    if any(trial.falls for trial in trials) or any(
-            tally.harm > 0.0 for tally in tallies):
+    if any(trial.falls or trial.tally.attempts
+           and trial.tally.over >= task.required * trial.tally.attempts for trial in trials):
         return Reason.LANDING
     if task.ahead.faces[0].height < 0.0:
         return Reason.DROP
@@ -162,7 +163,10 @@ def _reason(task: Task, trials: Sequence[Trial], tuning: DecisionTuning,
     tally = Tally.of(results[results[:, TOUCH_SPEED] <= task.highest_speed])
     if failures and tally.over:
         return Reason.FAILED_BEFORE
-    return Reason.NO_ROOM if tally.over else Reason.TOO_HIGH
+    if not tally.over:
+        return Reason.TOO_HIGH
+    passes = any(trial.level and trial.speed <= task.highest_speed for trial in trials)
+    return Reason.NOT_LIKELY if passes else Reason.NO_ROOM
 
 
 # Rollouts of a search in each decision.
@@ -191,6 +195,7 @@ class PlanSelector(Selector):
         """Discard the plan, and the search."""
         super().forget()
         self._deliberation: Optional[Deliberation] = None
+        self._is_selected = False  # the deliberation computes the height limit only
         self._task: Optional[Task] = None
         self._tally, self._answers = Tally(), 0
 
@@ -205,8 +210,8 @@ class PlanSelector(Selector):
             ahead, self.worlds, self._tuning.required_probability, self._tuning.highest_speed)
         if kept is not None and braking_room < 0.0:
             self._deliberation = None
-        if self._deliberation is None and self._is_news(now, braking_room):
-            self._task, self.basis = task, now
+        if (self._deliberation is None or self._is_selected) and self._is_news(now, braking_room):
+            self._task, self.basis, self._is_selected = task, now, False
             self._deliberation = deliberate(
                 task, self._tuning, max(0.0, motion.position - situation.free_from), kept,
                 situation.failures_at(now.face), self._hysteresis, braking_room < 0.0)
@@ -221,6 +226,7 @@ class PlanSelector(Selector):
                 found = next(self._deliberation)
                 if found is not None:
                     self._take(found)
+                    self._is_selected = True
         except StopIteration as end:
             self._take(end.value)
             self._deliberation = None

@@ -128,6 +128,8 @@ ROLLOUTS_PER_YIELD = 20  # rollouts between two yields
 # A candidate this far below the required probability at a check is rejected.
 REJECTION_MARGIN = 0.12
 CONFIRMED_MAX = 3
+# The limit of the step height is searched up to this much above the step [m].
+LIMIT_ABOVE_MAX = 0.04
 # Maximum fraction of rollouts of a permitted plan that end beyond the stop line behind the edge.
 OVERRUN_FRACTION_MAX = 0.02
 
@@ -143,6 +145,11 @@ class Trial:
     falls: bool = False
     few: Tally = field(default_factory=Tally)
     many: Tally = field(default_factory=Tally)
+
+    @property
+    def tally(self) -> Tally:
+        """Return the results with the most rollouts."""
+        return self.many if self.many.attempts else self.few
 
 
 @dataclass
@@ -277,11 +284,11 @@ def good(tally: Tally, required: float, sigmas: float = 0.0) -> bool:
 
 
 def height_limit(trial: Trial, task: Task, number: int = 24,
-                 steps: int = 6) -> Generator[None, None, float]:
+                 steps: int = 7) -> Generator[None, None, float]:
     """Return the highest first face that a plan crosses with the required probability [m]."""
     height = task.ahead.faces[0].height
     worlds = task.worlds.first(number)
-    low, high = -0.5 * abs(height), 0.04
+    low, high = -abs(height), LIMIT_ABOVE_MAX
     for _ in range(steps):
         middle = 0.5 * (low + high)
         tally = task.tally(trial, worlds, middle)
@@ -291,6 +298,27 @@ def height_limit(trial: Trial, task: Task, number: int = 24,
             high = middle
         yield
     return height + low
+
+
+def highest_step(plans: Sequence[Candidate], task: Task,
+                 steps: int = 6) -> Generator[None, None, float]:
+    """Return the `height_limit` of the plan that crosses the highest step; NaN for no plans."""
+    low, high, middle = -task.ahead.faces[0].height, LIMIT_ABOVE_MAX, task.worlds.middle()
+    for _ in range(steps):
+        raised, passing = 0.5 * (low + high), []
+        for begin in range(0, len(plans), CANDIDATES_PER_BATCH):
+            bundle = plans[begin:begin + CANDIDATES_PER_BATCH]
+            results = task.worlds.attempt(
+                task.start, [plan_row(plan, task.ahead) for plan in bundle], middle, task.ahead,
+                raised)[:, 0]
+            passing += [plan for plan, result in zip(bundle, results) if result[VERDICT] == OVER
+                        and result[TOUCH_SPEED] <= task.highest_speed]
+            yield
+        low, high = (raised, high) if passing else (low, raised)
+        plans = passing or plans
+    if not plans:
+        return math.nan
+    return (yield from height_limit(Trial(plans[0]), task))
 
 
 def why_not(trials: Sequence[Trial], chosen: Optional[Trial]) -> Tuple[str, ...]:
@@ -309,7 +337,7 @@ def why_not(trials: Sequence[Trial], chosen: Optional[Trial]) -> Tuple[str, ...]
 
 def _sentence(trial: Trial) -> str:
     """Return the result of the best trial of a strategy as text."""
-    tally = trial.many if trial.many.attempts else trial.few
+    tally = trial.tally
     touch = '' if math.isnan(trial.speed) else f', touching at {trial.speed:.2f} m/s'
     if tally.attempts:
         return (f'over in {tally.over:.0f} of {tally.attempts:.0f} attempts, '
