@@ -154,7 +154,8 @@ class Outlook:
     touch_speed : float
         Expected at the first touch [m/s].
     height_limit : float
-        Maximum step height of this plan at the required probability [m].
+        Maximum step height of this plan at the required probability [m]; where none is selected,
+        of the plan that crosses the highest step.
     braking_room : float
         Distance to the last braking point [m]; negative behind it.
     attempts : int

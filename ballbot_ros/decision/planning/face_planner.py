@@ -257,6 +257,8 @@ def refuse(choice: Choice, ahead: Ahead, motion: Motion, braking_room: float,
         said += (f'; at best over with {100 * seen.probability:.0f} %, '
                  f'{100 * tuning.required_probability:.0f} % are required')
     said += _basis(choice)
+    if seen.height_limit < face.height:
+        said += f'; from here up to {1e3 * max(seen.height_limit, 0.0):.0f} mm'
     return Decision(
         Kind.GO_ROUND if hopeless else Kind.STOP, choice.reason, tuning.cruise_speed, said,
         choice.required_speed, choice.reachable_speed, face.height,

@@ -68,15 +68,15 @@ def test_golden_cases(height, distance, speed, kind, reason):
 
 
 @pytest.mark.parametrize('where, numbers', [
-    # Height [mm], distance, set speed, swing, probability, required speed, touch speed.
+    # Height [mm], distance, set speed, swing, probability, required speed, touch speed, limit.
     ({'distance': 1.3, 'speed': 0.5},
      ['31', '1.30', '0.98', '0', '0.28', '100', '0.93', '0.95']),
     ({'height': -0.03, 'distance': 1.8}, ['30', '1.80']),
-    ({'height': 0.08}, ['80', '0.80', '0', '90']),
+    ({'height': 0.08}, ['80', '0.80', '0', '90', '40']),
     ({'height': 2.0}, ['2000', '0.80']),
     ({'height': -2.0}, ['2000', '0.80']),
     ({'distance': 0.2, 'speed': 1.4}, ['31', '0.20', '0.93', '1.38']),
-    ({'distance': 0.4, 'speed': 0.3}, ['31', '0.40', '0', '90', '0.93', '0.59']),
+    ({'distance': 0.4, 'speed': 0.3}, ['31', '0.40', '0', '90', '0.93', '0.59', '18']),
     ({'now': 1.0, 'stamp': 0.3}, ['0.70', '0.6']),
     ({'now': 1.0, 'stamp': 1.7}, ['0.70', '0.6'])])
 def test_the_explanation_has_the_numbers_in_it(where, numbers):
