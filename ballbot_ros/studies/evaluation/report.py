@@ -88,7 +88,7 @@ def targets(rows: Sequence[Row], crossable: Sequence[Row]) -> List[Dict[str, Any
         more <= (1.0 - CHANGES_RUNS) * len(counts)))
     number, correlation = margin_correlation(every)
     lines.append(target(
-        'correlation of height_margin with the true margin', 'above 0.8',
+        'correlation of height_margin with the true margin, steps crossed or refused', 'above 0.8',
         f'{correlation:.2f} of {number}' if number > 2 else 'not measured',
         correlation > CORRELATION if number > 2 else None))
     return lines
