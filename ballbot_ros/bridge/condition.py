@@ -89,17 +89,11 @@ class BatteryWatch(NamedTuple):
     def update(self, battery: Battery, voltage: Optional[float], current: Optional[float],
                now: float) -> 'BatteryWatch':
         """
-        Return the state after a sample of the drive.
+        Return the state after a sample of the drive at a time [s].
 
-        Parameters
-        ----------
-        voltage : float, optional
-            Of the supply [V]; NaN, or a value not above 0, is not a reading.
-        current : float, optional
-            From the battery, negative while it charges [A]; 0 if the drive does not report it.
-        now : float
-            [s]
-
+        The voltage is that of the supply [V]; NaN, or a value not above 0, is not a reading.  The
+        current comes from the battery, negative while it charges [A]; 0 if the drive does not
+        report it.
         """
         if voltage is None or not (math.isfinite(voltage) and voltage > 0.0):
             return self
@@ -200,31 +194,16 @@ def left_at(value: float, start: float, end: float) -> float:
 
 def warmed(warmth: float, load: float, seconds: float, time_constant: float) -> float:
     """
-    Return the warmth of a winding after `seconds` under a constant load.
+    Return the warmth of a winding after `seconds` under a constant load [s].
 
-    Parameters
-    ----------
-    warmth : float
-        At the start; 1 is the continuous rating of the winding.
-    load : float
-        Torque over continuous torque.
-    seconds, time_constant : float
-        [s]
-
+    A warmth of 1 is the continuous rating of the winding; the load is torque over continuous
+    torque.
     """
     return load**2 + (warmth - load**2) * math.exp(-max(seconds, 0.0) / time_constant)
 
 
 def left_by(warmth: float, continuous: float) -> float:
-    """
-    Return the part of the torque at a warmth.
-
-    Parameters
-    ----------
-    continuous : float
-        Continuous part of the torque, which remains at a warmth of 1.
-
-    """
+    """Return the part of the torque at a warmth; the continuous part remains at a warmth of 1."""
     return 1.0 if continuous >= 1.0 else (
         continuous + (1.0 - continuous) * left_at(warmth, DERATING_START, 1.0))
 
@@ -232,17 +211,10 @@ def left_by(warmth: float, continuous: float) -> float:
 def derating(thermal: Thermal, temperature: Optional[float], motor_temperature: Optional[float],
              warmth: float, torque_limit: float) -> Tuple[float, Tuple[str, ...]]:
     """
-    Return the part of the torque that heat leaves, and the warnings.
+    Return the part of the torque limit [N m] that heat leaves, and the warnings.
 
-    Parameters
-    ----------
-    temperature, motor_temperature : float, optional
-        Of the power stage and the motor [degC]; one that is unknown or not finite leaves 1.
-    warmth : float
-        See `warmed`.
-    torque_limit : float
-        Torque limit to derate [N m].
-
+    The temperatures are those of the power stage and the motor [degC]; one that is unknown or not
+    finite leaves 1.  See `warmed` for the warmth.
     """
     parts = {}
     for name, measured, warn_at, zero_at in (
@@ -275,14 +247,7 @@ class Condition(NamedTuple):
 
 
 class ConditionMonitor:
-    """
-    Monitors the temperatures and the supply that a drive reports.
-
-    Attributes
-    ----------
-    condition : Condition
-
-    """
+    """Monitors the temperatures and the supply that a drive reports."""
 
     def __init__(self, battery: Battery, thermal: Thermal, torque_limit: float):
         self._battery, self._thermal, self._torque_limit = battery, thermal, torque_limit
@@ -291,17 +256,7 @@ class ConditionMonitor:
         self._time, self._next = math.inf, -math.inf
 
     def update(self, telemetry: Telemetry, torque: float, now: float) -> Condition:
-        """
-        Return the condition now.
-
-        Parameters
-        ----------
-        torque : float
-            At the pendulum, applied since the last sample [N m].
-        now : float
-            [s]
-
-        """
+        """Return the condition at a time [s], after a torque since the last sample [N m]."""
         thermal, battery = self._thermal, self._battery
         if thermal.continuous_torque is not None:
             self._warmth = warmed(self._warmth, torque / thermal.continuous_torque,

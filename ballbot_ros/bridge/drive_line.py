@@ -25,19 +25,11 @@ HANDSHAKE, LONGEST_HANDSHAKE = 0.25, 1.0
 
 class DriveLine:
     """
-    Owns the connection to the drive.
+    Owns the connection to the drive; see `Session` for `connect` and `clock`.
 
-    Nothing is sent for longer than the watchdog of the drive after a lost link or a failed
+    Nothing is sent for longer than the watchdog of the drive [s] after a lost link or a failed
     handshake: bytes of a stop that the drive does not understand may feed its watchdog, as those
     with pauses of more than 10 ms do on a RoboClaw, and the motor would keep its torque.
-
-    Parameters
-    ----------
-    connect, clock
-        See `Session`.
-    watchdog : float
-        Of the drive [s].
-
     """
 
     def __init__(self, connect: Callable[[], Driver], clock: Callable[[], float],
@@ -99,12 +91,6 @@ class SharedLine:
 
     A driver skips the replies to another axis, so the protocol must distinguish them; see
     `Driver.shares_line`.
-
-    Parameters
-    ----------
-    open_it : callable
-        Returns a line.
-
     """
 
     def __init__(self, open_it: Callable[[], SerialLine]):
@@ -184,20 +170,9 @@ def connectors(hardware: Sequence[Hardware], capture: str = '',
     """
     Return for each axis a function that opens its link and returns its driver.
 
-    Axes on the same port share the link.
-
-    Parameters
-    ----------
-    capture : str
-        File for a copy of the raw traffic of all connections; empty for none.
-    observer : SessionObserver
-        Receives that traffic, too.
-
-    Raises
-    ------
-    ConfigurationError
-        If the file cannot be created, or the hardware file has options of another driver.
-
+    Axes on the same port share the link.  The raw traffic of all connections goes to the observer
+    and to the file `capture`, if it is not empty.  Raises `ConfigurationError` if the file cannot
+    be created, or the hardware file has options of another driver.
     """
     recorder = ShownToAll(Recorder(Path(capture)), observer) if capture else observer
 
@@ -228,22 +203,11 @@ def connector(hardware: Hardware, capture: str = '') -> Callable[[], Driver]:
 def handshake(connect: Callable[[], Driver], timeout: float
               ) -> Tuple[Driver, Identity, Tuple[Setting, ...]]:
     """
-    Find the drive, stop its motor, and check its settings.
+    Find the drive, stop its motor, and check its settings; a timeout for each request [s].
 
-    Parameters
-    ----------
-    connect : callable
-        See `connector`.
-    timeout : float
-        Timeout of each of the three requests [s].
-
-    Raises
-    ------
-    LinkError, DriveError
-        If the port does not exist, or the drive is not the expected one.
-    ConfigurationError
-        If a setting that is required for safety has another value.  The link is closed again.
-
+    Raises `LinkError` or `DriveError` if the port does not exist, or the drive is not the expected
+    one, and `ConfigurationError` if a setting that is required for safety has another value.  The
+    link is closed again.
     """
     driver = connect()
     try:

@@ -36,13 +36,8 @@ class LeanSensing(AxisSensing[LeanEstimate]):
     """
     Converts telemetry of the lateral drive to lateral states.
 
-    Parameters
-    ----------
-    hardware : Hardware
-        Of the lateral axis.
-    speed : callable
-        Returns the speed of the ball [m/s]; None while unknown.
-
+    The hardware is that of the lateral axis; `speed` returns that of the ball [m/s], None while
+    unknown.
     """
 
     def __init__(self, hardware: Hardware, robot: Robot, speed: Callable[[], Optional[float]]):
@@ -113,13 +108,8 @@ class LeanLaw:
     """
     Computes the torque of the lateral axis; an `AxisLaw`.
 
-    Parameters
-    ----------
-    yaw_rate : callable
-        Returns the commanded yaw rate [rad/s]; None without a set-point.
-    forget : callable
-        Restarts the observer.
-
+    `yaw_rate` returns the commanded one [rad/s], None without a set-point; `forget` restarts the
+    observer.
     """
 
     def __init__(self, robot: Robot, yaw_rate: Callable[[], Optional[float]],

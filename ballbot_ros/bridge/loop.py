@@ -19,24 +19,10 @@ LONGEST_SLEEP = 0.02
 
 class Loop:
     """
-    Calls `Session.tick` at a rate, and closes the session at every exit.
+    Calls `Session.tick` at a rate [Hz], and closes the session at every exit.
 
-    Parameters
-    ----------
-    rate : float
-        [Hz]
-    *publish : callable
-        Called in the thread with each `Report`, in this order.
-    scheduling : Scheduling, optional
-        Prepared scheduling, which the thread enters.
-
-    Attributes
-    ----------
-    late : int
-        Number of missed periods.
-    failure : Exception or None
-        The error that ended the loop, if one did.
-
+    The thread enters the prepared scheduling, and calls each of `publish` with each `Report`, in
+    this order.  `failure` is the error that ended the loop, if one did.
     """
 
     def __init__(self, session: Session, rate: float, *publish: Callable[[Report], None],

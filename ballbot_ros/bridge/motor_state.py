@@ -74,13 +74,8 @@ class Power(NamedTuple):
         """
         Return the fault of an armed drive, or None.
 
-        Parameters
-        ----------
-        silence : float
-            Time since the unanswered request [s].
-        status_age : float
-            Time without a confirmed status [s].
-
+        `silence` is the time since the unanswered request, `status_age` that without a confirmed
+        status [s].
         """
         if self.state is not MotorState.ARMED:
             return None

@@ -36,13 +36,8 @@ class ImuWatch:
     """
     Monitors the readings of an IMU.  All times are of one steady clock and passed in [s].
 
-    Attributes
-    ----------
-    silent : bool
-        Whether it timed out or never sent, and has not sent for `IMU_RECOVERY_TIME` since.
-    silences : int
-        Number of timeouts after a first reading.
-
+    `silent` is whether it timed out or never sent, and has not sent for `IMU_RECOVERY_TIME` since;
+    `silences` counts the timeouts after a first reading.
     """
 
     def __init__(self) -> None:
@@ -88,16 +83,8 @@ class ImuWatch:
         """
         Check for a timeout or a recovery; call this in each period.
 
-        Parameters
-        ----------
-        pulling : bool
-            Whether the motor has torque.
-
-        Returns
-        -------
-        bool
-            Whether a timeout was just detected that started while the motor had torque.
-
+        Returns whether a timeout was just detected that started while the motor had torque
+        (`pulling`).
         """
         if self.has(now):
             self._missing_since = math.inf
@@ -139,14 +126,7 @@ class AxisSensing(ABC, Generic[Estimated]):
     """
     Measurements of one axis, and the state from them.  All times are of one clock [s].
 
-    Attributes
-    ----------
-    imu_watch : ImuWatch
-    expecting : bool
-        Whether a requested measurement has not arrived.
-    stamp : float
-        Of the last measurement.
-
+    `expecting` is whether a requested measurement has not arrived, `stamp` that of the last one.
     """
 
     def __init__(self, hardware: Hardware):
@@ -228,12 +208,7 @@ class Sensing(AxisSensing[Estimate]):
     """
     Converts telemetry of the drive to estimates.  All times are of one clock [s].
 
-    Attributes
-    ----------
-    fusion : Fusion
-    odometry : OdometryState or None
-        Of the last estimate; continues after a lost link.
-
+    `odometry` is that of the last estimate; it continues after a lost link.
     """
 
     def __init__(self, hardware: Hardware, robot: Robot):

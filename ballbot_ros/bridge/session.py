@@ -348,12 +348,8 @@ class Session:
         """
         Clear the faults of the drive while its motor has no power; return the result as text.
 
-        Raises
-        ------
-        RefusedError
-            Without a drive, with the motor armed or about to be, for a drive without this
-            function, or if faults remain.
-
+        Raises `RefusedError` without a drive, with the motor armed or about to be, for a drive
+        without this function, or if faults remain.
         """
         with self.lock:
             drivers = self._drivers()

@@ -321,17 +321,10 @@ def given_values(cls: Type[Checked], entries: Mapping[str, Any], where: str) -> 
 
 def refuse_missing(parts: Iterable[tuple[Type[Checked], Mapping[str, Any], str]]) -> None:
     """
-    Refuse unknown and missing entries in all parts of a file.
+    Refuse unknown and missing entries in all parts of a file: class, entries and place of each.
 
-    Parameters
-    ----------
-    parts : iterable of (class, entries, place)
-
-    Raises
-    ------
-    ConfigurationError
-        Naming each entry that is unknown, and each that is missing with its meaning and range.
-
+    Raises `ConfigurationError` naming each entry that is unknown, and each that is missing with
+    its meaning and range.
     """
     problems = Problems()
     for cls, entries, where in parts:

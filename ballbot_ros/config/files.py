@@ -55,20 +55,11 @@ def is_path(name_or_path: str) -> bool:
 
 def find_config(kind: str, name_or_path: Union[str, Path]) -> Path:
     """
-    Turn a name such as ``'gimball'``, or the path of a file, into a path.
+    Turn a name such as ``'gimball'``, or the path of a file, see `is_path`, into a path.
 
-    Parameters
-    ----------
-    kind : str
-        Subfolder of ``config/``: ``'robots'``, ``'scenes'``, ..., ``'hardware'``.
-    name_or_path : str or Path
-        See `is_path`.
-
-    Raises
-    ------
-    ConfigurationError
-        If there is no such regular file; the message has the nearest name, or all of them.
-
+    The kind is a subfolder of ``config/``: ``'robots'``, ``'scenes'``, ..., ``'hardware'``.
+    Raises `ConfigurationError` if there is no such regular file; the message has the nearest name,
+    or all.
     """
     subject = kind.removesuffix('s').replace('_', ' ')
     field = subject.split()[-1]  # a decision tuning is given in a parameter tuning
@@ -195,15 +186,7 @@ SIGNATURES: Mapping[str, set[str]] = {
 
 
 def read_config(kind: str, name_or_path: Union[str, Path]) -> tuple[Path, Mapping[str, Any]]:
-    """
-    Return the path and the content of a file, see `find_config`.
-
-    Raises
-    ------
-    ConfigurationError
-        Also if it is a file of another kind.
-
-    """
+    """Return the path and the content of a file; raises as `find_config`, and for another kind."""
     path = find_config(kind, name_or_path)
     content = read_yaml(path)
     if kind not in SIGNATURES:

@@ -10,20 +10,8 @@ def load_optional(module: str, package: str, remedy: str, user: str = 'this') ->
     """
     Return a module that needs a package which may be missing.
 
-    Parameters
-    ----------
-    module, package : str
-        Their names.
-    remedy : str
-        For the message, for instance the command that installs the package.
-    user : str, optional
-        What needs the package, for the message.
-
-    Raises
-    ------
-    ConfigurationError
-        If the module cannot be imported; with reason ``not_installed``.
-
+    Raises `ConfigurationError` with reason ``not_installed`` if it cannot be imported; the message
+    has what needs the package, and the remedy, for instance the command that installs it.
     """
     try:
         return import_module(module)

@@ -36,21 +36,9 @@ class InertialSensor(ABC):
     """
     The protocol of one vendor's sensors, for a chosen baud rate, rate and bandwidth.
 
-    Parameters
-    ----------
-    baud : int
-        At which it is to be read [bit/s].
-    rate : int
-        Readings per second [Hz].
-    bandwidth : int
-        Of the filters in the sensor [Hz].
-
-    Raises
-    ------
-    ConfigurationError
-        From the vendor's class: ``not_a_choice`` if the sensor has no such baud rate,
-        rate or bandwidth; ``inconsistent`` if the readings need a higher baud rate.
-
+    These are in bit/s, readings per second [Hz], and that of the filters in the sensor [Hz].  The
+    vendor's class raises `ConfigurationError`: ``not_a_choice`` if the sensor has no such baud
+    rate, rate or bandwidth; ``inconsistent`` if the readings need a higher baud rate.
     """
 
     factory_baud: ClassVar[int]  # to which a sensor without power returns [bit/s]

@@ -75,17 +75,9 @@ class Axes:
     """
     Rotates measurements of a sensor into the axes of the shell: forward, left, up.
 
-    Parameters
-    ----------
-    words : str
-        Which axis of the sensor points forward, which to the left, which up: ``'-y x z'`` where
-        its y axis points backward and its x axis to the left.
-
-    Raises
-    ------
-    ConfigurationError
-        If an axis is missing or given twice, or they would be left-handed.
-
+    The words name the axes of the sensor that point there: ``'-y x z'`` where its y axis points
+    backward and its x axis to the left.  Raises `ConfigurationError` if an axis is missing or
+    given twice, or they would be left-handed.
     """
 
     def __init__(self, words: str):
@@ -112,18 +104,11 @@ class Axes:
 
 class ArrivalClock:
     """
-    Estimates when each reading was sent.
+    Estimates when each reading was sent, with a period between two [s].
 
     The sensor sends at even intervals of its own clock; readings arrive delayed by the line, the
     USB adapter and the scheduler, never early.  So the send times are a straight line below all
-    arrivals: an earlier arrival moves the line down immediately, a later one moves it up
-    slowly.
-
-    Parameters
-    ----------
-    period : float
-        Between two [s].
-
+    arrivals: an earlier arrival moves the line down immediately, a later one moves it up slowly.
     """
 
     def __init__(self, period: float):
@@ -159,21 +144,11 @@ class ImuSource:
     """
     Reads a sensor; one thread owns it.
 
-    Parameters
-    ----------
-    connect : callable
-        Opens the port at a baud rate: that of the sensor, or of the factory until it is changed.
-    latency : float
-        From the measurement to the first byte of its reading, mostly that of its filters [s].
-
-    Attributes
-    ----------
-    counts : Counter
-        ``readings``, ``refused``, ``skipped`` and ``unpaired`` of all lines together,
-        ``saturated`` and ``frozen`` readings, ports that were ``lost``, ``set_up`` sensors.
-    trouble : str
-        Why there are no readings; empty while there are.
-
+    `connect` opens the port at a baud rate: that of the sensor, or of the factory until it is
+    changed.  The latency is from the measurement to the first byte of its reading, mostly that of
+    its filters [s].  `counts` are ``readings``, ``refused``, ``skipped`` and ``unpaired`` of all
+    lines together, ``saturated`` and ``frozen`` readings, ports that were ``lost``, and ``set_up``
+    sensors; `trouble` is why there are no readings.
     """
 
     def __init__(self, sensor: InertialSensor, connect: Callable[[int], SerialLine], axes: Axes,
