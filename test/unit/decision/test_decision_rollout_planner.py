@@ -143,6 +143,18 @@ def test_when_it_has_backed_off_it_crosses_immediately_as_planned():
     assert decision.plan.speed >= back.plan.speed
 
 
+@pytest.mark.parametrize('room', [0.2, 0.3, 0.4])
+def test_a_search_that_ends_past_the_last_braking_point_does_not_back_off(room):
+    plan, decision, late = RolloutPlanner(KNOWLEDGE), None, False
+    for number in range(int((room - 0.01) / 0.008)):
+        motion = Motion(0.02 * number, -room - RADIUS + 0.008 * number, 0.4)
+        decision = plan(Situation(motion, seen(step(0.045)), (), -2.5), decision)
+        if decision.outlook is not None and decision.outlook.braking_room < 0.0:
+            late = True
+            assert decision.kind is not Kind.BACK_OFF
+    assert late
+
+
 def test_a_drop_close_behind_the_edge_is_not_risked():
     drop = Face(2, 0.2, -0.1, 0.01, 0.002)
     answer = decide(step(0.03), drop)

@@ -46,7 +46,7 @@ Deliberation = Generator[Optional[Found], None, Found]
 
 def deliberate(task: Task, tuning: DecisionTuning, room_behind: float,
                kept: Optional[Candidate], failures: Sequence[Failure],
-               hysteresis: float, too_late: bool) -> Deliberation:
+               hysteresis: float) -> Deliberation:
     """
     Select a plan; a generator that yields after each batch of rollouts.
 
@@ -64,9 +64,6 @@ def deliberate(task: Task, tuning: DecisionTuning, room_behind: float,
     hysteresis : float
         How far the probability of the present plan may be below the required one if there is no
         better plan from here.
-    too_late : bool
-        Whether the weakest robot is past its last braking point: then the best plan is
-        selected if it succeeds more often than an emergency stop.
 
     """
     position, speed = task.start[:2]
@@ -78,23 +75,23 @@ def deliberate(task: Task, tuning: DecisionTuning, room_behind: float,
     trials: List[Trial] = []
     here = candidates(task.ahead, position, speed, tuning)
     chosen = yield from search(_promising(here, failures), task, trials)
-    if chosen is None and too_late:
-        chosen = _best(trials)
+    if chosen is None and present is not None and good(
+            present.many, task.required - hysteresis, HARM_SIGMAS):
+        chosen = present
+    if chosen is None and room_behind > 0.1 and not task.too_late:
+        back = from_farther_back(task.ahead, position, room_behind, tuning)
+        # Apart from those that were not good enough from here.
+        farther: List[Trial] = []
+        chosen = yield from search(_promising(back, failures), task, farther)
+        trials += farther
+    if task.too_late and (chosen is None or chosen.candidate.back > 0.0):
+        chosen = _best([trial for trial in trials if trial.candidate.back == 0.0])
         if chosen is not None:
             yield from confirm(chosen, replace(task, required=0.0), KEPT_PLAN_ROLLOUTS)
             if chosen.many.probability > task.braking(KEPT_PLAN_ROLLOUTS):
                 return _found(chosen.candidate, Reason.COMMITTED, chosen.many,
                               why_not(trials, chosen))
             chosen = None
-    if chosen is None and present is not None and good(
-            present.many, task.required - hysteresis, HARM_SIGMAS):
-        chosen = present
-    if chosen is None and room_behind > 0.1:
-        back = from_farther_back(task.ahead, position, room_behind, tuning)
-        # Apart from those that were not good enough from here.
-        farther: List[Trial] = []
-        chosen = yield from search(_promising(back, failures), task, farther)
-        trials += farther
     others = why_not(trials, chosen)
     if chosen is not None:
         found = _found(chosen.candidate, Reason.LIKELY, chosen.many, others)
@@ -207,18 +204,20 @@ class PlanSelector(Selector):
             self.worlds.set_particles(situation.particles)
         task = Task(
             (motion.position, motion.speed, motion.pendulum_angle, motion.pendulum_rate),
-            ahead, self.worlds, self._tuning.required_probability, self._tuning.highest_speed)
+            ahead, self.worlds, self._tuning.required_probability, self._tuning.highest_speed,
+            braking_room < 0.0)
         if kept is not None and braking_room < 0.0:
             self._deliberation = None
         if (self._deliberation is None or self._is_selected) and self._is_news(now, braking_room):
             self._task, self.basis, self._is_selected = task, now, False
             self._deliberation = deliberate(
                 task, self._tuning, max(0.0, motion.position - situation.free_from), kept,
-                situation.failures_at(now.face), self._hysteresis, braking_room < 0.0)
+                situation.failures_at(now.face), self._hysteresis)
         if self._deliberation is None or self._task is None:
             self._reevaluate(task, braking_room)
             return
         self._task.start, self._task.ahead = task.start, ahead
+        self._task.too_late = task.too_late
         self.worlds.see(ahead)
         spent = self.worlds.attempts
         try:

@@ -157,7 +157,7 @@ class Task:
     """
     Start, terrain, worlds and requirements of a search.
 
-    `start` and `ahead` are updated while a search continues over several decisions.
+    `start`, `ahead` and `too_late` are updated while a search continues over several decisions.
     """
 
     start: Start
@@ -165,6 +165,9 @@ class Task:
     worlds: Worlds
     required: float
     highest_speed: float  # at touch [m/s]
+    # The weakest robot is past its last braking point: the best plan is selected if it succeeds
+    # more often than an emergency stop.
+    too_late: bool = False
 
     def tally(self, trial: Trial, worlds: Array, raised: float = 0.0) -> Tally:
         """Return the results of a plan in some worlds."""
