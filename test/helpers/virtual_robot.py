@@ -276,10 +276,10 @@ class VirtualRobot(MemoryLine):
     def ready(self):
         """Configure, activate and release the e-stop; return the robot."""
         self.session.configure()
-        self.run(0.1)
         self.session.activate()
+        self.run(0.02)
         self.session.release()
-        self.run(0.1)
+        self.run(0.02)
         return self
 
     @property
