@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from ballbot_ros.jit import compiled
 from ballbot_ros.physics import Actuation, ContactOptions, load_robot, Model, Terrain
 from ballbot_ros.physics.mechanics import contact, modes
 from ballbot_ros.physics.mechanics.equations import System
@@ -53,7 +54,8 @@ def says_so(system, workspace, step=1.0):
     return holds_throughout(0.0, step, workspace.work, first, behind, system, workspace.mode)
 
 
-def violated_within(system, workspace, step=1.0):
+@compiled
+def violated_within(system, workspace, step):
     """Return whether any guard is violated at any of many times within the step."""
     for theta in THETAS:
         motion_at(theta, workspace.work)
@@ -78,7 +80,7 @@ def test_where_it_says_that_a_mode_holds_no_guard_is_violated_at_any_time(lever,
     for _ in range(4000):
         system = random_step(draw, model, workspace)
         if says_so(system, workspace):
-            assert not violated_within(system, workspace)
+            assert not violated_within(system, workspace, 1.0)
             said[modes.contact_count(workspace.mode)] += 1
             edges += workspace.mode.signs[0, contact.FEATURE] % 2
     # It has something to say in the air, on a segment, and on an edge.
