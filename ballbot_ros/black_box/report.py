@@ -2,7 +2,7 @@
 """A black box as text, and as tables for other programs."""
 import math
 from pathlib import Path
-from typing import Iterator, List, Optional, Sequence, Tuple
+from typing import Iterator, List, Sequence, Tuple
 
 import numpy as np
 
@@ -222,11 +222,3 @@ def write_tables(recording: BlackBoxRecording, folder: PathLike) -> List[Path]:
 
 def _quoted(text: str) -> str:
     return text.replace('"', '""').replace('\n', ' ')
-
-
-def window(recording: BlackBoxRecording, before: float, after: Optional[float]
-           ) -> Tuple[float, float]:
-    """Return the time window with data [s]."""
-    begin, end = recording.span
-    fault = recording.fault_time
-    return (max(begin, fault - before), end if after is None else min(end, fault + after))

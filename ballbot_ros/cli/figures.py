@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from ballbot_ros.cli.options import add_format, add_overwrite, add_quiet
+from ballbot_ros.cli.options import add_format, add_out, add_quiet
 from ballbot_ros.cli.output import figure_files, result_folder, save_figure, watched
 from ballbot_ros.cli.verb import DONE, INTERRUPTED, print_error
 from ballbot_ros.errors import ConfigurationError
@@ -16,9 +16,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('names', nargs='*', metavar='NAME',
                         help='figures to draw (default: all)')
     parser.add_argument('--list', action='store_true', help='print the names, and draw nothing')
-    parser.add_argument('--out', type=Path, metavar='DIR', help='folder for the files (default: '
-                        f'{DEFAULT_FOLDER}, or figures_2, ... if it contains these figures)')
-    add_overwrite(parser)
+    add_out(parser, 'figures')
     add_format(parser)
     add_quiet(parser)
 

@@ -84,17 +84,17 @@ def add_hz(parser: argparse.ArgumentParser) -> None:
 def hz(arguments: argparse.Namespace) -> int:
     """Print the rate each second until Ctrl-C; 1 if there was no message before the timeout."""
     waiting = note_once(f'waiting for messages on {arguments.topic} ...')
-    came = False
+    received = False
     graph = from_ros()
     with graph.Observer('hz') as observer:
         for sentence in graph.rates(
                 observer, arguments.topic, arguments.timeout or math.inf, waiting):
-            came = came or sentence is not None
+            received = received or sentence is not None
             if sentence is None:
                 waiting()
             else:
                 print(sentence, flush=True)
-    return DONE if came else FAILED
+    return DONE if received else FAILED
 
 
 def add_record(parser: argparse.ArgumentParser) -> None:

@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 from typing import Any, Iterator
 
-from ballbot_ros.cli.options import add_overwrite, add_quiet, warn
+from ballbot_ros.cli.options import add_out, add_quiet, warn
 from ballbot_ros.cli.output import figure_files, print_json, result_folder, save_figure, watched
 from ballbot_ros.cli.verb import DONE, FAILED, INTERRUPTED, print_error
 
@@ -23,10 +23,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help='channels of the recording to compare (default: all that it has)')
     parser.add_argument('--recorded-torque', action='store_true',
                         help='apply the torque of the recording instead of the law of the scene')
-    parser.add_argument('--out', type=Path, metavar='DIR',
-                        help='folder for the files (default: ballbot_output/identify_SCENE, or '
-                        'identify_SCENE_2, ... if it contains results)')
-    add_overwrite(parser)
+    add_out(parser, 'identify_SCENE')
     parser.add_argument('--json', action='store_true', help='print the result as JSON')
     add_quiet(parser)
 

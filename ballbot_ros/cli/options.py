@@ -8,6 +8,7 @@ are three, ``0.2:1.2:21`` are 21 of them, evenly spaced, the first and the last 
 """
 import argparse
 import math
+from pathlib import Path
 import re
 from typing import Any, Iterable, Sequence, Union
 import warnings
@@ -75,6 +76,14 @@ def add_overwrite(parser: argparse.ArgumentParser, file: bool = False) -> None:
         'replace an existing file' if file else
         'replace existing results; without it a new folder is used, and an --out that contains '
         'results is refused'))
+
+
+def add_out(parser: argparse.ArgumentParser, name: str) -> None:
+    """Add ``--out`` and ``--overwrite`` of files in the folder ballbot_output/`name`."""
+    parser.add_argument('--out', type=Path, metavar='DIR', help=(
+        f'folder for the files (default: ballbot_output/{name}, or {name}_2, ... if it contains '
+        'results)'))
+    add_overwrite(parser)
 
 
 def add_format(parser: argparse.ArgumentParser) -> None:

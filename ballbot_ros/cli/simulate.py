@@ -7,7 +7,7 @@ import shutil
 from time import perf_counter
 from typing import Any, Optional
 
-from ballbot_ros.cli.options import add_format, add_overwrite, add_quiet, refuse_without, warn
+from ballbot_ros.cli.options import add_format, add_out, add_quiet, refuse_without, warn
 from ballbot_ros.cli.output import check_new_file, print_json, result_folder, save_figure, watched
 from ballbot_ros.cli.verb import DONE, FAILED, INTERRUPTED, print_error
 from ballbot_ros.errors import ConfigurationError
@@ -25,10 +25,7 @@ ALL_FILES = (*NUMBERS, *(f'{name}.{ending}' for name in PICTURES for ending in (
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('scene', metavar='SCENE',
                         help='name of a scene ("ballbot scenes" lists them) or a YAML file')
-    parser.add_argument('--out', type=Path, metavar='DIR',
-                        help='folder for the files (default: ballbot_output/SCENE, or '
-                        'SCENE_2, ... if it contains results)')
-    add_overwrite(parser)
+    add_out(parser, 'SCENE')
     parser.add_argument('--duration', type=float, metavar='SECONDS',
                         help='time to simulate, instead of that of the scene')
     parser.add_argument('--output-step', type=float, metavar='SECONDS',
@@ -207,11 +204,11 @@ def read_scene(arguments: argparse.Namespace) -> Any:
     if arguments.method is not None:
         check_choice('--method', arguments.method, (*METHODS, *PRESETS))
     names = ('step', 'tolerance', 'models')
-    asked = any(getattr(arguments, name) is not None for name in ('method', 'step', 'tolerance'))
+    named = any(getattr(arguments, name) is not None for name in ('method', 'step', 'tolerance'))
     solver, run = scene.model.solver, change(scene.run, 'duration', 'accuracy', 'output_step')
     if arguments.method in PRESETS:
         solver = change(PRESETS[arguments.method], *names)
-    elif asked or solver is not None:
+    elif named or solver is not None:
         solver = change(scene.model.solver_in_use, 'method', *names)
     elif arguments.models is not None:
         solver, run = change(Solver('adaptive'), 'models'), replace(

@@ -67,11 +67,11 @@ def run(arguments: argparse.Namespace) -> int:
         arguments.accuracy, fixed,
         {name: values for name, values in varied.items() if isinstance(values, list)},
         {name: values for name, values in varied.items() if isinstance(values, tuple)})
-    asked = {**{name: [value] for name, value in fixed.items()}, **varied}
-    if 'speed' in asked:
-        options.warn_speeds('speed', asked['speed'])
-    if 'height' in asked:
-        options.warn(height_warnings(robot, max(asked['height']), 'to be tried'))
+    used = {**{name: [value] for name, value in fixed.items()}, **varied}
+    if 'speed' in used:
+        options.warn_speeds('speed', used['speed'])
+    if 'height' in used:
+        options.warn(height_warnings(robot, max(used['height']), 'to be tried'))
     refuse_foreign(arguments.out)
     begin = perf_counter()
     with resumable(Path(f'{arguments.out}.blocks')), \

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any, Iterator
 
 from ballbot_ros.cli.options import (
-    add_number, add_overwrite, add_quiet, add_robot, add_seed, read_robot, refuse_without)
+    add_number, add_out, add_quiet, add_robot, add_seed, read_robot, refuse_without)
 from ballbot_ros.cli.output import figure_files, result_folder, save_figure, watched
 from ballbot_ros.cli.verb import DONE, INTERRUPTED, print_error
 from ballbot_ros.config.fields import count, quantity
@@ -28,10 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_number(parser, '--rolls', 'N', count(
         'number of rolls about the threshold of each step', default=12, minimum=1))
     add_seed(parser, 'the scatter')
-    parser.add_argument('--out', type=Path, metavar='DIR',
-                        help='folder for the files (default: ballbot_output/bench_ROBOT, or '
-                        'bench_ROBOT_2, ... if it contains results)')
-    add_overwrite(parser)
+    add_out(parser, 'bench_ROBOT')
     add_quiet(parser)
 
 

@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 import numpy as np
 
 from ballbot_ros.black_box.read import BlackBoxRecording, date, RecordedEvent
-from ballbot_ros.black_box.report import gaps, merge_repeated, window
+from ballbot_ros.black_box.report import gaps, merge_repeated
 from ballbot_ros.black_box.ring import TORQUE
 from ballbot_ros.bridge.observer import Level
 from ballbot_ros.figures import canvas
@@ -21,8 +21,8 @@ WIDEST = 118
 
 def around_fault(recording: BlackBoxRecording, before: float = 5.0) -> Figure:
     """Draw the time from some seconds before the fault on, a panel for each quantity."""
-    begin, end = window(recording, before, None)
-    fault = recording.fault_time
+    fault, (begin, end) = recording.fault_time, recording.span
+    begin = max(begin, fault - before)
     events = chosen([event for event in merge_repeated(recording.events)
                      if begin <= event.time <= end])
     below = LINE * (len(events) + 1)

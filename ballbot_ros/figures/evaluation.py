@@ -24,7 +24,7 @@ def evaluation(report: Dict[str, Any]) -> Figure:
         for axes, title in ((left, 'Predicted and observed'), (middle, 'Failures per 1,000'),
                             (right, 'Success rate on crossable steps')):
             axes.set_title(title)
-        # Each planner has its colour in the outer two; beside the points no room is left for sure.
+        # Left and right have the same colours.  Above the panels the legend hides no points.
         figure.legend(*right.get_legend_handles_labels(), ncols=len(planners), fontsize=8,
                       loc='upper center')
     return figure

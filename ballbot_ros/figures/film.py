@@ -38,8 +38,8 @@ def strip(trajectory: Trajectory, title: str = '', marks: Sequence[Mark] = ()) -
 
     A row is a part of the run in which the ball goes in one direction.  A run too long for four
     rows shows those about its hardest impact.  Below each rising face are its height, the
-    touch speed, and whether the ball crossed it.  The title is the name of the
-    scene, say.
+    touch speed, and whether the ball crossed it.  The title may be the
+    name of the scene.
     """
     run = plottable(trajectory)
     chosen = lay_out(run)

@@ -53,6 +53,6 @@ def apply(environment: MutableMapping[str, str]) -> str:
     environment.update(variables(environment))
     if not choice:
         return f'found from this machine only; for other machines, too, set {SUBNET_SETTING}'
-    said = ', '.join(f'{name}={value}' for name, value in choice.items())
+    settings = ', '.join(f'{name}={value}' for name, value in choice.items())
     return f'found from {"this machine only" if on_this_machine(environment) else "where set"}' \
-        f' by {said}'
+        f' by {settings}'

@@ -180,14 +180,14 @@ def echo(observer: Observer, topic: str, show: Callable[[Any], None], once: bool
     if the topic does not exist, or no message arrives at first.  Raises as `Observer.type_of`.
     """
     start = time.monotonic()
-    came: Deque[Any] = deque()
-    observer.subscribe(topic, came.append, timeout, waiting)
-    if not observer.wait(lambda: came, 1.0):
+    received: Deque[Any] = deque()
+    observer.subscribe(topic, received.append, timeout, waiting)
+    if not observer.wait(lambda: received, 1.0):
         waiting()
     shown = 0
-    while time.monotonic() < start + timeout or came:
-        while came:
-            show(came.popleft())
+    while time.monotonic() < start + timeout or received:
+        while received:
+            show(received.popleft())
             shown += 1
             if once:
                 return shown

@@ -18,7 +18,7 @@ are tested: a model that is not that of the run (large residuals), one that leav
 from dataclasses import replace
 import math
 from operator import attrgetter
-from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Sequence, Tuple
 
 import numpy as np
 from scipy.optimize import least_squares, OptimizeResult
@@ -323,7 +323,8 @@ class _Search:
         finer = self.simulated(shift, replace(SOLVER, tolerance=0.01 * SOLVER.tolerance),
                                0.5 * GRID)
         others = [finer]
-        own = solver_of(self.scene)
+        # An accuracy chooses another solver for each run.
+        own = self.scene.model.solver_in_use if self.scene.run.accuracy is None else None
         if not self.use_torque and own is not None:
             step = own.step if METHODS[own.method].fixed else GRID
             try:
@@ -396,11 +397,6 @@ def check_units(ranges: Mapping[str, Tuple[float, float]]) -> None:
                 f'"{name} [{other}]"')
     if problems:
         raise ConfigurationError('recording: ' + '; '.join(problems), 'out_of_range', suspects[0])
-
-
-def solver_of(scene: Scene) -> Optional[Solver]:
-    """Return the solver of a run of a scene; None where an accuracy chooses it."""
-    return scene.model.solver_in_use if scene.run.accuracy is None else None
 
 
 def _roughness(values: Array, gap: Array) -> float:

@@ -76,8 +76,8 @@ class Playback:
 
     def _place(self) -> float:
         begin, end = self._span()
-        gone = 0.0 if self._paused else self._speed * (self._clock() - self._since)
-        return min(max(self._from + gone, begin), end)
+        elapsed = 0.0 if self._paused else self._speed * (self._clock() - self._since)
+        return min(max(self._from + elapsed, begin), end)
 
     def _stand(self, place: float) -> None:
         self._from, self._since = place, self._clock()
@@ -189,13 +189,13 @@ def robot_topics(path: Path, topics: List[str], namespace: str) -> Tuple[str, ..
     """Return the topics of the robot of a bag that create frames; refuse several robots."""
     prefixes = sorted({topic.rsplit('/', 1)[0] for topic in topics
                        if topic.rsplit('/', 1)[-1] in STATE_TOPICS})
-    asked = '/' + namespace.strip('/') if namespace.strip('/') else ''
+    wanted = '/' + namespace.strip('/') if namespace.strip('/') else ''
     if namespace:
-        prefixes = [prefix for prefix in prefixes if prefix == asked]
+        prefixes = [prefix for prefix in prefixes if prefix == wanted]
     if not prefixes:
         raise ConfigurationError(
             f'{path}: has neither {" nor ".join(STATE_TOPICS)}'
-            + (f' in the namespace {asked}' if namespace else ''), 'missing', 'namespace')
+            + (f' in the namespace {wanted}' if namespace else ''), 'missing', 'namespace')
     if len(prefixes) > 1:
         raise ConfigurationError(
             f'{path}: has several robots, {", ".join(p or "/" for p in prefixes)}: choose one '

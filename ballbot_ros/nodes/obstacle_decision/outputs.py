@@ -49,9 +49,9 @@ class GainWatch:
             if changed['tuning'] == planned:
                 return
             changed = {'tuning': changed['tuning']}
-        said = ', '.join(f'{name} {value}' for name, value in changed.items())
+        gains = ', '.join(f'{name} {value}' for name, value in changed.items())
         self._node.get_logger().warning(
-            f'{event.node} now uses other gains ({said}), but plans are still computed for '
+            f'{event.node} now uses other gains ({gains}), but plans are still computed for '
             f'control_tuning {planned!r}: to keep them, set control_tuning to a file with '
             'these gains')
 

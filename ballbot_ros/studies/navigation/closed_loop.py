@@ -22,7 +22,7 @@ from ballbot_ros.steering import law
 
 CONTROL_RATE = 500  # [Hz]
 PERIODS_PER_COMMAND = 10  # control periods between two commands
-LOOK = 5  # commands between two looks of the sensors while the ball drives freely
+OBSERVATION_INTERVAL = 5  # commands between two observations while the ball drives freely
 RAYS = 96  # of the planar laser, all around
 LASER_REACH, TERRAIN_REACH = 3.0, 3.0  # [m]
 CORRELATION = 20.0  # time constant of the drift of the localisation [s]
@@ -76,12 +76,12 @@ class FloorLoop:
     def step(self) -> None:
         """Sense, command and advance by one tick."""
         percept, kind, observations = self.percept, self.command.kind, []
-        looks = self.ticks % LOOK == 0 and kind is not CommandKind.REST
-        if looks or kind is CommandKind.CROSS:
+        observes = self.ticks % OBSERVATION_INTERVAL == 0 and kind is not CommandKind.REST
+        if observes or kind is CommandKind.CROSS:
             observation = self._terrain()
             if observation is not None:
                 observations.append(observation)
-        if looks:
+        if observes:
             percept = percept._replace(
                 points=self._scan(percept),
                 faces=faces_in(observations[0]) if observations else None)
@@ -107,7 +107,7 @@ class FloorLoop:
             * self._random.standard_normal(3)
 
     def _terrain(self) -> Optional[TerrainObservation]:
-        """Return a look of the terrain sensor along the heading."""
+        """Return an observation of the terrain sensor along the heading."""
         state = self.plant.state
         sensor = TerrainSensor(self.plant.profile(), TERRAIN_REACH, self._errors.height_sd,
                                self._seed)
