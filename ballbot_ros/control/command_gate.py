@@ -45,25 +45,11 @@ class CommandGate:
 
     def offer(self, torque: float, stamp: float, now: float, lean: float = 0.0) -> None:
         """
-        Take a command.
+        Take a torque [N m], and a set-point of the lean of the pendulum [rad].
 
-        Parameters
-        ----------
-        torque : float
-            [N m]
-        stamp : float
-            Of the joint state from which it was computed [s].
-        now : float
-            [s]
-        lean : float, optional
-            Set-point of the lean of the pendulum [rad].
-
-        Raises
-        ------
-        MessageError
-            With reason ``not_finite``, ``stale``, ``from_the_future`` or ``out_of_order``;
-            `refused` counts it, and the active command remains.
-
+        The stamp is that of the joint state from which they were computed [s].  Raises
+        `MessageError` with reason ``not_finite``, ``stale``, ``from_the_future`` or
+        ``out_of_order``; `refused` counts it, and the active command remains.
         """
         try:
             self._check(torque, stamp, now, lean)
@@ -155,20 +141,10 @@ class Authority:
 
     def check(self, sender: str, now: float) -> None:
         """
-        Register a message.
+        Register a message that arrived now [s] from a sender.
 
-        Parameters
-        ----------
-        sender : str
-            Name of the sender; an empty name (not discovered yet) gives no authority.
-        now : float
-            Time of arrival [s].
-
-        Raises
-        ------
-        MessageError
-            With reason ``other_sender`` if another sender holds authority.
-
+        An empty name of the sender (not discovered yet) gives no authority.  Raises `MessageError`
+        with reason ``other_sender`` if another sender holds authority.
         """
         if sender != self.holder and 0.0 <= now - self._last <= self._timeout:
             self._contested_at = now

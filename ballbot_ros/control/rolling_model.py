@@ -174,16 +174,9 @@ class RollingModel:
         """
         Return matrix and column of the model linearised about a held pendulum.
 
-        A held pendulum accelerates the ball, so this is not an equilibrium: the model describes
-        small deviations from that accelerated rolling, at low speed.
-
-        Returns
-        -------
-        matrix : (3, 3) array
-            Of the deviations (phi, phi', theta1').
-        column : (3,) array
-            Effect of tau2.
-
+        They are those of the deviations (phi, phi', theta1') and of the effect of tau2.  A held
+        pendulum accelerates the ball, so this is not an equilibrium: the model describes small
+        deviations from that accelerated rolling, at low speed.
         """
         # The torque that holds it: phi'' = 0 in the first of the two equations.
         torque = (self._gravity_torque * math.sin(angle)

@@ -88,18 +88,7 @@ class HeldInput(NamedTuple):
 
     @classmethod
     def of(cls, matrix: Array, column: Array, rate: float, delay: float) -> 'HeldInput':
-        """
-        Return it for a rate [Hz] and a delay in samples.
-
-        Parameters
-        ----------
-        matrix : (n, n) array
-        column : (n,) array
-        rate : float
-        delay : float
-            From a sample until its input takes effect; at least 0.
-
-        """
+        """Return it for a rate [Hz] and a delay from a sample until its input acts, in samples."""
         size, part = len(matrix), delay - math.floor(delay)
         flow = np.zeros((size + 1, size + 1))
         flow[:size, :size], flow[:size, size] = matrix, column
@@ -320,11 +309,8 @@ def check_loop(robot: Robot, tuning: ControlTuning, law: Union[Mode, str], rate:
     """
     Refuse a controller whose loop diverges; parameters as in `growth_rate`.
 
-    Raises
-    ------
-    UnstableLoopError
-        Naming law, gains, rate, delay, the lowest stable rate and a stable gain at this rate.
-
+    `UnstableLoopError` names law, gains, rate, delay, the lowest stable rate and a stable gain at
+    this rate.
     """
     if is_stable(robot, tuning, law, rate, delay, None, lag):
         return

@@ -129,15 +129,7 @@ class JointReadings:
 
 
 def refuse_not_finite(what: str, **numbers: float) -> None:
-    """
-    Check that all numbers of a message are finite.
-
-    Raises
-    ------
-    MessageError
-        With reason ``not_finite``, naming the first that is not.
-
-    """
+    """Raise `MessageError` for the first number of a message that is not finite."""
     for name, number in numbers.items():
         if not math.isfinite(number):
             raise MessageError(

@@ -66,11 +66,7 @@ class SpeedLaw(NamedTuple):
         """
         Return the law for a robot whose pendulum follows set angles with a lag [s].
 
-        Raises
-        ------
-        ConfigurationError
-            If the robot has no pendulum.
-
+        Raises `ConfigurationError` if the robot has no pendulum.
         """
         require_pendulum(robot)
         for name, value in (('lag', lag), ('speed_gain', speed_gain), ('swing_time', swing_time),
@@ -89,11 +85,8 @@ class SpeedLaw(NamedTuple):
         """
         Return the law for a robot whose controller has these gains.
 
-        Raises
-        ------
-        ConfigurationError
-            If the robot has no pendulum, or law (11) has no proportional gain.
-
+        Raises `ConfigurationError` if the robot has no pendulum, or law (11) has no proportional
+        gain.
         """
         if tuning.position_kp == 0.0 or tuning.position_kd == 0.0:
             raise ConfigurationError(
@@ -125,16 +118,8 @@ def wanted_angle(wanted: float, resistance: float, lean: float, law: Numbers) ->
     """
     Return the pendulum angle for an acceleration against a resistance, within +-lean [rad].
 
-    Parameters
-    ----------
-    wanted : float
-        Acceleration [m/s2].
-    resistance : float
-        [N m] about the contact; on a slope s it is M g R sin(s).
-    lean : float
-        [rad], at most pi / 2.
-    law : Numbers
-
+    The resistance is a torque about the contact [N m]; on a slope s it is M g R sin(s).  The
+    largest lean is pi / 2.
     """
     own = SpeedLaw(*law)
     # R M2 g e sin(phi) + a M2 e R cos(phi) = a (J1 + M R^2) + R D
@@ -151,22 +136,10 @@ def motion_law_step(state: SpeedState, speed: float, pendulum_angle: float, set_
     """
     Return the next state of the law, and the set angle for law (11) [rad].
 
-    Parameters
-    ----------
-    state : SpeedState
-        See `speed_law_start`.
-    speed : float
-        Of the ball [m/s].
-    pendulum_angle : float
-        Absolute [rad]; NaN if not measured: then the set angles predict it.
-    set_speed, set_acceleration : float
-        [m/s] and its time derivative [m/s2].
-    lean : float
-        Largest desired angle of the pendulum [rad], at most pi / 2.
-    period : float
-        Since the last step, above 0 [s].
-    law : Numbers
-
+    The measured speed is that of the ball [m/s], the pendulum angle absolute [rad]; NaN if it is
+    not measured: then the set angles predict it.  The set acceleration is the time derivative of
+    the set speed [m/s2], `lean` the largest desired angle of the pendulum, at most pi / 2 [rad],
+    and the period the time since the last step, above 0 [s].
     """
     own = SpeedLaw(*law)
     estimate, resistance, before, followed, shortfall, set_angle = state
@@ -207,15 +180,8 @@ def place_law_step(state: SpeedState, speed: float, pendulum_angle: float, gap: 
     Stop at a position and hold it; see `motion_law_step`.
 
     The set speed v solves gap = v / speed_gain + v^2 / (2 b), b being BRAKING of the deceleration
-    of the lean against the estimated resistance: the gap closes without overshoot.
-
-    Parameters
-    ----------
-    gap : float
-        From the ball to the position, positive towards +x [m].
-    top_speed : float
-        Limit of the set speed [m/s].
-
+    of the lean against the estimated resistance: the gap closes without overshoot.  The gap is the
+    distance from the ball to the position, positive towards +x [m]; `top_speed` limits v [m/s].
     """
     own = SpeedLaw(*law)
     ahead = math.copysign(1.0, gap)
@@ -259,22 +225,13 @@ def braking_distance(speed: float, slope: float, lean: float, reaction: float,
     """
     Return the stopping distance of `speed_law_step`, for a set speed of 0 [m].
 
-    v (reaction + swing_time) + v^2 / (2 b) + b / (2 speed_gain^2), as the lean decreases below
-    b / speed_gain; for a v below that, v (reaction + swing_time + 1 / speed_gain).  Infinite where
-    the ball cannot brake.
+    v (reaction + swing_time) + v^2 / (2 b) + b / (2 speed_gain^2), as the lean decreases below b /
+    speed_gain; for a v below that, v (reaction + swing_time + 1 / speed_gain).  Infinite where the
+    ball cannot brake, 0 for a negative v.
 
-    Parameters
-    ----------
-    speed : float
-        Towards +x [m/s], rolling steadily; the distance is 0 for a negative speed.
-    slope : float
-        Positive where it rises towards +x [rad].
-    lean : float
-        Of the pendulum against the motion [rad].
-    reaction : float
-        Delay of the set angle [s].
-    law : Numbers
-
+    The ball rolls steadily towards +x at v [m/s] on a slope, positive where it rises [rad], and
+    brakes with a lean of the pendulum against the motion [rad] after the delay `reaction` of the
+    set angle [s].
     """
     if speed <= 0.0:
         return 0.0

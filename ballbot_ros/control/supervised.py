@@ -140,11 +140,7 @@ class SupervisedController:
         """
         Take a set-point.
 
-        Raises
-        ------
-        MessageError
-            With reason ``stale``, ``from_the_future`` or ``e_stop``.
-
+        Raises `MessageError` with reason ``stale``, ``from_the_future`` or ``e_stop``.
         """
         ahead = set_point.stamp - self.time
         # With the e-stop engaged joint states may have stopped, and the age is unknown.
@@ -221,16 +217,8 @@ class SupervisedController:
         """
         Return the torque for the latest joint state [N m].
 
-        Parameters
-        ----------
-        in_force : float, optional
-            See `PendulumController.torque` [N m].
-
-        Returns
-        -------
-        float or None
-            None if its torque was returned already, or its set-point is missing.
-
+        None if its torque was returned already, or its set-point is missing; `in_force` as in
+        `PendulumController.torque`.
         """
         readings = self._waiting
         if readings is None or self._too_early(readings.stamp):

@@ -154,15 +154,9 @@ def shortfall(nearest: float, farthest: float, falling: float, goal: float,
     """
     Return the score of a ball that did not get over, below 0 [m2/s2].
 
-    Parameters
-    ----------
-    nearest, farthest : float
-        How far ahead of the edge its centre of mass got, and its centre [m].
-    falling : float
-        Square of the rate at which it falls off the edge [1/s2].
-    goal : float
-        How far beyond the edge it was to get [m].
-
+    The distances ahead of the edge are the nearest of its centre of mass and the farthest of its
+    centre, and `goal` is how far beyond the edge it was to get [m]; `falling` is the square of the
+    rate at which it falls off the edge [1/s2].
     """
     if goal <= 0.0:
         return min(-falling * nearest**2, -LEAST)
@@ -274,25 +268,11 @@ def run_to_verdict(height: float, tolerance: float,
 @unlocked
 def attempt(height: float, tolerance: float, crossing: Crossing) -> tuple[int, float, int]:
     """
-    Run one attempt at a step.
+    Run one attempt at a step of a height [m]; return verdict, score and outcome.
 
-    Parameters
-    ----------
-    height : float
-        Of the step [m].
-    tolerance : float
-        Local error per step of the adaptive method [m].
-    crossing : Crossing
-
-    Returns
-    -------
-    verdict : int
-        OVER, BACK or UNDECIDED (the time is up).
-    score : float
-        Above 0 for OVER, below for others [m2/s2]; see the module.
-    outcome : int
-        FINISHED, or the reason of a failure; see `solvers.values`.
-
+    The verdict is OVER, BACK or UNDECIDED (the time is up); the score is above 0 for OVER, below
+    for others [m2/s2], see the module; the outcome is FINISHED, or the reason of a failure, see
+    `solvers.values`.  The tolerance is the local error per step of the adaptive method [m].
     """
     statistics = crossing.workspace.statistics
     statistics[:] = 0
@@ -322,24 +302,11 @@ TOO_FAST = -1  # outcome of a search that finds no step too high, beside those o
 def narrow(low: float, high: float, above: float, below: float, width: float,
            tolerance: float, crossing: Crossing) -> tuple[float, float, int]:
     """
-    Narrow a bracket to a width.
+    Narrow a bracket to a width [m]; return its ends and the outcome.
 
-    Regula falsi, Illinois variant, with ever longer steps where that is slow.
-
-    Parameters
-    ----------
-    low, high : float
-        A step that is passed, and one that is not [m].
-    above, below : float
-        Their scores.
-    width : float
-        [m]
-
-    Returns
-    -------
-    low, high, outcome
-        FINISHED, or the reason of a failed run.
-
+    Regula falsi, Illinois variant, with ever longer steps where that is slow.  `low` is a step
+    that is passed and `high` one that is not [m], `above` and `below` are their scores; the
+    outcome is FINISHED, or the reason of a failed run.
     """
     side, reach = 0, 0.9 * width
     while high - low > width:
@@ -372,16 +339,8 @@ def climb(low: float, above: float, stride: float, tolerance: float,
     """
     Raise the step from a passed one until it is too high.
 
-    Parameters
-    ----------
-    stride : float
-        The first one [m]; the next ones go where the scores point.
-
-    Returns
-    -------
-    low, high, above, below, outcome
-        As of `narrow`; `outcome` may be TOO_FAST.
-
+    The stride is the first one [m]; the next ones go where the scores point.  Returns low, high,
+    above, below and outcome as of `narrow`; the outcome may be TOO_FAST.
     """
     least, highest = 0.02 * stride, TRIED_HEIGHT_MAX * crossing.system.parameters.radius
     while True:
@@ -417,15 +376,8 @@ def search(width: float, coarse: float, fine: float, guess: float,
     """
     Bracket the maximum step height with a coarse tolerance and confirm both ends with a fine one.
 
-    Returns
-    -------
-    low, high : float
-        A step that is passed with the fine tolerance, and one that is not [m].
-    lowest, highest : float
-        Bounds that also enclose the result of the coarse tolerance [m].
-    outcome : int
-        See `narrow` and `climb`.
-
+    Returns a step that is passed with the fine tolerance, and one that is not, bounds that also
+    enclose the result of the coarse tolerance [m], and the outcome of `narrow` or `climb`.
     """
     low, high, above, below, outcome = climb(
         0.0, crossing.course.speed**2, guess, coarse, crossing)
@@ -452,17 +404,8 @@ def find(accuracy: float, crossing: Crossing) -> Bracket:
     """
     Bracket the maximum step height to an accuracy [m], with tolerances as fine as that takes.
 
-    Returns
-    -------
-    low, high : float
-        See `search`.
-    error : float
-        Above the accuracy where even the finest tolerances do not agree [m].
-    tolerance : float
-        The finest that it took [m].
-    outcome : int
-        See `search`.
-
+    Returns low, high and outcome as `search`; before the outcome the error, above the accuracy
+    where even the finest tolerances do not agree, and the finest tolerance that it took [m].
     """
     width = WIDTH * accuracy
     coarse, fine = COARSE * width, FINE * width

@@ -72,22 +72,10 @@ def crossing_of(row: Array, ground: Array, arrays: PackedArrays) -> Crossing:
 def try_rows(rows: Array, grounds: Array, heights: Array, tolerance: float, results: Array,
              arrays: PackedArrays) -> None:
     """
-    Try a step with each crossing.
+    Try a step of a height [m] with each crossing; write the results.
 
-    Parameters
-    ----------
-    rows : array
-        Fields of Course, Parameters and Actuator, one behind the other.
-    grounds : (n, 4, 7) array
-        Written: the heights.
-    heights : (n,) array
-        [m]
-    tolerance : float
-        See `attempt`.
-    results : (n, 3) array
-        Written.
-    arrays : PackedArrays
-
+    A row has the fields of Course, Parameters and Actuator, one behind the other.  The heights are
+    written to the grounds, too; see `attempt` for the tolerance.
     """
     for i in range(len(rows)):
         verdict, score, outcome = attempt(
@@ -100,17 +88,7 @@ def try_rows(rows: Array, grounds: Array, heights: Array, tolerance: float, resu
 @unlocked
 def find_rows(rows: Array, grounds: Array, accuracy: float, results: Array,
               arrays: PackedArrays) -> None:
-    """
-    Find the maximum step height of each crossing to an accuracy [m].
-
-    Parameters
-    ----------
-    results : (n, 5) array
-        Written.
-    rows, grounds, arrays
-        See `try_rows`.
-
-    """
+    """Find the maximum step height of each crossing to an accuracy [m]; see `try_rows`."""
     for i in range(len(rows)):
         crossing = crossing_of(rows[i], grounds[i], arrays)
         crossing.spent[:] = 0
@@ -143,17 +121,9 @@ class Crossings(NamedTuple):
     def of(cls, number: int, robot: Robot, speed: Any, pendulum_angle: Any, actuation: Actuation,
            site: Site, rules: Rules, options: ContactOptions = ContactOptions()) -> 'Crossings':
         """
-        Return a table of `number` crossings.
+        Return a table of `number` crossings at speeds [m/s] and pendulum angles [rad].
 
-        Parameters
-        ----------
-        number : int
-        robot, actuation, site, rules
-            Already checked, also for consistency; their values may be columns.
-        speed, pendulum_angle : float or column
-            [m/s], [rad]
-        options : ContactOptions
-
+        The arguments are already checked, also for consistency; their values may be columns.
         """
         numbers = (*rules.course(speed, pendulum_angle), *Parameters.of(robot, options),
                    *actuation.actuators(robot, 0.0, pendulum_angle))
@@ -356,13 +326,8 @@ def cruising(robot: Robot, actuation: Actuation = Actuation()) -> Callable[[floa
     """
     Return the open-loop voltage that rolls the ball at each speed on a level floor.
 
-    There the motor carries the friction of joint and ball, (c1 + c2) v / R.
-
-    Raises
-    ------
-    ConfigurationError
-        If the robot has no motor.
-
+    There the motor carries the friction of joint and ball, (c1 + c2) v / R.  Raises
+    `ConfigurationError` if the robot has no motor.
     """
     motor = robot.motor
     if motor is None:

@@ -146,15 +146,8 @@ def touch_distance(radius: float, height: float, penetration: float = 0.0,
     """
     Return how far before the face the centre is when the ball touches the step [m].
 
-    Parameters
-    ----------
-    radius, height : float
-        Of the ball and of the step [m].
-    penetration : float
-        Penetration of the ball into the ground [m]; it touches the edge earlier by this.
-    slope : float
-        Of the ground before the step, positive uphill [rad].
-
+    A ball that penetrates the ground [m] touches the edge earlier by this; the slope of the ground
+    before the step is positive uphill [rad].
     """
     distance, cosine, sine = radius - penetration, math.cos(slope), math.sin(slope)
     return distance * sine - cosine * in_python(touching_at)(
@@ -182,10 +175,6 @@ def held_at(angle: float, actuation: Actuation = Actuation()) -> Actuation:
     """
     Return law (11) holding the pendulum at an absolute angle [rad].
 
-    Raises
-    ------
-    ConfigurationError
-        Beyond a half turn: degrees were meant.
-
+    Raises `ConfigurationError` beyond a half turn: degrees were meant.
     """
     return replace(actuation, law='position', set_angle=angle)

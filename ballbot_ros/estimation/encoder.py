@@ -126,14 +126,8 @@ class Continuity(NamedTuple):
         """
         Return the state after a reading.
 
-        Parameters
-        ----------
-        reading : EncoderReading
-        innovation : float
-            Difference from the prediction of the filter [rad].
-        expected_rate : float
-            Of the joint, by the filter [rad/s].
-
+        The innovation is the difference from the prediction of the filter [rad], the expected rate
+        that of the joint, by the filter [rad/s].
         """
         last = self.last
         pause = math.inf if last is None else reading.stamp - last.stamp
@@ -202,21 +196,10 @@ class IncrementCheck(NamedTuple):
         """
         Return the sums after a reading.
 
-        Parameters
-        ----------
-        pause : float
-            Since the previous reading [s].
-        latency : float
-            Uncertainty of the times of both [s].
-        rates : tuple of 2 floats
-            Least and largest expected increment per second.
-        measured : float
-            Measured increment per second.
-        smallest : float
-            Mean expected increment per second from which the comparison applies.
-        applies : bool
-            Whether it applies at all.
-
+        They compare the measured increment per second with the least and largest expected ones,
+        `rates`, if it `applies` and the mean expected increment is at least `smallest`.  The pause
+        is the time since the previous reading, the latency the uncertainty of the times of both
+        [s].
         """
         least, largest = rates
         keep, fastest = math.exp(-pause / SMOOTHING), max(-least, largest)
@@ -250,11 +233,8 @@ class EncoderCheck(NamedTuple):
         """
         Return the check after a reading.
 
-        Raises
-        ------
-        EstimateLostError
-            With reason ``velocity`` if the encoder contradicts the velocity of the drive.
-
+        Raises `EstimateLostError` with reason ``velocity`` if the encoder contradicts the velocity
+        of the drive.
         """
         last = self.last
         if last is None or not 0.0 < reading.stamp - last.stamp <= LONGEST_PAUSE:
@@ -277,18 +257,8 @@ class EncoderCheck(NamedTuple):
         """
         Return the check after the motion that the last reading shows.
 
-        Parameters
-        ----------
-        torque : float
-            That explains the motion, by the model [N m].
-        largest_torque : float
-            [N m]
-
-        Raises
-        ------
-        EstimateLostError
-            With reason ``torque`` if the motion contradicts the torques.
-
+        The first torque explains the motion, by the model [N m].  Raises `EstimateLostError` with
+        reason ``torque`` if it contradicts the largest torque [N m].
         """
         last = self.last
         if last is None or not self.pause:

@@ -90,11 +90,7 @@ class Fusion:
         """
         Take an IMU reading; the first encoder reading that is not older uses it.
 
-        Raises
-        ------
-        MessageError
-            With reason ``out_of_order``.
-
+        Raises `MessageError` with reason ``out_of_order``.
         """
         if reading.stamp < self._newest:
             raise MessageError(
@@ -126,15 +122,9 @@ class Fusion:
         """
         Take an encoder reading and return the estimate at its time.
 
-        Raises
-        ------
-        MessageError
-            With reason ``not_finite``.
-        EstimateLostError
-            With reason ``runaway`` if the estimate diverges, ``jumps`` if the encoder jumps
-            repeatedly, and as `EncoderCheck` does; the next reading starts a new estimate of a
-            robot at rest.
-
+        Raises `MessageError` with reason ``not_finite``, and `EstimateLostError` with reason
+        ``runaway`` if the estimate diverges, ``jumps`` if the encoder jumps repeatedly, and as
+        `EncoderCheck` does; the next reading starts a new estimate of a robot at rest.
         """
         stamp, angle, torque = reading[:3]
         if not math.isfinite(stamp + angle + torque + (reading.rate or 0.0)):

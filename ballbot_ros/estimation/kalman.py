@@ -122,16 +122,9 @@ def moved(column: Quad, step: float, by_pendulum: Quad, by_ball: Quad) -> Quad:
 @compiled
 def spread(covariance: Array, step: float, by_pendulum: Quad, by_ball: Quad) -> None:
     """
-    Propagate a covariance in place by a step of the linearised motion: F P F^T.
+    Propagate a covariance in place by a step [s] of the linearised motion: F P F^T.
 
-    Parameters
-    ----------
-    covariance : (5, 5) array
-    step : float
-        [s]
-    by_pendulum, by_ball : tuple of 4 floats
-        Derivatives of phi'' and theta1'' by phi, theta2, phi', theta1'.
-
+    The others are the derivatives of phi'' and theta1'' by phi, theta2, phi', theta1'.
     """
     for i in range(SIZE):
         (covariance[0, i], covariance[1, i], covariance[2, i], covariance[3, i]) = moved(
@@ -188,19 +181,8 @@ def correct(mean: Array, covariance: Array, columns: Tuple[int, int],
     """
     Correct an estimate in place by a measurement of a weighted sum of two states.
 
-    Parameters
-    ----------
-    mean : (5,) array
-    covariance : (5, 5) array
-    columns : tuple of 2 ints
-        Indices of the states.
-    weights : tuple of 2 floats
-        Of the states in the measurement.
-    innovation : float
-        Measured less predicted value.
-    variance : float
-        Of the measurement.
-
+    The columns are the indices of the states, the innovation is the measured less the predicted
+    value, and the variance that of the measurement.
     """
     (one, other), (first, second) = columns, weights
     across = (
@@ -290,17 +272,7 @@ class PendulumFilter:
     """
     Maps an estimate to a predicted or corrected one; has no state.
 
-    Parameters
-    ----------
-    robot : Robot
-        With a pendulum.
-    tuning : FilterTuning, optional
-
-    Raises
-    ------
-    ConfigurationError
-        If the robot has no pendulum.
-
+    Raises `ConfigurationError` if the robot has no pendulum.
     """
 
     def __init__(self, robot: Robot, tuning: FilterTuning = FilterTuning()):
@@ -316,22 +288,14 @@ class PendulumFilter:
     def start(self, stamp: float, encoder: float, imu: Optional[ImuReading] = None,
               encoder_zero: Optional[float] = None) -> Estimate:
         """
-        Return the estimate of a robot at rest.
+        Return the estimate of a robot at rest at a time [s].
 
-        The pendulum of a robot at rest without torque hangs straight down: this gives the
-        absolute angle.  Only an IMU together with a known `encoder_zero` needs no such assumption.
+        The pendulum of a robot at rest without torque hangs straight down: this gives the absolute
+        angle.  Only an IMU together with a known `encoder_zero` needs no such assumption.
 
-        Parameters
-        ----------
-        stamp : float
-            [s]
-        encoder : float
-            Joint angle from an arbitrary zero [rad].
-        imu : ImuReading, optional
-            At the ball centre; gives the ball angle, which is 0 without it.
-        encoder_zero : float, optional
-            Encoder angle at joint angle 0 [rad], of an absolute encoder.
-
+        The encoder gives the joint angle from an arbitrary zero [rad], the IMU at the ball centre
+        the ball angle, which is 0 without it; `encoder_zero` is the encoder angle at joint angle 0
+        [rad], of an absolute encoder.
         """
         ball = 0.0 if imu is None else math.atan2(imu.forward, imu.upward)
         joint = encoder - encoder_zero if imu is not None and encoder_zero is not None else -ball
@@ -344,18 +308,10 @@ class PendulumFilter:
     def predict(self, estimate: Estimate, stamp: float, torque: float,
                 imu: Optional[ImuReading] = None) -> Estimate:
         """
-        Return the estimate at a later time.
+        Return the estimate at a later time [s]; an earlier one has no effect.
 
-        Parameters
-        ----------
-        estimate : Estimate
-        stamp : float
-            [s]; one before that of the estimate has no effect.
-        torque : float
-            At the pendulum since then [N m].
-        imu : ImuReading, optional
-            The latest, at the ball centre.
-
+        The torque is that at the pendulum since then [N m], the IMU reading the latest at the ball
+        centre.
         """
         if not stamp > estimate.stamp + STAMP_TOLERANCE:
             return estimate
@@ -367,16 +323,10 @@ class PendulumFilter:
 
     def with_encoder(self, estimate: Estimate, encoder: float, latency: float = 0.0) -> Estimate:
         """
-        Return the estimate corrected by an encoder angle.
+        Return the estimate corrected by an encoder angle [rad].
 
-        Parameters
-        ----------
-        estimate : Estimate
-        encoder : float
-            [rad]
-        latency : float
-            The angle may have been measured as much later [s], at a time of uniform probability.
-
+        The angle may have been measured as much as `latency` later [s], at a time of uniform
+        probability.
         """
         mean, covariance = estimate.mean.copy(), estimate.covariance.copy()
         tuning, rate = self._tuning, estimate.joint_rate
@@ -390,17 +340,9 @@ class PendulumFilter:
 
     def with_imu(self, estimate: Estimate, imu: ImuReading, period: float) -> Estimate:
         """
-        Return the estimate corrected by an IMU reading.
+        Return the estimate, at the time of an IMU reading at the ball centre, corrected by it.
 
-        Parameters
-        ----------
-        estimate : Estimate
-            At the time of the reading.
-        imu : ImuReading
-            At the ball centre.
-        period : float
-            Since the previous reading [s].
-
+        The period is the time since the previous reading [s].
         """
         mean, covariance = estimate.mean.copy(), estimate.covariance.copy()
         correct_by_imu(

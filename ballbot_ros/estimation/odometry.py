@@ -89,15 +89,7 @@ class OdometryState(NamedTuple):
 
 
 class OdometryFilter:
-    """
-    Maps odometry to that of the next estimate; has no state.
-
-    Parameters
-    ----------
-    robot : Robot
-    tuning : OdometryTuning, optional
-
-    """
+    """Maps odometry to that of the next estimate; has no state."""
 
     def __init__(self, robot: Robot, tuning: OdometryTuning = OdometryTuning()):
         self._radius, self._gravity, self._tuning = robot.ball_radius, robot.gravity, tuning
@@ -117,17 +109,10 @@ class OdometryFilter:
     def advance(self, before: OdometryState, estimate: Estimate,
                 imu: Optional[ImuReading] = None) -> OdometryState:
         """
-        Return the odometry at the time of an estimate.
+        Return the odometry at the time of an estimate; one that is not later has no effect.
 
-        Parameters
-        ----------
-        before : OdometryState
-        estimate : Estimate
-            One that is not later has no effect.
-        imu : ImuReading, optional
-            At the ball centre, if the estimate is the one after it.  Pass each reading once: a
-            single reading may contain the impulse of an impact.
-
+        The IMU reading is that at the ball centre before the estimate, if there is one.  Pass each
+        reading once: a single reading may contain the impulse of an impact.
         """
         state = before
         if estimate.stamp > before.stamp:

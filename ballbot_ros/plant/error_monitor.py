@@ -35,11 +35,7 @@ class ErrorMonitor:
         """
         Compare with the state of the plant after a number of solver steps of an actuation.
 
-        Raises
-        ------
-        SimulationError
-            If the coarser run fails; its state is unchanged then.
-
+        Raises `SimulationError` if the coarser run fails; its state is unchanged then.
         """
         coarse = self._model.advance(self._state, actuator, steps)
         self._state = coarse._replace(time=after.time)

@@ -122,20 +122,9 @@ class FloorPlant(Plant):
         """
         Advance by one control period and return the new planar state, whose x is the path length.
 
-        Parameters
-        ----------
-        torque : float
-            See `Plant.advance`.
-        lean_set_point : float, optional
-            Of the pendulum, see `steering.law` [rad].
-
-        Raises
-        ------
-        SimulationError
-            If the run fails; state and time remain at the last valid ones.
-        ConfigurationError
-            If a robot without steering should lean.
-
+        See `Plant.advance` and, for the set-point of the lean [rad], `steering.law`.  Raises
+        `SimulationError` if the run fails; state and time remain at the last valid ones; and
+        `ConfigurationError` if a robot without steering should lean.
         """
         before, applied = self.state, self.torque
         after = super().advance(torque, lean_set_point)

@@ -9,11 +9,8 @@ def periods_per(slow_rate: float, base_rate: float, name: str) -> int:
     """
     Return how many periods of the base rate make one of the slow rate.
 
-    Raises
-    ------
-    ConfigurationError
-        If it is not a whole number; the message names rates near by that fit.
-
+    Raises `ConfigurationError` if it is not a whole number; the message names rates near by that
+    fit.
     """
     ratio = base_rate / slow_rate
     periods = round(ratio)
@@ -31,23 +28,9 @@ class Pace:
     """
     Counts the control periods that are due by the wall clock.
 
-    When the machine is too slow, at most `most` periods are caught up per call; the rest is
-    given up and counted, so that simulated time falls behind instead of spiralling.
-
-    Parameters
-    ----------
-    period : float
-        Simulated time of a control period [s].
-    factor : float
-        Simulated seconds per wall second, above 0.
-    most : int
-        Periods per call.
-
-    Attributes
-    ----------
-    dropped : int
-        Periods given up so far.
-
+    A period has a length [s], at a factor of simulated seconds per wall second.  When the machine
+    is too slow, at most `most` periods are caught up per call; the rest is `dropped`, so that
+    simulated time falls behind instead of spiralling.
     """
 
     def __init__(self, period: float, factor: float, most: int = 10):

@@ -39,15 +39,7 @@ class SensorFaults(Checked):
 
 
 class Latency(Generic[T]):
-    """
-    Delays measurements by a latency.
-
-    Parameters
-    ----------
-    seconds : float
-        [s]; may be set to another value.
-
-    """
+    """Delays measurements by a latency, `seconds`, which may be changed [s]."""
 
     def __init__(self, seconds: float):
         self.seconds = seconds

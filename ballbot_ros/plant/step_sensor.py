@@ -96,15 +96,9 @@ class Sensor:
 
     def measure(self, x: float, number: int) -> Optional[Sight]:
         """
-        Look ahead; return None for a look that is lost.
+        Look ahead of the ball centre [m]; return None for a look that is lost.
 
-        Parameters
-        ----------
-        x : float
-            Of the ball centre [m].
-        number : int
-            Of this look, counted from 0; decides the noise.
-
+        The number of this look, counted from 0, decides the noise.
         """
         ahead = next((face for face in self._faces if face[0] > x), None)
         random = np.random.default_rng([self._seed, number])

@@ -88,15 +88,9 @@ class TerrainSensor:
 
     def measure(self, x: float, y: float, number: int) -> Optional[TerrainSight]:
         """
-        Return an observation; None for a lost sample.
+        Return an observation at a place of the ball centre [m]; None for a lost sample.
 
-        Parameters
-        ----------
-        x, y : float
-            Of the ball centre [m].
-        number : int
-            Of this sample, from 0; determines the noise.
-
+        The number of this sample, from 0, determines the noise.
         """
         faults = self.faults
         random = np.random.default_rng([self._seed, number])

@@ -27,15 +27,9 @@ class Turn(NamedTuple):
 
 def steady_turn(robot: Robot, speed: float, curvature: float) -> Turn:
     """
-    Return the steady turn of a curvature, eqs. (S4) and (S5).
+    Return the steady turn of a curvature, yaw rate over speed [1/m], eqs.  (S4) and (S5).
 
-    Parameters
-    ----------
-    speed : float
-        Of the ball along its path, of either sign [m/s].
-    curvature : float
-        Yaw rate over speed [1/m].
-
+    The speed of the ball along its path is of either sign [m/s].
     """
     first = robot.pendulum_mass * robot.pendulum_length
     second = first * robot.pendulum_length
@@ -67,14 +61,8 @@ def curvature_limit(robot: Robot, speed: float) -> float:
     """
     Return the largest curvature at a speed [1/m]; 0 of a robot that drives straight.
 
-    It falls with the speed; at rest it is the limit for low speeds, where the ball rolls along
-    the circle of a tilted wheel.
-
-    Parameters
-    ----------
-    speed : float
-        Of the ball along its path, of either sign [m/s].
-
+    It falls with the speed along the path, of either sign [m/s]; at rest it is the limit for low
+    speeds, where the ball rolls along the circle of a tilted wheel.
     """
     if robot.steering is None or not robot.has_pendulum:
         return 0.0

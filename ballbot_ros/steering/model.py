@@ -61,11 +61,7 @@ def required_steering(robot: Robot) -> Steering:
     """
     Return the section ``steering`` of a robot.
 
-    Raises
-    ------
-    ConfigurationError
-        Of a robot that drives straight.
-
+    Raises `ConfigurationError` for a robot that drives straight.
     """
     if robot.steering is None or not robot.has_pendulum:
         raise ConfigurationError(
@@ -77,17 +73,10 @@ def required_steering(robot: Robot) -> Steering:
 def accelerations(robot: Robot, state: LateralState, speed: float,
                   lean_acceleration: float, acceleration: float = 0.0) -> Accelerations:
     """
-    Return tilt and yaw accelerations and the torque of the lateral axis, eqs. (S1) to (S3).
+    Return tilt and yaw accelerations and the torque of the lateral axis, eqs.  (S1) to (S3).
 
-    Parameters
-    ----------
-    speed : float
-        Of the ball along the heading [m/s].
-    lean_acceleration : float
-        [rad/s2]
-    acceleration : float, optional
-        Derivative of the speed [m/s2].
-
+    The speed is that of the ball along the heading [m/s], the acceleration its derivative [m/s2];
+    that of the lean is in rad/s2.
     """
     ball, pendulum, radius = robot.ball_inertia, robot.pendulum_inertia, robot.ball_radius
     first = robot.pendulum_mass * robot.pendulum_length
@@ -119,26 +108,12 @@ def accelerations(robot: Robot, state: LateralState, speed: float,
 def step(robot: Robot, state: LateralState, speed: float, command: float, dt: float,
          acceleration: float = 0.0) -> LateralState:
     """
-    Return the state a time later, with the lean following its set-point within the limits.
+    Return the state a time `dt` later [s]; the lean follows its set-point within the limits.
 
-    The lateral axis holds its set-point by position control; rate and torque are limited.
-
-    Parameters
-    ----------
-    speed : float
-        Of the ball along the heading, in the middle of `dt` [m/s].
-    command : float
-        Set-point of the lean, see `law`; limited to the largest lean [rad].
-    dt : float
-        [s]
-    acceleration : float, optional
-        Mean derivative of the speed, by which a turning ball keeps its angular momentum [m/s2].
-
-    Raises
-    ------
-    ConfigurationError
-        If the robot has no steering.
-
+    The lateral axis holds its set-point, the command, by position control, see `law` [rad]; lean,
+    rate and torque are limited.  The speed is that of the ball along the heading, in the middle of
+    `dt` [m/s], the acceleration its mean derivative, by which a turning ball keeps its angular
+    momentum [m/s2].  Raises `ConfigurationError` if the robot has no steering.
     """
     limits = required_steering(robot)
     target = min(max(command, -limits.largest_lean), limits.largest_lean)

@@ -73,15 +73,8 @@ def height_factor(angle: float, name_or_path: str = 'gimball') -> float:
     """
     Return the lowest maximum height at an angle over that at right angles to the edge.
 
-    Beyond the largest angle of the table it is 0: such a crossing is not permitted.
-
-    Parameters
-    ----------
-    angle : float
-        Between the path and the normal of the edge, to either side [rad].
-    name_or_path : str, optional
-        See `load_oblique_steps`.
-
+    The angle is that between the path and the normal of the edge, to either side [rad].  Beyond
+    the largest angle of the table the factor is 0: such a crossing is not permitted.
     """
     table = load_oblique_steps(name_or_path)
     degrees = abs(math.degrees(math.remainder(angle, 2.0 * math.pi)))
@@ -96,22 +89,9 @@ def course_change(angle: float, share: float,
     Return the range by which the direction of travel turns away from the normal [rad].
 
     The heading stays at the edge: the ball moves sideways, with a tilt rate (`lateral_speed`).
-
-    Parameters
-    ----------
-    angle : float
-        Between the path and the normal of the edge, to either side, within the table [rad].
-    share : float
-        Height of the step over the maximum height at this angle; outside the table that of its
-        nearest end.
-    name_or_path : str, optional
-        See `load_oblique_steps`.
-
-    Raises
-    ------
-    ConfigurationError
-        Beyond the largest angle of the table.
-
+    The angle is that between the path and the normal of the edge, to either side [rad]; the share
+    is the height of the step over the maximum height at this angle; outside the table that of its
+    nearest end counts.  Raises `ConfigurationError` beyond the largest angle of the table.
     """
     table = load_oblique_steps(name_or_path)
     return _range(table, angle, share, table.lowest_course_change_deg,

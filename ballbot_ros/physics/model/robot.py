@@ -477,13 +477,8 @@ def with_parameters(robot: Robot, values: Mapping[str, Any]) -> Robot:
     """
     Return a robot with other parameters, SI, or with columns.
 
-    Names are those of `ROBOT`, `MOTOR` and `STEERING`.
-
-    Raises
-    ------
-    ConfigurationError
-        If a value is out of range, or of a part that the robot has not.
-
+    Names are those of `ROBOT`, `MOTOR` and `STEERING`.  Raises `ConfigurationError` if a value is
+    out of range, or of a part that the robot has not.
     """
     own: Dict[str, Any] = {name: value for name, value in values.items() if name in ROBOT}
     for part, known in (('motor', MOTOR), ('steering', STEERING)):

@@ -117,13 +117,8 @@ class Terrain:
         """
         Return the terrain as the kernels read it, an (n, 7) array.
 
-        Its TURN is the sine of the turn at a vertex: positive where the ground is concave.
-
-        Parameters
-        ----------
-        surface_friction, edge_friction : float
-            The robot's coefficients, for pieces without their own.
-
+        Its TURN is the sine of the turn at a vertex: positive where the ground is concave.  The
+        frictions are the robot's coefficients, for pieces without their own.
         """
         profile = np.zeros((len(self.vertices), 7))
         profile[:, [VERTEX_X, VERTEX_Y]] = self.vertices
@@ -149,18 +144,9 @@ class Terrain:
         Return the vertices of each face that rises or drops, from left to right.
 
         A face is steep from its foot to its edge, or for most of its height, as a rounded edge is.
-
-        Parameters
-        ----------
-        least_slope : float
-            Rise over run; a less steep segment is a ramp.
-        least_height : float
-            [m]; a lower one is an unevenness.
-        short : float
-            A less steep segment within a face that is shorter belongs to it [m].
-        endless : bool
-            Whether the infinite end segments may be faces.
-
+        A segment with a smaller rise over run than the least slope is a ramp, unless it is within
+        a face and shorter than `short` [m]; a face below the least height is an unevenness [m].
+        The infinite end segments may be faces if `endless`.
         """
         run, rise = np.diff(self.vertices, axis=0).T
         found = {}
@@ -313,19 +299,10 @@ PIECES: Mapping[str, tuple[Callable[..., Strides], Mapping[str, Any], tuple[str,
 
 def read_terrain(section: Any, where: str) -> Terrain:
     """
-    Return the terrain that a scene file describes.
+    Return the terrain that a scene file describes, by pieces or by a mapping with the vertices.
 
-    Parameters
-    ----------
-    section : list of pieces, or mapping with the vertices
-    where : str
-        Place for error messages.
-
-    Raises
-    ------
-    ConfigurationError
-        Naming piece, field, value and range.
-
+    `where` is the place for error messages.  Raises `ConfigurationError` that names piece, field,
+    value and range.
     """
     try:
         if isinstance(section, dict):

@@ -39,15 +39,8 @@ def sobol(dimensions: int, power: int, seed: int) -> Array:
     """
     Return (2^power, dimensions) points of the unit cube.
 
-    Parameters
-    ----------
-    dimensions : int
-        At most `DIMENSIONS`.
-    power : int
-        Below 30.
-    seed : int
-        Of the scrambling: a random linear map of the bits, and a shift (Matousek 1998).
-
+    There are at most `DIMENSIONS` dimensions, and the power is below 30; the seed is that of the
+    scrambling: a random linear map of the bits, and a shift (Matousek 1998).
     """
     random = np.random.default_rng(seed)
     highest_first = 1 << np.arange(BITS - 1, -1, -1)
@@ -126,11 +119,7 @@ def rows_of_parameters(robot: Robot, values: Mapping[str, Array], number: int,
     """
     Return the `Parameters` of many robots, (number, ...): those of `changed`, but unchecked.
 
-    Parameters
-    ----------
-    values : mapping of str to (number,) array
-        Fields of the robot, SI.
-
+    The values are columns of fields of the robot, SI.
     """
     own = {name: getattr(robot, name) for name in ROBOT}
     own['law_number'] = robot.law_number
@@ -152,11 +141,7 @@ def draw(robot: Robot, count: int, seed: int = 0) -> List[Robot]:
     """
     Draw robots from the ranges of the uncertain numbers; Sobol's sequence, scrambled.
 
-    Raises
-    ------
-    ConfigurationError
-        If numbers of the ranges contradict each other.
-
+    Raises `ConfigurationError` if numbers of the ranges contradict each other.
     """
     free = independent(uncertain(robot))
     if not free:

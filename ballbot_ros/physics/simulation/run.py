@@ -133,11 +133,8 @@ def steps_in(duration: float, step: float, what: str) -> int:
     """
     Return how many steps make up a duration.
 
-    Raises
-    ------
-    ConfigurationError
-        If it is not a whole number of them; the message names durations that are.
-
+    Raises `ConfigurationError` if it is not a whole number of them; the message names durations
+    that are.
     """
     steps = round(duration / step)
     if steps < 1 or abs(steps * step - duration) > 1e-6 * duration:
@@ -212,11 +209,7 @@ def solvers_for(accuracy: float, step: float = 1e-4) -> tuple[Solver, Solver]:
     """
     Return the solvers of the first, coarser and of the second, finer run for an accuracy [m].
 
-    Raises
-    ------
-    ConfigurationError
-        If the accuracy is out of range.
-
+    Raises `ConfigurationError` if the accuracy is out of range.
     """
     if not SMALLEST <= accuracy <= LARGEST:
         raise ConfigurationError(
@@ -329,20 +322,9 @@ def _compare(coarse: Trajectory, fine: Trajectory, accuracy: float) -> Assurance
 def check_steps(run: Trajectory, actuation: Actuation, duration: float,
                 output_step: float) -> None:
     """
-    Check that fixed steps were short enough.
+    Check that the fixed steps of a run were short enough; see `simulate` for the parameters.
 
-    Parameters
-    ----------
-    run : Trajectory
-        Made with them.
-    actuation, duration, output_step
-        See `simulate`.
-
-    Raises
-    ------
-    TooLongSteps
-        If the run is off by more than `STEP_BOUND`, or if nothing confirms it.
-
+    Raises `TooLongSteps` if the run is off by more than `STEP_BOUND`, or if nothing confirms it.
     """
     start, solver = run.state(0), run.model.solver_in_use
     path = float(np.sum(np.hypot(*np.diff(centres(run), axis=0).T)))
@@ -388,15 +370,7 @@ def _apart(run: Trajectory, other: Trajectory) -> Array:
 
 def _halved(run: Trajectory, start: State, actuation: Actuation, duration: float,
             output_step: float) -> Trajectory:
-    """
-    Return the run with steps of half the length.
-
-    Raises
-    ------
-    TooLongSteps
-        If there is none.
-
-    """
+    """Return the run with steps of half the length; raises `TooLongSteps` if there is none."""
     solver = run.model.solver_in_use
     half = replace(solver, step=0.5 * solver.step, work_budget=10**15)
     try:

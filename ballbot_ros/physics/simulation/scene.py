@@ -184,17 +184,9 @@ def load_scene(name_or_path: Union[str, Path, Scene],
 
 def read_scene(content: Mapping[str, Any], where: str, name: str) -> Scene:
     """
-    Return the scene that a mapping describes.
+    Return the scene that a mapping describes, as in the files of ``config/scenes``.
 
-    Parameters
-    ----------
-    content : mapping
-        As in a scene file; see ``config/scenes``.
-    where : str
-        Place for error messages.
-    name : str
-        Of the scene.
-
+    `where` is the place for error messages.
     """
     problems = Problems()
     with problems.collected():

@@ -96,20 +96,8 @@ class Integrator:
     """
     Advances states; one for each thread.
 
-    Parameters
-    ----------
-    parameters : Parameters
-    ground : (n, 7) array
-        See `Terrain.profile`.
-    solver : Solver
-    flight : bool
-        Whether to fly in closed form, where the method may.
-
-    Attributes
-    ----------
-    workspace : Workspace
-        Overwritten at each call, except its statistics, which accumulate.
-
+    The ground is that of `Terrain.profile`; `flight` is whether to fly in closed form, where the
+    method may.  Each call overwrites the `workspace`, except its statistics, which accumulate.
     """
 
     def __init__(self, parameters: Parameters, ground: Array, solver: Solver,
@@ -129,21 +117,10 @@ class Integrator:
     def advance(self, actuator: Actuator, state: Array, status: Status, end: float,
                 output: Output = NO_OUTPUT, budget: Optional[int] = None) -> Status:
         """
-        Advance a state in place.
+        Advance a state in place until an end [s], and fill the rows of an output.
 
-        Parameters
-        ----------
-        actuator : Actuator
-        state : (13,) array
-        status : Status
-            Of the state: ``Status(FINISHED, time)`` where a run begins.
-        end : float
-            [s]
-        output : Output, optional
-            Rows to fill.
-        budget : int, optional
-            Where the `work` ends the run; by default the work budget of the solver from here.
-
+        The status is that of the state: ``Status(FINISHED, time)`` where a run begins.  The budget
+        is where the `work` ends the run; by default the work budget of the solver from here.
         """
         solver = self._solver
         if budget is None:
@@ -187,16 +164,8 @@ def worst_gap(states: Array, start: Array, play: float, values: tuple[float, ...
     """
     Return the largest gap of the ledger over the energy in play, where, and that energy.
 
-    Parameters
-    ----------
-    states : (n, 13) array
-    start : (13,) array
-        State at the start of the run.
-    play : float
-        Largest energy that has been in play so far [J]; see `Trajectory.energy_in_play`.
-    values : tuple of float
-        Of the parameters: recognised sooner than a named tuple.
-
+    `play` is the largest energy that has been in play so far [J], see `Trajectory.energy_in_play`;
+    the values are those of the parameters: recognised sooner than a named tuple.
     """
     worst, where, parameters = 0.0, 0, Parameters(*values)
     first = balance_of(start, parameters, ground, contacts)
@@ -222,18 +191,7 @@ def worst_gap(states: Array, start: Array, play: float, values: tuple[float, ...
 
 
 class Ledger:
-    """
-    The energy balance of a run, for periodic checks.
-
-    Parameters
-    ----------
-    parameters : Parameters
-    ground : (n, 7) array
-        See `Terrain.profile`.
-    state : (13,) array
-        At the start.
-
-    """
+    """The energy balance of a run from a state on, for periodic checks; see `Terrain.profile`."""
 
     def __init__(self, parameters: Parameters, ground: Array, state: Array) -> None:
         self._fixed = parameters[:], ground, contact_table(len(ground))
@@ -241,15 +199,10 @@ class Ledger:
 
     def missing(self, states: Array) -> tuple[float, int]:
         """
-        Look at the next states of the run, an (n, 13) array.
+        Return the largest energy residual since the start after the next states, and where it is.
 
-        Returns
-        -------
-        missing : float
-            Largest energy residual since the start, relative to the reference energy.
-        where : int
-            Number of that state; the first that is beyond `LEDGER_BOUND`.
-
+        It is relative to the reference energy; the place is the number of its state, the first
+        that is beyond `LEDGER_BOUND`.
         """
         # Copied, for a contiguous state has the type that the solvers have compiled.
         worst, where, self._play = worst_gap(
@@ -273,14 +226,7 @@ def out_of_balance(time: float, missing: float, solver: Solver) -> OutOfBalance:
 
 
 def check_work(solver: Solver, steps: int) -> None:
-    """
-    Refuse a fixed-step run that would exceed its work budget.
-
-    Raises
-    ------
-    ConfigurationError
-
-    """
+    """Raise `ConfigurationError` for a fixed-step run that would exceed its work budget."""
     needed = steps * METHODS[solver.method].evaluations
     if needed > solver.work_budget:
         raise ConfigurationError(
