@@ -123,7 +123,7 @@ class PendulumController:
                 f'of {current.stamp:.6g} s; if time was set back, reset the controller',
                 'stale', 'stamp')
         if (set_point.mode, set_point.value) != (current.mode, current.value):
-            if not set_point.mode is current.mode is Mode.SPEED:
+            if not (set_point.mode is current.mode is Mode.SPEED):
                 self._restart()
             # The next reading gives a new torque, even with the stamp of the last one.
             self._answered = False
