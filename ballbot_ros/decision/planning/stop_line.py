@@ -91,9 +91,12 @@ class StopLines:
         Return the mean slope from the ball to a position [rad].
 
         A ball that brakes all the way loses as much energy on it as on the slopes in between.
+        Where no terrain is observed, the lower limit of the estimated slope.
         """
         begin, profile = situation.motion.position, situation.profile
-        if profile is None or not profile.points or end - begin < SLOPE_LENGTH_MIN:
+        if profile is None or not profile.points:
+            return situation.slope - self._tuning.sigma_margin * situation.slope_sd
+        if end - begin < SLOPE_LENGTH_MIN:
             return situation.slope
         floor = GroundProfile(profile.points, situation.slope)
         return math.atan(floor.rise(begin, end) / (end - begin))

@@ -221,6 +221,14 @@ def test_a_certain_step_down_stays_certain_if_the_ball_becomes_slower_than_it_wa
         assert (decision.kind, decision.reason) == (Kind.CROSS, Reason.COMMITTED)
 
 
+def test_where_the_slope_is_not_observed_the_speed_before_a_stop_allows_for_its_uncertainty():
+    def speed(slope, slope_sd):
+        motion = Motion(0.0, 0.0, 0.3, slope=slope, slope_sd=slope_sd)
+        return StopLines(KNOWLEDGE).speed_before(0.5, Situation(motion, seen()))
+    assert speed(0.0, 0.0) > speed(0.0, 0.01) > speed(0.0, 0.03)
+    assert speed(0.0, 0.01) == pytest.approx(speed(-0.01 * TUNING.sigma_margin, 0.0))
+
+
 def test_a_plan_is_kept_as_soon_as_the_weakest_robot_could_not_stop():
     needed = StopLines(KNOWLEDGE).braking.distance(0.6, 0.0, emergency=True)
     for run_up, reason in (needed + 0.1, Reason.LIKELY), (needed, Reason.COMMITTED):
