@@ -118,8 +118,16 @@ def wanted_angle(wanted: float, resistance: float, lean: float, law: Numbers) ->
     """
     Return the pendulum angle for an acceleration against a resistance, within +-lean [rad].
 
-    The resistance is a torque about the contact [N m]; on a slope s it is M g R sin(s).  The
-    largest lean is pi / 2.
+    Parameters
+    ----------
+    wanted : float
+        Acceleration [m/s2].
+    resistance : float
+        [N m] about the contact; on a slope s it is M g R sin(s).
+    lean : float
+        [rad], at most pi / 2.
+    law : Numbers
+
     """
     own = SpeedLaw(*law)
     # R M2 g e sin(phi) + a M2 e R cos(phi) = a (J1 + M R^2) + R D
@@ -136,10 +144,22 @@ def motion_law_step(state: SpeedState, speed: float, pendulum_angle: float, set_
     """
     Return the next state of the law, and the set angle for law (11) [rad].
 
-    The measured speed is that of the ball [m/s], the pendulum angle absolute [rad]; NaN if it is
-    not measured: then the set angles predict it.  The set acceleration is the time derivative of
-    the set speed [m/s2], `lean` the largest desired angle of the pendulum, at most pi / 2 [rad],
-    and the period the time since the last step, above 0 [s].
+    Parameters
+    ----------
+    state : SpeedState
+        See `speed_law_start`.
+    speed : float
+        Of the ball [m/s].
+    pendulum_angle : float
+        Absolute [rad]; NaN if not measured: then the set angles predict it.
+    set_speed, set_acceleration : float
+        [m/s] and its time derivative [m/s2].
+    lean : float
+        Largest desired angle of the pendulum [rad], at most pi / 2.
+    period : float
+        Since the last step, above 0 [s].
+    law : Numbers
+
     """
     own = SpeedLaw(*law)
     estimate, resistance, before, followed, shortfall, set_angle = state
@@ -225,13 +245,22 @@ def braking_distance(speed: float, slope: float, lean: float, reaction: float,
     """
     Return the stopping distance of `speed_law_step`, for a set speed of 0 [m].
 
-    v (reaction + swing_time) + v^2 / (2 b) + b / (2 speed_gain^2), as the lean decreases below b /
-    speed_gain; for a v below that, v (reaction + swing_time + 1 / speed_gain).  Infinite where the
-    ball cannot brake, 0 for a negative v.
+    v (reaction + swing_time) + v^2 / (2 b) + b / (2 speed_gain^2), as the lean decreases below
+    b / speed_gain; for a v below that, v (reaction + swing_time + 1 / speed_gain).  Infinite where
+    the ball cannot brake.
 
-    The ball rolls steadily towards +x at v [m/s] on a slope, positive where it rises [rad], and
-    brakes with a lean of the pendulum against the motion [rad] after the delay `reaction` of the
-    set angle [s].
+    Parameters
+    ----------
+    speed : float
+        Towards +x [m/s], rolling steadily; the distance is 0 for a negative speed.
+    slope : float
+        Positive where it rises towards +x [rad].
+    lean : float
+        Of the pendulum against the motion [rad].
+    reaction : float
+        Delay of the set angle [s].
+    law : Numbers
+
     """
     if speed <= 0.0:
         return 0.0

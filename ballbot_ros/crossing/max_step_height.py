@@ -72,10 +72,22 @@ def crossing_of(row: Array, ground: Array, arrays: PackedArrays) -> Crossing:
 def try_rows(rows: Array, grounds: Array, heights: Array, tolerance: float, results: Array,
              arrays: PackedArrays) -> None:
     """
-    Try a step of a height [m] with each crossing; write the results.
+    Try a step with each crossing.
 
-    A row has the fields of Course, Parameters and Actuator, one behind the other.  The heights are
-    written to the grounds, too; see `attempt` for the tolerance.
+    Parameters
+    ----------
+    rows : array
+        Fields of Course, Parameters and Actuator, one behind the other.
+    grounds : (n, 4, 7) array
+        Written: the heights.
+    heights : (n,) array
+        [m]
+    tolerance : float
+        See `attempt`.
+    results : (n, 3) array
+        Written.
+    arrays : PackedArrays
+
     """
     for i in range(len(rows)):
         verdict, score, outcome = attempt(

@@ -120,14 +120,39 @@ class Emulator:
     Start it, open `path` as a serial port, stop it; or use it as a context manager.  The model
     runs in a separate thread, so all methods may be called from another one.
 
-    A host that sets another baud rate than that of the drive gets, and sends, noise.  The settings
-    are by default those that fit the motor of the robot; `link` is a symbolic link to keep
-    pointing to the device, and `seed` that of the faults.  With `steering` a second motor, with
-    the same gear, leans the pendulum: that on M2 of a RoboClaw, or one with a separate drive at
-    the next address of the CAN bus.
+    Parameters
+    ----------
+    protocol : str
+        Of the drive; see `drives.DRIVES`.
+    scene : Scene
+        Robot, ground and start; the robot must have a motor.
+    baud : int
+        Of the drive; a host that sets another one gets, and sends, noise.
+    settings : DriveSettings, optional
+        Those that fit the motor of the robot if not given.
+    link : Path, optional
+        Symbolic link to keep pointing to the device.
+    seed : int
+        Of the faults.
+    steering : bool
+        Whether a second motor, with the same gear, leans the pendulum: that on M2 of a RoboClaw,
+        or one with a separate drive at the next address of the CAN bus.
 
-    Raises `ConfigurationError` for an unknown protocol or firmware, a robot without motor, or
-    without steering where it should steer, or a link that cannot be made.
+    Attributes
+    ----------
+    torque : float
+        At the motor shaft now [N m].
+    log : deque of Applied
+        Every change of the torque, oldest first.
+    dropped : int
+        Periods of the model that were skipped because the machine was too slow.
+
+    Raises
+    ------
+    ConfigurationError
+        For an unknown protocol or firmware, a robot without motor, or without steering where it
+        should steer, or a link that cannot be made.
+
     """
 
     def __init__(self, protocol: str, scene: Scene, baud: int = 115200,

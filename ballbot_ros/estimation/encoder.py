@@ -196,10 +196,21 @@ class IncrementCheck(NamedTuple):
         """
         Return the sums after a reading.
 
-        They compare the measured increment per second with the least and largest expected ones,
-        `rates`, if it `applies` and the mean expected increment is at least `smallest`.  The pause
-        is the time since the previous reading, the latency the uncertainty of the times of both
-        [s].
+        Parameters
+        ----------
+        pause : float
+            Since the previous reading [s].
+        latency : float
+            Uncertainty of the times of both [s].
+        rates : tuple of 2 floats
+            Least and largest expected increment per second.
+        measured : float
+            Measured increment per second.
+        smallest : float
+            Mean expected increment per second from which the comparison applies.
+        applies : bool
+            Whether it applies at all.
+
         """
         least, largest = rates
         keep, fastest = math.exp(-pause / SMOOTHING), max(-least, largest)

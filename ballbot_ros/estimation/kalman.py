@@ -181,8 +181,19 @@ def correct(mean: Array, covariance: Array, columns: Tuple[int, int],
     """
     Correct an estimate in place by a measurement of a weighted sum of two states.
 
-    The columns are the indices of the states, the innovation is the measured less the predicted
-    value, and the variance that of the measurement.
+    Parameters
+    ----------
+    mean : (5,) array
+    covariance : (5, 5) array
+    columns : tuple of 2 ints
+        Indices of the states.
+    weights : tuple of 2 floats
+        Of the states in the measurement.
+    innovation : float
+        Measured less predicted value.
+    variance : float
+        Of the measurement.
+
     """
     (one, other), (first, second) = columns, weights
     across = (
@@ -308,10 +319,18 @@ class PendulumFilter:
     def predict(self, estimate: Estimate, stamp: float, torque: float,
                 imu: Optional[ImuReading] = None) -> Estimate:
         """
-        Return the estimate at a later time [s]; an earlier one has no effect.
+        Return the estimate at a later time.
 
-        The torque is that at the pendulum since then [N m], the IMU reading the latest at the ball
-        centre.
+        Parameters
+        ----------
+        estimate : Estimate
+        stamp : float
+            [s]; one before that of the estimate has no effect.
+        torque : float
+            At the pendulum since then [N m].
+        imu : ImuReading, optional
+            The latest, at the ball centre.
+
         """
         if not stamp > estimate.stamp + STAMP_TOLERANCE:
             return estimate

@@ -36,17 +36,29 @@ AREAS = ('carpet', 'level', 'ramp', 'friction', 'keep_out', 'stairs')
 @dataclass(frozen=True)
 class Feature(Checked):
     """
-    A step, threshold, cord or drop along a line, or an area; all lengths in m.
+    A step, threshold, cord or drop along a line, or an area.
 
-    ``step``: the floor on the left of the line, seen from its first point to its last, is higher
-    by `height`.  ``threshold``: a bar of `height` and `width`, the line is its middle.  ``cord``:
-    the same, flexible.  ``drop``: the floor on the right of the line is lower by `height`, and no
-    route crosses it.  ``carpet`` and ``level``: an area that is higher by `height`, or lower where
-    that of a level is negative.  ``ramp``: an area that rises by `height` along its line, from the
-    foot to the top.  ``friction``: an area with a coefficient of friction.  ``keep_out`` and
-    ``stairs``: areas that no route enters; a route keeps the stopping distance from stairs.
+    Attributes
+    ----------
+    kind : str
+        ``step``: the floor on the left of the line, seen from its first point to its last, is
+        higher by `height`.  ``threshold``: a bar of `height` and `width`, the line is its middle.
+        ``cord``: the same, flexible.  ``drop``: the floor on the right of the line is lower by
+        `height`, and no route crosses it.  ``carpet`` and ``level``: an area that is higher by
+        `height`, or lower where that of a level is negative.  ``ramp``: an area that rises by
+        `height` along its line, from the foot to the top.  ``friction``: an area with a
+        coefficient of friction.  ``keep_out`` and ``stairs``: areas that no route enters; a route
+        keeps the stopping distance from stairs.
+    name : str
+    line : tuple of (float, float)
+        Of a line or a ramp; at least two points [m].
+    polygon : tuple of (float, float)
+        Of an area; at least three points [m].
+    height, height_sd, width : float
+        [m]
+    friction : float or None
+        Coefficient of an area of friction [1].
 
-    A line has at least two points (x, y), the polygon of an area at least three.
     """
 
     kind: str = text('kind of the feature', choices=(*LINES, *AREAS))

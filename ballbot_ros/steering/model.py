@@ -108,12 +108,26 @@ def accelerations(robot: Robot, state: LateralState, speed: float,
 def step(robot: Robot, state: LateralState, speed: float, command: float, dt: float,
          acceleration: float = 0.0) -> LateralState:
     """
-    Return the state a time `dt` later [s]; the lean follows its set-point within the limits.
+    Return the state a time later, with the lean following its set-point within the limits.
 
-    The lateral axis holds its set-point, the command, by position control, see `law` [rad]; lean,
-    rate and torque are limited.  The speed is that of the ball along the heading, in the middle of
-    `dt` [m/s], the acceleration its mean derivative, by which a turning ball keeps its angular
-    momentum [m/s2].  Raises `ConfigurationError` if the robot has no steering.
+    The lateral axis holds its set-point by position control; rate and torque are limited.
+
+    Parameters
+    ----------
+    speed : float
+        Of the ball along the heading, in the middle of `dt` [m/s].
+    command : float
+        Set-point of the lean, see `law`; limited to the largest lean [rad].
+    dt : float
+        [s]
+    acceleration : float, optional
+        Mean derivative of the speed, by which a turning ball keeps its angular momentum [m/s2].
+
+    Raises
+    ------
+    ConfigurationError
+        If the robot has no steering.
+
     """
     limits = required_steering(robot)
     target = min(max(command, -limits.largest_lean), limits.largest_lean)

@@ -76,14 +76,29 @@ def fit_curve(name: str, robot: Robot, actuation: Actuation, wording: str,
               request: Request = Request(), rules: Rules = Rules(over='clear'),
               progress: Callable[[int], None] = ignore) -> HeightCurve:
     """
-    Simulate and fit a curve for an actuation, whose text is `wording`.
+    Simulate and fit.
 
-    The set rate of the actuation follows the speed, and so does its voltage if that is 0.  The
-    rules are by default those of decisions: the ball must get clear of the edge.  The progress is
-    the number of heights done, see `heights_for`.
+    Parameters
+    ----------
+    name : str
+        Of the curve.
+    actuation : Actuation
+        Its set rate follows the speed, and so does its voltage if that is 0.
+    wording : str
+        Actuation of the pendulum as text.
+    progress : callable, optional
+        Called with the number of heights done, see `heights_for`.
+    robot, request
+    rules : Rules
+        By default those of decisions: the ball is over that gets clear of the edge.
 
-    Raises `ConfigurationError` if no rising cubic can be fitted, or an argument is out of range,
-    and `SimulationError` as `max_step_height`.
+    Raises
+    ------
+    ConfigurationError
+        If no rising cubic can be fitted, or an argument is out of range.
+    SimulationError
+        See `max_step_height`.
+
     """
     if actuation.law not in LAWS:
         raise ConfigurationError(

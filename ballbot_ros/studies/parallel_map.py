@@ -33,15 +33,36 @@ def checkpointed_map(function: Callable[..., Any],
     """
     Call a function for each block whose file is missing, and write the file.
 
-    Each block, by its file name, has a number of cases and the arguments of the function, which
-    stands at the top level of a module, so that it can be pickled.  A previous, interrupted run
-    may have left files in the folder; the digest is that of all that the results depend on besides
-    the file name.  `write` is called in this process with a result and the path of its file, which
-    it must replace atomically.
+    Parameters
+    ----------
+    function : callable
+        At the top level of a module, so that it can be pickled.
+    blocks : mapping
+        File name -> number of cases in the block, arguments of `function`.
+    folder : Path
+        Of the files; a previous, interrupted run may have left some.
+    digest : str
+        Of all that the results depend on besides the file name.
+    pool : Executor
+        Of processes, or of a cluster.
+    workers : int
+        Number of workers in the pool.
+    write : callable
+        Called in this process with a result and the path of its file; must replace the file
+        atomically.
+    progress : callable, optional
+        Called with the number of finished cases.
 
-    Returns the number of cases that a previous run had finished; the progress is the number of
-    finished cases.  Raises `ConfigurationError` if the folder holds blocks of another run, is
-    damaged, or cannot be written.
+    Returns
+    -------
+    int
+        Number of cases that a previous run had finished.
+
+    Raises
+    ------
+    ConfigurationError
+        If the folder holds blocks of another run, is damaged, or cannot be written.
+
     """
     _claim(folder, digest)
     missing = {name: block for name, block in blocks.items() if not (folder / name).is_file()}

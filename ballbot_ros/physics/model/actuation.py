@@ -161,10 +161,19 @@ def set_rate_for_speed(robot: Robot, speed: float) -> float:
 def position_torque(pendulum_angle: float, pendulum_rate: float, set_angle: float,
                     kp: float, kd: float, gravity_torque: float) -> float:
     """
-    Return the torque of the position law, eq.  (11) [N m].
+    Return the torque of the position law, eq. (11) [N m].
 
-    Angles and rate are absolute [rad], [rad/s]; the gains are 40 N m/rad and 10 N m s/rad in the
-    paper.  The gravity torque is M2 g e [N m], or 0 to leave gravity compensation out.
+    Parameters
+    ----------
+    pendulum_angle, pendulum_rate : float
+        Absolute angle [rad] and rate [rad/s].
+    set_angle : float
+        Wanted absolute angle [rad].
+    kp, kd : float
+        Gains [N m/rad], [N m s/rad]; 40 and 10 in the paper.
+    gravity_torque : float
+        M2 g e [N m], or 0 to leave gravity compensation out.
+
     """
     return (position_feedback(pendulum_angle, pendulum_rate, set_angle, kp, kd)
             + gravity_torque * math.sin(pendulum_angle))
@@ -181,12 +190,24 @@ def position_feedback(pendulum_angle: float, pendulum_rate: float, set_angle: fl
 def velocity_torque(pendulum_angle: float, joint_rate: float, joint_lag: float,
                     set_rate: float, kp: float, ki: float, gravity_torque: float) -> float:
     """
-    Return the torque of the velocity law, eq.  (12) [N m].
+    Return the torque of the velocity law, eq. (12) [N m].
 
-    The pendulum angle is absolute, for gravity compensation with the gravity torque M2 g e [N m],
-    or 0 for none.  The rates are theta2' and its set value [rad/s]: rolling forward at v, v / R.
-    The lag is the integral of the rate error since the set-point was given [rad], in the paper
-    ``set_rate * t - theta2``; the gains there are 10 N m s/rad and 0 N m/rad.
+    Parameters
+    ----------
+    pendulum_angle : float
+        Absolute angle [rad], for gravity compensation.
+    joint_rate : float
+        theta2', rate of the joint [rad/s].  Rolling forward at v, it is v / R.
+    joint_lag : float
+        Integral of the rate error since the set-point was given [rad]; the paper's
+        ``set_rate * t - theta2``.
+    set_rate : float
+        Wanted theta2' [rad/s].
+    kp, ki : float
+        Gains [N m s/rad], [N m/rad]; 10 and 0 in the paper.
+    gravity_torque : float
+        M2 g e [N m], or 0 to leave gravity compensation out.
+
     """
     return (velocity_feedback(joint_rate, joint_lag, set_rate, kp, ki)
             + gravity_torque * math.sin(pendulum_angle))
@@ -205,9 +226,17 @@ def motor_torque(voltage: float, joint_rate: float, stall_torque_per_volt: float
     """
     Return the torque of a DC motor and gear at the joint [N m].
 
-    From the armature voltage [V] and theta2' [rad/s]; the stall torque per volt is gear_ratio
-    gear_efficiency torque_constant / resistance [N m/V], the back voltage gear_ratio
-    speed_constant [V s/rad].
+    Parameters
+    ----------
+    voltage : float
+        Armature voltage [V].
+    joint_rate : float
+        theta2' [rad/s].
+    stall_torque_per_volt : float
+        gear_ratio gear_efficiency torque_constant / resistance [N m/V].
+    back_voltage : float
+        gear_ratio speed_constant [V s/rad].
+
     """
     return stall_torque_per_volt * (voltage - back_voltage * joint_rate)
 
@@ -218,10 +247,21 @@ def applied_torque(asked: float, joint_rate: float, line: tuple[float, float, fl
     """
     Return the torque at the joint for the requested torque of a control law [N m].
 
-    First the speed-torque lines of the motor at minus and plus its supply voltage cut it, see
-    `Robot.motor_line`, then the limit of the drive [N m].  Against the rotation, the rate theta2'
-    [rad/s], there is more torque than along it, for the back voltage helps then; beyond the idle
-    speed even full voltage brakes.
+    First the speed-torque lines of the motor at minus and plus its supply voltage cut it, then the
+    limit of the drive.  Against the rotation there is more torque than along it, for the back
+    voltage helps then; beyond the idle speed even full voltage brakes.
+
+    Parameters
+    ----------
+    asked : float
+        [N m]
+    joint_rate : float
+        theta2' [rad/s].
+    line : tuple of 4 floats
+        See `Robot.motor_line`.
+    limit : float
+        [N m]
+
     """
     stall_torque_per_volt, back_voltage, supply, maximum_torque = line
     lowest = limited(motor_torque(

@@ -144,9 +144,18 @@ class Terrain:
         Return the vertices of each face that rises or drops, from left to right.
 
         A face is steep from its foot to its edge, or for most of its height, as a rounded edge is.
-        A segment with a smaller rise over run than the least slope is a ramp, unless it is within
-        a face and shorter than `short` [m]; a face below the least height is an unevenness [m].
-        The infinite end segments may be faces if `endless`.
+
+        Parameters
+        ----------
+        least_slope : float
+            Rise over run; a less steep segment is a ramp.
+        least_height : float
+            [m]; a lower one is an unevenness.
+        short : float
+            A less steep segment within a face that is shorter belongs to it [m].
+        endless : bool
+            Whether the infinite end segments may be faces.
+
         """
         run, rise = np.diff(self.vertices, axis=0).T
         found = {}

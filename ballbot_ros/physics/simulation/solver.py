@@ -117,10 +117,21 @@ class Integrator:
     def advance(self, actuator: Actuator, state: Array, status: Status, end: float,
                 output: Output = NO_OUTPUT, budget: Optional[int] = None) -> Status:
         """
-        Advance a state in place until an end [s], and fill the rows of an output.
+        Advance a state in place.
 
-        The status is that of the state: ``Status(FINISHED, time)`` where a run begins.  The budget
-        is where the `work` ends the run; by default the work budget of the solver from here.
+        Parameters
+        ----------
+        actuator : Actuator
+        state : (13,) array
+        status : Status
+            Of the state: ``Status(FINISHED, time)`` where a run begins.
+        end : float
+            [s]
+        output : Output, optional
+            Rows to fill.
+        budget : int, optional
+            Where the `work` ends the run; by default the work budget of the solver from here.
+
         """
         solver = self._solver
         if budget is None:
