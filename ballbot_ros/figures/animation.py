@@ -321,11 +321,10 @@ def _write_gif(pictures: Iterator[Picture], some: Picture, stream: Any) -> None:
     known = np.full(1 << 24, -1, dtype=np.int16)
     frames = []
     for picture in pictures:
-        codes = picture.astype(np.int32) @ np.array([1 << 16, 1 << 8, 1], dtype=np.int32)
+        codes = _codes(picture)
         unknown = np.unique(codes[known[codes] < 0])
         for part in np.array_split(unknown, len(unknown) // 1000 + 1):
-            parts = np.stack([part >> 16, part >> 8 & 255, part & 255], axis=-1)
-            apart = ((parts[:, None] - palette[None])**2).sum(axis=-1)
+            apart = ((_colours(part)[:, None] - palette[None])**2).sum(axis=-1)
             known[part] = apart.argmin(axis=-1)
         frame = Image.fromarray(known[codes].astype(np.uint8), 'P')
         frame.putpalette(palette.astype(np.uint8).tobytes())
@@ -336,10 +335,21 @@ def _write_gif(pictures: Iterator[Picture], some: Picture, stream: Any) -> None:
                    optimize=False, disposal=1)
 
 
+def _codes(picture: Picture) -> NDArray[np.int32]:
+    """Return the colour of each pixel as a number."""
+    return picture.astype(np.int32) @ np.array([1 << 16, 1 << 8, 1], dtype=np.int32)
+
+
+def _colours(codes: NDArray[np.int32]) -> NDArray[np.int32]:
+    """Return red, green and blue for each number of `_codes`."""
+    return np.stack([codes >> 16, codes >> 8 & 255, codes & 255], axis=-1)
+
+
 def _palette(some: Picture) -> NDArray[np.int32]:
     """Return the colours of a GIF, (n, 3): the most frequent exactly, and means of the others."""
     from PIL import Image
-    colours, counts = np.unique(some.reshape(-1, 3), axis=0, return_counts=True)
+    codes, counts = np.unique(_codes(some), return_counts=True)  # of rows it takes seconds
+    colours = _colours(codes).astype(np.uint8)
     exact = colours[np.argsort(-counts, kind='stable')[:_EXACT]]
     mixed = Image.fromarray(colours[None]).quantize(_COLOURS - _EXACT).getpalette() or []
     return np.vstack([exact, np.reshape(mixed, (-1, 3))[:_COLOURS - _EXACT]]).astype(np.int32)
