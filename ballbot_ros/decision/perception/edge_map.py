@@ -195,7 +195,8 @@ class EdgeMap:
 
         An edge is of the same sign as its detection, and within its gate or a reach [m].
         """
-        pairs = sorted(((self._gap(edge, face, reach), index, edge) for edge in candidates
+        pairs = sorted(((self._gap(known, face, reach), index, edge)
+                        for edge, known in [(edge, self.face(edge)) for edge in candidates]
                         for index, face in enumerate(faces)), key=lambda pair: pair[0])
         found: Dict[int, TrackedEdge] = {}
         for gap, index, edge in pairs:
@@ -203,9 +204,8 @@ class EdgeMap:
                 found[index] = edge
         return found
 
-    def _gap(self, edge: TrackedEdge, face: Face, reach: float) -> float:
+    def _gap(self, known: Face, face: Face, reach: float) -> float:
         """Return the distance of a detection from an edge, infinite outside its gate [m]."""
-        known = self.face(edge)
         gate = max(reach, self._sigmas * math.hypot(known.position_sd, face.position_sd))
         apart = abs(known.position - face.position)
         return apart if known.height * face.height > 0.0 and apart < gate else math.inf

@@ -206,9 +206,10 @@ class OutcomeMonitor:
                 self.news = state.time
                 if crossing:
                     self._begin(state.time, edge, state.velocity_x)
-            floor = self._floor_before(edge, top, side) + math.tan(slope) * (state.x - edge)
-            if not self._passed[edge] and state.y < floor + self._radius / math.cos(
-                    slope) - FALL_DEPTH_MIN - PENETRATION:
+            bottom = (state.y - math.tan(slope) * (state.x - edge) - self._radius / math.cos(slope)
+                      + FALL_DEPTH_MIN + PENETRATION)
+            if not self._passed[edge] and bottom < top \
+                    and bottom < self._floor_before(edge, top, side):
                 self.verdict.outcome, self.verdict.depth = 'fell', abs(height)
                 return True
         return False
