@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What is counted on when the ball brakes: less downhill, and nothing beyond a slope."""
 from dataclasses import replace
+from functools import cache, partial
 import math
 
 from hypothesis import given, strategies
@@ -13,7 +14,7 @@ from ballbot_ros.physics.model.robot import load_robot
 
 GIMBALL, TUNING = load_robot('gimball'), load_decision_tuning('decision_default')
 CONTROL = load_tuning('published')
-BRAKING = Braking(GIMBALL, TUNING, CONTROL)
+braking = cache(partial(Braking, GIMBALL, TUNING, CONTROL))  # compiles kernels
 slopes = strategies.floats(-0.15, 0.15)
 
 
@@ -37,20 +38,20 @@ def test_the_way_to_a_stop_is_reaction_and_then_braking():
 @given(strategies.floats(0.0, 1.5), slopes, slopes)
 def test_braking_gets_longer_downhill_and_is_inverted(speed, one, other):
     down, up = min(one, other), max(one, other)
-    way = BRAKING.distance(speed, down, emergency=True)
-    assert way >= BRAKING.distance(speed, up, emergency=True)
+    way = braking().distance(speed, down, emergency=True)
+    assert way >= braking().distance(speed, up, emergency=True)
     if math.isfinite(way):
-        assert BRAKING.speed_within(way, down) == pytest.approx(speed, abs=1e-6)
-    assert BRAKING.acceleration(down) >= BRAKING.acceleration(up)
+        assert braking().speed_within(way, down) == pytest.approx(speed, abs=1e-6)
+    assert braking().acceleration(down) >= braking().acceleration(up)
 
 
 def test_beyond_the_steepest_slope_nothing_brakes():
     # The part of its weight that is counted on: 0.4 of 0.537 m/s2, leaning by 1.4 rad.
     limit = math.asin(0.745 * 1.6 * 0.0787 * math.sin(1.4) / (5.4 * 0.226))
-    assert BRAKING.steepest == pytest.approx(limit, rel=0.01)
-    assert math.isfinite(BRAKING.distance(0.1, -BRAKING.steepest + 1e-6, emergency=True))
-    assert BRAKING.distance(0.1, -BRAKING.steepest - 1e-6, emergency=True) == math.inf
-    assert BRAKING.speed_within(10.0, -BRAKING.steepest - 1e-6) == 0.0
+    assert braking().steepest == pytest.approx(limit, rel=0.01)
+    assert math.isfinite(braking().distance(0.1, -braking().steepest + 1e-6, emergency=True))
+    assert braking().distance(0.1, -braking().steepest - 1e-6, emergency=True) == math.inf
+    assert braking().speed_within(10.0, -braking().steepest - 1e-6) == 0.0
 
 
 def rolled(speed, set_speed, room, acceleration):
@@ -67,12 +68,12 @@ def rolled(speed, set_speed, room, acceleration):
     (0.001, 1.1, 0.3), (0.001, 1.1, 2.5), (0.4, 0.45, 0.2), (0.4, 0.9, 0.6), (1.0, 0.5, 0.3),
     (1.0, 0.5, 3.0), (0.5, 0.5, 1.0)])
 def test_the_speed_at_touch_is_that_of_the_law(speed, set_speed, room):
-    assert BRAKING.touch_speed(speed, set_speed, room, 0.0) == pytest.approx(
+    assert braking().touch_speed(speed, set_speed, room, 0.0) == pytest.approx(
         rolled(speed, set_speed, room, TUNING.acceleration), abs=2e-3)
 
 
 def test_a_slope_takes_from_the_speed_at_touch():
-    level = BRAKING.touch_speed(0.0, 1.1, 1.0, 0.0)
-    assert BRAKING.touch_speed(0.0, 1.1, 1.0, 0.03) < level - 0.1
-    assert BRAKING.touch_speed(0.0, 1.1, 1.0, -0.03) > level
-    assert BRAKING.touch_speed(0.3, 1.1, 1.0, 0.2) == 0.3, 'too steep to speed up on'
+    level = braking().touch_speed(0.0, 1.1, 1.0, 0.0)
+    assert braking().touch_speed(0.0, 1.1, 1.0, 0.03) < level - 0.1
+    assert braking().touch_speed(0.0, 1.1, 1.0, -0.03) > level
+    assert braking().touch_speed(0.3, 1.1, 1.0, 0.2) == 0.3, 'too steep to speed up on'

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The planner of rollouts: gentle where that does, honest where it does not, never at a loss."""
 from dataclasses import replace
+from functools import cache, partial
 import math
 
 from hypothesis import given, settings, strategies
@@ -21,7 +22,7 @@ TUNING = replace(load_decision_tuning('decision_default'), unseen_room=1.5)
 KNOWLEDGE = Knowledge(GIMBALL, load_curve('gimball_down'), TUNING)
 # The front of a ball at a position is this much farther on.
 RADIUS = GIMBALL.ball_radius
-KEPT = RolloutPlanner(KNOWLEDGE)  # to draw its worlds takes a while
+kept = cache(partial(RolloutPlanner, KNOWLEDGE))  # to draw its worlds takes a while
 anything = strategies.floats(-1e3, 1e3)
 
 
@@ -341,5 +342,5 @@ def test_it_says_why_the_other_strategies_lost():
 def test_nothing_that_is_finite_raises(faces, position, speed, slope):
     profile = seen(*(Face(number, place, height, 0.01, sd, run)
                      for number, (place, height, sd, run) in enumerate(faces, 1)))
-    answer = KEPT(Situation(Motion(0.0, position, speed, slope=slope), profile), None)
+    answer = kept()(Situation(Motion(0.0, position, speed, slope=slope), profile), None)
     assert isinstance(answer.kind, Kind) and answer.explanation
