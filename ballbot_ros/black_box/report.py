@@ -59,7 +59,7 @@ def _before(recording: BlackBoxRecording) -> Iterator[Tuple[str, str]]:
         yield 'joint rate', _range(periods['joint_rate'][measured], 'rad/s')
         yield 'ball rate', _range(periods['ball_rate'][measured], 'rad/s')
         yield 'last measured', _ago(fault - periods['time'][measured][-1])
-    yield 'torque requested', _range(periods['asked'], 'N m')
+    yield 'torque requested', _range(periods['requested'], 'N m')
     yield 'torque applied', _range(periods['torque'], 'N m')
     yield from _slow(recording, periods)
     yield 'gaps of the loop', _gap(periods['time'], fault)

@@ -71,7 +71,7 @@ _BYTES = (('uint8[]', 'data', ''),)
 CHANNELS: Mapping[int, MessageKind] = MappingProxyType({
     1: MessageKind('period', _numbers(
         ('joint_angle', 'rad'), ('ball_angle', 'rad'), ('pendulum_angle', 'rad'),
-        ('joint_rate', 'rad/s'), ('ball_rate', 'rad/s'), ('angle_sd', 'rad'), ('asked', 'N m'),
+        ('joint_rate', 'rad/s'), ('ball_rate', 'rad/s'), ('angle_sd', 'rad'), ('requested', 'N m'),
         ('torque', 'N m'), ('current', 'A')) + (
         ('uint8', 'state', ''), ('bool', 'e_stop', ''), ('bool', 'timed_out', ''),
         ('bool', 'commanded', '')), ''.join(
@@ -138,7 +138,7 @@ class BlackBox(SessionObserver):
             sd = estimate.angle_sd
         current = telemetry.current
         self._put(PERIOD, now, joint, pendulum - joint, pendulum, rate - ball_rate, ball_rate, sd,
-                  supervisor.asked, supervisor.torque, nan if current is None else current,
+                  supervisor.requested, supervisor.torque, nan if current is None else current,
                   *states)
         if now >= self._slow_at or telemetry.faults != self._faults:
             self._slow_at = now + SLOW_PERIOD

@@ -335,13 +335,13 @@ class Session:
                 return (f'the lean is {lean:.2f} rad, beyond the largest one of {most:g} rad: '
                         'check encoder_zero in the section steering of the hardware file',
                         'lean')
-        asked = None if self.law is None else self.law.asked
-        if asked is None:
+        requested = None if self.law is None else self.law.requested
+        if requested is None:
             return '', ''
-        topic = 'cmd_vel' if asked.mode is Mode.SPEED else 'set_point'
+        topic = 'cmd_vel' if requested.mode is Mode.SPEED else 'set_point'
         names = self._publishers(topic)
-        return (f'{topic} requests {asked.in_words}{f" (from {names})" if names else ""}, and the '
-                'robot would jump; request rest (a set-point of 0), or nothing for half '
+        return (f'{topic} requests {requested.in_words}{f" (from {names})" if names else ""}, '
+                'and the robot would jump; request rest (a set-point of 0), or nothing for half '
                 'a second, then release again', 'set_point')
 
     def clear_faults(self) -> str:

@@ -87,7 +87,7 @@ class Supervisor:
 
     Attributes
     ----------
-    torque, asked : float
+    torque, requested : float
         The last decision, and its value before the limits [N m].
     derating : float
         Available fraction of the torque limit by heat and battery; set by the owner.
@@ -106,7 +106,7 @@ class Supervisor:
         # A command that arrives just after a decision takes effect a period later.
         self.gate = CommandGate(max(limits.command_timeout - period, 0.5 * period))
         self._pushed = -math.inf  # time of the last nonzero command
-        self.torque = self.asked = 0.0
+        self.torque = self.requested = 0.0
         self.derating = 1.0
         self._decided: Optional[float] = None
         self._fast_since = math.inf
@@ -165,12 +165,12 @@ class Supervisor:
     def quiet(self) -> None:
         """Drop the active command and the torque: the motor has no power."""
         self.gate.clear()
-        self.torque = self.asked = 0.0
+        self.torque = self.requested = 0.0
         self._decided = self._since = None
 
     def decide(self, now: float, motion: Optional[PendulumMotion]) -> float:
         """Return the torque from now on [N m]: zero while the motion is unknown (None)."""
-        wanted = self.asked = self._wanted(now, motion)
+        wanted = self.requested = self._wanted(now, motion)
         if self.e_stop or motion is None or wanted == 0.0:
             torque = 0.0  # no rate limit for zero torque
         else:

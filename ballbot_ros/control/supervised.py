@@ -178,7 +178,7 @@ class SupervisedController:
             self._asked, self._asked_at = set_point, self.time
 
     @property
-    def asked(self) -> Optional[SetPoint]:
+    def requested(self) -> Optional[SetPoint]:
         """Return the last set-point other than rest within `SET_POINT_GAP`, None without one."""
         return self._asked if self.time - self._asked_at < SET_POINT_GAP else None
 
@@ -187,7 +187,7 @@ class SupervisedController:
         if set_point.is_rest:
             self._rest_first = self._rest_first and self.e_stop
             return
-        waiting = self._rest_first and (self.e_stop or self.asked is not None)
+        waiting = self._rest_first and (self.e_stop or self.requested is not None)
         self.record_request(set_point)
         if waiting:
             raise MessageError(f'set-point of {set_point.in_words} refused: ' + (

@@ -208,7 +208,7 @@ class Driver(ABC):
         self.counts: Counter[str] = Counter(lost=0)
         self._armed = False  # by this driver, and not stopped since
         self._settings: dict[str, Union[float, str]] = {}  # first value of each
-        self._off_asked_at = -math.inf  # of the last request whose reply showed no power [s]
+        self._off_requested_at = -math.inf  # of the last request whose reply showed no power [s]
         self._pending = PendingRequests(options.reply_timeout, self.replies_are_named)
         self.meanwhile: Callable[[], None] = lambda: None
         self._begin()
@@ -337,7 +337,7 @@ class Driver(ABC):
 
     def stopped_since(self, time: float) -> bool:
         """Return whether a reply requested after `time` confirmed that the motor has no power."""
-        return self._off_asked_at >= time
+        return self._off_requested_at >= time
 
     @property
     def awaits_reply(self) -> bool:

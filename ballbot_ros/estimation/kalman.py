@@ -211,7 +211,7 @@ def correct(mean: Array, covariance: Array, columns: Tuple[int, int],
 
 
 @compiled
-def correct_by_imu(mean: Array, covariance: Array, felt: Quad, period: float, trust: Trust
+def correct_by_imu(mean: Array, covariance: Array, measured: Quad, period: float, trust: Trust
                    ) -> None:
     """
     Correct an estimate in place by an IMU reading; see `PendulumFilter.with_imu`.
@@ -219,7 +219,7 @@ def correct_by_imu(mean: Array, covariance: Array, felt: Quad, period: float, tr
     The reading is a turn rate [rad/s], a forward and an upward specific force [m/s2] and a turn
     acceleration [rad/s2].
     """
-    own, (turn_rate, forward, upward, turn_acceleration) = FilterNumbers(*trust), felt
+    own, (turn_rate, forward, upward, turn_acceleration) = FilterNumbers(*trust), measured
     correct(mean, covariance, (BALL_RATE, BIAS), (1.0, 1.0),
             turn_rate - (mean[BALL_RATE] + mean[BIAS]), own.gyro_variance)
     if abs(math.hypot(forward, upward) - own.gravity) > own.gravity_gate:

@@ -208,11 +208,11 @@ def frame_samples(time: NDArray[np.float64], playback: float) -> NDArray[np.int6
     """Return the samples nearest to the times of the frames [s], first and last included."""
     span = float(time[-1] - time[0])
     count = max(1, round(span / playback * FRAME_RATE))
-    asked = time[0] + span * np.arange(count + 1) / count
-    after = np.searchsorted(time, asked).clip(1, max(len(time) - 1, 1))
+    times = time[0] + span * np.arange(count + 1) / count
+    after = np.searchsorted(time, times).clip(1, max(len(time) - 1, 1))
     if len(time) == 1:
         return np.zeros(1, dtype=np.int64)
-    nearest: NDArray[np.int64] = after - (asked - time[after - 1] < time[after] - asked)
+    nearest: NDArray[np.int64] = after - (times - time[after - 1] < time[after] - times)
     return nearest
 
 

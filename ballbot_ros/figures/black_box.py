@@ -93,7 +93,7 @@ def _panels(recording: BlackBoxRecording, begin: float) -> List[Panel]:
         Panel('torque [N m]', (
             series('commanded', command['value'][torques], canvas.GREY, command['time'][torques],
                    ':'),
-            series('asked', period['asked'], canvas.SKY),
+            series('requested', period['requested'], canvas.SKY),
             series('applied', period['torque'], canvas.VERMILION)), stepped=True),
         Panel('supply [V], [A]', (
             reported('voltage', 'bus_voltage', canvas.GREEN),

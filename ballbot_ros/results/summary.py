@@ -83,7 +83,7 @@ def summarise(trajectory: Trajectory, wall_time: Optional[float] = None) -> Summ
     """Return the summary of a run with its wall time [s]; the output step has no effect."""
     robot, scene = trajectory.model.robot, trajectory.scene
     samples = len(trajectory)
-    asked = samples if scene is None else 1 + math.ceil(
+    requested = samples if scene is None else 1 + math.ceil(
         scene.run.duration / scene.run.output_step - 1e-9)
     time = trajectory['time']
     duration = float(time[-1] - time[0])
@@ -101,7 +101,7 @@ def summarise(trajectory: Trajectory, wall_time: Optional[float] = None) -> Summ
     pendulum = robot.has_pendulum
     return Summary(
         name=scene.name if scene is not None else '', robot=robot.name,
-        complete=samples == asked, duration=duration,
+        complete=samples == requested, duration=duration,
         samples=samples, steps=trajectory.effort.steps,
         evaluations=trajectory.effort.evaluations, events=trajectory.effort.events,
         accuracy=assured and assured.accuracy, error_estimate=assured and assured.estimate,
@@ -118,7 +118,7 @@ def summarise(trajectory: Trajectory, wall_time: Optional[float] = None) -> Summ
         faces=tuple(face.result for face in faces), energy_in_play=in_play,
         energy_residual=relative, wall_time=wall_time,
         real_time_factor=duration / wall_time if wall_time else None,
-        warnings=tuple(find_warnings(trajectory, asked, relative, found.highest['penetration'],
+        warnings=tuple(find_warnings(trajectory, requested, relative, found.highest['penetration'],
                                      found.sliding_fraction)))
 
 

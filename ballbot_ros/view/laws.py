@@ -72,11 +72,11 @@ class MotorLaw:
         """Return the actuation from this state on."""
         if self._controller is None:
             return self._actuator
-        asked = self._controller.torque(JointReadings(
+        requested = self._controller.torque(JointReadings(
             state.time, state.ball_angle, state.joint_angle, state.ball_rate, state.joint_rate))
         # As the motor of a `Plant`: within its limits at the joint rate.
         return Actuator(TORQUE, applied_torque(
-            asked, state.joint_rate, self.robot.motor_line, 1e9))
+            requested, state.joint_rate, self.robot.motor_line, 1e9))
 
     def _actuation_of(self, law: str, value: float) -> Actuation:
         """Return the actuation of a law that the user selected."""

@@ -142,10 +142,10 @@ class Calibrator:
         top = min(0.9 * self._limit, self._gravity_torque * math.sin(LIFT_ANGLE_MAX))
         levels = [top * step / STEPS for step in (*range(1, STEPS + 1), *range(STEPS - 1, 0, -1))]
         torques, angles = [], []
-        asked = 0.0
+        requested = 0.0
         for level in (*levels, *(-level for level in levels)):
-            angle = self._hold(asked, level, scale)
-            asked = level
+            angle = self._hold(requested, level, scale)
+            requested = level
             if abs(level) == top and angle * level < 0.0:
                 raise RefusedError(
                     'torque and encoder have opposite signs: a positive torque turned the shaft '
@@ -163,8 +163,8 @@ class Calibrator:
         seen: List[float] = []
         while (now := driver.clock()) - start < RAISE + SETTLE + LOOK:
             part = min((now - start) / RAISE, 1.0)
-            asked = begin + part * (torque - begin)
-            motor = asked / (self._joint.gear_ratio * self._joint.gear_efficiency)
+            requested = begin + part * (torque - begin)
+            motor = requested / (self._joint.gear_ratio * self._joint.gear_efficiency)
             driver.send_torque(math.copysign(1.0, scale) * motor)
             self._wait(now + PERIOD)
             telemetry = driver.telemetry
@@ -186,9 +186,9 @@ class Calibrator:
     def _position(self) -> float:
         """Request and return the position of the shaft [rad]."""
         driver = self._driver
-        asked = driver.clock()
-        while (driver.telemetry.time or -math.inf) <= asked:
-            if driver.clock() - asked > 1.0:
+        begin = driver.clock()
+        while (driver.telemetry.time or -math.inf) <= begin:
+            if driver.clock() - begin > 1.0:
                 raise RefusedError('the drive does not report the position of its shaft',
                                    'missing', 'encoder')
             driver.ask()
@@ -210,16 +210,16 @@ def fit(torques: List[float], angles: List[float], gravity_torque: float
     pendulum [rad]; `gravity_torque` is M2 g e [N m].  Raises `RefusedError` if the pendulum moved
     too little.
     """
-    asked, lifted = np.array(torques), gravity_torque * np.sin(np.array(angles))
-    if np.abs(lifted).max() < 0.1 * np.abs(asked).max():
+    requested, lifted = np.array(torques), gravity_torque * np.sin(np.array(angles))
+    if np.abs(lifted).max() < 0.1 * np.abs(requested).max():
         raise RefusedError(
             'the pendulum barely moved: friction holds it, or the torque does not reach it; '
             'raise torque_limit, or check motor and gear', 'failed', 'torque_limit')
     # Friction has the sign of the preceding motion: plus on the way up, minus on the way down.
-    moving = np.sign(np.diff(asked, prepend=0.0))
-    columns = np.column_stack([asked, -moving])
+    moving = np.sign(np.diff(requested, prepend=0.0))
+    columns = np.column_stack([requested, -moving])
     found, _, _, _ = np.linalg.lstsq(columns, lifted, rcond=None)
     rest = lifted - columns @ found
-    variance = float(rest @ rest) / max(1, len(asked) - 2)
+    variance = float(rest @ rest) / max(1, len(requested) - 2)
     sd = math.sqrt(variance * float(np.linalg.inv(columns.T @ columns)[0, 0]))
     return float(found[0]), sd, float(found[1])

@@ -214,13 +214,13 @@ def go(choice: Choice, candidate: Candidate, ahead: Ahead, motion: Motion, next_
                 f'{candidate.swing:.2f} m before the touch')
     started = choice.reason is Reason.COMMITTED or braking_room < 0.0
     reason = Reason.RUN_UP if back else Reason.COMMITTED if started else choice.reason
-    said = f'{where}: {how}'
+    text = f'{where}: {how}'
     if math.isfinite(seen.probability):
-        said += f', over with {100 * seen.probability:.0f} %{_basis(choice)}'
+        text += f', over with {100 * seen.probability:.0f} %{_basis(choice)}'
     if back:
-        said = f'{where}: back to {motion.position - plan.start:.2f} m behind here first; {said}'
+        text = f'{where}: back to {motion.position - plan.start:.2f} m behind here first; {text}'
     return Decision(
-        Kind.BACK_OFF if back else Kind.CROSS, reason, speed, said,
+        Kind.BACK_OFF if back else Kind.CROSS, reason, speed, text,
         choice.required_speed, choice.reachable_speed, face.height,
         seen.height_limit - face.height,
         distance=face.position - motion.position, step=face.number,
@@ -248,19 +248,19 @@ def refuse(choice: Choice, ahead: Ahead, motion: Motion, braking_room: float,
     what = f'drops by {-1e3 * face.height:.0f} mm' if face.height < 0.0 else \
         f'{1e3 * face.height:.0f} mm'
     why = WHY.get(choice.reason, 'no plan is good enough')
-    said = f'{what} at {face.position - motion.position:.2f} m: {why}'
+    text = f'{what} at {face.position - motion.position:.2f} m: {why}'
     if choice.reason is Reason.LANDING and not ahead.known:
-        said += (f'; the floor behind it is not seen, and unseen_room grants '
+        text += (f'; the floor behind it is not seen, and unseen_room grants '
                  f'{tuning.unseen_room:g} m: set unseen_room to the floor that this site has '
                  'behind each edge, 1 m or more for a stop, or use a terrain sensor')
     if seen.probability < tuning.required_probability:
-        said += (f'; at best over with {100 * seen.probability:.0f} %, '
+        text += (f'; at best over with {100 * seen.probability:.0f} %, '
                  f'{100 * tuning.required_probability:.0f} % are required')
-    said += _basis(choice)
+    text += _basis(choice)
     if seen.height_limit < face.height:
-        said += f'; from here up to {1e3 * max(seen.height_limit, 0.0):.0f} mm'
+        text += f'; from here up to {1e3 * max(seen.height_limit, 0.0):.0f} mm'
     return Decision(
-        Kind.GO_ROUND if hopeless else Kind.STOP, choice.reason, tuning.cruise_speed, said,
+        Kind.GO_ROUND if hopeless else Kind.STOP, choice.reason, tuning.cruise_speed, text,
         choice.required_speed, choice.reachable_speed, face.height,
         seen.height_limit - face.height, face.position - motion.position, face.number,
         outlook=seen)

@@ -269,7 +269,7 @@ class RoboClaw(Driver):
             self.telemetry = last._replace(velocity=values[0] * turn)
         elif number == codec.GET_PWMS:
             if values[axis] == 0:
-                self._off_asked_at = match.sent
+                self._off_requested_at = match.sent
         elif number == codec.GET_BATTERY:
             self._voltage_at = now
             self.telemetry = last._replace(bus_voltage=values[0] / 10.0)

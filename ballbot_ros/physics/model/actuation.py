@@ -242,7 +242,7 @@ def motor_torque(voltage: float, joint_rate: float, stall_torque_per_volt: float
 
 
 @compiled
-def applied_torque(asked: float, joint_rate: float, line: tuple[float, float, float, float],
+def applied_torque(requested: float, joint_rate: float, line: tuple[float, float, float, float],
                    limit: float) -> float:
     """
     Return the torque at the joint for the requested torque of a control law [N m].
@@ -253,7 +253,7 @@ def applied_torque(asked: float, joint_rate: float, line: tuple[float, float, fl
 
     Parameters
     ----------
-    asked : float
+    requested : float
         [N m]
     joint_rate : float
         theta2' [rad/s].
@@ -268,7 +268,7 @@ def applied_torque(asked: float, joint_rate: float, line: tuple[float, float, fl
         -supply, joint_rate, stall_torque_per_volt, back_voltage), maximum_torque)
     highest = limited(motor_torque(
         supply, joint_rate, stall_torque_per_volt, back_voltage), maximum_torque)
-    return limited(min(max(asked, lowest), highest), limit)
+    return limited(min(max(requested, lowest), highest), limit)
 
 
 @compiled

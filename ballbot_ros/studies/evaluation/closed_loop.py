@@ -107,9 +107,9 @@ def advance_periods(call: Call) -> Tuple[int, int, float]:
     workspace = unpack_workspace(arrays)
     torque = 0.0
     for number in range(first, first + count):
-        asked = position_torque(state[PENDULUM_ANGLE], state[PENDULUM_RATE],
-                                scripted_angle(state, script), kp, kd, gravity_torque)
-        torque = applied_torque(asked, state[PENDULUM_RATE] - state[BALL_RATE],
+        requested = position_torque(state[PENDULUM_ANGLE], state[PENDULUM_RATE],
+                                    scripted_angle(state, script), kp, kd, gravity_torque)
+        torque = applied_torque(requested, state[PENDULUM_RATE] - state[BALL_RATE],
                                 (stall, back, supply, maximum), most)
         system = System(parameters, ground,
                         Actuator(TORQUE, torque, 0.0, 0.0, 0.0, maximum, 0.0, 0.0))

@@ -115,7 +115,7 @@ def test_a_session_leaves_its_periods_commands_readings_and_traffic(protocol, tm
     assert known['joint_angle'] == estimate.joint_angle
     assert known['ball_rate'] == pytest.approx(estimate.ball_rate, rel=1e-6)
     assert known['joint_rate'] == pytest.approx(estimate.joint_rate, rel=1e-6)
-    assert known['asked'] == known['torque'] == pytest.approx(0.2)
+    assert known['requested'] == known['torque'] == pytest.approx(0.2)
     assert found.tables['command']['value'][-1] == pytest.approx(0.2)
     assert len(found.tables['imu']['time']) > 200
     assert found.tables['drive']['bus_voltage'][-1] == pytest.approx(24.0, abs=0.1)

@@ -88,9 +88,9 @@ def test_a_set_point_that_was_away_long_enough_is_a_new_one(silence, follows):
 def test_a_recent_motion_request_is_recorded():
     controller = made()
     controller.give(SetPoint(Mode.HOLD, 0.4, 1.0))
-    assert controller.asked == SetPoint(Mode.HOLD, 0.4, 1.0)
+    assert controller.requested == SetPoint(Mode.HOLD, 0.4, 1.0)
     answer(controller, 1.0 + SET_POINT_GAP)
-    assert controller.asked is None
+    assert controller.requested is None
 
 
 def test_in_lockstep_the_states_of_an_e_stop_are_answered_without_set_points():

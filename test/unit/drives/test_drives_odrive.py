@@ -157,10 +157,11 @@ def asked(properties, now=0.0):
 
 def test_one_property_is_asked_for_at_a_time_and_its_answer_is_known():
     properties = Properties(timeout=0.05)
-    assert properties.free and properties.asked_at == -math.inf
+    assert properties.free and properties.requested_at == -math.inf
     assert asked(properties, 1.0) == codec.read('axis0.current_state')
-    assert (properties.asked, properties.asked_at, properties.free) == ('state', 1.0, False)
-    assert asked(properties, 1.01) == b'' and properties.asked_at == 1.0
+    assert (properties.requested, properties.requested_at) == ('state', 1.0)
+    assert not properties.free
+    assert asked(properties, 1.01) == b'' and properties.requested_at == 1.0
     assert properties.take('8') == 'state' and properties.value == 8.0 and properties.free
     asked(properties)
     assert properties.take('invalid property') == 'state' and properties.value is None
@@ -171,7 +172,7 @@ def test_an_unrequested_value_is_ignored_until_a_marker_comes_back():
     assert properties.take('some text') is None and properties.in_sync
     assert properties.take('7') is None and not properties.in_sync
     marker = asked(properties)
-    assert marker == codec.marker(codec.MARKERS[0] + 1) and properties.asked is None
+    assert marker == codec.marker(codec.MARKERS[0] + 1) and properties.requested is None
     assert properties.take('8') is None and not properties.free
     assert asked(properties, 0.05) == b''
     assert properties.take(str(codec.MARKERS[0] + 1)) == MARKER and properties.free
@@ -180,7 +181,7 @@ def test_an_unrequested_value_is_ignored_until_a_marker_comes_back():
 def test_an_answer_is_overdue_after_the_timeout_and_then_too_late():
     properties = Properties(timeout=0.0625)
     asked(properties, 1.0)
-    assert not properties.overdue(1.0625) and properties.asked == 'state'
+    assert not properties.overdue(1.0625) and properties.requested == 'state'
     assert properties.overdue(1.063) and not properties.in_sync
     assert not properties.overdue(1.07)  # counted once
     assert properties.take('8') is None and properties.value is None

@@ -143,9 +143,9 @@ def roll(now: Rolling, set_angle: float, slope: float, step: float, robot: Param
     damping = drive.kd + drive.kp * step
     rate = (now.rate + step * (share * fixed + rest) / left) / (
         1.0 + step * share * damping / left)
-    asked = fixed - damping * rate
-    torque = applied_torque(asked, now.rate - spin, drive.motor_line, drive.limit)
-    if torque != asked:
+    requested = fixed - damping * rate
+    torque = applied_torque(requested, now.rate - spin, drive.motor_line, drive.limit)
+    if torque != requested:
         rate = now.rate + step * (share * torque + rest) / left
     turned = (rate - now.rate) / step
     speed = now.speed - step * radius * (on_ball - torque + coupling * turned) / inertia
@@ -160,10 +160,10 @@ PERIOD = 0.002
 @compiled
 def torque_of(state: Array, set_angle: float, robot: Parameters, drive: Drive) -> float:
     """Return the torque of law (11) within the limits of the motor [N m]."""
-    asked = position_torque(
+    requested = position_torque(
         state[PENDULUM_ANGLE], state[PENDULUM_RATE], set_angle, drive.kp, drive.kd,
         drive.compensated * robot.pendulum_moment * robot.gravity)
-    return applied_torque(asked, state[PENDULUM_RATE] - state[BALL_RATE], drive.motor_line,
+    return applied_torque(requested, state[PENDULUM_RATE] - state[BALL_RATE], drive.motor_line,
                           drive.limit)
 
 

@@ -326,7 +326,7 @@ def highest_step(plans: Sequence[Candidate], task: Task,
 
 def why_not(trials: Sequence[Trial], chosen: Optional[Trial]) -> Tuple[str, ...]:
     """Return a sentence for the best of each strategy that was not chosen."""
-    said = []
+    sentences = []
     for strategy in dict.fromkeys(trial.candidate.strategy for trial in trials):
         if chosen is not None and strategy is chosen.candidate.strategy:
             continue
@@ -334,8 +334,8 @@ def why_not(trials: Sequence[Trial], chosen: Optional[Trial]) -> Tuple[str, ...]
         best = max(own, key=lambda item: (item.many.attempts > 0, item.few.probability
                                           if item.few.attempts else 0.0, item.level,
                                           -item.speed if item.speed == item.speed else -9.0))
-        said.append(f'{strategy.value}: {_sentence(best)}')
-    return tuple(said)
+        sentences.append(f'{strategy.value}: {_sentence(best)}')
+    return tuple(sentences)
 
 
 def _sentence(trial: Trial) -> str:

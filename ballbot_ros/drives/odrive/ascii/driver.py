@@ -161,9 +161,9 @@ class Properties:
 
     Attributes
     ----------
-    asked : str or None
+    requested : str or None
         Property whose value is pending.
-    asked_at : float
+    requested_at : float
         Time of the last request [s].
     value : float or None
         The last reply; None for text that is not a number, such as "invalid property".
@@ -173,8 +173,8 @@ class Properties:
     """
 
     def __init__(self, timeout: float):
-        self.asked: Optional[str] = None
-        self.asked_at = -math.inf
+        self.requested: Optional[str] = None
+        self.requested_at = -math.inf
         self.value: Optional[float] = None
         self._timeout = timeout
         self.marker = codec.MARKERS[0]
@@ -188,11 +188,11 @@ class Properties:
     @property
     def free(self) -> bool:
         """Return whether a property can be requested now."""
-        return self.in_sync and self.asked is None
+        return self.in_sync and self.requested is None
 
     def lose_sync(self) -> None:
         """Accept no value until a marker, still to be sent, has been answered."""
-        self.asked = None
+        self.requested = None
         self._marked_at = -math.inf
 
     def ask(self, name: str, path: str, now: float) -> bytes:
@@ -208,7 +208,7 @@ class Properties:
 
         """
         if self.free:
-            self.asked, self.asked_at = name, now
+            self.requested, self.requested_at = name, now
             return codec.read(path)
         if self._marked_at is not None and now - self._marked_at > self._timeout:
             following = self.marker + 1
@@ -231,12 +231,12 @@ class Properties:
             if value is not None and self.in_sync:
                 self.lose_sync()
             return None
-        name, self.asked, self.value = self.asked, None, value
+        name, self.requested, self.value = self.requested, None, value
         return name
 
     def overdue(self, now: float) -> bool:
         """Return whether a reply is overdue; then it is out of sync."""
-        if self.asked is None or now - self.asked_at <= self._timeout:
+        if self.requested is None or now - self.requested_at <= self._timeout:
             return False
         self.lose_sync()
         return True
@@ -404,13 +404,13 @@ class ODrive(Driver):
         marker = b'' if properties.in_sync else self._property_request(STATE)
         if marker:
             return marker  # which is long, and sent alone
-        if self._generation.one_reply_at_a_time and properties.asked \
-                and properties.asked_at >= start:
+        if self._generation.one_reply_at_a_time and properties.requested \
+                and properties.requested_at >= start:
             return b''  # its answer is on its way, and would cost that to another request
         self._pending.add(codec.Feedback)
         request = codec.feedback(self.options.axis)
         if properties.free and (self._status.urgent
-                                or now - properties.asked_at >= self.options.status_period):
+                                or now - properties.requested_at >= self.options.status_period):
             request += self._property_request(self._status.next_name(now))
         return request
 
@@ -431,8 +431,8 @@ class ODrive(Driver):
         properties = self._properties
         request = properties.ask(name, self._path(name), self.clock())
         if request:
-            self._pending.add(properties.marker if properties.asked is None
-                              else (name, properties.asked_at))
+            self._pending.add(properties.marker if properties.requested is None
+                              else (name, properties.requested_at))
         return request
 
     def _synchronise(self, deadline: float) -> None:
@@ -472,7 +472,7 @@ class ODrive(Driver):
             self._until(lambda: not self._pending, self._soon(deadline))
             self._pending.clear()
             self._send(self._property_request(name))
-            self._until(lambda: properties.asked is None, self._soon(deadline))
+            self._until(lambda: properties.requested is None, self._soon(deadline))
             if properties.free:
                 return math.nan if properties.value is None else properties.value
             if self.clock() >= deadline:
@@ -496,7 +496,7 @@ class ODrive(Driver):
             return
         name, number = self._properties.take(text), codec.parse_number(text)
         if name not in (None, MARKER):
-            self._pending.match((name, self._properties.asked_at), now)
+            self._pending.match((name, self._properties.requested_at), now)
         elif number is not None:
             self._match(number, now)
         else:
@@ -518,7 +518,7 @@ class ODrive(Driver):
     def _note(self, name: str, value: Optional[float], now: float) -> None:
         """Put the value of a property into the telemetry."""
         if name == STATE and value == IDLE:
-            self._off_asked_at = self._properties.asked_at
+            self._off_requested_at = self._properties.requested_at
         if name in self._generation.safety_settings and value is not None:
             self._check_setting(self._path(name), value)
         self._status.take(name, value, now, self._armed)

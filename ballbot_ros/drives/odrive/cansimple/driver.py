@@ -366,7 +366,7 @@ class ODriveCan(Driver):
         self._beats.append(now)
         self._reported_until = self._obeyed_until
         if content.state == IDLE:
-            self._off_asked_at = self._reported_until
+            self._off_requested_at = self._reported_until
         self.telemetry = self.telemetry._replace(
             status_time=now, armed=content.state == CLOSED_LOOP_CONTROL,
             faults=self._generation.faults(values, self._armed))

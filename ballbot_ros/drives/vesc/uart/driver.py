@@ -199,7 +199,7 @@ class Vesc(Driver):
         self._status, self._status_asked_at = values.status, match.sent
         limit = self.options.own_limit / self.options.torque_constant
         if abs(values.current) <= NO_CURRENT * limit:
-            self._off_asked_at = match.sent
+            self._off_requested_at = match.sent
         # Without commands a timeout is expected.
         status = values.status if self._armed else values.status & ~codec.TIMED_OUT
         faults = codec.fault_names(values.fault) + (bit_names(status, STATUS) if status else ())

@@ -46,6 +46,6 @@ class Toy(Driver):
     def _take_reply(self, reply, now):
         letter, number = reply
         if letter == codec.DISARMED:
-            self._off_asked_at = now
+            self._off_requested_at = now
         self.telemetry = self.telemetry._replace(
             time=now, current=number * codec.UNIT, armed=letter == codec.ARMED)
