@@ -5,6 +5,7 @@ from functools import cache
 import json
 import math
 from pathlib import Path
+import random
 import tempfile
 
 from ballbot_ros.bridge.condition import Battery
@@ -153,8 +154,8 @@ class VirtualRobot(MemoryLine):
         self.onboard = onboard
         self.plant = HeldShell() if held else Plant(
             scene_of(terrain) if terrain else FLAT, 500.0)
-        # A little noise: no sensor that measures repeats a reading.
-        self._imu = Imu(9.81, gyro_sd=1e-6, force_sd=1e-6, seed=1) if imu else None
+        self._imu = Imu(9.81) if imu else None
+        self._noise = random.Random(1)  # no sensor that measures repeats a reading
         self.temperature = self.device.sensed.temperature
         self.stop_switch = 0.0  # 1 pulls that of the drive itself
         self.encoder_jump = 0.0  # of the motor shaft [rad]
@@ -223,8 +224,9 @@ class VirtualRobot(MemoryLine):
             self.torques.append(motor)
             self.history[round(self.now / STEP)] = state
             if self._imu is not None:
-                sample = self._imu.sample(before, state, round(self.now / STEP))
-                reading = self.reading(ImuReading(self.now, *sample[1:]))
+                sample = self._imu.sample(before, state, 0)[1:]
+                reading = self.reading(ImuReading(
+                    self.now, *(value + self._noise.gauss(0.0, 1e-6) for value in sample)))
                 if reading is not None:
                     try:
                         self.session.imu(reading)
