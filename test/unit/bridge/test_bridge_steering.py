@@ -38,7 +38,7 @@ def robot(request):
 @pytest.fixture
 def turning(robot):
     """Return a robot in a turn."""
-    robot.loop(0.5, TURN)
+    robot.loop(0.3, TURN)
     assert any(robot.torques[-50:]) and any(robot.leans[-50:])
     return robot
 
