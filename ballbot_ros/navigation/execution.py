@@ -485,12 +485,13 @@ class Navigator:
         return self.planner.floor.nearest_wall(point)[0] < EXPLAINED_DISTANCE
 
     def _feature_at(self, point: Point) -> Optional[int]:
-        """Return the number of the feature whose line passes near a point."""
-        for number, feature in enumerate(self.planner.floor.features):
-            if min(float(distance_to_segment(*point, *segment)) for segment in feature.segments) \
-                    < EXPLAINED_DISTANCE + 0.5 * feature.width:
-                return number
-        return None
+        """Return the number of the feature whose line passes nearest to a point, if near."""
+        away, number = min(
+            ((min(float(distance_to_segment(*point, *segment)) for segment in feature.segments)
+              - 0.5 * feature.width, number)
+             for number, feature in enumerate(self.planner.floor.features)),
+            default=(math.inf, None))
+        return number if away < EXPLAINED_DISTANCE else None
 
     def _crossing(self, state: NavigationState, percept: Percept
                   ) -> Tuple[NavigationState, Command]:

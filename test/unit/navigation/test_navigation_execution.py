@@ -194,6 +194,24 @@ def test_the_edge_of_a_pit_is_not_higher_than_the_pit_is_deep(tmp_path):
     assert not ball.state.learned.heights and not ball.state.recoveries
 
 
+def test_a_measured_rise_belongs_to_the_nearest_feature(tmp_path):
+    path = tmp_path / 'floor.yaml'
+    path.write_text(
+        'walls: {size: [4, 4], lines: []}\nfeatures:\n'
+        '- {kind: threshold, height: 0.01, width: 0.03, line: [[2.0, 0.0], [2.0, 4.0]]}\n'
+        '- {kind: level, height: 0.03, '
+        'polygon: [[2.15, 0.0], [4.0, 0.0], [4.0, 1.2], [2.15, 1.2]]}')
+    navigator = Navigator(RoutePlanner(load_floor(path), KNOWLEDGE), KNOWLEDGE)
+    ball = Ball(navigator, 1.2, 1.5, -0.5)
+    ball.begin((3.3, 2.5))
+    assert {segment.number for segment in ball.state.route.segments} == {-1, 0}
+    for x, learned in (2.15, {}), (2.0, {0: pytest.approx(0.03)}):
+        for _ in range(3):
+            ball.state, _ = navigator.advance(ball.state, ball.percept()._replace(
+                faces=(((x - ball.x) / math.cos(ball.heading), 0.03),)))
+        assert dict(ball.state.learned.heights) == learned
+
+
 @pytest.mark.slow
 def test_a_refused_crossing_is_learned_and_another_way_is_taken_or_none(navigator):
     ball = Ball(navigator, *KITCHEN, 1.57)
