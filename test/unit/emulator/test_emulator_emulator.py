@@ -25,7 +25,7 @@ BAUD, OTHER = 460800, 57600
 BIT_RATE, OTHER_BIT_RATE = 1000000, 250000  # of a CAN bus
 TORQUE = 0.02
 WATCHDOG = 0.5  # of the drive: a busy machine may hold a test up for as long [s]
-PATIENCE = 10.0  # with the answers of a drive that waits for the processor [s]
+REPLY_TIMEOUT = 10.0  # with the answers of a drive that waits for the processor [s]
 
 
 @pytest.fixture(scope='module')
@@ -62,7 +62,7 @@ def connect(emulator, protocol='odrive'):
         protocol, {
             'torque_limit': emulator.settings.torque_limit, 'watchdog': WATCHDOG, **confirmed},
         'test'))
-    driver.identity = driver.identify(PATIENCE)
+    driver.identity = driver.identify(REPLY_TIMEOUT)
     return link, driver
 
 
@@ -83,7 +83,7 @@ def test_a_torque_over_the_line_swings_the_pendulum_and_rolls_the_ball(scene, pr
         link, driver = connect(emulator, protocol)
         with link:
             assert all(setting.acceptable for setting in driver.read_settings())
-            driver.arm(PATIENCE)
+            driver.arm(REPLY_TIMEOUT)
             telemetry = drive(driver, 0.4)
             # A voltage is right for the speed that was measured, not for the one of now.
             near = 1e-3 if driver.closes_torque_loop else 0.4
@@ -137,7 +137,7 @@ def test_the_drive_disarms_when_the_host_is_killed(emulator):
 
 def test_pulling_the_plug_is_an_error_and_plugging_in_again_works(emulator):
     link, driver = connect(emulator)
-    driver.arm(PATIENCE)
+    driver.arm(REPLY_TIMEOUT)
     drive(driver, 0.05)
     execute(emulator, 'unplug')
     with pytest.raises(LinkError) as raised:
@@ -152,7 +152,7 @@ def test_pulling_the_plug_is_an_error_and_plugging_in_again_works(emulator):
     wait_until(lambda: emulator.terminal.plugged)
     link, driver = connect(emulator)
     with link:
-        driver.arm(PATIENCE)
+        driver.arm(REPLY_TIMEOUT)
         wait_until(lambda: emulator.torque == TORQUE, lambda: drive(driver, 0.01))
 
 
@@ -166,7 +166,7 @@ def test_a_plug_that_is_out_for_a_time_comes_back_by_itself(emulator):
 def test_a_silent_drive_is_overdue_and_still_obeys(emulator):
     link, driver = connect(emulator)
     with link:
-        driver.arm(PATIENCE)
+        driver.arm(REPLY_TIMEOUT)
         drive(driver, 0.05)
         execute(emulator, 'silence 0.3')
         telemetry = drive(driver, 0.2, torque=-TORQUE)
@@ -179,23 +179,23 @@ def test_a_silent_drive_is_overdue_and_still_obeys(emulator):
 def test_a_hot_drive_trips_and_says_so(emulator):
     link, driver = connect(emulator)
     with link:
-        driver.arm(PATIENCE)
+        driver.arm(REPLY_TIMEOUT)
         drive(driver, 0.05)
         execute(emulator, 'temperature 120')
         wait_until(lambda: emulator.torque == 0.0)
         assert drive(driver, 0.4).faults
         with refused('not_armed', 'drive', DriveError) as caught:
-            driver.arm(PATIENCE)
+            driver.arm(REPLY_TIMEOUT)
         assert 'MOTOR_FAILED' in str(caught.value)
         execute(emulator, 'clear')
-        driver.arm(PATIENCE)
+        driver.arm(REPLY_TIMEOUT)
         wait_until(lambda: emulator.torque == TORQUE, lambda: drive(driver, 0.01))
 
 
 def test_a_rebooted_drive_has_forgotten_that_it_was_armed(emulator):
     link, driver = connect(emulator)
     with link:
-        driver.arm(PATIENCE)
+        driver.arm(REPLY_TIMEOUT)
         drive(driver, 0.05)
         execute(emulator, 'reboot')
         telemetry = drive(driver, 0.8)
@@ -355,7 +355,7 @@ def test_the_command_prints_the_device_obeys_lines_and_keeps_the_log(tmp_path):
             assert driver.identity.generation == '0.6'
             watchdog, = (item for item in driver.read_settings() if item.name == 'watchdog')
             assert watchdog.value == '0.5 s'
-            driver.arm(PATIENCE)
+            driver.arm(REPLY_TIMEOUT)
             drive(driver, 0.1)
             driver.stop()
         process.stdin.write('nonsense\n')
