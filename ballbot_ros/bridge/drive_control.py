@@ -255,11 +255,12 @@ class DriveControl(Generic[Estimated]):
 
     def _watch(self, telemetry: Telemetry, now: float) -> None:
         """Detect a drive that stopped answering or disarmed the motor by itself."""
+        status_age = self._status_age(telemetry, now)
         silence = self.sensing.silence(now)
         if silence > RECONNECT_TIMEOUT:
             raise DriveError(f'the drive has not answered for {RECONNECT_TIMEOUT:g} s', 'silent',
                              'drive')
-        observed = self.power.observe(telemetry, silence, self._status_age(telemetry, now))
+        observed = self.power.observe(telemetry, silence, status_age)
         if observed is not None and self.line.driver is not None:
             fault = observed.reason
             if fault is StopReason.HAZARD:  # arming again does not clear it
@@ -283,6 +284,7 @@ class DriveControl(Generic[Estimated]):
         if self.power.state is MotorState.ARMED \
                 and now - self._watched + self._period > self._hardware.connection.watchdog:
             self._held_up_at = now
+            self.sensing.restart(now)
         self._unconfirmed = 0.0 if confirmed > self._watched else self._unconfirmed + elapsed
         self._watched = now
         return self._unconfirmed

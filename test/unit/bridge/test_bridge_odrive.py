@@ -116,8 +116,7 @@ def test_0_5_4_says_what_disarmed_it_though_it_cuts_the_number():
     *slow(*product(KINDS, (0.002 * number for number in range(0, 66, 3) if number % 9)))])
 def test_a_watchdog_that_expired_is_named_before_any_next_request(kind, phase):
     robot = VirtualRobot(kind).ready()
-    # A stall in one period of twelve, that which asks for a temperature, has no name in 0.6.
-    robot.run(0.102 + phase, torque=0.1)
+    robot.run(0.1 + phase, torque=0.1)
     robot.pass_time(0.15)  # the computer stalls
     report = robot.run(0.1, torque=0.1)
     assert report.e_stop.reason is StopReason.HELD_UP
