@@ -95,6 +95,17 @@ def test_it_backs_off_to_where_a_plan_begins(slope_deg):
     assert log[-1][1] == pytest.approx(-0.7, abs=0.005)
 
 
+def test_a_stop_on_the_way_back_is_shorter_uphill_than_downhill():
+    back = Decision(Kind.BACK_OFF, Reason.RUN_UP, 0.0, '', plan=Plan(Strategy.BACK_OFF, -5.0))
+    ways = []
+    for slope_deg in -3.0, 0.0, 3.0:  # uphill, as the ball rolls back
+        log = drive(slope_deg, lambda now: back if now < 3.0 else STOP, 9.0)
+        begin = next(x for now, x, *_ in log if now >= 3.0)
+        ways.append(begin - min(x for _, x, *_ in log))
+        assert abs(log[-1][2]) < 1e-3
+    assert ways[0] + 0.02 < ways[1] < ways[2] - 0.01
+
+
 def test_between_swing_and_edge_the_pendulum_has_the_angle_of_the_plan():
     cross = Decision(Kind.CROSS, Reason.LIKELY, 0.6, '', plan=Plan(
         Strategy.SWING, speed=0.6, swing_position=0.8, swing_angle=1.8, edge=1.3))

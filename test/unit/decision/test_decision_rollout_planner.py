@@ -12,6 +12,8 @@ from ballbot_ros.decision import (
     Face, Kind, Knowledge, load_curve, load_decision_tuning, Motion, Profile, Reason)
 from ballbot_ros.decision.planning.ahead import faces_ahead, look_ahead
 from ballbot_ros.decision.planning.rollout.planner import RolloutPlanner
+from ballbot_ros.decision.planning.rollout.search import good
+from ballbot_ros.decision.planning.rollout.worlds import Tally
 from ballbot_ros.decision.planning.situation import Situation
 from ballbot_ros.decision.planning.stop_line import StopLines
 from ballbot_ros.decision.values import After, Failure, Plan, Strategy
@@ -171,6 +173,14 @@ def test_a_step_down_is_crossed_where_the_floor_below_it_is_granted(unseen_room,
     knowledge = replace(KNOWLEDGE, tuning=replace(TUNING, unseen_room=unseen_room))
     answer = decide(step(-0.03), knowledge=knowledge)
     assert (answer.kind, answer.reason) == (kind, reason)
+
+
+def test_a_plan_that_falls_in_one_world_is_not_selected():
+    assert good(Tally(over=199.0, stuck=1.0), 0.9)
+    assert good(Tally(over=199.0, stuck=1.0, beyond=4.0), 0.9)
+    assert not good(Tally(over=199.0, stuck=1.0, beyond=5.0), 0.9)
+    assert not good(Tally(over=199.0, falls=1.0), 0.9)
+    assert good(Tally(over=199.0, falls=1.0), 0.9, sigmas=2.0)  # if it has been selected
 
 
 def test_a_threshold_is_carried_over():

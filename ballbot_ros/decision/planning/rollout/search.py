@@ -276,14 +276,19 @@ def confirm(trial: Trial, task: Task, number: int) -> Generator[None, None, None
         yield
         if trial.many.attempts >= ROLLOUTS_BEFORE_CHECK and (
                 trial.many.probability < task.required - REJECTION_MARGIN
-                or trial.many.harm > OVERRUN_FRACTION_MAX * number):
+                or trial.many.falls or trial.many.harm > OVERRUN_FRACTION_MAX * number):
             break
 
 
 def good(tally: Tally, required: float, sigmas: float = 0.0) -> bool:
-    """Return whether a plan is permitted; its harm may exceed the limit by some `sigmas`."""
+    """
+    Return whether a plan is permitted: it falls in no world.
+
+    Harm of one that was permitted may exceed the limit by some `sigmas`.
+    """
     most = OVERRUN_FRACTION_MAX * tally.attempts
-    return tally.probability >= required and tally.harm <= most + sigmas * math.sqrt(most)
+    return tally.probability >= required and tally.harm <= most + sigmas * math.sqrt(most) \
+        and (tally.falls == 0.0 or sigmas > 0.0)
 
 
 def height_limit(trial: Trial, task: Task, number: int = 24,
