@@ -56,6 +56,10 @@ def draw_failures(axes: Axes, planners: Dict[str, Any]) -> None:
         axes.barh(names, shares, left=before, color=colour, label=outcome, height=0.6,
                   edgecolor=canvas.INK, lw=0.4)
         before = [low + share for low, share in zip(before, shares)]
+    for place, (name, sum_of_shares) in enumerate(zip(names, before)):
+        if sum_of_shares == 0.0:
+            axes.text(0.02, place, f'none of {planners[name]["approaches"]}', va='center',
+                      fontsize=8)
     axes.invert_yaxis()
     axes.tick_params(axis='y', labelsize=7.5)
     axes.set_xlim(0.0, 1.7 * max(1.0, *before))  # room for the legend
