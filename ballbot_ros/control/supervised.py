@@ -107,8 +107,8 @@ class SupervisedController:
         self._waiting: Optional[JointReadings] = None
         self._held_at = -math.inf
         # The last set-point other than rest, and its time.
-        self._asked: Optional[SetPoint] = None
-        self._asked_at = -math.inf
+        self._requested: Optional[SetPoint] = None
+        self._requested_at = -math.inf
         self._rest_first = False
         self.too_slow = self.overcome = self.let_down = self.e_stop = False
 
@@ -175,12 +175,12 @@ class SupervisedController:
     def record_request(self, set_point: SetPoint) -> None:
         """Record a requested set-point, also of a sender without authority."""
         if not set_point.is_rest:
-            self._asked, self._asked_at = set_point, self.time
+            self._requested, self._requested_at = set_point, self.time
 
     @property
     def requested(self) -> Optional[SetPoint]:
         """Return the last set-point other than rest within `SET_POINT_GAP`, None without one."""
-        return self._asked if self.time - self._asked_at < SET_POINT_GAP else None
+        return self._requested if self.time - self._requested_at < SET_POINT_GAP else None
 
     def _check_e_stop(self, set_point: SetPoint) -> None:
         """Refuse set-points other than rest while the e-stop is engaged, or right after."""
@@ -203,7 +203,7 @@ class SupervisedController:
                 f'time went back from {self._newest.stamp:.3f} s to {readings.stamp:.3f} s: '
                 'set-point and integral are reset')
             self._controller.reset()
-            self._asked_at = -math.inf
+            self._requested_at = -math.inf
         self._rate.add(readings.stamp)
         self._newest = self._waiting = readings
 

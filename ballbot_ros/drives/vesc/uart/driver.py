@@ -45,7 +45,7 @@ class Vesc(Driver):
         self._version: Optional[settings.Version] = None
         self._limits: Mapping[str, float] = settings.unknown_limits(settings.SINCE_6_05)
         self._read_back, self._read_back_at = codec.GET_MCCONF, -math.inf
-        self._status, self._status_asked_at = 0, -math.inf
+        self._status, self._status_requested_at = 0, -math.inf
 
     # Blocking methods
 
@@ -87,8 +87,8 @@ class Vesc(Driver):
         self._read_back_at = begin
         while True:
             self._send(self._torque_message(0.0) + self._requests())
-            self._until(lambda: self._status_asked_at >= begin, self._soon(deadline))
-            answered = self._status_asked_at >= begin
+            self._until(lambda: self._status_requested_at >= begin, self._soon(deadline))
+            answered = self._status_requested_at >= begin
             reported = reported or answered
             if answered and self.telemetry.faults:
                 raise DriveError(
@@ -115,7 +115,8 @@ class Vesc(Driver):
         while True:
             begin = self.clock()
             self._send(self._requests())
-            answered = self._until(lambda: self._status_asked_at >= begin, self._soon(deadline))
+            answered = self._until(
+                lambda: self._status_requested_at >= begin, self._soon(deadline))
             if answered and not self.telemetry.faults or self.clock() >= deadline:
                 break
         if self.telemetry.faults or not answered:
@@ -196,7 +197,7 @@ class Vesc(Driver):
         match = self._match(values.tag, now)
         if match.sent == -math.inf:
             return  # to no request, or a dropped one
-        self._status, self._status_asked_at = values.status, match.sent
+        self._status, self._status_requested_at = values.status, match.sent
         limit = self.options.own_limit / self.options.torque_constant
         if abs(values.current) <= NO_CURRENT * limit:
             self._off_requested_at = match.sent
