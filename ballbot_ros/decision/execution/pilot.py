@@ -156,15 +156,16 @@ class Pilot:
             self._stand = math.inf
             return math.inf
         given = math.inf if decision.plan is None else decision.plan.stop_position
-        moves = abs(motion.speed) > REST_SPEED_MAX
-        if not math.isfinite(given) and (moves or not math.isfinite(self._stand)):
+        planned, moves = math.isfinite(given), abs(motion.speed) > REST_SPEED_MAX
+        if not planned:
+            if not moves and math.isfinite(self._stand):
+                return self._stand
             slope = 0.0 if self._state is None else estimated_slope(self._state, self.law[:])
             ahead = braking_distance(
                 abs(motion.speed), slope if motion.speed > 0.0 else -slope,
                 self._tuning.emergency_lean, self._tuning.reaction_time, self.law[:])
             # A ball that cannot brake in time stops as soon as possible.
             given = motion.position + math.copysign(min(ahead, STOP_DISTANCE_MAX), motion.speed)
-            if motion.speed < 0.0 and math.isfinite(self._stand):
-                self._stand = given = max(self._stand, given)
-        self._stand = min(self._stand, given) if moves or not math.isfinite(given) else given
+        closer = min if planned or motion.speed > 0.0 else max
+        self._stand = closer(self._stand, given) if moves and math.isfinite(self._stand) else given
         return self._stand

@@ -18,8 +18,8 @@ from ballbot_ros.decision.planning.ahead import Ahead, Candidate
 from ballbot_ros.decision.planning.face_planner import Choice, FacePlanner, Selector
 from ballbot_ros.decision.planning.rollout.rollout import TOUCH_SPEED
 from ballbot_ros.decision.planning.rollout.search import (
-    candidates, confirm, from_farther_back, good, height_limit, highest_step, plan_row, search,
-    Task, Trial, why_not)
+    candidates, confirm, from_farther_back, good, height_limit, highest_step, passing, plan_row,
+    search, Task, Trial, why_not)
 from ballbot_ros.decision.planning.rollout.worlds import Tally, Worlds
 from ballbot_ros.decision.planning.situation import Knowledge, Situation
 from ballbot_ros.decision.tuning import DecisionTuning
@@ -162,8 +162,7 @@ def _reason(task: Task, trials: Sequence[Trial], tuning: DecisionTuning,
         return Reason.FAILED_BEFORE
     if not tally.over:
         return Reason.TOO_HIGH
-    passes = any(trial.level and trial.speed <= task.highest_speed for trial in trials)
-    return Reason.NOT_LIKELY if passes else Reason.NO_ROOM
+    return Reason.NOT_LIKELY if passing(trials, task.highest_speed) else Reason.NO_ROOM
 
 
 # Rollouts of a search in each decision.

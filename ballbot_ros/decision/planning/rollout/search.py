@@ -262,10 +262,14 @@ def _urgency(candidate: Candidate) -> float:
     return math.sqrt(candidate.speed**2 + 2.0 * LEAN_ACCELERATION * max(candidate.swing, 0.0))
 
 
+def passing(trials: Sequence[Trial], highest_speed: float) -> List[Trial]:
+    """Return the trials that cross the estimated step, with a touch no faster than permitted."""
+    return [trial for trial in trials if trial.level > 0 and trial.speed <= highest_speed]
+
+
 def _finalists(trials: Sequence[Trial], highest_speed: float) -> List[Trial]:
     """Return the gentlest trials of the highest level, then the fastest behind of the others."""
-    passing = [trial for trial in trials if trial.level > 0 and trial.speed <= highest_speed]
-    return sorted(passing, key=lambda trial: (
+    return sorted(passing(trials, highest_speed), key=lambda trial: (
         -trial.level, trial.behind if trial.level == LEVEL_MAX else -trial.behind))[:FINALISTS_MAX]
 
 
