@@ -17,7 +17,7 @@ from ballbot_ros.crossing.rules import touch_distance
 from ballbot_ros.studies.evaluation.approaches import Approach, crossable_approach, draw_approach
 from ballbot_ros.studies.evaluation.run import heading, NominalModel, run_approach
 from ballbot_ros.studies.evaluation.search import (
-    EDGE_GAP, height_limit, Manoeuvre, MANOEUVRES, possible)
+    best_start, height_limit, Manoeuvre, MANOEUVRES, possible)
 from ballbot_ros.studies.evaluation.terrains import true_faces
 from ballbot_ros.studies.parallel_map import checkpointed_rows
 from ballbot_ros.studies.progress import ignore, Progress
@@ -129,7 +129,7 @@ def refused_margin(approach: Approach, nominal: NominalModel) -> float:
     """Return how much higher a step the true robot crosses than the refused one [m]."""
     height = true_faces(approach.ground.terrain)[-1][3]
     touch = approach.ground.foot - touch_distance(approach.robot.ball_radius, height)
-    run_up = min(max(touch + approach.room_behind - EDGE_GAP, RUN_UPS[0]), RUN_UPS[1])
+    run_up = min(max(touch - best_start(approach.room_behind), RUN_UPS[0]), RUN_UPS[1])
     return height_limit(approach.robot, nominal.robot, nominal.gains, run_up, MANOEUVRES,
                         approach.ground.slope) - height
 

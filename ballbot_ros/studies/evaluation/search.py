@@ -80,6 +80,11 @@ def gets_over(loop: ClosedLoop, manoeuvre: Manoeuvre, touch: float, goal: float,
     return False
 
 
+def best_start(room_behind: float) -> float:
+    """Return where the longest run-up starts, with free ground behind the ball at 0 [m]."""
+    return min(0.0, EDGE_GAP - room_behind)
+
+
 def possible(robot: Robot, ground: Ground, room_behind: float, nominal: Robot,
              gains: ControlTuning) -> bool:
     """Return whether one of `MANOEUVRES` gets the true robot over, from its best start."""
@@ -88,8 +93,7 @@ def possible(robot: Robot, ground: Ground, room_behind: float, nominal: Robot,
     touch = ground.foot - touch_distance(robot.ball_radius, height)
     angle = balanced_angle(robot, ground.slope)
     return any(gets_over(
-        ClosedLoop(robot, ground.terrain, nominal, gains, 0.0, angle,
-                   min(0.0, EDGE_GAP - room_behind)),
+        ClosedLoop(robot, ground.terrain, nominal, gains, 0.0, angle, best_start(room_behind)),
         manoeuvre, touch, ground.goal + 0.5 * robot.ball_radius, angle)
         for manoeuvre in MANOEUVRES)
 
