@@ -417,10 +417,12 @@ class Navigator:
         if along > state.anchor[0] + PROGRESS_MIN:
             state = replace(state, anchor=(along, percept.stamp))
         elif percept.stamp - state.anchor[1] > PROGRESS_TIMEOUT:
-            stuck = (percept.x + (self._radius + CLEARANCE) * math.cos(course),
-                     percept.y + (self._radius + CLEARANCE) * math.sin(course))
-            return self._stop(replace(state, learned=state.learned.with_obstacles((stuck,))),
-                              'stuck', 'the ball does not get on'), REST
+            # A wall of the map that the ball touches explains it, and the next route leaves it.
+            if path.direction in self.planner.leaving(percept[1:4]):
+                state = replace(state, learned=state.learned.with_obstacles((
+                    (percept.x + (self._radius + CLEARANCE) * math.cos(course),
+                     percept.y + (self._radius + CLEARANCE) * math.sin(course)),)))
+            return self._stop(state, 'stuck', 'the ball does not get on'), REST
         state = self._watch(state, percept)
         if state.status is NavStatus.STOPPING:
             return state, REST

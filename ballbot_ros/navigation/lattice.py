@@ -179,6 +179,8 @@ class Problem(NamedTuple):
         Time [s] and risk level of each.
     aligned : (m,) array of bool
         Whether each can begin at the pose of the ball, where its state is a start.
+    leaving : (2,) array of bool
+        Whether the first motion may lead forward, and backward.
     most_level : int
 
     """
@@ -196,6 +198,7 @@ class Problem(NamedTuple):
     arc_times: NDArray[np.float64]
     arc_levels: NDArray[np.int64]
     aligned: NDArray[np.bool_]
+    leaving: NDArray[np.bool_]
     most_level: int
 
 
@@ -386,7 +389,7 @@ def expand(problem: Problem, tree: SearchTree, newest: NDArray[np.int32]) -> int
     in it.  `newest` has the newest node of each state, -1 before the search.
     """
     (starts, start_costs, goal_cell, goal_heading, slowness, heuristic, primitive, reversal,
-     arc_starts, arc_ends, arc_times, arc_levels, aligned, most_level) = problem
+     arc_starts, arc_ends, arc_times, arc_levels, aligned, leaving, most_level) = problem
     ends, cells, sides, times = primitive
     states, parents, moves, levels, older, backward, closed, costs, heap_costs, heap_nodes = tree
     per = len(times) // 16
@@ -420,7 +423,8 @@ def expand(problem: Problem, tree: SearchTree, newest: NDArray[np.int32]) -> int
             if item < per:
                 move = heading * per + item
                 target, side = state + ends[move], sides[move]
-                if not 0 <= target < 16 * len(slowness):
+                if not 0 <= target < 16 * len(slowness) \
+                        or parents[expanded] < 0 and not leaving[1 if side else 0]:
                     continue
                 cost = base + (reversal if side != backward[expanded] else 0.0)
                 # Most moves are excluded before their cells are read.

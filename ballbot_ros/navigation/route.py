@@ -477,14 +477,28 @@ class RoutePlanner:
                 least = probability + PROBABILITY_GAIN_MIN
 
     def clearance(self, place: Sequence[float]) -> float:
-        """Return how far the ball is from the next wall, or feature that it must not touch [m]."""
-        found = [self.floor.nearest_wall((place[0], place[1]))[0] - self.ball_radius]
+        """Return the distance of the ball from the next wall, obstacle or barred feature [m]."""
+        found = [self.floor.nearest_wall((place[0], place[1]))[0] - self.ball_radius, *(
+            math.dist(place[:2], point) - self.ball_radius for point in self.learned.obstacles)]
         for keep, feature in zip(self._keep, self.features):
             away = min(float(distance_to_segment(place[0], place[1], *segment))
                        for segment in feature.segments)
             within = feature.kind in CLOSED and inside(place[0], place[1], feature.polygon)
             found.append((-away if within else away) + CLEARANCE - keep)
         return min(found)
+
+    def leaving(self, pose: Sequence[float]) -> Tuple[int, ...]:
+        """
+        Return the directions, 1 forward and -1 backward, in which a ball at rest may drive.
+
+        One that is nearer to a wall, obstacle or feature than the clearance does not get nearer.
+        """
+        if len(pose) < 3:
+            return 1, -1
+        least = min(self.clearance(pose), CLEARANCE)
+        return tuple(way for way in (1, -1) if self.clearance(
+            (pose[0] + way * self._size * math.cos(pose[2]),
+             pose[1] + way * self._size * math.sin(pose[2]))) >= least)
 
     def room_before(self, crossing: Segment) -> float:
         """Return how far the centre may back off along the line of a crossing [m]."""
@@ -581,7 +595,8 @@ class RoutePlanner:
         self.check_place(goal, 'goal')
         if explore != self._explores:
             self._offer(explore)
-        states, costs, slowness = self._starts(start)
+        ways = self.leaving(start) or (1, -1)
+        states, costs, slowness = self._starts(start, ways)
         last = self._node(goal)
         heading = -1 if len(goal) < 3 else min(range(COUNT), key=lambda item: abs(
             math.remainder(HEADINGS[item] - goal[2], 2.0 * math.pi)))
@@ -589,11 +604,12 @@ class RoutePlanner:
         aligned = np.isin(self._arc_arrays[0], states)
         for item in np.flatnonzero(aligned if len(start) > 2 else []):
             aligned[item] = self.aligned(start, self._offered[item].segment)
-        time, path = self._find(states, costs, last, heading, slowness, far, aligned)
+        leaving = np.array([1 in ways, -1 in ways])
+        time, path = self._find(states, costs, last, heading, slowness, far, aligned, leaving)
         if not math.isfinite(time):
             # Each crossing that is offered has the required probability.
             time, path = self._find(
-                states, costs, last, heading, slowness, far, aligned, LEVELS**2)
+                states, costs, last, heading, slowness, far, aligned, leaving, LEVELS**2)
             if not math.isfinite(time):
                 self._refuse(*self._shortest(start, last),
                              math.isfinite(far[states // COUNT].min()))
@@ -627,21 +643,21 @@ class RoutePlanner:
         """Compile the search, or load it."""
         self._find(np.zeros(1, np.int64), np.zeros(1), 0, -1, self._slowness,
                    self._far(0, self._slowness),
-                   np.zeros(len(self._offered), bool))
+                   np.zeros(len(self._offered), bool), np.ones(2, bool))
 
     def _find(self, states: NDArray[np.int64], costs: NDArray[np.float64], last: int, heading: int,
               slowness: NDArray[np.float64], far: NDArray[np.float64],
-              aligned: NDArray[np.bool_], most_level: int = LEVELS
+              aligned: NDArray[np.bool_], leaving: NDArray[np.bool_], most_level: int = LEVELS
               ) -> Tuple[float, List[Tuple[int, int]]]:
         """
         Search from states with their costs to a cell.
 
-        `far` are lower bounds of the time to it [s]; crossings that are not `aligned` do not begin
-        at the start.
+        `far` are lower bounds of the time to it [s]; crossings that are not `aligned`, and motions
+        in directions that are not `leaving`, do not begin at the start.
         """
         return self._tree.find(Problem(
             states, costs, last, heading, slowness.ravel(), HEURISTIC_FACTOR * far, self._moves,
-            REVERSAL_TIME, *self._arc_arrays, aligned, most_level))
+            REVERSAL_TIME, *self._arc_arrays, aligned, leaving, most_level))
 
     def _refuse(self, shortest: float, passed: List[Tuple[int, int]], point_gets_there: bool
                 ) -> None:
@@ -656,9 +672,13 @@ class RoutePlanner:
             f'{self._tuning.required_probability:g}. On the shortest way, {lacks}',
             'no_route', 'goal')
 
-    def _starts(self, start: Sequence[float]
+    def _starts(self, start: Sequence[float], ways: Sequence[int]
                 ) -> Tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
-        """Return the possible start states, the cost of reaching them [s], and `_opened`."""
+        """
+        Return the possible start states, the cost of reaching them [s], and `_opened`.
+
+        `ways` are the directions in which the first motion may lead.
+        """
         self._check_walls(start, 'start', self.ball_radius - LOCALIZATION_ERROR_MAX)
         for feature in self.features:
             on = self.ball_radius if feature.kind in ('drop', 'stairs') else 0.0 \
@@ -687,7 +707,9 @@ class RoutePlanner:
                     math.remainder(angle - start[2], 2.0 * math.pi))
                 # Along the heading the ball gets there, sideways it does not.
                 aside = abs(-math.sin(angle) * dx + math.cos(angle) * dy)
-                if turned <= HEADING_DEVIATION_MAX and aside <= 1.01 * self._size:
+                ahead = math.cos(angle) * dx + math.sin(angle) * dy
+                if turned <= HEADING_DEVIATION_MAX and aside <= 1.01 * self._size \
+                        and any(way * ahead > -0.75 * self._size for way in ways):
                     states.append(node * COUNT + heading)
                     costs.append(OFFSET_COST * aside + TURN_COST * turned
                                  + math.hypot(dx, dy) / BACKWARD_SPEED)

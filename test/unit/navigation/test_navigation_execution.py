@@ -307,6 +307,19 @@ def test_a_ball_that_does_not_get_on_remembers_an_obstacle(navigator):
     assert x > ball.x
 
 
+@pytest.mark.parametrize('degrees, direction', [(3.0, -1), (-3.0, 1)])
+def test_a_ball_held_by_a_wall_of_the_map_leaves_it_the_other_way_and_learns_no_obstacle(
+        navigator, planner, degrees, direction):
+    ball = Ball(navigator, 1.5, 0.05 + planner.ball_radius, math.radians(degrees))
+    ball.begin((2.9, 1.4))
+    path = Path.of([(1.5, ball.y), (1.5 + direction, ball.y)], direction)
+    ball.state = replace(ball.state, path=path, anchor=(0.0, -10.0))
+    ball.step()
+    assert ball.state.reason == 'stuck' and not ball.state.learned.obstacles
+    ball.run(2.0, lambda ball: ball.state.status is NavStatus.DRIVING)
+    assert ball.state.segment.direction == -direction
+
+
 def test_a_ball_off_the_line_of_a_crossing_backs_off_and_returns_onto_it(navigator):
     ball = Ball(navigator, *KITCHEN, 1.57)
     ball.begin(STUDY)

@@ -267,7 +267,7 @@ def exhaustive(planner, start, goal):
     graph = sparse.csr_matrix(
         (np.concatenate(all_weights), (np.concatenate(all_begins), np.concatenate(all_ends))),
         shape=(2 * states * layers,) * 2)
-    first, costs, _ = planner._starts(start)
+    first, costs, _ = planner._starts(start, (1, -1))
     last = planner._node(goal)
     best = math.inf
     for state, cost in zip(first, costs):
@@ -287,8 +287,8 @@ def test_no_way_over_the_lattice_is_faster_than_the_route(seed, tmp_path, monkey
         for x in (1.6, 3.2)]
     planner = planner_of(tmp_path, features, (5, 3), '[[[1.6, 1.8], [1.6, 3.0]]]')
     start, goal = (0.7, 1.0, 0.3), (4.3, random.uniform(0.8, 2.2))
-    states, costs, slowness = planner._starts(start)
-    monkeypatch.setattr(planner, '_starts', lambda _: (
+    states, costs, slowness = planner._starts(start, (1, -1))
+    monkeypatch.setattr(planner, '_starts', lambda *_: (
         states[:1], costs[:1], slowness))
     least = exhaustive(planner, start, goal)
     if not math.isfinite(least):
@@ -443,6 +443,16 @@ def test_the_way_out_of_a_place_near_a_wall_leads_along_the_heading_and_away_fro
                     > min(flat.clearance(place), CLEARANCE) - 0.026
     assert len(turned) > 30
     assert max(turned) <= HEADING_DEVIATION_MAX
+
+
+@pytest.mark.parametrize('degrees', [3.0, -3.0, 177.0, -177.0])
+@pytest.mark.parametrize('goal', [(0.6, 1.5), (2.5, 1.5)])
+def test_a_route_from_a_wall_that_the_ball_touches_begins_away_from_it(flat, goal, degrees):
+    pose = 1.5, 0.05 + flat.ball_radius, math.radians(degrees)
+    first = flat.route(pose, goal).segments[0]
+    # Forward where the heading points away from the wall below the ball.
+    assert first.direction == math.copysign(1, degrees)
+    assert first.direction * (first.points[-1][0] - pose[0]) * math.cos(pose[2]) > 0.0
 
 
 def test_the_way_out_of_a_narrow_place_begins_there_and_passes_no_edge(flat):
