@@ -234,8 +234,8 @@ class FloorPlant(Plant):
         there = _ahead(begin, 0.5 * (kept + lateral.heading), forward, 0.5 * (
             tilt_rate + lateral.tilt_rate) * robot.ball_radius * self.period)
         # Walls and ground beside the ball stop a turn without a rebound.
-        if lateral is not self._lateral \
-                and self._clearance(there) < min(0.0, self._clearance(straight)):
+        if lateral is not self._lateral and (away := self._clearance(there)) < 0.0 \
+                and away < self._clearance(straight):
             there, lateral = straight, _stopped(lateral, kept)
         self._level = level + passed(self.floor, begin, there)
         self._at, self._lateral = there, lateral
