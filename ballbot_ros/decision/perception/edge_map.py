@@ -26,17 +26,28 @@ HEIGHT_ENTRY, HEIGHT_EXIT = 0.0045, 0.003
 
 
 class Trend:
-    """Recursive linear regression of heights on distances."""
+    """
+    Recursive linear regression of heights on distances.
+
+    Attributes
+    ----------
+    count : int
+        Of the observations.
+    latest : float
+        Distance of the latest one [m].
+
+    """
 
     def __init__(self) -> None:
         """Start without observations."""
-        self.count = 0
+        self.count, self.latest = 0, 0.0
         self._distance = self._height = 0.0
         self._dd = self._dh = self._hh = 0.0
 
     def add(self, distance: float, height: float) -> None:
         """Add an observation: distance [m] and height [m]."""
         self.count += 1
+        self.latest = distance
         far, high = distance - self._distance, height - self._height
         self._distance += far / self.count
         self._height += high / self.count
@@ -60,19 +71,26 @@ class Trend:
         return scatter / math.sqrt(self.count) if scatter > 0.0 else 0.0
 
     @property
-    def growth(self) -> float:
-        """
-        Return the extrapolated height at distance 0 minus the mean observed height [m].
-
-        Continuous in the observations: the trend less its uncertainty, extrapolated no farther
-        than the observed distances justify; negative if the height decreases on approach.
-        """
+    def slope(self) -> float:
+        """Return the change of the height with the distance, less its uncertainty [1]."""
         scatter = self.scatter
         if not (scatter >= 0.0 and self._dd > 0.0):
             return 0.0
         slope = self._dh / self._dd
         certain = max(0.0, abs(slope) - TREND_SIGMAS * scatter / math.sqrt(self._dd))
-        return -math.copysign(certain, slope) * min(
+        return math.copysign(certain, slope)
+
+    @property
+    def growth(self) -> float:
+        """
+        Return the extrapolated height at distance 0 minus the mean observed height [m].
+
+        Continuous in the observations: the height is extrapolated with `slope`, and no farther
+        than the observed distances justify; negative if the height decreases on approach.
+        """
+        if self.count == 0:
+            return 0.0
+        return -self.slope * min(
             self._distance, TREND_SIGMAS * math.sqrt(self._dd / self.count))
 
 
@@ -106,20 +124,23 @@ class EdgeEstimate:
     Attributes
     ----------
     mean : Face
-        Without the uncertainties that `trend` shows.
+        With the standard deviation of the random error of its height.
+    bias : float
+        Standard deviation of the constant error of its height [m].
     trend : Trend
         Of the height over the distance from which it was observed.
 
     """
 
     mean: Face
+    bias: float = 0.0
     trend: Trend = field(default_factory=Trend)
 
     @property
     def face(self) -> Face:
         """Return the edge with all uncertainties."""
         return replace(self.mean, height_sd=math.hypot(
-            max(self.mean.height_sd, self.trend.mean_sd), self.trend.growth))
+            max(self.mean.height_sd, self.trend.mean_sd, self.bias), self.trend.growth))
 
 
 @dataclass(eq=False)

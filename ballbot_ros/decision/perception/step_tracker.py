@@ -1,12 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """An observation of the next step is one detection of an edge."""
 from collections import deque
-from dataclasses import replace
 import math
 from statistics import median
 from typing import Deque, Optional
-
-import numpy as np
 
 from ballbot_ros.decision.perception.edge_map import (
     EdgeEstimate, EdgeMap, Rejection, TrackedEdge)
@@ -52,6 +49,9 @@ HEIGHT_SD_MIN = 0.0001    # [m]
 # Default standard deviations where the sensor reports none, before an estimate exists [m].
 DEFAULT_POSITION_SD, DEFAULT_HEIGHT_SD = 0.020, 0.005
 
+# Largest number of observations in an average of heights.
+AVERAGED_OBSERVATIONS = 50
+
 # Maximum scatter of observations; above it they contradict each other [m].
 SCATTER_MAX = 0.010
 
@@ -72,8 +72,9 @@ class StepTracker:
 
     Observations of one edge are averaged with weights 1 / variance at a fixed position on the
     odometry axis.  A standard deviation of 0 means unknown; the scatter of the observations
-    replaces it.  The deviation of the average has a constant error as lower bound.  A trend of
-    the height with distance adds its expected remaining change to the uncertainty.
+    replaces it.  The deviation of the average has a constant error as lower bound, without effect
+    on the weights.  The average follows a trend of the height with distance, which adds its
+    expected remaining change to the uncertainty.
 
     A detection within a radius of an edge that contradicts it by more than
     `contradiction_sigma` deviations is reported, not averaged in; after `forget_after` consecutive
@@ -184,21 +185,22 @@ class StepTracker:
     def _average(self, edge: TrackedEdge, shown: Face, observation: StepObservation) -> None:
         """Average a detection into an edge."""
         edge.contradictions = 0
-        # Averaging does not reduce constant errors.
-        bias = self._tuning.height_bias(observation.height_sd > 0.0)
         if edge.step is None:
-            edge.step = EdgeEstimate(replace(shown, height_sd=max(shown.height_sd, bias)))
+            edge.step = EdgeEstimate(shown, self._tuning.height_bias(observation.height_sd > 0.0))
         else:
             known, trend = edge.step.mean, edge.step.trend
             place, place_sd = _average(
                 known.position, known.position_sd, shown.position, shown.position_sd)
-            # Earlier weights used the reported deviations; the scatter may be larger.
-            scatter = np.nanmax((known.height_sd, trend.mean_sd,
-                                 self._heights.sd / math.sqrt(trend.count)))
+            expected = known.height + trend.slope * (observation.distance - trend.latest)
+            # Earlier weights used the reported deviations; the scatter, NaN while it is unknown,
+            # may be larger.
+            expected_sd = max(
+                known.height_sd, shown.height_sd / math.sqrt(AVERAGED_OBSERVATIONS),
+                self._heights.sd / math.sqrt(trend.count))
             height, height_sd = _average(
-                known.height, float(scatter), shown.height, shown.height_sd)
-            edge.step.mean = Face(0, place, height, max(place_sd, POSITION_SD_MIN),
-                                  max(height_sd, bias))
+                expected, expected_sd, shown.height, shown.height_sd)
+            edge.step.mean = Face(
+                0, place, height, max(place_sd, POSITION_SD_MIN), height_sd)
         edge.step.trend.add(observation.distance, observation.height)
 
     def _accept(self, seen_to: float, position: float, shown: Optional[TrackedEdge]) -> Rejection:

@@ -226,7 +226,7 @@ class TerrainTracker:
             self._map.clear()
             self._map.add(scan, position)
         self._strikes = 0
-        ground = ground_of(self._map, position,
+        ground = ground_of(self._map, position, self._radius,
                            [edge.ground.mean for edge in self._edges.edges
                             if edge.ground is not None and edge.exists.confirmed])
         if not ground.points:
@@ -289,15 +289,13 @@ class TerrainTracker:
         missed = [edge for edge in self._edges.edges
                   if edge.ground is not None and edge not in known.values()]
         for index, face in enumerate(ground.faces):
-            # Averaging does not reduce constant errors.
-            face = replace(face, height_sd=max(face.height_sd, bias))
             edge = known.get(index)
             if edge is None:
                 edge = self._edges.start(self._map.scans == 1)
             else:
                 edge.exists.add(True)
             if edge.ground is None:
-                edge.ground = EdgeEstimate(face)
+                edge.ground = EdgeEstimate(face, bias)
             else:
                 edge.drift += forward * (face.position - edge.ground.mean.position)
                 edge.ground.mean = face

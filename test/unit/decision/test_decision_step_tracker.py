@@ -44,6 +44,16 @@ def test_noise_averages_out_while_the_ball_rolls():
     assert step.height_sd < 0.0006
 
 
+def test_heights_without_reported_noise_average_out_as_well():
+    random, tracking = np.random.default_rng(5), tracker()
+    heights = [tracking.update(
+        seen(0.02 * index, 1.5, 0.006 + random.normal(0.0, 0.0015), 0.0, 0.0), 0.0).face.height
+        for index in range(150)]
+    # The constant error limits the accuracy of the height, not the weight of the average.
+    assert np.std(heights[30:]) < 0.0005
+    assert np.mean(heights[30:]) == pytest.approx(0.006, abs=0.0005)
+
+
 def test_deviation_of_zero_is_not_accepted():
     step = tracker().update(seen(0.0, distance_sd=0.0, height_sd=0.0), 0.0).face
     assert step.position_sd > 0.0 and step.height_sd > 0.0
