@@ -141,6 +141,11 @@ SPEED = quantity('m/s', 'collision speed', above=0.0).metadata
 HEIGHT = quantity('m', 'height of the step', above=0.0).metadata
 
 
+def sink_depth(radius: float, width: float) -> float:
+    """Return how far a ball can sink into a gap between two edges of equal height [m]."""
+    return radius - math.sqrt(max(radius**2 - 0.25 * width**2, 0.0))
+
+
 def touch_distance(radius: float, height: float, penetration: float = 0.0,
                    slope: float = 0.0) -> float:
     """

@@ -5,9 +5,10 @@ from typing import List, NamedTuple, Sequence, Tuple
 
 import numpy as np
 
-from ballbot_ros.decision.perception.edge_map import HEIGHT_EXIT
+from ballbot_ros.crossing.rules import sink_depth
+from ballbot_ros.decision.perception.edge_map import HEIGHT_ENTRY, HEIGHT_EXIT
 from ballbot_ros.decision.perception.elevation import (
-    around, CELL, ElevationMap, POSITION_SD, Whole)
+    CELL, ElevationMap, POSITION_SD, Whole)
 from ballbot_ros.decision.perception.kernels import line, middle, simplify
 from ballbot_ros.decision.values import Face
 from ballbot_ros.physics.model.terrain import Array
@@ -22,14 +23,17 @@ BLURRED_GRADE_MIN, BLURRED_LENGTH_MAX = 0.06, 0.065
 # Maximum slope difference within one line, beside its uncertainty.
 LINE_BEND_MAX = 0.01
 
-# Blur of a face to either side, in nodes.
-BLUR_NODES = 3
+# Blur of a face to either side [m].
+BLUR_LENGTH = 3.0 * CELL + 1e-6
 
 # Averaging width in nodes for face detection, up to this standard deviation [m].
 SMOOTHING_WIDTHS = (1, 0.0008), (3, 0.0025), (5, math.inf)
 
 # Minimum height of a face, in metres and in standard deviations.
 FACE_HEIGHT_MIN, FACE_SIGMAS = 0.002, 4.0
+
+# Nodes on each side of a gap that show the slope of the ground in it.
+SLOPE_NODES = 20
 
 # Positions that differ by less are the same [m].
 POSITION_TOLERANCE = 1e-6
@@ -47,11 +51,12 @@ class Piece(NamedTuple):
 
 
 class Nodes(NamedTuple):
-    """Known nodes of a map: place, height and variance."""
+    """Known nodes of a map: place, height and variance; `jumps` are inserted behind edges."""
 
     x: Array
     z: Array
     variance: Array
+    jumps: List[int]
 
 
 def pieces_of(nodes: Nodes, shared: float, edges: Sequence[Piece] = ()) -> List[Piece]:
@@ -59,7 +64,10 @@ def pieces_of(nodes: Nodes, shared: float, edges: Sequence[Piece] = ()) -> List[
     own = nodes.variance / shared
     usual = middle(own)
     width = next(width for width, most in SMOOTHING_WIDTHS if usual < most**2)
-    z = nodes.z if width == 1 else _smooth(nodes.z, width)
+    parts = np.split(nodes.z, [index for jump in nodes.jumps for index in (jump, jump + 1)])
+    z = nodes.z if width == 1 else np.concatenate([_smooth(part, width) for part in parts])
+    edges = [*edges, *(Piece(int(np.sign(nodes.z[jump] - nodes.z[jump - 1])), jump - 1, jump)
+                       for jump in nodes.jumps)]
     tolerance = np.maximum(
         TOLERANCE_MIN, FACE_SIGMAS * np.sqrt(np.minimum(own, 4.0 * usual) / width))
     keep, stack = np.zeros(len(z)), np.zeros((len(z), 2))
@@ -79,11 +87,11 @@ def pieces_of(nodes: Nodes, shared: float, edges: Sequence[Piece] = ()) -> List[
         if sign and pieces and pieces[-1].sign == sign:
             pieces[-1] = Piece(sign, pieces[-1].begin, end)
         elif sign and len(pieces) > 1 and pieces[-1].sign == 0 and pieces[-2].sign == sign \
-                and begin - pieces[-1].begin <= BLUR_NODES:
+                and nodes.x[begin] - nodes.x[pieces[-1].begin] <= BLUR_LENGTH:
             pieces[-2:] = [Piece(sign, pieces[-2].begin, end)]
         else:
             pieces.append(Piece(sign, begin, end))
-    return _joined(nodes, _without_blur(pieces))
+    return _joined(nodes, _without_blur(nodes, pieces))
 
 
 def _signs(run: Array, rise: Array) -> List[int]:
@@ -107,13 +115,13 @@ def _signs(run: Array, rise: Array) -> List[int]:
     return signs
 
 
-def _without_blur(pieces: List[Piece]) -> List[Piece]:
+def _without_blur(nodes: Nodes, pieces: List[Piece]) -> List[Piece]:
     """Merge short gentle pieces between a face and the ground beside it with the face."""
     found: List[Piece] = []
     for index, piece in enumerate(pieces):
         before = found[-1] if found else None
         behind = pieces[index + 1] if index + 1 < len(pieces) else None
-        if piece.sign == 0 and piece.end - piece.begin <= BLUR_NODES:
+        if piece.sign == 0 and nodes.x[piece.end] - nodes.x[piece.begin] <= BLUR_LENGTH:
             if before and before.sign and behind and not behind.sign:
                 found[-1] = Piece(before.sign, before.begin, piece.end)
                 continue
@@ -125,11 +133,17 @@ def _without_blur(pieces: List[Piece]) -> List[Piece]:
 
 
 def _joined(nodes: Nodes, pieces: List[Piece]) -> List[Piece]:
-    """Join gentle pieces that lie on one line: corners are chosen among noisy nodes."""
+    """
+    Join gentle pieces that lie on one line, and a gap with the ground behind it.
+
+    Corners are chosen among noisy nodes.
+    """
     found = pieces[:1]
     for piece in pieces[1:]:
         last = found[-1]
-        if last.sign == 0 and piece.sign == 0 and _is_one(nodes, last, piece):
+        gap = last.begin in nodes.jumps \
+            and nodes.x[last.end] - nodes.x[last.begin + 1] <= BLUR_LENGTH
+        if last.sign == 0 and piece.sign == 0 and (gap or _is_one(nodes, last, piece)):
             found[-1] = Piece(0, last.begin, piece.end)
         else:
             found.append(piece)
@@ -202,7 +216,7 @@ class GroundSeen(NamedTuple):
     slope_sd: float
 
 
-def ground_of(found: ElevationMap, position: float,
+def ground_of(found: ElevationMap, position: float, radius: float,
               edges: Sequence[Face] = ()) -> GroundSeen:
     """
     Return the ground of a map around a position; may be empty.
@@ -210,7 +224,7 @@ def ground_of(found: ElevationMap, position: float,
     Parameters
     ----------
     found : ElevationMap
-    position : float
+    position, radius : float
         Of the ball [m].
     edges : sequence of Face
         Known faces: they are measured at their positions, and only the test of
@@ -223,7 +237,7 @@ def ground_of(found: ElevationMap, position: float,
         return GroundSeen([], [], [], nan, nan, nan, nan)
     # Neighbouring nodes share the points that they lie between.
     shared = min(max(1.5 * found.spacing / CELL, 1.0), 20.0)
-    nodes = _bridged(found, known, shared)
+    nodes = _bridged(found, known, shared, position, radius)
     known_edges = _edges_in(nodes, edges)
     pieces = pieces_of(nodes, shared, known_edges)
     datum, slope, slope_variance = _below(nodes, pieces, position)
@@ -244,19 +258,37 @@ def _edges_in(nodes: Nodes, edges: Sequence[Face]) -> List[Piece]:
     return found
 
 
-def _bridged(found: ElevationMap, known: Whole, shared: float) -> Nodes:
-    """Return the known nodes, with edges where unseen ground begins."""
+def _bridged(found: ElevationMap, known: Whole, shared: float, position: float,
+             radius: float) -> Nodes:
+    """
+    Return the known nodes, with edges at gaps between them.
+
+    Ground behind an edge that falls is occluded: the fall is at the near end of the gap.  A rise
+    is at its nearest possible position.  Without a fall, the gap may be a trench: if the ball
+    could sink into it, and deeper than its far wall is seen, the observed ground ends there.
+    """
     x: Array = (known + found.first).astype(float) * CELL
     z, variance = found.height[known], shared * found.variance[known]
-    breaks = np.flatnonzero(np.diff(known) > 1)
-    if not len(breaks):
-        return Nodes(x, z, variance)
-    # Occluded terrain: a drop is at its edge, a rise at its nearest possible position.
     run, rise = np.diff(x), np.diff(z)
-    jumps = breaks[np.abs(rise - run * around(rise / run))[breaks] > FACE_HEIGHT_MIN]
-    return Nodes(np.insert(x, jumps + 1, x[jumps] + 1e-4),
-                 np.insert(z, jumps + 1, z[jumps + 1]),
-                 np.insert(variance, jumps + 1, variance[jumps + 1]))
+    jumps, levels = [], []
+    for gap in np.flatnonzero(np.diff(known) > 1).tolist():
+        beside = slice(max(gap - SLOPE_NODES, 0), gap + SLOPE_NODES + 1)
+        slope = middle(rise[beside] / run[beside])
+        behind = slice(gap + 1, int(np.searchsorted(x, x[gap + 1] + BLUR_LENGTH)))
+        level = z[behind] - slope * (x[behind] - x[gap]) - z[gap]
+        if x[gap] > position and level.max() > -HEIGHT_ENTRY \
+                and sink_depth(radius, float(run[gap])) > max(HEIGHT_ENTRY, -level[0]):
+            x, z, variance = x[:gap + 1], z[:gap + 1], variance[:gap + 1]
+            break
+        if abs(level[0]) > FACE_HEIGHT_MIN:
+            jumps.append(gap)
+            levels.append(z[gap] + level[0])
+    after = np.array(jumps, dtype=int) + 1
+    # The extrapolated level is as uncertain as the slope, a median of so many differences.
+    spread = 1.0 + ((x[after] - x[after - 1]) / CELL)**2 / (2 * SLOPE_NODES)
+    return Nodes(np.insert(x, after, x[after - 1] + 1e-4), np.insert(z, after, levels),
+                 np.insert(variance, after, spread * variance[after]),
+                 (after + np.arange(len(after))).tolist())
 
 
 def _below(nodes: Nodes, pieces: List[Piece], position: float) -> Tuple[float, float, float]:

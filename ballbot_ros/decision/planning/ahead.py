@@ -6,7 +6,7 @@ from typing import List, Sequence, Tuple
 
 import numpy as np
 
-from ballbot_ros.crossing.rules import touch_distance
+from ballbot_ros.crossing.rules import sink_depth, touch_distance
 from ballbot_ros.decision.perception.ground_profile import GroundProfile
 from ballbot_ros.decision.planning.stop_line import LINE_MARGIN
 from ballbot_ros.decision.values import Face, Profile, Strategy
@@ -159,8 +159,8 @@ def look_ahead(profile: Profile, faces: Sequence[Face], position: float, slope: 
     line : float
         Stop line of other obstacles than faces [m].
     kept : bool
-        Whether there is a plan: then a step down is a drop only if it certainly exceeds
-        `highest_descent`.
+        Whether plans are already evaluated: then a step down is a drop only if it certainly
+        exceeds `highest_descent`.
 
     """
     floor = GroundProfile(profile.points, slope)
@@ -185,8 +185,7 @@ def look_ahead(profile: Profile, faces: Sequence[Face], position: float, slope: 
         if index + 1 < len(faces) and faces[index + 1].height > 0.0:
             # The ball sinks into a trench until it touches both edges.
             other = faces[index + 1]
-            half = 0.5 * (other.position + other.run - foot)
-            descents[index] = radius - math.sqrt(max(radius**2 - half**2, 0.0))
+            descents[index] = sink_depth(radius, other.position + other.run - foot)
         doubt = SIGMAS * face.height_sd
         falls = falls or min(-face.height, descents[index]) > highest_descent + (
             doubt if kept else -doubt)

@@ -109,10 +109,9 @@ class Selector(ABC):
         """Return the selected plan."""
         return self.choice.candidate if self.choice is not None else None
 
-    def has_plan_for(self, face: Face) -> bool:
-        """Return whether a plan for a face has been selected."""
-        return self.plan is not None and self.basis is not None \
-            and self.basis.face.number == face.number
+    def evaluates(self, face: Face) -> bool:
+        """Return whether plans for a face are being evaluated, or have been."""
+        return self.basis is not None and self.basis.face.number == face.number
 
     def _begin(self, ahead: Ahead, situation: Situation, braking_room: float) -> Basis:
         """Return the inputs of a selection; a plan that they invalidate is discarded."""
@@ -317,7 +316,7 @@ class FacePlanner:
         ahead = look_ahead(profile, faces, motion.position, situation.slope,
                            situation.slope_sd, self._robot.ball_radius,
                            self._tuning.unseen_room, self._tuning.highest_descent, behind,
-                           committed or self._selector.has_plan_for(faces[0]))
+                           committed or self._selector.evaluates(faces[0]))
         return self._face(ahead, situation, previous if committed else None)
 
     def _alone(self, situation: Situation, previous: Optional[Decision]) -> Decision:

@@ -167,6 +167,29 @@ def test_ground_that_an_edge_hides_is_as_low_as_the_next_seen():
     assert profile.seen_to == pytest.approx(3.8, abs=0.03)
 
 
+def test_the_observed_terrain_ends_at_a_trench_with_a_hidden_floor():
+    for width, depth, ends in ((0.35, 0.3, True), (0.03, 0.3, False)):
+        terrain = ground((0.0, -depth), (width, 0.0), (0.0, depth))
+        profile = approach(terrain, to=0.0, looks=10)[-1]
+        assert not profile.faces
+        assert (profile.seen_to < 1.25) == ends
+    # Seen deeper than a ball can sink into it, it is a pair of faces.
+    near = approach(ground((0.0, -0.05), (0.15, 0.0), (0.0, 0.05)), to=0.9)[-1]
+    assert [face.height for face in near.faces] == pytest.approx([-0.05, 0.05], abs=0.005)
+    assert near.seen_to > 2.0
+
+
+@pytest.mark.parametrize('seed', [0, *slow(1, 2, 3)])
+def test_a_step_down_on_a_descent_is_as_high_from_afar_as_from_nearby(seed):
+    slope = -0.0664
+    terrain = Terrain([(-2.0, -2.0 * slope), (1.8, 1.8 * slope), (1.8, 1.8 * slope - 0.043),
+                       (6.0, 6.0 * slope - 0.043)])
+    profiles = approach(terrain, to=1.5, looks=75, height_sd=0.001, seed=seed)
+    for profile in profiles[5:]:
+        assert len(profile.faces) == 1
+        assert profile.face.height == pytest.approx(-0.043, abs=0.006)
+
+
 def test_nothing_is_known_behind_a_wall():
     assert approach(SCENES['wall behind'][0])[-1].seen_to == pytest.approx(1.6, abs=0.02)
 
