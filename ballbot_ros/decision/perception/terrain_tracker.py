@@ -165,6 +165,7 @@ class TerrainTracker:
         self.profile: Optional[Profile] = None
         self._strikes = 0
         self._slipped = self._rolled_to = self._position = 0.0
+        self._seen_to = math.inf
         self._outliers: Deque[Array] = deque(maxlen=OUTLIER_MEMORY)
 
     def update(self, observation: TerrainObservation, position: float) -> Rejection:
@@ -235,9 +236,11 @@ class TerrainTracker:
         drift = self._detect(ground, position)
         if drift > SLIP_MAX:
             return Reason.CONTRADICTORY, f'an edge has moved along with the ball, by {drift:.2f} m'
+        # Ground that is first seen now may have edges that a second observation confirms.
+        seen_to, self._seen_to = min(ground.seen_to, self._seen_to), ground.seen_to
         self.profile = self._with_steep(Profile(
             observation.stamp, self._edges.faces, tuple(ground.points), ground.seen_from,
-            ground.seen_to, ground.slope, ground.slope_sd, points_sd=tuple(ground.sds)))
+            seen_to, ground.slope, ground.slope_sd, points_sd=tuple(ground.sds)))
         return None, ''
 
     def _without_outliers(self, x: Array, z: Array, position: float) -> Flags:
