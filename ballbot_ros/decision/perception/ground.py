@@ -284,7 +284,7 @@ def _bridged(found: ElevationMap, known: Whole, shared: float, position: float,
             jumps.append(gap)
             levels.append(z[gap] + level[0])
     after = np.array(jumps, dtype=int) + 1
-    # The extrapolated level is as uncertain as the slope, a median of so many differences.
+    # The standard deviation of the slope, a median of 2 SLOPE_NODES differences, over the gap.
     spread = 1.0 + ((x[after] - x[after - 1]) / CELL)**2 / (2 * SLOPE_NODES)
     return Nodes(np.insert(x, after, x[after - 1] + 1e-4), np.insert(z, after, levels),
                  np.insert(variance, after, spread * variance[after]),
