@@ -32,7 +32,7 @@ from ballbot_ros.drives.driver import Driver
 from ballbot_ros.errors import (
     BallbotError, ConfigurationError, LinkError, MessageError, RefusedError)
 from ballbot_ros.estimation import (
-    EncoderReading, Estimate, Fusion, ImuReading, OdometryState)
+    EncoderReading, Estimate, Fusion, ImuReading, OdometryFilter, OdometryState)
 from ballbot_ros.imus.plausibility import EXPLANATIONS
 from ballbot_ros.physics.model.robot import Robot
 from ballbot_ros.steering import GroundTrack, required_steering
@@ -50,11 +50,15 @@ def warm_up(robot: Robot) -> None:
     watchdog timeout of the drive.
     """
     warm_up_laws(robot)
-    fusion = Fusion(robot)
+    fusion, odometry = Fusion(robot), OdometryFilter(robot)
+    state: Optional[OdometryState] = None
     for number in range(1, 5):
         stamp = 0.002 * number
-        fusion.imu(ImuReading(stamp, 0.0, 0.0, robot.gravity))
-        fusion.encoder(EncoderReading(stamp, 0.0))
+        imu = ImuReading(stamp, 0.0, 0.0, robot.gravity)
+        fusion.imu(imu)
+        estimate = fusion.encoder(EncoderReading(stamp, 0.0))
+        state = odometry.start(estimate) if state is None else odometry.advance(
+            state, estimate, imu)
 
 
 class Wanted(Enum):

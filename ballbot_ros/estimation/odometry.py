@@ -14,13 +14,15 @@ to the speed.  During an impact and in the air there is no such measurement, and
 accelerometer accumulates, in the slip and in its variance.  Distance and slip are the two states
 of a Kalman filter.
 """
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 import math
 from typing import NamedTuple, Optional, Tuple
 
 from ballbot_ros.config.fields import Checked, quantity
+from ballbot_ros.control.rolling_model import Array
 from ballbot_ros.estimation.imu import ImuReading, turned
 from ballbot_ros.estimation.kalman import BALL_RATE, Estimate, JOINT, PENDULUM
+from ballbot_ros.jit import compiled
 from ballbot_ros.physics.model.robot import Robot
 
 # Correlation time of the slip and of the error of the accelerometer [s].
@@ -61,18 +63,8 @@ class OdometryTuning(Checked):
         default=2.0, above=0.0)
 
 
-class Slide(NamedTuple):
-    """Distance and speed of sliding with their covariance: the state of the filter."""
-
-    way: float  # [m]
-    slip: float  # speed to +x less that of rolling [m/s]
-    way_variance: float
-    covariance: float  # of the two
-    slip_variance: float
-
-
 class OdometryState(NamedTuple):
-    """Position and speed of the ball at one time, with variances."""
+    """Position and speed of the ball at one time, with variances, and the state of the filter."""
 
     stamp: float  # [s]
     position: float  # of the centre, from where it started, along x [m]
@@ -83,28 +75,121 @@ class OdometryState(NamedTuple):
     ball_rate: float  # [rad/s]
     rolled: float  # part of the position from rolling [m]
     start_variance: float  # of the ball angle at the start
-    slide: Slide
     imu_stamp: float  # of the last IMU reading used [s]
     imu_rate: float  # of the ball then [rad/s]
+    way: float  # part of the position from sliding [m]
+    slip: float  # speed to +x less that of rolling [m/s]
+    way_variance: float
+    covariance: float  # of way and slip
+    slip_variance: float
+
+
+# Way, slip and their covariance; the numbers of an `OdometryState`; radius, gravity and the fields
+# of an `OdometryTuning`.
+Slide = Tuple[float, float, float, float, float]
+Numbers = Tuple[float, ...]
+
+
+@compiled
+def ball_variances(covariance: Array) -> Tuple[float, float]:
+    """Return the variances of angle and rate of the ball."""
+    angle = covariance[PENDULUM, PENDULUM] + covariance[JOINT, JOINT] \
+        - 2.0 * covariance[PENDULUM, JOINT]
+    return max(angle, 0.0), max(covariance[BALL_RATE, BALL_RATE], 0.0)
+
+
+@compiled
+def without_slip(slide: Slide, step: float, sd: float) -> Slide:
+    """Return a slide corrected by zero slip with a standard deviation [m/s], over a step [s]."""
+    way, slip, way_variance, covariance, slip_variance = slide
+    # The measurements within the correlation time count as one.
+    total = slip_variance + sd**2 * max(1.0, CORRELATION_TIME / step)
+    way_gain, gain = covariance / total, slip_variance / total
+    return (way - way_gain * slip, slip - gain * slip,
+            # The accelerometer may be correct nevertheless.
+            way_variance - way_gain * covariance + 2.0 * step * CORRELATION_TIME * slip**2,
+            covariance - gain * covariance, slip_variance - gain * slip_variance)
+
+
+@compiled
+def odometry_of(stamp: float, mean: Array, covariance: Array, angle: float, rolled: float,
+                start_variance: float, imu_stamp: float, imu_rate: float, slide: Slide,
+                numbers: Numbers) -> Numbers:
+    """Return the odometry of an estimate with a ball angle [rad]."""
+    radius, radius_error = numbers[0], numbers[2]
+    of_angle, of_rate = ball_variances(covariance)
+    rate, (way, slip, way_variance, _, slip_variance) = mean[BALL_RATE], slide
+    return (stamp, rolled + way, slip - radius * rate,
+            way_variance + radius**2 * (of_angle + start_variance) + (radius_error * rolled)**2,
+            slip_variance + slip**2 + radius**2 * of_rate + (radius_error * radius * rate)**2,
+            angle, rate, rolled, start_variance, imu_stamp, imu_rate) + slide
+
+
+@compiled
+def moved(before: Numbers, stamp: float, mean: Array, covariance: Array, numbers: Numbers
+          ) -> Numbers:
+    """Return the odometry at the time of an estimate, with an unchanged slip."""
+    own, (radius, _, _, _, slip_at_rest, slip_unseen, _, _, _) = OdometryState(*before), numbers
+    step, angle, rate = stamp - own.stamp, mean[PENDULUM] - mean[JOINT], mean[BALL_RATE]
+    turned_by, expected = angle - own.ball_angle, 0.5 * step * (rate + own.ball_rate)
+    lost = 0.0
+    if not abs(turned_by - expected) <= ZERO_CHANGE_MIN:
+        # The angle counts from another zero; only the rate gives the distance.
+        turned_by, lost = expected, (radius * expected)**2
+    unseen = stamp - own.imu_stamp > LONGEST_PAUSE
+    slip_sd = slip_unseen * abs(radius * rate)
+    slide = (own.way + step * own.slip, own.slip,
+             own.way_variance + lost + step * (2.0 * own.covariance + step * own.slip_variance),
+             own.covariance + step * own.slip_variance,
+             own.slip_variance + (step * slip_sd**2 / CORRELATION_TIME if unseen else 0.0))
+    if unseen:
+        slide = without_slip(slide, step, slip_at_rest + slip_sd)
+    return odometry_of(stamp, mean, covariance, angle, own.rolled - radius * turned_by,
+                       own.start_variance, own.imu_stamp, own.imu_rate, slide, numbers)
+
+
+@compiled
+def by_imu(before: Numbers, stamp: float, mean: Array, covariance: Array, imu_stamp: float,
+           forward: float, upward: float, numbers: Numbers) -> Numbers:
+    """Return the odometry after an IMU reading, integrated since the previous one."""
+    own, rate = OdometryState(*before), mean[BALL_RATE]
+    (radius, gravity, _, slip_part, slip_at_rest, slip_unseen, force_sd, shock_part,
+     contact_gate) = numbers
+    slide, period = before[11:], imu_stamp - own.imu_stamp
+    if period <= LONGEST_PAUSE:
+        ahead, _ = turned(forward, upward, mean[PENDULUM] - mean[JOINT])
+        shock = abs(math.hypot(forward, upward) - gravity)
+        faster = period * ahead + radius * (rate - own.imu_rate)
+        # An IMU reading may have been lost, and an impact with it.
+        unmeasured = max(0.0, period - IMPACT_INTERVAL_MAX) * (
+            slip_unseen * radius * rate)**2 / CORRELATION_TIME
+        # The slip changes linearly over the period.
+        slide = (own.way + 0.5 * period * faster, own.slip + faster, own.way_variance,
+                 own.covariance, own.slip_variance + unmeasured + period * (
+                     force_sd**2 * CORRELATION_TIME + (shock_part * shock)**2 * period))
+        if shock <= contact_gate:
+            slide = without_slip(slide, period, slip_at_rest + slip_part * abs(radius * rate))
+    return odometry_of(stamp, mean, covariance, own.ball_angle, own.rolled, own.start_variance,
+                       imu_stamp, rate, slide, numbers)
 
 
 class OdometryFilter:
     """Maps odometry to that of the next estimate; has no state."""
 
     def __init__(self, robot: Robot, tuning: OdometryTuning = OdometryTuning()):
-        self._radius, self._gravity, self._tuning = robot.ball_radius, robot.gravity, tuning
+        self._numbers = robot.ball_radius, robot.gravity, *astuple(tuning)
 
     def start(self, estimate: Estimate) -> OdometryState:
         """Return the odometry of a ball at position 0 that rolls."""
         # Later angles are relative to the first one, whose variance is that of the zero.
-        return self._result(estimate, 0.0, Slide(0.0, 0.0, 0.0, 0.0, 0.0), _variances(estimate)[0],
-                            -math.inf, 0.0)
+        return OdometryState(*odometry_of(
+            *estimate[:3], estimate.readings.ball_angle, 0.0,
+            ball_variances(estimate.covariance)[0], -math.inf, 0.0, 5 * (0.0,), self._numbers))
 
     def lost(self, before: OdometryState) -> OdometryState:
         """Return the odometry after a lost estimate, with an increased variance."""
-        slide = before.slide
-        return before._replace(ball_angle=math.nan, slide=slide._replace(
-            way_variance=slide.way_variance + LOST_POSITION_SD**2))
+        return before._replace(
+            ball_angle=math.nan, way_variance=before.way_variance + LOST_POSITION_SD**2)
 
     def advance(self, before: OdometryState, estimate: Estimate,
                 imu: Optional[ImuReading] = None) -> OdometryState:
@@ -116,92 +201,8 @@ class OdometryFilter:
         """
         state = before
         if estimate.stamp > before.stamp:
-            state = self._moved(before, estimate)
+            state = OdometryState(*moved(state[:], *estimate[:3], self._numbers))
         if imu is not None and imu.stamp > state.imu_stamp:
-            state = self._by_imu(state, estimate, imu)
+            state = OdometryState(*by_imu(
+                state[:], *estimate[:3], imu.stamp, imu.forward, imu.upward, self._numbers))
         return state
-
-    def _moved(self, before: OdometryState, estimate: Estimate) -> OdometryState:
-        """Return the odometry at the time of the estimate, with an unchanged slip."""
-        step = estimate.stamp - before.stamp
-        angle, rate = _ball(estimate)
-        turned_by, expected = angle - before.ball_angle, 0.5 * step * (rate + before.ball_rate)
-        slide, lost = before.slide, 0.0
-        if not abs(turned_by - expected) <= ZERO_CHANGE_MIN:
-            # The angle counts from another zero; only the rate gives the distance.
-            turned_by, lost = expected, (self._radius * expected)**2
-        slide = Slide(
-            slide.way + step * slide.slip, slide.slip,
-            slide.way_variance + lost + step * (
-                2.0 * slide.covariance + step * slide.slip_variance),
-            slide.covariance + step * slide.slip_variance, slide.slip_variance)
-        if estimate.stamp - before.imu_stamp > LONGEST_PAUSE:
-            part = self._tuning.slip_unseen
-            slide = slide._replace(slip_variance=slide.slip_variance + step * (
-                part * self._radius * rate)**2 / CORRELATION_TIME)
-            slide = self._rolling(slide, step, rate, part)
-        return self._result(estimate, before.rolled - self._radius * turned_by, slide,
-                            before.start_variance, before.imu_stamp, before.imu_rate)
-
-    def _by_imu(self, before: OdometryState, estimate: Estimate,
-                imu: ImuReading) -> OdometryState:
-        """Return the odometry after an IMU reading, integrated since the previous one."""
-        tuning, (angle, rate) = self._tuning, _ball(estimate)
-        slide, period = before.slide, imu.stamp - before.imu_stamp
-        if period <= LONGEST_PAUSE:
-            forward, _ = turned(imu.forward, imu.upward, angle)
-            shock = abs(math.hypot(imu.forward, imu.upward) - self._gravity)
-            faster = period * forward + self._radius * (rate - before.imu_rate)
-            # An IMU reading may have been lost, and an impact with it.
-            unmeasured = max(0.0, period - IMPACT_INTERVAL_MAX) * (
-                tuning.slip_unseen * self._radius * rate)**2 / CORRELATION_TIME
-            slide = slide._replace(
-                # The slip changes linearly over the period.
-                way=slide.way + 0.5 * period * faster, slip=slide.slip + faster,
-                slip_variance=slide.slip_variance + unmeasured + period * (
-                    tuning.force_sd**2 * CORRELATION_TIME
-                    + (tuning.shock_part * shock)**2 * period))
-            if shock <= tuning.contact_gate:
-                slide = self._rolling(slide, period, rate, tuning.slip_part)
-        return self._result(estimate, before.rolled, slide, before.start_variance, imu.stamp,
-                            rate)._replace(ball_angle=before.ball_angle)
-
-    def _rolling(self, slide: 'Slide', step: float, rate: float, part: float) -> 'Slide':
-        """Return the slide corrected by zero slip, with a deviation of a part of the speed."""
-        # The measurements within the correlation time count as one.
-        sd = self._tuning.slip_at_rest + part * abs(self._radius * rate)
-        total = slide.slip_variance + sd**2 * max(1.0, CORRELATION_TIME / step)
-        way_gain, gain = slide.covariance / total, slide.slip_variance / total
-        return Slide(
-            slide.way - way_gain * slide.slip, slide.slip - gain * slide.slip,
-            # The accelerometer may be correct nevertheless.
-            slide.way_variance - way_gain * slide.covariance
-            + 2.0 * step * CORRELATION_TIME * slide.slip**2,
-            slide.covariance - gain * slide.covariance,
-            slide.slip_variance - gain * slide.slip_variance)
-
-    def _result(self, estimate: Estimate, rolled: float, slide: 'Slide', start_variance: float,
-                imu_stamp: float, imu_rate: float) -> OdometryState:
-        radius, (angle, rate) = self._radius, _ball(estimate)
-        of_angle, of_rate = _variances(estimate)
-        wrong = self._tuning.radius_error
-        return OdometryState(
-            estimate.stamp, rolled + slide.way, slide.slip - radius * rate,
-            slide.way_variance + radius**2 * (of_angle + start_variance) + (wrong * rolled)**2,
-            slide.slip_variance + slide.slip**2 + radius**2 * of_rate
-            + (wrong * radius * rate)**2,
-            angle, rate, rolled, start_variance, slide, imu_stamp, imu_rate)
-
-
-def _ball(estimate: Estimate) -> Tuple[float, float]:
-    """Return angle and rate of the ball [rad], [rad/s]."""
-    pendulum, joint, _, rate, _ = estimate.mean.tolist()
-    return pendulum - joint, rate
-
-
-def _variances(estimate: Estimate) -> Tuple[float, float]:
-    """Return the variances of angle and rate of the ball."""
-    spread = estimate.covariance
-    angle = float(spread[PENDULUM, PENDULUM]) + float(spread[JOINT, JOINT]) \
-        - 2.0 * float(spread[PENDULUM, JOINT])
-    return max(angle, 0.0), max(float(spread[BALL_RATE, BALL_RATE]), 0.0)

@@ -55,7 +55,7 @@ def test_rolling_forward_is_a_negative_ball_rate_times_the_radius():
 def test_a_ball_that_gets_faster_without_slip_slides_nowhere():
     state = follow(lambda now: (-1.5 * now**2, -3.0 * now, 3.0 * RADIUS, 9.81), 1.0)
     assert state.position == pytest.approx(1.5 * RADIUS, rel=1e-6)
-    assert abs(state.slide.way) < 1e-9 and abs(state.slide.slip) < 1e-9
+    assert abs(state.way) < 1e-9 and abs(state.slip) < 1e-9
 
 
 def test_in_the_air_the_speed_stays_for_any_turn_of_the_ball():
@@ -66,7 +66,7 @@ def test_in_the_air_the_speed_stays_for_any_turn_of_the_ball():
     state = follow(flight, 0.4)
     assert state.speed == pytest.approx(1.0, abs=1e-3)
     assert state.position == pytest.approx(0.4, abs=1e-3)
-    assert state.slide.slip == pytest.approx(-RADIUS * 6.0, abs=1e-3)
+    assert state.slip == pytest.approx(-RADIUS * 6.0, abs=1e-3)
 
 
 def test_accelerometer_errors_in_flight_accumulate_in_the_variance():
@@ -160,9 +160,8 @@ def test_variances_are_never_negative_for_any_sequence(steps):
         state = odometry.advance(state, estimate(stamp, angle, rate), None if force is None
                                  else ImuReading(stamp, 0.0, *force))
         assert state.position_variance >= 0.0 and state.speed_variance >= 0.0
-        slide = state.slide
-        assert slide.way_variance * slide.slip_variance - slide.covariance**2 >= -1e-9 * (
-            slide.way_variance * slide.slip_variance)
+        assert state.way_variance * state.slip_variance - state.covariance**2 >= -1e-9 * (
+            state.way_variance * state.slip_variance)
 
 
 def ground(height, before=1.2):
