@@ -68,9 +68,7 @@ def read(data: bytes) -> AnyJointState:
 
 
 def _read(data: bytes) -> ReceivedJointState:
-    if data[:2] != CDR[:2]:
-        raise ValueError('another encoding')
-    frame, at = _text(data, _STAMP.size)
+    header, at = read_header(data)
     count, at = _count(data, at)
     names = []
     for _ in range(count):
@@ -83,8 +81,15 @@ def _read(data: bytes) -> ReceivedJointState:
             at += (len(CDR) - at) % 8
         numbers.append(struct.unpack_from(f'<{count}d', data, at))
         at += 8 * count
-    return ReceivedJointState(
-        Header(Stamp(*_STAMP.unpack_from(data)), frame), tuple(names), *numbers)
+    return ReceivedJointState(header, tuple(names), *numbers)
+
+
+def read_header(data: bytes) -> Tuple[Header, int]:
+    """Return the header of a message and the place after it; raises as `_read` does."""
+    if data[:2] != CDR[:2]:
+        raise ValueError('another encoding')
+    frame, at = _text(data, _STAMP.size)
+    return Header(Stamp(*_STAMP.unpack_from(data)), frame), at
 
 
 def _count(data: bytes, at: int) -> Tuple[int, int]:
@@ -104,9 +109,15 @@ def _text(data: bytes, at: int) -> Tuple[str, int]:
 def subscribe_joint_states(node: Node, topic: str, callback: Callable[[AnyJointState], None]
                            ) -> Subscription:
     """Return a subscription to joint states; unreadable bytes are logged."""
+    return subscribe_bytes(node, topic, read, callback)
+
+
+def subscribe_bytes(node: Node, topic: str, convert: Callable[[bytes], Any],
+                    callback: Callable[[Any], None]) -> Subscription:
+    """Return a subscription that converts the bytes of a message; unreadable ones are logged."""
     def take(data: bytes) -> None:
         try:
-            message = read(data)
+            message = convert(data)
         except (RuntimeError, ValueError) as error:
             node.get_logger().warning(f'{topic} refused: {error}', throttle_duration_sec=1.0)
         else:

@@ -6,7 +6,6 @@ from time import sleep
 from typing import Callable
 
 from rclpy.node import Node
-from sensor_msgs.msg import Imu
 
 from ballbot_ros.bridge.session import Session
 from ballbot_ros.control import Authority, SetPoint
@@ -15,8 +14,8 @@ from ballbot_ros.estimation import ImuReading
 from ballbot_ros.imus.source import StampedReading
 from ballbot_ros.nodes.bridge.motor import Clocks, imu_reading, MotorOutputs
 from ballbot_ros.ros.conversions import command_torque, to_seconds
-from ballbot_ros.ros.endpoints import (
-    create_subscription, create_trigger, RECEIVED_TIMEOUT, subscribe_e_stop)
+from ballbot_ros.ros.endpoints import create_trigger, RECEIVED_TIMEOUT, subscribe_e_stop
+from ballbot_ros.ros.imu_bytes import AnyImu, subscribe_imu
 from ballbot_ros.ros.joint_state_bytes import AnyJointState, subscribe_joint_states
 from ballbot_ros.ros.set_points import REFUSED_PAUSE, SetPoints
 from ballbot_ros.ros.single_publisher import SinglePublisher
@@ -49,7 +48,7 @@ class MotorInputs:
         self.authority = Authority(session.hardware.limits.command_timeout) \
             if law is None else set_points.authority
         if not session.hardware.imu_port.port:
-            create_subscription(node, 'imu', self._on_imu)
+            subscribe_imu(node, self._on_imu)
         subscribe_e_stop(node, self._on_e_stop)
         create_trigger(node, '~/engage_e_stop', self._engage)
         create_trigger(node, '~/release_e_stop', self._release)
@@ -84,7 +83,7 @@ class MotorInputs:
         self._take_imu(lambda: ImuReading(
             reading.stamp, -reading.turn_rate[1], reading.force[0], reading.force[2]))
 
-    def _on_imu(self, message: Imu) -> None:
+    def _on_imu(self, message: AnyImu) -> None:
         self._take_imu(lambda: imu_reading(message, self._clocks))
 
     def _take_imu(self, convert: Callable[[], ImuReading]) -> None:

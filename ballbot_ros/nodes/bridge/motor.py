@@ -20,6 +20,7 @@ from ballbot_ros.msg import MotorStatus
 from ballbot_ros.ros.conversions import to_seconds, to_time
 from ballbot_ros.ros.endpoints import create_publisher, wait_until_received
 from ballbot_ros.ros.frames import FRAMES, Frames
+from ballbot_ros.ros.imu_bytes import AnyImu
 from ballbot_ros.ros.joint_state_bytes import JointStateBytes
 
 # Below `bridge`, whose records are delayed: the motor loop reads this clock, too.
@@ -83,7 +84,7 @@ class Clocks:
         return steady + self._ahead
 
 
-def imu_reading(message: Imu, clocks: Clocks) -> ImuReading:
+def imu_reading(message: AnyImu, clocks: Clocks) -> ImuReading:
     """
     Return the data of an IMU message for the estimate; see `estimation.imu` for the axes.
 
