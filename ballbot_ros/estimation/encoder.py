@@ -27,6 +27,7 @@ import math
 from typing import NamedTuple, Optional, Tuple
 
 from ballbot_ros.errors import EstimateLostError
+from ballbot_ros.jit import compiled
 
 # Least and largest value.
 Interval = Tuple[float, float]
@@ -183,47 +184,47 @@ def _near(error: float, pause: float, rate: float, late: float,
         abs(rate), HIGHEST_JOINT_RATE)
 
 
-class IncrementCheck(NamedTuple):
-    """Expected increments and the difference of the measured ones; `after` gives the next."""
+# Expected increments, the difference of the measured ones, the uncertainty of that difference, and
+# the time for which the encoder has been contradicted [s].
+Increments = Tuple[float, float, float, float]
+NO_INCREMENTS: Increments = (0.0, 0.0, 0.0, 0.0)
 
-    expected: float = 0.0
-    difference: float = 0.0
-    late: float = 0.0  # uncertainty of the difference
-    contradicted_for: float = 0.0  # [s]
 
-    def after(self, pause: float, latency: float, rates: Interval, measured: float,
-              smallest: float, applies: bool = True) -> 'IncrementCheck':
-        """
-        Return the sums after a reading.
+@compiled
+def increments_after(sums: Increments, pause: float, latency: float, rates: Interval,
+                     measured: float, smallest: float, applies: bool) -> Increments:
+    """
+    Return the sums after a reading.
 
-        Parameters
-        ----------
-        pause : float
-            Since the previous reading [s].
-        latency : float
-            Uncertainty of the times of both [s].
-        rates : tuple of 2 floats
-            Least and largest expected increment per second.
-        measured : float
-            Measured increment per second.
-        smallest : float
-            Mean expected increment per second from which the comparison applies.
-        applies : bool
-            Whether it applies at all.
+    Parameters
+    ----------
+    sums : tuple of 4 floats
+    pause : float
+        Since the previous reading [s].
+    latency : float
+        Uncertainty of the times of both [s].
+    rates : tuple of 2 floats
+        Least and largest expected increment per second.
+    measured : float
+        Measured increment per second.
+    smallest : float
+        Mean expected increment per second from which the comparison applies.
+    applies : bool
+        Whether it applies at all.
 
-        """
-        least, largest = rates
-        keep, fastest = math.exp(-pause / SMOOTHING), max(-least, largest)
-        limit = DIFFERENCE_MAX * fastest
-        error = measured - min(max(measured, least), largest)
-        # Of the interval, the rate next to zero.
-        expected = keep * self.expected + pause * max(least, min(largest, 0.0))
-        difference = keep * self.difference + pause * min(max(error, -limit), limit)
-        late = max(keep * self.late, latency * max(fastest, min(abs(measured), limit)))
-        contradicted = applies and abs(expected) >= smallest * SMOOTHING and \
-            math.copysign(1.0, -expected) * difference >= CONTRADICTED_MIN * abs(expected) + late
-        return IncrementCheck(expected, difference, late,
-                              self.contradicted_for + pause if contradicted else 0.0)
+    """
+    expected, difference, late, contradicted_for = sums
+    least, largest = rates
+    keep, fastest = math.exp(-pause / SMOOTHING), max(-least, largest)
+    limit = DIFFERENCE_MAX * fastest
+    error = measured - min(max(measured, least), largest)
+    # Of the interval, the rate next to zero.
+    expected = keep * expected + pause * max(least, min(largest, 0.0))
+    difference = keep * difference + pause * min(max(error, -limit), limit)
+    late = max(keep * late, latency * max(fastest, min(abs(measured), limit)))
+    contradicted = applies and abs(expected) >= smallest * SMOOTHING and \
+        math.copysign(1.0, -expected) * difference >= CONTRADICTED_MIN * abs(expected) + late
+    return expected, difference, late, contradicted_for + pause if contradicted else 0.0
 
 
 class EncoderCheck(NamedTuple):
@@ -237,8 +238,8 @@ class EncoderCheck(NamedTuple):
     pause: float = 0.0  # before it [s]; 0 after a restart
     latency: float = 0.0  # of it and the one before [s]
     rate: float = 0.0  # between both [rad/s]
-    velocity: IncrementCheck = IncrementCheck()
-    torque: IncrementCheck = IncrementCheck()
+    velocity: Increments = NO_INCREMENTS
+    torque: Increments = NO_INCREMENTS
 
     def after(self, reading: EncoderReading) -> 'EncoderCheck':
         """
@@ -252,12 +253,13 @@ class EncoderCheck(NamedTuple):
             return EncoderCheck(reading)
         pause, latency = reading.stamp - last.stamp, max(last.latency, reading.latency)
         rate = (reading.angle - last.angle) / pause
-        velocity = IncrementCheck()
+        velocity = NO_INCREMENTS
         if last.rate is not None and reading.rate is not None:
-            velocity = self.velocity.after(
-                pause, latency, (min(last.rate, reading.rate), max(last.rate, reading.rate)),
-                rate, VELOCITY_MIN)
-            if velocity.contradicted_for >= CONTRADICTION_TIME:
+            velocity = increments_after(
+                self.velocity, pause, latency,
+                (min(last.rate, reading.rate), max(last.rate, reading.rate)), rate, VELOCITY_MIN,
+                True)
+            if velocity[3] >= CONTRADICTION_TIME:
                 raise EstimateLostError(
                     'the encoder contradicts the velocity that the drive reports: it is frozen, '
                     'reversed or slips; check its cable, its magnet and the settings of the '
@@ -274,15 +276,15 @@ class EncoderCheck(NamedTuple):
         last = self.last
         if last is None or not self.pause:
             return self
-        after = self.torque.after(
-            self.pause, self.latency, last.torques or (last.torque, last.torque), torque,
-            TORQUE_MIN * largest_torque,
-            math.copysign(1.0, self.torque.expected) * self.rate < VELOCITY_MIN)
-        if after.contradicted_for >= CONTRADICTION_TIME:
+        after = increments_after(
+            self.torque, self.pause, self.latency, last.torques or (last.torque, last.torque),
+            torque, TORQUE_MIN * largest_torque,
+            math.copysign(1.0, self.torque[0]) * self.rate < VELOCITY_MIN)
+        if after[3] >= CONTRADICTION_TIME:
             raise EstimateLostError(
                 'the joint does not follow its torque: '
-                f'{after.expected / SMOOTHING:.2f} N m were commanded and '
-                f'{after.difference / SMOOTHING:.2f} N m are unexplained, so encoder or IMU '
+                f'{after[0] / SMOOTHING:.2f} N m were commanded and '
+                f'{after[1] / SMOOTHING:.2f} N m are unexplained, so encoder or IMU '
                 'are frozen, reversed or in other units, or the joint is blocked; look at both '
                 'sensors, the coupling and `direction` of the hardware file; let the robot come '
                 'to rest', 'joint_torque', 'encoder')

@@ -184,7 +184,8 @@ class OdometryFilter:
         # Later angles are relative to the first one, whose variance is that of the zero.
         return OdometryState(*odometry_of(
             *estimate[:3], estimate.readings.ball_angle, 0.0,
-            ball_variances(estimate.covariance)[0], -math.inf, 0.0, 5 * (0.0,), self._numbers))
+            ball_variances(estimate.covariance)[0], -math.inf, 0.0, (0.0, 0.0, 0.0, 0.0, 0.0),
+            self._numbers))
 
     def lost(self, before: OdometryState) -> OdometryState:
         """Return the odometry after a lost estimate, with an increased variance."""
