@@ -155,7 +155,8 @@ def by_imu(before: Numbers, stamp: float, mean: Array, covariance: Array, imu_st
     own, rate = OdometryState(*before), mean[BALL_RATE]
     (radius, gravity, _, slip_part, slip_at_rest, slip_unseen, force_sd, shock_part,
      contact_gate) = numbers
-    slide, period = before[11:], imu_stamp - own.imu_stamp
+    slide: Slide = (own.way, own.slip, own.way_variance, own.covariance, own.slip_variance)
+    period = imu_stamp - own.imu_stamp
     if period <= LONGEST_PAUSE:
         ahead, _ = turned(forward, upward, mean[PENDULUM] - mean[JOINT])
         shock = abs(math.hypot(forward, upward) - gravity)
