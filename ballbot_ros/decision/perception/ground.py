@@ -298,7 +298,7 @@ def _below(nodes: Nodes, pieces: List[Piece], position: float) -> Tuple[float, f
             if piece.sign == 0 else math.inf for piece in pieces]
     nearest = int(np.argmin(gaps))
     if gaps[nearest] < SLOPE_HALF_LENGTH:
-        first, behind = _inside(pieces, nearest)
+        first, behind = _inside(nodes, pieces, nearest)
         left = int(np.searchsorted(x, position - SLOPE_HALF_LENGTH))
         begin = max(first, min(left, behind - width))
         end = min(begin + width, behind)
@@ -345,10 +345,10 @@ def _is_seen_whole(pieces: List[Piece], number: int) -> bool:
     return pieces[-1].end - pieces[number].end >= 2
 
 
-def _inside(pieces: List[Piece], number: int) -> Tuple[int, int]:
-    """Return the nodes of a gentle piece that no face next to it blurs, the end not included."""
+def _inside(nodes: Nodes, pieces: List[Piece], number: int) -> Tuple[int, int]:
+    """Return the observed nodes of a gentle piece that no face blurs, the end not included."""
     piece = pieces[number]
-    begin, end = piece.begin, piece.end + 1
+    begin, end = piece.begin + (piece.begin in nodes.jumps), piece.end + 1
     spare = end - begin - 6
     if number > 0 and pieces[number - 1].sign and spare > 0:
         begin += min(2, spare)
@@ -359,7 +359,7 @@ def _inside(pieces: List[Piece], number: int) -> Tuple[int, int]:
 
 def _end(nodes: Nodes, pieces: List[Piece], number: int, node: int) -> Tuple[float, float]:
     """Return height and variance of a gentle piece at one of its nodes."""
-    begin, end = _inside(pieces, number)
+    begin, end = _inside(nodes, pieces, number)
     z, _, variance, _ = line(nodes.x, nodes.z, nodes.variance, begin, end, float(nodes.x[node]))
     return z, variance
 
@@ -386,7 +386,7 @@ def _aside(nodes: Nodes, pieces: List[Piece], number: int, at: float, ahead: boo
     if not 0 <= other < len(pieces) or pieces[other].sign:
         node = face.end if ahead else face.begin
         return _Side(float(nodes.z[node]), float(nodes.variance[node]), math.nan)
-    begin, end = _inside(pieces, other)
+    begin, end = _inside(nodes, pieces, other)
     if end - begin > BESIDE_LENGTH / CELL:
         if ahead:
             end = begin + round(BESIDE_LENGTH / CELL)

@@ -183,9 +183,10 @@ def look_ahead(profile: Profile, faces: Sequence[Face], position: float, slope: 
         here = foot + max(face.run, 0.0)
         rows.append((here, level, index, 1.0, 1.0))
         if index + 1 < len(faces) and faces[index + 1].height > 0.0:
-            # The ball sinks into a trench until it touches both edges.
+            # The ball sinks into a trench until it touches both edges, or to the level behind it.
             other = faces[index + 1]
-            descents[index] = sink_depth(radius, other.position + other.run - foot)
+            descents[index] = max(sink_depth(radius, other.position + other.run - foot),
+                                  -face.height - other.height)
         doubt = SIGMAS * face.height_sd
         falls = falls or min(-face.height, descents[index]) > highest_descent + (
             doubt if kept else -doubt)
