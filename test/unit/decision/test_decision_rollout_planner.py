@@ -213,6 +213,13 @@ def test_the_tuning_states_which_step_down_is_a_drop(highest, kind):
     assert answer.kind is kind
 
 
+@pytest.mark.parametrize('rise, ends', [(0.1, True), (0.01, False)])
+def test_a_drop_is_a_trench_only_if_the_ground_behind_it_is_high_enough(rise, ends):
+    faces = step(-0.1), step(rise, position=0.15, number=2)
+    found = look_ahead(seen(*faces), faces, -1.0, 0.0, 0.0, RADIUS, 1.0, 0.05)
+    assert bool(found.ends) == ends
+
+
 def test_before_a_small_step_down_too_late_for_a_stop_it_decides_immediately():
     floor = [(-3.0, 0.0), (0.0, 0.0), (0.0, -0.01), (3.0, -0.01)]
     answer = decide(step(-0.01), room=0.1 - RADIUS, speed=0.6, answers=1, points=floor,
