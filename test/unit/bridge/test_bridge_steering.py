@@ -14,10 +14,12 @@ from virtual_robot import STEP, VirtualRobot
 
 from ballbot_ros.bridge.feasibility import wire_budget
 from ballbot_ros.bridge.hardware_file import load_hardware, read_hardware
+from ballbot_ros.bridge.lean import LeanSensing
 from ballbot_ros.bridge.motor_state import MotorState
 from ballbot_ros.bridge.session import Session
 from ballbot_ros.bridge.supervisor import EStop, StopReason
 from ballbot_ros.control import Mode, SetPoint
+from ballbot_ros.drives.contract import Telemetry
 from ballbot_ros.drives.roboclaw import codec
 from ballbot_ros.physics import load_robot
 
@@ -33,6 +35,21 @@ SLOW = slow('odrive 0.5', 'vesc_can', 'odrive_can 0.6')
 def robot(request):
     """Return a robot that steers, its e-stop released; an ODrive has a port for each motor."""
     return VirtualRobot(request.param, onboard='gentle', steering=True).ready()
+
+
+@pytest.mark.parametrize('seed', range(4))
+def test_the_lean_observer_stays_within_the_range_of_its_model(seed):
+    choose, speed, now, lean, rate = random.Random(seed), 0.4, 0.0, 0.0, 0.0
+    hardware = load_hardware('gimball_roboclaw_steering')
+    gear = hardware.steering.gear_ratio
+    sensing = LeanSensing(hardware.lateral(GIMBALL), GIMBALL, lambda: speed)
+    sensing.begin(now)
+    for _ in range(1500):
+        pause = choose.choice((0.0005, 0.002, 0.01, 0.03))
+        now, rate = now + pause, min(max(rate + choose.gauss(0.0, 3.0), -20.0), 20.0)
+        lean, speed = lean + rate * pause, min(max(speed + choose.gauss(0.0, 0.1), -3.0), 3.0)
+        found = sensing.take(Telemetry(now, now, gear * lean, gear * rate))
+        assert found is None or max(map(abs, found.readings.state[2:5])) < 60.0
 
 
 @pytest.fixture
