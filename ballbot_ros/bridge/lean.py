@@ -4,16 +4,15 @@ The lateral axis of a robot that steers: lean from its encoder, and the torque o
 
 Tilt and yaw rate are not measured.  An observer, the lateral model under the measured lean,
 computes them; it starts from rest with each set-point after an idle time, so that its errors do
-not accumulate, and outside the range of the model.
+not accumulate.
 """
-import math
 from typing import Callable, NamedTuple, Optional
 
 from ballbot_ros.bridge.hardware_file import Hardware
 from ballbot_ros.bridge.sensing import AxisSensing
 from ballbot_ros.bridge.supervisor import PendulumMotion
 from ballbot_ros.drives.contract import Telemetry
-from ballbot_ros.estimation.encoder import EncoderCheck, HIGHEST_JOINT_RATE
+from ballbot_ros.estimation.encoder import EncoderCheck
 from ballbot_ros.physics.model.robot import Robot
 from ballbot_ros.steering import follow, LateralState, law, required_steering, servo_torque
 from ballbot_ros.steering.model import accelerations
@@ -94,9 +93,6 @@ class LeanSensing(AxisSensing[LeanEstimate]):
             self.state = follow(
                 self._robot, before, 0.5 * (speed_before + speed), rate, pause,
                 acceleration)._replace(lean=lean)
-            if not (abs(self.state.tilt) < 0.5 * math.pi and max(
-                    abs(self.state.tilt_rate), abs(self.state.yaw_rate)) < HIGHEST_JOINT_RATE):
-                self.forget()
         self._check = check
         self.estimate = LeanEstimate(self.stamp, LeanReadings(self.state, speed))
         return self.estimate

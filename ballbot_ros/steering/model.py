@@ -14,6 +14,8 @@ from ballbot_ros.physics.model.robot import Robot, Steering
 
 BANDWIDTH = 20.0  # of the position control of the lateral axis, critically damped [rad/s]
 LARGEST_STEP = 0.01  # of the integration [s]
+# Range of the model: the axle is not vertical, and turns by less than 0.5 rad in a step.
+TILT_MAX, RATE_MAX = 0.5 * math.pi, 0.5 / LARGEST_STEP
 
 
 class LateralState(NamedTuple):
@@ -145,7 +147,8 @@ def follow(robot: Robot, state: LateralState, speed: float, lean_rate: float, dt
     """
     Return the state a short time later, at the end of which the lean has a given rate.
 
-    Parameters as of `step`, with a measured lean rate [rad/s].
+    Parameters as of `step`, with a measured lean rate [rad/s].  Outside the range of the model,
+    tilt and yaw restart from rest, with the heading from before.
     """
     lean_acceleration = (lean_rate - state.lean_rate) / dt
     # Midpoint rule; the lean rate is linear over the step.
@@ -153,7 +156,11 @@ def follow(robot: Robot, state: LateralState, speed: float, lean_rate: float, dt
     slope = accelerations(robot, state, speed, lean_acceleration, acceleration)
     middle = _moved(state, slope, mean, lean_acceleration, state, 0.5 * dt)
     slope = accelerations(robot, middle, speed, lean_acceleration, acceleration)
-    return _moved(middle, slope, mean, lean_acceleration, state, dt)
+    moved = _moved(middle, slope, mean, lean_acceleration, state, dt)
+    if abs(moved.tilt) < TILT_MAX and abs(moved.tilt_rate) < RATE_MAX \
+            and abs(moved.yaw_rate) < RATE_MAX:
+        return moved
+    return LateralState(moved.lean, moved.lean_rate, heading=state.heading)
 
 
 def pull(robot: Robot, state: LateralState, speed: float, torque: float, dt: float,

@@ -2,12 +2,13 @@
 """The lateral model follows from conservation laws, and its steady turns do not move."""
 from dataclasses import replace
 import math
+import random
 
 import pytest
 from refusals import refused
 
 from ballbot_ros.physics import load_robot
-from ballbot_ros.steering import LateralState, law, steady_turn, step
+from ballbot_ros.steering import LateralState, law, pull, steady_turn, step
 from ballbot_ros.steering.model import accelerations, lateral_acceleration
 
 GIMBALL = load_robot('gimball')
@@ -117,3 +118,14 @@ def test_a_robot_without_steering_says_that_it_drives_straight(function):
 def test_the_lean_answers_a_torque_at_any_yaw_rate():
     turning = LateralState(yaw_rate=1e17)
     assert math.isfinite(lateral_acceleration(GIMBALL, turning, 0.5, 0.1))
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_the_state_stays_within_the_range_of_the_model_under_any_torque(seed):
+    choose, state, torque = random.Random(seed), LateralState(), 0.0
+    for number in range(10_000):
+        if number % 50 == 0:
+            torque = choose.uniform(-1.0, 1.0)
+        state = pull(GIMBALL, state, choose.uniform(-1.5, 1.5), torque, 0.002)
+        assert abs(state.tilt) < 0.5 * math.pi
+        assert max(abs(state.tilt_rate), abs(state.yaw_rate)) < 60.0
