@@ -259,7 +259,8 @@ class EncoderCheck(NamedTuple):
                 self.velocity, pause, latency,
                 (min(last.rate, reading.rate), max(last.rate, reading.rate)), rate, VELOCITY_MIN,
                 True)
-            if velocity[3] >= CONTRADICTION_TIME:
+            *_, contradicted_for = velocity
+            if contradicted_for >= CONTRADICTION_TIME:
                 raise EstimateLostError(
                     'the encoder contradicts the velocity that the drive reports: it is frozen, '
                     'reversed or slips; check its cable, its magnet and the settings of the '
@@ -276,15 +277,17 @@ class EncoderCheck(NamedTuple):
         last = self.last
         if last is None or not self.pause:
             return self
+        expected_before, *_ = self.torque
         after = increments_after(
             self.torque, self.pause, self.latency, last.torques or (last.torque, last.torque),
             torque, TORQUE_MIN * largest_torque,
-            math.copysign(1.0, self.torque[0]) * self.rate < VELOCITY_MIN)
-        if after[3] >= CONTRADICTION_TIME:
+            math.copysign(1.0, expected_before) * self.rate < VELOCITY_MIN)
+        expected, difference, _, contradicted_for = after
+        if contradicted_for >= CONTRADICTION_TIME:
             raise EstimateLostError(
                 'the joint does not follow its torque: '
-                f'{after[0] / SMOOTHING:.2f} N m were commanded and '
-                f'{after[1] / SMOOTHING:.2f} N m are unexplained, so encoder or IMU '
+                f'{expected / SMOOTHING:.2f} N m were commanded and '
+                f'{difference / SMOOTHING:.2f} N m are unexplained, so encoder or IMU '
                 'are frozen, reversed or in other units, or the joint is blocked; look at both '
                 'sensors, the coupling and `direction` of the hardware file; let the robot come '
                 'to rest', 'joint_torque', 'encoder')

@@ -511,9 +511,9 @@ class ODrive(Driver):
             self._send(self._ask_property(name))
         # A failed encoder reads as 0.
         if not self._status.errors & self._generation.no_estimate:
-            self.telemetry = Telemetry(
-                now, match.measured, feedback.position * math.tau, feedback.velocity * math.tau,
-                *self.telemetry[4:])
+            self.telemetry = self.telemetry._replace(
+                time=now, measured=match.measured, position=feedback.position * math.tau,
+                velocity=feedback.velocity * math.tau)
 
     def _note(self, name: str, value: Optional[float], now: float) -> None:
         """Put the value of a property into the telemetry."""

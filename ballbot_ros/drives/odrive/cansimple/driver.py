@@ -7,8 +7,7 @@ from typing import Any, Mapping, Optional
 
 from ballbot_ros.config.fields import count, quantity, section, text
 from ballbot_ros.drives.can_frames import CanFrame, judge_others, RECORD_SIZE, RecordParser
-from ballbot_ros.drives.contract import (
-    DriveOptions, Identity, Setting, Telemetry, WireBudget)
+from ballbot_ros.drives.contract import DriveOptions, Identity, Setting, WireBudget
 from ballbot_ros.drives.driver import Driver
 from ballbot_ros.drives.odrive.cansimple import codec
 from ballbot_ros.drives.odrive.cansimple.codec import HIGHEST_NODE, REGISTERS
@@ -350,8 +349,9 @@ class ODriveCan(Driver):
         if numbers is None or self._values.get(ENCODER_5.path) \
                 or self._has_error(self._generation.no_estimate):
             return
-        self.telemetry = Telemetry(now, match.measured, numbers[0] * math.tau,
-                                   numbers[1] * math.tau, *self.telemetry[4:])
+        self.telemetry = self.telemetry._replace(
+            time=now, measured=match.measured, position=numbers[0] * math.tau,
+            velocity=numbers[1] * math.tau)
 
     def _take_heartbeat(self, content: Optional[codec.Heartbeat], now: float) -> None:
         if content is None:
