@@ -64,8 +64,9 @@ def pieces_of(nodes: Nodes, shared: float, edges: Sequence[Piece] = ()) -> List[
     own = nodes.variance / shared
     usual = middle(own)
     width = next(width for width, most in SMOOTHING_WIDTHS if usual < most**2)
-    parts = np.split(nodes.z, [index for jump in nodes.jumps for index in (jump, jump + 1)])
-    z = nodes.z if width == 1 else np.concatenate([_smooth(part, width) for part in parts])
+    z = nodes.z if width == 1 else np.concatenate([
+        _smooth(part, width) for part in np.split(
+            nodes.z, [index for jump in nodes.jumps for index in (jump, jump + 1)])])
     edges = [*edges, *(Piece(int(np.sign(nodes.z[jump] - nodes.z[jump - 1])), jump - 1, jump)
                        for jump in nodes.jumps)]
     tolerance = np.maximum(
