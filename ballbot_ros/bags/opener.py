@@ -21,8 +21,9 @@ MISSING = ('bags need the Python package rosbags (pip install rosbags), or the R
 BAG_SUFFIXES = ('.mcap', '.db3')
 MCAP_MAGIC = b'\x89MCAP0\r\n'  # an MCAP file begins with it
 # Errors of a reader for bytes that are not a bag, or a damaged one.
-READER_ERRORS = (ArithmeticError, AssertionError, AttributeError, EOFError, LookupError, OSError,
-                 RuntimeError, TypeError, ValueError, sqlite3.Error, struct.error)
+READER_ERRORS = (ArithmeticError, AssertionError, AttributeError, EOFError, LookupError,
+                 MemoryError, OSError, RuntimeError, TypeError, ValueError, sqlite3.Error,
+                 struct.error)
 
 
 def is_bag(path: Path) -> bool:

@@ -7,6 +7,7 @@ loop: it compresses them, without Python's lock, and writes them.
 """
 from contextlib import suppress
 from datetime import datetime, timezone
+from itertools import chain
 import logging
 import os
 from pathlib import Path
@@ -100,13 +101,14 @@ def write_file(folder: Path, box: BlackBox, when: float, reason: str,
     draft = path.with_name(f'.{path.name}.part')
     try:
         with open(draft, 'wb') as stream:
-            stream.write(MCAP0_MAGIC)
-            stream.write(_packed(Header('', LIBRARY), Metadata('fault', {
+            head = MCAP0_MAGIC + _packed(Header('', LIBRARY), Metadata('fault', {
                 'reason': reason, 'time': repr(when + box.clock_offset)}),
-                Metadata('about', dict(about)), *_channels()))
-            for block in box.snapshot():
-                stream.write(_packed(_chunk(block)))
-            stream.write(_packed(DataEnd(0), Footer(0, 0, 0)))
+                Metadata('about', dict(about)), *_channels())
+            checksum = 0
+            for part in chain([head], (_packed(_chunk(block)) for block in box.snapshot())):
+                stream.write(part)
+                checksum = zlib.crc32(part, checksum)
+            stream.write(_packed(DataEnd(checksum), Footer(0, 0, 0)))
             stream.write(MCAP0_MAGIC)
             stream.flush()
             os.fsync(stream.fileno())

@@ -7,6 +7,7 @@ rest.
 """
 from dataclasses import dataclass, field
 from datetime import datetime, timezone
+from io import BytesIO
 import math
 from pathlib import Path
 import struct
@@ -28,7 +29,8 @@ from ballbot_ros.results.files import PathLike
 
 # No record is longer [bytes]; a length beyond is damage.
 LONGEST_RECORD = 1 << 22
-DAMAGES = (McapError, EOFError, ValueError, KeyError, RuntimeError, struct.error)
+DAMAGES = (McapError, EOFError, MemoryError, OverflowError, ValueError, KeyError, RuntimeError,
+           struct.error)
 
 
 class RecordedEvent(NamedTuple):
@@ -96,23 +98,24 @@ def read_black_box(path: PathLike) -> BlackBoxRecording:
     messages: Dict[int, List[Tuple[float, bytes]]] = {number: [] for number in CHANNELS}
     complete = False
     try:
-        with open(path, 'rb') as stream:
-            reader = StreamReader(stream, emit_chunks=True, record_size_limit=LONGEST_RECORD)
-            try:
-                for record in reader.records:
-                    if isinstance(record, Header) and record.library != LIBRARY:
-                        break
-                    if isinstance(record, Metadata):
-                        metadata[record.name] = record.metadata
-                    elif isinstance(record, Chunk):
-                        _take(record, messages, damage)
-                    complete = complete or isinstance(record, Footer)
-            except DAMAGES as error:
-                damage.append(f'the file is damaged or truncated: {error!r}')
+        # A damaged length reads to the end of a `BytesIO`; of a file it would allocate the length.
+        stream = BytesIO(Path(path).read_bytes())
     except OSError as error:
         raise ConfigurationError(
             f'{path}: cannot be read: {error.strerror or error}',
             'unreadable', str(path)) from error
+    try:
+        for record in StreamReader(stream, emit_chunks=True, validate_crcs=True,
+                                   record_size_limit=LONGEST_RECORD).records:
+            if isinstance(record, Header) and record.library != LIBRARY:
+                break
+            if isinstance(record, Metadata):
+                metadata[record.name] = record.metadata
+            elif isinstance(record, Chunk):
+                _take(record, messages, damage)
+            complete = complete or isinstance(record, Footer)
+    except DAMAGES as error:
+        damage.append(f'the file is damaged or truncated: {error!r}')
     try:
         reason, when = metadata['fault']['reason'], float(metadata['fault']['time'])
     except (KeyError, ValueError):

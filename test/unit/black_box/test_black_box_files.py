@@ -355,15 +355,17 @@ def test_a_byte_that_is_wrong_costs_one_block_at_most(tmp_path):
     path = write_file(tmp_path, box, 0.0, 'why', {})
     whole = path.read_bytes()
     spoilt, refused = tmp_path / 'spoilt', 0
-    for at in range(0, len(whole), 211):
-        spoilt.write_bytes(whole[:at] + bytes([whole[at] ^ 0x55]) + whole[at + 1:])
-        try:
-            found = read_black_box(spoilt)
-        except ConfigurationError:
-            refused += 1
-        else:
-            assert len(found.events) in (0, 1000, 2000, 3000)
-            assert found.damage or len(found.events) == 3000
+    name = whole.index(b'lz4')  # samples, and each byte of the lengths around it
+    for at in (*range(0, len(whole), 211), *range(name - 48, name + 16)):
+        for bits in (0x55, 0xaa):  # one sets the sign of a length
+            spoilt.write_bytes(whole[:at] + bytes([whole[at] ^ bits]) + whole[at + 1:])
+            try:
+                found = read_black_box(spoilt)
+            except ConfigurationError:
+                refused += 1
+            else:
+                assert len(found.events) in (0, 1000, 2000, 3000)
+                assert found.damage or len(found.events) == 3000
     assert refused < 20  # those of the header
 
 
