@@ -13,14 +13,13 @@ from pathlib import Path
 import sys
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test' / 'helpers'))
-from session_faults import FAULTS, FORWARD, loop, time_to_zero
-from virtual_robot import VirtualRobot
+from documents import show, table  # noqa: E402
+from session_faults import FAULTS, FORWARD, loop, time_to_zero  # noqa: E402
+from virtual_robot import VirtualRobot  # noqa: E402
 
-from ballbot_ros.control import Mode, SetPoint
+from ballbot_ros.control import Mode, SetPoint  # noqa: E402
 
 PROTOCOLS = ('odrive 0.5', 'odrive_can 0.6', 'vesc', 'vesc_can', 'roboclaw')
-PAGE = Path(__file__).resolve().parents[1] / 'docs' / 'hardware_bridge.md'
-BEGIN, END = '<!-- table: fault times -->', '<!-- end of fault times -->'
 LONGEST = 4.0  # after a fault [s]
 
 
@@ -41,17 +40,12 @@ def measure():
 
 def main():
     """Print the table, and write it on request."""
-    lines = [f'| failure mode | {" | ".join(PROTOCOLS)} |', '|---' * (1 + len(PROTOCOLS)) + '|']
-    for name, _, times, _ in measure():
-        lines.append(f'| {name.partition(": ")[2]} | ' + ' | '.join(
-            f'{time:.0f} ms' for time in times) + ' |')
-        print(lines[-1], flush=True)
+    text = table(('failure mode', *PROTOCOLS), [
+        (name.partition(': ')[2], *(f'{time:.0f} ms' for time in times))
+        for name, _, times, _ in measure()])
+    print(text)
     if '--write' in sys.argv[1:]:
-        text = PAGE.read_text(encoding='utf-8')
-        before, _, rest = text.partition(BEGIN)
-        table = '\n'.join(lines)
-        PAGE.write_text(f'{before}{BEGIN}\n{table}\n{END}{rest.partition(END)[2]}',
-                        encoding='utf-8')
+        show('docs/hardware_bridge.md', 'fault times', text)
 
 
 if __name__ == '__main__':

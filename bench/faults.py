@@ -29,6 +29,8 @@ import threading
 import time
 from typing import NamedTuple
 
+from documents import show, table
+
 from ballbot_ros.bridge.condition import Battery
 from ballbot_ros.bridge.drive_line import connector
 from ballbot_ros.bridge.hardware_file import load_hardware
@@ -46,8 +48,6 @@ REPEATS = 20
 # A node takes seconds to start; its end does not depend on the control mode.
 PART_OF_NODES = 0.5
 KEPT = Path('ballbot_output/faults.json')
-PAGE = Path(__file__).resolve().parents[1] / 'docs/hardware_bridge.md'
-BEGIN, END = '<!-- table: time to zero -->', '<!-- end -->'
 TORQUE, ANGLE = 0.3, 0.3  # commanded in direct control [N m], set-point in onboard control [rad]
 FEED = 0.004  # between IMU readings and commands; every fifth time a set-point [s]
 QUIET = 0.2  # time without torque that counts as zero [s]
@@ -333,11 +333,10 @@ def zero(bench):
     raise TimeoutError(f'torque {LONGEST:g} s after the fault')
 
 
-def table(book):
+def table_of(book):
     """Return the table of docs/hardware_bridge.md."""
     bounds = {**{fault.name: fault.bound for fault in FAULTS}, **BOUNDS}
-    lines = ['| fault | laws on board: worst (median) | direct: worst (median) | n | bound |',
-             '|---|---|---|---|---|']
+    rows = []
     for fault, bound in bounds.items():
         cells, numbers = [], []
         for control in ('onboard', 'direct'):
@@ -346,8 +345,9 @@ def table(book):
             cells.append(f'{1e3 * max(times):.1f} ms ({1e3 * median(times):.1f})' if times
                          else '')
         if numbers:
-            lines.append(f'| {fault} | {" | ".join(cells)} | {min(numbers)} | {bound} |')
-    return '\n'.join(lines)
+            rows.append((fault, *cells, min(numbers), bound))
+    return table(('fault', 'laws on board: worst (median)', 'direct: worst (median)', 'n',
+                  'bound'), rows)
 
 
 def run(repeats=REPEATS, control=None, only=None, kept=KEPT):
@@ -381,12 +381,9 @@ def main():
         book = run(arguments.repeats, arguments.control, arguments.only, arguments.kept)
     except KeyboardInterrupt:
         sys.exit('\ninterrupted; the same command goes on from here')
-    print(table(book))
+    print(table_of(book))
     if arguments.write:
-        text = PAGE.read_text(encoding='utf-8')
-        before, _, rest = text.partition(BEGIN)
-        _, _, after = rest.partition(END)
-        PAGE.write_text(f'{before}{BEGIN}\n{table(book)}\n{END}{after}', encoding='utf-8')
+        show('docs/hardware_bridge.md', 'time to zero', table_of(book))
 
 
 if __name__ == '__main__':

@@ -22,10 +22,9 @@ PANELS = {'near_critical': 'GimBall just gets over a step, 1 s',
 # Colour and width of a curve; ours is the most visible.
 CURVES = {'adaptive': ('#c0392b', 2.4), 'rk4': ('#e08e0b', 1.6),
           'semi_implicit': ('#b59b5b', 1.6), 'SciPy LSODA': ('#1f5fa8', 1.4),
-          'SciPy DOP853': ('#6a9bd8', 1.2), 'CVODE BDF': ('#2e8b57', 1.4),
-          'SciPy LSODA, NumPy': ('#777777', 1.2)}
-LABELS = {'adaptive': 'ours, adaptive', 'rk4': 'ours, rk4', 'semi_implicit': 'ours, semi-implicit',
-          'SciPy LSODA, NumPy': 'SciPy LSODA, right-hand side in NumPy'}
+          'SciPy DOP853': ('#6a9bd8', 1.2), 'CVODE BDF': ('#2e8b57', 1.4)}
+LABELS = {'adaptive': 'ours, adaptive', 'rk4': 'ours, rk4',
+          'semi_implicit': 'ours, semi-implicit'}
 
 
 def spent(point, quantity):
@@ -37,8 +36,6 @@ def draw(axes, curves, quantity):
     """Draw the curves of one scene: cost against error, worst of all finer runs."""
     for name, (colour, width) in CURVES.items():
         curve = curves.get(name, [])
-        if quantity == 'calls' and name.endswith('NumPy'):
-            continue  # as many as with the compiled ones
         points = [(error, spent(point, quantity))
                   for (error, _, _), point in zip(honest(curve), reversed(curve))
                   if 1e-8 <= error <= 0.3]

@@ -1,12 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Work-precision benchmark of our solvers, those of SciPy and SUNDIALS, and MuJoCo.
+Work-precision benchmark of our solvers, and those of SciPy and SUNDIALS.
 
-The error is that of the end position against a run to an accuracy of 1e-9 m, for
-MuJoCo against MuJoCo at its finest step.  Timed is one whole run, warm: of ours
-one call into the compiled kernel, of the others one call of their own function.  Runs are
-interleaved and repeated; a ratio is one of times within the same repetition.  With ``--write`` all
-curves go to docs/bench.json, from which figures.py draws.
+The error is that of the end position against a run to an accuracy of 1e-9 m.  Timed is one whole
+run, warm: of ours one call into the compiled kernel, of the others one call of their own function.
+Runs are interleaved and repeated; a ratio is one of times within the same repetition.  With
+``--write`` all curves go to docs/bench.json, from which figures.py draws.
 """
 import math
 from statistics import median
@@ -16,17 +15,14 @@ import documents
 import kernels
 import numpy as np
 import peers
-from precision_scenes import cases, MUJOCO_HEIGHT, MUJOCO_SCENE, MUJOCO_SPEED, with_solver
+from precision_scenes import cases, with_solver
 
 from ballbot_ros.errors import SimulationError
-from ballbot_ros.paper import mujoco_check
-from ballbot_ros.paper.cases import Case
 from ballbot_ros.physics import Actuation
 from ballbot_ros.physics.model.state import X, Y
 from ballbot_ros.physics.simulation.run import simulate
 from ballbot_ros.physics.simulation.solver import Integrator, METHODS
 from ballbot_ros.physics.solvers.values import EVALUATIONS, FINISHED, Status
-from ballbot_ros.studies import free_ball
 
 REPEATS = 3
 LEVELS = (1e-4, 1e-6)  # errors at which times are compared [m]
@@ -78,39 +74,15 @@ def solvers(case):
     """Return name, function and settings from coarse to fine of every solver of a scene."""
     found = [(name, fixed(case, name), STEPS) if method.fixed
              else (name, chosen(case, name), TOLERANCES) for name, method in METHODS.items()]
-    ours, plain = peers.compiled_rates(case), peers.numpy_rates(case)
+    ours = peers.compiled_rates(case)
     for method in peers.SCIPY:
         found.append((f'SciPy {method}', lambda value, method=method: peers.solve_scipy(
             method, ours, case, value), TOLERANCES))
-    for method in peers.PLAIN:
-        found.append((f'SciPy {method}, NumPy', lambda value, method=method: peers.solve_scipy(
-            method, plain, case, value), TOLERANCES))
     if peers.CVODE is not None:
         for method in ('BDF', 'Adams'):
             found.append((f'CVODE {method}', lambda value, method=method: peers.solve_cvode(
                 method, ours, case, value), TOLERANCES))
-    if free_ball.installed() and case.name == MUJOCO_SCENE:
-        for method in ('implicitfast', 'RK4'):
-            found.append((f'MuJoCo {method}', mujoco(case, method), STEPS))
     return found
-
-
-def mujoco(case, method):
-    """Return the same from step, for MuJoCo; models are built before they are timed."""
-    def model(step):
-        return mujoco_check.MujocoRun(
-            Case(case.model.robot), MUJOCO_SPEED, MUJOCO_HEIGHT, step, method, 'matched')
-    built = {step: model(step) for step in STEPS}
-
-    def end(ball):
-        ball.reset()
-        ball.advance(round(case.duration / ball.step))
-        return ball.centre()[1:3]
-
-    def run(step):
-        return *end(built[step]), round(case.duration / step)
-    run.exact = end(model(1e-5 if method == 'RK4' else 2e-6))
-    return run
 
 
 def curves_of(case):
@@ -119,11 +91,11 @@ def curves_of(case):
                      accuracy=1e-9)
     end, curves, todo = (exact['x'][-1], exact['y'][-1]), {}, []
     for name, run, settings in solvers(case):
-        aim, curve = getattr(run, 'exact', end), []
+        curve = []
         run(settings[0])  # to warm up
         for setting in settings:
             spent, (x, y, calls) = timed(run, setting)
-            error = math.hypot(x - aim[0], y - aim[1])
+            error = math.hypot(x - end[0], y - end[1])
             curve.append({'setting': setting, 'error': error if error < math.inf else 1e9,
                           'calls': calls, 'times': [spent]})
             todo.append((run, curve[-1]))
@@ -159,8 +131,6 @@ def measure(write=False):
     yield 'right-hand side, pendulum free', 'ns', [
         1e9 * value for value in kernels.right_hand_side(Actuation())], 40.0
     for case in cases():
-        yield f'{case.name}: NumPy and compiled rates differ by', '1e-9', [
-            1e9 * peers.largest_difference(case)], 1.0
         curves, assurance = curves_of(case)
         stored[case.name] = {'duration': case.duration, 'curves': curves,
                              'horizon': assurance.horizon, 'reference': assurance.estimate}

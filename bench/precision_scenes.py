@@ -12,8 +12,6 @@ from ballbot_ros.physics.model.terrain import read_terrain
 
 # A constant, so that the scene does not depend on the search [m].
 NEAR_CRITICAL = 0.01983297
-# The one scene that MuJoCo runs, too: far from the critical height of either engine.
-MUJOCO_SCENE, MUJOCO_SPEED, MUJOCO_HEIGHT = 'crossing_25_mm', 0.8, 0.025
 
 
 class Case(NamedTuple):
@@ -59,7 +57,7 @@ def cases():
     return [
         shipped('fig7_top'), shipped('fig7_middle'), shipped('fig7_bottom'),
         near_critical(),
-        _collision('crossing_25_mm', gimball, MUJOCO_SPEED, MUJOCO_HEIGHT),
+        _collision('crossing_25_mm', gimball, 0.8, 0.025),
         _collision('shellball_step', shellball, 1.2, 0.03),
         shipped('shellball_drop'),
         Case('sliding_to_rolling', flat, flat.at_rest(0.0)._replace(velocity_x=1.0),

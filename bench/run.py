@@ -19,9 +19,9 @@ import platform
 from statistics import median
 import sys
 
-PARTS = ('kernels', 'first_compile', 'search', 'threads', 'sweep', 'loop', 'wire', 'flood',
-         'accuracy', 'precision', 'compiled', 'models', 'estimate', 'bridge', 'onboard_delay',
-         'black_box', 'decision', 'navigation', 'view', 'live_gains')
+PARTS = ('kernels', 'first_compile', 'search', 'sweep', 'loop', 'wire', 'flood', 'accuracy',
+         'precision', 'compiled', 'models', 'estimate', 'bridge', 'black_box', 'decision',
+         'navigation', 'view', 'live_gains')
 # Run only on request: each takes ten minutes.
 EXTRA = ('loop_faults', 'faults')
 # Measured scene by scene.
