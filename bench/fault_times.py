@@ -12,7 +12,9 @@ import logging
 from pathlib import Path
 import sys
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test' / 'helpers'))
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT / 'test' / 'helpers'))
+
 from documents import show, table  # noqa: E402
 from session_faults import FAULTS, FORWARD, loop, time_to_zero  # noqa: E402
 from virtual_robot import VirtualRobot  # noqa: E402
