@@ -210,14 +210,6 @@ def test_more_commands_than_periods_do_not_crowd_the_line():
     assert robot.session.supervisor.torque == pytest.approx(0.104)  # and the newest counts
 
 
-def test_an_imu_that_falls_silent_takes_the_torque_away():
-    robot = VirtualRobot().ready()
-    robot.run(0.2, torque=1.0)
-    robot._imu = None
-    robot.run(0.1, torque=1.0)
-    assert robot.motor == 0.0
-
-
 @pytest.mark.parametrize('protocol, end', pairs(ALL, ['engage', 'deactivate', 'close']))
 def test_every_deliberate_end_leaves_the_motor_without_power(end, protocol):
     robot = VirtualRobot(protocol).ready()

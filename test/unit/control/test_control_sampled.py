@@ -110,31 +110,45 @@ def test_that_no_rate_saves_the_gains_is_said():
 
 
 @pytest.mark.parametrize('law', ['hold', 'drive'])
-@pytest.mark.parametrize('delay', [1, 2, 3])
+@pytest.mark.parametrize('delay', [1, 2, 3, 0.3, 0.7, 1.4, 2.9])
 @pytest.mark.parametrize('velocity_ki', [0.0, 5.0])
 def test_the_poles_are_those_of_a_loop_that_is_stepped_by_hand(law, delay, velocity_ki):
-    rate, angle = 300.0, 0.7
+    rate, parts, angle = 300.0, 10, 0.7
     tuning = ControlTuning(position_kp=6.0, position_kd=0.8, velocity_kp=0.8,
                            velocity_ki=velocity_ki)
     matrix, column = RollingModel(GIMBALL).about_held(angle)
     flow = np.zeros((5, 5))  # phi, phi', theta1', theta2, torque
     flow[:3, :3], flow[:3, 4], flow[3, 1:3] = matrix, column, (1.0, -1.0)
-    held = expm(flow / rate)
+    fine = expm(flow / rate / parts)
     gravity = GIMBALL.largest_gravity_torque * math.cos(angle)
     gains = {'hold': [gravity - 6.0, -0.8, 0.0, 0.0],
              'drive': [gravity, -0.8, 0.8, -velocity_ki]}[law]
+    stored = math.ceil(delay)
+    switch = round(parts * (delay - stored + 1))  # part of a sample with the older torque
 
     def stepped(start):
-        """Return state and waiting torques one sample later."""
-        state, waiting = start[:4], [*start[4:], np.dot(gains, start[:4])]
-        return np.concatenate([held[:4, :4] @ state + held[:4, 4] * waiting[0], waiting[1:]])
+        """Return state and waiting torques one sample later, in parts under a torque each."""
+        state, torques = start[:4], [*start[4:], np.dot(gains, start[:4])]
+        for number in range(parts):
+            torque = torques[number >= switch]
+            state = fine[:4, :4] @ state + fine[:4, 4] * torque
+        return np.concatenate([state, torques[1:]])
 
-    loop = np.array([stepped(unit) for unit in np.eye(4 + delay)]).T
+    loop = np.array([stepped(unit) for unit in np.eye(4 + stored)]).T
     expected = np.linalg.eigvals(loop)
     if law == 'hold' or not velocity_ki:  # where the joint angle does not matter it is left out
         expected = np.delete(expected, np.abs(expected - 1.0).argmin())
     found = loop_poles(GIMBALL, tuning, law, rate, delay, angle)
     assert np.sort(np.abs(found)) == pytest.approx(np.sort(np.abs(expected)), abs=1e-6)
+
+
+@pytest.mark.parametrize('delay', [0.3, 0.7, 1.4, 2.9])
+def test_the_growth_of_the_speed_law_lies_between_that_of_whole_delays_on_either_side(delay):
+    # It is linearised by differences.
+    tuning = ControlTuning(position_kp=6.0, position_kd=0.8, velocity_kp=0.8, velocity_ki=2.0)
+    near = [np.abs(loop_poles(GIMBALL, tuning, 'speed', 300.0, one, 0.4)).max()
+            for one in (math.floor(delay), delay, math.ceil(delay))]
+    assert min(near[0], near[2]) - 1e-9 <= near[1] <= max(near[0], near[2]) + 1e-9
 
 
 def test_growth_is_that_of_the_worst_pole_at_the_worst_angle():
@@ -231,41 +245,6 @@ def roll(tuning, set_point, rate, delay, *, seconds=1.0, substeps=20):
     return np.array(angles)
 
 
-@pytest.mark.parametrize('law', ['hold', 'drive', 'speed'])
-@pytest.mark.parametrize('delay', [0.3, 0.7, 1.4, 2.9])
-def test_a_delay_within_the_period_has_the_poles_of_a_loop_stepped_ten_times_as_finely(law, delay):
-    rate, parts, angle = 300.0, 10, 0.4
-    tuning = ControlTuning(position_kp=6.0, position_kd=0.8, velocity_kp=0.8, velocity_ki=2.0)
-    if law == 'speed':  # linearised by differences: compared with whole delays on either side
-        near = [np.abs(loop_poles(GIMBALL, tuning, law, rate, one, angle)).max()
-                for one in (math.floor(delay), delay, math.ceil(delay))]
-        assert min(near[0], near[2]) - 1e-9 <= near[1] <= max(near[0], near[2]) + 1e-9
-        return
-    # Torque in finer steps, each held: those of the period before, then those of this one.
-    matrix, column = RollingModel(GIMBALL).about_held(angle)
-    flow = np.zeros((5, 5))
-    flow[:3, :3], flow[:3, 4], flow[3, 1:3] = matrix, column, (1.0, -1.0)
-    fine = expm(flow / rate / parts)
-    gravity = GIMBALL.largest_gravity_torque * math.cos(angle)
-    gains = {'hold': [gravity - 6.0, -0.8, 0.0, 0.0], 'drive': [gravity, -0.8, 0.8, -2.0]}[law]
-    stored = math.ceil(delay)
-
-    def stepped(start):
-        """Return state and waiting torques one sample later."""
-        state, torques = start[:4], [*start[4:], np.dot(gains, start[:4])]
-        for number in range(parts):
-            torque = torques[number >= round(parts * (delay % 1.0))]
-            state = fine[:4, :4] @ state + fine[:4, 4] * torque
-        return np.concatenate([state, torques[1:]])
-
-    loop = np.array([stepped(unit) for unit in np.eye(4 + stored)]).T
-    expected = np.linalg.eigvals(loop)
-    if law == 'hold':
-        expected = np.delete(expected, np.abs(expected - 1.0).argmin())
-    found = loop_poles(GIMBALL, tuning, law, rate, delay, angle)
-    assert np.sort(np.abs(found)) == pytest.approx(np.sort(np.abs(expected)), abs=1e-6)
-
-
 def test_an_integrator_under_a_delay_within_the_period_is_stable_up_to_the_known_gain():
     # z^2 - z + g (1 - m) z + g m: stable for g m < 1 and g (1 - 2 m) < 2.
     for part, gain in ((0.1, 2.5), (0.25, 4.0), (1.0 / 3.0, 3.0), (0.5, 2.0), (0.9, 1.0 / 0.9)):
@@ -283,18 +262,6 @@ def test_poles_go_over_into_those_of_whole_delays():
             assert found == pytest.approx(exact, rel=1e-5)
 
 
-@pytest.mark.parametrize('law, delay, refused, accepted', [
-    ('hold', 0.5, 224.0, 245.0),
-    *slow(('hold', 1.25, 478.0, 515.0), ('speed', 0.5, 224.0, 245.0))])
-def test_a_loop_with_part_of_a_period_of_delay_diverges_where_it_is_refused_and_only_there(
-        law, delay, refused, accepted):
-    tuning, resting = replace(PUBLISHED, torque_limit=1e6), SetPoint(law, 0.0)
-    assert is_stable(GIMBALL, tuning, law, accepted, delay, DOWN)
-    assert np.abs(roll(tuning, resting, accepted, delay, seconds=2.0))[-20:].max() < 1e-3
-    assert not is_stable(GIMBALL, tuning, law, refused, delay, DOWN)
-    assert np.abs(roll(tuning, resting, refused, delay, seconds=3.0)).max() > 1.0
-
-
 def test_a_lag_is_a_delay_that_grows_with_the_rate():
     assert growth_rate(GIMBALL, PUBLISHED, 'hold', 400.0, 0, DOWN, 0.001) == growth_rate(
         GIMBALL, PUBLISHED, 'hold', 400.0, 0.4, DOWN)
@@ -307,17 +274,16 @@ def test_a_lag_is_a_delay_that_grows_with_the_rate():
         check_loop(GIMBALL, PUBLISHED, 'drive', 300.0, 0, 0.004)
 
 
-@pytest.mark.parametrize('delay, refused, accepted', [
-    (0, 225.0, 245.0), *slow((1, 450.0, 490.0))])
-def test_refused_loops_diverge_and_accepted_loops_do_not(
-        delay, refused, accepted):
+@pytest.mark.parametrize('law, delay, refused, accepted', [
+    ('hold', 0, 225.0, 245.0), ('hold', 0.5, 224.0, 245.0),
+    *slow(('hold', 1, 450.0, 490.0), ('hold', 1.25, 478.0, 515.0), ('speed', 0.5, 224.0, 245.0))])
+def test_refused_loops_diverge_and_accepted_loops_do_not(law, delay, refused, accepted):
     # Unlimited torque: the limit would hide the growth in a limit cycle.
-    tuning = replace(PUBLISHED, torque_limit=1e6)
-    hanging = SetPoint('hold', 0.0)
-    assert not is_stable(GIMBALL, tuning, 'hold', refused, delay, DOWN)
-    assert is_stable(GIMBALL, tuning, 'hold', accepted, delay, DOWN)
-    assert np.abs(roll(tuning, hanging, refused, delay, seconds=3.0)).max() > 2.0
-    calm = np.abs(roll(tuning, hanging, accepted, delay, seconds=2.0))
+    tuning, resting = replace(PUBLISHED, torque_limit=1e6), SetPoint(law, 0.0)
+    assert not is_stable(GIMBALL, tuning, law, refused, delay, DOWN)
+    assert is_stable(GIMBALL, tuning, law, accepted, delay, DOWN)
+    assert np.abs(roll(tuning, resting, refused, delay, seconds=3.0)).max() > 2.0
+    calm = np.abs(roll(tuning, resting, accepted, delay, seconds=2.0))
     assert calm.max() < 0.05 and calm[-20:].max() < 1e-3
 
 

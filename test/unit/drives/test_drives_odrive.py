@@ -94,23 +94,6 @@ def test_half_a_line_left_in_the_buffer_is_not_obeyed(kind):
     assert not bench.device.armed
 
 
-@pytest.mark.parametrize('generation, bits, names', [
-    (GENERATION_5, 0x840, ('MOTOR_FAILED', 'WATCHDOG_TIMER_EXPIRED')),
-    (GENERATION_5, 0x10, ('0x10',)),
-    (GENERATION_6, 0x1000008, ('MISSING_ESTIMATE', 'WATCHDOG_TIMER_EXPIRED')),
-    (GENERATION_6, 0x20000001, ('INITIALIZING', '0x20000000'))])
-def test_error_bits_have_the_names_of_their_generation(generation, bits, names):
-    assert generation.axis.names_of(bits) == names
-
-
-@pytest.mark.parametrize('generation', GENERATIONS, ids=lambda item: item.name)
-def test_every_error_of_the_table_has_one_bit_of_its_own(generation):
-    bits = list(generation.axis.names)
-    assert all(bit > 0 and bit & bit - 1 == 0 for bit in bits)
-    assert [generation.axis.names_of(bit) for bit in bits] == [
-        (name,) for name in generation.axis.names.values()]
-
-
 @pytest.mark.parametrize('generation, names', [
     (GENERATION_5, {0x1: 'INVALID_STATE', 0x40: 'MOTOR_FAILED', 0x100: 'ENCODER_FAILED',
                     0x200: 'CONTROLLER_FAILED', 0x800: 'WATCHDOG_TIMER_EXPIRED',
@@ -641,12 +624,3 @@ def test_a_late_value_is_not_taken_for_another_property(kind):
     assert {value for reported in seen for value in reported} == {None, 24.0, 35.0, ()}
     assert {reported[0] for reported in seen} == {None, 24.0}
     assert bench.driver.counts['lost'] > 50
-
-
-def test_0_6_with_default_settings_is_refused_until_it_is_set():
-    # The factory leaves the torque unbounded and the watchdog off.
-    bench = Bench('odrive 0.6', DriveSettings(watchdog=0.0))
-    bench.device.properties.update({
-        'axis0.config.torque_soft_max': math.inf, 'axis0.config.torque_soft_min': -math.inf,
-        'axis0.config.motor.current_soft_max': 70.0})
-    assert [item.name for item in unacceptable(bench)] == ['torque limit', 'watchdog']
