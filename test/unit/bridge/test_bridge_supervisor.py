@@ -37,10 +37,6 @@ def test_there_is_no_torque_before_the_first_command():
     assert released().decide(0.1, STILL) == 0.0
 
 
-def test_a_fresh_command_is_followed():
-    assert follow(released(), 1.5, 0.0, 0.1) == 1.5
-
-
 def test_the_motor_is_at_zero_a_timeout_after_the_last_command_whenever_that_came():
     for late in (0.0, 0.0005, 0.0019):
         supervisor = released()
@@ -86,17 +82,6 @@ def test_the_e_stop_is_engaged_at_start_and_says_so():
     assert follow(supervisor, 1.0, 0.0, 0.1) == 0.0
 
 
-def test_the_e_stop_is_not_reset_while_commands_push():
-    supervisor = Supervisor(Limits(torque_limit=4.0), PERIOD)
-    follow(supervisor, 1.0, 0.0, 0.1)
-    with refused('refused', 'set_point', RefusedError):
-        supervisor.reset(0.2)
-    assert supervisor.e_stop
-    follow(supervisor, 0.0, 0.2, 0.5)
-    supervisor.reset(0.7)
-    assert not supervisor.e_stop
-
-
 def test_commands_that_were_refused_push_too():
     supervisor = Supervisor(Limits(torque_limit=4.0), PERIOD)
     with refused('stale'):
@@ -109,13 +94,6 @@ def test_an_inhibit_keeps_the_e_stop_with_its_reason():
     supervisor = Supervisor(Limits(torque_limit=4.0), PERIOD)
     with refused('standing', 'drive', RefusedError):
         supervisor.reset(0.0, 'the line is down', 'drive')
-
-
-def test_the_first_reason_of_an_e_stop_stays():
-    supervisor = released()
-    supervisor.trigger(BUTTON)
-    supervisor.trigger(EStop(StopReason.LOST, 'line lost'))
-    assert supervisor.e_stop is BUTTON and supervisor.counts['e_stops'] == 1
 
 
 def test_a_command_from_before_an_e_stop_is_not_followed_after_it():
@@ -135,30 +113,12 @@ def test_torque_and_its_rate_are_limited_and_counted():
     assert supervisor.counts['limited_torque'] and supervisor.counts['limited_rate']
 
 
-@pytest.mark.parametrize('torque, passes', [(1.0, False), (-1.0, True)])
-@pytest.mark.parametrize('motion, counter', [
-    (Motion(1.7, 0.0, 0.0), 'limited_angle'), (Motion(0.0, 13.0, 13.0), 'limited_speed')])
-def test_beyond_angle_and_speed_only_torque_back_is_let_through(motion, counter, torque, passes):
-    supervisor = released()
-    decided = follow(supervisor, torque, 0.0, 0.1, motion)
-    assert decided == (torque if passes else 0.0)
-    assert bool(supervisor.counts[counter]) is not passes
-
-
 @pytest.mark.parametrize('motion', [Motion(1.7, 2.0, 2.0), Motion(0.0, 13.0, 13.0)])
 def test_beyond_a_limit_a_law_that_turns_back_does_not_go_on_outwards_at_the_rate_limit(motion):
     supervisor = released(torque_rate_limit=50.0)
     assert follow(supervisor, 3.0, 0.0, 0.1) == pytest.approx(3.0)
     supervisor.offer(-3.0, 0.102, 0.102)
     assert -0.5 <= supervisor.decide(0.102, motion) < 0.0
-
-
-def test_a_runaway_engages_the_e_stop():
-    supervisor = released()
-    follow(supervisor, 1.0, 0.0, 0.01, Motion(0.0, 19.0, 19.0))
-    assert not supervisor.e_stop  # one wrong reading is none
-    assert follow(supervisor, 1.0, 0.01, 0.02, Motion(0.0, 19.0, 19.0)) == 0.0
-    assert supervisor.e_stop.reason is StopReason.RUNAWAY
 
 
 def test_without_knowing_how_the_robot_moves_there_is_no_torque():
@@ -169,6 +129,8 @@ def test_of_reasons_for_the_e_stop_the_first_stays_and_is_counted_once():
     supervisor = released()
     follow(supervisor, 1.0, 0.0, 0.1)
     supervisor.trigger(BUTTON)
+    supervisor.trigger(EStop(StopReason.LOST, 'line lost'))
+    assert supervisor.e_stop is BUTTON and supervisor.counts['e_stops'] == 1
     assert supervisor.torque == 0.0 and not supervisor.commanded
     started = Supervisor(Limits(torque_limit=4.0), PERIOD)
     started.trigger(BUTTON)
@@ -179,8 +141,9 @@ def test_half_a_second_of_commands_of_zero_releases_and_next_to_nothing_is_zero(
     supervisor = Supervisor(Limits(torque_limit=4.0), PERIOD)
     supervisor.offer(2e-6, 0.0, 0.0)
     supervisor.offer(-1e-6, 0.25, 0.25)
-    with pytest.raises(RefusedError):
+    with refused('refused', 'set_point', RefusedError):
         supervisor.reset(0.499)
+    assert supervisor.e_stop
     supervisor.reset(0.5)
     assert not supervisor.e_stop
 
@@ -301,7 +264,7 @@ def test_a_runaway_is_half_as_fast_again_as_the_limit_for_two_hundredths_of_a_se
         supervisor.decide(now, motion)
         assert not supervisor.e_stop
     assert supervisor.decide(0.04, fast) == 0.0
-    assert supervisor.e_stop and supervisor.torque == 0.0
+    assert supervisor.e_stop.reason is StopReason.RUNAWAY and supervisor.torque == 0.0
 
 
 numbers = strategies.one_of(strategies.floats(), strategies.floats(-20.0, 20.0))
