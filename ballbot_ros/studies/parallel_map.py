@@ -7,6 +7,8 @@ cluster; this process writes the result of each block to a separate file atomica
 """
 from concurrent.futures import Executor, FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from contextlib import contextmanager
+from functools import lru_cache
+import hashlib
 from itertools import islice
 import json
 import multiprocessing
@@ -17,6 +19,7 @@ from threading import Thread
 from time import sleep
 from typing import Any, Callable, Dict, Iterator, List, Mapping, Optional, Set, Tuple
 
+from ballbot_ros import __version__
 from ballbot_ros.config.optional import load_optional
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.results.files import write_text
@@ -24,6 +27,9 @@ from ballbot_ros.studies.progress import ignore, Progress
 
 QUEUED_PER_WORKER = 3  # blocks; results wait on disk, not in memory
 INDEX_FILE = 'blocks.json'
+# Folders of the package that the rows of an evaluation depend on.
+SOURCES = ('control', 'crossing', 'decision', 'floors', 'navigation', 'physics', 'plant',
+           'steering', 'studies')
 
 
 def checkpointed_map(function: Callable[..., Any],
@@ -101,6 +107,17 @@ def checkpointed_rows(function: Callable[..., List[Any]],
                      lambda rows, path: write_text(json.dumps(rows), path), progress)
     return [row for name in blocks
             for row in json.loads((folder / name).read_text(encoding='utf-8'))]
+
+
+@lru_cache(maxsize=1)
+def source_digest() -> str:
+    """Return a digest of the sources: rows of different versions of the code must not be mixed."""
+    package = Path(__file__).resolve().parents[1]
+    digest = hashlib.sha256(__version__.encode())
+    for folder in SOURCES:
+        for source in sorted((package / folder).rglob('*.py')):
+            digest.update(source.read_bytes())
+    return digest.hexdigest()
 
 
 def _claim(folder: Path, digest: str) -> None:

@@ -12,14 +12,13 @@ import math
 from pathlib import Path
 from typing import Any, Dict, List, Optional, Tuple
 
-from ballbot_ros import __version__
 from ballbot_ros.crossing.rules import touch_distance
 from ballbot_ros.studies.evaluation.approaches import Approach, crossable_approach, draw_approach
 from ballbot_ros.studies.evaluation.run import heading, NominalModel, run_approach
 from ballbot_ros.studies.evaluation.search import (
     best_start, height_limit, Manoeuvre, MANOEUVRES, possible)
 from ballbot_ros.studies.evaluation.terrains import true_faces
-from ballbot_ros.studies.parallel_map import checkpointed_rows
+from ballbot_ros.studies.parallel_map import checkpointed_rows, source_digest
 from ballbot_ros.studies.progress import ignore, Progress
 
 BLOCK = 10  # approaches in a file
@@ -64,7 +63,7 @@ class Evaluation:
                 if name not in ('parts', 'limits', 'searched')}
         nominal = self.nominal()
         known = (nominal.robot.digest, nominal.curve, nominal.tuning, nominal.gains)
-        return hashlib.sha256(repr((_sources(), known, same)).encode()).hexdigest()[:16]
+        return hashlib.sha256(repr((source_digest(), known, same)).encode()).hexdigest()[:16]
 
     def nominal(self) -> NominalModel:
         """Return the assumptions of the decision."""
@@ -77,17 +76,6 @@ class Evaluation:
             return crossable_approach(nominal.robot, self.limits, self.seed, number)
         return draw_approach(nominal.robot, nominal.tuning, self.seed, number, self.kind,
                              self.sensor)
-
-
-@lru_cache(maxsize=1)
-def _sources() -> str:
-    """Return a digest of the sources: rows of different versions of the code must not be mixed."""
-    package = Path(__file__).resolve().parents[2]
-    digest = hashlib.sha256(__version__.encode())
-    for folder in ('control', 'crossing', 'decision', 'physics', 'plant', 'studies/evaluation'):
-        for source in sorted((package / folder).rglob('*.py')):
-            digest.update(source.read_bytes())
-    return digest.hexdigest()
 
 
 @lru_cache(maxsize=4)

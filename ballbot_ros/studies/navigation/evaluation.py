@@ -16,7 +16,6 @@ from typing import Any, Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 
-from ballbot_ros import __version__
 from ballbot_ros.decision import Knowledge, load_curve, load_decision_tuning
 from ballbot_ros.errors import RefusedError, SimulationError
 from ballbot_ros.floors.floor import inside
@@ -25,7 +24,7 @@ from ballbot_ros.navigation.execution import Navigator
 from ballbot_ros.physics import load_robot
 from ballbot_ros.studies.navigation.closed_loop import FloorLoop
 from ballbot_ros.studies.navigation.houses import draw_house, House
-from ballbot_ros.studies.parallel_map import checkpointed_rows
+from ballbot_ros.studies.parallel_map import checkpointed_rows, source_digest
 from ballbot_ros.studies.progress import ignore, Progress
 
 PLANNERS = ('run_up', 'wall', 'free')
@@ -78,13 +77,8 @@ class NavigationEvaluation:
     @property
     def digest(self) -> str:
         """Return a digest of all that the rows depend on besides their numbers."""
-        package = Path(__file__).resolve().parents[2]
-        digest = hashlib.sha256(repr((__version__, self.seed, knowledge().robot.digest)).encode())
-        for folder in ('control', 'crossing', 'decision', 'floors', 'navigation', 'physics',
-                       'plant', 'steering', 'studies/navigation'):
-            for source in sorted((package / folder).rglob('*.py')):
-                digest.update(source.read_bytes())
-        return digest.hexdigest()[:16]
+        known = source_digest(), self.seed, knowledge().robot.digest
+        return hashlib.sha256(repr(known).encode()).hexdigest()[:16]
 
 
 def run_block(evaluation: NavigationEvaluation, planner: str, first: int, behind: int
