@@ -47,6 +47,8 @@ try:
     from numba.core.caching import IndexDataCacheFile
     from numba.core.codegen import JITCodeLibrary
     from numba.core.compiler_machinery import PassManager
+    from numba.core.targetconfig import ConfigStack
+    from numba.core.types.functions import BaseFunction
     from numba.extending import intrinsic
 
     COMPILED = not numba_config.DISABLE_JIT
@@ -444,49 +446,42 @@ if COMPILED:
             self._ensure_finalized()
             return self.name, self._get_module_for_linking().as_bitcode()
 
-    class _Typing:
+    _Function: Any = BaseFunction
+    _find_call_type = _Function.get_call_type
+    _call_types: Dict[Any, Any] = {}
+
+    def _known_call_type(function: Any, context: Any, arguments: Any, named: Any) -> Any:
         """
-        The typing context of numba with a memory of the operators on each set of types.
+        Return the signature of an operator or function for types of arguments, and remember it.
 
-        numba looks through all overloads of an operator at each of its uses, which takes longer
-        than all else that it infers.
+        numba looks through all overloads of an operator at each of its uses: when it infers types,
+        and again when it generates code.
         """
-
-        def __init__(self, context: Any, known: Dict[Any, Any]) -> None:
-            self._context, self._known = context, known
-
-        def __getattr__(self, name: str) -> Any:
-            return getattr(self._context, name)
-
-        def resolve_function_type(self, function: Any, arguments: Any, named: Any) -> Any:
-            kernel = isinstance(function, numba.types.Type) and not isinstance(
-                function, numba.types.Function)
-            key = function, tuple(arguments)
-            if kernel or named or key not in self._known:
-                found = self._context.resolve_function_type(function, arguments, named)
-                if kernel or named or found is None:
-                    return found
-                self._known[key] = found
-            return self._known[key]
+        if named:
+            return _find_call_type(function, context, arguments, named)
+        key = function, tuple(arguments), bool(ConfigStack.top_or_none().fastmath)
+        if key not in _call_types:
+            _call_types[key] = _find_call_type(function, context, arguments, named)
+        return _call_types[key]
 
     class _Compiler(numba_compiler.Compiler):  # type: ignore[misc]
         """The compiler of numba, without the passes that change no kernel: most of the time."""
 
         PASSES = (
             untyped_passes.TranslateByteCode, untyped_passes.FixupArgs,
-            untyped_passes.IRProcessing, untyped_passes.GenericRewrites,
-            untyped_passes.ReconstructSSA, typed_passes.NopythonTypeInference,
-            typed_passes.PreLowerStripPhis, typed_passes.IRLegalization,
-            typed_passes.AnnotateTypes, typed_passes.NativeLowering, typed_passes.NoPythonBackend)
-        known: Dict[bool, Dict[Any, Any]] = {False: {}, True: {}}  # by whether `FUSED`
+            untyped_passes.GenericRewrites, untyped_passes.ReconstructSSA,
+            typed_passes.NopythonTypeInference, typed_passes.PreLowerStripPhis,
+            typed_passes.NativeLowering, typed_passes.NoPythonBackend)
 
         def compile_extra(self, function: Any) -> Any:
             # numba keeps what it makes: to look for garbage takes a tenth of the time.
-            collects = gc.isenabled()
+            collects, before = gc.isenabled(), _Function.get_call_type
             gc.disable()
+            _Function.get_call_type = _known_call_type
             try:
                 return super().compile_extra(function)
             finally:
+                _Function.get_call_type = before
                 if collects:
                     gc.enable()
 
@@ -495,8 +490,6 @@ if COMPILED:
             for item in self.PASSES:
                 lean.add_pass(item, item.__name__)
             lean.finalize()
-            self.state.typingctx = _Typing(
-                self.state.typingctx, self.known[bool(self.state.flags.fastmath)])
             return [lean]
 
     class _LinkedCompiler(_Compiler):
@@ -542,8 +535,6 @@ def _reported(name: str, cache: Any) -> Callable[..., Any]:
         try:
             found = load(signature, target)
         except Exception:  # noqa: BLE001 numba handles unreadable files
-            found = None
-        if found is None:
             found = prepare_and_load(signature, target)
         for callback in _callbacks:
             callback(name, found is not None)
