@@ -7,24 +7,16 @@ MuJoCo, where it is installed, searches the same at equal error; see search_race
 import math
 import os
 from statistics import median
-import time
 
 import numpy as np
 from reference_search import highest_step
-from search_race import race
+from search_race import race, spent
 
 from ballbot_ros.crossing import held_at, max_step_height, max_step_heights, rolling
 from ballbot_ros.physics import Actuation, load_robot
 
 SPEEDS = np.linspace(0.2, 1.2, 21)
 REPEATS = 15
-
-
-def spent(function):
-    """Return the time of one call [s]."""
-    begin = time.perf_counter()
-    function()
-    return time.perf_counter() - begin
 
 
 def curves():

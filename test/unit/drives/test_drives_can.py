@@ -12,7 +12,7 @@ from refusals import refused
 from replay import read_capture
 from waiting import wait_until
 
-from ballbot_ros.drives import open_driver, open_line, read_options
+from ballbot_ros.drives import open_driver
 from ballbot_ros.drives.can_frames import CanFrame, parse_record, record, RECORD_SIZE, RecordParser
 from ballbot_ros.drives.can_transport import BUS_OFF, CanLink
 from ballbot_ros.drives.capture import Recorder
@@ -179,45 +179,6 @@ def test_a_closed_bus_is_closed_for_every_use_and_can_be_closed_twice():
     for use in (link.read, lambda: link.write(record(CanFrame(1))), lambda: link.wait(0.0)):
         with refused('closed', 'port', LinkError):
             use()
-
-
-class VirtualBusDrive(threading.Thread):
-    """An emulated drive at the other end of a virtual bus of python-can, in real time."""
-
-    def __init__(self, device, name):
-        super().__init__(daemon=True)
-        self.device, self.running = device, True
-        self._line = CanLink(f'virtual:{name}', RATE)
-
-    def run(self):
-        """Answer until ended."""
-        while self.running:
-            self._line.wait(0.001)
-            now = time.monotonic()
-            self.device.tick(now)
-            reply = self.device.receive(self._line.read(), now)
-            if reply:
-                self._line.write(reply)
-        self._line.close()
-
-
-def test_a_vesc_on_the_virtual_bus_of_python_can_turns_its_motor_and_stops():
-    drive = VirtualBusDrive(VescCanDevice(DriveSettings()), 'vesc')
-    drive.start()
-    line = open_line('vesc_can', 'virtual:vesc', RATE)
-    driver = open_driver('vesc_can', line, read_options('vesc_can', {'torque_limit': 0.1}, 't'))
-    try:
-        assert driver.identify().protocol == 'vesc_can'
-        assert all(item.acceptable for item in driver.read_settings())
-        driver.arm()
-        wait_until(lambda: driver.poll().current, lambda: driver.send_torque(0.05))
-        assert drive.device.torque() == pytest.approx(0.05)
-        driver.stop()
-        assert drive.device.torque() == 0.0
-    finally:
-        drive.running = False
-        line.close()
-        drive.join()
 
 
 @given(st.binary(min_size=1, max_size=512))
