@@ -22,9 +22,11 @@ OCCLUSION_RUN_MIN = 0.03
 # sight: points are neither at the edge, nor at the intersection of line of sight and ground.
 OCCLUSION_SLOPE_MIN = 0.35
 
-# Polylines with more points than this are samples; a spacing larger than this multiple of the
-# local one is a gap.
-SAMPLES_MIN, GAP_RATIO = 50, 3.5
+# Polylines with more points than this are samples: the ground between them is not known.
+SAMPLES_MIN = 50
+
+# Points this many nodes apart have a face anywhere between them.
+GAP_NODES = 3.5
 
 # Minimum height of a face at the end of the observed terrain [m].
 WALL_HEIGHT_MIN = 0.02
@@ -88,7 +90,12 @@ def around(values: Array) -> Array:
     return medians(neighbourhoods(values))
 
 
-def resample(x: Array, z: Array, z_sd: Array, position: float) -> Optional[Scan]:
+Whole = NDArray[np.intp]
+Flags = NDArray[np.bool_]
+
+
+def resample(x: Array, z: Array, z_sd: Array, kept: Flags, position: float,
+             widest: float) -> Optional[Scan]:
     """
     Return a scan on the nodes, None if it covers none.
 
@@ -96,10 +103,18 @@ def resample(x: Array, z: Array, z_sd: Array, position: float) -> Optional[Scan]
     ----------
     x, z, z_sd : (n,) arrays
         Relative to the centre of the ball; x never falls [m].
+    kept : (n,) array of bool
+        Points that are not outliers: the ground at the others is not observed.
     position : float
         Of the centre [m].
+    widest : float
+        Widest gap that the ball rolls over [m]: a wider one between samples may be a trench.
 
     """
+    lost = np.diff(np.flatnonzero(kept)) > 1
+    x, z, z_sd = x[kept], z[kept], z_sd[kept]
+    if len(x) < 2:
+        return None
     first = math.ceil(max(x[0], -MAP_BEHIND) / CELL + position / CELL - 1e-9)
     last = math.floor(min(x[-1], MAP_AHEAD) / CELL + position / CELL + 1e-9)
     if np.ptp(z[x > x[-1] - CELL]) > WALL_HEIGHT_MIN:
@@ -114,12 +129,11 @@ def resample(x: Array, z: Array, z_sd: Array, position: float) -> Optional[Scan]
     # around them, so that the criterion is that of a level floor.
     grade = around(rise / np.maximum(run, 1e-9))
     excess, below = rise - run * grade, np.minimum(z[:-1] - grade * x[:-1], 0.0)
-    hidden = (run > OCCLUSION_RUN_MIN) & (x[:-1] > 0.0) & (
+    hidden = lost | (run > OCCLUSION_RUN_MIN) & (x[:-1] > 0.0) & (
         excess * np.maximum(x[:-1], CELL) < OCCLUSION_SLOPE_MIN * below * run)
     usual = middle(run)
     if len(x) > SAMPLES_MIN:
-        # A camera has rays at equal angles, so that the spacing grows with the distance.
-        hidden |= run > np.maximum(GAP_RATIO * np.maximum(around(run), usual), OCCLUSION_RUN_MIN)
+        hidden |= run > widest
     for index in np.flatnonzero(hidden):
         heights[(places > x[index] + 1e-9) & (places < x[index + 1] - 1e-9)] = np.nan
     if np.count_nonzero(np.isfinite(heights)) < 3:
@@ -129,7 +143,7 @@ def resample(x: Array, z: Array, z_sd: Array, position: float) -> Optional[Scan]
     steep[np.isnan(steep)] = 0.0
     # Between two distant points a face may be anywhere.
     interval = np.clip(np.searchsorted(x, places, side='right') - 1, 0, len(run) - 1)
-    wide = run[interval] > GAP_RATIO * CELL
+    wide = run[interval] > GAP_NODES * CELL
     np.maximum(steep, np.where(wide, 0.5 * np.abs(excess[interval]), 0.0), out=steep)
     bend = np.abs(rise[1:] * run[:-1] - rise[:-1] * run[1:]) / np.maximum(
         np.maximum(run[1:], run[:-1]), 1e-9)
@@ -137,9 +151,6 @@ def resample(x: Array, z: Array, z_sd: Array, position: float) -> Optional[Scan]
     return Scan(first, heights, steep, np.interp(places, x, z_sd), roughness,
                 usual)
 
-
-Whole = NDArray[np.intp]
-Flags = NDArray[np.bool_]
 
 NODES = 640  # of the map
 
