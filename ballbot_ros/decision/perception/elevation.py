@@ -158,11 +158,8 @@ NODES = 640  # of the map
 DEFAULT_NOISE_SD, SCANS_MIN = 0.005, 5
 NOISE_SD_MIN = 1e-4      # [m]
 
-# Scans of the running means of noise and tilt.
+# Scans of the running means of heights, noise and tilt.
 AVERAGED_SCANS = 50
-
-# Fraction of the roughness that averaging scans does not reduce.
-TEXTURE_FRACTION = 0.5
 
 # Minimum overlap in nodes for aligning a scan; minimum length for estimating its tilt [m].
 OVERLAP_MIN, TILT_LENGTH_MIN = 20, 0.5
@@ -191,7 +188,8 @@ class ElevationMap:
     first : int
         Node of the first element.
     height, variance : (NODES,) arrays
-        [m], [m2]; infinite variance where not observed.
+        [m], [m2]; infinite variance where not observed.  The variance is that of the average of
+        the scans, without the texture.
     noise_sd : float
         Estimated noise of a node in one scan [m].
     spacing : float
@@ -216,7 +214,7 @@ class ElevationMap:
         self.noise_sd = DEFAULT_NOISE_SD
         self.spacing = CELL
         self.reports_sd = True
-        self._residuals = self._rough = 0.0
+        self._residuals = 0.0
 
     def add(self, scan: Scan, position: float) -> str:
         """
@@ -288,6 +286,15 @@ class ElevationMap:
         best = min(fits, default=(1.0, 0, 0))
         return best[2] if best[0] <= OUTLIER_FRACTION_MAX / 3.0 else 0
 
+    @property
+    def texture(self) -> float:
+        """Return the roughness of the map [m]: that of the floor and of the average of scans."""
+        lag = max(1, math.ceil(self.spacing / CELL))
+        known = np.where(np.isfinite(self.variance), self.height, np.nan)
+        bend = np.abs(known[2 * lag:] - 2.0 * known[lag:-lag] + known[:-2 * lag])
+        bend = bend[np.isfinite(bend)]
+        return 1.4826 * middle(bend) / math.sqrt(6.0) if len(bend) > 20 else 0.0
+
     def _noise(self, scan: Scan) -> float:
         """Return the lower bound of the sensor noise, or its default if unreported [m]."""
         reports_sd = bool(scan.reported_sd.max() > 0.0)
@@ -318,7 +325,6 @@ class ElevationMap:
         even = common & (scan.steep < 0.001)
         self.scans += 1
         weight = 1.0 / min(self.scans - 1, AVERAGED_SCANS)
-        self._rough += weight * (scan.roughness - self._rough)
         if np.count_nonzero(even) >= OVERLAP_MIN:
             spread = 1.4826 * middle(np.abs(residual[even]))
             own = max(NOISE_SD_MIN**2, spread**2 - middle(variance[even]))
@@ -342,8 +348,7 @@ class ElevationMap:
         old[:] = np.where(seen, old + gain * np.where(fused, residual, new - old), old)
         variance[:] = np.where(fused, (1.0 - gain) * known, variance)
         variance[fresh] = new_variance[fresh]
-        # The texture of the floor, or of the sensor, is the same in each scan.
-        np.maximum(variance, (TEXTURE_FRACTION * self._rough)**2, out=variance)
+        np.maximum(variance, new_variance / AVERAGED_SCANS, out=variance)
 
     def _follow(self, position: float) -> None:
         """Move the map with the ball."""

@@ -269,7 +269,9 @@ def _bridged(found: ElevationMap, known: Whole, shared: float, position: float,
     could sink into it, and deeper than its far wall is seen, the observed ground ends there.
     """
     x: Array = (known + found.first).astype(float) * CELL
-    z, variance = found.height[known], shared * found.variance[known]
+    z = found.height[known]
+    # The texture of the floor is the same in each scan.
+    variance = shared * np.maximum(found.variance[known], found.texture**2)
     run, rise = np.diff(x), np.diff(z)
     jumps, levels = [], []
     for gap in np.flatnonzero(np.diff(known) > 1).tolist():
