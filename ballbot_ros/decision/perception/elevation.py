@@ -159,7 +159,7 @@ DEFAULT_NOISE_SD, SCANS_MIN = 0.005, 5
 NOISE_SD_MIN = 1e-4      # [m]
 
 # Scans of the running means of heights, noise and tilt.
-AVERAGED_SCANS = 50
+AVERAGED_SCANS = 20
 
 # Minimum overlap in nodes for aligning a scan; minimum length for estimating its tilt [m].
 OVERLAP_MIN, TILT_LENGTH_MIN = 20, 0.5
