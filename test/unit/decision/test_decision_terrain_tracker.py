@@ -30,9 +30,10 @@ def ground(*pieces):
     return Terrain(vertices)
 
 
-def approach(terrain, looks=40, to=0.8, height_sd=0.0, seed=0, tracking=None, **faults):
+def approach(terrain, looks=40, to=0.8, height_sd=0.0, seed=0, tracking=None, spacing=0.015,
+             **faults):
     """Return the profiles of an approach from x = 0 at 20 looks a second."""
-    sensor = TerrainSensor(terrain, 3.0, height_sd, seed, SensorFaults(**faults))
+    sensor = TerrainSensor(terrain, 3.0, height_sd, seed, SensorFaults(**faults), spacing=spacing)
     tracking, profiles = tracking or tracker(), []
     for number, x in enumerate(np.linspace(0.0, to, looks)):
         sight = sensor.measure(x, float(terrain.height(x)) + RADIUS, number)
@@ -89,6 +90,31 @@ def test_a_face_little_above_the_noise_stays_once_it_is_known(seed):
     first = next(index for index, numbers in enumerate(faces) if numbers)
     assert first < 30
     assert all(numbers == faces[first] for numbers in faces[first:])
+
+
+@pytest.mark.parametrize('seed', [0, *slow(1, 2, 3)])
+def test_noise_of_a_sensor_that_reports_none_is_averaged(seed):
+    terrain = ground((0.0, 0.011), (0.15, 0.0), (0.0, 0.009))
+    last = approach(terrain, 80, 0.8, 0.0034, seed, reported_sd=0.0)[-1]
+    assert [face.position for face in last.faces] == pytest.approx([1.2, 1.35], abs=0.03)
+    assert [face.height for face in last.faces] == pytest.approx([0.011, 0.009], abs=0.003)
+
+
+@pytest.mark.parametrize('spacing', [0.006, 0.0094])
+def test_a_cord_of_few_points_is_not_taken_for_outliers(spacing):
+    terrain = ground((0.0, 0.01), (0.008, 0.0), (0.0, -0.01))
+    for profile in approach(terrain, looks=40, to=0.4, spacing=spacing)[10:]:
+        heights = [face.height for face in profile.faces]
+        assert heights == pytest.approx([0.01, -0.01], abs=0.005)
+
+
+@pytest.mark.parametrize('gap, seen_to', [(0.07, 3.0), (0.12, 1.2)])
+def test_ground_between_points_is_observed_if_the_ball_rolls_over_the_gap(gap, seen_to):
+    x = np.concatenate([np.arange(-0.3, 1.2001, 0.01), np.append(
+        np.arange(1.2 + gap, 2.99, gap), 3.0)])
+    profile = tracker().update(TerrainObservation(
+        0.0, tuple(x.tolist()), (-RADIUS,) * len(x), (), -0.3, 3.0), 0.0)
+    assert profile.seen_to == pytest.approx(seen_to, abs=0.011)
 
 
 def test_a_known_face_that_is_not_there_any_more_is_dropped():
