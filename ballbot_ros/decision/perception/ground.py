@@ -273,24 +273,27 @@ def _bridged(found: ElevationMap, known: Whole, shared: float, position: float,
     # The texture of the floor is the same in each scan.
     variance = shared * np.maximum(found.variance[known], found.texture**2)
     run, rise = np.diff(x), np.diff(z)
-    jumps, levels = [], []
+    jumps, levels, variances = [], [], []
     for gap in np.flatnonzero(np.diff(known) > 1).tolist():
         beside = slice(max(gap - SLOPE_NODES, 0), gap + SLOPE_NODES + 1)
         slope = middle(rise[beside] / run[beside])
         behind = slice(gap + 1, int(np.searchsorted(x, x[gap + 1] + BLUR_LENGTH)))
         level = z[behind] - slope * (x[behind] - x[gap]) - z[gap]
-        if x[gap] > position and level.max() > -HEIGHT_ENTRY \
+        # With the variance of the slope, a median of 2 SLOPE_NODES differences, over the gap.
+        level_variance = float(variance[gap + 1]) + middle(variance[beside]) * (
+            run[gap] / CELL)**2 / (2 * SLOPE_NODES)
+        certain = FACE_SIGMAS * math.sqrt(level_variance / shared)
+        if x[gap] > position and level.max() > -max(HEIGHT_ENTRY, certain) \
                 and sink_depth(radius, float(run[gap])) > max(HEIGHT_ENTRY, -level[0]):
             x, z, variance = x[:gap + 1], z[:gap + 1], variance[:gap + 1]
             break
-        if abs(level[0]) > FACE_HEIGHT_MIN:
+        if abs(level[0]) > max(FACE_HEIGHT_MIN, certain):
             jumps.append(gap)
             levels.append(z[gap] + level[0])
+            variances.append(level_variance)
     after = np.array(jumps, dtype=int) + 1
-    # The standard deviation of the slope, a median of 2 SLOPE_NODES differences, over the gap.
-    spread = 1.0 + ((x[after] - x[after - 1]) / CELL)**2 / (2 * SLOPE_NODES)
     return Nodes(np.insert(x, after, x[after - 1] + 1e-4), np.insert(z, after, levels),
-                 np.insert(variance, after, spread * variance[after]),
+                 np.insert(variance, after, variances),
                  (after + np.arange(len(after))).tolist())
 
 
