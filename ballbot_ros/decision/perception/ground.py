@@ -342,7 +342,7 @@ def _assemble(nodes: Nodes, pieces: List[Piece], edges: Sequence[Piece], datum: 
         if number == len(pieces) - 1:
             put(float(nodes.x[piece.end]), *_end(nodes, pieces, number, piece.end))
         elif pieces[number + 1].sign == 0:
-            put(float(nodes.x[piece.end]), *_joint(nodes, pieces, number))
+            put(*_bend(nodes, pieces, number))
     return points, sds, faces
 
 
@@ -370,11 +370,17 @@ def _end(nodes: Nodes, pieces: List[Piece], number: int, node: int) -> Tuple[flo
     return z, variance
 
 
-def _joint(nodes: Nodes, pieces: List[Piece], number: int) -> Tuple[float, float]:
-    """Return height and variance at the end of a gentle piece."""
-    one = _end(nodes, pieces, number, pieces[number].end)
-    two = _end(nodes, pieces, number + 1, pieces[number].end)
-    return 0.5 * (one[0] + two[0]), max(one[1], two[1])
+def _bend(nodes: Nodes, pieces: List[Piece], number: int) -> Tuple[float, float, float]:
+    """Return place, height and variance of the bend between a gentle piece and the next one."""
+    x = float(nodes.x[pieces[number].end])
+    (one, slope, one_variance, _), (two, behind, two_variance, _) = (
+        line(nodes.x, nodes.z, nodes.variance, *_inside(nodes, pieces, piece), x)
+        for piece in (number, number + 1))
+    reach = 0.5 * min(nodes.x[piece.end] - nodes.x[piece.begin]
+                      for piece in pieces[number:number + 2])
+    apart = behind - slope
+    by = min(max((one - two) / apart, -reach), reach) if apart else 0.0
+    return (x + by, 0.5 * (one + two + by * (slope + behind)), max(one_variance, two_variance))
 
 
 class _Side(NamedTuple):
