@@ -22,11 +22,9 @@ OCCLUSION_RUN_MIN = 0.03
 # sight: points are neither at the edge, nor at the intersection of line of sight and ground.
 OCCLUSION_SLOPE_MIN = 0.35
 
-# Polylines with more points than this are samples: the ground between them is not known.
-SAMPLES_MIN = 50
-
-# Points this many nodes apart have a face anywhere between them.
-GAP_NODES = 3.5
+# Polylines with more points than this are samples; a spacing larger than this multiple of the
+# local one is a gap.
+SAMPLES_MIN, GAP_RATIO = 50, 3.5
 
 # Minimum height of a face at the end of the observed terrain [m].
 WALL_HEIGHT_MIN = 0.02
@@ -133,7 +131,9 @@ def resample(x: Array, z: Array, z_sd: Array, kept: Flags, position: float,
         excess * np.maximum(x[:-1], CELL) < OCCLUSION_SLOPE_MIN * below * run)
     usual = middle(run)
     if len(x) > SAMPLES_MIN:
-        hidden |= run > widest
+        # A camera has rays at equal angles, so that the spacing grows with the distance.
+        hidden |= run > np.minimum(widest, np.maximum(
+            GAP_RATIO * np.maximum(around(run), usual), OCCLUSION_RUN_MIN))
     for index in np.flatnonzero(hidden):
         heights[(places > x[index] + 1e-9) & (places < x[index + 1] - 1e-9)] = np.nan
     if np.count_nonzero(np.isfinite(heights)) < 3:
@@ -143,7 +143,7 @@ def resample(x: Array, z: Array, z_sd: Array, kept: Flags, position: float,
     steep[np.isnan(steep)] = 0.0
     # Between two distant points a face may be anywhere.
     interval = np.clip(np.searchsorted(x, places, side='right') - 1, 0, len(run) - 1)
-    wide = run[interval] > GAP_NODES * CELL
+    wide = run[interval] > GAP_RATIO * CELL
     np.maximum(steep, np.where(wide, 0.5 * np.abs(excess[interval]), 0.0), out=steep)
     bend = np.abs(rise[1:] * run[:-1] - rise[:-1] * run[1:]) / np.maximum(
         np.maximum(run[1:], run[:-1]), 1e-9)

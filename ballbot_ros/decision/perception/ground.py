@@ -238,7 +238,7 @@ def ground_of(found: ElevationMap, position: float, radius: float,
         return GroundSeen([], [], [], nan, nan, nan, nan)
     # Neighbouring nodes share the points that they lie between.
     shared = min(max(1.5 * found.spacing / CELL, 1.0), 20.0)
-    nodes = _bridged(found, known, shared, position, radius)
+    nodes = _bridged(found, known, shared, position, radius, edges)
     known_edges = _edges_in(nodes, edges)
     pieces = pieces_of(nodes, shared, known_edges)
     datum, slope, slope_variance = _below(nodes, pieces, position)
@@ -260,7 +260,7 @@ def _edges_in(nodes: Nodes, edges: Sequence[Face]) -> List[Piece]:
 
 
 def _bridged(found: ElevationMap, known: Whole, shared: float, position: float,
-             radius: float) -> Nodes:
+             radius: float, edges: Sequence[Face]) -> Nodes:
     """
     Return the known nodes, with edges at gaps between them.
 
@@ -282,7 +282,8 @@ def _bridged(found: ElevationMap, known: Whole, shared: float, position: float,
         # With the variance of the slope, a median of 2 SLOPE_NODES differences, over the gap.
         level_variance = float(variance[gap + 1]) + middle(variance[beside]) * (
             run[gap] / CELL)**2 / (2 * SLOPE_NODES)
-        certain = FACE_SIGMAS * math.sqrt(level_variance / shared)
+        is_known = any(x[gap] - POSITION_TOLERANCE < edge.position < x[gap + 1] for edge in edges)
+        certain = 0.0 if is_known else FACE_SIGMAS * math.sqrt(level_variance / shared)
         if x[gap] > position and level.max() > -max(HEIGHT_ENTRY, certain) \
                 and sink_depth(radius, float(run[gap])) > max(HEIGHT_ENTRY, -level[0]):
             x, z, variance = x[:gap + 1], z[:gap + 1], variance[:gap + 1]
