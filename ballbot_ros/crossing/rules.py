@@ -146,11 +146,6 @@ def sink_depth(radius: float, width: float) -> float:
     return radius - math.sqrt(max(radius**2 - 0.25 * width**2, 0.0))
 
 
-def bridged_width(radius: float, depth: float) -> float:
-    """Return the width of the gap into which a ball sinks by a depth [m], see `sink_depth`."""
-    return 2.0 * math.sqrt(depth * (2.0 * radius - depth))
-
-
 def touch_distance(radius: float, height: float, penetration: float = 0.0,
                    slope: float = 0.0) -> float:
     """

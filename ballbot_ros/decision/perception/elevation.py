@@ -92,8 +92,8 @@ Whole = NDArray[np.intp]
 Flags = NDArray[np.bool_]
 
 
-def resample(x: Array, z: Array, z_sd: Array, kept: Flags, position: float,
-             widest: float) -> Optional[Scan]:
+def resample(x: Array, z: Array, z_sd: Array, kept: Flags,
+             position: float) -> Optional[Scan]:
     """
     Return a scan on the nodes, None if it covers none.
 
@@ -105,8 +105,6 @@ def resample(x: Array, z: Array, z_sd: Array, kept: Flags, position: float,
         Points that are not outliers: the ground at the others is not observed.
     position : float
         Of the centre [m].
-    widest : float
-        Widest gap that the ball rolls over [m]: a wider one between samples may be a trench.
 
     """
     lost = np.diff(np.flatnonzero(kept)) > 1
@@ -132,19 +130,20 @@ def resample(x: Array, z: Array, z_sd: Array, kept: Flags, position: float,
     usual = middle(run)
     if len(x) > SAMPLES_MIN:
         # A camera has rays at equal angles, so that the spacing grows with the distance.
-        hidden |= run > np.minimum(widest, np.maximum(
-            GAP_RATIO * np.maximum(around(run), usual), OCCLUSION_RUN_MIN))
-    for index in np.flatnonzero(hidden):
-        heights[(places > x[index] + 1e-9) & (places < x[index + 1] - 1e-9)] = np.nan
+        hidden |= run > np.maximum(GAP_RATIO * np.maximum(around(run), usual), OCCLUSION_RUN_MIN)
+    # Between two distant points a face may be anywhere.
+    wide = (len(x) > SAMPLES_MIN) & (run > GAP_RATIO * CELL)
+    for index in np.flatnonzero(hidden | wide):
+        beside = 1e-9 if hidden[index] else CELL
+        heights[(places > x[index] + beside) & (places < x[index + 1] - beside)] = np.nan
     if np.count_nonzero(np.isfinite(heights)) < 3:
         return None
     steep = np.zeros(len(heights))
     steep[1:-1] = 0.5 * POSITION_SD / CELL * np.abs(heights[2:] - heights[:-2])
     steep[np.isnan(steep)] = 0.0
-    # Between two distant points a face may be anywhere.
     interval = np.clip(np.searchsorted(x, places, side='right') - 1, 0, len(run) - 1)
-    wide = run[interval] > GAP_RATIO * CELL
-    np.maximum(steep, np.where(wide, 0.5 * np.abs(excess[interval]), 0.0), out=steep)
+    slack = np.where(wide, CELL * np.abs(excess) / np.maximum(run, CELL), 0.0)
+    np.maximum(steep, slack[interval], out=steep)
     bend = np.abs(rise[1:] * run[:-1] - rise[:-1] * run[1:]) / np.maximum(
         np.maximum(run[1:], run[:-1]), 1e-9)
     roughness = 1.4826 * middle(bend) / math.sqrt(6.0) if len(bend) > 20 else 0.0

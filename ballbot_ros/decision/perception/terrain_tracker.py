@@ -7,9 +7,8 @@ from typing import Deque, List, Optional
 
 import numpy as np
 
-from ballbot_ros.crossing.rules import bridged_width
 from ballbot_ros.decision.perception.edge_map import (
-    EdgeEstimate, EdgeMap, Existence, HEIGHT_ENTRY, Rejection)
+    EdgeEstimate, EdgeMap, Existence, Rejection)
 from ballbot_ros.decision.perception.elevation import (
     CELL, ElevationMap, Flags, medians, neighbourhoods, resample)
 from ballbot_ros.decision.perception.ground import ground_of, GroundSeen
@@ -155,7 +154,6 @@ class TerrainTracker:
 
     def __init__(self, radius: float, tuning: DecisionTuning, edges: EdgeMap, frame: str):
         self._radius, self._tuning, self._edges, self._frame = radius, tuning, edges, frame
-        self._bridged = bridged_width(radius, HEIGHT_ENTRY)
         self._map = ElevationMap(tuning)
         self.steepest = math.inf
         self.reset()
@@ -197,8 +195,8 @@ class TerrainTracker:
             return Reason.BAD_OBSERVATION, wrong
         inside = (x >= observation.x_min - 1e-9) & (x <= observation.x_max + 1e-9)
         x, z, z_sd = x[inside], z[inside], z_sd[inside]
-        scan = resample(x, z, z_sd, self._without_outliers(x, z, position), position,
-                        self._bridged) if len(x) > 1 else None
+        scan = resample(x, z, z_sd, self._without_outliers(x, z, position), position) \
+            if len(x) > 1 else None
         if scan is None:
             return Reason.BAD_OBSERVATION, 'it shows nothing of the ground around the ball'
         near = np.isfinite(scan.z) & (np.abs(scan.places - position) <= 2.0 * self._radius)

@@ -167,7 +167,7 @@ def test_a_face_that_some_observations_miss_keeps_its_number():
 
     def make(stamp, position):
         shown = round(stamp / PERIOD) % 3 > 0
-        return [terrain(stamp, position, EVEN, height=0.006 if shown else 0.0, noise=0.001,
+        return [terrain(stamp, position, EVEN, height=0.009 if shown else 0.0, noise=0.001,
                         seed=round(1e3 * stamp))]
     drive(fusion, make, 20)
     found = [tuple(face.number for face in drive(fusion, make, 1, 20 + index).faces)
