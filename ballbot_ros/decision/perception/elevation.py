@@ -16,15 +16,12 @@ MAP_BEHIND, MAP_AHEAD = 1.0, 5.0  # extent of the map and of scans [m]
 # Position uncertainty of a point on the axis [m]: stamps of odometry and scan differ.
 POSITION_SD = 0.01
 
-# Points farther apart than this, that fall along a line of sight, occlude the ground between [m].
-OCCLUSION_RUN_MIN = 0.03
+# The ground between points farther apart than this [m] is not observed: where they fall along a
+# line of sight, or where there are so many that they are samples, not the corners of the ground.
+GAP_MIN, SAMPLES_MIN = 0.03, 50
 # Least slope of a line over an edge, from one point to the next, relative to the line of
 # sight: points are neither at the edge, nor at the intersection of line of sight and ground.
 OCCLUSION_SLOPE_MIN = 0.35
-
-# Polylines with more points than this are samples; a spacing larger than this multiple of the
-# local one is a gap.
-SAMPLES_MIN, GAP_RATIO = 50, 3.5
 
 # Minimum height of a face at the end of the observed terrain [m].
 WALL_HEIGHT_MIN = 0.02
@@ -125,14 +122,11 @@ def resample(x: Array, z: Array, z_sd: Array, kept: Flags,
     # around them, so that the criterion is that of a level floor.
     grade = around(rise / np.maximum(run, 1e-9))
     excess, below = rise - run * grade, np.minimum(z[:-1] - grade * x[:-1], 0.0)
-    hidden = lost | (run > OCCLUSION_RUN_MIN) & (x[:-1] > 0.0) & (
+    far = run > GAP_MIN
+    hidden = lost | far & (x[:-1] > 0.0) & (
         excess * np.maximum(x[:-1], CELL) < OCCLUSION_SLOPE_MIN * below * run)
-    usual = middle(run)
-    if len(x) > SAMPLES_MIN:
-        # A camera has rays at equal angles, so that the spacing grows with the distance.
-        hidden |= run > np.maximum(GAP_RATIO * np.maximum(around(run), usual), OCCLUSION_RUN_MIN)
     # Between two distant points a face may be anywhere.
-    wide = (len(x) > SAMPLES_MIN) & (run > GAP_RATIO * CELL)
+    wide = far & (len(x) > SAMPLES_MIN)
     for index in np.flatnonzero(hidden | wide):
         beside = 1e-9 if hidden[index] else CELL
         heights[(places > x[index] + beside) & (places < x[index + 1] - beside)] = np.nan
@@ -148,7 +142,7 @@ def resample(x: Array, z: Array, z_sd: Array, kept: Flags,
         np.maximum(run[1:], run[:-1]), 1e-9)
     roughness = 1.4826 * middle(bend) / math.sqrt(6.0) if len(bend) > 20 else 0.0
     return Scan(first, heights, steep, np.interp(places, x, z_sd), roughness,
-                usual)
+                middle(run))
 
 
 NODES = 640  # of the map
