@@ -23,6 +23,9 @@ GAP_MIN, SAMPLES_MIN = 0.03, 50
 # sight: points are neither at the edge, nor at the intersection of line of sight and ground.
 OCCLUSION_SLOPE_MIN = 0.35
 
+# Largest slope of a floor [1].
+SLOPE_MAX = 0.3
+
 # Minimum height of a face at the end of the observed terrain [m].
 WALL_HEIGHT_MIN = 0.02
 
@@ -120,7 +123,7 @@ def resample(x: Array, z: Array, z_sd: Array, kept: Flags,
     # As seen from the centre, ground behind an edge is occluded up to a line through the edge.
     # The ground may slope down: rises and the height of the centre count relative to the slope
     # around them, so that the criterion is that of a level floor.
-    grade = around(rise / np.maximum(run, 1e-9))
+    grade = np.clip(around(rise / np.maximum(run, 1e-9)), -SLOPE_MAX, SLOPE_MAX)
     excess, below = rise - run * grade, np.minimum(z[:-1] - grade * x[:-1], 0.0)
     far = run > GAP_MIN
     hidden = lost | far & (x[:-1] > 0.0) & (

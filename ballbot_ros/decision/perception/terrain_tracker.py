@@ -10,7 +10,7 @@ import numpy as np
 from ballbot_ros.decision.perception.edge_map import (
     EdgeEstimate, EdgeMap, Existence, Rejection)
 from ballbot_ros.decision.perception.elevation import (
-    CELL, ElevationMap, Flags, medians, neighbourhoods, resample)
+    CELL, ElevationMap, Flags, medians, neighbourhoods, resample, SLOPE_MAX)
 from ballbot_ros.decision.perception.ground import ground_of, GroundSeen
 from ballbot_ros.decision.perception.ground_profile import (
     SLOPE_HYSTERESIS, SLOPE_LENGTH, steep_stretches)
@@ -116,9 +116,6 @@ SLIP_MAX, SLIP_SHARE = 0.3, 0.1
 # latest observations show it at the same place and height [m].
 OUTLIER_HEIGHT, OUTLIER_SPREAD, OUTLIER_LOCAL_SPREAD = 0.003, 8.0, 3.0
 OUTLIER_MEMORY, SAME_HEIGHT = 10, 0.015
-
-# Largest slope of a floor [1].
-SLOPE_MAX = 0.3
 
 
 @dataclass

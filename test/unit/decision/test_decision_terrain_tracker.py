@@ -100,20 +100,31 @@ def test_noise_of_a_sensor_that_reports_none_is_averaged(seed):
     assert [face.height for face in last.faces] == pytest.approx([0.011, 0.009], abs=0.003)
 
 
+def watch(terrain, to, **camera):
+    """Return the profiles of a camera on an approach from x = 0 at 50 looks."""
+    model, tracking, profiles = SensorModel('camera', **camera), tracker(), []
+    for number, x in enumerate(np.linspace(0.0, to, 50)):
+        ahead, up, deviation = (tuple(values.tolist()) for values in Camera(
+            terrain, model, 0).sample(x, RADIUS, number))
+        profiles.append(tracking.update(TerrainObservation(
+            0.02 * number, ahead, up, deviation, ahead[0], ahead[-1]), x))
+    return profiles
+
+
 def test_a_cord_of_few_points_is_not_taken_for_outliers():
     terrain = Terrain([(-2.0, 0.0), (0.598, 0.0), (0.598, 0.01), (0.606, 0.01), (0.606, 0.0),
                        (6.0, 0.0)])
-    camera = Camera(terrain, SensorModel(
-        'camera', eye_height=0.34, lowest_ray=math.radians(65.0), rays=170), 0)
-    tracking = tracker()
-    for number, x in enumerate(np.linspace(0.0, 0.1, 50)):
-        ahead, up, deviation = (tuple(values.tolist()) for values in camera.sample(
-            x, RADIUS, number))
-        profile = tracking.update(TerrainObservation(
-            0.02 * number, ahead, up, deviation, ahead[0], ahead[-1]), x)
-        if number > 10:
-            assert [face.height for face in profile.faces] == pytest.approx(
-                [0.01, -0.01], abs=0.003)
+    for profile in watch(terrain, to=0.1, eye_height=0.34, lowest_ray=math.radians(65.0),
+                         rays=170)[11:]:
+        assert [face.height for face in profile.faces] == pytest.approx([0.01, -0.01], abs=0.003)
+
+
+def test_a_vertical_face_with_many_points_is_no_slope():
+    terrain = Terrain([(-2.0, 0.0), (1.931, 0.0), (1.931, 0.117), (8.0, 0.117)])
+    profiles = watch(terrain, to=0.3, eye_height=0.057663845, lowest_ray=1.461123959, rays=223,
+                     faults=SensorFaults(holes=0.24830778, tilt=-0.00061338841))
+    assert all(profile.rejection is None for profile in profiles)
+    assert max(face.height_sd for profile in profiles for face in profile.faces) < 0.06
 
 
 @pytest.mark.parametrize('gap, seen_to', [(0.07, 3.0), (0.12, 1.2)])
