@@ -17,7 +17,7 @@ MAP_BEHIND, MAP_AHEAD = 1.0, 5.0  # extent of the map and of scans [m]
 POSITION_SD = 0.01
 
 # The ground between points farther apart than this [m] is not observed: where they fall along a
-# line of sight, or where there are so many that they are samples, not the corners of the ground.
+# line of sight, or where a polyline has more points than this, which are samples, not corners.
 GAP_MIN, SAMPLES_MIN = 0.03, 50
 # Least slope of a line over an edge, from one point to the next, relative to the line of
 # sight: points are neither at the edge, nor at the intersection of line of sight and ground.

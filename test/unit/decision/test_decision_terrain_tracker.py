@@ -119,7 +119,7 @@ def test_a_cord_of_few_points_is_not_taken_for_outliers():
         assert [face.height for face in profile.faces] == pytest.approx([0.01, -0.01], abs=0.003)
 
 
-def test_a_vertical_face_with_many_points_is_no_slope():
+def test_a_vertical_face_with_many_points_is_not_a_slope():
     terrain = Terrain([(-2.0, 0.0), (1.931, 0.0), (1.931, 0.117), (8.0, 0.117)])
     profiles = watch(terrain, to=0.3, eye_height=0.057663845, lowest_ray=1.461123959, rays=223,
                      faults=SensorFaults(holes=0.24830778, tilt=-0.00061338841))
