@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Through a whole session: delayed replies, another sender, settings that change."""
+"""Through a whole session: delayed replies, another sender, settings that change, restarts."""
+from dataclasses import replace
+
 import pytest
 from virtual_robot import STEP, VirtualRobot
 
@@ -64,6 +66,13 @@ def test_torque_of_another_sender_engages_the_e_stop(protocol, frame, rearm):
     assert report.state is not MotorState.ARMED
 
 
+def test_a_limit_of_the_drive_that_is_raised_under_power_engages_the_e_stop():
+    robot = VirtualRobot('roboclaw').ready()
+    robot.run(0.1, torque=0.5)
+    robot.device.settings = replace(robot.device.settings, torque_limit=2.0, current_limit=80.0)
+    assert hazards_of(robot.run(0.3, torque=0.5)) == ['max current [A]']
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize('protocol', ['vesc', 'vesc_can'])
 @pytest.mark.parametrize('setting', ['l_current_max', 'timeout'])
@@ -91,3 +100,14 @@ def test_settings_of_an_odrive_that_change_under_power_engage_the_e_stop(protoco
     robot.device.properties[setting] = value
     report = run_until_stopped(robot, 7.0)
     assert setting in hazards_of(report) and robot.motor == 0.0
+
+
+@pytest.mark.parametrize('boot_time', [0.005, 0.02, 0.05, 0.09])
+def test_after_a_short_restart_of_a_roboclaw_its_serial_timeout_still_ends_the_torque(boot_time):
+    robot = VirtualRobot('roboclaw').ready()
+    robot.device.settings = replace(robot.device.settings, boot_time=boot_time, watchdog=0.0)
+    robot.run(0.1, torque=0.5)
+    robot.device.reboot(robot.now)
+    robot.run(boot_time + 0.05, torque=0.5)
+    robot.pass_time(0.12)  # the process is killed
+    assert robot.motor == 0.0

@@ -43,6 +43,21 @@ def refusal(robot, field):
 
 # Limits
 
+@both
+def test_a_drive_with_factory_velocity_limits_is_refused_with_the_lines_to_type(kind):
+    robot = robot_with(kind, 'vel_limit')
+    refused_with = refusal(robot, 'velocity limit in torque mode')
+    assert 'overspeed error' in refused_with
+    line = f'w {CONTROLLER}vel_limit 144'
+    assert line in refused_with
+    type_lines(robot, line)
+    robot.ready()
+    for _ in range(3):  # faster than 0.07 m/s, which was its end
+        report = robot.run(0.2, torque=1.5)
+    assert robot.plant.state.velocity_x > 0.2
+    assert report.state is MotorState.ARMED and not report.e_stop
+
+
 def test_with_factory_limits_a_rolling_ball_would_be_disarmed():
     # What the check is for: the same drive, its limit set back behind the bridge's back.
     robot = VirtualRobot('odrive 0.5').ready()
@@ -51,6 +66,14 @@ def test_with_factory_limits_a_rolling_ball_would_be_disarmed():
     assert report.e_stop.reason is StopReason.DISARMED_BY_DRIVE
     assert report.e_stop.names == ('CONTROLLER_FAILED', 'CONTROLLER_ERROR_OVERSPEED')
     assert 0.0 < robot.plant.state.velocity_x < 0.2 and robot.motor == 0.0
+
+
+@both
+def test_a_drive_that_may_not_feed_its_supply_is_refused_and_set_right_by_the_remedy(kind):
+    robot = robot_with(kind, 'regeneration')
+    type_lines(robot, *re.findall(
+        r'w config\.dc_max_negative_current -[\d.]+', refusal(robot, 'braking')))
+    assert robot.ready().run(0.2, torque=0.5).state is MotorState.ARMED
 
 
 def test_a_drive_from_the_factory_drives_after_each_remedy_was_typed():
@@ -68,6 +91,23 @@ def test_a_drive_from_the_factory_drives_after_each_remedy_was_typed():
 
 
 # Firmware
+
+def test_old_firmware_is_refused_by_its_name():
+    robot = VirtualRobot('odrive 0.5')
+    robot.device.properties['fw_version_revision'] = 3
+    with refused('firmware', 'firmware', DriveError) as caught:
+        robot.session.configure()
+    assert '0.5.3' in str(caught.value)
+    assert robot.lines == 0
+
+
+def test_0_5_4_says_what_disarmed_it_though_it_cuts_the_number():
+    robot = robot_with('odrive 0.5', '0.5.4').ready()
+    robot.device.properties[CONTROLLER + 'vel_limit'] = 2.0
+    report = robot.run(1.0, torque=1.5)
+    assert {'MOTOR_ERROR_UNKNOWN_VOLTAGE_COMMAND', 'CONTROLLER_ERROR_OVERSPEED'} \
+        <= set(report.e_stop.names)
+
 
 # The cause of a disarm
 

@@ -10,7 +10,7 @@ from virtual_robot import STEP, VirtualRobot
 
 from ballbot_ros.bridge.motor_state import MotorState
 from ballbot_ros.bridge.supervisor import StopReason
-from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.errors import ConfigurationError, DriveError
 
 
 def with_quirks(protocol, *quirks):
@@ -52,6 +52,15 @@ def test_a_vesc_whose_kill_switch_is_pulled_has_no_torque_and_gets_none_by_itsel
     robot.session.release()
     robot.run(0.1, torque=0.5)
     assert robot.motor > 0.0
+
+
+def test_a_vesc_with_old_firmware_is_refused_by_its_name():
+    robot = VirtualRobot('vesc')
+    robot.device.version = (5, 2)
+    with refused('firmware', 'firmware', DriveError) as caught:
+        robot.session.configure()
+    assert '5.02' in str(caught.value)
+    assert robot.lines == 0
 
 
 def test_a_vesc_that_may_not_feed_back_would_not_brake_and_is_refused():
@@ -118,6 +127,12 @@ def test_the_serial_timeout_of_a_roboclaw_is_set_at_every_start():
     robot.session.release()
     robot.run(0.1)
     assert robot.session.control.power.state is MotorState.ARMED and robot.device._timeout == 1
+
+
+def test_a_roboclaw_without_a_serial_timeout_is_refused():
+    robot = with_quirks('roboclaw', 'no_timeout')
+    with refused('inconsistent', 'watchdog', ConfigurationError):
+        robot.session.configure()
 
 
 # An encoder that jumps

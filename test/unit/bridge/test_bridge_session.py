@@ -99,6 +99,8 @@ def test_without_a_drive_configure_leaves_no_open_line():
     robot.plugged = False
     with pytest.raises(LinkError):
         robot.session.configure()
+    with refused('missing', 'drive', RefusedError):
+        robot.session.activate()
     assert robot.lines == 0
 
 
@@ -206,6 +208,14 @@ def test_more_commands_than_periods_do_not_crowd_the_line():
     assert 100 <= sent <= 203  # a question and a torque per period
     robot.session.tick()
     assert robot.session.supervisor.torque == pytest.approx(0.104)  # and the newest counts
+
+
+def test_an_imu_that_falls_silent_takes_the_torque_away():
+    robot = VirtualRobot().ready()
+    robot.run(0.2, torque=1.0)
+    robot._imu = None
+    robot.run(0.1, torque=1.0)
+    assert robot.motor == 0.0
 
 
 @pytest.mark.parametrize('protocol, end', pairs(ALL, ['engage', 'deactivate', 'close']))

@@ -6,6 +6,7 @@ from hypothesis import given, strategies as st
 import pytest
 
 from ballbot_ros.drives import codec_of
+from ballbot_ros.drives.contract import bit_names
 from ballbot_ros.drives.odrive.ascii import codec as odrive
 from ballbot_ros.drives.roboclaw import codec as roboclaw
 from ballbot_ros.drives.vesc.uart import codec as vesc
@@ -268,3 +269,10 @@ def test_a_roboclaw_version_is_text():
                         + roboclaw.answer(0x80, 90, 0))
     assert found == [[roboclaw.Reply(21, (), 'USB Roboclaw 2x30a v4.2.8\n'),
                       roboclaw.Reply(90, (0,))]]
+
+
+def test_error_bits_have_the_names_of_the_makers():
+    assert vesc.fault_names(5) == ('OVER_TEMP_FET',) and vesc.fault_names(0) == ()
+    assert vesc.fault_names(77) == ('FAULT_77',)
+    assert bit_names(0x10001, roboclaw.STATUS) == ('E_STOP', 'M1_OVER_CURRENT_WARNING')
+    assert bit_names(0x80000001, roboclaw.STATUS) == ('E_STOP', '0x80000000')
