@@ -10,6 +10,9 @@ from ballbot_ros.decision.perception.kernels import middle
 from ballbot_ros.decision.tuning import DecisionTuning
 from ballbot_ros.physics.model.terrain import Array
 
+Whole = NDArray[np.intp]
+Flags = NDArray[np.bool_]
+
 CELL = 0.01          # [m] between the nodes of the map
 MAP_BEHIND, MAP_AHEAD = 1.0, 5.0  # extent of the map and of scans [m]
 
@@ -88,12 +91,12 @@ def around(values: Array) -> Array:
     return medians(neighbourhoods(values))
 
 
-Whole = NDArray[np.intp]
-Flags = NDArray[np.bool_]
+def deviation(bends: Array) -> float:
+    """Return the standard deviation of heights with such bends [m], 0 for too few."""
+    return 1.4826 * middle(bends) / math.sqrt(6.0) if len(bends) > 20 else 0.0
 
 
-def resample(x: Array, z: Array, z_sd: Array, kept: Flags,
-             position: float) -> Optional[Scan]:
+def resample(x: Array, z: Array, z_sd: Array, kept: Flags, position: float) -> Optional[Scan]:
     """
     Return a scan on the nodes, None if it covers none.
 
@@ -143,9 +146,7 @@ def resample(x: Array, z: Array, z_sd: Array, kept: Flags,
     np.maximum(steep, slack[interval], out=steep)
     bend = np.abs(rise[1:] * run[:-1] - rise[:-1] * run[1:]) / np.maximum(
         np.maximum(run[1:], run[:-1]), 1e-9)
-    roughness = 1.4826 * middle(bend) / math.sqrt(6.0) if len(bend) > 20 else 0.0
-    return Scan(first, heights, steep, np.interp(places, x, z_sd), roughness,
-                middle(run))
+    return Scan(first, heights, steep, np.interp(places, x, z_sd), deviation(bend), middle(run))
 
 
 NODES = 640  # of the map
@@ -288,8 +289,7 @@ class ElevationMap:
         lag = max(1, math.ceil(self.spacing / CELL))
         known = np.where(np.isfinite(self.variance), self.height, np.nan)
         bend = np.abs(known[2 * lag:] - 2.0 * known[lag:-lag] + known[:-2 * lag])
-        bend = bend[np.isfinite(bend)]
-        return 1.4826 * middle(bend) / math.sqrt(6.0) if len(bend) > 20 else 0.0
+        return deviation(bend[np.isfinite(bend)])
 
     def _noise(self, scan: Scan) -> float:
         """Return the lower bound of the sensor noise, or its default if unreported [m]."""

@@ -279,7 +279,7 @@ def _bridged(found: ElevationMap, known: Whole, shared: float, position: float,
         slope = middle(rise[beside] / run[beside])
         behind = slice(gap + 1, int(np.searchsorted(x, x[gap + 1] + BLUR_LENGTH)))
         level = z[behind] - slope * (x[behind] - x[gap]) - z[gap]
-        # With the variance of the slope, a median of 2 SLOPE_NODES differences, over the gap.
+        # The slope, a median of 2 SLOPE_NODES differences, is uncertain over the gap, too.
         level_variance = float(variance[gap + 1]) + middle(variance[beside]) * (
             run[gap] / CELL)**2 / (2 * SLOPE_NODES)
         is_known = any(x[gap] - POSITION_TOLERANCE < edge.position < x[gap + 1] for edge in edges)
