@@ -45,8 +45,12 @@ class Scan(NamedTuple):
         Height relative to the centre of the ball [m], NaN where not observed.
     steep : (n,) array
         Change of height within `POSITION_SD` [m].
-    reported_sd, roughness : float
-        Standard deviation of a point: reported, 0 if unknown, and from neighbours [m].
+    share : (n,) array
+        Variance of a node over that of the points beside it.
+    reported_sd : (n,) array
+        Standard deviation of the points, 0 if unknown [m].
+    roughness : (n,) array
+        Standard deviation of the points around, from their neighbours [m].
     spacing : float
         Mean spacing of the observed points [m].
 
@@ -55,8 +59,9 @@ class Scan(NamedTuple):
     first: int
     z: Array
     steep: Array
+    share: Array
     reported_sd: Array
-    roughness: float
+    roughness: Array
     spacing: float
 
     @property
@@ -91,9 +96,29 @@ def around(values: Array) -> Array:
     return medians(neighbourhoods(values))
 
 
-def deviation(bends: Array) -> float:
+def median_along(values: Array, lengths: Array) -> float:
+    """Return the median over lengths of ground: a wall has many points, but no length."""
+    order = np.argsort(values)
+    total = np.cumsum(np.minimum(lengths[order], CELL))
+    return float(values[order[int(np.searchsorted(total, 0.5 * total[-1]))]])
+
+
+def deviation(bends: Array, lengths: Array) -> float:
     """Return the standard deviation of heights with such bends [m], 0 for too few."""
-    return 1.4826 * middle(bends) / math.sqrt(6.0) if len(bends) > 20 else 0.0
+    return 1.4826 * median_along(bends, lengths) / math.sqrt(6.0) if len(bends) > 20 else 0.0
+
+
+def mean_around(values: Array, counted: Flags) -> Array:
+    """Return means over `NOISE_NODES` nodes, nearer to that of all where few are counted."""
+    places, half = np.arange(len(values)), NOISE_NODES // 2
+    begin, end = np.maximum(places - half, 0), np.minimum(places + half + 1, len(values))
+
+    def total(items: Array) -> Array:
+        sums = np.concatenate([[0.0], np.cumsum(np.where(counted, items, 0.0))])
+        found: Array = sums[end] - sums[begin] + OVERLAP_MIN * sums[-1] / np.count_nonzero(counted)
+        return found
+    found: Array = total(values) / total(np.ones(len(values)))
+    return found
 
 
 def resample(x: Array, z: Array, z_sd: Array, kept: Flags, position: float) -> Optional[Scan]:
@@ -142,11 +167,17 @@ def resample(x: Array, z: Array, z_sd: Array, kept: Flags, position: float) -> O
     steep[1:-1] = 0.5 * POSITION_SD / CELL * np.abs(heights[2:] - heights[:-2])
     steep[np.isnan(steep)] = 0.0
     interval = np.clip(np.searchsorted(x, places, side='right') - 1, 0, len(run) - 1)
+    part = np.clip((places - x[interval]) / np.maximum(run[interval], 1e-9), 0.0, 1.0)
     slack = np.where(wide, CELL * np.abs(excess) / np.maximum(run, CELL), 0.0)
     np.maximum(steep, slack[interval], out=steep)
     bend = np.abs(rise[1:] * run[:-1] - rise[:-1] * run[1:]) / np.maximum(
         np.maximum(run[1:], run[:-1]), 1e-9)
-    return Scan(first, heights, steep, np.interp(places, x, z_sd), deviation(bend), middle(run))
+    # The bends of faces are outliers.
+    bend = np.minimum(bend, 3.0 * math.sqrt(6.0) * deviation(bend, np.minimum(run[1:], run[:-1])))
+    roughness = np.zeros(len(places)) if len(bend) == 0 else mean_around(
+        np.interp(places, x[1:-1], bend), np.ones(len(places), bool)) * math.sqrt(math.pi / 12.0)
+    return Scan(first, heights, steep, part**2 + (1.0 - part)**2, np.interp(places, x, z_sd),
+                roughness, middle(run))
 
 
 NODES = 640  # of the map
@@ -155,11 +186,14 @@ NODES = 640  # of the map
 DEFAULT_NOISE_SD, SCANS_MIN = 0.005, 5
 NOISE_SD_MIN = 1e-4      # [m]
 
-# Scans of the running means of heights, noise and tilt.
-AVERAGED_SCANS = 20
+# Scans of the running means of heights, noise and tilt; nodes of the mean of the noise.
+AVERAGED_SCANS, NOISE_NODES = 20, 41
+# Factor on variances per scan with which a Kalman filter averages this number of scans.
+FADING = AVERAGED_SCANS / (AVERAGED_SCANS - 1)
 
-# Minimum overlap in nodes for aligning a scan; minimum length for estimating its tilt [m].
-OVERLAP_MIN, TILT_LENGTH_MIN = 20, 0.5
+# Minimum overlap in nodes for aligning a scan, and for finding a slip; minimum length for
+# estimating the tilt of a scan [m].
+OVERLAP_MIN, SLIP_OVERLAP_MIN, TILT_LENGTH_MIN = 5, 20, 0.5
 
 # Maximum fraction of contradicting nodes; one camera point in a hundred is an outlier.
 OUTLIER_FRACTION_MAX = 0.15
@@ -187,8 +221,6 @@ class ElevationMap:
     height, variance : (NODES,) arrays
         [m], [m2]; infinite variance where not observed.  The variance is that of the average of
         the scans, without the texture.
-    noise_sd : float
-        Estimated noise of a node in one scan [m].
     spacing : float
         Spacing of the observed points [m].
     reports_sd : bool
@@ -208,10 +240,10 @@ class ElevationMap:
         self.variance = np.full(NODES, np.inf)
         self._strikes = np.zeros(NODES)
         self.scans = 0
-        self.noise_sd = DEFAULT_NOISE_SD
+        # Estimated variance of a point, by its distance from the ball [m2].
+        self._noise = np.zeros(NODES)
         self.spacing = CELL
         self.reports_sd = True
-        self._residuals = 0.0
 
     def add(self, scan: Scan, position: float) -> str:
         """
@@ -232,10 +264,11 @@ class ElevationMap:
         self._follow(position)
         inside = slice(scan.first - self.first, scan.first - self.first + len(scan.z))
         old, variance = self.height[inside], self.variance[inside]
-        noise = self._noise(scan)
-        sd = np.where(scan.reported_sd > 0.0,
-                      np.maximum(scan.reported_sd * math.sqrt(2.0 / 3.0), noise), noise)
-        new_variance = sd**2 + scan.steep**2
+        self.reports_sd, self.spacing = bool(scan.reported_sd.max() > 0.0), scan.spacing
+        begin = max(0, scan.first - math.ceil((position - MAP_BEHIND) / CELL - 1e-9))
+        noise = self._noise[begin:begin + len(scan.z)]
+        new_variance = scan.steep**2 + scan.share * np.maximum(
+            self._expected(scan)**2, np.where(noise > 0.0, noise, noise.max()))
         seen = np.isfinite(scan.z)
         common = seen & np.isfinite(variance)
         places = scan.places - position
@@ -243,7 +276,7 @@ class ElevationMap:
             self._begin(inside, scan, new_variance, places)
             return ''
         together = variance + new_variance
-        shift, tilt = _alignment(places, old - scan.z, together, common)
+        shift, tilt, aligned = _alignment(places, old - scan.z, together, common)
         residual = scan.z + shift + tilt * places - old
         outside = common & (residual**2 > self._sigmas**2 * together)
         if np.count_nonzero(outside) > max(5, OUTLIER_FRACTION_MAX * np.count_nonzero(common)):
@@ -251,7 +284,9 @@ class ElevationMap:
             return (f'the ground changed by {1e3 * residual[worst]:.0f} mm at '
                     f'{places[worst]:.2f} m, and by more than {self._sigmas:g} deviations at '
                     f'{np.count_nonzero(outside)} of {np.count_nonzero(common)} places')
-        self._learn(residual, variance, scan, common)
+        new_variance += aligned
+        self._learn(noise, residual / np.sqrt(scan.share), (variance + aligned) / scan.share,
+                    common & ~outside & (scan.steep < 0.001))
         # Scans are relative to gravity: the map takes their mean tilt, and does not drift.
         part = tilt / min(self.scans, AVERAGED_SCANS)
         self.height -= part * ((np.arange(NODES) + self.first) * CELL - position)
@@ -273,7 +308,7 @@ class ElevationMap:
                 continue
             inside = slice(begin, begin + len(scan.z))
             known = np.isfinite(self.variance[inside]) & np.isfinite(scan.z)
-            if np.count_nonzero(known) >= OVERLAP_MIN:
+            if np.count_nonzero(known) >= SLIP_OVERLAP_MIN:
                 apart = self.height[inside][known] - scan.z[known]
                 apart -= middle(apart)
                 together = (self.variance[inside][known] + scan.steep[known]**2
@@ -289,20 +324,16 @@ class ElevationMap:
         lag = max(1, math.ceil(self.spacing / CELL))
         known = np.where(np.isfinite(self.variance), self.height, np.nan)
         bend = np.abs(known[2 * lag:] - 2.0 * known[lag:-lag] + known[:-2 * lag])
-        return deviation(bend[np.isfinite(bend)])
+        bend = bend[np.isfinite(bend)]
+        return deviation(bend, np.full(len(bend), CELL))
 
-    def _noise(self, scan: Scan) -> float:
-        """Return the lower bound of the sensor noise, or its default if unreported [m]."""
-        reports_sd = bool(scan.reported_sd.max() > 0.0)
-        shown = max(NOISE_SD_MIN, min(scan.roughness, DEFAULT_NOISE_SD) * math.sqrt(2.0 / 3.0))
-        estimate = self.noise_sd if self.scans >= SCANS_MIN else 0.0
-        self.reports_sd, self.spacing = reports_sd, scan.spacing
-        if reports_sd:
-            # Use the reported noise unless the estimate is clearly larger.
-            average = float(scan.reported_sd.mean()) * math.sqrt(2.0 / 3.0)
-            found = max(shown, estimate)
-            return found if found > 1.3 * average else NOISE_SD_MIN
-        return max(shown, estimate) if self.scans >= SCANS_MIN else DEFAULT_NOISE_SD
+    def _expected(self, scan: Scan) -> Array:
+        """Return the reported or default standard deviations of the points of a scan [m]."""
+        found: Array = np.maximum(scan.reported_sd, NOISE_SD_MIN)
+        if self.scans < SCANS_MIN:
+            found = np.maximum(found, np.minimum(scan.roughness, DEFAULT_NOISE_SD)
+                               if self.reports_sd else DEFAULT_NOISE_SD)
+        return found
 
     def _begin(self, inside: slice, scan: Scan, variance: Array, places: Array) -> None:
         """Start the map with a scan; the floor below the ball is at 0."""
@@ -316,16 +347,17 @@ class ElevationMap:
         self.variance[inside] = np.where(seen, variance, np.inf)
         self.scans = 1
 
-    def _learn(self, residual: Array, variance: Array, scan: Scan, common: Flags) -> None:
-        """Estimate the noise of the scans from their residuals."""
-        even = common & (scan.steep < 0.001)
+    def _learn(self, noise: Array, residual: Array, variance: Array, even: Flags) -> None:
+        """Estimate the noise of the scans from their residuals, by the distance from the ball."""
         self.scans += 1
-        weight = 1.0 / min(self.scans - 1, AVERAGED_SCANS)
-        if np.count_nonzero(even) >= OVERLAP_MIN:
-            spread = 1.4826 * middle(np.abs(residual[even]))
-            own = max(NOISE_SD_MIN**2, spread**2 - middle(variance[even]))
-            self._residuals += weight * (own - self._residuals)
-            self.noise_sd = math.sqrt(self._residuals)
+        if np.count_nonzero(even) < OVERLAP_MIN:
+            return
+        # The mean absolute deviation of a normal distribution is 0.8 standard deviations.
+        total = 0.5 * math.pi * mean_around(np.abs(residual), even)**2
+        # The average in the map is at least as accurate as one scan.
+        own = np.maximum(total - mean_around(variance, even), 0.5 * total) + NOISE_SD_MIN**2
+        noise += np.where(noise > 0.0, 1.0 / min(self.scans - 1, AVERAGED_SCANS), 1.0) \
+            * (own - noise)
 
     def _fuse(self, inside: slice, new: Array, new_variance: Array, residual: Array,
               seen: Flags, outside: Flags) -> None:
@@ -335,7 +367,7 @@ class ElevationMap:
         fresh = seen & (np.isinf(variance) | (
             strikes >= self._forget_after))
         fused = seen & ~outside & ~fresh
-        known = np.where(fused, variance, 0.0)
+        known = np.where(fused, FADING * variance, 0.0)
         gain = known / (known + new_variance)
         gain[fresh] = 1.0
         # A contradicting point is not averaged in, but raises the variance.
@@ -344,7 +376,6 @@ class ElevationMap:
         old[:] = np.where(seen, old + gain * np.where(fused, residual, new - old), old)
         variance[:] = np.where(fused, (1.0 - gain) * known, variance)
         variance[fresh] = new_variance[fresh]
-        np.maximum(variance, new_variance / AVERAGED_SCANS, out=variance)
 
     def _follow(self, position: float) -> None:
         """Move the map with the ball."""
@@ -366,10 +397,10 @@ class ElevationMap:
 
 
 def _alignment(places: Array, difference: Array, variance: Array,
-               common: Flags) -> Tuple[float, float]:
-    """Return shift [m] and tilt that fit map minus scan, outliers left out."""
+               common: Flags) -> Tuple[float, float, Array]:
+    """Return shift [m] and tilt that fit map minus scan, outliers left out, and its variance."""
     x, d, weight = places[common], difference[common], 1.0 / variance[common]
-    shift, tilt = middle(d), 0.0
+    shift, tilt, tilt_variance = middle(d), 0.0, 0.0
     long = x[-1] - x[0] > TILT_LENGTH_MIN
     for _ in range(2):
         off = np.abs(d - shift - tilt * x)
@@ -380,5 +411,6 @@ def _alignment(places: Array, difference: Array, variance: Array,
         spread = (kept * (x - mean_x)**2).sum()
         if long and spread > 0.0:
             tilt = float((kept * (x - mean_x) * (d - mean_d)).sum() / spread)
+            tilt_variance = 1.0 / spread
         shift = float(mean_d - tilt * mean_x)
-    return shift, tilt
+    return shift, tilt, 1.0 / total + tilt_variance * (places - mean_x)**2

@@ -233,12 +233,12 @@ def ground_of(found: ElevationMap, position: float, radius: float,
 
     """
     known = np.flatnonzero(np.isfinite(found.variance))
-    if len(known) < 3:
-        nan = math.nan
-        return GroundSeen([], [], [], nan, nan, nan, nan)
     # Neighbouring nodes share the points that they lie between.
     shared = min(max(1.5 * found.spacing / CELL, 1.0), 20.0)
     nodes = _bridged(found, known, shared, position, radius, edges)
+    if len(nodes.x) < 3:
+        nan = math.nan
+        return GroundSeen([], [], [], nan, nan, nan, nan)
     known_edges = _edges_in(nodes, edges)
     pieces = pieces_of(nodes, shared, known_edges)
     datum, slope, slope_variance = _below(nodes, pieces, position)
@@ -280,8 +280,8 @@ def _bridged(found: ElevationMap, known: Whole, shared: float, position: float,
         behind = slice(gap + 1, int(np.searchsorted(x, x[gap + 1] + BLUR_LENGTH)))
         level = z[behind] - slope * (x[behind] - x[gap]) - z[gap]
         # The slope, a median of 2 SLOPE_NODES differences, is uncertain over the gap, too.
-        level_variance = float(variance[gap + 1]) + middle(variance[beside]) * (
-            run[gap] / CELL)**2 / (2 * SLOPE_NODES)
+        level_variance = float(variance[gap] + variance[gap + 1]) + math.pi * middle(
+            variance[beside]) * (run[gap] / CELL)**2 / (2 * SLOPE_NODES)
         is_known = any(x[gap] - POSITION_TOLERANCE < edge.position < x[gap + 1] for edge in edges)
         certain = 0.0 if is_known else FACE_SIGMAS * math.sqrt(level_variance / shared)
         if x[gap] > position and level.max() > -max(HEIGHT_ENTRY, certain) \
@@ -335,7 +335,7 @@ def _assemble(nodes: Nodes, pieces: List[Piece], edges: Sequence[Piece], datum: 
             known = any(edge.sign == piece.sign and piece.begin <= edge.begin
                         and edge.end <= piece.end for edge in edges)
             if piece.sign * excess > (HEIGHT_EXIT if known else max(
-                    FACE_HEIGHT_MIN, FACE_SIGMAS * math.sqrt(low[1] + high[1]))):
+                    HEIGHT_ENTRY, FACE_SIGMAS * math.sqrt(low[1] + high[1]))):
                 faces.append(face)
             continue
         if number == 0:

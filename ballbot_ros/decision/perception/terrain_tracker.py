@@ -10,8 +10,8 @@ import numpy as np
 from ballbot_ros.decision.perception.edge_map import (
     EdgeEstimate, EdgeMap, Existence, Rejection)
 from ballbot_ros.decision.perception.elevation import (
-    CELL, ElevationMap, Flags, medians, neighbourhoods, resample, SLOPE_MAX)
-from ballbot_ros.decision.perception.ground import ground_of, GroundSeen
+    CELL, ElevationMap, Flags, median_along, medians, neighbourhoods, resample, SLOPE_MAX)
+from ballbot_ros.decision.perception.ground import FACE_SIGMAS, ground_of, GroundSeen
 from ballbot_ros.decision.perception.ground_profile import (
     SLOPE_HYSTERESIS, SLOPE_LENGTH, steep_stretches)
 from ballbot_ros.decision.perception.kernels import middle
@@ -229,7 +229,8 @@ class TerrainTracker:
         if not ground.points:
             self.profile = Profile(observation.stamp, seen_from=position, seen_to=position)
             return None, ''
-        drift = self._detect(ground, position)
+        drift = self._detect(
+            ground, position, float(scan.places[np.isfinite(scan.z)][0]))
         if drift > SLIP_MAX:
             return Reason.CONTRADICTORY, f'an edge has moved along with the ball, by {drift:.2f} m'
         # Ground that is first seen now may have edges that a second observation confirms.
@@ -248,7 +249,8 @@ class TerrainTracker:
         off = level - middles
         # Hampel filter: on a face, the deviations of the neighbourhood are large.
         spread = medians(np.abs(near - middles[:, None]))
-        least = max(OUTLIER_HEIGHT, OUTLIER_SPREAD * middle(np.abs(off)))
+        least = max(OUTLIER_HEIGHT, OUTLIER_SPREAD * median_along(
+            np.abs(off), np.diff(x, prepend=x[0])))
         lone: Flags = np.abs(off) > np.maximum(least, OUTLIER_LOCAL_SPREAD * spread)
         if not lone.any():
             return ~lone
@@ -280,8 +282,12 @@ class TerrainTracker:
         return replace(profile, steep=tuple(
             (known.begin, known.slope) for known in self._steep if known.exists.confirmed))
 
-    def _detect(self, ground: GroundSeen, position: float) -> float:
-        """Update the edges with those of the map; return how far one has moved with the ball."""
+    def _detect(self, ground: GroundSeen, position: float, observed_from: float) -> float:
+        """
+        Update the edges with those of the map; return how far one has moved with the ball.
+
+        The ground before `observed_from` is that of earlier scans, which have been counted.
+        """
         forward, self._position = math.copysign(1.0, position - self._position), position
         bias = self._tuning.height_bias(self._map.reports_sd)
         known = self._edges.associate(ground.faces, self._edges.edges)
@@ -290,8 +296,10 @@ class TerrainTracker:
         for index, face in enumerate(ground.faces):
             edge = known.get(index)
             if edge is None:
-                edge = self._edges.start(self._map.scans == 1)
-            else:
+                # A single scan confirms only an edge that is far above its noise.
+                edge = self._edges.start(self._map.scans == 1 and abs(face.height)
+                                         > 2.0 * FACE_SIGMAS * face.height_sd)
+            elif face.position >= observed_from:
                 edge.exists.add(True)
             if edge.ground is None:
                 edge.ground = EdgeEstimate(face, bias)

@@ -100,12 +100,12 @@ def test_noise_of_a_sensor_that_reports_none_is_averaged(seed):
     assert [face.height for face in last.faces] == pytest.approx([0.011, 0.009], abs=0.003)
 
 
-def watch(terrain, to, **camera):
+def watch(terrain, to, seed=0, **camera):
     """Return the profiles of a camera on an approach from x = 0 at 50 looks."""
     model, tracking, profiles = SensorModel('camera', **camera), tracker(), []
     for number, x in enumerate(np.linspace(0.0, to, 50)):
         ahead, up, deviation = (tuple(values.tolist()) for values in Camera(
-            terrain, model, 0).sample(x, RADIUS, number))
+            terrain, model, seed).sample(x, RADIUS, number))
         profiles.append(tracking.update(TerrainObservation(
             0.02 * number, ahead, up, deviation, ahead[0], ahead[-1]), x))
     return profiles
@@ -117,6 +117,30 @@ def test_a_cord_of_few_points_is_not_taken_for_outliers():
     for profile in watch(terrain, to=0.1, eye_height=0.34, lowest_ray=math.radians(65.0),
                          rays=170)[11:]:
         assert [face.height for face in profile.faces] == pytest.approx([0.01, -0.01], abs=0.003)
+
+
+@pytest.mark.parametrize('seed', [0, 1, *slow(9, 11)])
+def test_noise_that_is_largest_near_the_ball_makes_no_faces(seed):
+    profiles = watch(Terrain.flat(), 0.4, seed, eye_height=0.17, lowest_ray=math.radians(64.0),
+                     rays=273, height_sd=0.0032, faults=SensorFaults(reported_sd=0.0))
+    assert not any(profile.faces for profile in profiles)
+
+
+@pytest.mark.parametrize('seed', [2, 5, 8, *slow(3, 11)])
+def test_the_short_ground_before_a_wall_is_averaged_and_has_no_faces(seed):
+    """A scan has 20 nodes, and most of its points are of the wall."""
+    wall = Terrain([(-2.0, 0.0), (0.5, 0.0), (0.5, 0.6), (4.0, 0.6)])
+    profiles = watch(wall, 0.15, seed, eye_height=0.15, lowest_ray=math.radians(63.0), rays=324,
+                     height_sd=0.0027, faults=SensorFaults(reported_sd=0.5))
+    assert all(abs(face.position - 0.5) < 0.06 for profile in profiles for face in profile.faces)
+
+
+@pytest.mark.parametrize('seed', [5, 6])
+def test_a_single_node_before_a_gap_raises_no_error(seed):
+    wall = Terrain([(-2.0, 0.0), (0.5, 0.0), (0.5, 0.6), (4.0, 0.6)])
+    profiles = watch(wall, 0.15, seed, eye_height=0.38, lowest_ray=math.radians(60.0), rays=489,
+                     height_sd=0.0028)
+    assert all(profile.rejection is None for profile in profiles)
 
 
 def test_a_vertical_face_with_many_points_is_not_a_slope():
