@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A map of heights along the odometry axis, to which each scan is aligned and added."""
 import math
-from typing import NamedTuple, Optional, Tuple
+from typing import List, NamedTuple, Optional, Tuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,8 +49,8 @@ class Scan(NamedTuple):
         Variance of a node over that of the points beside it.
     reported_sd : (n,) array
         Standard deviation of the points, 0 if unknown [m].
-    roughness : (n,) array
-        Standard deviation of the points around, from their neighbours [m].
+    bend : (n,) array
+        Deviation of the points from the line between their neighbours [m].
     spacing : float
         Mean spacing of the observed points [m].
 
@@ -61,7 +61,7 @@ class Scan(NamedTuple):
     steep: Array
     share: Array
     reported_sd: Array
-    roughness: Array
+    bend: Array
     spacing: float
 
     @property
@@ -96,29 +96,22 @@ def around(values: Array) -> Array:
     return medians(neighbourhoods(values))
 
 
-def median_along(values: Array, lengths: Array) -> float:
-    """Return the median over lengths of ground: a wall has many points, but no length."""
-    order = np.argsort(values)
-    total = np.cumsum(np.minimum(lengths[order], CELL))
-    return float(values[order[int(np.searchsorted(total, 0.5 * total[-1]))]])
-
-
-def deviation(bends: Array, lengths: Array) -> float:
+def deviation(bends: Array) -> float:
     """Return the standard deviation of heights with such bends [m], 0 for too few."""
-    return 1.4826 * median_along(bends, lengths) / math.sqrt(6.0) if len(bends) > 20 else 0.0
+    return 1.4826 * middle(bends) / math.sqrt(6.0) if len(bends) > 20 else 0.0
 
 
-def mean_around(values: Array, counted: Flags) -> Array:
+def means_around(counted: Flags, *items: Array) -> List[Array]:
     """Return means over `NOISE_NODES` nodes, nearer to that of all where few are counted."""
-    places, half = np.arange(len(values)), NOISE_NODES // 2
-    begin, end = np.maximum(places - half, 0), np.minimum(places + half + 1, len(values))
+    places, half = np.arange(len(counted)), NOISE_NODES // 2
+    begin, end = np.maximum(places - half, 0), np.minimum(places + half + 1, len(counted))
 
-    def total(items: Array) -> Array:
-        sums = np.concatenate([[0.0], np.cumsum(np.where(counted, items, 0.0))])
+    def total(values: Array) -> Array:
+        sums = np.concatenate([[0.0], np.cumsum(values)])
         found: Array = sums[end] - sums[begin] + OVERLAP_MIN * sums[-1] / np.count_nonzero(counted)
         return found
-    found: Array = total(values) / total(np.ones(len(values)))
-    return found
+    count = total(np.where(counted, 1.0, 0.0))
+    return [total(np.where(counted, values, 0.0)) / count for values in items]
 
 
 def resample(x: Array, z: Array, z_sd: Array, kept: Flags, position: float) -> Optional[Scan]:
@@ -172,12 +165,9 @@ def resample(x: Array, z: Array, z_sd: Array, kept: Flags, position: float) -> O
     np.maximum(steep, slack[interval], out=steep)
     bend = np.abs(rise[1:] * run[:-1] - rise[:-1] * run[1:]) / np.maximum(
         np.maximum(run[1:], run[:-1]), 1e-9)
-    # The bends of faces are outliers.
-    bend = np.minimum(bend, 3.0 * math.sqrt(6.0) * deviation(bend, np.minimum(run[1:], run[:-1])))
-    roughness = np.zeros(len(places)) if len(bend) == 0 else mean_around(
-        np.interp(places, x[1:-1], bend), np.ones(len(places), bool)) * math.sqrt(math.pi / 12.0)
     return Scan(first, heights, steep, part**2 + (1.0 - part)**2, np.interp(places, x, z_sd),
-                roughness, middle(run))
+                np.interp(places, x[1:-1], bend) if len(x) > 2 else np.zeros(len(places)),
+                middle(run))
 
 
 NODES = 640  # of the map
@@ -324,15 +314,20 @@ class ElevationMap:
         lag = max(1, math.ceil(self.spacing / CELL))
         known = np.where(np.isfinite(self.variance), self.height, np.nan)
         bend = np.abs(known[2 * lag:] - 2.0 * known[lag:-lag] + known[:-2 * lag])
-        bend = bend[np.isfinite(bend)]
-        return deviation(bend, np.full(len(bend), CELL))
+        return deviation(bend[np.isfinite(bend)])
 
     def _expected(self, scan: Scan) -> Array:
         """Return the reported or default standard deviations of the points of a scan [m]."""
         found: Array = np.maximum(scan.reported_sd, NOISE_SD_MIN)
-        if self.scans < SCANS_MIN:
-            found = np.maximum(found, np.minimum(scan.roughness, DEFAULT_NOISE_SD)
-                               if self.reports_sd else DEFAULT_NOISE_SD)
+        if self.scans >= SCANS_MIN:
+            return found
+        least = np.full(len(found), DEFAULT_NOISE_SD)
+        if self.reports_sd:
+            # The bends of faces are outliers.
+            bend = np.minimum(scan.bend, 3.0 * math.sqrt(6.0) * deviation(scan.bend))
+            roughness, = means_around(np.ones(len(bend), bool), math.sqrt(math.pi / 12.0) * bend)
+            least = np.minimum(roughness, least)
+        np.maximum(found, least, out=found)
         return found
 
     def _begin(self, inside: slice, scan: Scan, variance: Array, places: Array) -> None:
@@ -352,10 +347,11 @@ class ElevationMap:
         self.scans += 1
         if np.count_nonzero(even) < OVERLAP_MIN:
             return
+        off, known = means_around(even, np.abs(residual), variance)
         # The mean absolute deviation of a normal distribution is 0.8 standard deviations.
-        total = 0.5 * math.pi * mean_around(np.abs(residual), even)**2
+        total = 0.5 * math.pi * off**2
         # The average in the map is at least as accurate as one scan.
-        own = np.maximum(total - mean_around(variance, even), 0.5 * total) + NOISE_SD_MIN**2
+        own = np.maximum(total - known, 0.5 * total) + NOISE_SD_MIN**2
         noise += np.where(noise > 0.0, 1.0 / min(self.scans - 1, AVERAGED_SCANS), 1.0) \
             * (own - noise)
 

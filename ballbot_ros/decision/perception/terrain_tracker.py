@@ -10,7 +10,7 @@ import numpy as np
 from ballbot_ros.decision.perception.edge_map import (
     EdgeEstimate, EdgeMap, Existence, Rejection)
 from ballbot_ros.decision.perception.elevation import (
-    CELL, ElevationMap, Flags, median_along, medians, neighbourhoods, resample, SLOPE_MAX)
+    CELL, ElevationMap, Flags, medians, neighbourhoods, resample, SLOPE_MAX)
 from ballbot_ros.decision.perception.ground import FACE_SIGMAS, ground_of, GroundSeen
 from ballbot_ros.decision.perception.ground_profile import (
     SLOPE_HYSTERESIS, SLOPE_LENGTH, steep_stretches)
@@ -249,8 +249,11 @@ class TerrainTracker:
         off = level - middles
         # Hampel filter: on a face, the deviations of the neighbourhood are large.
         spread = medians(np.abs(near - middles[:, None]))
-        least = max(OUTLIER_HEIGHT, OUTLIER_SPREAD * median_along(
-            np.abs(off), np.diff(x, prepend=x[0])))
+        # The median over lengths of ground: a wall has many points.
+        order = np.argsort(np.abs(off))
+        length = np.cumsum(np.minimum(np.diff(x, prepend=x[0])[order], CELL))
+        usual = abs(float(off[order[int(np.searchsorted(length, 0.5 * length[-1]))]]))
+        least = max(OUTLIER_HEIGHT, OUTLIER_SPREAD * usual)
         lone: Flags = np.abs(off) > np.maximum(least, OUTLIER_LOCAL_SPREAD * spread)
         if not lone.any():
             return ~lone
