@@ -168,8 +168,8 @@ class NavigationState:
     route : Route or None
     index : int
         Of the segment.
-    along : float
-        Progress on it [m].
+    along, aside : float
+        Progress on it, and distance of its begin from the ball [m].
     learned : Learned
     replans : int
     recoveries : int
@@ -184,6 +184,7 @@ class NavigationState:
     route: Optional[Route] = None
     index: int = 0
     along: float = 0.0
+    aside: float = 0.0
     path: Optional[Path] = None
     learned: Learned = Learned()
     replans: int = 0
@@ -361,7 +362,7 @@ class Navigator:
         path = Path.of(segment.points, segment.direction)
         _, left = path.project(percept.x, percept.y, 0.0)
         state = replace(state, status=NavStatus.DRIVING, index=index, along=0.0, path=path,
-                        next=None, anchor=(0.0, percept.stamp), agreeing=(0, 0))
+                        aside=abs(left), next=None, anchor=(0.0, percept.stamp), agreeing=(0, 0))
         if segment.feature is None:
             return state
         assert segment.crossing is not None
@@ -403,12 +404,13 @@ class Navigator:
             if resting:
                 return self._enter(state, state.index + 1, percept), REST
             return state, REST
-        # Half the clearance of the path is for deviations from it, also where the ball brakes now.
+        # Half the clearance of the path is for deviations from it, beside those with which it
+        # started, also where the ball brakes now.
         rests = min(self._braking.distance(abs(percept.speed), 0.0), path.length - along)
         there = (percept.x + rests * math.cos(course), percept.y + rests * math.sin(course))
         planned = [float(np.interp(along + rests, path.along, items)) for items in path.points.T]
-        clearance = self.planner.clearance
-        if abs(turned) > HEADING_ERROR_MAX or math.dist(there, planned) > 0.5 * CLEARANCE \
+        clearance, (_, aside) = self.planner.clearance, path.project(*there, along)
+        if abs(turned) > HEADING_ERROR_MAX or abs(aside) > state.aside + 0.5 * CLEARANCE \
                 and clearance(there) < min(clearance(planned), CLEARANCE) - 0.5 * CLEARANCE \
                 < clearance((percept.x, percept.y)):
             return self._stop(state, 'off_path', (
@@ -522,9 +524,16 @@ class Navigator:
                                replans=max(state.replans - 1, 0), message=report.message), REST
             return self._stop(state, 'crossing_failed', (
                 f'the {segment.feature.label} was not crossed: {report.message}')), REST
+        turned = math.remainder(percept.heading - segment.heading, 2.0 * math.pi)
+        if abs(turned) > HEADING_ERROR_MAX:
+            # The outcome says nothing about the run-up.
+            return self._stop(state, 'off_path', (
+                f'the {segment.feature.label} has turned the ball by '
+                f'{math.degrees(turned):+.0f} degrees')), REST
         if abs(percept.speed) < REST_SPEED_MAX and state.moving > state.crossing_start \
-                and state.along < segment.crossing.run_up:
+                and state.along < 0.5 * segment.crossing.run_up:
             # The decision has backed off for another attempt, which begins at another pose.
+            # Close to the step, a ball whose pendulum swings is slow, too.
             entered = self._enter(state, state.index, percept)
             if entered.status is not NavStatus.CROSSING:
                 return entered, REST

@@ -337,20 +337,43 @@ def test_a_ball_off_the_line_of_a_crossing_backs_off_and_returns_onto_it(navigat
     assert math.dist((ball.x, ball.y), crossing.points[0]) < 0.1
 
 
-@pytest.mark.parametrize(('degrees', 'moved', 'begins'), [
-    (3.0, True, True), (50.0, True, False), (50.0, False, True)])
-def test_only_another_attempt_ends_where_no_crossing_may_begin(navigator, degrees, moved, begins):
+def crossing_ball(navigator, degrees):
+    """Return a ball whose crossing has started, and that has turned since."""
     ball = Ball(navigator, *KITCHEN, 1.57)
     ball.crosses = lambda segment: None
     ball.begin(STUDY)
     ball.run(60.0, until=lambda ball: ball.state.status is NavStatus.CROSSING)
     ball.heading += math.radians(degrees)
     ball.state = replace(ball.state, last=None)
+    return ball
+
+
+@pytest.mark.parametrize(('degrees', 'moved', 'begins'), [
+    (3.0, True, True), (40.0, True, False), (40.0, False, True)])
+def test_only_another_attempt_ends_where_no_crossing_may_begin(navigator, degrees, moved, begins):
+    ball = crossing_ball(navigator, degrees)
     if moved:
         ball.state = replace(ball.state, moving=ball.state.crossing_start + PERIOD)
     ball.step()
     assert (ball.state.status is NavStatus.CROSSING) is begins
     assert ball.state.alignments == (0 if begins else 1)
+
+
+def test_a_ball_that_is_slow_close_to_the_step_continues(navigator):
+    """Before the touch the pendulum swings back, and the ball is almost at rest."""
+    ball = crossing_ball(navigator, 40.0)
+    along = 0.7 * ball.state.segment.crossing.run_up
+    ball.y += along
+    ball.state = replace(ball.state, along=along, moving=ball.state.crossing_start + PERIOD)
+    ball.step()
+    assert ball.state.status is NavStatus.CROSSING and ball.state.alignments == 0
+
+
+def test_a_ball_that_the_edge_has_turned_stops_and_plans_again(navigator):
+    ball = crossing_ball(navigator, 50.0)
+    ball.step()
+    assert (ball.state.status, ball.state.reason) == (NavStatus.STOPPING, 'off_path')
+    assert ball.state.learned.outcomes == ()
 
 
 @pytest.mark.parametrize('speed', [0.05, -0.05])
