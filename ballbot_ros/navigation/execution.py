@@ -169,7 +169,7 @@ class NavigationState:
     index : int
         Of the segment.
     along, aside : float
-        Progress on it, and distance of its begin from the ball [m].
+        Progress on it, and distance of the ball from its line at the begin [m].
     learned : Learned
     replans : int
     recoveries : int
