@@ -80,7 +80,8 @@ class Memory:
         if not motion.is_plausible:
             return
         if not math.isfinite(self._free_from):
-            self._free_from = motion.position - self._room_behind
+            # The ground may end there.
+            self._free_from = motion.position - max(self._room_behind - EDGE_CLEARANCE, 0.0)
         self._free_from = min(self._free_from, motion.position)
         if motion.position < self._edge_behind - EDGE_CLEARANCE - self._radius:
             self._edge_behind = -math.inf  # the ball has rolled back over it
