@@ -318,16 +318,14 @@ class ElevationMap:
 
     def _expected(self, scan: Scan) -> Array:
         """Return the reported or default standard deviations of the points of a scan [m]."""
-        found: Array = np.maximum(scan.reported_sd, NOISE_SD_MIN)
-        if self.scans >= SCANS_MIN:
-            return found
-        least = np.full(len(found), DEFAULT_NOISE_SD)
-        if self.reports_sd:
+        least: Array = np.full(
+            len(scan.z), NOISE_SD_MIN if self.scans >= SCANS_MIN else DEFAULT_NOISE_SD)
+        if self.scans < SCANS_MIN and self.reports_sd:
             # The bends of faces are outliers.
             bend = np.minimum(scan.bend, 3.0 * math.sqrt(6.0) * deviation(scan.bend))
             roughness, = means_around(np.ones(len(bend), bool), math.sqrt(math.pi / 12.0) * bend)
-            least = np.minimum(roughness, least)
-        np.maximum(found, least, out=found)
+            least = np.clip(roughness, NOISE_SD_MIN, DEFAULT_NOISE_SD)
+        found: Array = np.maximum(scan.reported_sd, least)
         return found
 
     def _begin(self, inside: slice, scan: Scan, variance: Array, places: Array) -> None:

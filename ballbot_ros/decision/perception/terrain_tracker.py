@@ -196,9 +196,10 @@ class TerrainTracker:
             if len(x) > 1 else None
         if scan is None:
             return Reason.BAD_OBSERVATION, 'it shows nothing of the ground around the ball'
-        near = np.isfinite(scan.z) & (np.abs(scan.places - position) <= 2.0 * self._radius)
+        seen, places = np.isfinite(scan.z), scan.places
+        near = seen & (np.abs(places - position) <= 2.0 * self._radius)
         if near.any():
-            wrong = misplaced(scan.places[near] - position, scan.z[near], self._radius,
+            wrong = misplaced(places[near] - position, scan.z[near], self._radius,
                               self._map.scans > 0)
             if wrong:
                 return Reason.BAD_OBSERVATION, wrong
@@ -229,8 +230,7 @@ class TerrainTracker:
         if not ground.points:
             self.profile = Profile(observation.stamp, seen_from=position, seen_to=position)
             return None, ''
-        drift = self._detect(
-            ground, position, float(scan.places[np.isfinite(scan.z)][0]))
+        drift = self._detect(ground, position, float(places[seen][0]))
         if drift > SLIP_MAX:
             return Reason.CONTRADICTORY, f'an edge has moved along with the ball, by {drift:.2f} m'
         # Ground that is first seen now may have edges that a second observation confirms.

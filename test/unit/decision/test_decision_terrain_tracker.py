@@ -54,6 +54,8 @@ def exact(terrain, at=0.0, stamp=0.0, **change):
         stamp, tuple(places.tolist()), tuple(heights.tolist()), (), -0.3, 3.0), **change)
 
 
+NEAR_WALL = Terrain([(-2.0, 0.0), (0.5, 0.0), (0.5, 0.6), (4.0, 0.6)])
+
 SCENES = {
     'rise': (ground((0.0, 0.03)), [(1.2, 0.03)]),
     'drop': (ground((0.0, -0.1)), [(1.2, -0.1)]),
@@ -129,17 +131,15 @@ def test_noise_that_is_largest_near_the_ball_makes_no_faces(seed):
 @pytest.mark.parametrize('seed', [2, 5, 8, *slow(3, 11)])
 def test_the_short_ground_before_a_wall_is_averaged_and_has_no_faces(seed):
     """A scan has 20 nodes, and most of its points are of the wall."""
-    wall = Terrain([(-2.0, 0.0), (0.5, 0.0), (0.5, 0.6), (4.0, 0.6)])
-    profiles = watch(wall, 0.15, seed, eye_height=0.15, lowest_ray=math.radians(63.0), rays=324,
-                     height_sd=0.0027, faults=SensorFaults(reported_sd=0.5))
+    profiles = watch(NEAR_WALL, 0.15, seed, eye_height=0.15, lowest_ray=math.radians(63.0),
+                     rays=324, height_sd=0.0027, faults=SensorFaults(reported_sd=0.5))
     assert all(abs(face.position - 0.5) < 0.06 for profile in profiles for face in profile.faces)
 
 
 @pytest.mark.parametrize('seed', [5, 6])
 def test_a_single_node_before_a_gap_raises_no_error(seed):
-    wall = Terrain([(-2.0, 0.0), (0.5, 0.0), (0.5, 0.6), (4.0, 0.6)])
-    profiles = watch(wall, 0.15, seed, eye_height=0.38, lowest_ray=math.radians(60.0), rays=489,
-                     height_sd=0.0028)
+    profiles = watch(NEAR_WALL, 0.15, seed, eye_height=0.38, lowest_ray=math.radians(60.0),
+                     rays=489, height_sd=0.0028)
     assert all(profile.rejection is None for profile in profiles)
 
 
