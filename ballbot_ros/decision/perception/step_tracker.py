@@ -131,9 +131,9 @@ class StepTracker:
                 return Reason.CONTRADICTORY, ('no step is detected, but its height is '
                                               f'{1e3 * observation.height:.0f} mm')
             limited = observation.distance > 0.0
-            self.seen_to = position + observation.distance if limited else math.inf
-            return self._accept(
-                position + (observation.distance or self._range), position, None)
+            self._accept(position + (observation.distance or self._range), position, None,
+                         position + observation.distance if limited else math.inf)
+            return None, ''
         # Rejected observations count for the scatter, too.
         self._heights.add(observation.height)
         self._places.add(position + observation.distance)
@@ -174,13 +174,10 @@ class StepTracker:
             else:
                 edge.exists.add(True)
         self._average(edge, shown, observation)
-        self.seen_to = math.inf
         if edge.exists.confirmed:
             self._range = max(self._range, observation.distance)
-            # The sensor does not see behind this edge, which the ball may pass before the next
-            # observation.
-            self.seen_to = shown.position + self._tuning.unseen_room
-        return self._accept(shown.position, position, edge)
+        self._accept(shown.position, position, edge, math.inf)
+        return None, ''
 
     def _average(self, edge: TrackedEdge, shown: Face, observation: StepObservation) -> None:
         """Average a detection into an edge."""
@@ -203,8 +200,9 @@ class StepTracker:
                 0, place, height, max(place_sd, POSITION_SD_MIN), height_sd)
         edge.step.trend.add(observation.distance, observation.height)
 
-    def _accept(self, seen_to: float, position: float, shown: Optional[TrackedEdge]) -> Rejection:
-        """Count a miss of the edges before a position, and forget those that are passed."""
+    def _accept(self, clear_to: float, position: float, shown: Optional[TrackedEdge],
+                seen_to: float) -> None:
+        """Count a miss of the edges before `clear_to`, forget those that are passed."""
         self._first = False
         for edge in self._edges.edges:
             if edge is shown or edge.step is None:
@@ -212,10 +210,14 @@ class StepTracker:
             if _is_passed(edge, position):
                 edge.step = None
             elif not edge.exists.confirmed or \
-                    position + 1.5 * self._radius < edge.step.mean.position <= seen_to:
+                    position + 1.5 * self._radius < edge.step.mean.position <= clear_to:
                 edge.exists.add(False)
         self._edges.update()
-        return None, ''
+        # The sensor does not see behind the next edge, which the ball may pass before the next
+        # observation.
+        self.seen_to = min([seen_to] + [
+            self._edges.face(edge).position + self._tuning.unseen_room
+            for edge in self._edges.edges if edge.step is not None and edge.exists.confirmed])
 
 
 def _is_passed(edge: TrackedEdge, position: float) -> bool:

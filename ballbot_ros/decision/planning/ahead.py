@@ -130,8 +130,9 @@ class Candidate:
 
 
 def faces_ahead(profile: Profile, position: float) -> Tuple[Face, ...]:
-    """Return the faces whose foot is ahead of a position."""
-    return tuple(face for face in profile.faces if face.position > position)[:FACES_MAX]
+    """Return the faces whose foot is ahead of a position, on floor that is observed."""
+    return tuple(face for face in profile.faces
+                 if position < face.position <= profile.seen_to)[:FACES_MAX]
 
 
 def look_ahead(profile: Profile, faces: Sequence[Face], position: float, slope: float,

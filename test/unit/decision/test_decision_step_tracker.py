@@ -11,6 +11,7 @@ import pytest
 from ballbot_ros.decision import (
     DecisionTuning, Motion, ProfileTracker, Reason, StepObservation)
 from ballbot_ros.decision.perception import GroundFusion
+from ballbot_ros.decision.planning.ahead import faces_ahead
 from ballbot_ros.physics.model.robot import load_robot
 
 GIMBALL = load_robot('gimball')
@@ -373,3 +374,16 @@ def test_within_one_and_a_half_radii_a_step_is_kept_though_it_is_not_seen(distan
     for index in range(1, 12):
         answer = tracking.update(nothing(0.1 * index), 0.0)
     assert (answer.face is not None) == kept
+
+
+@pytest.mark.parametrize('observation', [
+    seen(0.5, 2.2, 0.14), StepObservation(0.5, False, 3.0), nothing(0.5), seen(0.5, 2.5, 0.1)])
+def test_no_single_observation_makes_the_floor_behind_an_edge_known(observation):
+    """The first observation is an outlier, which remains an edge behind the next one."""
+    tracking = tracker()
+    tracking.update(seen(0.0, 2.2, 0.14), 0.0)
+    for index in range(1, 5):
+        tracking.update(seen(0.1 * index, 0.5, -0.025), 0.0)
+    track = tracking.update(observation, 0.0)
+    assert track.seen_to == pytest.approx(0.5)
+    assert [face.height for face in faces_ahead(track, 0.0)] == pytest.approx([-0.025])
