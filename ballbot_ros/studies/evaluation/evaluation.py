@@ -102,7 +102,9 @@ def _run(evaluation: Evaluation, planner: str, group: str, number: int, search: 
     row['group'] = group
     if not search:
         return row
-    if row['crossable'] and row['kind'] not in ('nothing', 'crossable'):
+    # No crossing is allowed onto floor that is neither observed nor granted.
+    known = approach.unseen_room > 0.0 or approach.sensor.kind != 'step'
+    if row['crossable'] and known and row['kind'] not in ('nothing', 'crossable'):
         row['possible'] = row['outcome'] == 'over' or possible(
             approach.robot, approach.ground, approach.room_behind, nominal.robot, nominal.gains)
     if row['kind'] in ('step', 'crossable'):

@@ -143,7 +143,8 @@ def page(report: Report, command: str) -> str:
     if missed['searched']:
         parts += [
             '## False refusals\n',
-            f'Of {missed["searched"]} approaches to an obstacle that may be crossed, a search '
+            f'Of {missed["searched"]} approaches to an obstacle that may be crossed, with floor '
+            'behind it that the sensor observes or `unseen_room` grants, a search '
             f'with the true robot crosses {missed["possible"]} (touch at 1.15 m/s or less, best '
             f'start allowed). `{first}` crossed {missed["crossed"]} of them and not '
             f'{missed["missed"]}: '

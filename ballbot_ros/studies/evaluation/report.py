@@ -75,7 +75,8 @@ def targets(rows: Sequence[Row], crossable: Sequence[Row]) -> List[Dict[str, Any
     for kind in ('step_down', 'trench'):
         one = missed([row for row in rows if row['kind'] == kind])
         lines.append(target(
-            f'{kind}: crossed of those that the search with the true robot crosses', '80 %',
+            f'{kind}, floor behind it observed or granted: crossed of those that the search with '
+            'the true robot crosses', '80 %',
             f'{one["crossed"]} of {one["possible"]}',
             one['crossed'] >= SEARCH_PART * one['possible'] if one['possible'] else None))
     again = sum(one['same'] for row in every for one in row['attempts'])
