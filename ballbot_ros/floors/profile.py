@@ -102,7 +102,7 @@ def cut(floor: Floor, place: Point, heading: float, level: float = 0.0, radius: 
                 low, high = (_added(feature, place, along, at[0]) for at in (begin, end))
                 parts.append(_Part(begin[0], end[0], low, high))
                 edges += [Edge(begin[0], low, begin[1]), Edge(end[0], -high, end[1])]
-    edges = sorted(edge for edge in edges if abs(edge.height) > LENGTH_TOLERANCE)
+    edges = _faces(edges)
     if factor is not None:
         parts += _crests(edges, factor)
     breaks = {at for part in parts for at in part[:2]} | {at for slip in slips for at in slip[:2]}
@@ -262,6 +262,17 @@ def _intervals(polygon: Sequence[Point], place: Point, along: Point
         tuple(zip(polygon, (*polygon[1:], polygon[0]))), place, along))
     return [(begin, end) for begin, end in zip(ends[::2], ends[1::2])
             if end[0] - begin[0] > LENGTH_TOLERANCE]
+
+
+def _faces(edges: Sequence[Edge]) -> List[Edge]:
+    """Return the edges by their distance; those at one place are one edge, or none if flush."""
+    found: List[Edge] = []
+    for edge in sorted(edges):
+        if found and edge.distance - found[-1].distance <= LENGTH_TOLERANCE:
+            last = found.pop()
+            edge = last._replace(height=last.height + edge.height)
+        found.append(edge)
+    return [edge for edge in found if abs(edge.height) > LENGTH_TOLERANCE]
 
 
 def _crests(edges: Sequence[Edge], factor: Callable[[float], float]) -> List[_Part]:

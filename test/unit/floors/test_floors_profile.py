@@ -78,6 +78,19 @@ def test_a_ramp_rises_along_its_line(place, heading):
         0.1 * (place[0] - 2.0) if inside(*place, outline) else 0.0))
 
 
+@pytest.mark.parametrize('behind', [
+    {'kind': 'level', 'polygon': [[5, 0], [9, 0], [9, 9], [5, 9]], 'height': 0.1},
+    {'kind': 'step', 'line': [[5, 9], [5, 0]], 'height': 0.1}])
+@pytest.mark.parametrize('angle', [-0.5, 0.0, 0.5])
+def test_a_ramp_that_ends_at_the_level_behind_it_has_no_face_there(behind, angle):
+    floor = floor_of({'kind': 'ramp', 'polygon': [[3, 2], [5, 2], [5, 7], [3, 7]],
+                      'line': [[3, 4], [5, 4]], 'height': 0.1}, behind)
+    found = cut(floor, (4.0, 4.5), angle, factor=lambda angle: 0.5)
+    assert not [edge for edge in found.edges if edge.distance < 3.0]
+    assert heights(found, np.array([-2.0, 0.0, 0.9, 1.3])) == pytest.approx(
+        [0.0, 0.05, 0.05 + 0.045 * math.cos(angle), 0.1])
+
+
 @given(strategies.floats(-1.3, 1.3))
 def test_a_threshold_is_wider_along_an_oblique_line(angle):
     floor = floor_of({'kind': 'threshold', 'line': [[5.0, 0.0], [5.0, 10.0]], 'height': 0.02,
