@@ -11,6 +11,8 @@ from ballbot_ros.decision import TerrainObservation
 SPACING, SAMPLES = 0.01, 5
 # Lowest face [m], and its standard deviations of the mean.
 FACE_HEIGHT_MIN, SIGMAS = 0.004, 6.0
+# Samples whose median is the slope of the ground, such as of a ramp.
+SLOPE_SAMPLES = 41
 
 
 def faces_in(observation: TerrainObservation) -> Tuple[Tuple[float, float], ...]:
@@ -18,6 +20,7 @@ def faces_in(observation: TerrainObservation) -> Tuple[Tuple[float, float], ...]
     x, z = np.array(observation.x), np.array(observation.z)
     if len(x) < 2 * SAMPLES or not (np.isfinite(x).all() and np.isfinite(z).all()):
         return ()
+    from scipy import ndimage
     at = np.arange(max(float(x[0]), 0.0), float(x[-1]), SPACING)
     if len(at) <= 2 * SAMPLES:
         return ()
@@ -25,6 +28,7 @@ def faces_in(observation: TerrainObservation) -> Tuple[Tuple[float, float], ...]
     sums = np.concatenate([[0.0], np.cumsum(heights)])
     means = (sums[SAMPLES:] - sums[:-SAMPLES]) / SAMPLES
     rises = means[SAMPLES:] - means[:-SAMPLES]
+    rises = rises - ndimage.median_filter(rises, SLOPE_SAMPLES, mode='nearest')
     sd = max(observation.z_sd, default=0.0)
     # Samples between two points of the polyline are not independent.
     threshold = max(FACE_HEIGHT_MIN, SIGMAS * sd / np.sqrt(2.0))

@@ -1,0 +1,35 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Faces in one look at the ground ahead."""
+import math
+
+import numpy as np
+import pytest
+
+from ballbot_ros.decision import TerrainObservation
+from ballbot_ros.navigation.sensing import faces_in
+
+
+def look(slope_deg, step=0.0, sd=0.0, seed=0):
+    """Return a look along a ramp from 0.5 m on, with a step at 1.5 m."""
+    x = np.arange(0.0, 3.0, 0.02)
+    z = math.tan(math.radians(slope_deg)) * np.maximum(x - 0.5, 0.0) + np.where(x < 1.5, 0.0, step)
+    z = z + sd * np.random.default_rng(seed).standard_normal(len(x))
+    return TerrainObservation(0.0, tuple(x.tolist()), tuple(z.tolist()), (sd,) * len(x))
+
+
+@pytest.mark.parametrize('slope_deg', [-4.3, 0.0, 4.3])
+@pytest.mark.parametrize('sd', [0.0, 0.001])
+def test_only_the_step_on_a_ramp_is_a_face(slope_deg, sd):
+    for seed in range(5):
+        assert faces_in(look(slope_deg, sd=sd, seed=seed)) == ()
+        (at, height), = faces_in(look(slope_deg, 0.02, sd, seed))
+        assert at == pytest.approx(1.5, abs=0.03) and height == pytest.approx(0.02, abs=0.004)
+
+
+@pytest.mark.parametrize('height', [0.008, 0.03])
+def test_both_faces_of_a_bar_are_found(height):
+    x = np.arange(0.0, 3.0, 0.01)
+    z = np.where((x > 1.0) & (x < 1.06), height, 0.0)
+    found = faces_in(TerrainObservation(0.0, tuple(x.tolist()), tuple(z.tolist())))
+    assert [round(at, 1) for at, _ in found] == [1.0, 1.1]
+    assert [rise for _, rise in found] == pytest.approx([height, -height], rel=0.1)
