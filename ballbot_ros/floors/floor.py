@@ -46,9 +46,9 @@ class Feature(Checked):
         ``cord``: the same, flexible.  ``drop``: the floor on the right of the line is lower by
         `height`, and no route crosses it.  ``carpet`` and ``level``: an area that is higher by
         `height`, or lower where that of a level is negative.  ``ramp``: an area that rises by
-        `height` along its line, from the foot to the top.  ``friction``: an area with a
-        coefficient of friction.  ``keep_out`` and ``stairs``: areas that no route enters; a route
-        keeps the stopping distance from stairs.
+        `height` along its line, from the foot to the top; a route leads over one on which the
+        ball can stand.  ``friction``: an area with a coefficient of friction.  ``keep_out`` and
+        ``stairs``: areas that no route enters; a route keeps the stopping distance from stairs.
     name : str
     line : tuple of (float, float)
         Of a line or a ramp; at least two points [m].

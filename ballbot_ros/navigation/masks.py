@@ -45,10 +45,10 @@ def write_masks(planner: RoutePlanner, folder: Path) -> List[Path]:
     y = floor.origin[1] + (np.arange(rows)[:, None] + 0.5) * floor.resolution
     keep_out = floor.cells != FREE
     percent: NDArray[np.float64] = np.full((rows, columns), 100.0)
-    for feature in floor.features:
-        distance = np.min([distance_to_segment(x, y, begin, end)
-                           for begin, end in feature.segments], axis=0)
-        if feature.kind in ('keep_out', 'stairs'):
+    for edges, feature in zip(planner.boundaries, floor.features):
+        distance = np.min([np.full(keep_out.shape, np.inf)] + [
+            distance_to_segment(x, y, *edge.line) for edge in edges], axis=0)
+        if planner.is_closed(feature):
             keep_out |= inside(x, y, feature.polygon)
         elif not feature.polygon:
             keep_out |= distance < max(floor.resolution, 0.5 * feature.width)
@@ -56,7 +56,7 @@ def write_masks(planner: RoutePlanner, folder: Path) -> List[Path]:
             keep_out |= distance < planner.drop_distance
             beyond = np.clip((distance - planner.drop_distance) / LIMIT_RISE_DISTANCE, 0.1, 1.0)
             percent = np.minimum(percent, 100.0 * beyond)
-        elif feature.kind in ('carpet', 'level'):
+        elif feature.kind in ('carpet', 'level', 'ramp'):
             keep_out |= distance < floor.resolution
     written = []
     # map_server in the mode scale: occupancy from 0 (white) to 100 (black).

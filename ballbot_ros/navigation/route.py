@@ -9,6 +9,7 @@ crossings' probabilities stays above the required one.  The heuristic is the tim
 turns freely (Dijkstra's algorithm).
 """
 from dataclasses import replace
+from itertools import groupby
 import math
 from typing import Dict, Iterator, List, NamedTuple, Optional, Sequence, Tuple
 
@@ -22,7 +23,7 @@ from ballbot_ros.decision.planning.braking import Braking
 from ballbot_ros.errors import RefusedError
 from ballbot_ros.floors.floor import (
     AREAS, distance_to_segment, Feature, Floor, FREE, inside, LINES, Point, UNKNOWN)
-from ballbot_ros.floors.profile import crossed, crossings
+from ballbot_ros.floors.profile import area_height, crossings, passed
 from ballbot_ros.navigation.capability import (
     Capability, CrossingPlan, ROOM_MAX, RUN_UPS)
 from ballbot_ros.navigation.lattice import (
@@ -54,11 +55,13 @@ OFFSET_COST, TURN_COST = 10.0, 4.0
 # How far the way out of a blocked place may lead [m], and how much nearer to a wall than its
 # radius the localisation may place the ball [m].
 ESCAPE_DISTANCE_MAX, LOCALIZATION_ERROR_MAX = 1.0, 0.08
-# Areas that no route enters, and features that no route crosses.
-CLOSED = ('keep_out', 'stairs', 'ramp')
-BARRED = ('drop', *CLOSED)
+# Areas that no route enters, and features whose edges no route crosses.
+CLOSED = ('keep_out', 'stairs')
+BARRED = ('drop', 'ramp', *CLOSED)
 # Features with an edge.
 FACED = tuple(kind for kind in (*LINES, *AREAS) if kind != 'friction')
+# The edge of a ramp is examined in parts of this length, this far on both sides [m].
+EDGE_LENGTH, EDGE_OFFSET = 0.05, 0.01
 # A longer run-up must raise the probability by this to be a separate choice.
 PROBABILITY_GAIN_MIN = 0.005
 # Longest time of a route over that of the fastest: the factor on the heuristic.
@@ -137,9 +140,28 @@ class _Limit(NamedTuple):
     faces: Tuple[Tuple[float, float], ...]
 
 
+class Boundary(NamedTuple):
+    """
+    A part of the outline of a feature.
+
+    Attributes
+    ----------
+    line : ((float, float), (float, float))
+        [m]
+    keep : float
+        Distance that the centre keeps from it [m].
+
+    """
+
+    line: Tuple[Point, Point]
+    keep: float
+
+
 class RoutePlanner:
     """
     Plans routes on one floor for one robot.
+
+    Ramps on which the ball can stand are free floor, except at edges with a face.
 
     Parameters
     ----------
@@ -158,6 +180,8 @@ class RoutePlanner:
         On which it plans, see `learn`.
     features : list of Feature
         Those of the floor with their learned heights.
+    boundaries : list of list of Boundary
+        Of each feature, without the parts where a ramp leads to the level behind.
     ball_radius : float
         [m]
     drop_distance : float
@@ -176,9 +200,12 @@ class RoutePlanner:
         check_decision(knowledge.robot, knowledge.curve, knowledge.tuning)
         self.floor, self._tuning = floor, knowledge.tuning
         self.ball_radius = knowledge.robot.ball_radius
-        self.drop_distance = self.ball_radius + Braking(
-            knowledge.robot, knowledge.tuning, knowledge.control).distance(
-                knowledge.tuning.cruise_speed, 0.0)
+        braking = Braking(knowledge.robot, knowledge.tuning, knowledge.control)
+        self.drop_distance = self.ball_radius + braking.distance(
+            knowledge.tuning.cruise_speed, 0.0)
+        self._steepest = braking.steepest
+        self._ramps = [feature for feature in floor.features
+                       if feature.kind == 'ramp' and not self.is_closed(feature)]
         self._capability = capability or Capability(knowledge)
         radius = 1.0 / curvature_limit(knowledge.robot, ARC_SPEED)
         self._size = min(CELL_SIZE_MAX, CELL_SHARE * radius)
@@ -212,26 +239,20 @@ class RoutePlanner:
             self._clear[window] = np.minimum(self._clear[window], away)
         self._walls = self._clear < self.ball_radius + CLEARANCE
         self._close = self._clear < self.ball_radius + CLEARANCE_PREFERRED
-        # Per feature: distance that the centre keeps [m], and cells that it must not enter.
-        self._keep: List[float] = []
+        self.boundaries = [list(self._boundaries_of(feature)) for feature in self.features]
+        # Cells that the centre must not enter, for each feature.
         self._near: List[NDArray[np.bool_]] = []
-        for feature in self.features:
-            keep = CLEARANCE
-            if feature.kind in ('drop', 'stairs'):
-                keep = self.drop_distance
-            elif feature.kind == 'friction':
-                keep = 0.0
-            elif feature.kind not in BARRED:
-                keep += max(touch_distance(self.ball_radius, abs(feature.height)),
-                            0.5 * feature.width)
+        for edges, feature in zip(self.boundaries, self.features):
             near = np.zeros(self._walls.shape, bool)
-            for line in feature.segments:
+            for line, keep in edges:
                 window, away = self._around(line, keep)
                 near[window] |= away < keep
-            if feature.kind in CLOSED:
+            if self.is_closed(feature):
                 near |= inside(self._x, self._y, feature.polygon)
-            self._keep.append(keep)
             self._near.append(near)
+        # Crossings are planned on level floor.
+        self._slopes = np.logical_or.reduce([np.zeros(self._walls.shape, bool)] + [
+            inside(self._x, self._y, ramp.polygon) for ramp in self._ramps])
         # Cells that no crossing opens.
         self._fixed = np.logical_or.reduce([self._walls] + [
             near for near, feature in zip(self._near, self.features)
@@ -239,6 +260,56 @@ class RoutePlanner:
         self._blocked = np.logical_or.reduce([self._fixed, *self._near])
         self._slowness = np.where(self._blocked, np.inf, np.where(self._close, CLOSE_FACTOR, 1.0))
         self._offer(explore=False)
+
+    def is_closed(self, feature: Feature) -> bool:
+        """Return whether no route enters an area: also a ramp on which the ball cannot stand."""
+        return feature.kind in CLOSED or feature.kind == 'ramp' and math.atan2(
+            feature.height, math.dist(feature.line[0], feature.line[-1])) > self._steepest
+
+    def _boundaries_of(self, feature: Feature) -> Iterator[Boundary]:
+        """Yield the edges of a feature."""
+        keep = CLEARANCE
+        if feature.kind in ('drop', 'stairs'):
+            keep = self.drop_distance
+        elif feature.kind == 'friction':
+            keep = 0.0
+        elif feature.kind not in BARRED:
+            keep += max(touch_distance(self.ball_radius, abs(feature.height)),
+                        0.5 * feature.width)
+        for begin, end in feature.segments:
+            if not self._ramps or feature.kind not in ('step', 'level', 'ramp') \
+                    or self.is_closed(feature):
+                yield Boundary((begin, end), keep)
+                continue
+            count = max(1, math.ceil(math.dist(begin, end) / EDGE_LENGTH))
+            points = [(float(x), float(y)) for x, y in np.linspace(begin, end, count + 1)]
+            keeps = [self._kept(feature, keep, piece) for piece in zip(points, points[1:])]
+            for kept, numbers in groupby(range(count), key=keeps.__getitem__):
+                if kept:
+                    first, *others = numbers
+                    yield Boundary((points[first], points[first + len(others) + 1]), kept)
+
+    def _kept(self, feature: Feature, keep: float, line: Tuple[Point, Point]) -> float:
+        """Return the distance that the centre keeps from a part of an edge, 0 for none [m]."""
+        (x0, y0), (x1, y1) = line
+        length = math.dist(*line) or 1.0
+        right = (y1 - y0) / length, (x0 - x1) / length
+
+        def beside(distance: float) -> Point:
+            return 0.5 * (x0 + x1) + distance * right[0], 0.5 * (y0 + y1) + distance * right[1]
+        one, two = beside(-EDGE_OFFSET), beside(EDGE_OFFSET)
+        if not any(inside(*point, ramp.polygon) for ramp in self._ramps for point in (one, two)):
+            return keep
+        face = abs(area_height(self.floor, two) - area_height(self.floor, one)
+                   + passed(self.floor, one, two))
+        # The ball does not reach a face along a wall.
+        if face < FACE_HEIGHT_MIN or any(
+                self.floor.nearest_wall(point)[0] < CLEARANCE for point in (one, two)):
+            return 0.0
+        if feature.kind != 'ramp':
+            return keep
+        return self.drop_distance if face > self._tuning.highest_descent \
+            else CLEARANCE + touch_distance(self.ball_radius, face)
 
     def _offer(self, explore: bool) -> None:
         """Compute the crossings of all features whose data or surroundings have changed."""
@@ -333,12 +404,12 @@ class RoutePlanner:
         if feature.kind in ('friction', *BARRED):
             return []
         found = []
-        for line in feature.segments:
+        for edge in self.boundaries[number]:
+            line = (x0, y0), (x1, y1) = edge.line
             if math.dist(*line) < 1e-6:
                 continue
-            (x0, y0), (x1, y1) = line
             normal = math.atan2(x1 - x0, y0 - y1)
-            barriers = self._barriers(number, line) | self._walls
+            barriers = self._barriers(number, edge) | self._walls
             for heading in range(COUNT):
                 for sign, way in ((1, normal), (-1, normal + math.pi)):
                     angle = math.remainder(HEADINGS[heading] - way, 2.0 * math.pi)
@@ -347,13 +418,13 @@ class RoutePlanner:
                             number, line, heading, sign, angle, barriers)
         return found
 
-    def _barriers(self, number: int, line: Tuple[Point, Point]) -> NDArray[np.bool_]:
-        """Return the cells at features that end run-up and room of a crossing of a line."""
+    def _barriers(self, number: int, edge: Boundary) -> NDArray[np.bool_]:
+        """Return the cells at features that end run-up and room of a crossing of an edge."""
         # The other edges of the feature end them as other features do.
-        near, margin = list(self._near), self._keep[number] + self._size
-        window, away = self._around(line, margin)
-        near[number] = near[number].copy()
-        near[number][window] &= away >= margin
+        near, margin = [self._slopes, *self._near], edge.keep + self._size
+        window, away = self._around(edge.line, margin)
+        near[number + 1] = near[number + 1].copy()
+        near[number + 1][window] &= away >= margin
         found: NDArray[np.bool_] = np.logical_or.reduce(near)
         return found
 
@@ -388,15 +459,14 @@ class RoutePlanner:
         close = self._clear < min(
             self.ball_radius + CLEARANCE, self._clear.flat[self._node((x, y))])
         feature = self._assumed[segment.number]
-        for line in feature.segments:
-            for edge, sign, angle in crossings((line,), (x, y), way):
-                if not 0.0 < edge < distance - driven or not height_factor(angle):
+        for edge in self.boundaries[segment.number]:
+            for at, sign, angle in crossings((edge.line,), (x, y), way):
+                if not 0.0 < at < distance - driven or not height_factor(angle):
                     continue
-                faces = self._faces(feature, (x + edge * way[0], y + edge * way[1]), way, sign,
-                                    angle)
-                free = self._free((x, y), way, close | self._barriers(segment.number, line))
+                faces = self._faces(feature, (x + at * way[0], y + at * way[1]), way, sign, angle)
+                free = self._free((x, y), way, close | self._barriers(segment.number, edge))
                 if free > distance - driven - SAMPLE_DISTANCE and any(self._capability.crossing(
-                        faces, feature.height_sd, item, free - edge - 0.5 * faces[-1][0])
+                        faces, feature.height_sd, item, free - at - 0.5 * faces[-1][0])
                         for item in RUN_UPS if item <= run_up):
                     return True
         return False
@@ -480,11 +550,12 @@ class RoutePlanner:
         """Return the distance of the ball from the next wall, obstacle or barred feature [m]."""
         found = [self.floor.nearest_wall((place[0], place[1]))[0] - self.ball_radius, *(
             math.dist(place[:2], point) - self.ball_radius for point in self.learned.obstacles)]
-        for keep, feature in zip(self._keep, self.features):
-            away = min(float(distance_to_segment(place[0], place[1], *segment))
-                       for segment in feature.segments)
-            within = feature.kind in CLOSED and inside(place[0], place[1], feature.polygon)
-            found.append((-away if within else away) + CLEARANCE - keep)
+        for edges, feature in zip(self.boundaries, self.features):
+            gaps = [(float(distance_to_segment(place[0], place[1], *line)), keep)
+                    for line, keep in edges]
+            if self.is_closed(feature) and inside(place[0], place[1], feature.polygon):
+                gaps = [(-away, keep) for away, keep in [min(gaps)]]
+            found += [away + CLEARANCE - keep for away, keep in gaps]
         return min(found)
 
     def leaving(self, pose: Sequence[float]) -> Tuple[int, ...]:
@@ -662,8 +733,10 @@ class RoutePlanner:
     def _refuse(self, shortest: float, passed: List[Tuple[int, int]], point_gets_there: bool
                 ) -> None:
         if not math.isfinite(shortest):
-            raise RefusedError('no route: walls, obstacles, drops or keep-out areas separate '
-                               'start and goal', 'no_route', 'goal')
+            raise RefusedError(
+                'no route: walls, obstacles, drops, keep-out areas or ramps steeper than '
+                f'{math.degrees(self._steepest):.1f} degrees separate start and goal',
+                'no_route', 'goal')
         lacks = '; '.join(self._lack(number, sign) for number, sign in passed)
         if point_gets_there or not lacks:
             lacks = 'the ball cannot turn in the room that it has' + (f'; {lacks}' * bool(lacks))
@@ -680,13 +753,13 @@ class RoutePlanner:
         `ways` are the directions in which the first motion may lead.
         """
         self._check_walls(start, 'start', self.ball_radius - LOCALIZATION_ERROR_MAX)
-        for feature in self.features:
+        for edges, feature in zip(self.boundaries, self.features):
             on = self.ball_radius if feature.kind in ('drop', 'stairs') else 0.0 \
                 if feature.kind in ('friction', *BARRED) else touch_distance(
                     self.ball_radius, abs(feature.height)) - LOCALIZATION_ERROR_MAX
-            away = min(float(distance_to_segment(start[0], start[1], *segment))
-                       for segment in feature.segments)
-            if away < on or feature.kind in CLOSED \
+            away = min((float(distance_to_segment(start[0], start[1], *line))
+                        for line, _ in edges), default=math.inf)
+            if away < on or self.is_closed(feature) \
                     and inside(start[0], start[1], feature.polygon):
                 raise RefusedError(
                     f'start ({start[0]:g}, {start[1]:g}) m is on the {feature.label}; move the '
@@ -730,14 +803,14 @@ class RoutePlanner:
             self.floor.nearest_wall(at)[0] - 0.5 * self.floor.resolution,
             *(math.dist(at, point) for point in self.learned.obstacles), math.inf),
             self.ball_radius + CLEARANCE)
-        for keep, feature in zip(self._keep, self.features):
-            for begin, end in feature.segments:
+        for edges, feature in zip(self.boundaries, self.features):
+            for (begin, end), keep in edges:
                 distance = distance_to_segment(x, y, begin, end)
                 sides = [(u - begin[0]) * (end[1] - begin[1])
                          > (v - begin[1]) * (end[0] - begin[0]) for u, v in ((x, y), at)]
                 free &= (distance >= keep) | (sides[0] == sides[1]) & leaves(
                     distance, float(distance_to_segment(*at, begin, end)), keep)
-            if feature.kind in CLOSED:
+            if self.is_closed(feature):
                 free &= ~inside(x, y, feature.polygon)
         free &= share <= 1.0
         slowness[window] = np.where(
@@ -789,10 +862,14 @@ class RoutePlanner:
         while nodes[-1] != last:
             nodes.append(int(following[nodes[-1]]))
         points = [self._point(node) for node in nodes]
-        passed = dict.fromkeys(
-            (self.floor.features.index(feature), sign) for one, two in zip(points, points[1:])
-            for feature, sign in crossed(self.floor, one, two, FACED))
-        return float(far[first] * self._size), list(passed)
+        found = dict.fromkeys(
+            (number, sign) for one, two in zip(points, points[1:])
+            for number, (edges, feature) in enumerate(zip(self.boundaries, self.features))
+            if feature.kind in FACED
+            for at, sign, _ in crossings([edge.line for edge in edges], one, (
+                (two[0] - one[0]) / math.dist(one, two), (two[1] - one[1]) / math.dist(one, two)))
+            if 0.0 < at <= math.dist(one, two))
+        return float(far[first] * self._size), list(found)
 
     def _lack(self, number: int, sign: int) -> str:
         """Return why a feature is not crossed in a direction."""

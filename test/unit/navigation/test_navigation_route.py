@@ -13,8 +13,8 @@ from ballbot_ros.crossing.rules import touch_distance
 from ballbot_ros.decision import Knowledge, load_curve, load_decision_tuning
 from ballbot_ros.errors import ConfigurationError, RefusedError
 from ballbot_ros.floors import load_floor
-from ballbot_ros.floors.floor import distance_to_segment
-from ballbot_ros.floors.profile import crossed
+from ballbot_ros.floors.floor import distance_to_segment, inside
+from ballbot_ros.floors.profile import crossed, cut
 from ballbot_ros.navigation import Capability, RoutePlanner, write_masks
 from ballbot_ros.navigation.capability import RUN_UPS
 from ballbot_ros.navigation.lattice import cells_around, COUNT, LEVELS
@@ -365,6 +365,14 @@ def test_masks_keep_nav2_out_of_steps_and_slow_it_near_stairs(flat, tmp_path):
     assert limits[0] == 0 and limits[1] > limits[2] > 0
 
 
+def test_a_keep_out_mask_leaves_foot_and_top_of_a_ramp_open(tmp_path):
+    planner = planner_of(tmp_path, [PLATFORM, RAMP.format(3.5)], (9, 5))
+    write_masks(planner, tmp_path)
+    mask = np.asarray(Image.open(tmp_path / 'keepout_mask.pgm'))[::-1]
+    assert [int(mask[planner.floor.cell_of(place)]) for place in (
+        (3.5, 2.7), (4.5, 2.7), (5.5, 2.7), (5.5, 1.0), (5.0, 2.0))] == [255, 255, 255, 0, 0]
+
+
 def test_a_start_close_to_a_wall_is_not_called_separated_from_the_goal(flat):
     # In a corner, towards one wall and with the back to the other.
     with pytest.raises(RefusedError) as caught:
@@ -486,3 +494,81 @@ def test_a_curve_of_another_robot_is_refused():
         RoutePlanner(load_floor('apartment'), replace(
             KNOWLEDGE, curve=load_curve('shellball_free')))
     assert (caught.value.reason, caught.value.field) == ('inconsistent', 'curve')
+
+
+# A platform of 100 mm, and a ramp to it that begins at some x.
+PLATFORM = ('{kind: level, name: platform, polygon: [[5.5, 0], [9, 0], [9, 5], [5.5, 5]], '
+            'height: 0.1}')
+RAMP = ('{{kind: ramp, name: ramp, polygon: [[{0}, 2], [5.5, 2], [5.5, 3.4], [{0}, 3.4]], '
+        'line: [[{0}, 2.7], [5.5, 2.7]], height: 0.1}}')
+
+
+def heights_along(planner, route):
+    """Return the highest face that the centre passes on a route [m]."""
+    heights = []
+    for segment in route.segments:
+        for one, two in zip(segment.points, segment.points[1:]):
+            if math.dist(one, two) > 1e-6:
+                heights += [abs(edge.height) for edge in cut(planner.floor, one, math.atan2(
+                    two[1] - one[1], two[0] - one[0])).edges
+                    if 0.0 <= edge.distance <= math.dist(one, two)]
+    return max(heights, default=0.0)
+
+
+@pytest.mark.parametrize('start, goal', [
+    ((1.5, 1.0, 0.0), (7.5, 1.5)), ((7.5, 3.5), (1.5, 4.0)), ((1.5, 4.5), (7.0, 4.0))])
+def test_a_route_leads_over_a_ramp_from_foot_to_top(tmp_path, start, goal):
+    planner = planner_of(tmp_path, [PLATFORM, RAMP.format(3.5)], (9, 5))
+    route = planner.route(start, goal)
+    assert all(segment.feature is None for segment in route.segments)
+    assert heights_along(planner, route) < 0.004
+    assert any(inside(*point, planner.floor.features[1].polygon) for point in route.points)
+
+
+def test_a_route_keeps_the_stopping_distance_from_the_high_sides_of_a_ramp(tmp_path):
+    planner = planner_of(tmp_path, [PLATFORM, RAMP.format(3.5)], (9, 5))
+    points = planner.route((1.5, 1.0), (7.5, 1.5)).points
+    side = ((4.6, 2.0), (5.5, 2.0))  # more than 50 mm high
+    assert min(float(distance_to_segment(*point, *side)) for point in points) \
+        > planner.drop_distance - 0.05
+    assert planner.clearance((5.2, 2.1)) < 0.0 < planner.clearance((5.2, 2.7))
+
+
+def test_a_step_beside_a_ramp_is_crossed_nowhere_on_the_ramp(tmp_path):
+    """The step is 30 mm, and half of the door has a ramp; the step needs a run-up."""
+    step = '{kind: step, name: door step, line: [[5.5, 3.4], [5.5, 1.4]], height: 0.03}'
+    ramp = RAMP.format(4.0).replace('0.1', '0.03').replace('[4.0, 2]', '[4.0, 2.4]').replace(
+        '[5.5, 2]', '[5.5, 2.4]')
+    planner = planner_of(tmp_path, [step, ramp], (9, 5),
+                         '[[[5.5, 0], [5.5, 1.4]], [[5.5, 3.4], [5.5, 5]]]')
+    assert {edge.line for edge in planner.boundaries[0]} == {((5.5, 2.4), (5.5, 1.4))}
+    for route in (planner.route((1.5, 2.9), (7.5, 2.9)), planner.route((7.5, 2.9), (1.5, 2.9))):
+        assert [segment.feature for segment in route.segments] == [None]
+
+
+def test_a_ramp_on_which_the_ball_cannot_stand_is_closed(tmp_path):
+    planner = planner_of(tmp_path, [PLATFORM, RAMP.format(4.5)], (9, 5))  # 5.7 degrees
+    with pytest.raises(RefusedError) as refusal:
+        planner.route((1.5, 1.0), (7.5, 1.5))
+    assert refusal.value.reason == 'no_route'
+    with pytest.raises(RefusedError) as refusal:
+        planner.check_place((5.0, 2.7), 'goal')
+    assert refusal.value.reason == 'feature'
+
+
+def test_a_goal_may_be_on_a_ramp(tmp_path):
+    planner = planner_of(tmp_path, [PLATFORM, RAMP.format(3.5)], (9, 5))
+    assert planner.route((1.5, 1.0), (4.5, 2.7)).segments
+    assert planner.route((4.5, 2.7), (1.5, 1.0)).segments
+
+
+def test_no_run_up_begins_on_a_ramp(tmp_path):
+    """The capability of crossings is that of level floor."""
+    features = [PLATFORM, RAMP.format(3.5),
+                '{kind: step, name: stage, line: [[6.2, 5], [6.2, 0]], height: 0.03}']
+    planner = planner_of(tmp_path, features, (9, 5))
+    polygon = planner.floor.features[1].polygon
+    crossings = [segment for segment in planner.route((1.5, 1.0), (8.0, 2.5)).segments
+                 if segment.feature]
+    assert crossings and not any(
+        inside(*segment.points[0], polygon) for segment in crossings)

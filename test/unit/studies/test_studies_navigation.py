@@ -86,3 +86,24 @@ def test_cancellation_during_a_crossing_ends_at_rest(flat):
     loop.run(loop.plant.time + 20.0)
     assert loop.state.status is NavStatus.CANCELED
     assert abs(loop.plant.state.velocity_x) < 0.05
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('start, goal', [
+    ((1.5, 1.0, 0.0), (7.5, 1.5)), ((7.5, 1.5, 0.0), (1.5, 1.0)), ((1.5, 4.0, 0.0), (4.4, 2.7))])
+def test_the_ball_drives_up_and_down_a_ramp_and_stops_on_it(tmp_path, start, goal):
+    path = tmp_path / 'floor.yaml'
+    path.write_text("""walls: {size: [9, 5], lines: []}
+features:
+  - {kind: level, polygon: [[5.5, 0], [9, 0], [9, 5], [5.5, 5]], height: 0.1}
+  - {kind: ramp, polygon: [[3.5, 2], [5.5, 2], [5.5, 3.4], [3.5, 3.4]],
+     line: [[3.5, 2.7], [5.5, 2.7]], height: 0.1}
+""")
+    loop = loop_at(RoutePlanner(load_floor(path), KNOWLEDGE), start,
+                   errors=Errors(0.02, 0.01, 0.002, 0.01), seed=4)
+    loop.begin(goal)
+    loop.run(90.0)
+    assert loop.state.status is NavStatus.SUCCEEDED, loop.state.message
+    assert not loop.state.learned.obstacles and not loop.state.recoveries
+    assert math.dist(loop.plant.pose[:2], goal) < 0.2
+    assert abs(loop.plant.state.velocity_x) < 0.05
