@@ -37,11 +37,9 @@ class Commands:
         self._commands, self._leans = run.commands, run.leans
 
     def torque(self, stamp: int, after: int, plant: Plant) -> Optional[float]:
-        """Return the command that answers the state."""
         return self._commands.get(stamp)
 
     def lean(self, stamp: int, plant: Plant) -> float:
-        """Return that of the same command."""
         return self._leans.get(stamp, 0.0)
 
 
@@ -73,7 +71,6 @@ class Laws:
         self._controller = controller
 
     def torque(self, stamp: int, after: int, plant: Plant) -> Optional[float]:
-        """Return the answer of the law."""
         state = plant.state
         self._controller.take(JointReadings(
             plant.time, state.ball_angle, state.joint_angle, state.ball_rate, state.joint_rate))
@@ -86,7 +83,6 @@ class Laws:
         return self._controller.answer() or 0.0
 
     def lean(self, stamp: int, plant: Plant) -> float:
-        """Return the answer of the steering law."""
         robot = plant.model.robot
         return steering_law(robot, plant.lateral, -robot.ball_radius * plant.state.ball_rate,
                             self._controller.set_point.yaw_rate)

@@ -77,7 +77,6 @@ class BagRecorder:
         return self
 
     def __exit__(self, *_: Any) -> None:
-        """Record the messages that have arrived, and complete the bag."""
         self._ending.set()
         if self._thread is not None and self._thread.is_alive():  # a signal may end its start
             self._thread.join()
@@ -289,7 +288,6 @@ class Rosbag2Writer:
         self._writer.write(topic, data, stamp)
 
     def close(self) -> None:
-        """Complete the bag."""
         self._writer = None  # its destructor completes the bag, in every distribution
 
 

@@ -63,7 +63,6 @@ class Battery(Checked):
         'A h', 'charge when full', above=0.0, maximum=1e4, optional=True)
 
     def __post_init__(self) -> None:
-        """Check each value, and that empty is below low, and so on."""
         super().__post_init__()
         given = [(name, value) for name, value in (
             ('empty_voltage', self.empty_voltage), ('low_voltage', self.low_voltage),

@@ -311,7 +311,6 @@ class DriveControl(Generic[Estimated]):
             self.law.forget()
 
     def _derate(self, telemetry: Telemetry, now: float) -> None:
-        """Apply the derating by heat and battery."""
         condition = self.monitor.update(telemetry, self.supervisor.torque, now)
         self.supervisor.derating = condition.part
         if condition.stop and not self.supervisor.e_stop:

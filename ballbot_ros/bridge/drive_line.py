@@ -135,21 +135,17 @@ class LineView:
         self._closed = False
 
     def write(self, data: bytes) -> None:
-        """Write all."""
         self._attempt(lambda: self.line.write(data))
 
     def read(self) -> bytes:
-        """Return the data received since the last read of this view."""
         self._attempt(lambda: self._shared.distribute(self.line))
         data, self.arrived = self.arrived, b''
         return data
 
     def wait(self, seconds: float, least: int = 1) -> bool:
-        """Wait for bytes, and return whether there are any."""
         return bool(self.arrived) or self._attempt(lambda: self.line.wait(seconds, least))
 
     def close(self) -> None:
-        """Close the view; closing twice is allowed."""
         if not self._closed:
             self._closed = True
             self._shared.drop(self)

@@ -51,7 +51,6 @@ class LeanSensing(AxisSensing[LeanEstimate]):
         self.estimate: Optional[LeanEstimate] = None
 
     def begin(self, now: float) -> None:
-        """Restart with a drive after its handshake."""
         super().begin(now)
         self.rezero()
         self.estimate = None
@@ -65,11 +64,7 @@ class LeanSensing(AxisSensing[LeanEstimate]):
         self.state = self.state._replace(tilt=0.0, tilt_rate=0.0, yaw_rate=0.0)
 
     def take(self, telemetry: Telemetry) -> Optional[LeanEstimate]:
-        """
-        Return an estimate from a new measurement, None if there is none in the telemetry.
-
-        Raises `EstimateLostError` as `EncoderCheck` does.
-        """
+        """See `AxisSensing`; raises `EstimateLostError` as `EncoderCheck` does."""
         reading = self.new_measurement(telemetry)
         if reading is None:
             return None
@@ -98,7 +93,6 @@ class LeanSensing(AxisSensing[LeanEstimate]):
         return self.estimate
 
     def motion(self, now: float) -> Optional[PendulumMotion]:
-        """Return the motion of the lateral axis, None if it is too old for torque."""
         if self.estimate is None or self.is_stale(now) or self._speed() is None:
             return None
         return PendulumMotion(self.state.lean, self.state.lean_rate, self.state.lean_rate)

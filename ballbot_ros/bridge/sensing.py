@@ -224,16 +224,11 @@ class Sensing(AxisSensing[Estimate]):
         self.fusion.follower = self._follow
 
     def begin(self, now: float) -> None:
-        """Restart with a drive after its handshake."""
         super().begin(now)
         self.fusion.reconnected()
 
     def take(self, telemetry: Telemetry) -> Optional[Estimate]:
-        """
-        Return an estimate from a new measurement, None if there is none in the telemetry.
-
-        Raises as `Fusion.encoder` does.
-        """
+        """See `AxisSensing`; raises as `Fusion.encoder` does."""
         reading, zeros = self.new_measurement(telemetry), self.fusion.rezeroed
         if reading is None:
             return None
@@ -251,7 +246,6 @@ class Sensing(AxisSensing[Estimate]):
         return estimate
 
     def _follow(self, estimate: Estimate, imu: ImuReading) -> None:
-        """Store the odometry of an IMU update."""
         if self.odometry is not None:
             self.odometry = self._after_imu = self._rolling.advance(self.odometry, estimate, imu)
 
@@ -269,7 +263,6 @@ class Sensing(AxisSensing[Estimate]):
         return newest
 
     def motion(self, now: float) -> Optional[PendulumMotion]:
-        """Return the motion of the robot, None if the estimate is too old for torque."""
         estimate = self.fusion.estimate
         if estimate is None or self.is_stale(now) or now - estimate.stamp > MEASUREMENT_AGE_MAX \
                 or self.needs_imu(now) or not self.fusion.is_relied_on():

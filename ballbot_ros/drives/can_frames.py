@@ -80,7 +80,6 @@ class RecordParser:
         self._rest = b''
 
     def feed(self, data: bytes) -> list[CanFrame]:
-        """Take bytes and return the frames that they complete."""
         data = self._rest + data
         frames, place = [], 0
         while len(data) - place >= RECORD_SIZE:

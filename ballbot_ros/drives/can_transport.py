@@ -60,7 +60,6 @@ class CanBus:
             self._descriptor = None
 
     def write(self, data: bytes) -> bool:
-        """Write the records of frames."""
         if self._descriptor is not None \
                 and not select.select([], [self._descriptor], [], SEND_TIMEOUT)[1]:
             raise OSError(errno.ENOBUFS, 'no room')
@@ -101,7 +100,6 @@ class CanBus:
         return b''.join(records)
 
     def wait(self, seconds: float, least: int = 1) -> bool:
-        """Wait for a frame, and return whether there is one."""
         if self._waiting is not None:
             return True
         if self._descriptor is not None:

@@ -45,7 +45,6 @@ class MemoryLine:
         self._reply(self.to_drive(data), always=True)
 
     def read(self) -> bytes:
-        """Return the received data; raise `LinkError` if unplugged."""
         self._check()
         data = b''.join(reply for when, reply in self.waiting if when <= self.now)
         self.waiting = [item for item in self.waiting if item[0] > self.now]

@@ -78,7 +78,6 @@ class Descriptor:
         self._room.register(number, select.POLLOUT)
 
     def read(self) -> bytes:
-        """Return the received data, may be empty."""
         try:
             data = os.read(self._number, LARGEST_READ)
         except BlockingIOError:
@@ -94,7 +93,6 @@ class Descriptor:
         return data
 
     def write(self, data: bytes) -> bool:
-        """Write all, and return whether there was room for it."""
         written = self._written(data)
         if written == len(data):
             return True
@@ -106,7 +104,6 @@ class Descriptor:
         return True
 
     def wait(self, seconds: float, least: int = 1) -> bool:
-        """Wait for a number of bytes [s] and return whether they are there."""
         if least != self._least:
             self._confirm_from(least)
         # Only select does not round the timeout to milliseconds.
@@ -125,7 +122,6 @@ class Descriptor:
             termios.tcsetattr(self._number, termios.TCSANOW, settings)
 
     def _written(self, data: bytes) -> int:
-        """Return the number of bytes that the kernel accepted."""
         try:
             return os.write(self._number, data)
         except BlockingIOError:
@@ -139,7 +135,6 @@ class Indirect:
         self._port, self._descriptor = port, descriptor
 
     def write(self, data: bytes) -> bool:
-        """Write all, and return whether there was room for it."""
         if self._descriptor is not None \
                 and not select.select([], [self._descriptor], [], SEND_TIMEOUT)[1]:
             return False
@@ -147,12 +142,10 @@ class Indirect:
         return True
 
     def read(self) -> bytes:
-        """Return the received data."""
         data: bytes = self._port.read(LARGEST_READ)
         return data
 
     def wait(self, seconds: float, least: int) -> bool:
-        """Wait for bytes, and return whether there are any."""
         if self._descriptor is not None:
             return bool(select.select([self._descriptor], [], [], max(0.0, seconds))[0])
         deadline = time.monotonic() + seconds

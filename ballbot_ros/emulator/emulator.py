@@ -65,7 +65,6 @@ class BusOfTwo(Device):
         return self.first.torque()
 
     def second_torque(self) -> float:
-        """Return the torque of the second motor [N m]."""
         return self.other.torque()
 
     def tick(self, now: float) -> None:
@@ -80,7 +79,6 @@ class BusOfTwo(Device):
         self.other.reboot(now)
 
     def over_current(self) -> None:
-        """Let the first one trip."""
         self.first.over_current()
 
     _receive = receive
@@ -304,7 +302,6 @@ class Emulator:
         return data
 
     def _advance_ball(self, now: float) -> None:
-        """Advance the model to a time [s]."""
         for _ in range(self._pace.due(now)):
             self.ball.advance(
                 self.device.torque(), self.device.second_torque() if self.steering else 0.0)

@@ -120,7 +120,6 @@ class SlcanAdapter(PseudoTerminal):
     """
 
     def plug(self) -> None:
-        """Plug in, the channel closed."""
         self._text, self._records = b'', RecordParser()
         self._open, self._bit_rate = False, 0
         super().plug()
@@ -144,7 +143,6 @@ class SlcanAdapter(PseudoTerminal):
         return frames
 
     def write(self, data: bytes) -> None:
-        """Pass on the records of frames."""
         frames = self._records.feed(data)
         if self._open:
             self._answer(b''.join(map(text_of, frames)))

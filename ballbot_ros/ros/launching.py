@@ -58,7 +58,6 @@ class Given:
     """The arguments of a launch file as they were given."""
 
     def __init__(self, context: LaunchContext):
-        """Read them from where the launch system keeps them."""
         self._context = context
 
     def __getitem__(self, name: str) -> str:

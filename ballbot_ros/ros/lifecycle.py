@@ -27,7 +27,6 @@ class ManagedNode(LifecycleNode):
     """A lifecycle node that rejects an invalid transition and logs the reason."""
 
     def __init__(self, name: str, **kwargs: Any):
-        """Replace the service callback that may raise."""
         super().__init__(name, **kwargs)
         self.managed = False  # whether a service call has requested a transition
         service = change_state_service(self)

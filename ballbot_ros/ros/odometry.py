@@ -34,7 +34,6 @@ class OdometryTopics:
     """
 
     def __init__(self, node: Node, robot: Robot, settings: Any, steers: bool):
-        """Create the publishers, and publish the constant messages."""
         self.frames = Frames.of(settings)
         self._radius, self._has_pendulum = robot.ball_radius, robot.has_pendulum
         self._described, self._steers = settings.publish_description, steers

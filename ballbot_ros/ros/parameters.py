@@ -302,7 +302,6 @@ class Changes(Generic[S]):
             return Change(f'it cannot be checked: {error!r}')
 
     def _compute(self, parameters: Sequence[Parameter]) -> Change:
-        """Return the change; raise `BallbotError` if a part of it is refused."""
         where = f'node {self._node.get_name()}'
         values: dict[str, Any] = {}
         foreign = []

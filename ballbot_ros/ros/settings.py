@@ -64,7 +64,6 @@ class Settings(Checked):
     """The parameters of a node; the named file gives the numbers that are not set."""
 
     def __post_init__(self) -> None:
-        """Check every field, and read the numbers that are missing."""
         super().__post_init__()
         for item in _from_files(type(self)):
             if getattr(self, item.name) is None:

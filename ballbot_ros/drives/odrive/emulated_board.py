@@ -191,7 +191,6 @@ class BoardDevice(Device):
 
     @property
     def armed(self) -> bool:
-        """Return whether the motor is under power."""
         return self.properties[STATE] == CLOSED_LOOP_CONTROL
 
     @property
@@ -238,11 +237,9 @@ class BoardDevice(Device):
         return current
 
     def feed(self, now: float) -> None:
-        """Feed the watchdog."""
         self._fed = now
 
     def tick(self, now: float) -> None:
-        """Update watchdog, limits and states; see `Device`."""
         here = self.properties
         if self._fed is None:
             self._fed = now

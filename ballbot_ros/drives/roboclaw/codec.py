@@ -143,7 +143,6 @@ class ReplyParser:
         self._buffer = b''
 
     def feed(self, data: bytes) -> list[list[Reply]]:
-        """Take bytes and return the answers to the groups that they complete."""
         self._buffer += data
         groups = []
         place = 0

@@ -181,7 +181,6 @@ class RoboClaw(Driver):
         self._commanded_at = self.clock()
 
     def feed(self) -> None:
-        """Feed the watchdog; the duty does not change; see `Driver`."""
         self._send(self._group(codec.GET_PWMS, codec.GET_STATUS, *self._motion))
         self._commanded_at = self.clock()
 
@@ -255,7 +254,6 @@ class RoboClaw(Driver):
             self._note(reply, match, now)
 
     def _note(self, reply: codec.Reply, match: Match, now: float) -> None:
-        """Put an answer into the telemetry."""
         axis = self.options.axis
         last, number, values = self.telemetry, reply.command, reply.values
         turn = math.tau / self.options.counts_per_turn

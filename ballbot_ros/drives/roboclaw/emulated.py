@@ -83,7 +83,6 @@ class RoboClawDevice(Device):
         return self._torque(self.settings.axis)
 
     def second_torque(self) -> float:
-        """Return the torque of the motor on the other output; see `Device`."""
         return self._torque(1 - self.settings.axis)
 
     def _torque(self, axis: int) -> float:
@@ -97,7 +96,6 @@ class RoboClawDevice(Device):
         return settings.torque_constant * min(max(current, -limit), limit)
 
     def tick(self, now: float) -> None:
-        """Update timeout, switch, supply and temperature; see `Device`."""
         if self._received_at is None:
             self._received_at = now
         if self._timeout and now - self._received_at > self._timeout * codec.TIMEOUT_UNIT:

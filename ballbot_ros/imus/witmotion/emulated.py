@@ -34,7 +34,6 @@ class EmulatedWitMotion(EmulatedSensor):
 
     @property
     def baud(self) -> int:
-        """Return the baud rate that its register holds."""
         return {code: baud for baud, code in BAUDS.items()}.get(
             self.registers[BAUD], FACTORY_BAUD)
 
@@ -44,7 +43,6 @@ class EmulatedWitMotion(EmulatedSensor):
         return 1.0 / {code: rate for rate, code in RATES.items()}.get(self.registers[RATE], 10)
 
     def receive(self, data: bytes) -> None:
-        """Take commands."""
         self._received += data
         while len(self._received) >= COMMAND:
             head, address, value = struct.unpack('>H', self._received[:2])[0], \
@@ -59,7 +57,6 @@ class EmulatedWitMotion(EmulatedSensor):
                 self.registers[address] = value
 
     def tick(self, now: float) -> bytes:
-        """Return the packets of a reading when it is due; see `EmulatedSensor`."""
         if now < self._next:
             return b''
         self._next = max(self._next + self.period, now)

@@ -75,18 +75,15 @@ class WitMotion(InertialSensor):
         super().__init__(baud, rate, bandwidth)
 
     def configure(self, baud: int) -> List[bytes]:
-        """Return the commands for rate and bandwidth; see `InertialSensor`."""
         rate = self.rate if baud == self.baud else min(RATES)
         return [write_register(KEY, UNLOCK), write_register(CONTENT, FORCE_AND_RATE),
                 write_register(RATE, RATES[rate]),
                 write_register(BANDWIDTH, BANDWIDTHS[self.bandwidth])]
 
     def change_baud(self) -> List[bytes]:
-        """Return the commands that change the baud rate; see `InertialSensor`."""
         return [write_register(KEY, UNLOCK), write_register(BAUD, BAUDS[self.baud])]
 
     def parser(self) -> 'PacketParser':
-        """Return a new parser."""
         return PacketParser()
 
 
@@ -105,7 +102,6 @@ class PacketParser:
         self._force: Optional[Tuple[int, int, int]] = None
 
     def feed(self, data: bytes) -> List[InertialReading]:
-        """Take bytes and return the readings that they complete."""
         self._buffer += data
         found = []
         while len(self._buffer) >= SIZE:
@@ -125,7 +121,6 @@ class PacketParser:
         return found
 
     def _skip(self) -> None:
-        """Search for a packet one byte later."""
         del self._buffer[0]
         self.counts['skipped'] += 1
         self._in_step, self._force = False, None

@@ -80,7 +80,6 @@ class Bridge(ManagedNode):
         return commit
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Open the line, find the drive, check it, and start the loop."""
         try:
             identity, settings = self._session.configure()
         except BallbotError as error:
@@ -99,7 +98,6 @@ class Bridge(ManagedNode):
         return SUCCESS
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Permit motor power, once the e-stop is released."""
         try:
             self._session.activate()
         except BallbotError as error:
@@ -112,12 +110,10 @@ class Bridge(ManagedNode):
         return super().on_activate(state)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Disable the motor power."""
         self._session.deactivate()
         return super().on_deactivate(state)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Stop the motor and close the line."""
         self._close()
         self._outputs.publish_end(MotorStatus.STATE_OFF, self._session)
         return SUCCESS

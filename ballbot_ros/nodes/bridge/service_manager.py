@@ -39,7 +39,6 @@ class ServiceManager:
         self._status = ''
 
     def ready(self) -> None:
-        """Notify that the start is complete: motor power is permitted."""
         self._notify('READY=1')
 
     def stopping(self) -> None:

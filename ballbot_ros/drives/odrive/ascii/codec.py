@@ -130,7 +130,6 @@ class LineParser:
         self._rest = b''
 
     def feed(self, data: bytes) -> list[str]:
-        """Take bytes and return the texts of the lines that they complete."""
         *lines, rest = (self._rest + data).split(LINE_END)
         # Longer data than any line cannot become one; the end may be half a line end.
         self._rest = rest[-LONGEST_LINE:]

@@ -132,7 +132,6 @@ class DriveStatus:
             faults=generation.faults(values, ours))
 
     def _warnings(self) -> tuple[str, ...]:
-        """Return the warnings of limits that are near."""
         generation, values = self.generation, self.values
         current = values.get(EFFECTIVE_CURRENT, math.inf)
         constant = values.get(generation.torque_constant, math.inf)
@@ -365,7 +364,6 @@ class ODrive(Driver):
                                         for name in self._generation.fault_properties}, ours)
 
     def clear_faults(self, timeout: float = 0.5) -> tuple[str, ...]:
-        """Clear the errors and return those present again; see `Driver`."""
         deadline = self.clock() + timeout
         self._identify_firmware(deadline)
         if self._armed or self._read(STATE, deadline) != IDLE:
@@ -516,7 +514,6 @@ class ODrive(Driver):
                 velocity=feedback.velocity * math.tau)
 
     def _note(self, name: str, value: Optional[float], now: float) -> None:
-        """Put the value of a property into the telemetry."""
         if name == STATE and value == IDLE:
             self._off_requested_at = self._properties.requested_at
         if name in self._generation.safety_settings and value is not None:

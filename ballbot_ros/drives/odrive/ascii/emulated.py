@@ -65,7 +65,6 @@ class ODriveDevice(BoardDevice):
         return reply
 
     def _sent(self, responses: list[bytes], now: float) -> bytes:
-        """Return the part of the responses that is sent."""
         reply = b''
         for response in responses:
             if self.firmware.generation.one_reply_at_a_time and now < self._sending_until:
@@ -76,7 +75,6 @@ class ODriveDevice(BoardDevice):
         return reply
 
     def _line_received(self, raw: bytes, now: float) -> list[bytes]:
-        """Execute one line and return the responses."""
         raw = raw.split(b';')[0]
         body, asterisk, digits = raw.partition(b'*')
         checked = bool(asterisk and digits)

@@ -33,7 +33,7 @@ VERSION, ERROR, RX_SDO, TX_SDO, TEMPERATURE = 0x00, 0x03, 0x04, 0x05, 0x15
 COMMANDS = (0x02, SET_AXIS_STATE, SET_CONTROLLER_MODE, 0x0C, 0x0D, SET_INPUT_TORQUE, 0x0F, 0x16,
             CLEAR_ERRORS)
 
-READ, WRITE = 0, 1  # operations on an endpoint
+READ = 0  # operation on an endpoint
 
 COMMAND_BITS = 5
 HIGHEST_NODE = 0x3E  # 0x3F is the broadcast id

@@ -372,7 +372,6 @@ class ODriveCan(Driver):
             faults=self._generation.faults(values, self._armed))
 
     def _note(self, command: int, numbers: Optional[tuple[float, float]]) -> None:
-        """Put other replies into the telemetry."""
         if numbers is None:
             return
         first, second = numbers

@@ -121,7 +121,6 @@ class PayloadParser:
         self._records, self._assembly = RecordParser(), Assembly()
 
     def feed(self, data: bytes) -> list[bytes]:
-        """Take bytes and return the messages that they complete."""
         found = []
         for frame in self._records.feed(data):
             kind, to = frame.identifier >> 8, frame.identifier & 0xFF

@@ -38,7 +38,6 @@ class VescCan(Vesc):
         self._parser = codec.PayloadParser(self.options.host_id, self.options.can_id)
 
     def read_settings(self, timeout: float = 0.5) -> tuple[Setting, ...]:
-        """Read back and check the settings, and that there is no other sender; see `Driver`."""
         settings = super().read_settings(timeout)
         return (*settings, judge_others(self.counts['of_others']))
 

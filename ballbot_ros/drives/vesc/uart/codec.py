@@ -122,7 +122,6 @@ class FrameParser:
         self._buffer = bytearray()
 
     def feed(self, data: bytes) -> list[bytes]:
-        """Take bytes and return the payloads of the packets that they complete."""
         buffer = self._buffer
         buffer += data
         payloads = []

@@ -115,7 +115,6 @@ class VescDevice(Device):
         return current if abs(power) <= supply else current * supply / abs(power)
 
     def tick(self, now: float) -> None:
-        """Update timeout, kill switch, supply and temperature; see `Device`."""
         if math.isnan(self._look_at):
             self._look_at, self._fed = now, now
         if now >= self._look_at:
