@@ -18,9 +18,6 @@ from ballbot_ros.emulator.emulator import Emulator
 from ballbot_ros.emulator.line import LineFaults
 from ballbot_ros.errors import BallbotError, ConfigurationError
 
-# Direction of a fault on the line; both if the number is the last word.
-DIRECTIONS = ('to', 'from')
-
 
 class Fault(NamedTuple):
     """A line that the control channel understands."""
@@ -109,10 +106,14 @@ def execute(emulator: Emulator, line: str) -> str:
         return json.dumps(state_of(emulator))
     if name in LINE_FAULTS:
         both = {'to': emulator.to_drive, 'from': emulator.from_drive}
-        chosen = [both[word] for word in _directions(name, words)]
+        word = words.pop() if len(words) == 2 else ''
+        if word and word not in both:
+            raise ConfigurationError(
+                f'{name}: the second word must be "to" or "from" (the drive), got {word!r}',
+                'not_a_choice', name)
         number = _number(name, words, None)
         changes = [(direction, replace(direction.faults, **{name: number}))
-                   for direction in chosen]
+                   for direction in ([both[word]] if word else both.values())]
 
         def change() -> None:
             for direction, faults in changes:
@@ -134,18 +135,6 @@ def execute(emulator: Emulator, line: str) -> str:
         raise ConfigurationError(f'{name!r} is not a fault{suggestion(name, known)}',
                                  'unknown_name', name)
     return 'ok'
-
-
-def _directions(name: str, words: list[str]) -> tuple[str, ...]:
-    """Remove the direction from the words and return it, both if there is none."""
-    if len(words) == 2:
-        direction = words.pop()
-        if direction not in DIRECTIONS:
-            raise ConfigurationError(
-                f'{name}: the second word must be "to" or "from" (the drive), got {direction!r}',
-                'not_a_choice', name)
-        return (direction,)
-    return DIRECTIONS
 
 
 def _number(name: str, words: list[str], default: Optional[float]) -> float:
