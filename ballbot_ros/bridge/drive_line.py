@@ -5,11 +5,11 @@ import logging
 from pathlib import Path
 from typing import Callable, Dict, List, Optional, Sequence, Tuple, TypeVar
 
-from ballbot_ros.bridge.hardware_file import Connection, Hardware
+from ballbot_ros.bridge.hardware_file import Hardware
 from ballbot_ros.bridge.observer import SessionObserver
 from ballbot_ros.drives import open_driver, open_line
 from ballbot_ros.drives.capture import Recorder, ShownToAll
-from ballbot_ros.drives.contract import DriveOptions, Identity, SerialLine, Setting
+from ballbot_ros.drives.contract import Identity, SerialLine, Setting
 from ballbot_ros.drives.driver import Driver
 from ballbot_ros.errors import BallbotError, ConfigurationError, LinkError
 
@@ -171,24 +171,17 @@ def connectors(hardware: Sequence[Hardware], capture: str = '',
     be created, or the hardware file has options of another driver.
     """
     recorder = ShownToAll(Recorder(Path(capture)), observer) if capture else observer
-
-    def open_port(connection: Connection) -> SerialLine:
-        return open_line(connection.protocol, connection.port, connection.baud, recorder)
-
     shared: Dict[str, SharedLine] = {}
     ports = [item.connection.port for item in hardware]
-    connects: List[Callable[[], Driver]] = []
-    for item in hardware:
-        connection = item.connection
-        opener: Callable[[], SerialLine] = partial(open_port, connection)
+
+    def connector_of(item: Hardware) -> Callable[[], Driver]:
+        connection, options = item.connection, item.options()
+        open_it: Callable[[], SerialLine] = partial(
+            open_line, connection.protocol, connection.port, connection.baud, recorder)
         if ports.count(connection.port) > 1:
-            opener = shared.setdefault(connection.port, SharedLine(opener)).view
-        connects.append(partial(_connect, opener, connection.protocol, item.options()))
-    return connects
-
-
-def _connect(open_it: Callable[[], SerialLine], protocol: str, options: DriveOptions) -> Driver:
-    return open_driver(protocol, open_it(), options)
+            open_it = shared.setdefault(connection.port, SharedLine(open_it)).view
+        return lambda: open_driver(connection.protocol, open_it(), options)
+    return [connector_of(item) for item in hardware]
 
 
 def connector(hardware: Hardware, capture: str = '') -> Callable[[], Driver]:
