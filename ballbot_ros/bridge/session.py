@@ -480,22 +480,21 @@ class Session:
 
     def report(self, estimate: Optional[Estimate]) -> Optional[Report]:
         """Return the result of a period, None before `configure` and after `close`."""
+        supervisor, law = self.supervisor, self.law
         with self.lock:
-            return None if self._wanted is Wanted.CLOSED else self._report(estimate)
-
-    def _report(self, estimate: Optional[Estimate]) -> Report:
-        supervisor, driver, law = self.supervisor, self.line.driver, self.law
-        if self.lateral is not None and self.course is not None and self.odometry is not None:
-            self.course = self.course.after(
-                self.odometry.position, self.lateral.state, self.robot.ball_radius)
-        timed_out, commanded, set_point = supervisor.timed_out, supervisor.commanded, None
-        if law is not None:
-            set_point = law.set_point
-            timed_out = timed_out or law.let_down
-            commanded = commanded and set_point.mode is not Mode.IDLE
-        now, state = self.clock(), self.control.power.state
-        telemetry = Telemetry() if driver is None else driver.telemetry
-        self.observer.period(now, estimate, supervisor, telemetry, state)
-        return Report(now, estimate, supervisor.torque, telemetry, state, supervisor.e_stop,
-                      timed_out, commanded, set_point, self.control.monitor.condition,
-                      self.sensing.needs_imu(now))
+            if self._wanted is Wanted.CLOSED:
+                return None
+            if self.lateral is not None and self.course is not None and self.odometry is not None:
+                self.course = self.course.after(
+                    self.odometry.position, self.lateral.state, self.robot.ball_radius)
+            timed_out, commanded, set_point = supervisor.timed_out, supervisor.commanded, None
+            if law is not None:
+                set_point = law.set_point
+                timed_out = timed_out or law.let_down
+                commanded = commanded and set_point.mode is not Mode.IDLE
+            now, state, driver = self.clock(), self.control.power.state, self.line.driver
+            telemetry = Telemetry() if driver is None else driver.telemetry
+            self.observer.period(now, estimate, supervisor, telemetry, state)
+            return Report(now, estimate, supervisor.torque, telemetry, state, supervisor.e_stop,
+                          timed_out, commanded, set_point, self.control.monitor.condition,
+                          self.sensing.needs_imu(now))
