@@ -19,6 +19,7 @@ import math
 import struct
 from typing import List, Optional, Tuple
 
+from ballbot_ros.drives.contract import BITS_PER_BYTE
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.imus.contract import InertialReading, InertialSensor
 
@@ -57,7 +58,7 @@ class WitMotion(InertialSensor):
     """See `InertialSensor`; each command is to be sent alone."""
 
     factory_baud = FACTORY_BAUD
-    reading_bits = 2 * SIZE * 10
+    reading_bits = 2 * SIZE * BITS_PER_BYTE
 
     def __init__(self, baud: int, rate: int, bandwidth: int):
         for name, value, known, unit in (

@@ -15,13 +15,13 @@ import math
 import struct
 from typing import Any, Mapping
 
-from ballbot_ros.drives.can_frames import CanFrame, RecordParser
+from ballbot_ros.drives.can_frames import CanFrame, RECORD_SIZE, RecordParser
+from ballbot_ros.drives.contract import BITS_PER_BYTE
 from ballbot_ros.drives.odrive.cansimple import codec
 from ballbot_ros.drives.odrive.emulated_board import BoardDevice, QUIRKS
 from ballbot_ros.drives.odrive.firmware import (
     CONTROL_MODE, GENERATION_5, INPUT_MODE, REQUESTED_STATE, RESULT_6, STATE)
 
-FRAME_BITS = 160
 MAILBOXES = 3
 REBOOT = 0x16
 
@@ -73,7 +73,7 @@ class ODriveCanDevice(BoardDevice):
 
     def _sent(self, record: bytes, now: float) -> bytes:
         """Return the part of a reply that fits the queue for sending."""
-        duration = FRAME_BITS / self.baud
+        duration = RECORD_SIZE * BITS_PER_BYTE / self.baud
         if not record or self._busy_until - now > (MAILBOXES - 1) * duration:
             return b''
         self._busy_until = max(self._busy_until, now) + duration
