@@ -273,10 +273,9 @@ class Driver(ABC):
             if self._until(lambda: self.stopped_since(begin), soon):
                 return
             if self.clock() >= begin + timeout:
-                raise DriveError(
-                    f'{self.line.port}: the drive did not confirm the stop within {timeout:g} s; '
-                    f'its own watchdog disarms it after {self.options.watchdog:g} s',
-                    'not_stopped', 'drive')
+                raise self._error(
+                    f'the drive did not confirm the stop within {timeout:g} s; its own watchdog '
+                    f'disarms it after {self.options.watchdog:g} s', 'not_stopped')
 
     def clear_faults(self, timeout: float = 0.5) -> tuple[str, ...]:
         """Clear latched faults, without power, and return the remaining ones; may refuse."""
@@ -304,8 +303,7 @@ class Driver(ABC):
 
         """
         if not self._armed:
-            raise DriveError(f'{self.line.port}: the motor has not been armed',
-                             'not_armed', 'drive')
+            raise self._error('the motor has not been armed', 'not_armed')
         if not math.isfinite(torque):
             raise MessageError(f'torque must be finite, got {torque!r}', 'not_finite', 'torque')
         limit = self.options.torque_limit
@@ -354,6 +352,9 @@ class Driver(ABC):
         """Return the largest traffic of one period of `send_torque` and its replies."""
 
     # For drivers
+
+    def _error(self, text: str, reason: str, field: str = 'drive') -> DriveError:
+        return DriveError(f'{self.line.port}: {text}', reason, field)
 
     def _until(self, condition: Callable[[], bool], deadline: float) -> bool:
         """Poll until a condition holds or the deadline has passed; return whether it holds."""
@@ -404,28 +405,26 @@ class Driver(ABC):
         """Return why a request had no answer since `before`; see `_ask_until`."""
         if not what or any(self.counts[kind] > before[kind] for kind in ('refused', 'skipped')):
             return self._handshake_error(before)
-        return DriveError(f'{self.line.port}: the {self.maker} does not answer {what}',
-                          'silent', 'drive')
+        return self._error(f'the {self.maker} does not answer {what}', 'silent')
 
     def _handshake_error(self, before: Counter[str]) -> DriveError:
         """Return why a handshake failed; `before` are the counts from its beginning."""
         received = self.counts['bytes'] - before['bytes']
         if not received:
-            return DriveError(
-                f'{self.line.port}: no {self.maker} answers; is it powered, are RX and TX '
-                'crossed, is its serial port set to this protocol and baud rate?',
-                'silent', 'drive')
-        return DriveError(
-            f'{self.line.port}: {received} bytes received, but no valid reply of the {self.maker}'
-            ': wrong baud rate, another protocol, or noise', 'garbled', 'drive')
+            return self._error(
+                f'no {self.maker} answers; is it powered, are RX and TX crossed, is its serial '
+                'port set to this protocol and baud rate?', 'silent')
+        return self._error(
+            f'{received} bytes received, but no valid reply of the {self.maker}: wrong baud rate, '
+            'another protocol, or noise', 'garbled')
 
     def _no_node(self, before: Counter[str], others: set[int], advice: str) -> DriveError:
         """Return why a handshake on a bus failed where `others` are the ids of the nodes seen."""
         if self.counts['skipped'] > before['skipped']:
             return Driver._handshake_error(self, before)
         name, seen = self.shares_line, ', '.join(map(str, sorted(others)))
-        return DriveError(
-            f'{self.line.port}: no {self.maker} with {name} {getattr(self.options, name)} answers'
+        return self._error(
+            f'no {self.maker} with {name} {getattr(self.options, name)} answers'
             + (f', but messages of {seen} arrive: set {name}, or check the wiring' if seen else
                f'; is it powered, {advice}, is the bit rate the same, are both ends closed by '
                '120 ohm?'), 'silent', name if seen else 'drive')

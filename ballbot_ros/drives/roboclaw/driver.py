@@ -140,24 +140,21 @@ class RoboClaw(Driver):
         self.stop(timeout)
         self._ask(codec.GET_STATUS, self.clock() + timeout)
         if self.telemetry.faults:
-            raise DriveError(
-                f'{self.line.port}: the RoboClaw names {", ".join(self.telemetry.faults)}, which '
-                'go with their cause or when it is switched off and on; no command clears them',
-                'not_clearable', 'drive')
+            raise self._error(
+                f'the RoboClaw names {", ".join(self.telemetry.faults)}, which go with their '
+                'cause or when it is switched off and on; no command clears them', 'not_clearable')
         return ()
 
     def _arm(self, deadline: float) -> None:
         self._ask(codec.GET_STATUS, deadline)
         if self.telemetry.faults:
-            raise DriveError(
-                f'{self.line.port}: the RoboClaw names {", ".join(self.telemetry.faults)}',
-                'not_armed', 'drive')
+            raise self._error(
+                f'the RoboClaw names {", ".join(self.telemetry.faults)}', 'not_armed')
         timeout = self._set_timeout(deadline)
         if not 0.0 < timeout < (self._tenths + 0.5) * codec.TIMEOUT_UNIT:
-            raise DriveError(
-                f'{self.line.port}: the serial timeout of the RoboClaw is {timeout:g} s and stays '
-                f'so; it must be at most {self._tenths * codec.TIMEOUT_UNIT:g} s', 'not_armed',
-                'drive')
+            raise self._error(
+                f'the serial timeout of the RoboClaw is {timeout:g} s and stays so; it must be at '
+                f'most {self._tenths * codec.TIMEOUT_UNIT:g} s', 'not_armed')
         self._ask(codec.GET_BATTERY, deadline)
 
     # Non-blocking methods
@@ -173,10 +170,9 @@ class RoboClaw(Driver):
 
         """
         if self._armed and self.clock() - self._voltage_at > STALE_VOLTAGE:
-            raise DriveError(
-                f'{self.line.port}: the RoboClaw has not reported its supply voltage for '
-                f'{STALE_VOLTAGE:g} s, without which a torque makes no duty cycle',
-                'no_voltage', 'drive')
+            raise self._error(
+                f'the RoboClaw has not reported its supply voltage for {STALE_VOLTAGE:g} s, '
+                'without which a torque makes no duty cycle', 'no_voltage')
         super().send_torque(torque, ask)
         self._commanded_at = self.clock()
 

@@ -328,18 +328,16 @@ class ODrive(Driver):
         self._settings.pop(self._path(CONTROL_MODE), None)  # arming sets it
         if self._write(CONTROL_MODE, TORQUE_CONTROL, deadline) != TORQUE_CONTROL:
             path = self._path(CONTROL_MODE)
-            raise DriveError(
-                f'{self.line.port}: the ODrive does not go into torque control, see {path}',
-                'not_armed', path)
+            raise self._error(
+                f'the ODrive does not go into torque control, see {path}', 'not_armed', path)
         self._refuse_faults(deadline)
         self._send(codec.write(self._path(REQUESTED_STATE), CLOSED_LOOP_CONTROL))
         while self._read(STATE, deadline) != CLOSED_LOOP_CONTROL:
             self._send(self._torque_message(0.0))
             self._refuse_faults(deadline)
             if self.clock() >= deadline - self.options.reply_timeout:
-                raise DriveError(
-                    f'{self.line.port}: the ODrive does not go into closed loop control and '
-                    f'names {self._named()}', 'not_armed', 'drive')
+                raise self._error('the ODrive does not go into closed loop control and names '
+                                  f'{self._named()}', 'not_armed')
         self._refuse_faults(deadline)
 
     def _refuse_faults(self, deadline: float) -> None:
@@ -347,11 +345,9 @@ class ODrive(Driver):
         bits = self._read(self._generation.errors, deadline)
         if not math.isfinite(bits):
             path = self._path(self._generation.errors)
-            raise DriveError(f'{self.line.port}: the ODrive has no {path}', 'not_armed', path)
+            raise self._error(f'the ODrive has no {path}', 'not_armed', path)
         if bits:
-            raise DriveError(
-                f'{self.line.port}: the ODrive names {self._named()}; remove the cause',
-                'not_armed', 'drive')
+            raise self._error(f'the ODrive names {self._named()}; remove the cause', 'not_armed')
 
     def _named(self) -> str:
         """Return the errors of all registers as text; without those that do not reply."""
@@ -367,9 +363,8 @@ class ODrive(Driver):
         deadline = self.clock() + timeout
         self._identify_firmware(deadline)
         if self._armed or self._read(STATE, deadline) != IDLE:
-            raise DriveError(
-                f'{self.line.port}: the motor is under power; disable it first',
-                'not_clearable', 'motor')
+            raise self._error(
+                'the motor is under power; disable it first', 'not_clearable', 'motor')
         self._send(codec.feed_watchdog(self.options.axis) + codec.CLEAR_ERRORS)
         self._status.forget_errors()
         return self._faults(deadline, False)
@@ -451,9 +446,8 @@ class ODrive(Driver):
         # A corrupted reply may have lost its checksum.
         if self.counts['unchecked'] > before['unchecked'] \
                 and self.counts['refused'] == before['refused']:
-            return DriveError(
-                f'{self.line.port}: text received, but not of an ODrive, whose replies '
-                'have a checksum', 'wrong_protocol', 'drive')
+            return self._error('text received, but not of an ODrive, whose replies have a '
+                               'checksum', 'wrong_protocol')
         return super()._handshake_error(before)
 
     def _read(self, name: str, deadline: float) -> float:

@@ -217,17 +217,16 @@ class ODriveCan(Driver):
                 return
             if obeyed and names or self.clock() >= deadline:
                 result = () if generation is OLD else RESULT_6.names_of(self._result)
-                raise DriveError(
-                    f'{self.line.port}: the ODrive does not go into closed loop control and '
-                    f'names {", ".join(names or result) or "no reason"}; remove the cause, '
-                    'odrivetool shows more with dump_errors(odrv0)', 'not_armed', 'drive')
+                raise self._error(
+                    'the ODrive does not go into closed loop control and names '
+                    f'{", ".join(names or result) or "no reason"}; remove the cause, odrivetool '
+                    'shows more with dump_errors(odrv0)', 'not_armed')
             self._send(self._torque_message(0.0) + self._ask_position())
 
     def clear_faults(self, timeout: float = 0.5) -> tuple[str, ...]:
         if self._armed or self.telemetry.armed:
-            raise DriveError(
-                f'{self.line.port}: the motor is under power; stop it first',
-                'not_clearable', 'motor')
+            raise self._error(
+                'the motor is under power; stop it first', 'not_clearable', 'motor')
         deadline = self.clock() + timeout
         self._known(deadline)
         self._clear_errors(deadline)

@@ -8,7 +8,6 @@ from ballbot_ros.drives.driver import Driver
 from ballbot_ros.drives.vesc import settings
 from ballbot_ros.drives.vesc.settings import VescOptions
 from ballbot_ros.drives.vesc.uart import codec
-from ballbot_ros.errors import DriveError
 
 # A motor current below this part of the limit counts as zero, because of the sensor noise.
 NO_CURRENT = 0.05
@@ -53,16 +52,14 @@ class Vesc(Driver):
         firmware = codec.parse_firmware(self._ask(
             codec.FW_VERSION, self.clock() + timeout, handshake=True))
         if firmware is None:
-            raise DriveError(
-                f'{self.line.port}: a VESC answers that does not report its firmware',
-                'firmware', 'firmware')
+            raise self._error(
+                'a VESC answers that does not report its firmware', 'firmware', 'firmware')
         version, test = (firmware.major, firmware.minor), firmware.test
         reason = settings.why_not(version, test)
         if reason:
-            raise DriveError(
-                f'{self.line.port}: VESC firmware must be 5.03 to 7.xx, got {version[0]}.'
-                f'{version[1]:02}: {reason}; bring it up to date with VESC Tool, Firmware',
-                'firmware', 'firmware')
+            raise self._error(
+                f'VESC firmware must be 5.03 to 7.xx, got {version[0]}.{version[1]:02}: {reason}; '
+                'bring it up to date with VESC Tool, Firmware', 'firmware', 'firmware')
         self._version = version
         return Identity(self.protocol, firmware.hardware, f'{version[0]}.{version[1]:02}'
                         + (f' test {test}' if test else ''), firmware.serial_number)
@@ -91,13 +88,13 @@ class Vesc(Driver):
             answered = self._status_requested_at >= begin
             reported = reported or answered
             if answered and self.telemetry.faults:
-                raise DriveError(
-                    f'{self.line.port}: the VESC names {", ".join(self.telemetry.faults)}; the '
-                    'terminal of VESC Tool shows more with: faults', 'not_armed', 'drive')
+                raise self._error(
+                    f'the VESC names {", ".join(self.telemetry.faults)}; the terminal of VESC '
+                    'Tool shows more with: faults', 'not_armed')
             if answered and not self._status & codec.TIMED_OUT:
                 return
             if self.clock() >= deadline:
-                raise DriveError(f'{self.line.port}: the VESC ' + (
+                raise self._error('the VESC ' + (
                     'reports that its timeout has expired, however often it is fed' if reported
                     else 'does not report its state'),
                     'not_armed', 'watchdog' if reported else 'drive')
@@ -120,11 +117,10 @@ class Vesc(Driver):
             if answered and not self.telemetry.faults or self.clock() >= deadline:
                 break
         if self.telemetry.faults or not answered:
-            raise DriveError(
-                f'{self.line.port}: the VESC names {", ".join(self.telemetry.faults)}, which it '
-                'clears by itself half a second after its cause; no message clears them'
-                if answered else f'{self.line.port}: the VESC does not report its state',
-                'not_clearable', 'drive')
+            raise self._error(
+                f'the VESC names {", ".join(self.telemetry.faults)}, which it clears by itself '
+                'half a second after its cause; no message clears them'
+                if answered else 'the VESC does not report its state', 'not_clearable')
         return ()
 
     # Non-blocking methods
