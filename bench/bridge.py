@@ -35,7 +35,7 @@ from ballbot_ros.emulator.emulator import Emulator
 from ballbot_ros.physics import load_scene
 from ballbot_ros.ros.conversions import set_point_message
 from ballbot_ros.ros.endpoints import create_publisher, create_subscription
-from ballbot_ros.ros.joint_state_bytes import command_bytes
+from ballbot_ros.ros.message_bytes import command_bytes
 from ballbot_ros.ros.rclpy_compat import new_executor
 
 START = 60.0  # longest start or end of an emulator [s]

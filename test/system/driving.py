@@ -12,7 +12,7 @@ import yaml
 from ballbot_ros.bridge.supervisor import StopReason
 from ballbot_ros.config.files import config_folder
 from ballbot_ros.msg import MotorStatus
-from ballbot_ros.ros.joint_state_bytes import command_bytes
+from ballbot_ros.ros.message_bytes import command_bytes
 
 TORQUE = 0.6  # at the pendulum [N m]
 WATCHDOG = 0.5  # of the drive: a busy machine may hold the bridge up for as long [s]

@@ -7,7 +7,7 @@ from sensor_msgs.msg import JointState
 
 from ballbot_ros.control import load_tuning, Mode, PendulumController, SetPoint
 from ballbot_ros.ros.conversions import readings
-from ballbot_ros.ros.joint_state_bytes import command_bytes
+from ballbot_ros.ros.message_bytes import command_bytes
 
 
 def hold(graph, gimball, rate, seconds):

@@ -15,8 +15,8 @@ from ballbot_ros.imus.source import StampedReading
 from ballbot_ros.nodes.bridge.motor import Clocks, imu_reading, MotorOutputs
 from ballbot_ros.ros.conversions import command_torque, to_seconds
 from ballbot_ros.ros.endpoints import create_trigger, RECEIVED_TIMEOUT, subscribe_e_stop
-from ballbot_ros.ros.imu_bytes import AnyImu, subscribe_imu
-from ballbot_ros.ros.joint_state_bytes import AnyJointState, subscribe_joint_states
+from ballbot_ros.ros.message_bytes import (
+    AnyImu, AnyJointState, subscribe_imu, subscribe_joint_states)
 from ballbot_ros.ros.set_points import REFUSED_PAUSE, SetPoints
 from ballbot_ros.ros.single_publisher import SinglePublisher
 

@@ -20,8 +20,7 @@ from ballbot_ros.msg import MotorStatus
 from ballbot_ros.ros.conversions import to_seconds, to_time
 from ballbot_ros.ros.endpoints import create_publisher, wait_until_received
 from ballbot_ros.ros.frames import FRAMES, Frames
-from ballbot_ros.ros.imu_bytes import AnyImu
-from ballbot_ros.ros.joint_state_bytes import JointStateBytes
+from ballbot_ros.ros.message_bytes import AnyImu, JointStateBytes
 
 # Below `bridge`, whose records are delayed: the motor loop reads this clock, too.
 LOG = logging.getLogger('ballbot_ros.bridge.clocks')

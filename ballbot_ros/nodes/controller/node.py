@@ -16,8 +16,7 @@ from ballbot_ros.ros import diagnostics
 from ballbot_ros.ros.conversions import lateral_readings, readings
 from ballbot_ros.ros.endpoints import (
     create_publisher, create_wall_timer, subscribe_e_stop, wait_until_received)
-from ballbot_ros.ros.joint_state_bytes import (
-    AnyJointState, command_bytes, subscribe_joint_states)
+from ballbot_ros.ros.message_bytes import AnyJointState, command_bytes, subscribe_joint_states
 from ballbot_ros.ros.parameters import Commit, declare
 from ballbot_ros.ros.retuning import change_period, prepare_laws
 from ballbot_ros.ros.run import run

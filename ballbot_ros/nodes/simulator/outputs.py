@@ -21,8 +21,8 @@ from ballbot_ros.ros.conversions import (
     sec_nanosec, terrain_message, to_time)
 from ballbot_ros.ros.endpoints import create_publisher, has_subscribers
 from ballbot_ros.ros.frames import Frames
-from ballbot_ros.ros.joint_state_bytes import CDR, JointStateBytes
 from ballbot_ros.ros.markers import floor_markers, MarkerTopic, world_markers
+from ballbot_ros.ros.message_bytes import CDR, JointStateBytes
 from ballbot_ros.ros.odometry import OdometryTopics
 from ballbot_ros.ros.parameters import Commit
 

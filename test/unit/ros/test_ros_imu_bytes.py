@@ -7,7 +7,7 @@ from sensor_msgs.msg import Imu
 
 from ballbot_ros.nodes.bridge.motor import Clocks, imu_reading
 from ballbot_ros.ros.conversions import to_time
-from ballbot_ros.ros.imu_bytes import read, ReceivedImu
+from ballbot_ros.ros.message_bytes import read, ReceivedImu
 
 numbers = strategies.lists(strategies.floats(-1e100, 1e100), min_size=37, max_size=37)
 
@@ -27,7 +27,7 @@ def imu(values, frame='imu'):
 @given(numbers, strategies.text('abc/', max_size=9))
 def test_read_messages_are_those_of_the_middleware(values, frame):
     message = imu(values, frame)
-    found = read(serialize_message(message))
+    found = read(Imu, serialize_message(message))
     assert isinstance(found, ReceivedImu)
     assert found.header.stamp == (1234, 500_000_000) and found.header.frame_id == frame
     for what in ('angular_velocity', 'linear_acceleration'):
@@ -40,7 +40,7 @@ def test_read_messages_are_those_of_the_middleware(values, frame):
 def test_the_reading_is_that_of_the_message(monkeypatch):
     monkeypatch.setattr(Clocks, '_ahead', 1000.0)
     message = imu([0.01 * number for number in range(37)])
-    assert imu_reading(read(serialize_message(message)), Clocks()) == imu_reading(
+    assert imu_reading(read(Imu, serialize_message(message)), Clocks()) == imu_reading(
         message, Clocks())
 
 
@@ -48,11 +48,11 @@ def test_bytes_that_are_no_imu_message_are_refused():
     data = serialize_message(imu([0.0] * 37))
     for part in (b'', data[:3], data[:30]):
         with pytest.raises((RuntimeError, ValueError)):
-            read(part)
+            read(Imu, part)
 
 
 def test_big_endian_is_left_to_the_middleware():
     data = bytearray(serialize_message(imu([0.0] * 37)))
     data[1] = 0
     with pytest.raises((RuntimeError, ValueError)):
-        read(bytes(data))  # its lengths are little-endian, which the middleware refuses
+        read(Imu, bytes(data))  # its lengths are little-endian, which the middleware refuses

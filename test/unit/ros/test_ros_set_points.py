@@ -18,7 +18,7 @@ from ballbot_ros.nodes.controller.node import Controller
 from ballbot_ros.nodes.simulator.node import Simulator
 from ballbot_ros.ros.conversions import set_point, set_point_message, to_time
 from ballbot_ros.ros.endpoints import create_publisher
-from ballbot_ros.ros.joint_state_bytes import command_bytes
+from ballbot_ros.ros.message_bytes import command_bytes
 from ballbot_ros.ros.rclpy_compat import new_executor
 from ballbot_ros.ros.set_points import REFUSED_PAUSE, SetPoints
 

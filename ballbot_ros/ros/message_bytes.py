@@ -1,19 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Joint states as serialised bytes: plain CDR, little-endian.
+Joint states and IMU messages as serialised bytes: plain CDR, little-endian.
 
 rclpy takes longer to convert a joint state to and from a Python object than a control period takes
-to simulate, so these bytes are packed and unpacked here.  The middleware handles all other
-messages.
+to simulate, and longer to convert the 37 numbers of an IMU message than the bridge to use them.
+So these bytes are packed and unpacked here.  The middleware handles all other messages.
 """
 import math
 import struct
-from typing import Any, Callable, NamedTuple, Optional, Sequence, Tuple, Union
+from typing import Any, Callable, NamedTuple, Optional, Sequence, Tuple, Type, Union
 
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
-from sensor_msgs.msg import JointState
+from sensor_msgs.msg import Imu, JointState
 
 from ballbot_ros.control import JointReadings
 from ballbot_ros.physics.model.state import State
@@ -25,6 +25,8 @@ from ballbot_ros.steering.model import LateralState
 # The encapsulation of little-endian CDR; alignment counts from its end.
 CDR = b'\0\1\0\0'
 _STAMP, _COUNT = struct.Struct('<4xiI'), struct.Struct('<I')
+# Of an IMU message: orientation, turn rate and specific force, each with its covariance.
+_NUMBERS = struct.Struct('<37d')
 
 
 class Stamp(NamedTuple):
@@ -51,24 +53,49 @@ class ReceivedJointState(NamedTuple):
     effort: Tuple[float, ...]
 
 
+class Vector3(NamedTuple):
+    """As geometry_msgs/Vector3."""
+
+    x: float
+    y: float
+    z: float
+
+
+class ReceivedImu(NamedTuple):
+    """As sensor_msgs/Imu without the orientation, and read only."""
+
+    header: Header
+    angular_velocity: Vector3
+    angular_velocity_covariance: Tuple[float, ...]
+    linear_acceleration: Vector3
+    linear_acceleration_covariance: Tuple[float, ...]
+
+
 AnyJointState = Union[JointState, ReceivedJointState]
+AnyImu = Union[Imu, ReceivedImu]
 
 
-def read(data: bytes) -> AnyJointState:
+def read(kind: Type[Any], data: bytes) -> Any:
     """
-    Return a joint state; the middleware reads what is not plain, little-endian CDR.
+    Return a JointState or an Imu; the middleware reads what is not plain, little-endian CDR.
 
     Raises `RuntimeError` or `ValueError` if the middleware cannot read it either.
     """
     try:
-        return _read(data)
+        return _read_imu(data) if kind is Imu else _read_joint_state(data)
     except (struct.error, ValueError):
-        message: JointState = deserialize_message(data, JointState)
-        return message
+        return deserialize_message(data, kind)
 
 
-def _read(data: bytes) -> ReceivedJointState:
-    header, at = read_header(data)
+def _read_imu(data: bytes) -> ReceivedImu:
+    header, at = _read_header(data)
+    numbers = _NUMBERS.unpack_from(data, at + (len(CDR) - at) % 8)
+    return ReceivedImu(header, Vector3(*numbers[13:16]), numbers[16:25],
+                       Vector3(*numbers[25:28]), numbers[28:])
+
+
+def _read_joint_state(data: bytes) -> ReceivedJointState:
+    header, at = _read_header(data)
     count, at = _count(data, at)
     names = []
     for _ in range(count):
@@ -84,8 +111,8 @@ def _read(data: bytes) -> ReceivedJointState:
     return ReceivedJointState(header, tuple(names), *numbers)
 
 
-def read_header(data: bytes) -> Tuple[Header, int]:
-    """Return the header of a message and the place after it; raises as `_read` does."""
+def _read_header(data: bytes) -> Tuple[Header, int]:
+    """Return the header of a message and the place after it."""
     if data[:2] != CDR[:2]:
         raise ValueError('another encoding')
     frame, at = _text(data, _STAMP.size)
@@ -109,15 +136,19 @@ def _text(data: bytes, at: int) -> Tuple[str, int]:
 def subscribe_joint_states(node: Node, topic: str, callback: Callable[[AnyJointState], None]
                            ) -> Subscription:
     """Return a subscription to joint states; unreadable bytes are logged."""
-    return subscribe_bytes(node, topic, read, callback)
+    return _subscribe(node, topic, JointState, callback)
 
 
-def subscribe_bytes(node: Node, topic: str, convert: Callable[[bytes], Any],
-                    callback: Callable[[Any], None]) -> Subscription:
-    """Return a subscription that converts the bytes of a message; unreadable ones are logged."""
+def subscribe_imu(node: Node, callback: Callable[[AnyImu], None]) -> Subscription:
+    """Return a subscription to IMU messages; unreadable bytes are logged."""
+    return _subscribe(node, 'imu', Imu, callback)
+
+
+def _subscribe(node: Node, topic: str, kind: Type[Any], callback: Callable[[Any], None]
+               ) -> Subscription:
     def take(data: bytes) -> None:
         try:
-            message = convert(data)
+            message = read(kind, data)
         except (RuntimeError, ValueError) as error:
             node.get_logger().warning(f'{topic} refused: {error}', throttle_duration_sec=1.0)
         else:

@@ -15,7 +15,7 @@ from ballbot_ros.control import JointReadings
 from ballbot_ros.ros.conversions import to_time
 from ballbot_ros.ros.endpoints import create_publisher
 from ballbot_ros.ros.frames import JOINTS
-from ballbot_ros.ros.joint_state_bytes import (
+from ballbot_ros.ros.message_bytes import (
     command_bytes, JointStateBytes, read, ReceivedJointState, subscribe_joint_states)
 
 numbers = strategies.floats(-1e100, 1e100)
@@ -111,7 +111,7 @@ def messages(draw):
 
 @given(messages())
 def test_reading_equals_reading_by_the_middleware(message):
-    found = read(bytes(serialize_message(message)))
+    found = read(JointState, bytes(serialize_message(message)))
     assert isinstance(found, ReceivedJointState) and same(found, message)
 
 
@@ -119,7 +119,7 @@ def test_bytes_that_only_align_numbers_have_no_meaning():
     gap = bytearray(serialize_message(command(1, 2, math.nan, 'frame')))
     # After 'frame' and its zero at 20 come two bytes up to the next number.
     gap[22:24] = b'xy'
-    message = read(bytes(gap))
+    message = read(JointState, bytes(gap))
     assert isinstance(message, ReceivedJointState)
     assert message.header == ((1, 2), 'frame') and message.name == ('pendulum',)
     assert math.isnan(message.effort[0]) and message.position == message.velocity == ()
@@ -132,14 +132,14 @@ def test_bytes_of_another_message_are_refused_or_read_as_the_middleware_does(dat
             expected = deserialize_message(start + data, JointState)
         except (RuntimeError, ValueError) as error:
             with pytest.raises(type(error)):
-                read(start + data)
+                read(JointState, start + data)
         else:
-            assert same(read(start + data), expected)
+            assert same(read(JointState, start + data), expected)
 
 
 def test_big_endian_messages_are_left_to_the_middleware():
     data = b'\0\0\0\0' + struct.pack('>iIIB3xIIII', 7, 8, 1, 0, 0, 0, 0, 0)
-    message = read(data)
+    message = read(JointState, data)
     assert isinstance(message, JointState) and message.header.stamp.sec == 7
 
 
