@@ -107,11 +107,8 @@ def read_options(protocol: str, mapping: Mapping[str, Any], where: str) -> Drive
     """
     Return the options of a driver from the mapping of a YAML file.
 
-    Raises
-    ------
-    ConfigurationError
-        For an unknown protocol, and for anything missing, unknown or out of range.
-
+    Raises `ConfigurationError` for an unknown protocol, and for anything missing, unknown or out
+    of range.
     """
     return driver_class(protocol).Options.from_mapping(mapping, where)
 
@@ -125,24 +122,10 @@ def line_of(protocol: str) -> LineKind:
 def open_line(protocol: str, port: str, baud: int,
               recorder: Optional[TrafficSink] = None) -> SerialLine:
     """
-    Open the line of a protocol.
+    Open the line of a protocol at a bit rate [bit/s]; a recorder keeps a copy of the traffic.
 
-    Parameters
-    ----------
-    port : str
-        See transport.py for a serial line, can_transport.py for a CAN bus.
-    baud : int
-        [bit/s]
-    recorder : TrafficSink, optional
-        Keeps a copy of the traffic.
-
-    Raises
-    ------
-    ConfigurationError
-        If there is no such protocol.
-    LinkError
-        If the port cannot be opened.
-
+    See transport.py for the port of a serial line, can_transport.py for that of a CAN bus.  Raises
+    `ConfigurationError` if there is no such protocol, `LinkError` if the port cannot be opened.
     """
     kind = line_of(protocol)
     opened: SerialLine = getattr(import_module(kind.module), kind.opener)(port, baud, recorder)
@@ -154,11 +137,8 @@ def open_driver(protocol: str, line: SerialLine, options: DriveOptions,
     """
     Return a driver on an open line; nothing is sent yet.
 
-    Raises
-    ------
-    ConfigurationError
-        If there is no such protocol, or the options are those of another protocol.
-
+    Raises `ConfigurationError` if there is no such protocol, or the options are those of another
+    protocol.
     """
     found = driver_class(protocol)
     if not isinstance(options, found.Options):

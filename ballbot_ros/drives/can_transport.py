@@ -35,15 +35,8 @@ class CanBus:
     """
     Reads and writes of a bus of python-can, as records of frames; see `transport.Transfer`.
 
-    Methods raise the exceptions of python-can and the layers below it.
-
-    Parameters
-    ----------
-    port : str
-        See above.
-    baud : int
-        [bit/s]
-
+    The port is one of those above, at a bit rate [bit/s].  Methods raise the exceptions of
+    python-can and the layers below it.
     """
 
     def __init__(self, port: str, baud: int):

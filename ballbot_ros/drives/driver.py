@@ -58,13 +58,7 @@ class PendingRequests:
     """
     The requests that have no reply yet, oldest first.
 
-    Parameters
-    ----------
-    timeout : float
-        After which a reply counts as lost [s].
-    named : bool
-        Whether each request is a separate kind.
-
+    A reply counts as lost after a timeout [s]; with `named` each request is a separate kind.
     """
 
     def __init__(self, timeout: float, named: bool = False):
@@ -220,12 +214,8 @@ class Driver(ABC):
         """
         Do the handshake and return the identity of the drive.
 
-        Raises
-        ------
-        DriveError
-            ``silent``, ``garbled`` or ``wrong_protocol`` if no such drive answers,
-            ``firmware`` if it does not support the commands.
-
+        Raises `DriveError` with reason ``silent``, ``garbled`` or ``wrong_protocol`` if no such
+        drive answers, ``firmware`` if it does not support the commands.
         """
 
     @abstractmethod
@@ -233,22 +223,15 @@ class Driver(ABC):
         """
         Read back and check each safety-relevant setting.
 
-        Raises
-        ------
-        DriveError
-            ``silent`` if the drive does not reply, ``garbled`` if its replies are corrupted.
-
+        Raises `DriveError` with reason ``silent`` if the drive does not reply, ``garbled`` if its
+        replies are corrupted.
         """
 
     def arm(self, timeout: float = 0.5) -> None:
         """
         Enable motor power at zero torque.
 
-        Raises
-        ------
-        DriveError
-            ``not_armed``, with the faults that the drive reports.
-
+        Raises `DriveError` with reason ``not_armed``, and the faults that the drive reports.
         """
         self._until(lambda: self._may_ask, self.clock() + timeout)
         self.telemetry = self.telemetry._replace(hazards=())
@@ -259,12 +242,8 @@ class Driver(ABC):
         """
         Disable motor power; repeat until the drive confirms.
 
-        Raises
-        ------
-        DriveError
-            ``not_stopped`` if it does not within `timeout`: then the watchdog of the drive must
-            stop the motor.
-
+        Raises `DriveError` with reason ``not_stopped`` if it does not within `timeout`: then the
+        watchdog of the drive must stop the motor.
         """
         begin = self.clock()
         while True:
@@ -285,22 +264,11 @@ class Driver(ABC):
 
     def send_torque(self, torque: float, ask: bool = True) -> None:
         """
-        Send a torque; feeds the watchdog.
+        Send a torque at the motor shaft, clipped to the torque limit [N m]; feeds the watchdog.
 
-        Parameters
-        ----------
-        torque : float
-            At the motor shaft [N m]; clipped to the torque limit.
-        ask : bool
-            Also send the requests of this period, in the same write.
-
-        Raises
-        ------
-        MessageError
-            If it is not finite.  Nothing is sent.
-        DriveError
-            ``not_armed`` before `arm` and after a stop.  Nothing is sent.
-
+        With `ask` the same write has the requests of this period.  Nothing is sent if it raises:
+        `MessageError` for a torque that is not finite, `DriveError` with reason ``not_armed``
+        before `arm` and after a stop.
         """
         if not self._armed:
             raise self._error('the motor has not been armed', 'not_armed')
@@ -376,24 +344,10 @@ class Driver(ABC):
     def _ask_until(self, answered: Callable[[], bool], request: Callable[[], bytes],
                    deadline: float, what: str = '') -> None:
         """
-        Repeat a request until there is an answer.
+        Send the bytes that `request` returns until `answered` is true.
 
-        Parameters
-        ----------
-        answered : callable
-            Returns whether there is one.
-        request : callable
-            Returns the bytes to send.
-        deadline : float
-            [s]
-        what : str
-            Subject of the error message; empty in a handshake.
-
-        Raises
-        ------
-        DriveError
-            That of `_no_answer`.
-
+        `what` is the subject of the error message; empty in a handshake.  At the deadline [s] it
+        raises the error of `_no_answer`.
         """
         before = self.counts.copy()
         while not answered():

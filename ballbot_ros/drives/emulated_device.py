@@ -60,20 +60,10 @@ class Device(ABC):
     """
     The firmware of a motor controller: bytes in, bytes out, a torque at the shaft.
 
-    It has no clock; the caller passes a monotonic time [s].
-
-    Attributes
-    ----------
-    sensed, second : Sensed
-        Measurements of the motor, and of a motor on the other output; the owner updates them.
-    baud : float
-        Of its line; gives the duration of a reply.
-
-    Raises
-    ------
-    ConfigurationError
-        If the drive does not support the firmware, or the quirks, of the settings.
-
+    It has no clock; the caller passes a monotonic time [s].  The owner updates `sensed` and
+    `second`, the measurements of the motor, and of a motor on the other output; the `baud` of its
+    line gives the duration of a reply.  Raises `ConfigurationError` if the drive does not support
+    the firmware, or the quirks, of the settings.
     """
 
     protocol: ClassVar[str]

@@ -8,22 +8,8 @@ class MemoryLine:
     """
     Both ends of a line in memory; time passes while a driver waits.
 
-    Parameters
-    ----------
-    device : Device
-        At the other end.
-    delay : float
-        Time that a reply takes [s].
-
-    Attributes
-    ----------
-    now : float
-        [s]
-    plugged : bool
-        Whether the cable is in.
-    waiting : list of (float, bytes)
-        Replies in transit, and their arrival times [s].
-
+    A reply of the device takes a delay [s].  `now` is the time [s]; the cable is in while
+    `plugged`; `waiting` has the replies in transit with their arrival times [s].
     """
 
     port = 'memory'

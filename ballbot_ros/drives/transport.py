@@ -57,15 +57,9 @@ class Transfer(Protocol):
 
 class Descriptor:
     """
-    A device that never blocks.
+    A device that never blocks, open for reading and writing; its owner closes it.
 
     All methods raise `OSError` or `termios.error` if the device is gone.
-
-    Parameters
-    ----------
-    number : int
-        Open for reading and writing, without blocking; its owner closes it.
-
     """
 
     def __init__(self, number: int):
@@ -212,21 +206,10 @@ class Link:
 
     def wait(self, seconds: float, least: int = 1) -> bool:
         """
-        Wait until bytes can be read, or a time has passed; return whether there are any.
+        Wait until bytes can be read, or a time has passed [s]; return whether there are any.
 
-        Parameters
-        ----------
-        seconds : float
-            [s]
-        least : int
-            Fewer bytes than these, at most 255, do not end the wait, where supported.  A change
-            takes a system call.
-
-        Raises
-        ------
-        LinkError
-            If the port is gone.
-
+        Fewer bytes than `least`, at most 255, do not end the wait, where supported; a change of it
+        takes a system call.  Raises `LinkError` if the port is gone.
         """
         return bool(self._attempt((self._transfer or self._closed()).wait, seconds, least))
 

@@ -223,17 +223,11 @@ class Generation:
 
     def faults(self, values: Mapping[str, float], ours: bool) -> tuple[str, ...]:
         """
-        Return the names of all faults.
+        Return the names of all faults by the values of the properties.
 
-        A watchdog that expires without power is not a fault.
-
-        Parameters
-        ----------
-        values : mapping of str to float
-            Of the properties; infinite for a register that has an error but was not read yet.
-        ours : bool
-            Whether the driver has armed the motor and not stopped it since.
-
+        A watchdog that expires without power is not a fault: `ours` is whether the driver has
+        armed the motor and not stopped it since.  An infinite value is a register that has an
+        error but was not read yet.
         """
         known = {name: value for name, value in values.items() if not math.isnan(value)}
         armed = known.get(STATE) == CLOSED_LOOP_CONTROL
@@ -318,11 +312,8 @@ def generation_of(version: Sequence[float], axis: int, port: str) -> Generation:
     """
     Return the generation of a firmware, for a motor output of the board on a port.
 
-    Raises
-    ------
-    DriveError
-        ``firmware`` if the version, or such an output in it, is unknown or not supported.
-
+    Raises `DriveError` with reason ``firmware`` if the version, or such an output in it, is
+    unknown or not supported.
     """
     name = in_words(version)
     if tuple(version[:2]) == OLDEST[:2] and not version[2] >= OLDEST[2]:

@@ -26,11 +26,7 @@ def judge(generation: Generation, read: Read, options: DriveOptions) -> tuple[Se
     """
     Read back and check each safety-relevant setting.
 
-    Parameters
-    ----------
-    read : callable
-        Returns the value of a property, NaN if there is no such property.
-
+    `read` returns the value of a property, NaN if there is no such property.
     """
     return (_torque(generation, read, options), _watchdog(read, options),
             *_velocity(read, options), _braking(generation, read, options),

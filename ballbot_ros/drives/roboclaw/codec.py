@@ -83,17 +83,7 @@ def ask(address: int, number: int) -> bytes:
 
 
 def set_duty(address: int, axis: int, duty: float) -> bytes:
-    """
-    Return the command for a duty cycle.
-
-    Parameters
-    ----------
-    axis : int
-        0 for M1, 1 for M2.
-    duty : float
-        Of the supply voltage, -1 to 1; cut to that.
-
-    """
+    """Return the command for a duty cycle, cut to -1 to 1; axis 0 is M1, 1 is M2."""
     counts = round(FULL_DUTY * min(max(duty, -1.0), 1.0))
     return command(address, SET_DUTY[axis], struct.pack('>h', counts))
 

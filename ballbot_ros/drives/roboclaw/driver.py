@@ -163,11 +163,8 @@ class RoboClaw(Driver):
         """
         Send the duty that makes a torque; see `Driver`.
 
-        Raises
-        ------
-        DriveError
-            Also ``no_voltage`` if the drive has not reported its supply voltage for a second.
-
+        Also raises `DriveError` with reason ``no_voltage`` if the drive has not reported its
+        supply voltage for a second.
         """
         if self._armed and self.clock() - self._voltage_at > STALE_VOLTAGE:
             raise self._error(

@@ -170,15 +170,8 @@ def judge(application: Optional[Application], limits: Mapping[str, float],
     """
     Return the safety-relevant settings, and whether each is acceptable.
 
-    Parameters
-    ----------
-    application : Application or None
-        None where it could not be read.
-    limits : mapping of str to float
-        See `parse_limits`.
-    bus_voltage : float
-        Of the supply, now [V].
-
+    The application is None where it could not be read; see `parse_limits` for the limits.  The
+    voltage is that of the supply now [V].
     """
     app = application or UNKNOWN
     needed = options.torque_limit * options.speed_limit

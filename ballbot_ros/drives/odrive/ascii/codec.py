@@ -85,17 +85,11 @@ def write(name: str, value: float) -> bytes:
 
 def marker(number: int) -> bytes:
     """
-    Return lines that write and read back a chosen number, without other effects.
+    Return lines that write and read back one of `MARKERS`, without other effects.
 
-    Replies arrive in the order of the requests but do not name them.  Replies before the answer
-    to a marker belong to earlier requests.  A wrong checksum first ends an incomplete line that a
+    Replies arrive in the order of the requests but do not name them.  Replies before the answer to
+    a marker belong to earlier requests.  A wrong checksum first ends an incomplete line that a
     predecessor may have left in the buffer of the drive, so that the drive ignores it.
-
-    Parameters
-    ----------
-    number : int
-        One of `MARKERS`.
-
     """
     return b'*999\n' + write(SCRATCH, number) + read(SCRATCH)
 

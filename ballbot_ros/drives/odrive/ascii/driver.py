@@ -23,22 +23,11 @@ REGISTER_TIMEOUT = 0.1
 
 class DriveStatus:
     """
-    Collects the values of properties, and reports them as telemetry.
+    Collects the last value of each property in `values`, and reports them as telemetry.
 
     After an error, or a loss of motor power, all registers are read before anything is reported:
     the controller error alone does not give the cause, and a state read before the errors would be
-    reported without a reason.
-
-    Parameters
-    ----------
-    torque_limit : float
-        Torque that the current must suffice for [N m].
-
-    Attributes
-    ----------
-    values : dict
-        The last value of each property.
-
+    reported without a reason.  The current must suffice for the torque limit [N m].
     """
 
     def __init__(self, generation: Generation, torque_limit: float):
@@ -89,16 +78,9 @@ class DriveStatus:
 
     def take(self, name: str, value: Optional[float], now: float, ours: bool) -> None:
         """
-        Take the value of a property, None for no number.
+        Take the value of a property at a time [s], None for no number.
 
-        Parameters
-        ----------
-        value : float, optional
-        now : float
-            [s]
-        ours : bool
-            Whether this driver has armed the motor and not stopped it since.
-
+        `ours` is whether this driver has armed the motor and not stopped it since.
         """
         if value is not None and math.isfinite(value):
             self.values[name] = value
@@ -198,13 +180,7 @@ class Properties:
         """
         Return the request for a property, a marker where one is needed, or nothing yet.
 
-        Parameters
-        ----------
-        name, path : str
-            Name of the property in this package and in the drive.
-        now : float
-            [s]
-
+        `name` is that in this package, `path` that in the drive.
         """
         if self.free:
             self.requested, self.requested_at = name, now
@@ -429,15 +405,7 @@ class ODrive(Driver):
         return request
 
     def _synchronise(self, deadline: float) -> None:
-        """
-        Send markers until one is answered.
-
-        Raises
-        ------
-        DriveError
-            ``silent``, ``garbled`` or ``wrong_protocol``.
-
-        """
+        """Send markers until one is answered; raises `DriveError` as `identify` does."""
         self._properties.lose_sync()
         self._ask_until(lambda: self._properties.in_sync, lambda: self._property_request(STATE),
                         deadline)

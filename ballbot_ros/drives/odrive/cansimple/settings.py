@@ -31,20 +31,10 @@ class Endpoint(NamedTuple):
 
 def load_endpoints(path: str, version: Sequence[int]) -> Mapping[str, Endpoint]:
     """
-    Return the endpoints of a firmware by their names, from the maker's list.
+    Return the endpoints of a firmware by their names, from the maker's flat_endpoints.json.
 
-    Parameters
-    ----------
-    path : str
-        Of flat_endpoints.json.
-    version : sequence of int
-        Of the firmware of the drive.
-
-    Raises
-    ------
-    ConfigurationError
-        If it cannot be read, is not such a list, or is that of another firmware.
-
+    Raises `ConfigurationError` if it cannot be read, is not such a list, or is that of another
+    firmware.
     """
     try:
         content: Any = json.loads(Path(path).expanduser().read_text(encoding='utf-8'))
