@@ -45,26 +45,12 @@ def onboard_lag(hardware: Hardware, robot: Robot) -> float:
 def check_feasible(hardware: Hardware, robot: Robot, tuning: ControlTuning,
                    delay: float = 1, lag: float = 0.0) -> float:
     """
-    Refuse a loop that is not feasible; the message names the parameters to change.
+    Refuse a loop that is not feasible; return the lowest rate at which the gains are stable [Hz].
 
-    Returns the minimum rate at which these gains are stable [Hz].
-
-    Parameters
-    ----------
-    tuning : ControlTuning
-        Gains of the controller.
-    delay : float
-        Samples from a joint state to its torque.
-    lag : float
-        The same as a time [s]: `onboard_lag`, with a delay of 0.
-
-    Raises
-    ------
-    ConfigurationError
-        If the link does not support the rate, or the drive would disarm between two commands.
-    UnstableLoopError
-        If the gains diverge at that rate.
-
+    The messages name the parameters to change.  `delay` is that from a joint state to its torque
+    [samples], `lag` the same as a time [s]: `onboard_lag`, with a delay of 0.  Raises
+    `ConfigurationError` if the link does not support the rate, or the drive would disarm between
+    two commands, and `UnstableLoopError` if the gains diverge at that rate.
     """
     connection = hardware.connection
     rate, baud, budget = connection.loop_rate, connection.baud, wire_budget(hardware, robot)

@@ -65,15 +65,7 @@ def judge_others(number: int) -> Setting:
 
 
 class RecordParser:
-    """
-    Finds the records of frames in a stream.
-
-    Attributes
-    ----------
-    counts : Counter
-        ``skipped`` bytes that belong to no record.
-
-    """
+    """Finds the records of frames in a stream; `counts` has the bytes ``skipped`` between them."""
 
     def __init__(self) -> None:
         self.counts = Counter(skipped=0)

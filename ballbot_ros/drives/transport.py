@@ -183,22 +183,14 @@ class Link:
         self._transfer = self._attempt(self._emptied)
 
     def write(self, data: bytes) -> None:
-        """
-        Write all of `data`.
-
-        Raises `LinkError` if the port is gone, or has no room for 20 ms.
-        """
+        """Write all; raises `LinkError` if the port is gone, or has no room for 20 ms."""
         if not self._attempt((self._transfer or self._closed()).write, data):
             raise _stuck(self.port)
         if self._recorder is not None:
             self._recorder.record('>', data)
 
     def read(self) -> bytes:
-        """
-        Return the received data, may be empty; do not wait.
-
-        Raises `LinkError` if the port is gone.
-        """
+        """Return the received data, without waiting; `LinkError` if the port is gone."""
         data: bytes = self._attempt((self._transfer or self._closed()).read)
         if data and self._recorder is not None:
             self._recorder.record('<', data)

@@ -159,14 +159,7 @@ class BoardDevice(Device):
     """
     Properties, states and errors of an ODrive, and its motor; subclasses add the protocol.
 
-    Attributes
-    ----------
-    firmware : BoardFirmware
-    properties : dict
-        All but measurements.
-    input_torque : float
-        Commanded [N m].
-
+    `properties` are all but measurements; `input_torque` is the commanded one [N m].
     """
 
     firmwares = tuple(FIRMWARES)

@@ -83,7 +83,7 @@ def ask(address: int, number: int) -> bytes:
 
 
 def set_duty(address: int, axis: int, duty: float) -> bytes:
-    """Return the command for a duty cycle, cut to -1 to 1; axis 0 is M1, 1 is M2."""
+    """Return the command for a part of the supply voltage, -1 to 1; axis 0 is M1, 1 is M2."""
     counts = round(FULL_DUTY * min(max(duty, -1.0), 1.0))
     return command(address, SET_DUTY[axis], struct.pack('>h', counts))
 
@@ -116,14 +116,9 @@ class ReplyParser:
     """
     Finds the answers to groups of requests in the data of the drive.
 
-    Attributes
-    ----------
-    groups : sequence of sequences of int
-        Requests that were asked together, in their order; two or more in each, so that an
-        answer is protected by 32 bits at least.  No group may be the beginning of another.
-    counts : Counter
-        ``skipped`` bytes that belong to no answer, those that acknowledge commands apart.
-
+    `groups` are requests that were asked together, in their order; two or more in each, so that an
+    answer is protected by 32 bits at least.  No group may be the beginning of another.  `counts`
+    has ``skipped`` bytes that belong to no answer, those that acknowledge commands apart.
     """
 
     def __init__(self, address: int):

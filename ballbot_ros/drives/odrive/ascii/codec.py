@@ -109,14 +109,9 @@ class LineParser:
     Finds the lines of the drive whose checksum is right.
 
     Only ``\r\n`` ends a line: a lone ``\n`` is an error, and the text around it is refused.
-
-    Attributes
-    ----------
-    counts : Counter
-        ``refused`` lines whose checksum or characters are wrong, and ``unchecked`` ones of
-        printable text without a checksum, which a drive prints unrequested, or as a reply if it
-        does not support checksums.
-
+    `counts` are ``refused`` lines whose checksum or characters are wrong, and ``unchecked`` ones
+    of printable text without a checksum, which a drive prints unrequested, or as a reply if it
+    does not support checksums.
     """
 
     def __init__(self) -> None:

@@ -59,11 +59,7 @@ class Assembly:
     """
     Assembles messages from frames.
 
-    Attributes
-    ----------
-    refused : int
-        Messages of which a frame was missing, or whose CRC was wrong.
-
+    `refused` counts messages of which a frame was missing, or whose CRC was wrong.
     """
 
     def __init__(self) -> None:
@@ -95,23 +91,11 @@ class Assembly:
 
 class PayloadParser:
     """
-    Finds the messages to one id.
+    Finds the messages to the id `own` from the id `sender`.
 
-    Parameters
-    ----------
-    own : int
-        That id.
-    sender : int
-        Id of their sender.
-
-    Attributes
-    ----------
-    counts : Counter
-        ``refused`` messages, ``skipped`` bytes that belong to no frame, ``of_others`` frames to
-        `sender` from other nodes.
-    nodes_seen : set of int
-        Ids of all nodes that sent their status.
-
+    `counts` are ``refused`` messages, ``skipped`` bytes that belong to no frame, and
+    ``of_others``, frames to `sender` from other nodes; `nodes_seen` are the ids of all nodes that
+    sent their status.
     """
 
     def __init__(self, own: int = HOST_ID, sender: int = DRIVE_ID):

@@ -83,11 +83,7 @@ class Firmware(NamedTuple):
 
 
 def frame(payload: bytes) -> bytes:
-    """
-    Return the packet of a payload.
-
-    Raises `ValueError` if it is empty, or longer than the firmware takes.
-    """
+    """Return the packet of a payload; `ValueError` if that is empty, or longer than the limit."""
     length = len(payload)
     if not 0 < length <= LONGEST_PAYLOAD:
         raise ValueError(f'a payload has 1 to {LONGEST_PAYLOAD} bytes, got {length}')
@@ -109,12 +105,8 @@ class FrameParser:
     """
     Finds packets whose length, CRC and stop byte are right.
 
-    Attributes
-    ----------
-    counts : Counter
-        ``refused`` packets of the right form with a wrong CRC, ``skipped`` bytes that belong to
-        no packet.
-
+    `counts` are ``refused`` packets of the right form with a wrong CRC, and ``skipped`` bytes that
+    belong to no packet.
     """
 
     def __init__(self) -> None:

@@ -38,16 +38,7 @@ LIMITS = {
 
 
 class VescDevice(Device):
-    """
-    See `Device`.
-
-    Attributes
-    ----------
-    application : Application
-    limits : dict of str to float
-        Its settings; they survive a reboot.
-
-    """
+    """See `Device`; its settings, `application` and `limits`, survive a reboot."""
 
     protocol = 'vesc'
     firmwares = tuple(FIRMWARES)
