@@ -125,7 +125,6 @@ def write_file(folder: Path, box: BlackBox, when: float, reason: str,
 
 
 def _channels() -> List[McapRecord]:
-    """Return a schema and a channel for each kind of message."""
     found: List[McapRecord] = []
     for number, kind in CHANNELS.items():
         found += [

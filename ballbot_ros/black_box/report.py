@@ -32,7 +32,6 @@ def summary(recording: BlackBoxRecording) -> str:
 
 
 def _origin(recording: BlackBoxRecording) -> Iterator[Tuple[str, str]]:
-    """Yield hardware, fault and amount of data."""
     about, (begin, end) = recording.about, recording.span
     yield 'hardware', ', '.join(f'{name} {value}' for name, value in about.items())
     yield 'fault', recording.reason
@@ -77,7 +76,6 @@ def _before(recording: BlackBoxRecording) -> Iterator[Tuple[str, str]]:
 
 
 def _slow(recording: BlackBoxRecording, periods: dict[str, Array]) -> Iterator[Tuple[str, str]]:
-    """Yield the reports of drive and supply."""
     fault = recording.fault_time
     drive = _cut(recording, 'drive', fault - BEFORE, fault)
     for label, values, unit in (
@@ -125,7 +123,6 @@ def merge_repeated(events: Sequence[RecordedEvent]) -> List[RecordedEvent]:
 
 
 def _cut(recording: BlackBoxRecording, table: str, begin: float, end: float) -> dict[str, Array]:
-    """Return the rows of a table between two times."""
     columns = recording.tables[table]
     inside = (columns['time'] >= begin) & (columns['time'] <= end)
     return {name: column[inside] for name, column in columns.items()}

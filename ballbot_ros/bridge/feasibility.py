@@ -93,7 +93,6 @@ def check_joint_state_rate(hardware: Hardware, rate: float) -> None:
 
 def _ways(budget: WireBudget, baud: int, rate: float, lowest: float,
           rates: Sequence[int]) -> List[str]:
-    """Return the changes that would make the loop fit the link."""
     ways = []
     enough = [one for one in rates if one > baud and budget.highest_rate(one) >= rate]
     if enough:

@@ -247,7 +247,6 @@ class Emulator:
     # The thread
 
     def _run(self) -> None:
-        """Step until stopped, or until the model fails."""
         try:
             before = time.monotonic()
             while self._running:
@@ -270,7 +269,6 @@ class Emulator:
         return max(SHORTEST_WAIT, due - now)
 
     def _step(self, now: float, elapsed: float) -> None:
-        """Do all that is due at a time [s]."""
         self._run_calls()
         if now >= self.plug_at:
             self.plug_at = math.inf
@@ -316,7 +314,6 @@ class Emulator:
             self.log.append(Applied(now, torque))
 
     def _run_calls(self) -> None:
-        """Run the functions that other threads have queued."""
         while not self._calls.empty():  # no other thread takes from it
             function, done = self._calls.get()
             try:

@@ -192,7 +192,6 @@ def odometry_message(state: State, frames: Frames, plant: Optional[Plant] = None
 
 def _turn(message: Odometry, place: Tuple[float, float, float], lateral: LateralState,
           radius: float) -> None:
-    """Set x, y and heading, and the velocities of a robot that turns."""
     pose, twist = message.pose.pose, message.twist.twist
     pose.position.x, pose.position.y, heading = place
     pose.orientation.z, pose.orientation.w = math.sin(0.5 * heading), math.cos(0.5 * heading)

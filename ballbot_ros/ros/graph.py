@@ -230,7 +230,6 @@ def as_csv(message: Any) -> str:
 
 
 def _leaves(value: Any) -> Iterator[Any]:
-    """Yield the leaves of nested dicts and lists in order."""
     if isinstance(value, (dict, list)):
         for one in value.values() if isinstance(value, dict) else value:
             yield from _leaves(one)

@@ -256,7 +256,6 @@ class Changes(Generic[S]):
 
     def _serve(self, parameters: list[Parameter], atomically: bool, response: Any,
                answer: Future) -> None:
-        """Compute the change, apply it by rclpy in the executor, and answer."""
         with self._busy, _yielding():
             batches = [parameters] if atomically else [[one] for one in parameters]
             results = [self._set(batch) for batch in batches]
@@ -328,7 +327,6 @@ class Changes(Generic[S]):
 
     def _add_value(self, values: dict[str, Any], one: Parameter, item: Described, where: str
                    ) -> None:
-        """Add the value of a parameter, unless it is the present one."""
         if not same(item.value(self._settings), one.value):
             self._refuse_fixed(one.name, one.value, where)
             values[one.name] = check_value(

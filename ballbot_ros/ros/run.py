@@ -110,7 +110,6 @@ def run_together(make_nodes: Sequence[Callable[[], Node]],
 
 
 def _run_together(make_nodes: Sequence[Callable[[], Node]], args: Optional[List[str]]) -> int:
-    """Run nodes, destroy them, and raise their errors."""
     stopping, making = Stop(), False
 
     def stop(number: int, frame: Any) -> None:

@@ -166,7 +166,6 @@ class Spectator:
         return take
 
     def _query_graph(self, now: float) -> None:
-        """Query the graph, and request the parameters of new nodes."""
         own = self._node.get_namespace()
         nodes = frozenset(name for name, where in self._node.get_node_names_and_namespaces()
                           if where == own and name in NODES)
@@ -222,7 +221,6 @@ class Spectator:
                 service) from None
 
     def _publish(self, now: float) -> None:
-        """Publish a goal, and the held set-point or release it after the timeout."""
         if self._goal is not None:
             if self._goals is None:
                 self._goals = create_publisher(self._node, 'goal_pose')

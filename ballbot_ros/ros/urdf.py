@@ -128,7 +128,6 @@ def _link(name: str, mass: float, inertia: float,
 
 def _shape(link: Xml.Element, kind: str, shape: str, xyz: Sequence[float] = (0.0, 0.0, 0.0),
            rpy: Sequence[float] = (0.0, 0.0, 0.0), **size: Any) -> Xml.Element:
-    """Add a visual or collision shape to a link, and return it."""
     element = Xml.SubElement(link, kind)
     Xml.SubElement(element, 'origin', xyz=_row(xyz), rpy=_row(rpy))
     Xml.SubElement(Xml.SubElement(element, 'geometry'), shape, {
@@ -139,7 +138,6 @@ def _shape(link: Xml.Element, kind: str, shape: str, xyz: Sequence[float] = (0.0
 
 def _joint(tree: Xml.Element, name: str, kind: str, parent: str, child: str,
            xyz: Sequence[float] = (0.0, 0.0, 0.0), axis: Sequence[float] = AXIS) -> Xml.Element:
-    """Add a joint to a robot, and return it."""
     joint = Xml.SubElement(tree, 'joint', name=name, type=kind)
     Xml.SubElement(joint, 'parent', link=parent)
     Xml.SubElement(joint, 'child', link=child)

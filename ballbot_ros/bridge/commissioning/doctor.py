@@ -169,7 +169,6 @@ def check_drive(hardware: Hardware,
 
 def _wrong_drive(hardware: Hardware, error: Union[DriveError, LinkError],
                  progress: Callable[[str], None]) -> Finding:
-    """Yield findings about another drive on the port."""
     connection = hardware.connection
     if error.reason == 'firmware':
         return Finding(WRONG, str(error), 'change the firmware with the tool of its maker, or '

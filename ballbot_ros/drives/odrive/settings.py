@@ -118,5 +118,4 @@ def _rounded_up(value: float) -> float:
 
 
 def _write(name: str, value: float) -> str:
-    """Return the command that changes a setting."""
     return f'w {name} {value:g}'

@@ -230,7 +230,6 @@ class RoboClaw(Driver):
 
     def _ask(self, number: int, deadline: float, handshake: bool = False,
              before: bytes = b'') -> codec.Reply:
-        """Send a command and a request until there is a reply, and return that."""
         self._answers.pop(number, None)
         self._ask_until(lambda: number in self._answers,
                         lambda: before + self._group(number, *self._motion), deadline,

@@ -160,7 +160,6 @@ class Vesc(Driver):
         return self._packet(bytes((self._read_back,)))
 
     def _ask(self, message: int, deadline: float, handshake: bool = False) -> bytes:
-        """Repeat a request until there is a reply, and return it; see `_ask_until`."""
         self._replies.pop(message, None)
         self._ask_until(
             lambda: message in self._replies, lambda: self._packet(bytes((message,))),
