@@ -53,16 +53,16 @@ class Register(NamedTuple):
         number = int(value)
         if self.counts:
             return (self.names.get(number, str(number)),) if number else ()
-        known = sum(self.names)
-        if len(str(number)) < VALUE_LENGTH_MAX or not number & ~known:
-            return tuple(self.prefix + name for name in bit_names(number, self.names))
-        for count in (1, 2):
-            found = [bits for bits in map(sum, combinations(self.names, count))
-                     if str(bits).startswith(str(number))]
-            if len(found) == 1:
-                return tuple(self.prefix + name for name in bit_names(found[0], self.names))
-            if found:
-                return (f'{self.prefix}{number}... (cut by the drive, see dump_errors(odrv0))',)
+        if len(str(number)) >= VALUE_LENGTH_MAX and number & ~sum(self.names):
+            for count in (1, 2):
+                found = [bits for bits in map(sum, combinations(self.names, count))
+                         if str(bits).startswith(str(number))]
+                if len(found) > 1:
+                    return (
+                        f'{self.prefix}{number}... (cut by the drive, see dump_errors(odrv0))',)
+                if found:
+                    number = found[0]
+                    break
         return tuple(self.prefix + name for name in bit_names(number, self.names))
 
 

@@ -55,21 +55,19 @@ def _watchdog(read: Read, options: DriveOptions) -> Setting:
 
 def _velocity(read: Read, options: DriveOptions) -> tuple[Setting, Setting]:
     """Check the speeds at which the drive reduces the torque and disarms by itself."""
-    limit = read(VELOCITY_LIMIT)
-    gain = read(VELOCITY_GAIN)
-    limits, trips = read(LIMITS_TORQUE_MODE), read(OVERSPEED)
-    tolerance = read(VELOCITY_TOLERANCE)
+    limit, gain, limits, trips, tolerance = map(read, (
+        VELOCITY_LIMIT, VELOCITY_GAIN, LIMITS_TORQUE_MODE, OVERSPEED, VELOCITY_TOLERANCE))
     fastest = RUNAWAY * options.speed_limit / math.tau
     untouched = fastest + options.torque_limit / gain if gain > 0.0 else math.nan
     raised = _write(VELOCITY_LIMIT, _rounded_up(untouched if gain > 0.0 else fastest))
     return (
         Setting('velocity limit in torque mode', _where(limits, limit),
                 f'at least {_rounded_up(untouched):g} turn/s or off',
-                _is_off(limits) or limit >= untouched,
+                limits == 0.0 or limit >= untouched,
                 raised if gain > 0.0 else _write(LIMITS_TORQUE_MODE, 0)),
         Setting('overspeed error', _where(trips, tolerance * limit),
                 f'at least {_rounded_up(fastest):g} turn/s or off',
-                _is_off(trips) or tolerance * limit >= fastest,
+                trips == 0.0 or tolerance * limit >= fastest,
                 _write(VELOCITY_TOLERANCE, FACTORY_VELOCITY_TOLERANCE)
                 if limit >= fastest else raised))
 
@@ -103,13 +101,9 @@ def _rule(rule: Rule, value: float) -> Setting:
                    rule.remedy or _write(rule.name, rule.wanted[0]))
 
 
-def _is_off(switch: float) -> bool:
-    return switch == 0.0
-
-
 def _where(switch: float, velocity: float) -> str:
     """Return the velocity of a limit as text, ``off`` if it is disabled."""
-    return 'off' if _is_off(switch) else shown(
+    return 'off' if switch == 0.0 else shown(
         velocity if switch == 1.0 else math.nan, 'turn/s')
 
 
