@@ -112,6 +112,14 @@ class Device(ABC):
     def torque(self) -> float:
         """Return the torque at the shaft [N m]."""
 
+    def current(self) -> float:
+        """Return the current of the motor [A]."""
+        return self.torque() / self.settings.torque_constant
+
+    def power(self) -> float:
+        """Return the power at the shaft and of the losses in the winding [W]."""
+        return self.torque() * self.sensed.velocity + self.settings.resistance * self.current()**2
+
     def second_torque(self) -> float:
         """Return the torque of a motor on the other output [N m]; 0 where there is none."""
         return 0.0

@@ -213,19 +213,13 @@ class BoardDevice(Device):
                          gain * (limit - self.velocity))
         return min(max(torque, lowest), highest)
 
-    def bus_current(self) -> float:
-        """Return the current from the supply, before a brake resistor takes its part [A]."""
-        torque = self.torque()
-        current = torque / self.settings.torque_constant
-        power = torque * self.sensed.velocity + self.settings.resistance * current**2
-        return power / self.sensed.bus_voltage if self.sensed.bus_voltage else 0.0
-
     def supply_current(self) -> float:
         """Return the current from the supply [A]; low_level.cpp, update_brake_current."""
-        here, current = self.properties, self.bus_current()
+        here, voltage = self.properties, self.sensed.bus_voltage
+        current = self.power() / voltage if voltage else 0.0
         if here[self.names.brake_enabled] and self._brake_armed:
             braked = max(-current - here[BACK_ALLOWED], 0.0)
-            most = BRAKE_DUTY_MAX * self.sensed.bus_voltage / here[self.names.brake_resistance]
+            most = BRAKE_DUTY_MAX * voltage / here[self.names.brake_resistance]
             current += min(braked, most)
         return current
 
@@ -282,7 +276,7 @@ class BoardDevice(Device):
 
     def trip(self, cause: str) -> None:
         """Set the bits of an error, and disable motor power."""
-        if cause == 'overspeed' and '0.5.4' in self.settings.quirks:
+        if cause == 'overspeed' and self.has('0.5.4'):
             cause = 'overspeed_0.5.4'
         for register, bits in self.firmware.trips[cause].items():
             if self.armed or register != REASON:

@@ -45,7 +45,7 @@ class ODriveDevice(BoardDevice):
         self._sending_until = -math.inf
         generation = self.firmware.generation
         self._measured: dict[str, Callable[[], float]] = {
-            generation.current: lambda: self.torque() / self.settings.torque_constant,
+            generation.current: self.current,
             BUS_VOLTAGE: lambda: self.sensed.bus_voltage, BUS_CURRENT: self.supply_current,
             EFFECTIVE_CURRENT: self.effective_current_limit,
             TEMPERATURE: lambda: self.sensed.temperature,

@@ -115,7 +115,7 @@ class ODriveCanDevice(BoardDevice):
         sensed = self.sensed
         numbers = {
             codec.ENCODER_ESTIMATES: (sensed.position / math.tau, sensed.velocity / math.tau),
-            codec.IQ: (0.0, self.torque() / self.settings.torque_constant),
+            codec.IQ: (0.0, self.current()),
             codec.BUS_VOLTAGE_CURRENT: (sensed.bus_voltage, self.supply_current())}
         if not self._old:
             numbers[codec.TEMPERATURE] = (sensed.temperature, sensed.motor_temperature)

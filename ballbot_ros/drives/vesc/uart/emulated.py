@@ -172,11 +172,9 @@ class VescDevice(Device):
     def _values(self) -> codec.Values:
         sensed, pairs = self.sensed, self.settings.pole_pairs
         steps = 6 * pairs * (sensed.position - self._origin) / math.tau
-        current = self.torque() / self.settings.torque_constant
-        power = self.torque() * sensed.velocity + self.settings.resistance * current**2
         return codec.Values(
-            sensed.temperature, sensed.motor_temperature, current,
-            power / max(sensed.bus_voltage, 1.0),
+            sensed.temperature, sensed.motor_temperature, self.current(),
+            self.power() / max(sensed.bus_voltage, 1.0),
             sensed.velocity * 60.0 / math.tau * pairs, sensed.bus_voltage, math.floor(steps),
             self._fault, math.degrees(sensed.position) % 360.0, self._status)
 
