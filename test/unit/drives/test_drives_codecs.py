@@ -16,21 +16,18 @@ ANSWERS = [(16, (-123456, 1)), (30, (-4321, 1))]
 GROUP = (16, 30)
 
 
-def feed_odrive(data):
-    """Return what the ODrive parser makes of bytes."""
-    return odrive.LineParser().feed(data)
-
-
-def feed_vesc(data):
-    """Return what the VESC parser makes of bytes."""
-    return vesc.FrameParser().feed(data)
-
-
-def feed_roboclaw(data):
-    """Return what the RoboClaw parser makes of bytes, where encoder and speed were asked for."""
+def parser_of(protocol):
+    """Return a new parser; that of a RoboClaw expects encoder and speed, also after a status."""
+    if protocol != 'roboclaw':
+        return codec_of(protocol).parser()
     parser = roboclaw.ReplyParser(0x80)
     parser.groups = (GROUP, (roboclaw.GET_STATUS, *GROUP))
-    return parser.feed(data)
+    return parser
+
+
+def feed(protocol, data):
+    """Return what a new parser makes of bytes."""
+    return parser_of(protocol).feed(data)
 
 
 def reply_of_odrive(text='-12.345678 9.876543'):
@@ -44,20 +41,11 @@ def reply_of_roboclaw():
     return b''.join(roboclaw.answer(0x80, number, *values) for number, values in ANSWERS)
 
 
-def parser_of(protocol):
-    """Return a parser that has received nothing."""
-    if protocol == 'roboclaw':
-        parser = roboclaw.ReplyParser(0x80)
-        parser.groups = (GROUP,)
-        return parser
-    return odrive.LineParser() if protocol == 'odrive' else vesc.FrameParser()
-
-
-# Parser, a reply of the drive, and what it says.
+# A reply of the drive, and what it says.
 REPLIES = {
-    'odrive': (feed_odrive, reply_of_odrive(), ['-12.345678 9.876543']),
-    'vesc': (feed_vesc, vesc.frame(vesc.pack_values(VALUES)), [vesc.pack_values(VALUES)]),
-    'roboclaw': (feed_roboclaw, reply_of_roboclaw(), [
+    'odrive': (reply_of_odrive(), ['-12.345678 9.876543']),
+    'vesc': (vesc.frame(vesc.pack_values(VALUES)), [vesc.pack_values(VALUES)]),
+    'roboclaw': (reply_of_roboclaw(), [
         [roboclaw.Reply(number, values) for number, values in ANSWERS]]),
 }
 each_protocol = pytest.mark.parametrize('protocol', sorted(REPLIES))
@@ -112,38 +100,38 @@ def test_crc_is_xmodem():
 
 @each_protocol
 def test_a_reply_is_understood_however_it_is_cut_up(protocol):
-    feed, reply, meaning = REPLIES[protocol]
-    assert feed(reply) == meaning
+    reply, meaning = REPLIES[protocol]
+    assert feed(protocol, reply) == meaning
     parser = parser_of(protocol)
     assert [message for byte in reply for message in parser.feed(bytes((byte,)))] == meaning
 
 
 @each_protocol
 def test_every_single_bit_error_is_refused(protocol):
-    feed, reply, _ = REPLIES[protocol]
+    reply, _ = REPLIES[protocol]
     for bit in range(8 * len(reply)):
         damaged = bytearray(reply)
         damaged[bit // 8] ^= 1 << bit % 8
-        assert feed(bytes(damaged)) == [], f'bit {bit}'
+        assert feed(protocol, bytes(damaged)) == [], f'bit {bit}'
 
 
 @each_protocol
 def test_a_good_reply_is_found_behind_any_single_bit_error(protocol):
-    feed, reply, meaning = REPLIES[protocol]
+    reply, meaning = REPLIES[protocol]
     for bit in range(8 * len(reply)):
         damaged = bytearray(reply)
         damaged[bit // 8] ^= 1 << bit % 8
         # A length that grew swallows some that follow, then all are found.
-        found = feed(bytes(damaged) + 20 * reply)
+        found = feed(protocol, bytes(damaged) + 20 * reply)
         assert found[-1:] == meaning and len(found) >= 10
         assert all(message == meaning[0] for message in found)
 
 
 @each_protocol
 def test_every_lost_byte_costs_that_reply_only(protocol):
-    feed, reply, meaning = REPLIES[protocol]
+    reply, meaning = REPLIES[protocol]
     for place in range(len(reply)):
-        found = feed(reply[:place] + reply[place + 1:] + 10 * reply)
+        found = feed(protocol, reply[:place] + reply[place + 1:] + 10 * reply)
         assert found[-8:] == 8 * meaning
         assert all(message == meaning[0] for message in found)
 
@@ -151,8 +139,8 @@ def test_every_lost_byte_costs_that_reply_only(protocol):
 @each_protocol
 @given(noise=st.binary(max_size=300), cuts=st.lists(st.integers(1, 40), max_size=20))
 def test_noise_is_not_decoded_and_does_not_hide_what_follows(protocol, noise, cuts):
-    feed, reply, meaning = REPLIES[protocol]
-    assert feed(noise) == []
+    reply, meaning = REPLIES[protocol]
+    assert feed(protocol, noise) == []
     stream = noise + b'\r\n' + 60 * reply  # a line takes up to its end, a packet its length
     parser = parser_of(protocol)
     found = []
@@ -209,7 +197,7 @@ def test_the_part_of_a_line_after_a_stray_newline_is_not_a_line():
     # Six characters whose exclusive or is 0 are cut off: the checksum of the rest is right.
     rest = reply_of_odrive('1.000000 2.000000')
     assert odrive.checksum(b'1221\n\n') == 0
-    assert feed_odrive(b'1221\n\n' + rest) == []
+    assert feed('odrive', b'1221\n\n' + rest) == []
 
 
 @given(torque=st.floats(-100.0, 100.0))
@@ -228,7 +216,7 @@ def test_vesc_payloads_of_every_length_come_back(length):
     payload = bytes(number % 251 for number in range(length))
     packet = vesc.frame(payload)
     assert packet[0] == (2 if length <= 255 else 3)
-    assert feed_vesc(packet) == [payload]
+    assert feed('vesc', packet) == [payload]
 
 
 @pytest.mark.parametrize('length', [0, 513])
@@ -248,18 +236,18 @@ def test_vesc_values_of_another_mask_are_not_taken_for_ours():
 
 def test_roboclaw_answers_to_another_question_are_not_taken_for_ours():
     wrong = roboclaw.answer(0x80, 17, -123456, 1) + roboclaw.answer(0x80, 31, -4321, 1)
-    assert feed_roboclaw(wrong) == []
+    assert feed('roboclaw', wrong) == []
     other = roboclaw.answer(0x81, 16, -123456, 1) + roboclaw.answer(0x81, 30, -4321, 1)
-    assert feed_roboclaw(other) == []
+    assert feed('roboclaw', other) == []
 
 
 def test_a_single_roboclaw_answer_is_not_used():
-    assert feed_roboclaw(roboclaw.answer(0x80, 16, 5, 0) + bytes(100)) == []
+    assert feed('roboclaw', roboclaw.answer(0x80, 16, 5, 0) + bytes(100)) == []
 
 
 def test_acknowledgements_between_roboclaw_answers_are_passed_over():
-    found = feed_roboclaw(b'\xff' + reply_of_roboclaw() + b'\xff' + reply_of_roboclaw())
-    assert found == 2 * REPLIES['roboclaw'][2]
+    found = feed('roboclaw', b'\xff' + reply_of_roboclaw() + b'\xff' + reply_of_roboclaw())
+    assert found == 2 * REPLIES['roboclaw'][1]
 
 
 def test_a_roboclaw_version_is_text():
