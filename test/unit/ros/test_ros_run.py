@@ -9,6 +9,15 @@ from tiers import slow
 
 from ballbot_ros.ros.run import Stop
 
+
+@pytest.fixture
+def python(monkeypatch):
+    """Return a function that runs Python to its end, without the nodes of other processes."""
+    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'OFF')
+    return lambda *words: subprocess.run(
+        [sys.executable, *words], capture_output=True, text=True, timeout=60)
+
+
 NODE = """
 import sys
 from rclpy.executors import SingleThreadedExecutor
@@ -36,10 +45,8 @@ sys.exit(run.run(Failing, []))
 
 
 @pytest.mark.parametrize('executor', ['newest', *slow('older')])
-def test_a_node_that_fails_is_made_safe_and_says_so_in_one_line(executor, monkeypatch):
-    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'OFF')
-    done = subprocess.run([sys.executable, '-c', NODE, executor], capture_output=True, text=True,
-                          timeout=60)
+def test_a_node_that_fails_is_made_safe_and_says_so_in_one_line(executor, python):
+    done = python('-c', NODE, executor)
     assert done.returncode == 2
     assert done.stdout == 'made safe\n'
     assert done.stderr.count('what went wrong') == 1 and 'FATAL' in done.stderr
@@ -65,10 +72,8 @@ sys.exit(run.run(make, []))
 
 
 @pytest.mark.slow
-def test_a_refused_node_ends_even_if_the_middleware_blocks(monkeypatch):
-    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'OFF')
-    done = subprocess.run([sys.executable, '-c', STUCK], capture_output=True, text=True,
-                          timeout=60)
+def test_a_refused_node_ends_even_if_the_middleware_blocks(python):
+    done = python('-c', STUCK)
     assert done.returncode == 1 and 'refused' in done.stderr
 
 
@@ -111,10 +116,8 @@ sys.exit(run.run(Busy, []))
 @pytest.mark.parametrize('executor', ['newest', 'older'])
 @pytest.mark.parametrize('reason, code', [('failure', 2), ('signal', 0)])
 def test_a_node_that_never_has_nothing_to_do_ends_all_the_same(
-        executor, reason, code, monkeypatch):
-    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'OFF')
-    done = subprocess.run([sys.executable, '-c', BUSY, executor, reason], capture_output=True,
-                          text=True, timeout=60)
+        executor, reason, code, python):
+    done = python('-c', BUSY, executor, reason)
     assert (done.returncode, done.stdout) == (code, 'made safe\n'), done.stderr
     assert 'Traceback' not in done.stderr
 
@@ -151,13 +154,12 @@ sys.exit(run.run(Slow, []))
 
 @pytest.mark.slow
 @pytest.mark.parametrize('signal', ['SIGINT', 'SIGTERM'])
-def test_a_node_that_is_still_being_made_ends_immediately_on_a_stop(signal, monkeypatch, tmp_path):
-    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'OFF')
+def test_a_node_that_is_still_being_made_ends_immediately_on_a_stop(
+        signal, python, monkeypatch, tmp_path):
     (tmp_path / 'slow_node.py').write_text(SLOW)
     monkeypatch.setenv('PYTHONPATH', str(tmp_path), prepend=os.pathsep)
     # With -m, as nodes are started: Python then minds a KeyboardInterrupt that exec() let through.
-    done = subprocess.run([sys.executable, '-m', 'slow_node', signal], capture_output=True,
-                          text=True, timeout=60)
+    done = python('-m', 'slow_node', signal)
     assert (done.returncode, 'Traceback' in done.stderr) == (0, False), done.stderr
 
 
@@ -196,10 +198,8 @@ sys.exit(run.run_together([One, Other], []))
 @pytest.mark.slow
 @pytest.mark.parametrize('how, ended', [
     ('fails', 'one made safe\nother made safe\n'), ('refused', 'one made safe\n')])
-def test_where_one_of_two_nodes_fails_both_are_made_safe(how, ended, monkeypatch):
-    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'OFF')
-    done = subprocess.run([sys.executable, '-c', TWO, how], capture_output=True, text=True,
-                          timeout=60)
+def test_where_one_of_two_nodes_fails_both_are_made_safe(how, ended, python):
+    done = python('-c', TWO, how)
     assert (done.returncode, done.stdout) == (2, ended)
     assert done.stderr.count('what went wrong') == 1 and 'Traceback' not in done.stderr
 
@@ -213,11 +213,10 @@ sys.exit(run.run(lambda: Node('secure'), []))
 
 
 @pytest.mark.slow
-def test_without_its_keys_a_node_ends_in_a_sentence(monkeypatch, tmp_path):
+def test_without_its_keys_a_node_ends_in_a_sentence(python, monkeypatch, tmp_path):
     for name, value in (('ENABLE', 'true'), ('STRATEGY', 'Enforce'), ('KEYSTORE', tmp_path)):
         monkeypatch.setenv(f'ROS_SECURITY_{name}', str(value))
-    done = subprocess.run([sys.executable, '-c', SECURE], capture_output=True, text=True,
-                          timeout=60)
+    done = python('-c', SECURE)
     assert done.returncode == 2 and 'Traceback' not in done.stderr
     assert 'cannot start: ' in done.stderr and 'SECURITY ERROR' in done.stderr.upper()
 
@@ -234,16 +233,14 @@ sys.exit(run.run(lambda: Node('robot'), ['--ros-args', '-p', f'use_sim_time:={sy
 
 @pytest.mark.slow
 @pytest.mark.parametrize('simulated', ['true', 'false'])
-def test_a_node_with_use_sim_time_and_no_clock_warns(simulated, monkeypatch):
-    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'OFF')
-    done = subprocess.run([sys.executable, '-c', WITHOUT_CLOCK, simulated], capture_output=True,
-                          text=True, timeout=60)
+def test_a_node_with_use_sim_time_and_no_clock_warns(simulated, python):
+    done = python('-c', WITHOUT_CLOCK, simulated)
     assert done.returncode == 0
     assert ('no /clock has arrived' in done.stderr) is (simulated == 'true')
 
 
 @pytest.mark.parametrize('name', ['bridge', 'simulator'])
-def test_ctrl_c_while_a_node_is_imported_is_its_normal_end(name):
+def test_ctrl_c_while_a_node_is_imported_is_its_normal_end(name, python):
     program = ('import signal, sys\n'
                'signal.signal(signal.SIGINT, signal.default_int_handler)\n'
                'import ballbot_ros.nodes.start as nodes\n'
@@ -252,5 +249,5 @@ def test_ctrl_c_while_a_node_is_imported_is_its_normal_end(name):
                '        if name == "rclpy.node": signal.raise_signal(signal.SIGINT)\n'
                'sys.meta_path.insert(0, Interrupt())\n'
                f'sys.exit(nodes.start({name!r}))\n')
-    done = subprocess.run([sys.executable, '-c', program], capture_output=True, text=True)
+    done = python('-c', program)
     assert (done.returncode, done.stderr) == (0, '')
