@@ -70,8 +70,9 @@ class CanBus:
             try:
                 message = message or self._bus.recv(0.0)
             except Exception as error:
-                if not _is_malformed(error):
-                    raise
+                if not isinstance(error, (ValueError, IndexError)) \
+                        and not isinstance(error.__cause__, ValueError):
+                    raise  # else a serial adapter sent an invalid frame
                 self._bus.flush()
                 continue
             if message is None:
@@ -140,7 +141,28 @@ class CanLink(Link):
         if not isinstance(error, (can.CanError, OSError, termios.error, ValueError, TypeError,
                                   NotImplementedError)):
             raise error
-        return _lost(port, self.baud, error, opening)
+        number = errno_of(error)
+        if opening and number is None and 'bitrate' in str(error).lower():
+            return LinkError(f'{port} cannot do {self.baud} bit/s: {error}', 'bad_baud', 'baud')
+        if number == errno.ENETDOWN:
+            return LinkError(f'{port} is down: {_up(port, self.baud)}', 'gone', 'port')
+        if number == errno.EAFNOSUPPORT:
+            return LinkError(
+                f'{port} cannot be opened, this kernel has no CAN: sudo modprobe can can_raw',
+                'missing', 'port')
+        if number == errno.ENODEV and '/' not in port or 'nknown interface' in str(error):
+            return LinkError(
+                f'there is no CAN interface {port}: {error}; "ip link" names those that there '
+                'are, and "ballbot doctor" the serial adapters',
+                'missing' if number else 'bad_address', 'port')
+        if opening:
+            return opening_failure(port, error)
+        if number in (errno.ENOBUFS, errno.EAGAIN) or 'imed out' in str(error):
+            return LinkError(
+                f'{port} transmit failed: no acknowledgement on the bus.  Is the drive powered, '
+                f'are both ends closed by 120 ohm, is the bit rate {self.baud} everywhere?',
+                'stuck', 'port')
+        return LinkError(f'{port} is gone: {error}; is the plug out?', 'gone', 'port')
 
 
 def _address(port: str) -> tuple[str, str, dict[str, Any]]:
@@ -159,34 +181,3 @@ def _up(port: str, baud: int) -> str:
     name = port.rpartition(':')[2]
     return (f'sudo ip link set {name} down; sudo ip link set {name} up type can bitrate {baud} '
             'restart-ms 100')
-
-
-def _is_malformed(error: Exception) -> bool:
-    """Return whether a serial adapter sent an invalid frame."""
-    return isinstance(error, (ValueError, IndexError)) or isinstance(error.__cause__, ValueError)
-
-
-def _lost(port: str, baud: int, error: Exception, opening: bool) -> LinkError:
-    """Return the reason why a bus did not open or is lost, with the remedy."""
-    number = errno_of(error)
-    if opening and number is None and 'bitrate' in str(error).lower():
-        return LinkError(f'{port} cannot do {baud} bit/s: {error}', 'bad_baud', 'baud')
-    if number == errno.ENETDOWN:
-        return LinkError(f'{port} is down: {_up(port, baud)}', 'gone', 'port')
-    if number == errno.EAFNOSUPPORT:
-        return LinkError(
-            f'{port} cannot be opened, this kernel has no CAN: sudo modprobe can can_raw',
-            'missing', 'port')
-    if number == errno.ENODEV and '/' not in port or 'nknown interface' in str(error):
-        return LinkError(
-            f'there is no CAN interface {port}: {error}; "ip link" names those that there are, '
-            'and "ballbot doctor" the serial adapters',
-            'missing' if number else 'bad_address', 'port')
-    if not opening:
-        if number in (errno.ENOBUFS, errno.EAGAIN) or 'imed out' in str(error):
-            return LinkError(
-                f'{port} transmit failed: no acknowledgement on the bus.  Is the drive powered, '
-                f'are both ends closed by 120 ohm, is the bit rate {baud} everywhere?',
-                'stuck', 'port')
-        return LinkError(f'{port} is gone: {error}; is the plug out?', 'gone', 'port')
-    return opening_failure(port, error)
