@@ -152,25 +152,12 @@ class Indirect:
 
 class Link:
     """
-    An open port with non-blocking reads and writes.
+    An open port, device or URL, with non-blocking reads and writes.
 
-    Not safe for several threads; give it one owner.
-
-    Parameters
-    ----------
-    port : str
-        Device or URL, see above.
-    baud : int
-        [bit/s]; USB devices and pseudo-terminals ignore it.
-    recorder : TrafficSink, optional
-        Receives a copy of the traffic.
-
-    Raises
-    ------
-    LinkError
-        If the port cannot be opened; its ``reason`` is one of missing, busy, permission,
-        not_a_port, bad_address and bad_baud.
-
+    Not safe for several threads; give it one owner.  USB devices and pseudo-terminals ignore the
+    baud rate [bit/s]; a recorder receives a copy of the traffic.  Raises `LinkError` if the port
+    cannot be opened; its ``reason`` is one of missing, busy, permission, not_a_port, bad_address
+    and bad_baud.
     """
 
     def __init__(self, port: str, baud: int, recorder: Optional[TrafficSink] = None):

@@ -50,24 +50,14 @@ class ImuPlausibility(NamedTuple):
               gravity: float, joint_angle: Optional[float] = None,
               largest_swing: float = 4.0) -> 'ImuPlausibility':
         """
-        Return the state after a reading.
+        Return the state after a reading at a stamp, not before the last one [s].
 
-        Parameters
-        ----------
-        stamp : float
-            Not before the last one [s].
-        turn_rate : float
-            Of the shell, counter-clockwise positive [rad/s].
-        forward, upward : float
-            Specific force in the plane of motion [m/s2].
-        gravity : float
-            [m/s2]
-        joint_angle : float, optional
-            Of the pendulum against the shell, counter-clockwise positive, from any zero that does
-            not jump [rad]; None where it is not known, or its zero has moved.
-        largest_swing : float
-            Range of the pendulum angle: twice its limit, and what it may overshoot [rad].
-
+        The turn rate is that of the shell, counter-clockwise positive [rad/s]; `forward` and
+        `upward` are the specific force in the plane of motion, like gravity [m/s2].  The joint
+        angle is that of the pendulum against the shell, counter-clockwise positive, from any zero
+        that does not jump [rad]; None where it is not known, or its zero has moved.
+        `largest_swing` is the range of the pendulum angle: twice its limit, and what it may
+        overshoot [rad].
         """
         values = (turn_rate, forward, upward)
         repeated, then = self.repeated_since, self.joint_then

@@ -133,24 +133,11 @@ class Properties:
     Requests one property at a time, and matches the values to the requests.
 
     After an overdue or an unrequested value it is out of sync: it sends a numbered marker, and
-    accepts no value until the reply to the marker.
+    accepts no value until the reply to the marker.  An answer counts as lost after a timeout [s].
 
-    Parameters
-    ----------
-    timeout : float
-        After which an answer counts as lost [s].
-
-    Attributes
-    ----------
-    requested : str or None
-        Property whose value is pending.
-    requested_at : float
-        Time of the last request [s].
-    value : float or None
-        The last reply; None for text that is not a number, such as "invalid property".
-    marker : int
-        Number of the last marker.
-
+    `requested` is the property whose value is pending, `requested_at` the time of the last request
+    [s], `value` the last reply, None for text that is not a number, such as "invalid property",
+    and `marker` the number of the last marker.
     """
 
     def __init__(self, timeout: float):
