@@ -41,8 +41,7 @@ def same(one, other):
 
 @given(strategies.floats(0.0, 2.0**31 - 1.0), numbers, numbers, numbers, numbers, numbers)
 def test_written_joint_states_are_those_of_the_middleware(
-        stamp, ball, joint, ball_rate, joint_rate,
-                                                    torque):
+        stamp, ball, joint, ball_rate, joint_rate, torque):
     readings = JointReadings(3.0, ball, joint, ball_rate, joint_rate)
     expected = JointState(
         name=list(JOINTS), position=[ball, joint], velocity=[ball_rate, joint_rate],
