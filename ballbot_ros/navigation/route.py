@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from ballbot_ros.crossing.rules import touch_distance
 from ballbot_ros.decision import check_decision, Knowledge
+from ballbot_ros.decision.learning.particles import SURFACE_FRICTION
 from ballbot_ros.decision.planning.ahead import SIGMAS
 from ballbot_ros.decision.planning.braking import Braking
 from ballbot_ros.errors import RefusedError
@@ -204,6 +205,8 @@ class RoutePlanner:
         self.drop_distance = self.ball_radius + braking.distance(
             knowledge.tuning.cruise_speed, 0.0)
         self._steepest = braking.steepest
+        particles = knowledge.initial_particles
+        self._least_friction = particles.lows[particles.names.index(SURFACE_FRICTION)]
         self._ramps = [feature for feature in floor.features
                        if feature.kind == 'ramp' and not self.is_closed(feature)]
         self._capability = capability or Capability(knowledge)
@@ -250,9 +253,11 @@ class RoutePlanner:
             if self.is_closed(feature):
                 near |= inside(self._x, self._y, feature.polygon)
             self._near.append(near)
-        # Crossings are planned on level floor.
-        self._slopes = np.logical_or.reduce([np.zeros(self._walls.shape, bool)] + [
-            inside(self._x, self._y, ramp.polygon) for ramp in self._ramps])
+        # The capability is that on level floor, with a friction within the range of the robot.
+        self._unusual = np.logical_or.reduce([np.zeros(self._walls.shape, bool)] + [
+            inside(self._x, self._y, feature.polygon) for feature in self.features
+            if feature in self._ramps or feature.friction is not None
+            and feature.friction < self._least_friction])
         # Cells that no crossing opens.
         self._fixed = np.logical_or.reduce([self._walls] + [
             near for near, feature in zip(self._near, self.features)
@@ -421,7 +426,7 @@ class RoutePlanner:
     def _barriers(self, number: int, edge: Boundary) -> NDArray[np.bool_]:
         """Return the cells at features that end run-up and room of a crossing of an edge."""
         # The other edges of the feature end them as other features do.
-        near, margin = [self._slopes, *self._near], edge.keep + self._size
+        near, margin = [self._unusual, *self._near], edge.keep + self._size
         window, away = self._around(edge.line, margin)
         near[number + 1] = near[number + 1].copy()
         near[number + 1][window] &= away >= margin

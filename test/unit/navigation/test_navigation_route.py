@@ -572,3 +572,15 @@ def test_no_run_up_begins_on_a_ramp(tmp_path):
                  if segment.feature]
     assert crossings and not any(
         inside(*segment.points[0], polygon) for segment in crossings)
+
+
+@pytest.mark.parametrize('friction, direct', [(0.05, False), (0.2, True)])
+def test_no_run_up_is_on_a_floor_with_less_friction_than_the_decision_assumes(
+        tmp_path, friction, direct):
+    features = ['{kind: step, line: [[3.0, 4.0], [3.0, 0.0]], height: 0.03}',
+                f'{{kind: friction, polygon: [[0.9, 1], [3, 1], [3, 4], [0.9, 4]], '
+                f'friction: {friction}}}']
+    planner = planner_of(tmp_path, features, (6, 4))
+    crossing, = (segment for segment in planner.route((0.6, 3.0), (5.0, 3.0)).segments
+                 if segment.feature)
+    assert (crossing.points[0][1] > 1.0) == direct
