@@ -6,6 +6,7 @@ Keep the tables of docs/nodes.md, hardware.md, robot.md and files.md equal to th
     .venv/bin/python scripts/tables.py --check    # fail if they differ
 """
 from dataclasses import fields, MISSING
+from functools import partial
 from pathlib import Path
 import sys
 
@@ -61,26 +62,6 @@ def table(cls, prefix='', at_run_time=False):
             line += f' no: {why} |' if why else ' yes |'
         lines.append(line)
     return '\n'.join(lines)
-
-
-def gains():
-    """Return the Markdown table of the gains that are parameters."""
-    return table(ControlTuning, 'gains.', True)
-
-
-def margins():
-    """Return that of the decision tuning."""
-    return table(DecisionTuning, '', True)
-
-
-def drivers():
-    """Return the Markdown table of the drivers on serial lines."""
-    return driver_table(SERIAL, 'bytes out, in', (115200, 460800, 921600), 1)
-
-
-def can_drivers():
-    """Return the Markdown table of the drivers on a CAN bus."""
-    return driver_table(CAN, 'frames out, in', (250000, 500000, 1000000), RECORD_SIZE)
 
 
 def driver_table(line, size, bauds, unit):
@@ -159,16 +140,6 @@ def keys(values):
                       *(f'| `{key}` | {meaning} |' for key, meaning in values.items())])
 
 
-def health_values():
-    """Return that of the bridge."""
-    return keys(VALUES)
-
-
-def imu_values():
-    """Return that of the node imu."""
-    return keys(IMU_VALUES)
-
-
 def topics():
     """Return the Markdown table of the topics."""
     def names(nodes):
@@ -203,34 +174,6 @@ def key_table(part):
     return '\n'.join(lines)
 
 
-def robot_keys():
-    """Return those of a robot file."""
-    return file_tables(file_kinds.robot_file('my_robot'))
-
-
-def scene_keys():
-    """Return those of a scene file."""
-    return file_tables(file_kinds.scene_file('my_scene'))
-
-
-def hardware_keys():
-    """Return those of a hardware file that no other document has."""
-    return file_tables(file_kinds.hardware_file('my_motor'),
-                       ('odometry', 'battery', 'thermal', 'drive'))
-
-
-def curve_keys():
-    """Return those of a height curve."""
-    return file_tables(file_kinds.curve_file('my_curve'))
-
-
-def experiment_keys():
-    """Return those of an experiment."""
-    return key_table(file_kinds.Section(
-        '', file_kinds.described(file_kinds.Experiment), '', {'scene': 'doorstep',
-                                                              'duration': 4.0}))
-
-
 def pieces():
     """Return the table of the pieces of a terrain."""
     lines = ['| piece | values |', '|---|---|']
@@ -244,14 +187,26 @@ def pieces():
 
 NODES = {'topics': topics, 'simulator': SimulatorSettings, 'controller': ControllerSettings,
          'navigator': NavigatorSettings, 'obstacle_decision': DecisionSettings,
-         'decision tuning': margins, 'gains': gains,
-         'bridge': BridgeSettings, 'bridge health': health_values,
-         'imu': ImuSettings, 'imu health': imu_values, 'emulated_robot': EmulatedRobotSettings}
-HARDWARE = {'drivers': drivers, 'can drivers': can_drivers, 'faults': faults,
-            'odrive settings': odrive_settings, 'options': options, 'quirks': quirks}
+         'decision tuning': partial(table, DecisionTuning, at_run_time=True),
+         'gains': partial(table, ControlTuning, 'gains.', True),
+         'bridge': BridgeSettings, 'bridge health': partial(keys, VALUES),
+         'imu': ImuSettings, 'imu health': partial(keys, IMU_VALUES),
+         'emulated_robot': EmulatedRobotSettings}
+HARDWARE = {
+    'drivers': partial(driver_table, SERIAL, 'bytes out, in', (115200, 460800, 921600), 1),
+    'can drivers': partial(
+        driver_table, CAN, 'frames out, in', (250000, 500000, 1000000), RECORD_SIZE),
+    'faults': faults, 'odrive settings': odrive_settings, 'options': options, 'quirks': quirks}
 ROBOT = {'odometry': OdometryTuning, 'battery': Battery, 'thermal': Thermal}
-FILES = {'robot': robot_keys, 'scene': scene_keys, 'pieces': pieces, 'hardware': hardware_keys,
-         'curve': curve_keys, 'experiment': experiment_keys}
+FILES = {'robot': partial(file_tables, file_kinds.robot_file('my_robot')),
+         'scene': partial(file_tables, file_kinds.scene_file('my_scene')), 'pieces': pieces,
+         # Other tables have the other sections.
+         'hardware': partial(file_tables, file_kinds.hardware_file('my_motor'),
+                             ('odometry', 'battery', 'thermal', 'drive')),
+         'curve': partial(file_tables, file_kinds.curve_file('my_curve')),
+         'experiment': partial(key_table, file_kinds.Section(
+             '', file_kinds.described(file_kinds.Experiment), '',
+             {'scene': 'doorstep', 'duration': 4.0}))}
 DOCUMENTS = {DOCS / 'nodes.md': NODES, DOCS / 'hardware.md': HARDWARE, DOCS / 'robot.md': ROBOT,
              DOCS / 'files.md': FILES}
 
