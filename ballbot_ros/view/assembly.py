@@ -67,10 +67,6 @@ class FrameAssembly:
         """Return the known part of the ground."""
         return self._given or self._ground.terrain
 
-    @property
-    def decision(self) -> Optional[DecisionSign]:
-        return self._decision
-
     def take(self, topic: str, message: Any) -> Optional[Frame]:
         """Take a message of one of `TOPICS`; return a frame if it creates one."""
         frame: Optional[Frame] = getattr(self, f'_take_{topic}')(message)
@@ -181,12 +177,7 @@ class ObservedTerrain:
     def __init__(self, radius: float):
         self._radius = radius
         self._points: Optional[Array] = None
-        self._terrain: Optional[Terrain] = None
-
-    @property
-    def terrain(self) -> Optional[Terrain]:
-        """Return the ground; another object if it has changed, None before any scan."""
-        return self._terrain
+        self.terrain: Optional[Terrain] = None  # another object if it has changed
 
     def add_profile(self, x: float, y: float, along: Sequence[float],
                     above: Sequence[float]) -> None:
@@ -213,12 +204,12 @@ class ObservedTerrain:
                                 known[known[:, 0] > points[-1, 0]]])
         points = _simplified(points)
         try:
-            self._terrain, self._points = Terrain(points), points
+            self.terrain, self._points = Terrain(points), points
         except ConfigurationError:
             pass  # an overhang, for example: the earlier scans are kept
 
     def _agrees(self, points: Array) -> bool:
-        assert self._points is not None and self._terrain is not None
+        assert self._points is not None and self.terrain is not None
         known = self._points
         inside = (known[:, 0] > points[0, 0]) & (known[:, 0] < points[-1, 0])
         if points[0, 0] < known[0, 0] - TERRAIN_TOLERANCE \
@@ -292,7 +283,7 @@ class MessageSource(Source):
             found = load_robot(DEFAULT_ROBOT)
             self._notes += (
                 f'The robot is unknown and drawn as {DEFAULT_ROBOT} (--robot NAME sets it).',)
-        self._curve = self._curve_of(found, parameters)
+        self.curve = self._curve_of(found, parameters)
         self._assembly = FrameAssembly(found, terrain)
 
     def _curve_of(self, robot: Robot, parameters: Mapping[str, Any]) -> Optional[HeightCurve]:
@@ -318,7 +309,3 @@ class MessageSource(Source):
     def terrain(self) -> Optional[Terrain]:
         """Return the ground of the scene, otherwise the observed terrain."""
         return self._assembly.terrain
-
-    @property
-    def curve(self) -> Optional[HeightCurve]:
-        return self._curve

@@ -33,18 +33,13 @@ class Playback:
         self._span, self._clock = span, clock
         self._lock = Lock()
         self._from, self._since = span()[0], clock()
-        self._speed, self._paused = 1.0, False
+        self.speed, self._paused = 1.0, False  # seconds played per second of the clock
 
     @property
     def place(self) -> float:
         """Return the time to show [s]."""
         with self._lock:
             return self._place()
-
-    @property
-    def speed(self) -> float:
-        """Return seconds played per second of the clock."""
-        return self._speed
 
     @property
     def paused(self) -> bool:
@@ -72,11 +67,11 @@ class Playback:
     def set_speed(self, speed: float) -> None:
         with self._lock:
             self._stand(self._place())
-            self._speed = speed
+            self.speed = speed
 
     def _place(self) -> float:
         begin, end = self._span()
-        elapsed = 0.0 if self._paused else self._speed * (self._clock() - self._since)
+        elapsed = 0.0 if self._paused else self.speed * (self._clock() - self._since)
         return min(max(self._from + elapsed, begin), end)
 
     def _stand(self, place: float) -> None:

@@ -34,7 +34,7 @@ class SceneRun:
 
     Each change is applied completely or, with an error, not at all.  While `e_stop` is engaged
     there is no torque; `accuracy` is the largest error of position that is allowed [m], None for
-    the solver of the scene.
+    the solver of the scene; `model` has robot, ground and solver in use.
     """
 
     def __init__(self, scene: Scene):
@@ -46,13 +46,8 @@ class SceneRun:
         self._take(scene.model, None)
 
     @property
-    def model(self) -> Model:
-        """Return robot, ground and solver in use."""
-        return self._model
-
-    @property
     def robot(self) -> Robot:
-        return self._model.robot
+        return self.model.robot
 
     @property
     def error_estimate(self) -> Optional[float]:
@@ -71,7 +66,7 @@ class SceneRun:
         for _ in range(periods // chunk):
             actuator = self._actuator()
             steps = chunk * self._steps
-            after = self._model.advance(self.state, actuator, steps)
+            after = self.model.advance(self.state, actuator, steps)
             after = after._replace(time=(self._periods + chunk) * self.period)
             if self._monitor:
                 self._monitor.advance(after, actuator, steps)
@@ -79,7 +74,7 @@ class SceneRun:
 
     def frame(self) -> Frame:
         """Return the present moment."""
-        state, model = self.state, self._model
+        state, model = self.state, self.model
         contacts = tuple(map(ContactForce.of, model.touches(state)))
         energies = model.energies(state)
         has = model.robot.has_pendulum
@@ -93,14 +88,14 @@ class SceneRun:
 
     def reset(self) -> None:
         """Return to the start, on the present ground, with the present robot and law."""
-        self._take(self._model, None)
+        self._take(self.model, None)
 
     def set_robot(self, name: str) -> None:
         """Restart with another robot."""
         robot = load_robot(name)
         law = self.law.changed(robot=robot) if robot.has_pendulum or self.law.law == 'free' \
             else self.law.changed(robot=robot, law='free')
-        self._take(replace(self._model, robot=robot), None)
+        self._take(replace(self.model, robot=robot), None)
         self.law = law
         law.begin(self.state)
 
@@ -108,14 +103,14 @@ class SceneRun:
         """Set the friction of ball, ground and edges; pieces with their own friction keep it."""
         robot = replace(self.robot, surface_friction=friction, edge_friction=friction)
         law = self.law.changed(robot=robot)
-        self._take(replace(self._model, robot=robot), self.state)
+        self._take(replace(self.model, robot=robot), self.state)
         self.law = law
         law.begin(self.state)
 
     def set_step_height(self, height: float) -> None:
         """Change the next step ahead, see `with_step`."""
-        ground = with_step(self._model.terrain, self.state.x, self.robot.ball_radius, height)
-        self._take(replace(self._model, terrain=ground), self.state)
+        ground = with_step(self.model.terrain, self.state.x, self.robot.ball_radius, height)
+        self._take(replace(self.model, terrain=ground), self.state)
 
     def set_law(self, law: Optional[str] = None, set_point: Optional[float] = None) -> None:
         """Select another law, from a set-point of 0, or another set-point."""
@@ -126,7 +121,7 @@ class SceneRun:
         """Continue with another accuracy [m]; 0 selects the solver of the scene."""
         self.accuracy, before = accuracy or None, self.accuracy
         try:
-            self._take(self._model, self.state)
+            self._take(self.model, self.state)
         except ConfigurationError:
             self.accuracy = before
             raise
@@ -156,7 +151,7 @@ class SceneRun:
         else:
             coarse, solver = solvers_for(self.accuracy, self.scene.model.solver_in_use.step)
             monitor = ErrorMonitor(replace(model, solver=coarse), begin, self.accuracy)
-        self._model, self._monitor, self.state = replace(model, solver=solver), monitor, begin
+        self.model, self._monitor, self.state = replace(model, solver=solver), monitor, begin
         if state is None:
             self._periods = 0
             self.law.begin(begin)

@@ -10,7 +10,6 @@ from typing import Mapping, Optional, Tuple
 
 from ballbot_ros.compile_notice import compiling
 from ballbot_ros.config.files import shipped_files
-from ballbot_ros.decision.planning.curve import HeightCurve
 from ballbot_ros.errors import ConfigurationError, SimulationError
 from ballbot_ros.physics.model.robot import Robot
 from ballbot_ros.physics.model.terrain import Terrain
@@ -69,10 +68,6 @@ class SceneSource(Source):
     @property
     def terrain(self) -> Terrain:
         return self._run.model.terrain
-
-    @property
-    def curve(self) -> Optional[HeightCurve]:
-        return self._curve
 
     @property
     def health(self) -> Health:
@@ -222,7 +217,7 @@ class SceneSource(Source):
     def _describe(self) -> None:
         """Update the controls and the height curve."""
         run, law = self._run, self._run.law.law
-        self._curve = run.curve()
+        self.curve = run.curve()
         ahead = step_ahead(run.model.terrain, run.state.x, run.robot.ball_radius)
         self._controls: Mapping[str, Control] = MappingProxyType({
             'pause': Control(self._paused),

@@ -161,6 +161,7 @@ class Source(ABC):
         self._sought: Optional[float] = None  # time to show instead of the latest [s]
         self._ending = Event()
         self._thread: Optional[Thread] = None
+        self.curve: Optional[HeightCurve] = None  # of the robot
         self.floor: Optional[Floor] = None
         self.start_pose = (0.0, 0.0, 0.0)  # on the floor, see `Frame.place` [m], [rad]
 
@@ -177,11 +178,6 @@ class Source(ABC):
     @property
     def terrain(self) -> Optional[Terrain]:
         """Return the ground, another object if it has changed; None if unknown, and on a floor."""
-        return None
-
-    @property
-    def curve(self) -> Optional[HeightCurve]:
-        """Return the height curve of the robot; None where there is none."""
         return None
 
     @property
