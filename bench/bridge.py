@@ -49,17 +49,7 @@ LEAN = 0.3  # to both sides in turn, in onboard control [rad]
 
 
 class Bench:
-    """
-    A bridge in a separate process; emulated drive and commands in this process.
-
-    Parameters
-    ----------
-    emulator : Emulator
-    nodes : NodeProcesses
-    node : Node
-    executor : Executor
-
-    """
+    """A bridge in a separate process; emulated drive and commands in this process."""
 
     def __init__(self, emulator, nodes, node, executor, control):
         self._control, self._next = control, 0.0
@@ -225,17 +215,10 @@ def answers(path):
 
 def run(emulated, control, **parameters):
     """
-    Run a bridge, and return its processor time and the log of the drive.
+    Run a bridge; return its processor time [% of a core], the log of the drive, and the torques.
 
-    Returns
-    -------
-    share : float
-        Processor time of the bridge [% of a core].
-    log : list
-        See `applied`; empty without a log.
-    sent : dict
-        Time at which the bench sent each torque [s].
-
+    See `applied` for the log, which is empty without a file; the torques that the bench has sent
+    have their times [s].
     """
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)

@@ -27,22 +27,12 @@ PERIODS = 10                  # control periods between two decisions
 
 @dataclass(frozen=True)
 class RandomStop:
-    """
-    A stop as soon as possible, predicted and simulated.
+    """A stop as soon as possible, predicted and simulated."""
 
-    Attributes
-    ----------
-    speed, slope : float
-        When the stop begins [m/s], [rad].
-    predicted, rolled : float
-        Distance until rest: by the safety filter, and of the full model [m].
-
-    """
-
-    speed: float
-    slope: float
-    predicted: float
-    rolled: float
+    speed: float  # when the stop begins [m/s]
+    slope: float  # [rad]
+    predicted: float  # distance until rest, by the safety filter [m]
+    rolled: float  # that of the full model [m]
 
 
 def random_stop(nominal: NominalModel, seed: int, number: int) -> RandomStop:

@@ -65,18 +65,9 @@ def notebook(text, folder):
 
 def followed(text, source, page, docs):
     """
-    Return Markdown with its links as a page of the site has them.
+    Return Markdown with its links as a page in the folder of all pages, `docs`, has them.
 
-    Parameters
-    ----------
-    text : str
-    source : Path
-        The file that the text is from; its links are relative to that.
-    page : Path
-        Where the page lies.
-    docs : Path
-        The folder of all pages.
-
+    The links of the text are relative to its file, `source`.
     """
     pages = {(ROOT / file).resolve(): docs / GENERATED / page for file, page in COPIED.items()}
 

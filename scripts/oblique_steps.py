@@ -52,18 +52,9 @@ class ObliqueApproach(NamedTuple):
 
 def cross(approach: ObliqueApproach, height: float) -> Optional[FreeBall]:
     """
-    Return the ball as it gets over a step, None where it fails.
+    Return the ball as it gets over a step of a height [m], None where it fails.
 
-    Parameters
-    ----------
-    height : float
-        Of the step [m].
-
-    Raises
-    ------
-    ConfigurationError
-        If MuJoCo is not installed.
-
+    Raises `ConfigurationError` if MuJoCo is not installed.
     """
     robot = approach.robot
     begin = -touch_distance(robot.ball_radius, height, robot.static_penetration)

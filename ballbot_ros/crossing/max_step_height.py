@@ -72,22 +72,10 @@ def crossing_of(row: Array, ground: Array, arrays: PackedArrays) -> Crossing:
 def try_rows(rows: Array, grounds: Array, heights: Array, tolerance: float, results: Array,
              arrays: PackedArrays) -> None:
     """
-    Try a step with each crossing.
+    Try a step with each crossing, at heights (n,) [m]; for the tolerance see `attempt`.
 
-    Parameters
-    ----------
-    rows : array
-        Fields of Course, Parameters and Actuator, one behind the other.
-    grounds : (n, 4, 7) array
-        Written: the heights.
-    heights : (n,) array
-        [m]
-    tolerance : float
-        See `attempt`.
-    results : (n, 3) array
-        Written.
-    arrays : PackedArrays
-
+    The rows have the fields of Course, Parameters and Actuator, one behind the other; the heights
+    of the grounds, (n, 4, 7), and the results, (n, 3), are written.
     """
     for i in range(len(rows)):
         verdict, score, outcome = attempt(
@@ -243,23 +231,11 @@ def try_step(robot: RobotLike, speed: float, height: float, actuation: Actuation
              site: Site = Site(), rules: Rules = Rules(),
              options: ContactOptions = ContactOptions()) -> Tuple[bool, float]:
     """
-    Try one step.
+    Try one step of a height above 0 [m]; return whether the ball gets over, and the score.
 
-    Parameters
-    ----------
-    height : float
-        Of the step [m], above 0.
-    tolerance : float
-        Local error per step of the adaptive method [m].
-    robot, speed, actuation, pendulum_angle, site, rules, options
-        See `max_step_height`, also for its exceptions.
-
-    Returns
-    -------
-    over : bool
-    score : float
-        By how much it succeeded (above 0) or failed [m2/s2]; see `attempt`.
-
+    The score is by how much it succeeded (above 0) or failed [m2/s2], see `attempt`; the tolerance
+    is the local error per step of the adaptive method [m].  See `max_step_height` for all others
+    and for its exceptions.
     """
     height = check_value('height', height, HEIGHT, 'try_step')
     crossing = _prepare(
@@ -304,19 +280,11 @@ def max_step_heights(robot: RobotLike, speeds: Sequence[float],
                      options: ContactOptions = ContactOptions(), scan: int = 0,
                      threads: Optional[int] = None) -> List[MaxStepHeight]:
     """
-    Find the maximum step height at several speeds, in parallel.
+    Find the maximum step height at several speeds [m/s], in parallel.
 
-    Parameters
-    ----------
-    speeds : sequence of float
-        [m/s]
-    actuation : Actuation, or a function that returns one for a speed
-        Such as ``rolling(robot)``.
-    threads : int, optional
-        Number of parallel searches; by default one per core.
-    robot, pendulum_angle, accuracy, site, rules, options, scan
-        See `max_step_height`, also for its exceptions.
-
+    The actuation may be a function that returns one for a speed, such as ``rolling(robot)``;
+    `threads` is the number of parallel searches, by default one per core.  See `max_step_height`
+    for all others and for its exceptions.
     """
     robot = load_robot(robot)
 

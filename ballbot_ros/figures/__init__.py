@@ -2,8 +2,8 @@
 """
 Pictures of runs and studies; matplotlib, without a display.
 
-A figure is a function ``name(progress=ignore) -> Figure``.  To add one, copy `command_loss.py`;
-the line that registers it stands in `gallery.FIGURES`.  ``ballbot figures NAME`` draws it then.
+A figure is a function ``name(progress=ignore) -> Figure`` in `paper.figures.FIGURES`;
+``ballbot figures NAME`` draws it, and docs/architecture.md names one to copy.
 
     >>> from ballbot_ros.figures.run import strip
     >>> from ballbot_ros.physics import load_scene

@@ -123,20 +123,8 @@ def check_animation(path: PathLike, duration: float, playback: float = 1.0) -> N
     """
     Refuse an animation that could not be written, before the work that it is to show.
 
-    Parameters
-    ----------
-    path : str or Path
-        Ends in .gif or .mp4.
-    duration : float
-        Of the run [s].
-    playback : float
-        Simulated seconds per second of the animation.
-
-    Raises
-    ------
-    ConfigurationError
-        With the remedy.
-
+    The path ends in .gif or .mp4; the duration is that of the run [s], and the playback the
+    simulated seconds per second of the animation.  Raises `ConfigurationError` with the remedy.
     """
     kind = Path(path).suffix.lower()
     if kind not in KINDS:
@@ -172,24 +160,9 @@ def ffmpeg() -> Optional[str]:
 def animate(trajectory: Trajectory, path: PathLike, title: str = '', playback: float = 1.0,
             progress: Progress = ignore) -> None:
     """
-    Write a run as an animation, atomically.
+    Write a run as an animation, atomically; the title may be the name of the scene.
 
-    Parameters
-    ----------
-    path : str or Path
-        Ends in .gif or .mp4.
-    title : str
-        Title, for example the name of the scene.
-    playback : float
-        Simulated seconds per second of the animation.
-    progress : callable
-        Called with the completed fraction, 0 to 1.
-
-    Raises
-    ------
-    ConfigurationError
-        If there is no way to write such a file.
-
+    See `check_animation`, also for its error, which is raised here, too.
     """
     run = plottable(trajectory)
     check_animation(path, float(run['time'][-1] - run['time'][0]), playback)

@@ -36,35 +36,23 @@ AREAS = ('carpet', 'level', 'ramp', 'friction', 'keep_out', 'stairs')
 @dataclass(frozen=True)
 class Feature(Checked):
     """
-    A step, threshold, cord or drop along a line, or an area.
+    A step, threshold, cord or drop along a line, or an area, as its kind says.
 
-    Attributes
-    ----------
-    kind : str
-        ``step``: the floor on the left of the line, seen from its first point to its last, is
-        higher by `height`.  ``threshold``: a bar of `height` and `width`, the line is its middle.
-        ``cord``: the same, flexible.  ``drop``: the floor on the right of the line is lower by
-        `height`, and no route crosses it.  ``carpet`` and ``level``: an area that is higher by
-        `height`, or lower where that of a level is negative.  ``ramp``: an area that rises by
-        `height` along its line, from the foot to the top; a route leads over one on which the
-        ball can stand.  ``friction``: an area with a coefficient of friction.  ``keep_out`` and
-        ``stairs``: areas that no route enters; a route keeps the stopping distance from stairs.
-    name : str
-    line : tuple of (float, float)
-        Of a line or a ramp; at least two points [m].
-    polygon : tuple of (float, float)
-        Of an area; at least three points [m].
-    height, height_sd, width : float
-        [m]
-    friction : float or None
-        Coefficient of an area of friction [1].
-
+    ``step``: the floor on the left of the line, seen from its first point to its last, is higher
+    by `height`.  ``threshold``: a bar of `height` and `width`, the line is its middle.  ``cord``:
+    the same, flexible.  ``drop``: the floor on the right of the line is lower by `height`, and no
+    route crosses it.  ``carpet`` and ``level``: an area that is higher by `height`, or lower where
+    that of a level is negative.  ``ramp``: an area that rises by `height` along its line, from the
+    foot to the top; a route leads over one on which the ball can stand.  ``friction``: an area
+    with a coefficient of friction, which no run-up crosses if it is below the range of the robot.
+    ``keep_out`` and ``stairs``: areas that no route enters; a route keeps the stopping distance
+    from stairs.
     """
 
     kind: str = text('kind of the feature', choices=(*LINES, *AREAS))
     name: str = text('name for explanations', default='')
-    line: Any = section('points of a line [m]', default=())
-    polygon: Any = section('corners of an area [m]', default=())
+    line: Any = section('points of a line [m]', default=())  # or of a ramp, at least two
+    polygon: Any = section('corners of an area [m]', default=())  # at least three
     height: float = quantity('m', 'height of the step, bar, area or drop', default=0.0,
                              minimum=-1.0, maximum=1.0)
     height_sd: float = quantity('m', 'standard deviation of the height', default=0.001,

@@ -62,25 +62,14 @@ class _Part(NamedTuple):
 def cut(floor: Floor, place: Point, heading: float, level: float = 0.0, radius: float = 0.0,
         factor: Optional[Callable[[float], float]] = None) -> Cut:
     """
-    Return the ground along a line.
+    Return the ground along a line from a place [m] in the direction of a heading [rad].
 
-    Parameters
-    ----------
-    place : (float, float)
-        Where the line is at distance 0 [m].
-    heading : float
-        Direction of the line [rad].
-    level : float, optional
-        Height that the steps and drops give the ground at `place`, see `passed` [m].
-    radius : float, optional
-        Of a ball along the line: a wall is where the ball touches it first, not where its centre
-        would [m].
-    factor : callable, optional
-        Returns which part of its head-on height a ball climbs at an angle to the normal of an
-        edge [rad].  With it, an edge that rises away from `place` has a crest that a ball climbs
-        head-on as it climbs the edge at its angle, and from which the ground falls to its
-        height.  Without it, heights are exact.
-
+    The level is the height that the steps and drops give the ground at the place, see `passed`
+    [m].  With the radius of a ball along the line [m], a wall is where the ball touches it first,
+    not where its centre would.  The factor returns which part of its head-on height a ball climbs
+    at an angle to the normal of an edge [rad]: with it, an edge that rises away from the place has
+    a crest that a ball climbs head-on as it climbs the edge at its angle, and from which the
+    ground falls to its height.  Without it, heights are exact.
     """
     along = (math.cos(heading), math.sin(heading))
     parts: List[_Part] = []

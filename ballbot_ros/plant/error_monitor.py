@@ -11,15 +11,9 @@ class ErrorMonitor:
     """
     Estimates the error of position of a plant by its distance to a coarser run.
 
-    The model is that of the plant with a coarser solver, the accuracy the error allowed [m].
-
-    Attributes
-    ----------
-    error : float
-        Largest distance so far [m].
-    accuracy_lost_at : float
-        Time since which the accuracy does not hold any more [s], infinite while it does.
-
+    The model is that of the plant with a coarser solver, the accuracy the error allowed [m];
+    `error` is the largest distance so far [m], and `accuracy_lost_at` the time since which the
+    accuracy does not hold any more [s], infinite while it does.
     """
 
     def __init__(self, model: Model, start: State, accuracy: float):

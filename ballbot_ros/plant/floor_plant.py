@@ -43,29 +43,8 @@ class FloorPlant(Plant):
     A robot without steering drives straight.  A straight drive is bit-identical to that of a
     `Plant` on the same profile.
 
-    Parameters
-    ----------
-    robot : Robot
-    floor : Floor
-    pose : (float, float, float)
-        x, y and heading of the start [m], [rad].
-    control_rate : float
-        [Hz]; a control period must be a whole number of solver steps.
-    torque_limit : float, optional
-        [N m]; an additional limit.
-    solver : Solver, optional
-
-    Attributes
-    ----------
-    floor : Floor
-    start_pose : (float, float, float)
-        [m], [rad]
-
-    Raises
-    ------
-    ConfigurationError
-        If the pose is not finite or not on the map, see also `Plant`.
-
+    The pose is x, y and heading of the start [m], [rad]; see `Plant` for the others.  Raises
+    `ConfigurationError` if the pose is not finite or not on the map, and as `Plant` does.
     """
 
     def __init__(self, robot: Robot, floor: Floor,

@@ -9,23 +9,11 @@ from ballbot_ros.physics.model.state import State
 
 
 class ImuSample(NamedTuple):
-    """
-    A reading in the frame of the shell; ball angle 0 has z up.
+    """A reading in the frame of the shell; ball angle 0 has z up."""
 
-    Attributes
-    ----------
-    time : float
-        [s]
-    turn_rate : float
-        Counter-clockwise positive [rad/s].
-    forward, upward : float
-        Specific force along the shell's x and z axes [m/s2].
-
-    """
-
-    time: float
-    turn_rate: float
-    forward: float
+    time: float  # [s]
+    turn_rate: float  # counter-clockwise positive [rad/s]
+    forward: float  # specific force along the shell's x and z axes [m/s2]
     upward: float
 
 
@@ -33,20 +21,9 @@ class Imu:
     """
     Reads the mean over each sampling period, as an IMU with a filter before its converter does.
 
-    The noise of sample number n is a function of the seed and n alone.
-
-    Parameters
-    ----------
-    gravity : float
-        [m/s2]
-    place : (float, float)
-        Ahead of and above the ball centre, in the frame of the shell [m].
-    gyro_sd, force_sd : float
-        White noise per sample [rad/s], [m/s2].
-    bias : float
-        Of the gyro [rad/s].
-    seed : int
-
+    The noise of sample number n is a function of the seed and n alone.  The place is ahead of and
+    above the ball centre, in the frame of the shell [m]; `gyro_sd` and `force_sd` are the white
+    noise per sample [rad/s], [m/s2], and the bias is that of the gyro [rad/s].
     """
 
     def __init__(self, gravity: float, place: tuple[float, float] = (0.0, 0.0),

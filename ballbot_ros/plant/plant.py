@@ -32,22 +32,9 @@ class Plant:
     * `torque` is the applied torque: the command, limited by the speed-torque curve of the motor
       at the joint rate at the start of the period.
 
-    Parameters
-    ----------
-    scene : Scene
-        Its actuation is not used.
-    control_rate : float
-        [Hz]; a control period must be a whole number of solver steps.
-    torque_limit : float, optional
-        [N m]; an additional limit.
-    accuracy : float, optional
-        Selects the solver for this accuracy [m], and enables an `ErrorMonitor`.
-
-    Raises
-    ------
-    ConfigurationError
-        If the period is not a whole number of steps.
-
+    The actuation of the scene is not used; the control rate is in Hz, and the torque limit an
+    additional one [N m]; an accuracy selects the solver for it [m], and enables an `ErrorMonitor`.
+    Raises `ConfigurationError` if a control period is not a whole number of solver steps.
     """
 
     def __init__(self, scene: Scene, control_rate: float, torque_limit: Optional[float] = None,
@@ -126,20 +113,10 @@ class Plant:
         """
         Advance by one control period under a constant torque and return the new state.
 
-        Parameters
-        ----------
-        torque : float
-            At the pendulum [N m]; limited to the range of the motor, and to the torque limit.
-        lean_set_point : float, optional
-            Of a robot that `steers`; 0 in a scene, which is a vertical plane [rad].
-
-        Raises
-        ------
-        ConfigurationError
-            If a robot that does not steer should lean.
-        SimulationError
-            If the run fails; state and time remain at the last valid ones.
-
+        The torque at the pendulum [N m] is limited to the range of the motor, and to the torque
+        limit; the set-point of the lean [rad] is 0 unless the robot `steers`.  Raises
+        `ConfigurationError` if a robot that does not steer should lean, and `SimulationError` if
+        the run fails; state and time remain at the last valid ones.
         """
         if lean_set_point and not self.steers:
             raise ConfigurationError(

@@ -21,23 +21,13 @@ DISTANCE_RESOLUTION, HEIGHT_RESOLUTION = 0.001, 0.0005
 
 @dataclass(frozen=True)
 class Sight:
-    """
-    One observation ahead.
-
-    Attributes
-    ----------
-    detected : bool
-    distance : float
-        Horizontal distance from the ball centre to the face [m]; without a detection, the end of
-        the observed clear floor.
-    height : float
-        Of the step, negative for a drop, 0 without a detection [m].
-
-    """
+    """One observation ahead."""
 
     detected: bool
+    # Horizontal, from the ball centre to the face; without a detection, to the end of the observed
+    # clear floor [m].
     distance: float
-    height: float
+    height: float  # of the step, negative for a drop, 0 without a detection [m]
 
 
 def faces(terrain: Terrain) -> Tuple[Tuple[float, float], ...]:
@@ -63,24 +53,10 @@ class Sensor:
     Detects the next face ahead of the ball centre, with Gaussian noise.
 
     Noise and losses of sample number n depend only on the seed and n, so runs are
-    reproducible, independent of other random numbers.
-
-    Parameters
-    ----------
-    terrain : Terrain
-    reach : float
-        Range [m].
-    distance_sd, height_sd : float
-        True standard deviations [m].
-    seed : int
-    faults : SensorFaults
-        The publisher applies the latency, see `Latency`.
-
-    Attributes
-    ----------
-    distance_sd, height_sd : float
-        Reported standard deviations, not below the resolution; 0 for none [m].
-
+    reproducible, independent of other random numbers.  The reach is its range, and the standard
+    deviations are the true ones [m]; the attributes of their names are the reported ones, not
+    below the resolution, 0 for none.  The publisher applies the latency of the faults, see
+    `Latency`.
     """
 
     def __init__(self, terrain: Terrain, reach: float, distance_sd: float = 0.0,

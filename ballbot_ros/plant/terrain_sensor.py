@@ -19,23 +19,12 @@ ENDLESS = 1e4  # [m]: length of the infinite end segments of a terrain
 
 @dataclass(frozen=True)
 class TerrainSight:
-    """
-    One observation, in the level frame at the centre of the ball.
+    """One observation, in the level frame at the centre of the ball [m]."""
 
-    Attributes
-    ----------
-    x, z, z_sd : tuple of float
-        Points from behind to ahead, and their reported standard deviations, 0 for
-        unknown [m].
-    x_min, x_max : float
-        Limits of the observed terrain [m].
-
-    """
-
-    x: Tuple[float, ...]
+    x: Tuple[float, ...]  # of points from behind to ahead
     z: Tuple[float, ...]
-    z_sd: Tuple[float, ...]
-    x_min: float
+    z_sd: Tuple[float, ...]  # reported standard deviations of z, 0 for unknown
+    x_min: float  # limits of the observed terrain
     x_max: float
 
 
@@ -48,23 +37,10 @@ class TerrainSensor:
     points behind it: a drop, the floor right behind it, and anything behind a wall.  Terrain
     below and behind the ball is always included, as it was observed before.
 
-    Noise and losses of sample number n depend only on the seed and n.
-
-    Parameters
-    ----------
-    terrain : Terrain
-    reach : float
-        Range ahead [m].
-    height_sd : float
-        True standard deviation of a point's height [m].
-    seed : int
-    faults : SensorFaults
-        The publisher applies the latency, see `Latency`.
-    behind : float
-        Range behind the centre [m].
-    spacing : float
-        Between points [m].
-
+    Noise and losses of sample number n depend only on the seed and n.  The range is `reach` ahead
+    and `behind` the centre; `height_sd` is the true standard deviation of a point's height, and
+    `spacing` the distance between points, all in m.  The publisher applies the latency of the
+    faults, see `Latency`.
     """
 
     def __init__(self, terrain: Terrain, reach: float, height_sd: float = 0.0, seed: int = 0,

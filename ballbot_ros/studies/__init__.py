@@ -2,9 +2,8 @@
 """
 Offline studies of simulated and recorded runs.  No node imports this.
 
-A study is one module here and a verb of the command line.  To add one, copy `comparison.py`, which
-computes and returns values, and `cli/compare_models.py`, which reads options and prints; the line
-that registers it stands in `cli.command.VERBS`.
+A study is one module here, which computes and returns values, and a verb of the command line,
+which reads options and prints; docs/architecture.md names one to copy.
 
     >>> from ballbot_ros.studies import comparators
     >>> from ballbot_ros.physics import load_robot

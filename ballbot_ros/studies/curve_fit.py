@@ -76,29 +76,13 @@ def fit_curve(name: str, robot: Robot, actuation: Actuation, wording: str,
               request: Request = Request(), rules: Rules = Rules(over='clear'),
               progress: Callable[[int], None] = ignore) -> HeightCurve:
     """
-    Simulate and fit.
+    Simulate and fit the curve of a name.
 
-    Parameters
-    ----------
-    name : str
-        Of the curve.
-    actuation : Actuation
-        Its set rate follows the speed, and so does its voltage if that is 0.
-    wording : str
-        Actuation of the pendulum as text.
-    progress : callable, optional
-        Called with the number of heights done, see `heights_for`.
-    robot, request
-    rules : Rules
-        By default those of decisions: the ball is over that gets clear of the edge.
-
-    Raises
-    ------
-    ConfigurationError
-        If no rising cubic can be fitted, or an argument is out of range.
-    SimulationError
-        See `max_step_height`.
-
+    The set rate of the actuation follows the speed, and so does its voltage if that is 0; the
+    wording is the actuation as text.  By default the rules are those of decisions: the ball is
+    over that gets clear of the edge.  The progress is the number of heights done, of
+    `heights_for`.  Raises `ConfigurationError` if no rising cubic can be fitted, or an argument is
+    out of range, and `SimulationError` as `max_step_height` does.
     """
     if actuation.law not in LAWS:
         raise ConfigurationError(

@@ -193,26 +193,13 @@ def identify(scene: Scene, recording: Recording, names: Sequence[str], use_torqu
     """
     Estimate parameters of a scene from a recording.
 
-    Ctrl-C ends the search and returns the best values until then.
+    The scene is that of the recording, with the best guess of all parameters; the names are fields
+    of the robot, or ``motor.`` or ``initial.`` and a field of those.  With `use_torque` the
+    recorded torque is applied instead of the law of the scene.  The progress is the number of fits
+    that are done, of `FIT_COUNT`.  Ctrl-C ends the search and returns the best values until then.
 
-    Parameters
-    ----------
-    scene : Scene
-        The scene of the recording, with the best guess of all parameters.
-    names : sequence of str
-        Fields of the robot, ``motor.`` or ``initial.`` and a field of those.
-    use_torque : bool
-        Apply the recorded torque instead of the law of the scene.
-    progress : callable, optional
-        Called with the number of fits that are done, of `FIT_COUNT`.
-
-    Raises
-    ------
-    ConfigurationError
-        If a parameter is unknown or named twice, or a channel is in another unit.
-    SimulationError
-        If the scene itself cannot be simulated.
-
+    Raises `ConfigurationError` if a parameter is unknown or named twice, or a channel is in
+    another unit, and `SimulationError` if the scene itself cannot be simulated.
     """
     if not names or len(set(names)) < len(names):
         raise ConfigurationError(

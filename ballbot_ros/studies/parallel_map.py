@@ -39,36 +39,15 @@ def checkpointed_map(function: Callable[..., Any],
     """
     Call a function for each block whose file is missing, and write the file.
 
-    Parameters
-    ----------
-    function : callable
-        At the top level of a module, so that it can be pickled.
-    blocks : mapping
-        File name -> number of cases in the block, arguments of `function`.
-    folder : Path
-        Of the files; a previous, interrupted run may have left some.
-    digest : str
-        Of all that the results depend on besides the file name.
-    pool : Executor
-        Of processes, or of a cluster.
-    workers : int
-        Number of workers in the pool.
-    write : callable
-        Called in this process with a result and the path of its file; must replace the file
-        atomically.
-    progress : callable, optional
-        Called with the number of finished cases.
+    The function is at the top level of a module, so that it can be pickled; `blocks` maps the name
+    of a file in the folder to the number of cases in the block and the arguments of the function,
+    and the digest is that of all else that the results depend on.  `write` is called in this
+    process with a result and the path of its file, which it must replace atomically.  The progress
+    is the number of finished cases.
 
-    Returns
-    -------
-    int
-        Number of cases that a previous run had finished.
-
-    Raises
-    ------
-    ConfigurationError
-        If the folder holds blocks of another run, is damaged, or cannot be written.
-
+    Returns the number of cases that a previous, interrupted run had finished.  Raises
+    `ConfigurationError` if the folder holds blocks of another run, is damaged, or cannot be
+    written.
     """
     _claim(folder, digest)
     missing = {name: block for name, block in blocks.items() if not (folder / name).is_file()}
