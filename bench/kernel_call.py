@@ -15,17 +15,10 @@ COARSEST = 1e-3  # of `simulation.solver` [m]
 
 class Ours:
     """
-    Runs of one case.
+    Runs of one case of `precision_scenes`.
 
-    Parameters
-    ----------
-    case : Case
-        See `precision_scenes`.
-    flight : bool
-        Whether to fly in closed form.
-    ledger : bool
-        Whether to compute the energy balance; peers do not.
-
+    With `flight` the ball flies in closed form, with `ledger` the energy balance is computed, too,
+    as peers do not.
     """
 
     def __init__(self, case, flight=True, ledger=False):
@@ -33,9 +26,8 @@ class Ours:
         model, method = case.model, METHODS['adaptive']
         actuator = case.actuation.actuator(model.robot, 0.0, case.start.joint_angle)
         self.kernel, self.duration = method.advance, case.duration
-        self.options = Options(1e-9, model.solver_in_use.step, method.steps, 2**62, flight)
-        if 'ledger' in Options._fields:
-            self.options = self.options._replace(ledger=ledger)
+        self.options = Options(1e-9, model.solver_in_use.step, method.steps, 2**62, flight,
+                               ledger)
         self.workspace = Workspace.of(len(model.profile))
         self.system = model.parameters[:], model.profile, actuator[:]
         self.start, self.state = np.array(case.start[1:]), np.array(case.start[1:])
