@@ -115,7 +115,6 @@ def meaning(metadata: Mapping[str, Any]) -> str:
 
 
 def _commented(start: str, comment: str) -> Iterator[str]:
-    """Yield a line with its comment, wrapped."""
     words = textwrap.wrap(comment, WIDTH - COLUMN - 2)
     if len(start) >= COLUMN:
         yield start

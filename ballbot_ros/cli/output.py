@@ -141,7 +141,6 @@ class _Bar:
         self._bar: Any = None
 
     def __call__(self, done: float) -> None:
-        """Show the amount that is done."""
         if self._bar is not None:
             self._bar.update(0, completed=done)
         elif perf_counter() - self._begin > QUIET_TIME:

@@ -62,7 +62,6 @@ def _together(names: list[str], rest: list[str]) -> int:
 
 
 def _experiment(target: str, words: list[str]) -> int:
-    """Run an experiment with the options behind its name."""
     parser = Parser(prog='ballbot run FILE', allow_abbrev=False)
     parser.add_argument('--out', type=Path, metavar='DIR', help='folder to write to')
     add_quiet(parser)

@@ -147,7 +147,6 @@ def freeze(plan: Experiment) -> Dict[str, str]:
 
 
 def _settings() -> Dict[str, Any]:
-    """Return the parameters of each of the nodes."""
     from ballbot_ros.nodes.controller.settings import ControllerSettings
     from ballbot_ros.nodes.obstacle_decision.settings import DecisionSettings
     from ballbot_ros.nodes.simulator.settings import SimulatorSettings

@@ -252,7 +252,6 @@ def _furnish(figure: Figure, axes: Any, run: Trajectory, title: str, playback: f
 
 
 def _look_at(axes: Any, run: Trajectory, view: _View, index: int) -> None:
-    """Show the part of the ground where the ball is."""
     radius = run.model.robot.ball_radius
     x, y = run['x'], run['y']
     middle = x[index] if view.follows_x else 0.5 * (x.min() + x.max())
@@ -263,7 +262,6 @@ def _look_at(axes: Any, run: Trajectory, view: _View, index: int) -> None:
 
 
 def _draw_force(axes: Any, run: Trajectory, force: ForceArrow) -> None:
-    """Draw an arrow to the contact for the ground contact force."""
     robot = run.model.robot
     size = math.hypot(force.force_x, force.force_y)
     weight = robot.total_mass * robot.gravity
@@ -278,7 +276,6 @@ def _draw_force(axes: Any, run: Trajectory, force: ForceArrow) -> None:
 
 
 def _words(run: Trajectory, index: int) -> str:
-    """Return time, speed and pendulum angle as text."""
     speed = math.hypot(run['velocity_x'][index], run['velocity_y'][index])
     words = f'{run["time"][index]:.2f} s    {speed:.2f} m/s'
     if run.model.robot.has_pendulum:

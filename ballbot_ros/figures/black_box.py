@@ -66,7 +66,6 @@ def _colour(event: RecordedEvent) -> str:
 
 
 def _panels(recording: BlackBoxRecording, begin: float) -> List[Panel]:
-    """Return the panels from top to bottom, from a time on [s]."""
     period, drive = recording.tables['period'], recording.tables['drive']
     command = recording.tables['command']
     torques = command['kind'] == TORQUE

@@ -205,7 +205,6 @@ def _label_times(axes: Any, run: Trajectory, row: Row, scale: float) -> None:
 
 
 def _heading(figure: Figure, run: Trajectory, chosen: Layout, title: str) -> None:
-    """Write the title of the strip above it."""
     width, height = figure.get_size_inches()
     robot = run.model.robot
     heading = ', '.join(part for part in (title, robot.name) if part)

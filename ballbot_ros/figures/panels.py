@@ -144,7 +144,6 @@ def _panels(run: Trajectory) -> Iterator[Panel]:
 
 
 def _energy_panels(run: Trajectory) -> Iterator[Panel]:
-    """Yield the energies, and the residual of their balance."""
     potential = run['potential_energy']
     motor = (Series('motor work', run['motor_work'], canvas.ORANGE),)
     yield Panel('energy [J]', (

@@ -366,8 +366,6 @@ def _rotated(cells: NDArray[np.uint8], resolution: float, origin: Sequence[float
 
 @dataclass(frozen=True)
 class _FloorFile(Checked):
-    """The top level of a floor file."""
-
     map: Any = section('YAML file of a map_server map', default=None)
     walls: Any = section('walls instead of a map', default=None)
     features: Any = section('steps, drops, areas', default=())
@@ -411,8 +409,6 @@ def _shades(image: Path, deep: bool = False) -> NDArray[np.float64]:
 
 @dataclass(frozen=True)
 class _MapFile(Checked):
-    """A YAML file of map_server."""
-
     image: str = text('PGM or PNG file')
     resolution: float = quantity('m', 'size of a cell', minimum=0.005, maximum=1.0)
     mode: str = text('meaning of the shades', default='trinary', choices=('trinary', 'scale'))

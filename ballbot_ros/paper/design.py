@@ -149,7 +149,6 @@ def _effect(bar: Bar, middle: float) -> float:
 
 
 def _draw_bars(axes: Any, bars: Sequence[Bar], middle: float) -> None:
-    """Draw the effect of each parameter on the height, largest on top."""
     for row, bar in enumerate(bars):
         for height, colour in ((bar.height_low, canvas.ORANGE), (bar.height_high, canvas.BLUE)):
             axes.barh(row, 1e3 * (height - middle), color=colour, height=0.68,

@@ -138,7 +138,6 @@ def figure_8(progress: Progress = ignore) -> Figure:
 
 
 def _rolls(bench: Bench, robot: Robot, highest: float = 1.0) -> list[Roll]:
-    """Return the rolls of a test, up to a height."""
     return [roll for roll in run_tests(bench, robot) if roll.step_height < highest]
 
 

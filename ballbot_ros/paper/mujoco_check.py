@@ -131,7 +131,6 @@ class MujocoRun:
 
     def __init__(self, case: Case, speed: float, height: float, step: float,
                  integrator: str = 'RK4', law: str = 'forces'):
-        """Build both models and put the ball to its start."""
         self.mujoco = mujoco = load_mujoco()
         if law not in CONTACTS:
             raise ConfigurationError(

@@ -154,7 +154,6 @@ class FloorPlant(Plant):
         return max(abs(turned), abs(across)) < tolerance
 
     def _place(self, pose: Tuple[float, float, float]) -> Tuple[float, float, float]:
-        """Put the ball at a pose without lean."""
         self._at = (float(pose[0]), float(pose[1]))
         self._lateral = LateralState(heading=float(pose[2]))
         self._level = level(self.floor, self._at)

@@ -222,7 +222,6 @@ def _read_csv(path: Path) -> tuple[dict[str, Array], dict[str, str]]:
 
 
 def _numbers(row: list[str], titles: list[str], line: int) -> list[float]:
-    """Return the numbers of a line of a CSV file."""
     if len(row) != len(titles):
         hint = ': decimal commas? Write decimal points' if len(row) == 2 * len(titles) else ''
         raise ConfigurationError(

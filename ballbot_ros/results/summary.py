@@ -253,7 +253,6 @@ def report(summary: Summary) -> str:
 
 
 def _rows(summary: Summary) -> Iterator[tuple[str, str]]:
-    """Yield label and value of each line."""
     ended = '' if summary.complete else ', ended early'
     yield 'scene', f'{summary.name}, robot {summary.robot}'
     yield 'simulated', (f'{summary.duration:.6g} s, {summary.samples} samples, '

@@ -50,7 +50,6 @@ class Request(Checked):
     seed: int = count('seed of the draw', default=0)
 
     def __post_init__(self) -> None:
-        """Check each value, then that there is a range."""
         super().__post_init__()
         if not self.lowest_speed < self.highest_speed:
             raise ConfigurationError(

@@ -36,7 +36,6 @@ class Recording:
     torque: Optional[Tuple[Array, Array]] = None
 
     def __post_init__(self) -> None:
-        """Check all channels, and thin out long ones."""
         if not self.channels:
             raise ConfigurationError(
                 'recording: it has no channel that can be compared; known are '

@@ -130,7 +130,6 @@ def refuse_foreign(out: Path) -> None:
 
 
 def _schema(arrow: Any, plan: SweepPlan) -> Any:
-    """Return the columns with their units, and the origin of the file."""
     kinds = {'case': arrow.int64(), 'passes': arrow.bool_(), 'failure': arrow.string()}
     described = {'plan': plan.describe(), 'digest': plan.digest, 'units': columns(plan),
                  'cases': plan.size}
@@ -147,7 +146,6 @@ def write_parquet(arrow: Any, plan: SweepPlan, table: Dict[str, List[Any]], path
 
 
 def _join(arrow: Any, plan: SweepPlan, parts: List[Path], out: Path) -> None:
-    """Write all blocks as one file, a block at a time."""
     with replacing(out) as stream, \
             arrow.parquet.ParquetWriter(stream, _schema(arrow, plan)) as writer:
         for part in parts:

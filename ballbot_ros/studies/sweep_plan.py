@@ -65,7 +65,6 @@ class SweepPlan(Checked):
     ranges: Any = ()  # of each number; of the other designs
 
     def __post_init__(self) -> None:
-        """Check each value, then that they make cases."""
         super().__post_init__()
         # Other processes have no use for the provenance.
         object.__setattr__(self, 'robot', replace(self.robot, provenance={}))

@@ -90,7 +90,6 @@ class Controls:
         self._show_state()
 
     def _run_controls(self) -> None:
-        """Create the buttons, their hotkeys and the timeline."""
         controls = self._source.controls
         if 'e_stop' in controls:
             self._button('e_stop', 'E-STOP: motor off', 'red', lambda: not self._is_on('e_stop'))
@@ -223,7 +222,6 @@ class Controls:
         return value
 
     def _meant(self, name: str, words: str) -> Value:
-        """Return the value of a choice of a drop-down."""
         if name == 'accuracy':
             return ACCURACIES[words] if words in ACCURACIES else float(words.split()[0])
         return float(words) if name == 'speed' else words
@@ -234,7 +232,6 @@ class Controls:
             name, meaning(event.target.value), event))
 
     def _set(self, widget: Any, what: str, value: Any) -> None:
-        """Set an attribute of a widget if it has changed."""
         if getattr(widget, what) != value:
             setattr(widget, what, value)
 

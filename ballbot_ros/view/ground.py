@@ -62,7 +62,6 @@ def with_step(terrain: Terrain, x: float, radius: float, height: float) -> Terra
 
 
 def _new_step(terrain: Terrain, x: float, height: float) -> Terrain:
-    """Return the ground with a new upright face at `x`."""
     points, surface, edge = terrain.vertices, terrain.surface_friction, terrain.edge_friction
     # The end segments extend to infinity: an additional vertex on them has no effect.
     if x <= points[0, 0]:

@@ -180,7 +180,6 @@ class LiveSource(MessageSource):
         self._hold()
 
     def _hold(self) -> None:
-        """Publish the set-point of the law."""
         self._link.attend()
         if self._law == 'speed':
             self._link.hold_speed(self._set_point)

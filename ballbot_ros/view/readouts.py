@@ -108,7 +108,6 @@ class Readouts:
                 handle.data = (times, *columns)
 
     def _put(self, name: str, handle: Any, content: str) -> None:
-        """Send a content if it has changed."""
         if self._last.get(name) != content:
             self._last[name] = handle.content = content
 

@@ -215,7 +215,6 @@ class SceneSource(Source):
         self._run.law.begin(self._run.state)
 
     def _describe(self) -> None:
-        """Update the controls and the height curve."""
         run, law = self._run, self._run.law.law
         self.curve = run.curve()
         ahead = step_ahead(run.model.terrain, run.state.x, run.robot.ball_radius)

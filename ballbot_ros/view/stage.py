@@ -251,7 +251,6 @@ class Stage:
             ground.height(point[0])) + 1.5e-3)
 
     def _draw_forces(self, frame: Frame, robot: Robot) -> None:
-        """Draw the ground contact forces, each at its point of contact."""
         arrows = []
         scale = WEIGHT_ARROW_LENGTH * robot.ball_radius / robot.weight if robot.weight else 0.0
         for contact in frame.contacts or ():

@@ -39,7 +39,6 @@ class LawsInside:
     """
 
     def __init__(self, node: Node, plant: Plant, settings: SimulatorSettings):
-        """Subscribe to set-points and the e-stop; start idle."""
         self._plant = plant
         self._controller: SupervisedController = checked_controller(
             plant.model.robot, *_loop(settings), _supervision(settings))

@@ -31,7 +31,6 @@ class Simulator(Node):
     """Owns simulated time; `SimulatorSettings` has its parameters."""
 
     def __init__(self, **kwargs: Any):
-        """Load the scene and start (or wait, if paused)."""
         super().__init__('simulator', **kwargs)
         if refuse_sim_time(self, NO_SIM_TIME):
             self.get_logger().warning(NO_SIM_TIME)
@@ -114,7 +113,6 @@ class Simulator(Node):
 
     def _on_step(self, request: Step.Request, response: Step.Response
                  ) -> Union[Step.Response, Future]:
-        """Advance a paused simulation by some periods."""
         answer = Future()
 
         def finish(run: Future) -> None:

@@ -160,7 +160,6 @@ class PlaceOnMap:
     CORRELATION = 10.0  # time of the drift [s]
 
     def __init__(self, node: Node, plant: FloorPlant, settings: SimulatorSettings):
-        """Publish the map; the initial error is zero."""
         self._plant, self.settings = plant, settings
         self._error: NDArray[np.float64] = np.zeros(3)
         self._at = 0.0

@@ -246,7 +246,6 @@ class Scheduler:
             self._run_period()
 
     def _run_period(self) -> None:
-        """Run one control period and publish the state at its end."""
         now = self._plant.time
         if self._gate.expired(now) and self._expecting:
             self._expecting = False

@@ -171,7 +171,6 @@ class Interfaces:
         self._scheduler.step(steps).add_done_callback(partial(self._finish, *goal))
 
     def _finish(self, handle: ServerGoalHandle, first: int, run: Future) -> None:
-        """End the goal whose steps have run, or were ended."""
         self._publish_state(handle, first)
         self._goal = None
         if run.result():

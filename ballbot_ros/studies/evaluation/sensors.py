@@ -212,7 +212,6 @@ class SimulatedSensor:
         heapq.heappush(self._queue, (arrival, number, replace(self._last, stamp=stamp)))
 
     def _observe(self, number: int, stamp: float, x: float, y: float) -> Optional[Observation]:
-        """Return the observation of the sensor, None for a lost sample."""
         model = self._model
         random = np.random.default_rng([self._seed, number, 2])
         if model.kind == 'step':

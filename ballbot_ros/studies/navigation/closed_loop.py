@@ -107,7 +107,6 @@ class FloorLoop:
             * self._random.standard_normal(3)
 
     def _terrain(self) -> Optional[TerrainObservation]:
-        """Return an observation of the terrain sensor along the heading."""
         state = self.plant.state
         sensor = TerrainSensor(self.plant.profile(), TERRAIN_REACH, self._errors.height_sd,
                                self._seed)
