@@ -22,10 +22,9 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test' / 'helpers')
 from builtin_interfaces.msg import Time
 from loop import processor_time
 import numpy as np
-import rclpy
 from rclpy.node import Node
-from rclpy.signals import SignalHandlerOptions
 from replay import read_capture
+from round_trip import joined
 from std_srvs.srv import Trigger
 import yaml
 
@@ -36,7 +35,6 @@ from ballbot_ros.physics import load_scene
 from ballbot_ros.ros.conversions import set_point_message
 from ballbot_ros.ros.endpoints import create_publisher, create_subscription
 from ballbot_ros.ros.message_bytes import command_bytes
-from ballbot_ros.ros.rclpy_compat import new_executor
 
 START = 60.0  # longest start or end of an emulator [s]
 SETTLE, WINDOW = 2.0, 8.0  # wall time before and of the measurement [s]
@@ -115,11 +113,9 @@ class Bench:
         return self.nodes._running['bridge'].pid
 
 
-@contextmanager
 def emulated_here(folder):
-    """Yield an emulated drive in this process."""
-    with Emulator('odrive', load_scene('flat'), 921600, link=folder / 'motor') as emulator:
-        yield emulator
+    """Return an emulated drive in this process."""
+    return Emulator('odrive', load_scene('flat'), 921600, link=folder / 'motor')
 
 
 @contextmanager
@@ -165,21 +161,14 @@ def running(folder, emulated=emulated_here, control='direct', rearm=True, **para
     content['limits'].update(rearm=rearm, torque_rate_limit=1e6)
     (folder / 'hardware.yaml').write_text(yaml.safe_dump(content))
     sys.setswitchinterval(5e-4)
-    rclpy.init(domain_id=domain, signal_handler_options=SignalHandlerOptions.NO)
-    node, executor = Node('bench'), new_executor()
-    executor.add_node(node)
-    try:
-        with emulated(folder) as emulator, NodeProcesses(folder, domain) as nodes:
-            bench = Bench(emulator, nodes, node, executor, control)
-            nodes.start('bridge', {
-                'hardware': folder / 'hardware.yaml', 'control': control,
-                'black_box': folder / 'black_box', **parameters})
-            bench.release()
-            yield bench
-    finally:
-        executor.remove_node(node)
-        node.destroy_node()
-        rclpy.try_shutdown()
+    with joined(domain, lambda: Node('bench')) as (executor, node), \
+            emulated(folder) as emulator, NodeProcesses(folder, domain) as nodes:
+        bench = Bench(emulator, nodes, node, executor, control)
+        nodes.start('bridge', {
+            'hardware': folder / 'hardware.yaml', 'control': control,
+            'black_box': folder / 'black_box', **parameters})
+        bench.release()
+        yield bench
 
 
 def applied(path, begin, end):

@@ -15,13 +15,13 @@ from numba.extending import intrinsic
 from numba.np.arrayobj import make_array, populate_array
 import numpy as np
 import peers
+from peers import MOTION
 
 from ballbot_ros.physics.mechanics import equations, modes
 from ballbot_ros.physics.mechanics.contact import contact_table
 from ballbot_ros.physics.mechanics.equations import angle_trig, System
 from ballbot_ros.physics.model.state import COORDINATES, PENDULUM_ANGLE, PENDULUM_RATE, SIZE
 
-MOTION = 8
 OPTIONS = {'error_model': 'numpy', '_nrt': False}
 NUMBERS = types.CPointer(types.float64)
 # Time, motion, output, work array.

@@ -5,6 +5,7 @@ Write the results of compiled.py to docs/speed_and_accuracy.md and README.md.
     .venv/bin/python bench/compiled_tables.py      # again, from docs/bench.json
 """
 import json
+from statistics import median
 import textwrap
 
 import documents
@@ -33,12 +34,6 @@ def ratios(found):
     return table
 
 
-def middle(values):
-    """Return the median."""
-    values = sorted(values)
-    return 0.5 * (values[(len(values) - 1) // 2] + values[len(values) // 2])
-
-
 def short(value):
     """Return a ratio with two digits."""
     return f'{value:.0f}' if value >= 10.0 else f'{value:.1f}' if value >= 1.0 else f'{value:.2f}'
@@ -55,8 +50,8 @@ def target_rows(found):
         values = list(table.values())
         yield (f'{MEDIAN:g} x the best compiled peer at {LEVELS[level]}, median of '
                f'{len(values)} scenes',
-               f'{short(middle(values))} x ({short(min(values))} to {short(max(values))})',
-               verdict(middle(values) >= MEDIAN))
+               f'{short(median(values))} x ({short(min(values))} to {short(max(values))})',
+               verdict(median(values) >= MEDIAN))
         others = {scene: value for scene, value in table.items() if scene not in EACH_OF}
         below, least = sum(value < EACH for value in others.values()), min(others, key=others.get)
         yield (f'{EACH:g} x in each scene at {LEVELS[level]}',
@@ -95,13 +90,13 @@ def solver_rows(found):
             over = [table[name][0] / table[OURS][0] for table in tables
                     if name in table and OURS in table]
             best = sum((best_peer(table) or [None])[0] == name for table in tables)
-            line.append(f'{short(middle(over))} ({short(min(over))} to {short(max(over))})'
+            line.append(f'{short(median(over))} ({short(min(over))} to {short(max(over))})'
                         if over else 'none')
             line.append(f'{len(over)} of {len(tables)}')
             line.append('' if name == OURS else best)
         each = [1e9 * table[name][0] / table[name][2] for table in found.values()
                 if name in table and table[name][2] > 0]
-        yield [*line, f'{middle(each):.0f}' if each else '']
+        yield [*line, f'{median(each):.0f}' if each else '']
 
 
 def bound_rows(found, cost):
@@ -125,7 +120,7 @@ def bound_rows(found, cost):
 def headline(found):
     """Return the headline of the README."""
     table = ratios(found)
-    parts = [f'{short(middle(values.values()))} times as long at {LEVELS[level]} (least '
+    parts = [f'{short(median(values.values()))} times as long at {LEVELS[level]} (least '
              f'{short(min(values.values()))} in `{min(values, key=values.get)}`, most '
              f'{short(max(values.values()))} in `{max(values, key=values.get)}`)'
              for level, values in table.items()]

@@ -106,7 +106,7 @@ class Rig:
             time.sleep(random.uniform(0.1, 0.15))
             begin = time.monotonic()
             begin = fault.act(self) or begin
-            return self.zero_at() - begin
+            return zero(self.emulator) - begin
         finally:
             self.ending = True
             feeder.join()
@@ -159,16 +159,6 @@ class Rig:
                 raise TimeoutError(
                     f'not reached: {description}: {cause.text if cause else ""}')
             time.sleep(0.005)
-
-    def zero_at(self):
-        """Wait until the torque stays at zero, and return the start of that time."""
-        end = time.monotonic() + LONGEST
-        while time.monotonic() < end:
-            last = self.emulator.log[-1]
-            if last.torque == 0.0 and time.monotonic() - last.time > QUIET:
-                return last.time
-            time.sleep(0.005)
-        raise TimeoutError(f'torque {LONGEST:g} s after the fault')
 
     # Faults
 
@@ -302,14 +292,14 @@ def measure_nodes(book, control, repeats, only):
                         engage.call_async(Trigger.Request())
                     else:
                         bench.nodes.signal('bridge', signal.SIGSTOP)
-                    book.add(control, before, zero(bench) - begin, repeats)
+                    book.add(control, before, zero(bench.emulator, bench.spin) - begin, repeats)
                     bench.nodes.signal('bridge', signal.SIGCONT)
                     bench.spin(0.1)
                     bench.release()
                 pull(bench)
                 begin = time.monotonic()
                 bench.nodes.signal('bridge', number)
-                book.add(control, name, zero(bench) - begin, repeats)
+                book.add(control, name, zero(bench.emulator, bench.spin) - begin, repeats)
 
 
 def pull(bench):
@@ -322,12 +312,12 @@ def pull(bench):
     bench.spin(random.uniform(0.1, 0.15))
 
 
-def zero(bench):
-    """Return the time since which the motor of a node makes no torque [s]."""
+def zero(emulator, pause=time.sleep):
+    """Wait until the torque stays at zero, with pauses, and return the start of that time [s]."""
     end = time.monotonic() + LONGEST
     while time.monotonic() < end:
-        bench.spin(0.01)
-        last = bench.emulator.log[-1]
+        pause(0.005)
+        last = emulator.log[-1]
         if last.torque == 0.0 and time.monotonic() - last.time > QUIET:
             return last.time
     raise TimeoutError(f'torque {LONGEST:g} s after the fault')

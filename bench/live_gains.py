@@ -6,16 +6,14 @@ import time
 
 import numpy as np
 from rcl_interfaces.srv import SetParameters
-import rclpy
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rclpy.signals import SignalHandlerOptions
+from round_trip import joined
 from sensor_msgs.msg import JointState
 
 from ballbot_ros.demo.processes import NodeProcesses, own_domain
 from ballbot_ros.ros import qos
 from ballbot_ros.ros.conversions import to_seconds
-from ballbot_ros.ros.rclpy_compat import new_executor
 
 START_TIMEOUT = 120.0  # timeout of the start of the loop, and of a change [s]
 WINDOW = 6.0  # wall time without a change [s]
@@ -58,39 +56,32 @@ def figures(commands):
 def watch():
     """Return the figures without a change, during changes, and how long each took [s]."""
     domain = own_domain()
-    rclpy.init(domain_id=domain, signal_handler_options=SignalHandlerOptions.NO)
-    node, executor = Bench(), new_executor()
-    executor.add_node(node)
 
     def spin_until(condition, timeout):
         deadline = time.perf_counter() + timeout
         while not condition() and time.perf_counter() < deadline:
             executor.spin_once(timeout_sec=0.05)
 
-    try:
-        with tempfile.TemporaryDirectory() as folder, NodeProcesses(Path(folder), domain) as nodes:
-            nodes.start('simulator', {'scene': 'flat'})
-            nodes.start('controller')
-            spin_until(lambda: len(node.commands) > 1000 and node.client.service_is_ready(),
-                       START_TIMEOUT)
-            node.commands.clear()
-            spin_until(lambda: False, WINDOW)
-            quiet = figures(node.commands)
-            node.commands.clear()
-            took = []
-            for gain in GAINS:
-                start, answer = time.perf_counter(), node.change(gain)
-                spin_until(answer.done, START_TIMEOUT)
-                took.append(time.perf_counter() - start)
-                refused = [one.reason for one in answer.result().results if not one.successful]
-                if refused:
-                    raise RuntimeError(refused[0])
-                spin_until(lambda: False, 0.5)  # while they take over
-            return quiet, figures(node.commands), took
-    finally:
-        executor.remove_node(node)
-        node.destroy_node()
-        rclpy.try_shutdown()
+    with joined(domain, Bench) as (executor, node), tempfile.TemporaryDirectory() as folder, \
+            NodeProcesses(Path(folder), domain) as nodes:
+        nodes.start('simulator', {'scene': 'flat'})
+        nodes.start('controller')
+        spin_until(lambda: len(node.commands) > 1000 and node.client.service_is_ready(),
+                   START_TIMEOUT)
+        node.commands.clear()
+        spin_until(lambda: False, WINDOW)
+        quiet = figures(node.commands)
+        node.commands.clear()
+        took = []
+        for gain in GAINS:
+            start, answer = time.perf_counter(), node.change(gain)
+            spin_until(answer.done, START_TIMEOUT)
+            took.append(time.perf_counter() - start)
+            refused = [one.reason for one in answer.result().results if not one.successful]
+            if refused:
+                raise RuntimeError(refused[0])
+            spin_until(lambda: False, 0.5)  # while they take over
+        return quiet, figures(node.commands), took
 
 
 def measure():

@@ -9,16 +9,13 @@ import tempfile
 import time
 
 import numpy as np
-import rclpy
 from rclpy.node import Node
-from rclpy.signals import SignalHandlerOptions
 import round_trip
 
 from ballbot_ros.bags.writer import stamp_of
 from ballbot_ros.demo.processes import environment, NodeProcesses, own_domain, parameter_arguments
 from ballbot_ros.ros import qos
 from ballbot_ros.ros.endpoints import create_subscription
-from ballbot_ros.ros.rclpy_compat import new_executor
 
 SETTLE = 2.0  # wall time before the measurement, for discovery and caches [s]
 WINDOW = 6.0  # wall time of the measurement [s]
@@ -64,30 +61,23 @@ def watch(lockstep, together=False):
         arrivals.append(time.perf_counter())
         stamps.append(1e-9 * stamp_of(data))
 
-    rclpy.init(domain_id=domain, signal_handler_options=SignalHandlerOptions.NO)
-    node, executor = Node('bench'), new_executor()
-    executor.add_node(node)
-    try:
-        with tempfile.TemporaryDirectory() as folder, \
-                running(Path(folder), domain, {
-                    'lockstep': lockstep, 'real_time_factor': 0.0 if lockstep else 1.0},
-                    together) as process:
-            create_subscription(node, 'joint_commands', note, profile=qos.STATE, raw=True)
-            deadline = time.perf_counter() + 60.0
-            while not arrivals and time.perf_counter() < deadline:
-                executor.spin_once(timeout_sec=0.1)
-            round_trip.spin(executor, SETTLE)
-            arrivals.clear()
-            stamps.clear()
-            before = processor_time(process)
-            begin = time.perf_counter()
-            round_trip.spin(executor, WINDOW)
-            spent = time.perf_counter() - begin
-            used = (processor_time(process) - before) / spent
-    finally:
-        executor.remove_node(node)
-        node.destroy_node()
-        rclpy.try_shutdown()
+    with round_trip.joined(domain, lambda: Node('bench')) as (executor, node), \
+            tempfile.TemporaryDirectory() as folder, \
+            running(Path(folder), domain, {
+                'lockstep': lockstep, 'real_time_factor': 0.0 if lockstep else 1.0},
+                together) as process:
+        create_subscription(node, 'joint_commands', note, profile=qos.STATE, raw=True)
+        deadline = time.perf_counter() + 60.0
+        while not arrivals and time.perf_counter() < deadline:
+            executor.spin_once(timeout_sec=0.1)
+        round_trip.spin(executor, SETTLE)
+        arrivals.clear()
+        stamps.clear()
+        before = processor_time(process)
+        begin = time.perf_counter()
+        round_trip.spin(executor, WINDOW)
+        spent = time.perf_counter() - begin
+        used = (processor_time(process) - before) / spent
     return arrivals, stamps, used
 
 

@@ -5,6 +5,7 @@ Time the round trip of a joint state and a joint command through rclpy alone.
 This is the lower bound of lockstep.  The messages are Python objects, or serialized bytes that are
 not parsed; between two processes, and within one.
 """
+from contextlib import contextmanager
 import subprocess
 import sys
 import time
@@ -52,35 +53,43 @@ def commander(raw):
                      lambda: JointState(name=['pendulum'], effort=[0.5]), raw)
 
 
+@contextmanager
+def joined(domain, *makers):
+    """Yield an executor and the nodes that some functions make, on a ROS domain."""
+    rclpy.init(domain_id=domain, signal_handler_options=SignalHandlerOptions.NO)
+    nodes, executor = [make() for make in makers], new_executor()
+    for node in nodes:
+        executor.add_node(node)
+    try:
+        yield executor, *nodes
+    finally:
+        for node in nodes:
+            executor.remove_node(node)
+            node.destroy_node()
+        rclpy.try_shutdown()
+
+
 def times_real_time(apart, raw):
     """Return the number of round trips in 2 ms, between two processes or within one."""
-    domain = own_domain()
-    rclpy.init(domain_id=domain, signal_handler_options=SignalHandlerOptions.NO)
-    node = answering('robot', 'joint_commands', 'joint_states', state_message, raw)
-    nodes, other = [node], None
-    if apart:
-        other = subprocess.Popen([sys.executable, __file__, str(domain), str(int(raw))])
-    else:
-        nodes.append(commander(raw))
-    executor = new_executor()
-    for one in nodes:
-        executor.add_node(one)
-    try:
-        while not node.count:
-            node.send()
-            executor.spin_once(timeout_sec=0.2)
-        spin(executor, 0.5)
-        before, begin = node.count, time.perf_counter()
-        spin(executor, WINDOW)
-        return (node.count - before) / (time.perf_counter() - begin) / 500.0
-    finally:
-        if other is not None:
-            other.kill()
-            other.wait()
-        for one in nodes:
-            executor.remove_node(one)
-            one.destroy_node()
-        rclpy.try_shutdown()
+    domain, makers, other = own_domain(), [lambda: answering(
+        'robot', 'joint_commands', 'joint_states', state_message, raw)], None
+    if not apart:
+        makers.append(lambda: commander(raw))
+    with joined(domain, *makers) as (executor, node, *_):
+        try:
+            if apart:
+                other = subprocess.Popen([sys.executable, __file__, str(domain), str(int(raw))])
+            while not node.count:
+                node.send()
+                executor.spin_once(timeout_sec=0.2)
+            spin(executor, 0.5)
+            before, begin = node.count, time.perf_counter()
+            spin(executor, WINDOW)
+            return (node.count - before) / (time.perf_counter() - begin) / 500.0
+        finally:
+            if other is not None:
+                other.kill()
+                other.wait()
 
 
 def spin(executor, duration):
@@ -101,11 +110,9 @@ def measure():
 
 def main():
     """Be the other process, until killed."""
-    rclpy.init(domain_id=int(sys.argv[1]), signal_handler_options=SignalHandlerOptions.NO)
-    executor = new_executor()
-    executor.add_node(commander(sys.argv[2] == '1'))
-    while True:
-        executor.spin_once(timeout_sec=1.0)
+    with joined(int(sys.argv[1]), lambda: commander(sys.argv[2] == '1')) as (executor, _):
+        while True:
+            executor.spin_once(timeout_sec=1.0)
 
 
 if __name__ == '__main__':
