@@ -17,6 +17,14 @@ BELOW = 0.02
 ENDLESS = 1e4  # [m]: length of the infinite end segments of a terrain
 
 
+def endless(terrain: Terrain) -> Array:
+    """Return the vertices of a terrain with both ends `ENDLESS` farther out, (n + 2, 2) [m]."""
+    ends = np.array([[-ENDLESS], [ENDLESS]]) + terrain.vertices[[0, -1], 0][:, None]
+    return np.vstack([
+        np.column_stack([ends[:1], terrain.height(ends[0])]), terrain.vertices,
+        np.column_stack([ends[1:], terrain.height(ends[1])])])
+
+
 @dataclass(frozen=True)
 class TerrainSight:
     """One observation, in the level frame at the centre of the ball [m]."""
@@ -51,10 +59,7 @@ class TerrainSensor:
             raise ConfigurationError(
                 'a terrain sensor needs reach and spacing above 0 m and behind of at least 0 m, '
                 f'got {reach!r}, {spacing!r} and {behind!r}', 'out_of_range', 'reach')
-        ends = np.array([[-ENDLESS], [ENDLESS]]) + terrain.vertices[[0, -1], 0][:, None]
-        ground = np.vstack([
-            np.column_stack([ends[:1], terrain.height(ends[0])]), terrain.vertices,
-            np.column_stack([ends[1:], terrain.height(ends[1])])])
+        ground = endless(terrain)
         self._x, self._y = np.ascontiguousarray(ground.T)
         self._course = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(ground, axis=0).T))])
         self._faces = np.array([face[0] for face in faces(terrain)])

@@ -10,6 +10,7 @@ import numpy as np
 from ballbot_ros.decision.values import StepObservation, TerrainObservation
 from ballbot_ros.physics.model.terrain import Array, Terrain
 from ballbot_ros.plant import Sensor, SensorFaults, TerrainSensor
+from ballbot_ros.plant.terrain_sensor import endless
 
 Observation = Union[StepObservation, TerrainObservation]
 Random = np.random.Generator
@@ -21,7 +22,6 @@ RESOLUTION = 0.0005           # smallest standard deviation that a camera report
 NOISE_RANGE = 1.5             # distance at which the noise of a camera has doubled [m]
 TERRAIN_OUTLIER = 0.3         # largest error of an outlier of a terrain sensor or camera [m]
 STEP_OUTLIER = 0.15           # largest height of a phantom step [m]
-ENDLESS = 1e4                 # the first and last segment of a terrain continue to here [m]
 
 
 @dataclass(frozen=True)
@@ -142,10 +142,7 @@ class Camera:
     """
 
     def __init__(self, terrain: Terrain, model: SensorModel, seed: int):
-        ends = np.array([[-ENDLESS], [ENDLESS]]) + terrain.vertices[[0, -1], 0][:, None]
-        self._vertices = np.vstack([
-            np.column_stack([ends[:1], terrain.height(ends[0])]), terrain.vertices,
-            np.column_stack([ends[1:], terrain.height(ends[1])])])
+        self._vertices = endless(terrain)
         self._model, self._seed = model, seed
         angles = np.linspace(-model.lowest_ray, HIGHEST_RAY, model.rays)
         self._rays = np.column_stack([np.cos(angles), np.sin(angles)])
