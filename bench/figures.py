@@ -12,6 +12,7 @@ from pathlib import Path
 from statistics import median
 
 from curves import honest
+import documents
 import matplotlib.pyplot as plt
 
 DOCS = Path(__file__).resolve().parents[1] / 'docs'
@@ -58,24 +59,24 @@ def spread(values):
 
 def ratio_table(ratios):
     """Return the ratio of each solver's time to ours, as a table for the document."""
-    lines = ['| solver | 0.1 mm, critical | 0.1 mm, scenes | 1 um, critical | 1 um, scenes |',
-             '|---|---|---|---|---|']
+    rows = []
     cells = {(item['solver'], item['error']): item['scenes'] for item in ratios}
     for solver in dict.fromkeys(item['solver'] for item in ratios):
-        line = f'| {solver} '
+        line = [solver]
         for level in (1e-4, 1e-6):
             scenes = {name: values for name, values in cells.get((solver, level), {}).items()
                       if not math.isnan(values[0])}
             critical, many = scenes.get('near_critical'), 'near_critical' in cells.get(
                 (solver, level), {})
-            line += f'| {spread(critical) if critical else "not reached" if many else ""} '
+            line.append(spread(critical) if critical else 'not reached' if many else '')
             all_of = len(cells.get((solver, level), {}))
             note = '' if len(scenes) == all_of else f'{len(scenes)} of {all_of}: '
             medians = [median(values) for values in scenes.values()]
-            line += f'| {note + spread(medians) if medians else "none"} '
+            line.append(note + spread(medians) if medians else 'none')
         if solver != 'adaptive':
-            lines.append(line + '|')
-    return '\n'.join(lines)
+            rows.append(line)
+    return documents.table(['solver', '0.1 mm, critical', '0.1 mm, scenes', '1 um, critical',
+                            '1 um, scenes'], rows)
 
 
 def main():

@@ -121,6 +121,9 @@ def residual(case, curve, level):
     return math.nan
 
 
+# Targets for our own time [us], and for the ratios of others to it.
+OWN = {('near_critical', 1e-6): 100.0, ('near_critical', 1e-4): 20.0,
+       ('roll_60_s', 1e-4): 1000.0}
 TARGETS = {('SciPy LSODA', 1e-6): -50.0, ('SciPy LSODA', 1e-4): -50.0,
            ('CVODE BDF', 1e-6): -10.0, ('CVODE BDF', 1e-4): -10.0}
 
@@ -139,7 +142,7 @@ def measure(write=False):
         for level in LEVELS:
             ours = [time_at(curves['adaptive'], level, item) for item in range(REPEATS)]
             yield f'{case.name}: adaptive, {level:g} m', 'us', [
-                1e6 * value for value in ours], own_target(case.name, level)
+                1e6 * value for value in ours], OWN.get((case.name, level))
             yield f'{case.name}: adaptive, {level:g} m, times real time', 'x', [
                 case.duration / value for value in ours], None
             for name, curve in curves.items():
@@ -153,12 +156,6 @@ def measure(write=False):
     documents.keep(scenes=stored, ratios=[
         {'solver': name, 'error': level, 'scenes': table}
         for (name, level), table in ratios.items()])
-
-
-def own_target(scene, level):
-    """Return the target for our own time [us]."""
-    return {('near_critical', 1e-6): 100.0, ('near_critical', 1e-4): 20.0,
-            ('roll_60_s', 1e-4): 1000.0}.get((scene, level))
 
 
 def ratio_rows(ratios):

@@ -180,8 +180,7 @@ def floor_file(name: str) -> list[Section]:
 
 def curve_file(name: str) -> list[Section]:
     """Return the sections of the file of a height curve, which `ballbot fit-curve` writes."""
-    from ballbot_ros.decision.planning.curve import Band
-    from ballbot_ros.decision.planning.curve import CurveProvenance, HeightCurve
+    from ballbot_ros.decision.planning.curve import Band, CurveProvenance, HeightCurve
     return [Section('', described(HeightCurve, ('made', 'band')), '', {}),
             Section('made', described(CurveProvenance), 'its conditions', {}),
             Section('band', described(Band), 'for robots drawn from the parameter ranges', {})]

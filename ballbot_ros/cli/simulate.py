@@ -191,8 +191,7 @@ def read_scene(arguments: argparse.Namespace) -> Any:
 
     from ballbot_ros.config.fields import check_choice, check_value
     from ballbot_ros.physics.simulation.scene import load_scene
-    from ballbot_ros.physics.simulation.solver import ACCURACY, PRESETS, Solver
-    from ballbot_ros.physics.simulation.solver import METHODS
+    from ballbot_ros.physics.simulation.solver import ACCURACY, METHODS, PRESETS, Solver
     scene = load_scene(arguments.scene)
 
     def change(part: Any, *names: str) -> Any:

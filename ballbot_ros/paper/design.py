@@ -124,8 +124,8 @@ def tornado(progress: Progress = ignore) -> Figure:
             axes = figure.add_axes((0.125 + 0.322 * number, 0.175, 0.205, 0.685))
             middle = step_height(case, SPEED)
             axes.set_title(f'{label}: {1e3 * middle:.1f} mm')
-            _draw_bars(axes, [bar for bar in bars[:BARS_MAX] if _effect(bar, middle) > EFFECT_MIN],
-                       middle)
+            _draw_bars(axes, [bar for bar in bars[:BARS_MAX] if max(
+                abs(bar.height_low - middle), abs(bar.height_high - middle)) > EFFECT_MIN], middle)
         axes.legend(handles=[
             Patch(color=canvas.BLUE, label='at the high end of its range'),
             Patch(color=canvas.ORANGE, label='at the low end'),
@@ -141,11 +141,6 @@ def tornado(progress: Progress = ignore) -> Figure:
 def _short(number: float) -> str:
     """Return a number without an exponent."""
     return f'{number:.0f}' if number >= 1e3 else f'{number:.3g}'
-
-
-def _effect(bar: Bar, middle: float) -> float:
-    """Return the larger change of the height [m]."""
-    return max(abs(bar.height_low - middle), abs(bar.height_high - middle))
 
 
 def _draw_bars(axes: Any, bars: Sequence[Bar], middle: float) -> None:
