@@ -18,7 +18,6 @@ SCENES = 1000
 
 
 def measure():
-    """Yield name, unit, values and target of each measurement."""
     ratios, spent = {level: [] for level in LEVELS}, {level: [] for level in LEVELS}
     chaotic = 0
     for seed in range(SCENES):

@@ -13,7 +13,6 @@ REPEATS, PERIODS, RATE = 5, 20_000, 500.0
 
 
 def measure():
-    """Yield name, unit, values and target of each measurement."""
     line = RecordedLine()
     line.session.configure()
     line.run(line.now + 0.2)

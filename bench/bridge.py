@@ -222,7 +222,6 @@ def run(emulated, control, **parameters):
 
 
 def measure():
-    """Yield name, unit, values and target of each measurement."""
     for variant, control, target in (('laws on board', 'onboard', 12.0),
                                      ('commands over topics', 'direct', 20.0)):
         middle, late, used, way = [], [], [], []

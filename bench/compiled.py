@@ -119,7 +119,6 @@ def measured(case, rates):
 
 
 def measure(scenes=None, write=False):
-    """Yield name, unit, values and target of each measurement."""
     found = {}
     for case in cases():
         if scenes is not None and case.name not in scenes:

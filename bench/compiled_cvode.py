@@ -59,7 +59,6 @@ class Cvode:
     """Runs of one case by one method."""
 
     def __init__(self, rates, duration, method=BDF, slopes=False, newton=True):
-        """Allocate the data shared by all tolerances."""
         place, real, whole = ctypes.c_void_p, ctypes.c_double, ctypes.c_int
         index = ctypes.c_int32 if WIDTH == 4 else ctypes.c_int64
         self.context = place()

@@ -33,7 +33,6 @@ class Liblsoda:
     """Runs of one case, without a count of the right-hand sides."""
 
     def __init__(self, rates, duration):
-        """Allocate the data shared by all runs."""
         self.solve = LIBRARY.lsoda_wrapper
         place, real, whole = ctypes.c_void_p, ctypes.c_double, ctypes.c_int
         self.solve.restype = None

@@ -62,7 +62,6 @@ def approach(height, seed):
 
 
 def measure():
-    """Return (name, unit, values, target) of each figure."""
     yield 'an attempt, over a 30 mm step from 1.2 m', 'us', attempts(0.03, 0.6, 0.2), 200.0
     yield 'an attempt, not over a 60 mm step', 'us', attempts(0.06, 0.6, 0.2), 200.0
     runs = [approach(height, seed) for seed, height in enumerate(HEIGHTS, 1)]

@@ -73,7 +73,6 @@ def errors(case, imu, closed=False):
 
 
 def measure():
-    """Yield name, unit, values and target of each measurement."""
     for case in CASES:
         for imu in (True, False):
             for closed in (False, True):

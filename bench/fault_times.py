@@ -26,7 +26,6 @@ LONGEST = 4.0  # after a fault [s]
 
 
 def measure():
-    """Yield name, unit, values and target of each measurement; see `bench/run.py`."""
     logging.disable(logging.WARNING)
     for name, fault in FAULTS.items():
         times = []
@@ -41,7 +40,6 @@ def measure():
 
 
 def main():
-    """Print the table, and write it on request."""
     text = table(('failure mode', *PROTOCOLS), [
         (name.partition(': ')[2], *(f'{time:.0f} ms' for time in times))
         for name, _, times, _ in measure()])

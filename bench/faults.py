@@ -352,13 +352,11 @@ def run(repeats=REPEATS, control=None, only=None, kept=KEPT):
 
 
 def measure():
-    """Yield name, unit, values and target of each measurement; see `bench/run.py`."""
     for name, times in run().times.items():
         yield f'zero after {name}'[:52], 'ms', [1e3 * seconds for seconds in times], None
 
 
 def main():
-    """Measure, print the table, and write it on request."""
     parser = argparse.ArgumentParser(description=__doc__.strip().splitlines()[0])
     parser.add_argument('--repeats', type=int, default=REPEATS)
     parser.add_argument('--control', choices=('onboard', 'direct'))

@@ -80,7 +80,6 @@ def ratio_table(ratios):
 
 
 def main():
-    """Draw, and print."""
     stored = json.loads((DOCS / 'bench.json').read_text())
     scenes = stored['scenes']
     plt.rcParams.update({'font.size': 9, 'axes.spines.top': False, 'axes.spines.right': False,

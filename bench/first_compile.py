@@ -69,7 +69,6 @@ def seconds(program=PROGRAM):
 
 
 def measure():
-    """Yield name, unit, values and target of each measurement."""
     for name, (imports, call) in ENTRIES.items():
         yield (f'first compilation of {name}', 's',
                [seconds(ENTRY.format(imports=imports, call=call))[1]], None)

@@ -73,7 +73,6 @@ def flood(protocol, firmware):
 
 
 def measure():
-    """Yield name, unit, values and target of each measurement."""
     for protocol, firmware in ((protocol, firmware) for protocol in sorted(DRIVES)
                                for firmware in device_class(protocol).firmwares or ('',)):
         name = f'{protocol} {firmware}'.strip()

@@ -22,7 +22,6 @@ class Ours:
     """
 
     def __init__(self, case, flight=True, ledger=False):
-        """Allocate the data shared by all tolerances."""
         model, method = case.model, METHODS['adaptive']
         actuator = case.actuation.actuator(model.robot, 0.0, case.start.joint_angle)
         self.kernel, self.duration = method.advance, case.duration

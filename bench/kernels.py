@@ -94,7 +94,6 @@ def one_second():
 
 
 def measure():
-    """Yield name, unit, values and target of each measurement."""
     yield 'right-hand side, pendulum free', 'ns', [
         1e9 * value for value in right_hand_side(Actuation())], 100.0
     yield 'right-hand side, pendulum held by (11)', 'ns', [

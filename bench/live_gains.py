@@ -25,7 +25,6 @@ class Bench(Node):
     """Holds the pendulum, changes gains, and records each command."""
 
     def __init__(self):
-        """Join the loop."""
         super().__init__('bench')
         self.commands = []  # wall time of arrival, stamp [s], torque [N m]
         self.create_subscription(JointState, 'joint_commands', self._note, qos.STATE)
@@ -85,7 +84,6 @@ def watch():
 
 
 def measure():
-    """Yield name, unit, values and target of each measurement."""
     quiet, busy, took = watch()
     for number, (name, unit, target) in enumerate((
             ('p99 period', 'ms', 4.0), ('states without an answer', '%', None),

@@ -82,7 +82,6 @@ def watch(lockstep, together=False):
 
 
 def measure():
-    """Yield name, unit, values and target of each measurement."""
     middle, late, used, factors, together = [], [], [], [], []
     for _ in range(REPEATS):
         arrivals, stamps, share = watch(lockstep=False)

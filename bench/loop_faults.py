@@ -63,7 +63,6 @@ class Watcher:
 
 
 def measure():
-    """Yield name, unit, values and target of each measurement."""
     hardware = load_hardware('gimball_odrive')
     scene = load_scene('flat')
     limit = hardware.options().torque_limit

@@ -111,7 +111,6 @@ def found_in(case):
 
 
 def measure(scenes=None, write=False):
-    """Yield name, unit, values and target of each measurement."""
     table = {}
     for path in shipped_files('scenes'):
         if scenes is not None and path.stem not in scenes:

@@ -35,7 +35,6 @@ def house(random):
 
 
 def measure():
-    """Return (name, unit, values, target) of each figure."""
     setups, queries, replans = [], [], []
     for seed in range(3):
         random = np.random.default_rng(seed)

@@ -69,7 +69,6 @@ def unplug(bench, times):
 
 
 def main():
-    """Run one of them."""
     parser = argparse.ArgumentParser(description=__doc__.strip().splitlines()[0])
     what = parser.add_mutually_exclusive_group(required=True)
     what.add_argument('--seconds', type=float, help='duration of the drive [s]')

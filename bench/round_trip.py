@@ -100,7 +100,6 @@ def spin(executor, duration):
 
 
 def measure():
-    """Yield name, unit, values and target of each measurement."""
     for apart in (True, False):
         for raw in (False, True):
             yield (f'bare rclpy, {"bytes" if raw else "messages"}, '

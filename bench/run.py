@@ -8,7 +8,8 @@ Run the benchmarks, and print the results beside the targets.
     make bench ARGS='--json out.json'
     make bench ARGS='--only precision --write'   # and docs/bench.json
 
-A missed target is printed as missed and is not a failure.
+Each part is a module whose `measure` yields name, unit, values and target of each measurement; a
+negative target is a lower bound.  A missed target is printed as missed and is not a failure.
 """
 import argparse
 import importlib
@@ -31,7 +32,6 @@ WRITING = (*BY_SCENE, 'precision')
 
 
 def main():
-    """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__.strip().splitlines()[0])
     parser.add_argument('--only', choices=PARTS + EXTRA, help='measure one part only')
     parser.add_argument('--json', type=Path, metavar='FILE', help='write the numbers here, too')
@@ -65,7 +65,7 @@ def main():
 
 
 def row(name, unit, values, target):
-    """Return one line of the table; a negative target is a lower bound."""
+    """Return one line of the table."""
     text = f'{name:52}{median(values):9.2f}{min(values):9.2f}{max(values):9.2f} {unit:3}'
     if target is None:
         return text

@@ -139,7 +139,6 @@ def differences(before, after):
 
 
 def main():
-    """Write the results, or compare them."""
     parser = argparse.ArgumentParser(description=__doc__.strip().splitlines()[0])
     task = parser.add_mutually_exclusive_group(required=True)
     task.add_argument('--write', type=Path, metavar='FILE')

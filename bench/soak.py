@@ -118,7 +118,6 @@ def run(folder, arguments):
 
 
 def main():
-    """Run and print."""
     parser = argparse.ArgumentParser(description=__doc__.strip().splitlines()[0])
     parser.add_argument('--seconds', type=float, default=600.0, help='how long')
     parser.add_argument('--busy', type=int, default=0, help='processes that compute meanwhile')

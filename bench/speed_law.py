@@ -59,7 +59,6 @@ def stop(slope, speed, lean):
 
 
 def main():
-    """Print the limits and both tables."""
     for lean in (0.7, TUNING.largest_lean, math.pi / 2.0):
         print(f'steepest slope for a lean of {lean:.2f} rad: '
               f'{math.degrees(speed_law.steepest_slope(lean, LAW)):.2f} degrees')

@@ -22,7 +22,6 @@ WITHIN, NEVER = 0.99, 3.0
 
 
 def main():
-    """Run and print."""
     parser = argparse.ArgumentParser(description=__doc__.strip().splitlines()[0])
     parser.add_argument('--cases', type=int, default=1000)
     parser.add_argument('--first', type=int, default=0, help='seed of the first one')

@@ -30,7 +30,6 @@ def alone(size=2000):
 
 
 def measure():
-    """Yield name, unit, values and target of each measurement."""
     cores = os.cpu_count() or 1
     times = {size: [] for size in SIZES}
     with TemporaryDirectory() as folder, worker_pool(cores) as (pool, _):

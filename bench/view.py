@@ -58,7 +58,6 @@ def watch(scene):
 
 
 def measure():
-    """Yield name, unit, values and target of each result."""
     runs = [watch('voltage_start') for _ in range(REPEATS)]
     yield 'view: frames that reach a browser', '1/s', [run[0] for run in runs], -29.0
     yield 'view: share of a core, simulation included', '1', [run[1] for run in runs], 0.5

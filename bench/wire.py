@@ -26,7 +26,6 @@ STEP = 0.08 / 64  # commanded torques are multiples of it [N m]
 
 
 def measure():
-    """Yield name, unit, values and target of each measurement."""
     yield from budgets()
     yield from codecs()
     for protocol in PROTOCOLS:

@@ -66,7 +66,6 @@ def differs(old, new):
 
 
 def main():
-    """Write or check all curves."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[1])
     parser.add_argument('--check', action='store_true', help='write nothing, fail if different')
     check = parser.parse_args().check

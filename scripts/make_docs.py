@@ -23,7 +23,6 @@ def build(folder):
 
 
 def main():
-    """Build and return the exit code."""
     folder = path_argument('folder', ROOT / 'build' / 'site').resolve()
     code = build(folder)
     if code == 0:

@@ -122,7 +122,6 @@ def measure(robot: Robot, speed: float, set_angle: Optional[float],
 
 
 def main():
-    """Write the table of GimBall."""
     robot = load_robot('gimball')
     found = []
     for speed in SPEEDS:

@@ -36,7 +36,6 @@ def problems(manifest: str, changelog: str) -> 'list[str]':
 
 
 def main() -> int:
-    """Print the problems; return the exit code."""
     found = problems(*((ROOT / name).read_text(encoding='utf-8')
                        for name in ('package.xml', 'CHANGELOG.rst')))
     print('\n'.join(found) or 'ready for a release')

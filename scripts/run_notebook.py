@@ -61,7 +61,6 @@ def words(outputs):
 
 
 def main():
-    """Run a notebook in place."""
     path = path_argument('notebook')
     notebook = json.loads(path.read_text(encoding='utf-8'))
     for cell, number, outputs in run_cells(notebook['cells']):

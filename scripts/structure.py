@@ -266,7 +266,6 @@ print(json.dumps(sorted(found)), file=out)
 
 
 def main():
-    """Print the figures of each checkout side by side."""
     parser = argparse.ArgumentParser(description=__doc__.strip().splitlines()[0])
     parser.add_argument('checkouts', nargs='*', type=Path, default=[ROOT], metavar='CHECKOUT')
     parser.add_argument('--markdown', action='store_true', help='print a table for a document')

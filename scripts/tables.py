@@ -223,7 +223,6 @@ def rewritten(text, tables):
 
 
 def main():
-    """Rewrite or check the documents."""
     for path, tables in DOCUMENTS.items():
         text = path.read_text(encoding='utf-8')
         new = rewritten(text, tables)

@@ -51,7 +51,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Emulate until interrupted."""
     from ballbot_ros.config.files import find_config
     from ballbot_ros.emulator.ball import settings_for
     from ballbot_ros.emulator.control import answer, Channel, execute

@@ -162,7 +162,6 @@ class _Bar:
         self._bar.start()
 
     def stop(self) -> None:
-        """Remove the bar."""
         if self._bar is not None:
             self._bar.stop()
 

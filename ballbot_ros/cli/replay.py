@@ -51,7 +51,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Replay a bag or a black box."""
     from ballbot_ros.black_box.read import find_black_box
     path = find_black_box(arguments.file)
     bag = path is None and is_bag(arguments.file)

@@ -46,7 +46,6 @@ class Forked:
             os.kill(self.pid, number)
 
     def kill(self) -> None:
-        """End the process immediately."""
         self._process.kill()
 
 

@@ -85,7 +85,6 @@ class NodeProcesses:
         self.stop()
 
     def log(self, name: str) -> Path:
-        """Return the log file of a node."""
         return self._folder / f'{name}.log'
 
     def start(self, name: str, parameters: Optional[Mapping[str, Any]] = None,
@@ -123,7 +122,6 @@ class NodeProcesses:
         return None
 
     def signal(self, name: str, number: int) -> None:
-        """Send a signal to one node."""
         self._running[name].send_signal(number)
 
     def wait(self, name: str, timeout: float = END_TIMEOUT) -> int:

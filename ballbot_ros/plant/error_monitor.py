@@ -21,7 +21,6 @@ class ErrorMonitor:
         self.reset(start)
 
     def reset(self, start: State) -> None:
-        """Start again."""
         self._state = start
         self.error, self.accuracy_lost_at = 0.0, math.inf
 

@@ -123,7 +123,6 @@ class SweepPlan(Checked):
 
     @property
     def size(self) -> int:
-        """Return the number of cases."""
         if self.design != 'grid':
             return self.cases
         return int(np.prod([len(values) for values in self.grid.values()], dtype=object))

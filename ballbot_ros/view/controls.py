@@ -67,7 +67,6 @@ class Controls:
         self.refresh()
 
     def refresh(self) -> None:
-        """Show the state of the source."""
         with self._refreshing:
             self._refresh()
 

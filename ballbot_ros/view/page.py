@@ -37,7 +37,6 @@ class Page:
 
     @property
     def url(self) -> str:
-        """Return the address of the page."""
         host = self._server.get_host()
         shown = {'0.0.0.0': '127.0.0.1', '::': '[::1]'}.get(host, host)
         if ':' in shown and not shown.startswith('['):
@@ -50,7 +49,6 @@ class Page:
         self._thread.start()
 
     def close(self) -> None:
-        """Close page and source."""
         self._ended.set()
         if self._thread.is_alive():
             self._thread.join()

@@ -197,7 +197,6 @@ class Source(ABC):
         self._thread.start()
 
     def close(self) -> None:
-        """End the thread."""
         self._ending.set()
         if self._thread is not None:
             self._thread.join(END_TIMEOUT)

@@ -152,7 +152,6 @@ class ClosedLoop:
 
     @property
     def state(self) -> State:
-        """Return the state."""
         return State(self.time, *self._vector.tolist())
 
     def advance(self, set_angle: float, periods: int) -> None:

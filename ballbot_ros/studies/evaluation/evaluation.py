@@ -53,7 +53,6 @@ class Evaluation:
 
     @property
     def size(self) -> int:
-        """Return the number of runs."""
         return sum(count for _, _, count in self.parts)
 
     @property
@@ -70,7 +69,6 @@ class Evaluation:
         return _nominal(self.required_probability)
 
     def approach(self, group: str, number: int) -> Approach:
-        """Return one of its approaches."""
         nominal = self.nominal()
         if group == 'crossable':
             return crossable_approach(nominal.robot, self.limits, self.seed, number)

@@ -71,7 +71,6 @@ class NavigationEvaluation:
 
     @property
     def size(self) -> int:
-        """Return the number of drives."""
         return sum(count for _, count in self.parts)
 
     @property
@@ -178,7 +177,6 @@ def report(rows: Sequence[Row]) -> Dict[str, Dict[str, Any]]:
 
 
 def page(figures: Dict[str, Dict[str, Any]], command: str) -> str:
-    """Return the report as Markdown."""
     titles = ('planner', 'goals', 'arrived', 'no route, reported', 'right', 'falls',
               f'hits above {HIT:g} m/s', 'crossings', 'median time / plan')
     lines = [f'`{command}`', '', f'| {" | ".join(titles)} |', '|---' * len(titles) + '|']
