@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Tables as text."""
-from typing import Iterable, Sequence
+from typing import Iterable, List, Sequence
 
 
 def table(rows: Iterable[Sequence[str]]) -> str:
@@ -16,3 +16,9 @@ def table(rows: Iterable[Sequence[str]]) -> str:
     widths = [max(map(len, column)) for column in columns]
     return '\n'.join('  '.join(map('{:{}{}}'.format, row, sides, widths)).rstrip()
                      for row in lines)
+
+
+def markdown(titles: Sequence[str], rows: Iterable[Sequence[object]]) -> List[str]:
+    """Return the lines of a table in Markdown."""
+    lines = [f'| {" | ".join(map(str, cells))} |' for cells in (titles, *rows)]
+    return [lines[0], '|' + '---|' * len(titles), *lines[1:]]

@@ -4,6 +4,8 @@ import json
 from pathlib import Path
 import re
 
+from ballbot_ros.table import markdown
+
 ROOT = Path(__file__).resolve().parents[1]
 RESULTS = ROOT / 'docs' / 'bench.json'
 
@@ -29,5 +31,4 @@ def show(document, name, text):
 
 def table(head, rows):
     """Return a table in Markdown."""
-    lines = ['| ' + ' | '.join(map(str, line)) + ' |' for line in (head, *rows)]
-    return '\n'.join([lines[0], '|---' * len(head) + '|', *lines[1:]])
+    return '\n'.join(markdown(head, rows))

@@ -36,6 +36,7 @@ from ballbot_ros.nodes.simulator.settings import SimulatorSettings
 from ballbot_ros.physics.model.terrain import PIECES
 from ballbot_ros.ros.settings import Settings
 from ballbot_ros.ros.topics import TOPICS
+from ballbot_ros.table import markdown
 
 DOCS = Path(__file__).resolve().parent.parent / 'docs'
 KINDS = {str: 'text', bool: 'true or false', object: 'names with values'}
@@ -43,9 +44,8 @@ KINDS = {str: 'text', bool: 'true or false', object: 'names with values'}
 
 def table(cls, prefix='', at_run_time=False):
     """Return the Markdown table of the described fields of a dataclass."""
-    extra = (' can change |', '---|') if at_run_time else ('', '')
-    lines = ['| parameter | default | allowed | meaning |' + extra[0],
-             '|---|---|---|---|' + extra[1]]
+    titles = ['parameter', 'default', 'allowed', 'meaning', *(['can change'] * at_run_time)]
+    rows = []
     for item in fields(cls):
         metadata = item.metadata
         if 'source' in metadata:
@@ -55,29 +55,28 @@ def table(cls, prefix='', at_run_time=False):
         else:
             span = ', '.join(metadata.get('choices', ())) or KINDS[metadata['kind']]
         default = f'`{item.default}`' if item.default not in ('', None, MISSING) else ''
-        line = f'| `{prefix}{item.name}` | {default} | {span} | {metadata["doc"]} |'
+        row = [f'`{prefix}{item.name}`', default, span, metadata['doc']]
         if at_run_time:
             # The numbers of a file change unless they say why not; other fields say that they do.
             why = why_fixed(metadata if issubclass(cls, Settings) else {'fixed': '', **metadata})
-            line += f' no: {why} |' if why else ' yes |'
-        lines.append(line)
-    return '\n'.join(lines)
+            row.append(f'no: {why}' if why else 'yes')
+        rows.append(row)
+    return '\n'.join(markdown(titles, rows))
 
 
 def driver_table(line, size, bauds, unit):
     """Return the table of the drivers on one kind of line."""
-    lines = [f'| protocol | makes the torque by | {size} | '
-             + ' | '.join(f'rate at {baud}' for baud in bauds) + ' |', '|---|---|---|---|---|---|']
+    rows = []
     for name in sorted(name for name in DRIVES if line_of(name) is line):
         found = driver_class(name)
         budget = found(None, found.Options(torque_limit=0.08)).budget()
         rates = (f'{budget.highest_rate(baud):.0f} Hz' if baud in found.baud_rates else ''
                  for baud in bauds)
         way = 'measured current' if found.closes_torque_loop else 'a computed voltage'
-        lines.append(f'| `{name}` | {way} | {budget.bytes_out // unit}, '
-                     f'{budget.bytes_in // unit} | '
-                     f'{" | ".join(rates)} |')
-    return '\n'.join(lines)
+        rows.append([f'`{name}`', way, f'{budget.bytes_out // unit}, {budget.bytes_in // unit}',
+                     *rates])
+    return '\n'.join(markdown(
+        ['protocol', 'makes the torque by', size, *(f'rate at {baud}' for baud in bauds)], rows))
 
 
 def options():
@@ -100,11 +99,10 @@ def faults():
 
 def quirks():
     """Return the Markdown table of the quirks of the emulated drives."""
-    return '\n'.join([
-        '| protocol | quirk | what it does | after |', '|---|---|---|---|',
-        *(f'| `{protocol}` | `{name}` | {quirk.effect} | {quirk.source} |'
-          for protocol in sorted(DRIVES)
-          for name, quirk in sorted(device_class(protocol).quirks.items()))])
+    return '\n'.join(markdown(('protocol', 'quirk', 'what it does', 'after'), (
+        (f'`{protocol}`', f'`{name}`', quirk.effect, quirk.source)
+        for protocol in sorted(DRIVES)
+        for name, quirk in sorted(device_class(protocol).quirks.items()))))
 
 
 def odrive_settings():
@@ -136,8 +134,8 @@ def odrive_settings():
 
 def keys(values):
     """Return the Markdown table of the keys on /diagnostics."""
-    return '\n'.join(['| key | value |', '|---|---|',
-                      *(f'| `{key}` | {meaning} |' for key, meaning in values.items())])
+    return '\n'.join(markdown(('key', 'value'), (
+        (f'`{key}`', meaning) for key, meaning in values.items())))
 
 
 def topics():
@@ -145,13 +143,12 @@ def topics():
     def names(nodes):
         return ', '.join(f'`{name}`' if name != 'all' else name for name in nodes.split(', ')
                          if name)
-    return '\n'.join([
-        '| topic | type | published by | QoS | subscribed to by | QoS | content |',
-        '|---|---|---|---|---|---|---|',
-        *(f'| `{name}` | {topic.type.replace("/msg/", "/")} | {names(topic.publishers)} | '
-          f'{topic.offered if topic.publishers else ""} | {names(topic.subscribers)} | '
-          f'{topic.requested if topic.subscribers else ""} | {topic.meaning} |'
-          for name, topic in TOPICS.items())])
+    titles = 'topic', 'type', 'published by', 'QoS', 'subscribed to by', 'QoS', 'content'
+    return '\n'.join(markdown(titles, (
+        (f'`{name}`', topic.type.replace('/msg/', '/'),
+         names(topic.publishers), topic.offered if topic.publishers else '',
+         names(topic.subscribers), topic.requested if topic.subscribers else '', topic.meaning)
+        for name, topic in TOPICS.items())))
 
 
 def file_tables(sections, but=()):
@@ -163,26 +160,26 @@ def file_tables(sections, but=()):
 
 def key_table(part):
     """Return the table of one section."""
-    lines = ['| key | value | default | meaning | example |', '|---|---|---|---|---|']
+    rows = []
     for name, metadata in part.keys.items():
         default = metadata.get('default', MISSING)
         shown = 'required' if default is MISSING else \
             '' if default in (None, '', ()) else f'`{yaml_of(default)}`'
         value = 'a mapping or a list' if metadata['kind'] is object else span(metadata)
         example = f'`{name}: {yaml_of(part.given[name])}`' if name in part.given else ''
-        lines.append(f'| `{name}` | {value} | {shown} | {metadata["doc"]} | {example} |')
-    return '\n'.join(lines)
+        rows.append((f'`{name}`', value, shown, metadata['doc'], example))
+    return '\n'.join(markdown(('key', 'value', 'default', 'meaning', 'example'), rows))
 
 
 def pieces():
     """Return the table of the pieces of a terrain."""
-    lines = ['| piece | values |', '|---|---|']
+    rows = []
     for name, (_, values, optional) in PIECES.items():
         words = [f'`{key}` ({item.metadata["doc"]}, {span(item.metadata)}'
                  + ('; may be left out)' if key in optional else ')')
                  for key, item in values.items()]
-        lines.append(f'| `{name}` | {"; ".join(words)} |')
-    return '\n'.join(lines)
+        rows.append((f'`{name}`', '; '.join(words)))
+    return '\n'.join(markdown(('piece', 'values'), rows))
 
 
 NODES = {'topics': topics, 'simulator': SimulatorSettings, 'controller': ControllerSettings,

@@ -7,6 +7,7 @@ from ballbot_ros.studies.evaluation.approaches import UNSEEN_ROOM
 from ballbot_ros.studies.evaluation.outcome import OUTCOMES
 from ballbot_ros.studies.evaluation.report import BAD, LISTED
 from ballbot_ros.studies.evaluation.terrains import KINDS
+from ballbot_ros.table import markdown
 
 Report = Dict[str, Any]
 
@@ -44,16 +45,6 @@ robot file. `ballbot_ros/studies/evaluation/outcome.py` defines the outcomes.
 """
 
 
-def row(*cells: object) -> str:
-    """Return a line of a table."""
-    return f'| {" | ".join(str(cell) for cell in cells)} |'
-
-
-def head(*cells: str) -> List[str]:
-    """Return the first two lines of a table."""
-    return [row(*cells), '|' + '---|' * len(cells)]
-
-
 def mark(met: Any) -> str:
     """Return whether a target is met, in a word."""
     return '-' if met is None else 'met' if met else '**missed**'
@@ -61,54 +52,46 @@ def mark(met: Any) -> str:
 
 def table_of_targets(lines: Sequence[Dict[str, Any]]) -> List[str]:
     """Return the figures beside their targets."""
-    return [*head('figure', 'target', 'found', ''),
-            *(row(line['figure'], line['target'], line['found'], mark(line['met']))
-              for line in lines)]
+    return markdown(('figure', 'target', 'found', ''), (
+        (line['figure'], line['target'], line['found'], mark(line['met'])) for line in lines))
 
 
 def table_of_planners(planners: Mapping[str, Any]) -> List[str]:
     """Return the outcomes of each planner per thousand approaches."""
-    lines = head('planner', 'approaches', *(f'{name} per 1,000' for name in (*OUTCOMES[:2], *BAD)),
-                 'crossed of the crossable steps', 'mean ms per decision', 'worst ms')
-    for name, one in planners.items():
-        total = max(one['approaches'], 1)
-        cost = one['cost']
-        lines.append(row(
-            name, one['approaches'],
-            *(f'{1e3 * one["outcomes"].get(outcome, 0) / total:.0f}' for outcome in OUTCOMES[:2]),
-            *(f'{one["per thousand"][outcome]:.1f}' for outcome in BAD),
-            f'{one["crossable"]["outcomes"].get("over", 0)} of {one["crossable"]["approaches"]}',
-            *('-' if cost[key] is None else f'{cost[key]:.2f}' for key in (
-                'mean_ms', 'worst_ms'))))
-    return lines
+    titles = ('planner', 'approaches', *(f'{name} per 1,000' for name in (*OUTCOMES[:2], *BAD)),
+              'crossed of the crossable steps', 'mean ms per decision', 'worst ms')
+    return markdown(titles, ((
+        name, one['approaches'],
+        *(f'{1e3 * one["outcomes"].get(outcome, 0) / max(one["approaches"], 1):.0f}'
+          for outcome in OUTCOMES[:2]),
+        *(f'{one["per thousand"][outcome]:.1f}' for outcome in BAD),
+        f'{one["crossable"]["outcomes"].get("over", 0)} of {one["crossable"]["approaches"]}',
+        *('-' if one['cost'][key] is None else f'{one["cost"][key]:.2f}' for key in (
+            'mean_ms', 'worst_ms'))) for name, one in planners.items()))
 
 
 def table_of_groups(title: str, groups: Mapping[str, Any]) -> List[str]:
     """Return the figures by kind of terrain, sensor or condition."""
     names = [name for name in (*OUTCOMES, 'raised')
              if any(name in one['outcomes'] for one in groups.values())]
-    lines = head(title, 'approaches', *names, 'attempts', 'predicted', 'observed',
-                 'same plan again', 'more than 2 changes', 'crossed of possible')
-    for name, one in groups.items():
-        rates = ('-' if one[key] is None else f'{one[key]:.3f}'
-                 for key in ('predicted', 'observed'))
-        lines.append(row(
-            name, one['approaches'], *(one['outcomes'].get(key, 0) for key in names),
-            one['attempts'], *rates, one['same'], one['changes'],
-            f'{one["crossed"]} of {one["possible"]}' if one['possible'] else '-'))
-    return lines
+    titles = (title, 'approaches', *names, 'attempts', 'predicted', 'observed', 'same plan again',
+              'more than 2 changes', 'crossed of possible')
+    return markdown(titles, ((
+        name, one['approaches'], *(one['outcomes'].get(key, 0) for key in names), one['attempts'],
+        *('-' if one[key] is None else f'{one[key]:.3f}' for key in ('predicted', 'observed')),
+        one['same'], one['changes'],
+        f'{one["crossed"]} of {one["possible"]}' if one['possible'] else '-')
+        for name, one in groups.items()))
 
 
 def table_of_reliability(one: Mapping[str, Any]) -> List[str]:
     """Return predicted and observed success rates."""
-    lines = head('predicted', 'attempts', 'mean prediction', 'observed', '95 % interval')
-    for part in one['reliability']:
-        if part['attempts']:
-            low, high = part['interval']
-            lines.append(row(f'{part["from"]:g} to {min(part["to"], 1.0):g}', part['attempts'],
-                             f'{part["predicted"]:.3f}', f'{part["observed"]:.3f}',
-                             f'{low:.3f} to {high:.3f}'))
-    return lines if len(lines) > 2 else ['No predictions.']
+    rows = [(f'{part["from"]:g} to {min(part["to"], 1.0):g}', part['attempts'],
+             f'{part["predicted"]:.3f}', f'{part["observed"]:.3f}',
+             '{:.3f} to {:.3f}'.format(*part['interval']))
+            for part in one['reliability'] if part['attempts']]
+    return markdown(('predicted', 'attempts', 'mean prediction', 'observed', '95 % interval'),
+                    rows) if rows else ['No predictions.']
 
 
 def failures(one: Mapping[str, Any]) -> List[str]:
@@ -153,9 +136,9 @@ def page(report: Report, command: str) -> str:
             'that are possible.\n']
     if report['limits']:
         parts += ['## Maximum step height of 23 of 24 robots\n',
-                  *head('run-up [m]', 'step [mm]'),
-                  *(row(f'{run_up:g}', f'{1e3 * height:.1f}')
-                    for run_up, height in report['limits']),
+                  *markdown(('run-up [m]', 'step [mm]'), (
+                      (f'{run_up:g}', f'{1e3 * height:.1f}')
+                      for run_up, height in report['limits'])),
                   '', 'All with the same manoeuvre, from rest, touching at 1.15 m/s or less.\n']
     parts += [f'## Failed approaches of `{first}`\n', *(failures(one) or ['None.'])]
     if one['crossable']['missed']:

@@ -26,6 +26,7 @@ from ballbot_ros.studies.navigation.closed_loop import FloorLoop
 from ballbot_ros.studies.navigation.houses import draw_house, House
 from ballbot_ros.studies.parallel_map import checkpointed_rows, source_digest
 from ballbot_ros.studies.progress import ignore, Progress
+from ballbot_ros.table import markdown
 
 PLANNERS = ('run_up', 'wall', 'free')
 BLOCK, FOLDER = 2, 'goals'
@@ -179,11 +180,8 @@ def report(rows: Sequence[Row]) -> Dict[str, Dict[str, Any]]:
 def page(figures: Dict[str, Dict[str, Any]], command: str) -> str:
     titles = ('planner', 'goals', 'arrived', 'no route, reported', 'right', 'falls',
               f'hits above {HIT:g} m/s', 'crossings', 'median time / plan')
-    lines = [f'`{command}`', '', f'| {" | ".join(titles)} |', '|---' * len(titles) + '|']
-    for planner, one in figures.items():
-        ratio = '' if one['time_ratio'] is None else f'{one["time_ratio"]:.2f}'
-        lines.append(f'| {planner} | {one["goals"]} | {one["arrived"]} | {one["impossible"]} | '
-                     f'{100.0 * one["right"] / one["goals"]:.1f} % | {one["falls"]} | '
-                     f'{one["hits"]} | {one["crossings"]} | {ratio} |')
-    lines.append('')
-    return '\n'.join(lines)
+    return '\n'.join([f'`{command}`', '', *markdown(titles, (
+        (planner, one['goals'], one['arrived'], one['impossible'],
+         f'{100.0 * one["right"] / one["goals"]:.1f} %', one['falls'], one['hits'],
+         one['crossings'], '' if one['time_ratio'] is None else f'{one["time_ratio"]:.2f}')
+        for planner, one in figures.items())), ''])
