@@ -17,8 +17,8 @@ class Ours:
     """
     Runs of one case of `precision_scenes`.
 
-    With `flight` the ball flies in closed form, with `ledger` the energy balance is computed, too,
-    as peers do not.
+    With `flight` the ball flies in closed form.  With `ledger` the energy balance is computed,
+    which peers do not do.
     """
 
     def __init__(self, case, flight=True, ledger=False):
