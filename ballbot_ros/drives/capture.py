@@ -15,11 +15,15 @@ so that a fault observed on a real robot becomes a test.
 A capture of `MOST_BYTES` continues in a new file; the previous part is kept with the suffix
 ``.1``, older parts are deleted.
 """
+import logging
 from pathlib import Path
 import time
 from typing import NamedTuple, Optional, Protocol
 
 from ballbot_ros.errors import ConfigurationError
+
+# The loop of the bridge forwards the records of this logger between its periods.
+LOG = logging.getLogger('ballbot_ros.bridge.capture')
 
 HEADER = '# ballbot traffic 1'
 # Longest file of a capture [bytes]: half an hour at 500 Hz with any protocol.
@@ -62,8 +66,8 @@ class Recorder:
     """
     Writes traffic to a file.
 
-    A full disk must not stop a motor bridge: a failure to write ends the recording, and
-    `failure` keeps it for the diagnostics.  The second part of an older capture is deleted.
+    A full disk must not stop a motor bridge: a failure to write ends the recording with a warning,
+    and is kept as `failure`.  The second part of an older capture is deleted.
 
     Raises `ConfigurationError` if the file cannot be created.
     """
@@ -91,7 +95,12 @@ class Recorder:
                 self._file.write(line)
                 self._size += len(line)
             except OSError as error:
-                self.failure = str(error)
+                self._fail(error)
+
+    def _fail(self, error: OSError) -> None:
+        if self.failure is None:
+            self.failure = str(error)
+            LOG.warning('the capture %s ends here, the bridge goes on: %s', self._path, error)
 
     def _open(self) -> None:
         self._file = open(self._path, 'w', encoding='ascii')
@@ -103,4 +112,4 @@ class Recorder:
         try:
             self._file.close()
         except OSError as error:
-            self.failure = self.failure or str(error)
+            self._fail(error)

@@ -304,7 +304,7 @@ def test_a_capture_gives_back_what_came_from_the_drive_and_keeps_what_is_written
     assert replay.written == [b'four']
 
 
-def test_a_full_disk_ends_the_recording_and_not_the_link():
+def test_a_full_disk_ends_the_recording_with_one_warning_and_not_the_link(caplog):
     recorder = Recorder('/dev/full')
     with Link('loop://', 115200, recorder) as link:
         for _ in range(2000):  # more than the buffer of the file
@@ -312,6 +312,7 @@ def test_a_full_disk_ends_the_recording_and_not_the_link():
             link.read()
     assert 'No space' in recorder.failure
     recorder.close()
+    assert [record.levelname for record in caplog.records] == ['WARNING']
 
 
 def test_a_disk_that_is_full_at_the_end_of_a_recording_is_noted():
