@@ -7,14 +7,14 @@ from matplotlib.figure import Figure
 import numpy as np
 
 from ballbot_ros.figures.canvas import (
-    BLUE, drawing, GREEN, GREY, INK, ORANGE, PALE, SOIL, VERMILION)
+    BLUE, drawing, GREEN, GREY, INK, ORANGE, PALE, PURPLE, SKY, SOIL, VERMILION)
 from ballbot_ros.floors.floor import Floor, FREE, Point, UNKNOWN
 from ballbot_ros.navigation import Route
 
 Points = Sequence[Point]
 
 COLOURS = {'step': VERMILION, 'threshold': ORANGE, 'cord': ORANGE, 'drop': INK, 'stairs': INK,
-           'carpet': SOIL, 'keep_out': GREY}
+           'carpet': SOIL, 'level': SKY, 'ramp': SKY, 'friction': PURPLE, 'keep_out': GREY}
 
 
 def route_figure(floor: Floor, route: Optional[Route] = None, radius: float = 0.0) -> Figure:
@@ -61,12 +61,15 @@ def _plan_of(floor: Floor, title: str) -> Iterator[Tuple[Figure, Any]]:
 
 def _draw_feature(axes: Any, feature: Any) -> None:
     colour = COLOURS[feature.kind]
-    points = np.array(feature.line or feature.polygon)
+    points = np.array(feature.polygon or feature.line)
     if feature.polygon:
         axes.fill(*points.T, facecolor=colour, edgecolor=colour,
                   alpha=0.5 if feature.kind != 'stairs' else 0.8, linewidth=1.0)
     else:
         axes.plot(*points.T, color=colour, linewidth=2.5)
+    if feature.kind == 'ramp':
+        axes.annotate('', feature.line[-1], feature.line[0], arrowprops={
+            'arrowstyle': '->', 'color': INK, 'linewidth': 0.8})
     middle = points.mean(axis=0)
     text = feature.label if not feature.name or not feature.height else \
         f'{feature.name}\n{1e3 * feature.height:.0f} mm'

@@ -3,9 +3,11 @@
 import json
 import math
 
+import numpy as np
 from PIL import Image
 
 from ballbot_ros.cli.command import main
+from ballbot_ros.floors.floor import AREAS, LINES
 
 FLAT = ['apartment', '--start', '1.7', '1.4', '--goal', '5.3', '5.8']
 
@@ -20,6 +22,26 @@ def test_a_route_is_printed_drawn_and_given_as_json(capsys, tmp_path):
     # The nearest state of the lattice, whose cells are smaller than 0.12 m.
     assert math.dist(route['segments'][-1]['points'][-1], (5.3, 5.8)) < 0.085
     assert 0.9 <= route['probability'] <= 1.0
+
+
+def test_every_kind_of_feature_is_drawn(capsys, tmp_path):
+    areas = {'carpet': ', height: 0.005', 'level': ', height: 0.01', 'keep_out': '',
+             'ramp': ', height: 0.05, line: [[5.0, 6.5], [6.0, 6.5]]',
+             'friction': ', friction: 0.1', 'stairs': ''}
+    heights = {'step': 0.01, 'threshold': 0.01, 'cord': 0.005, 'drop': 0.2}
+    assert {*areas, *heights} == {*AREAS, *LINES}
+    features = [f'{{kind: {kind}, polygon: [[{x}, 6], [{x}, 7], [{x + 1}, 6]]{more}}}'
+                for x, (kind, more) in zip(range(2, 8), areas.items())]
+    features += [f'{{kind: {kind}, line: [[{x}, 9], [{x}, 8]], height: {height}}}'
+                 for x, (kind, height) in zip(range(2, 6), heights.items())]
+    path = tmp_path / 'floor.yaml'
+    path.write_text('walls: {size: [10, 10], lines: []}\nfeatures:\n'
+                    + ''.join(f'  - {feature}\n' for feature in features))
+    picture = tmp_path / 'route.png'
+    assert main(['plan-route', str(path), '--start', '1.0', '1.0', '--goal', '9.0', '1.0',
+                 '--out', str(picture)]) == 0
+    colours = np.asarray(Image.open(picture).convert('RGB')).reshape(-1, 3)
+    assert len(np.unique(colours[::7] // 32, axis=0)) > 8
 
 
 def test_attempts_are_those_of_crossings(capsys):
