@@ -151,9 +151,9 @@ features:
   # - {kind: drop, line: [[5.0, 2.4], [5.0, 0.0]], height: 0.2}    # lower on the right of its line
   # Areas, by their corners.
   # - {kind: carpet, polygon: [[1.0, 3.5], [2.0, 3.5], [2.0, 4.5], [1.0, 4.5]], height: 0.008}
-  # - {kind: level, polygon: [[4.0, 3.0], [5.5, 3.0], [5.5, 4.5], [4.0, 4.5]], height: 0.1}
-  # - {kind: ramp, polygon: [[3.0, 3.0], [4.0, 3.0], [4.0, 4.5], [3.0, 4.5]], height: 0.1,
-  #    line: [[3.0, 3.7], [4.0, 3.7]]}       # from the foot to the top
+  # - {kind: level, polygon: [[4.8, 3.4], [6.0, 3.4], [6.0, 5.0], [4.8, 5.0]], height: 0.08}
+  # - {kind: ramp, polygon: [[3.6, 3.4], [4.8, 3.4], [4.8, 5.0], [3.6, 5.0]], height: 0.08,
+  #    line: [[3.6, 4.2], [4.8, 4.2]]}       # from the foot to the top
   # - {kind: friction, polygon: [[0.5, 1.0], [1.5, 1.0], [1.5, 2.0], [0.5, 2.0]], friction: 0.1}
   # - {kind: keep_out, polygon: [[4.5, 0.5], [5.5, 0.5], [5.5, 1.5], [4.5, 1.5]]}
   # - {kind: stairs, polygon: [[4.5, 0.5], [5.5, 0.5], [5.5, 1.5], [4.5, 1.5]]}    # down

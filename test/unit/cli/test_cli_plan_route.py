@@ -44,6 +44,19 @@ def test_every_kind_of_feature_is_drawn(capsys, tmp_path):
     assert len(np.unique(colours[::7] // 32, axis=0)) > 8
 
 
+def test_the_ramp_of_the_template_leads_to_the_level_of_the_template(capsys, tmp_path):
+    path = tmp_path / 'my_floor.yaml'
+    assert main(['new', 'floor', str(path)]) == 0
+    text = path.read_text()
+    for kind in ('level', 'ramp'):
+        text = text.replace(f'# - {{kind: {kind}', f'- {{kind: {kind}')
+    path.write_text(text.replace('#    line:', '   line:'))
+    words = ['plan-route', str(path), '--start', '1', '1', '--goal', '5.4', '4.2', '--json']
+    capsys.readouterr()
+    assert main(words) == 0
+    assert len(json.loads(capsys.readouterr().out)['segments']) == 3  # free, upper room, free
+
+
 def test_attempts_are_those_of_crossings(capsys):
     for goal, attempts in ((('3.0', '1.4'), 0), (('1.8', '5.5'), 2)):
         assert main(['plan-route', *FLAT[:5], *goal]) == 0
