@@ -23,7 +23,7 @@ from ballbot_ros.decision.planning.ahead import SIGMAS
 from ballbot_ros.decision.planning.braking import Braking
 from ballbot_ros.errors import RefusedError
 from ballbot_ros.floors.floor import (
-    AREAS, distance_to_segment, Feature, Floor, FREE, inside, LINES, Point, UNKNOWN)
+    AREAS, distance_to_segment, Feature, Floor, FREE, Heights, inside, LINES, Point, UNKNOWN)
 from ballbot_ros.floors.profile import area_height, crossings, passed
 from ballbot_ros.navigation.capability import (
     Capability, CrossingPlan, ROOM_MAX, RUN_UPS)
@@ -63,6 +63,8 @@ BARRED = ('drop', 'ramp', *CLOSED)
 FACED = tuple(kind for kind in (*LINES, *AREAS) if kind != 'friction')
 # The edge of a ramp is examined in parts of this length, this far on both sides [m].
 EDGE_LENGTH, EDGE_OFFSET = 0.05, 0.01
+# Length over which uneven ground is averaged [m].
+SLOPE_LENGTH = 0.1
 # A longer run-up must raise the probability by this to be a separate choice.
 PROBABILITY_GAIN_MIN = 0.005
 # Longest time of a route over that of the fastest: the factor on the heuristic.
@@ -162,7 +164,8 @@ class RoutePlanner:
     """
     Plans routes on one floor for one robot.
 
-    Ramps on which the ball can stand are free floor, except at edges with a face.
+    Ramps on which the ball can stand are free floor, except at edges with a face.  Ground whose
+    heights are steeper is closed as walls are.
 
     Parameters
     ----------
@@ -353,7 +356,10 @@ class RoutePlanner:
         rows, columns = (max(1, round(length / size)) for length in (top - bottom, right - left))
         self._x = left + (np.arange(columns)[None, :] + 0.5) * size
         self._y = bottom + (np.arange(rows)[:, None] + 0.5) * size
-        clear: NDArray[np.float64] = ndimage.distance_transform_edt(np.pad(floor.cells == FREE, 1))
+        free = floor.cells == FREE
+        if floor.heights is not None:
+            free &= self._inclination(floor.heights) <= self._steepest
+        clear: NDArray[np.float64] = ndimage.distance_transform_edt(np.pad(free, 1))
         # The edge of an occupied cell is half a cell before its centre.
         clear = (clear[1:-1, 1:-1] - 0.5) * floor.resolution
         at = (np.clip(((self._y - bottom) / floor.resolution).astype(int), 0, clear.shape[0] - 1),
@@ -361,6 +367,18 @@ class RoutePlanner:
         self._map_clear = clear[at]
         # No motion leaves the grid.
         self._map_clear[[0, -1]] = self._map_clear[:, [0, -1]] = 0.0
+
+    def _inclination(self, heights: Heights) -> NDArray[np.float64]:
+        """Return the mean slope of the ground around each cell of the floor [rad]."""
+        rows, columns = self.floor.cells.shape
+        left, _, bottom, _ = self.floor.extent
+        x = left + (np.arange(columns)[None, :] + 0.5) * self.floor.resolution
+        y = bottom + (np.arange(rows)[:, None] + 0.5) * self.floor.resolution
+        beside = 0.5 * SLOPE_LENGTH
+        found: NDArray[np.float64] = np.arctan(np.hypot(
+            heights.at(x + beside, y) - heights.at(x - beside, y),
+            heights.at(x, y + beside) - heights.at(x, y - beside)) / SLOPE_LENGTH)
+        return found
 
     def _far(self, last: int, slowness: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the time of a point that turns freely from each cell to one [s]."""
@@ -642,8 +660,8 @@ class RoutePlanner:
             raise RefusedError(f'{where} is in unknown space', 'unknown', what)
         if self._map_clear.flat[self._node(point)] < clear:
             raise RefusedError(
-                f'{where} is nearer than {clear:.2f} m to a wall or to '
-                'unknown space; the ball does not fit there', 'wall', what)
+                f'{where} is nearer than {clear:.2f} m to a wall, to unknown space or to ground '
+                'that is too steep; the ball does not fit there', 'wall', what)
 
     def route(self, start: Sequence[float], goal: Sequence[float], explore: bool = False
               ) -> Route:

@@ -13,7 +13,7 @@ from ballbot_ros.crossing.rules import touch_distance
 from ballbot_ros.decision import Knowledge, load_curve, load_decision_tuning
 from ballbot_ros.errors import ConfigurationError, RefusedError
 from ballbot_ros.floors import load_floor
-from ballbot_ros.floors.floor import distance_to_segment, inside
+from ballbot_ros.floors.floor import distance_to_segment, Floor, Heights, inside
 from ballbot_ros.floors.profile import crossed, cut
 from ballbot_ros.navigation import Capability, RoutePlanner, write_masks
 from ballbot_ros.navigation.capability import RUN_UPS
@@ -584,3 +584,17 @@ def test_no_run_up_is_on_a_floor_with_less_friction_than_the_decision_assumes(
     crossing, = (segment for segment in planner.route((0.6, 3.0), (5.0, 3.0)).segments
                  if segment.feature)
     assert (crossing.points[0][1] > 1.0) == direct
+
+
+@pytest.mark.parametrize('height, through', [(0.06, True), (0.3, False)])
+def test_a_route_leads_around_a_hill_on_which_the_ball_cannot_stand(height, through):
+    """The hill is a cosine with a radius of 2 m: its steepest slope is pi/4 height / 1 m."""
+    y, x = np.meshgrid(np.arange(0.0, 6.0, 0.05), np.arange(0.0, 6.0, 0.05), indexing='ij')
+    away = np.hypot(x - 3.0, y - 3.0)
+    hill = np.where(away < 2.0, 0.5 * height * (1.0 + np.cos(0.5 * math.pi * away)), 0.0)
+    floor = Floor('hill', np.zeros((120, 120), np.uint8), 0.05, (0.0, 0.0), (),
+                  heights=Heights(hill, 0.05, (0.0, 0.0)))
+    planner = RoutePlanner(floor, KNOWLEDGE)
+    points = planner.route((0.6, 3.0), (5.4, 3.0)).points
+    nearest = min(math.dist(point, (3.0, 3.0)) for point in points)
+    assert (nearest < 0.3) == through and through == (0.25 * math.pi * height < math.tan(0.0756))
