@@ -55,6 +55,9 @@ def test_commands_that_stop_stop_the_motor_and_are_followed_again(driving, motor
 
 def test_unplugging_ends_in_a_stop_and_service_comes_back(driving, motor):
     run = driving()
+    # The torque rises by `torque_rate_limit`.
+    run.graph.publish_until(lambda: abs(motor.pendulum_torque) > 0.99 * TORQUE,
+                            'the motor makes the whole torque', 'joint_commands', run.command)
     execute(motor, 'unplug')
     run.wait_for_nothing()
     run.wait_until_reported(MotorStatus.STATE_LOST)
