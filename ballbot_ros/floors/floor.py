@@ -172,6 +172,14 @@ class Floor:
         return (self.origin[0] + (column + 0.5) * self.resolution,
                 self.origin[1] + (row + 0.5) * self.resolution)
 
+    @property
+    def centers(self) -> Tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the x of all columns, (1, columns), and the y of all rows, (rows, 1) [m]."""
+        rows, columns = self.cells.shape
+        column, row = (np.arange(count, dtype=np.float64) for count in (columns, rows))
+        return (self.origin[0] + (column[None, :] + 0.5) * self.resolution,
+                self.origin[1] + (row[:, None] + 0.5) * self.resolution)
+
     def contains(self, point: Sequence[float]) -> bool:
         """Return whether a point is on the map."""
         row, column = self.cell_of(point)

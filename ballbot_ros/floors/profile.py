@@ -159,15 +159,21 @@ def crossings(segments: Sequence[Tuple[Point, Point]], place: Point, along: Poin
     return found
 
 
-def crossed(floor: Floor, begin: Point, end: Point, kinds: Sequence[str] = LINES
-            ) -> List[Tuple[Feature, int]]:
-    """Return the lines between two places, nearest first, and 1 for a way to the left, else -1."""
+def crossings_between(segments: Sequence[Tuple[Point, Point]], begin: Point, end: Point
+                      ) -> List[Tuple[float, int, float]]:
+    """Return the crossings of the line from one place to another; see `crossings`."""
     length = math.dist(begin, end)
     if not length:
         return []
     along = ((end[0] - begin[0]) / length, (end[1] - begin[1]) / length)
+    return [found for found in crossings(segments, begin, along) if 0.0 < found[0] <= length]
+
+
+def crossed(floor: Floor, begin: Point, end: Point, kinds: Sequence[str] = LINES
+            ) -> List[Tuple[Feature, int]]:
+    """Return the lines between two places, nearest first, and 1 for a way to the left, else -1."""
     found = [(at, feature, side) for feature in floor.features if feature.kind in kinds
-             for at, side, _ in crossings(feature.segments, begin, along) if 0.0 < at <= length]
+             for at, side, _ in crossings_between(feature.segments, begin, end)]
     return [(feature, side) for _, feature, side in sorted(found, key=lambda one: one[0])]
 
 

@@ -19,6 +19,7 @@ from typing import Dict, List, NamedTuple, Optional, Sequence, Tuple
 import numpy as np
 
 from ballbot_ros.decision import Face, Knowledge, Profile
+from ballbot_ros.decision.learning.particles import SURFACE_FRICTION
 from ballbot_ros.decision.planning.ahead import GROUND_EXTENSION, look_ahead
 from ballbot_ros.decision.planning.rollout.planner import exceeds
 from ballbot_ros.decision.planning.rollout.rollout import OVER, REST, STUCK, VERDICT
@@ -79,10 +80,17 @@ class Capability:
     knowledge : Knowledge
         Robot, curve, tuning and particles of the obstacle decision.
 
+    Attributes
+    ----------
+    least_friction : float
+        Of the floors in its worlds [1].
+
     """
 
     def __init__(self, knowledge: Knowledge):
-        self._knowledge = replace(knowledge, particles=knowledge.initial_particles)
+        particles = knowledge.initial_particles
+        self._knowledge = replace(knowledge, particles=particles)
+        self.least_friction = float(particles.lows[particles.names.index(SURFACE_FRICTION)])
         self._file = _folder() / f'{_digest(knowledge)}.json'
         self._known: Dict[str, Optional[CrossingPlan]] = {}
         self._read()

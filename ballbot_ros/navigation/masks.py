@@ -40,11 +40,9 @@ def write_masks(planner: RoutePlanner, folder: Path) -> List[Path]:
     """
     from PIL import Image
     floor = planner.floor
-    rows, columns = floor.cells.shape
-    x = floor.origin[0] + (np.arange(columns)[None, :] + 0.5) * floor.resolution
-    y = floor.origin[1] + (np.arange(rows)[:, None] + 0.5) * floor.resolution
+    x, y = floor.centers
     keep_out = floor.cells != FREE
-    percent: NDArray[np.float64] = np.full((rows, columns), 100.0)
+    percent: NDArray[np.float64] = np.full(keep_out.shape, 100.0)
     for edges, feature in zip(planner.boundaries, floor.features):
         distance = np.min([np.full(keep_out.shape, np.inf)] + [
             distance_to_segment(x, y, *edge.line) for edge in edges], axis=0)

@@ -18,13 +18,12 @@ from numpy.typing import NDArray
 
 from ballbot_ros.crossing.rules import touch_distance
 from ballbot_ros.decision import check_decision, Knowledge
-from ballbot_ros.decision.learning.particles import SURFACE_FRICTION
 from ballbot_ros.decision.planning.ahead import SIGMAS
 from ballbot_ros.decision.planning.braking import Braking
 from ballbot_ros.errors import RefusedError
 from ballbot_ros.floors.floor import (
     AREAS, distance_to_segment, Feature, Floor, FREE, Heights, inside, LINES, Point, UNKNOWN)
-from ballbot_ros.floors.profile import area_height, crossings, passed
+from ballbot_ros.floors.profile import area_height, crossings, crossings_between, passed
 from ballbot_ros.navigation.capability import (
     Capability, CrossingPlan, ROOM_MAX, RUN_UPS)
 from ballbot_ros.navigation.lattice import (
@@ -208,10 +207,9 @@ class RoutePlanner:
         self.drop_distance = self.ball_radius + braking.distance(
             knowledge.tuning.cruise_speed, 0.0)
         self._steepest = braking.steepest
-        particles = knowledge.initial_particles
-        self._least_friction = particles.lows[particles.names.index(SURFACE_FRICTION)]
         self._ramps = [feature for feature in floor.features
                        if feature.kind == 'ramp' and not self.is_closed(feature)]
+        self._parts = [list(self._parts_of(feature)) for feature in floor.features]
         self._capability = capability or Capability(knowledge)
         radius = 1.0 / curvature_limit(knowledge.robot, ARC_SPEED)
         self._size = min(CELL_SIZE_MAX, CELL_SHARE * radius)
@@ -245,7 +243,9 @@ class RoutePlanner:
             self._clear[window] = np.minimum(self._clear[window], away)
         self._walls = self._clear < self.ball_radius + CLEARANCE
         self._close = self._clear < self.ball_radius + CLEARANCE_PREFERRED
-        self.boundaries = [list(self._boundaries_of(feature)) for feature in self.features]
+        self.boundaries = [
+            [Boundary(line, self._kept(feature) if keep is None else keep) for line, keep in parts]
+            for parts, feature in zip(self._parts, self.features)]
         # Cells that the centre must not enter, for each feature.
         self._near: List[NDArray[np.bool_]] = []
         for edges, feature in zip(self.boundaries, self.features):
@@ -260,7 +260,7 @@ class RoutePlanner:
         self._unusual = np.logical_or.reduce([np.zeros(self._walls.shape, bool)] + [
             inside(self._x, self._y, feature.polygon) for feature in self.features
             if feature in self._ramps or feature.friction is not None
-            and feature.friction < self._least_friction])
+            and feature.friction < self._capability.least_friction])
         # Cells that no crossing opens.
         self._fixed = np.logical_or.reduce([self._walls] + [
             near for near, feature in zip(self._near, self.features)
@@ -274,40 +274,44 @@ class RoutePlanner:
         return feature.kind in CLOSED or feature.kind == 'ramp' and math.atan2(
             feature.height, math.dist(feature.line[0], feature.line[-1])) > self._steepest
 
-    def _boundaries_of(self, feature: Feature) -> Iterator[Boundary]:
-        """Yield the edges of a feature."""
-        keep = CLEARANCE
+    def _kept(self, feature: Feature) -> float:
+        """Return the distance that the centre keeps from the edges of a feature [m]."""
         if feature.kind in ('drop', 'stairs'):
-            keep = self.drop_distance
-        elif feature.kind == 'friction':
-            keep = 0.0
-        elif feature.kind not in BARRED:
-            keep += max(touch_distance(self.ball_radius, abs(feature.height)),
-                        0.5 * feature.width)
+            return self.drop_distance
+        if feature.kind == 'friction':
+            return 0.0
+        return CLEARANCE if feature.kind in BARRED else CLEARANCE + max(
+            touch_distance(self.ball_radius, abs(feature.height)), 0.5 * feature.width)
+
+    def _parts_of(self, feature: Feature
+                  ) -> Iterator[Tuple[Tuple[Point, Point], Optional[float]]]:
+        """
+        Yield the parts of the edges of a feature that have a face.
+
+        Each has the distance that the centre keeps from it [m], None for that of the feature.
+        """
         for begin, end in feature.segments:
             if not self._ramps or feature.kind not in ('step', 'level', 'ramp') \
                     or self.is_closed(feature):
-                yield Boundary((begin, end), keep)
+                yield (begin, end), None
                 continue
             count = max(1, math.ceil(math.dist(begin, end) / EDGE_LENGTH))
             points = [(float(x), float(y)) for x, y in np.linspace(begin, end, count + 1)]
-            keeps = [self._kept(feature, keep, piece) for piece in zip(points, points[1:])]
-            for kept, numbers in groupby(range(count), key=keeps.__getitem__):
-                if kept:
-                    first, *others = numbers
-                    yield Boundary((points[first], points[first + len(others) + 1]), kept)
+            keeps = [self._kept_beside_ramp(feature, part) for part in zip(points, points[1:])]
+            for keep, numbers in groupby(range(count), key=keeps.__getitem__):
+                first, *others = numbers
+                if keep != 0.0:
+                    yield (points[first], points[first + len(others) + 1]), keep
 
-    def _kept(self, feature: Feature, keep: float, line: Tuple[Point, Point]) -> float:
-        """Return the distance that the centre keeps from a part of an edge, 0 for none [m]."""
+    def _kept_beside_ramp(self, feature: Feature, line: Tuple[Point, Point]) -> Optional[float]:
+        """Return the distance that the centre keeps from a part, 0 without a face [m]."""
         (x0, y0), (x1, y1) = line
         length = math.dist(*line) or 1.0
         right = (y1 - y0) / length, (x0 - x1) / length
-
-        def beside(distance: float) -> Point:
-            return 0.5 * (x0 + x1) + distance * right[0], 0.5 * (y0 + y1) + distance * right[1]
-        one, two = beside(-EDGE_OFFSET), beside(EDGE_OFFSET)
+        one, two = ((0.5 * (x0 + x1) + way * right[0], 0.5 * (y0 + y1) + way * right[1])
+                    for way in (-EDGE_OFFSET, EDGE_OFFSET))
         if not any(inside(*point, ramp.polygon) for ramp in self._ramps for point in (one, two)):
-            return keep
+            return None
         face = abs(area_height(self.floor, two) - area_height(self.floor, one)
                    + passed(self.floor, one, two))
         # The ball does not reach a face along a wall.
@@ -315,7 +319,7 @@ class RoutePlanner:
                 self.floor.nearest_wall(point)[0] < CLEARANCE for point in (one, two)):
             return 0.0
         if feature.kind != 'ramp':
-            return keep
+            return None
         return self.drop_distance if face > self._tuning.highest_descent \
             else CLEARANCE + touch_distance(self.ball_radius, face)
 
@@ -370,11 +374,7 @@ class RoutePlanner:
 
     def _inclination(self, heights: Heights) -> NDArray[np.float64]:
         """Return the mean slope of the ground around each cell of the floor [rad]."""
-        rows, columns = self.floor.cells.shape
-        left, _, bottom, _ = self.floor.extent
-        x = left + (np.arange(columns)[None, :] + 0.5) * self.floor.resolution
-        y = bottom + (np.arange(rows)[:, None] + 0.5) * self.floor.resolution
-        beside = 0.5 * SLOPE_LENGTH
+        (x, y), beside = self.floor.centers, 0.5 * SLOPE_LENGTH
         found: NDArray[np.float64] = np.arctan(np.hypot(
             heights.at(x + beside, y) - heights.at(x - beside, y),
             heights.at(x, y + beside) - heights.at(x, y - beside)) / SLOPE_LENGTH)
@@ -889,9 +889,7 @@ class RoutePlanner:
             (number, sign) for one, two in zip(points, points[1:])
             for number, (edges, feature) in enumerate(zip(self.boundaries, self.features))
             if feature.kind in FACED
-            for at, sign, _ in crossings([edge.line for edge in edges], one, (
-                (two[0] - one[0]) / math.dist(one, two), (two[1] - one[1]) / math.dist(one, two)))
-            if 0.0 < at <= math.dist(one, two))
+            for _, sign, _ in crossings_between([edge.line for edge in edges], one, two))
         return float(far[first] * self._size), list(found)
 
     def _lack(self, number: int, sign: int) -> str:

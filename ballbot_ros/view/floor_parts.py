@@ -125,10 +125,7 @@ def base_level(floor: Floor, place: Point) -> float:
 
 
 def _cells_in(floor: Floor, feature: Feature) -> NDArray[np.bool_]:
-    rows, columns = floor.cells.shape
-    x = floor.origin[0] + (np.arange(columns)[None, :] + 0.5) * floor.resolution
-    y = floor.origin[1] + (np.arange(rows)[:, None] + 0.5) * floor.resolution
-    found: NDArray[np.bool_] = inside(x, y, feature.polygon)
+    found: NDArray[np.bool_] = inside(*floor.centers, feature.polygon)
     return found
 
 
