@@ -109,6 +109,14 @@ class Feature(Checked):
         points = (*self.polygon, self.polygon[0]) if self.polygon else self.line
         return tuple(zip(points, points[1:]))
 
+    @property
+    def rise(self) -> float:
+        """Return the rise of the floor to the left of the segments, 0 of a bar or ramp [m]."""
+        if self.kind in ('carpet', 'level'):
+            area = sum(x0 * y1 - x1 * y0 for (x0, y0), (x1, y1) in self.segments)
+            return math.copysign(self.height, self.height * area)
+        return self.height if self.kind in ('step', 'drop') else 0.0
+
 
 @dataclass(frozen=True, eq=False)
 class Heights:

@@ -44,18 +44,18 @@ def write_masks(planner: RoutePlanner, folder: Path) -> List[Path]:
     keep_out = floor.cells != FREE
     percent: NDArray[np.float64] = np.full(keep_out.shape, 100.0)
     for edges, feature in zip(planner.boundaries, floor.features):
-        distance = np.min([np.full(keep_out.shape, np.inf)] + [
-            distance_to_segment(x, y, *edge.line) for edge in edges], axis=0)
         if planner.is_closed(feature):
             keep_out |= inside(x, y, feature.polygon)
-        elif not feature.polygon:
-            keep_out |= distance < max(floor.resolution, 0.5 * feature.width)
-        if feature.kind in ('drop', 'stairs'):
-            keep_out |= distance < planner.drop_distance
+        if feature.kind in ('friction', 'keep_out'):
+            continue
+        for edge in edges:
+            distance = distance_to_segment(x, y, *edge.line)
+            keep_out |= distance < max(floor.resolution, 0.0 if feature.polygon
+                                       else 0.5 * feature.width)
+            falls = edge.keep(x, y) >= planner.drop_distance
+            keep_out |= falls & (distance < planner.drop_distance)
             beyond = np.clip((distance - planner.drop_distance) / LIMIT_RISE_DISTANCE, 0.1, 1.0)
-            percent = np.minimum(percent, 100.0 * beyond)
-        elif feature.kind in ('carpet', 'level', 'ramp'):
-            keep_out |= distance < floor.resolution
+            percent = np.where(falls, np.minimum(percent, 100.0 * beyond), percent)
     written = []
     # map_server in the mode scale: occupancy from 0 (white) to 100 (black).
     limited = np.where(percent < 100.0, percent, 0.0)

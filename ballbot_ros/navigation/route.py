@@ -11,7 +11,7 @@ turns freely (Dijkstra's algorithm).
 from dataclasses import replace
 from itertools import groupby
 import math
-from typing import Dict, Iterator, List, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, Dict, Iterator, List, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -150,13 +150,23 @@ class Boundary(NamedTuple):
     ----------
     line : ((float, float), (float, float))
         [m]
-    keep : float
-        Distance that the centre keeps from it [m].
+    left, right : float
+        Distances that the centre keeps from it on its sides [m].
 
     """
 
     line: Tuple[Point, Point]
-    keep: float
+    left: float
+    right: float
+
+    def is_left(self, x: Any, y: Any) -> Any:
+        """Return whether places [m] are on the left of its line; arrays broadcast."""
+        (x0, y0), (x1, y1) = self.line
+        return (x1 - x0) * (y - y0) >= (y1 - y0) * (x - x0)
+
+    def keep(self, x: Any, y: Any) -> Any:
+        """Return the distance that the centre keeps from it at places [m]; arrays broadcast."""
+        return np.where(self.is_left(x, y), self.left, self.right)
 
 
 class RoutePlanner:
@@ -244,15 +254,15 @@ class RoutePlanner:
         self._walls = self._clear < self.ball_radius + CLEARANCE
         self._close = self._clear < self.ball_radius + CLEARANCE_PREFERRED
         self.boundaries = [
-            [Boundary(line, self._kept(feature) if keep is None else keep) for line, keep in parts]
+            [Boundary(line, *(keeps or self._kept(feature))) for line, keeps in parts]
             for parts, feature in zip(self._parts, self.features)]
         # Cells that the centre must not enter, for each feature.
         self._near: List[NDArray[np.bool_]] = []
         for edges, feature in zip(self.boundaries, self.features):
             near = np.zeros(self._walls.shape, bool)
-            for line, keep in edges:
-                window, away = self._around(line, keep)
-                near[window] |= away < keep
+            for edge in edges:
+                window, away = self._around(edge.line, max(edge.left, edge.right))
+                near[window] |= away < edge.keep(self._x[:, window[1]], self._y[window[0]])
             if self.is_closed(feature):
                 near |= inside(self._x, self._y, feature.polygon)
             self._near.append(near)
@@ -274,21 +284,33 @@ class RoutePlanner:
         return feature.kind in CLOSED or feature.kind == 'ramp' and math.atan2(
             feature.height, math.dist(feature.line[0], feature.line[-1])) > self._steepest
 
-    def _kept(self, feature: Feature) -> float:
-        """Return the distance that the centre keeps from the edges of a feature [m]."""
+    def _kept(self, feature: Feature, rise: Optional[float] = None) -> Tuple[float, float]:
+        """
+        Return the distances that the centre keeps on the left and the right of an edge [m].
+
+        `rise` is that of the floor towards the left, if it is not the one of the feature [m].
+        """
         if feature.kind in ('drop', 'stairs'):
-            return self.drop_distance
-        if feature.kind == 'friction':
-            return 0.0
-        return CLEARANCE if feature.kind in BARRED else CLEARANCE + max(
-            touch_distance(self.ball_radius, abs(feature.height)), 0.5 * feature.width)
+            return self.drop_distance, self.drop_distance
+        if feature.kind == 'friction' or rise == 0.0:
+            return 0.0, 0.0
+        if self.is_closed(feature):
+            return CLEARANCE, CLEARANCE
+        height = abs(feature.height if rise is None else rise)
+        beside = CLEARANCE + max(touch_distance(self.ball_radius, height), 0.5 * feature.width)
+        if rise is None:
+            rise = feature.rise
+        # The upper side is that of a drop if no crossing leads down.
+        above = self.drop_distance if height > self._tuning.highest_descent else beside
+        return above if rise > 0.0 else beside, above if rise < 0.0 else beside
 
     def _parts_of(self, feature: Feature
-                  ) -> Iterator[Tuple[Tuple[Point, Point], Optional[float]]]:
+                  ) -> Iterator[Tuple[Tuple[Point, Point], Optional[Tuple[float, float]]]]:
         """
         Yield the parts of the edges of a feature that have a face.
 
-        Each has the distance that the centre keeps from it [m], None for that of the feature.
+        Each has the distances that the centre keeps on its sides [m], None for those of the
+        feature.
         """
         for begin, end in feature.segments:
             if not self._ramps or feature.kind not in ('step', 'level', 'ramp') \
@@ -297,31 +319,29 @@ class RoutePlanner:
                 continue
             count = max(1, math.ceil(math.dist(begin, end) / EDGE_LENGTH))
             points = [(float(x), float(y)) for x, y in np.linspace(begin, end, count + 1)]
-            keeps = [self._kept_beside_ramp(feature, part) for part in zip(points, points[1:])]
-            for keep, numbers in groupby(range(count), key=keeps.__getitem__):
+            rises = [self._rise_beside_ramp(feature, part) for part in zip(points, points[1:])]
+            keeps = [None if rise is None else self._kept(feature, rise) for rise in rises]
+            for kept, numbers in groupby(range(count), key=keeps.__getitem__):
                 first, *others = numbers
-                if keep != 0.0:
-                    yield (points[first], points[first + len(others) + 1]), keep
+                if kept != (0.0, 0.0):
+                    yield (points[first], points[first + len(others) + 1]), kept
 
-    def _kept_beside_ramp(self, feature: Feature, line: Tuple[Point, Point]) -> Optional[float]:
-        """Return the distance that the centre keeps from a part, 0 without a face [m]."""
+    def _rise_beside_ramp(self, feature: Feature, line: Tuple[Point, Point]) -> Optional[float]:
+        """Return the rise towards the left of a part, None away from ramps, 0 without a face."""
         (x0, y0), (x1, y1) = line
         length = math.dist(*line) or 1.0
         right = (y1 - y0) / length, (x0 - x1) / length
         one, two = ((0.5 * (x0 + x1) + way * right[0], 0.5 * (y0 + y1) + way * right[1])
-                    for way in (-EDGE_OFFSET, EDGE_OFFSET))
+                    for way in (EDGE_OFFSET, -EDGE_OFFSET))
         if not any(inside(*point, ramp.polygon) for ramp in self._ramps for point in (one, two)):
             return None
-        face = abs(area_height(self.floor, two) - area_height(self.floor, one)
-                   + passed(self.floor, one, two))
+        rise = area_height(self.floor, two) - area_height(self.floor, one) \
+            + passed(self.floor, one, two)
         # The ball does not reach a face along a wall.
-        if face < FACE_HEIGHT_MIN or any(
+        if abs(rise) < FACE_HEIGHT_MIN or any(
                 self.floor.nearest_wall(point)[0] < CLEARANCE for point in (one, two)):
             return 0.0
-        if feature.kind != 'ramp':
-            return None
-        return self.drop_distance if face > self._tuning.highest_descent \
-            else CLEARANCE + touch_distance(self.ball_radius, face)
+        return rise if feature.kind == 'ramp' else None
 
     def _offer(self, explore: bool) -> None:
         """Compute the crossings of all features whose data or surroundings have changed."""
@@ -438,13 +458,14 @@ class RoutePlanner:
                     angle = math.remainder(HEADINGS[heading] - way, 2.0 * math.pi)
                     if abs(angle) <= HEADING_DEVIATION_MAX:
                         found += self._along(
-                            number, line, heading, sign, angle, barriers)
+                            number, edge, heading, sign, angle, barriers)
         return found
 
     def _barriers(self, number: int, edge: Boundary) -> NDArray[np.bool_]:
         """Return the cells at features that end run-up and room of a crossing of an edge."""
         # The other edges of the feature end them as other features do.
-        near, margin = [self._unusual, *self._near], edge.keep + self._size
+        near = [self._unusual, *self._near]
+        margin = max(edge.left, edge.right) + self._size
         window, away = self._around(edge.line, margin)
         near[number + 1] = near[number + 1].copy()
         near[number + 1][window] &= away >= margin
@@ -494,10 +515,10 @@ class RoutePlanner:
                     return True
         return False
 
-    def _along(self, number: int, line: Tuple[Point, Point], heading: int, sign: int,
+    def _along(self, number: int, edge: Boundary, heading: int, sign: int,
                angle: float, barriers: NDArray[np.bool_]) -> List[_Arc]:
-        """Return the crossings of a segment of a feature along a heading."""
-        feature, ((x0, y0), (x1, y1)) = self._assumed[number], line
+        """Return the crossings of an edge of a feature along a heading."""
+        feature, ((x0, y0), (x1, y1)) = self._assumed[number], edge.line
         across, up = VECTORS[heading]
         step_x, step_y = across * self._size, up * self._size
         spacing = math.hypot(step_x, step_y)
@@ -505,7 +526,7 @@ class RoutePlanner:
         # The last cell before the segment on each line of cells: share of a vector to the
         # segment, and share along the segment.
         turn = step_x * (y1 - y0) - step_y * (x1 - x0)
-        (rows, columns), _ = self._around(line, spacing)
+        (rows, columns), _ = self._around(edge.line, spacing)
         x, y = self._x[:, columns], self._y[rows]
         ahead = ((x0 - x) * (y1 - y0) - (y0 - y) * (x1 - x0)) / turn
         along = ((x0 - x) * step_y - (y0 - y) * step_x) / turn
@@ -523,7 +544,8 @@ class RoutePlanner:
             known = self._limits.get((number, sign))
             if known is None or run_up > known.run_up:
                 self._limits[number, sign] = _Limit(max(run_up, 0.0), max(room, 0.0), faces)
-            on = half + min(room, self.ball_radius + CLEARANCE + 0.2)
+            on = max(half + min(room, self.ball_radius + CLEARANCE + 0.2),
+                     (edge.left if sign > 0 else edge.right) / math.cos(angle))
             after = max(1, math.ceil(on / spacing + share))
             stand = row + after * up, column + after * across
             if after - share > room / spacing or not self._inside(*stand):
@@ -574,8 +596,8 @@ class RoutePlanner:
         found = [self.floor.nearest_wall((place[0], place[1]))[0] - self.ball_radius, *(
             math.dist(place[:2], point) - self.ball_radius for point in self.learned.obstacles)]
         for edges, feature in zip(self.boundaries, self.features):
-            gaps = [(float(distance_to_segment(place[0], place[1], *line)), keep)
-                    for line, keep in edges]
+            gaps = [(float(distance_to_segment(place[0], place[1], *edge.line)),
+                     float(edge.keep(place[0], place[1]))) for edge in edges]
             if self.is_closed(feature) and inside(place[0], place[1], feature.polygon):
                 gaps = [(-away, keep) for away, keep in [min(gaps)]]
             found += [away + CLEARANCE - keep for away, keep in gaps]
@@ -780,8 +802,8 @@ class RoutePlanner:
             on = self.ball_radius if feature.kind in ('drop', 'stairs') else 0.0 \
                 if feature.kind in ('friction', *BARRED) else touch_distance(
                     self.ball_radius, abs(feature.height)) - LOCALIZATION_ERROR_MAX
-            away = min((float(distance_to_segment(start[0], start[1], *line))
-                        for line, _ in edges), default=math.inf)
+            away = min((float(distance_to_segment(start[0], start[1], *edge.line))
+                        for edge in edges), default=math.inf)
             if away < on or self.is_closed(feature) \
                     and inside(start[0], start[1], feature.polygon):
                 raise RefusedError(
@@ -812,27 +834,28 @@ class RoutePlanner:
         return np.array(states, np.int64), np.array(costs), slowness
 
     def _opened(self, start: Sequence[float]) -> NDArray[np.float64]:
-        """Return the slowness with a way out of a blocked place, which leads away from edges."""
+        """
+        Return the slowness with a way out of a blocked place.
+
+        It leads away from walls evenly, and from edges as an arc does that begins parallel to one.
+        """
         if not self._blocked.flat[self._node(start)]:
             return self._slowness
         slowness, at = self._slowness.copy(), (float(start[0]), float(start[1]))
         window, away = self._around((at, at), ESCAPE_DISTANCE_MAX)
         x, y, share = self._x[:, window[1]], self._y[window[0]], away / ESCAPE_DISTANCE_MAX
 
-        def leaves(distance: NDArray[np.float64], first: float, keep: float
-                   ) -> NDArray[np.bool_]:
-            return distance >= np.minimum(keep, first + (keep - first) * share)
+        def leaves(distance: Any, first: float, keep: Any, gained: Any) -> Any:
+            return distance >= np.minimum(keep, first + (keep - first) * gained)
         free = leaves(self._clear[window], min(
             self.floor.nearest_wall(at)[0] - 0.5 * self.floor.resolution,
             *(math.dist(at, point) for point in self.learned.obstacles), math.inf),
-            self.ball_radius + CLEARANCE)
+            self.ball_radius + CLEARANCE, share)
         for edges, feature in zip(self.boundaries, self.features):
-            for (begin, end), keep in edges:
-                distance = distance_to_segment(x, y, begin, end)
-                sides = [(u - begin[0]) * (end[1] - begin[1])
-                         > (v - begin[1]) * (end[0] - begin[0]) for u, v in ((x, y), at)]
-                free &= (distance >= keep) | (sides[0] == sides[1]) & leaves(
-                    distance, float(distance_to_segment(*at, begin, end)), keep)
+            for edge in edges:
+                distance, keep = distance_to_segment(x, y, *edge.line), edge.keep(x, y)
+                free &= (distance >= keep) | (edge.is_left(x, y) == edge.is_left(*at)) & leaves(
+                    distance, float(distance_to_segment(*at, *edge.line)), keep, share**2)
             if self.is_closed(feature):
                 free &= ~inside(x, y, feature.polygon)
         free &= share <= 1.0

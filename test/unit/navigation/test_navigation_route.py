@@ -534,6 +534,34 @@ def test_a_route_keeps_the_stopping_distance_from_the_high_sides_of_a_ramp(tmp_p
     assert planner.clearance((5.2, 2.1)) < 0.0 < planner.clearance((5.2, 2.7))
 
 
+HIGH = '{kind: step, line: [[2.0, 4.0], [2.0, 0.0]], height: 0.06}'
+PODIUM = '{kind: level, polygon: [[2, 0], [4, 0], [4, 4], [2, 4]], height: 0.06}'
+PIT = '{kind: level, polygon: [[2, 0], [2, 4], [0, 4], [0, 0]], height: -0.06}'
+
+
+@pytest.mark.parametrize('feature', [HIGH, PODIUM, PIT])
+def test_the_upper_side_of_a_high_step_is_a_drop_and_the_lower_side_is_not(feature, tmp_path):
+    planner = planner_of(tmp_path, [feature])
+    planner.check_place((1.75, 2.0), 'goal')
+    for beside in (2.25, 2.5):
+        with pytest.raises(RefusedError) as caught:
+            planner.check_place((beside, 2.0), 'goal')
+        assert caught.value.reason == 'feature'
+        assert planner.clearance((beside, 2.0)) < 0.0
+    route = planner.route((2.65, 0.7, 0.5 * math.pi), (2.65, 3.3))
+    assert min(x for x, _ in route.points) > 2.0 + planner.drop_distance
+    # A ball that stands nearer to the edge leads away from it.
+    leaving = planner.route((2.4, 0.7, 0.5 * math.pi), (2.65, 3.3))
+    assert np.diff([x for x, _ in leaving.points]).min() > -1e-6
+    # From above it is a drop for Nav2 as well, and none where a crossing leads down.
+    masks = {}
+    for height in ('0.06', '0.04'):
+        write_masks(planner_of(tmp_path, [feature.replace('0.06', height)]), tmp_path)
+        mask = np.asarray(Image.open(tmp_path / 'keepout_mask.pgm'))[::-1]
+        masks[height] = [int(mask[planner.floor.cell_of((x, 2.0))]) for x in (1.6, 2.4, 3.0)]
+    assert masks == {'0.06': [255, 0, 255], '0.04': [255, 255, 255]}
+
+
 def test_a_step_beside_a_ramp_is_crossed_nowhere_on_the_ramp(tmp_path):
     """The step is 30 mm, and half of the door has a ramp; the step needs a run-up."""
     step = '{kind: step, name: door step, line: [[5.5, 3.4], [5.5, 1.4]], height: 0.03}'
