@@ -62,6 +62,8 @@ BARRED = ('drop', 'ramp', *CLOSED)
 FACED = tuple(kind for kind in (*LINES, *AREAS) if kind != 'friction')
 # The edge of a ramp is examined in parts of this length, this far on both sides [m].
 EDGE_LENGTH, EDGE_OFFSET = 0.05, 0.01
+# Standard deviation of a measured height, if that of the map is not less [m].
+MEASURED_SD = 0.001
 # Length over which uneven ground is averaged [m].
 SLOPE_LENGTH = 0.1
 # A longer run-up must raise the probability by this to be a separate choice.
@@ -244,7 +246,9 @@ class RoutePlanner:
         self.learned = learned
         measured = dict(learned.heights)
         self.features = [
-            replace(feature, height=measured[number]) if number in measured else feature
+            replace(feature, height=measured[number],
+                    height_sd=min(feature.height_sd, MEASURED_SD))
+            if number in measured else feature
             for number, feature in enumerate(self.floor.features)]
         # Up to the distance that routes prefer.
         self._clear = self._map_clear.copy()
@@ -542,8 +546,9 @@ class RoutePlanner:
             run_up = self._free(middle, (-way[0], -way[1]), barriers) - touch
             room = self._free(middle, way, barriers) - half
             known = self._limits.get((number, sign))
-            if known is None or run_up > known.run_up:
-                self._limits[number, sign] = _Limit(max(run_up, 0.0), max(room, 0.0), faces)
+            limit = _Limit(max(run_up, 0.0), max(room, 0.0), faces)
+            if known is None or limit.run_up * limit.room > known.run_up * known.room:
+                self._limits[number, sign] = limit
             on = max(half + min(room, self.ball_radius + CLEARANCE + 0.2),
                      (edge.left if sign > 0 else edge.right) / math.cos(angle))
             after = max(1, math.ceil(on / spacing + share))
@@ -583,7 +588,7 @@ class RoutePlanner:
             if item > run_up or self.learned.probability(number, sign, item, 1.0) < least:
                 continue
             crossing = self._capability.crossing(
-                faces, self.floor.features[number].height_sd, item, room)
+                faces, self._assumed[number].height_sd, item, room)
             if crossing is None:
                 continue
             probability = self.learned.probability(number, sign, item, crossing.probability)

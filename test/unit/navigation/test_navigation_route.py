@@ -534,6 +534,29 @@ def test_a_route_keeps_the_stopping_distance_from_the_high_sides_of_a_ramp(tmp_p
     assert planner.clearance((5.2, 2.1)) < 0.0 < planner.clearance((5.2, 2.7))
 
 
+def test_a_measured_height_is_more_certain_than_the_one_of_the_map(tmp_path):
+    """The map has 40 +- 20 mm, and nothing that high is crossed before so little room."""
+    step = '{kind: step, name: door, line: [[2.5, 4], [2.5, 0]], height: 0.04, height_sd: 0.02}'
+    planner = planner_of(tmp_path, [step], (4, 4))
+    ends = (0.8, 2.0, 0.0), (3.5, 2.0)
+    with pytest.raises(RefusedError):
+        planner.route(*ends)
+    planner.learn(Learned(heights=((0, 0.04),)))
+    assert planner.route(*ends).probability >= TUNING.required_probability
+
+
+def test_a_refusal_names_the_run_up_and_the_room_of_one_place(tmp_path):
+    """On the left there is more run-up and no room behind, on the right less and some."""
+    bar = '{kind: threshold, name: bar, line: [[3, 2.4], [1, 2.4]], height: 0.025, width: 0.05}'
+    lines = '[[[1, 2.3], [1, 2.7]], [[3, 0.6], [3, 2.7]], [[1, 2.75], [2, 2.75]], ' \
+        '[[2, 0.6], [3, 0.6]], [[2, 3.55], [4, 3.55]], [[2, 2.75], [2, 3.55]]]'
+    planner = planner_of(tmp_path, [bar], (4, 4), lines)
+    with pytest.raises(RefusedError) as refusal:
+        planner.route((1.5, 1.0, 0.5 * math.pi), (3.4, 3.15))
+    assert refusal.value.reason == 'no_route'
+    assert '0.00 m' not in str(refusal.value)
+
+
 HIGH = '{kind: step, line: [[2.0, 4.0], [2.0, 0.0]], height: 0.06}'
 PODIUM = '{kind: level, polygon: [[2, 0], [4, 0], [4, 4], [2, 4]], height: 0.06}'
 PIT = '{kind: level, polygon: [[2, 0], [2, 4], [0, 4], [0, 0]], height: -0.06}'
