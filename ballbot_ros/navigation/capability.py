@@ -30,8 +30,8 @@ from ballbot_ros.decision.planning.rollout.worlds import Tally, Worlds
 # Run-ups from rest to the touch to try, and longest room behind the last edge that is used [m].
 RUN_UPS = (0.2, 0.35, 0.5, 0.75, 1.0, 1.4, 1.8, 2.4)
 ROOM_MAX = 2.5
-# Heights, standard deviations of heights, and widths are rounded up to multiples of this, rooms
-# down [m].
+# Heights, standard deviations of heights, and widths are rounded up to multiples of this; searches
+# are for rooms that are multiples of this [m].
 HEIGHT, HEIGHT_SD, WIDTH, ROOM = 0.0025, 0.001, 0.01, 0.1
 # Standard deviation of the place of a step when the ball crosses it, and of a level floor's slope.
 PLACE_SD, SLOPE_SD = 0.01, 0.003
@@ -126,26 +126,26 @@ class Capability:
         height_sd : float
             Standard deviation of the heights [m].
         run_up : float
-            One of `RUN_UPS` [m].
+            One of `RUN_UPS` [m]; a crossing downwards uses the shortest.
         room : float
             Available to the centre behind the last edge [m].
 
         """
-        room = round(math.floor(min(room, ROOM_MAX) / ROOM + 1e-6) * ROOM, 6)
-        if room <= 0.0:
-            return None
         steps = tuple((_rounded(at, WIDTH), _rounded(height, HEIGHT)) for at, height in faces)
         height_sd = _rounded(height_sd, HEIGHT_SD)
-        found = None
-        # A plan that stops within the room is found with the longest room, too.
-        for longest in (ROOM_MAX, room):
+        if max(height for _, height in steps) < 0.0:
+            run_up = RUN_UPS[0]  # a step down needs no speed
+        longest = ROOM_MAX
+        while longest > 0.0:
             key = f'{(steps, height_sd)} {run_up} {longest}'
             if key not in self._known:
                 self._known[key] = self._search(steps, height_sd, run_up, longest)
             found = self._known[key]
             if found is None or found.room <= room:
-                break
-        return found
+                return found
+            # The longest room that excludes this plan.
+            longest = round(math.ceil(found.room / ROOM - 1.0 - 1e-6) * ROOM, 6)
+        return None
 
     def _search(self, steps: Tuple[Tuple[float, float], ...], height_sd: float, run_up: float,
                 room: float) -> Optional[CrossingPlan]:
