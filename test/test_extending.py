@@ -278,11 +278,11 @@ def test_a_limit_of_the_pendulum_rate_is_a_field_of_the_tuning_and_two_lines_of_
         default=100.0)
     speed_gain: float"""))
     house.change('control/controller.py', (
-        r'        self.excess = unsaturated - torque\n', """\
+        r'        torque = limited\(unsaturated, self._tuning.torque_limit\)\n', """\
+        torque = limited(unsaturated, self._tuning.torque_limit)
         if torque * readings.pendulum_rate > 0.0 \\
                 and abs(readings.pendulum_rate) > self._tuning.rate_limit:
             torque = 0.0
-        self.excess = unsaturated - torque
 """))
     (house.folder / 'mine.yaml').write_text('rate_limit: 2.0\n', encoding='utf-8')
     program = house.folder / 'limited.py'

@@ -38,16 +38,10 @@ class PendulumController:
     A change of the law is bumpless: the difference between the torque in force and that of the
     new law fades linearly over `blend_time` of the tuning.
 
-    Parameters
-    ----------
-    robot : Robot
-        With a pendulum.
-    tuning : ControlTuning
-
     Attributes
     ----------
-    excess : float
-        Torque removed by the limit from the last output [N m].
+    set_point : SetPoint
+        In force.
 
     Raises
     ------
@@ -61,11 +55,6 @@ class PendulumController:
         self._robot = robot
         self._use(tuning)
         self.reset()
-
-    @property
-    def set_point(self) -> SetPoint:
-        """Return the set-point in force."""
-        return self._set_point
 
     def retune(self, tuning: ControlTuning) -> None:
         """
@@ -84,7 +73,7 @@ class PendulumController:
         Set-point and resistance estimate stay; the integral restarts at the next reading.
         """
         self._restart_integral()
-        self._torque = self.excess = 0.0
+        self._torque = 0.0
         self._fade = max(self._tuning.blend_time, RETUNING)
         self._taking_over = True
 
@@ -97,9 +86,9 @@ class PendulumController:
 
     def reset(self) -> None:
         """Drop set-point, readings and integral: idle, for a stop or a jump of time."""
-        self._set_point = SetPoint(Mode.IDLE, stamp=-1e300)
+        self.set_point = SetPoint(Mode.IDLE, stamp=-1e300)
         self._last: Optional[JointReadings] = None
-        self._torque = self.excess = 0.0
+        self._torque = 0.0
         self._taking_over = False
         # Torque in force less that of the new law at the change [N m], and its stamp.
         self._difference, self._since = 0.0, 0.0
@@ -116,7 +105,7 @@ class PendulumController:
             With reason ``stale`` if it is older than the one in force.
 
         """
-        current = self._set_point
+        current = self.set_point
         if set_point.stamp < current.stamp:
             raise MessageError(
                 f'set-point of {set_point.stamp:.6g} s refused: the one in force is '
@@ -129,7 +118,7 @@ class PendulumController:
             self._answered = False
             if set_point.mode is not current.mode:
                 self._taking_over, self._fade = True, self._tuning.blend_time
-        self._set_point = set_point
+        self.set_point = set_point
 
     def torque(self, readings: JointReadings, in_force: Optional[float] = None) -> float:
         """
@@ -176,28 +165,25 @@ class PendulumController:
 
     def _law(self, readings: JointReadings, in_force: float) -> float:
         """Return the saturated torque of the law in force [N m]."""
-        self.excess = 0.0
-        if self._set_point.mode is Mode.IDLE:
+        if self.set_point.mode is Mode.IDLE:
             self._difference, self._taking_over = 0.0, False
             return 0.0
-        if self._set_point.mode is Mode.DRIVE:
+        if self.set_point.mode is Mode.DRIVE:
             unsaturated = self._drive(readings)
         else:
-            set_angle = (self._set_point.value if self._set_point.mode is Mode.HOLD
+            set_angle = (self.set_point.value if self.set_point.mode is Mode.HOLD
                          else self._speed(readings))
             unsaturated = position_torque(
                 readings.pendulum_angle, readings.pendulum_rate, set_angle,
                 self._tuning.position_kp, self._tuning.position_kd, self._gravity_torque)
         torque = limited(unsaturated, self._tuning.torque_limit)
-        self.excess = unsaturated - torque
         if self._taking_over:
             self._taking_over = False
             if self._fade > 0.0:
                 self._difference, self._since = in_force - torque, readings.stamp
         if self._difference:
-            unlimited = unsaturated + self._faded(readings.stamp)
-            torque = limited(torque + unlimited - unsaturated, self._tuning.torque_limit)
-            self.excess = unlimited - torque
+            faded = unsaturated + self._faded(readings.stamp)
+            torque = limited(torque + faded - unsaturated, self._tuning.torque_limit)
         return torque
 
     def _faded(self, stamp: float) -> float:
@@ -240,7 +226,7 @@ class PendulumController:
             return readings.pendulum_angle
         # Repeated readings, under another set speed, step from the same state.
         state, set_angle = speed_law_step(
-            self._before[1], speed, readings.pendulum_angle, self._set_point.value,
+            self._before[1], speed, readings.pendulum_angle, self.set_point.value,
             self._tuning.largest_lean, stamp - self._before[0], self._speed_numbers)
         if not math.isfinite(sum(state)):  # implausible readings
             self._before = self._learnt = None
@@ -254,7 +240,7 @@ class PendulumController:
             self._start = readings
         elapsed = readings.stamp - self._start.stamp
         turned = readings.joint_angle - self._start.joint_angle
-        lag = self._set_point.value * elapsed - turned - self._surplus
+        lag = self.set_point.value * elapsed - turned - self._surplus
         unsaturated = self._velocity_law(readings, lag)
         deeper = (lag - self._lag) * unsaturated > 0.0
         if abs(unsaturated) > self._tuning.torque_limit and deeper:
@@ -267,5 +253,5 @@ class PendulumController:
     def _velocity_law(self, readings: JointReadings, lag: float) -> float:
         """Return the unsaturated torque of law (12) [N m]."""
         return velocity_torque(
-            readings.pendulum_angle, readings.joint_rate, lag, self._set_point.value,
+            readings.pendulum_angle, readings.joint_rate, lag, self.set_point.value,
             self._tuning.velocity_kp, self._tuning.velocity_ki, self._gravity_torque)

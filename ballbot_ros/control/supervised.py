@@ -122,11 +122,6 @@ class SupervisedController:
         return self._controller.set_point
 
     @property
-    def excess(self) -> float:
-        """Return the torque removed by the limit from the last output [N m]."""
-        return self._controller.excess
-
-    @property
     def rate(self) -> Optional[float]:
         """Return the median rate of the joint states [Hz], None before it can be judged."""
         return self._rate.rate

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Inputs and results of the decision."""
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 from enum import Enum
 import math
 from typing import Optional, Tuple
@@ -329,8 +329,6 @@ class Failure:
         Number of the face.
     position : float
         Of the face [m].
-    height : float
-        Estimated height of the face [m].
     plan : Plan
     touch_speed : float
         [m/s]
@@ -339,7 +337,6 @@ class Failure:
 
     face: int
     position: float
-    height: float
     plan: Plan
     touch_speed: float
 
@@ -388,11 +385,6 @@ class StepObservation:
     height: float = 0.0
     distance_sd: float = 0.0
     height_sd: float = 0.0
-
-    @property
-    def finite(self) -> bool:
-        """Return whether all its numbers are finite."""
-        return all(math.isfinite(number) for number in astuple(self))
 
 
 @dataclass(frozen=True)

@@ -86,9 +86,10 @@ class AttemptWatch:
     """
     Watches the ball at each decision.
 
-    Parameters
+    Attributes
     ----------
-    robot : Robot
+    attempt : Attempt or None
+        The present one.
 
     """
 
@@ -101,7 +102,7 @@ class AttemptWatch:
     def reset(self) -> None:
         """Discard the attempt, after a jump in time or position."""
         self._motions: Deque[Motion] = deque(maxlen=MOTIONS_MAX)
-        self._attempt: Optional[Attempt] = None
+        self.attempt: Optional[Attempt] = None
         self._left = True  # distance from the face at which the ball was stuck
         self._ahead: Optional[Face] = None  # next face, before it is touched
         self._run_up = math.nan  # to it
@@ -109,11 +110,6 @@ class AttemptWatch:
         self._drop: Optional[Face] = None
         self._risen: Optional[Face] = None  # last crossed face
         self._profile: Optional[Profile] = None
-
-    @property
-    def attempt(self) -> Optional[Attempt]:
-        """Return the present attempt."""
-        return self._attempt
 
     def update(self, motion: Motion, profile: Optional[Profile],
                decision: Optional[Decision]) -> Optional[Outcome]:
@@ -144,12 +140,12 @@ class AttemptWatch:
         seen = self._profile
         if seen is not None and not abs(motion.stamp - seen.stamp) <= PROFILE_AGE_MAX:
             seen = None
-        if self._attempt is None:
+        if self.attempt is None:
             fall = self._fallen(motion, seen, decision)
             if fall is None:
                 self._approach(motion, seen, decision)
             return fall
-        return self._go_on(self._attempt, motion, seen)
+        return self._go_on(self.attempt, motion, seen)
 
     def _jumped(self, motion: Motion) -> bool:
         """Return whether this motion is inconsistent with the last one."""
@@ -179,7 +175,7 @@ class AttemptWatch:
         if self._left and before > 0.0 >= self._run_up:
             speed, angle = self._before_touch(face)
             if speed >= TOUCH_SPEED_MIN:
-                self._touch(face, motion, seen, decision, speed, angle)
+                self.attempt = self._begun(face, motion, seen, decision, speed, angle)
 
     def _distance_to_touch(self, face: Face, position: float) -> float:
         """Return the distance that the ball rolls before it touches a face [m]."""
@@ -193,9 +189,9 @@ class AttemptWatch:
                 return motion.speed, motion.pendulum_angle
         return self._motions[0].speed, self._motions[0].pendulum_angle
 
-    def _touch(self, face: Face, motion: Motion, seen: Optional[Profile],
-               decision: Optional[Decision], speed: float, angle: float) -> None:
-        """Begin an attempt."""
+    def _begun(self, face: Face, motion: Motion, seen: Optional[Profile],
+               decision: Optional[Decision], speed: float, angle: float) -> Attempt:
+        """Return an attempt that begins with a touch."""
         slope = motion.slope
         if seen is not None and math.isfinite(seen.slope):
             slope = seen.slope
@@ -215,27 +211,28 @@ class AttemptWatch:
             slope=max(-1.0, min(1.0, slope)), distance=min(distance, 1000.0),
             probability=probability, robot=self._digest, plan=plan)
         along = motion.position - face.position
-        self._attempt = Attempt(face, outcome, motion.stamp, along, along, motion.stamp)
+        return Attempt(face, outcome, motion.stamp, along, along, motion.stamp)
 
     def _go_on(self, attempt: Attempt, motion: Motion,
                seen: Optional[Profile]) -> Optional[Outcome]:
         """Update an attempt; return its outcome once it has ended."""
-        attempt = self._attempt = self._followed(attempt, motion, seen)
+        attempt = self.attempt = self._followed(attempt, motion, seen)
         along, now = attempt.along(motion.position), motion.stamp
         if along < attempt.touch - RETREAT_MIN:
-            return self._end(Result.STUCK, motion)
+            return self._end(attempt, Result.STUCK, motion)
         if attempt.passed is None:
             late = now - attempt.best_at > ATTEMPT_TIMEOUT
-            return self._end(Result.STUCK, motion) if late else None
+            return self._end(attempt, Result.STUCK, motion) if late else None
         drop = self._next_drop(motion, seen, attempt.face)
         if drop is not None and motion.position > drop.position + 2.0 * drop.position_sd:
-            return self._end(Result.FELL, motion) if self._agrees(drop, motion, seen) else None
+            return self._end(attempt, Result.FELL, motion) \
+                if self._agrees(drop, motion, seen) else None
         if along < PASSED_DISTANCE_MIN or seen is None or seen.stamp < attempt.passed:
             if now - attempt.passed > ATTEMPT_TIMEOUT:
-                self._attempt = None  # no observation of the outcome
+                self.attempt = None  # no observation of the outcome
             return None
         resting = abs(motion.speed) < REST_SPEED_MAX or now - attempt.passed > LANDING_TIME_MAX
-        return self._end(Result.OVER, motion) if drop is None or resting else None
+        return self._end(attempt, Result.OVER, motion) if drop is None or resting else None
 
     def _followed(self, attempt: Attempt, motion: Motion, seen: Optional[Profile]) -> Attempt:
         """Return an attempt updated by motion and observation."""
@@ -272,8 +269,8 @@ class AttemptWatch:
         if drop is None or motion.position < drop.position + 2.0 * drop.position_sd \
                 or not self._agrees(drop, motion, seen):
             return None
-        self._touch(drop, motion, seen, decision, motion.speed, motion.pendulum_angle)
-        return self._end(Result.FELL, motion)
+        return self._end(self._begun(drop, motion, seen, decision, motion.speed,
+                                     motion.pendulum_angle), Result.FELL, motion)
 
     def _agrees(self, face: Face, motion: Motion, seen: Optional[Profile]) -> bool:
         """Return whether observations since the ball passed a face show it behind the ball."""
@@ -285,12 +282,9 @@ class AttemptWatch:
             item.position > motion.position and item.number == face.number
             for item in seen.faces)
 
-    def _end(self, result: Result, motion: Motion) -> Optional[Outcome]:
+    def _end(self, attempt: Attempt, result: Result, motion: Motion) -> Outcome:
         """End the attempt and return its outcome."""
-        attempt = self._attempt
-        if attempt is None:
-            return None
-        self._attempt, self._drop, self._set_out = None, None, None
+        self.attempt, self._drop, self._set_out = None, None, None
         self._left = result is not Result.STUCK
         self._risen = attempt.face if result is Result.OVER else None
         self._run_up = math.nan

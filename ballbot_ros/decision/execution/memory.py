@@ -72,7 +72,7 @@ class Memory:
         found: List[Failure] = []
         for face in profile.faces if profile is not None else ():
             found += [replace(failure, face=face.number) for failure in self._failures
-                      if _is_at(failure, face)]
+                      if _is_at(failure, face.position)]
         return tuple(found)
 
     def move(self, motion: Motion, profile: Optional[Profile]) -> None:
@@ -105,8 +105,7 @@ class Memory:
         """Add the outcome of an attempt."""
         failure = outcome.failure
         if outcome.result == Result.OVER.value:
-            there = Face(failure.face, failure.position, failure.height, 0.0, 0.0)
-            kept = [one for one in self._failures if not _is_at(one, there)]
+            kept = [one for one in self._failures if not _is_at(one, failure.position)]
             self._failures = deque(kept, maxlen=FAILURES_MAX)
         else:
             self._failures.append(failure)
@@ -140,6 +139,6 @@ class Memory:
         self._rest()
 
 
-def _is_at(failure: Failure, face: Face) -> bool:
-    """Return whether a failure was at a face."""
-    return abs(failure.position - face.position) < FAILURE_DISTANCE_MAX
+def _is_at(failure: Failure, position: float) -> bool:
+    """Return whether a failure was at a face at a position [m]."""
+    return abs(failure.position - position) < FAILURE_DISTANCE_MAX

@@ -8,7 +8,6 @@ from ballbot_ros.control.speed_law import (
     braking_distance, estimated_slope, speed_law_start, SpeedLaw, SpeedState, steepest_slope)
 from ballbot_ros.decision.execution.pilot_law import EASING_SPEED, Order, pilot_step
 from ballbot_ros.decision.planning.situation import Knowledge
-from ballbot_ros.decision.tuning import DecisionTuning
 from ballbot_ros.decision.values import (
     After, Decision, Kind, Motion, Plan, REST_SPEED_MAX, SLOPE_SD, Strategy)
 
@@ -23,46 +22,8 @@ PERIOD_MIN, PERIOD_MAX = 1e-3, 0.1
 SLOPE_TIME_CONSTANT = 1.0
 
 
-def order_for(decision: Decision, tuning: DecisionTuning, stand: float,
-              speed: float = 0.0) -> Order:
-    """
-    Return the order that executes a decision.
-
-    Parameters
-    ----------
-    decision : Decision
-    tuning : DecisionTuning
-    stand : float
-        Stop position if the decision stops [m].
-    speed : float
-        Of the ball [m/s].
-
-    """
-    plan = decision.plan or Plan(Strategy.STOP)
-    common = Order(lean=tuning.largest_lean, emergency_lean=tuning.emergency_lean,
-                   reaction=tuning.reaction_time + tuning.actuation_delay)
-    if decision.kind is Kind.BACK_OFF:
-        return common._replace(forward=CREEP_SPEED, backward=BACK_OFF_SPEED, stop=plan.start)
-    if decision.kind in (Kind.STOP, Kind.GO_ROUND):
-        now = decision.set_speed == 0.0 and not math.isfinite(plan.stop_position)
-        return common._replace(forward=decision.set_speed, backward=CREEP_SPEED,
-                               stop=-math.inf if now and abs(speed) > EASING_SPEED else stand)
-    if decision.kind is Kind.CROSS and decision.plan is not None:
-        after = 0.0 if plan.after is After.STOP else min(plan.speed, tuning.cruise_speed)
-        return common._replace(forward=plan.speed, swing=plan.swing_position,
-                               swing_angle=plan.swing_angle, edge=plan.edge, after=after)
-    return common._replace(forward=decision.set_speed)
-
-
 class Pilot:
-    """
-    Turns decisions and motion into set angles for law (11).
-
-    Attributes
-    ----------
-    law : SpeedLaw
-
-    """
+    """Turns decisions and motion into set angles for law (11)."""
 
     def __init__(self, knowledge: Knowledge):
         """Start with the pendulum hanging down."""
@@ -72,8 +33,8 @@ class Pilot:
     def follow(self, knowledge: Knowledge) -> None:
         """Change tuning or controller; keep the state estimate."""
         self._tuning = knowledge.tuning
-        self.law = SpeedLaw.of(
-            knowledge.robot, knowledge.control.position_kd / knowledge.control.position_kp)
+        self._law = SpeedLaw.of(
+            knowledge.robot, knowledge.control.position_kd / knowledge.control.position_kp)[:]
 
     def reset(self) -> None:
         """Discard the state estimates."""
@@ -84,23 +45,19 @@ class Pilot:
         self._slope, self._estimated, self._touched = 0.0, math.nan, -math.inf
         # Before the first motion, any slope on which the ball can be held is as probable.
         self._slope_error = steepest_slope(
-            self._tuning.largest_lean, self.law[:]) / math.sqrt(3.0)
+            self._tuning.largest_lean, self._law) / math.sqrt(3.0)
 
     def estimate(self, motion: Motion, touching: bool) -> Motion:
         """
         Return a motion with the modelled pendulum state and the estimated slope of the ground.
 
-        Parameters
-        ----------
-        motion : Motion
-        touching : bool
-            Whether the ball touches a step, which is not a slope.
-
+        A step that the ball is `touching` is not a slope.
         """
         if self._state is not None:
-            motion = replace(motion, pendulum_angle=self._state.predicted,
-                             pendulum_rate=(self._angle - self._state.predicted) / self.law.lag,
-                             slope=estimated_slope(self._state, self.law[:]))
+            motion = replace(
+                motion, pendulum_angle=self._state.predicted,
+                pendulum_rate=(self._angle - self._state.predicted) / SpeedLaw(*self._law).lag,
+                slope=estimated_slope(self._state, self._law))
         if motion.is_plausible:
             if touching:
                 self._touched = motion.stamp
@@ -117,33 +74,45 @@ class Pilot:
         """
         Return the set angle of the pendulum [rad].
 
-        Absolute, positive to accelerate.  A repeated stamp returns the same angle.
-
-        Parameters
-        ----------
-        decision : Decision
-        motion : Motion
-            Lowers the pendulum if not finite.  Its slope is that of the ground ahead, where the
-            observer of the law starts.
-
+        Absolute, positive to accelerate; 0 for a motion that is not plausible.  A repeated stamp
+        returns the same angle.  The slope of the motion is that of the ground ahead, where the
+        observer of the law starts.
         """
         if not motion.is_plausible:
             self._state, self._angle, self._stand = None, 0.0, math.inf
             return 0.0
         if self._state is None:
             self._state = speed_law_start(
-                motion.speed, motion.pendulum_angle, motion.slope, self.law[:])
+                motion.speed, motion.pendulum_angle, motion.slope, self._law)
             period = PERIOD_MIN
         elif motion.stamp <= self._stamp:
             return self._angle
         else:
             period = min(max(motion.stamp - self._stamp, PERIOD_MIN), PERIOD_MAX)
-        order = order_for(decision, self._tuning, self._standing(decision, motion),
-                          motion.speed)
+        order = self._order(decision, motion)
         self._stamp = motion.stamp
         self._state, self._angle = pilot_step(
-            self._state, motion.position, motion.speed, math.nan, order[:], period, self.law[:])
+            self._state, motion.position, motion.speed, math.nan, order[:], period, self._law)
         return self._angle
+
+    def _order(self, decision: Decision, motion: Motion) -> Order:
+        """Return the order that executes a decision."""
+        plan, tuning = decision.plan or Plan(Strategy.STOP), self._tuning
+        stand = self._standing(decision, motion)
+        common = Order(lean=tuning.largest_lean, emergency_lean=tuning.emergency_lean,
+                       reaction=tuning.reaction_time + tuning.actuation_delay)
+        if decision.kind is Kind.BACK_OFF:
+            return common._replace(forward=CREEP_SPEED, backward=BACK_OFF_SPEED, stop=plan.start)
+        if decision.kind in (Kind.STOP, Kind.GO_ROUND):
+            now = decision.set_speed == 0.0 and not math.isfinite(plan.stop_position)
+            return common._replace(
+                forward=decision.set_speed, backward=CREEP_SPEED,
+                stop=-math.inf if now and abs(motion.speed) > EASING_SPEED else stand)
+        if decision.kind is Kind.CROSS and decision.plan is not None:
+            after = 0.0 if plan.after is After.STOP else min(plan.speed, tuning.cruise_speed)
+            return common._replace(forward=plan.speed, swing=plan.swing_position,
+                                   swing_angle=plan.swing_angle, edge=plan.edge, after=after)
+        return common._replace(forward=decision.set_speed)
 
     def _standing(self, decision: Decision, motion: Motion) -> float:
         """
@@ -160,10 +129,10 @@ class Pilot:
         if not planned:
             if not moves and math.isfinite(self._stand):
                 return self._stand
-            slope = 0.0 if self._state is None else estimated_slope(self._state, self.law[:])
+            slope = 0.0 if self._state is None else estimated_slope(self._state, self._law)
             ahead = braking_distance(
                 abs(motion.speed), slope if motion.speed > 0.0 else -slope,
-                self._tuning.emergency_lean, self._tuning.reaction_time, self.law[:])
+                self._tuning.emergency_lean, self._tuning.reaction_time, self._law)
             # A ball that cannot brake in time stops as soon as possible.
             given = motion.position + math.copysign(min(ahead, STOP_DISTANCE_MAX), motion.speed)
         closer = min if planned or motion.speed > 0.0 else max

@@ -70,5 +70,5 @@ class Outcome(Checked):
     @property
     def failure(self) -> Failure:
         """Return the failure of an attempt, for later plans."""
-        return Failure(self.face, self.position, self.height, self.plan or Plan(
-            strategy=Strategy.STOP), self.touch_speed)
+        return Failure(
+            self.face, self.position, self.plan or Plan(Strategy.STOP), self.touch_speed)

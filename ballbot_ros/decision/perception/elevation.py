@@ -91,11 +91,6 @@ def medians(near: Array) -> Array:
     return found
 
 
-def around(values: Array) -> Array:
-    """Return the median of the neighbourhood of each value."""
-    return medians(neighbourhoods(values))
-
-
 def deviation(bends: Array) -> float:
     """Return the standard deviation of heights with such bends [m], 0 for too few."""
     return 1.4826 * middle(bends) / math.sqrt(6.0) if len(bends) > 20 else 0.0
@@ -144,7 +139,8 @@ def resample(x: Array, z: Array, z_sd: Array, kept: Flags, position: float) -> O
     # As seen from the centre, ground behind an edge is occluded up to a line through the edge.
     # The ground may slope down: rises and the height of the centre count relative to the slope
     # around them, so that the criterion is that of a level floor.
-    grade = np.clip(around(rise / np.maximum(run, 1e-9)), -SLOPE_MAX, SLOPE_MAX)
+    grade = np.clip(
+        medians(neighbourhoods(rise / np.maximum(run, 1e-9))), -SLOPE_MAX, SLOPE_MAX)
     excess, below = rise - run * grade, np.minimum(z[:-1] - grade * x[:-1], 0.0)
     far = run > GAP_MIN
     hidden = lost | far & (x[:-1] > 0.0) & (
@@ -200,14 +196,12 @@ class ElevationMap:
     relative to a centre that moves up and down, a scan is first shifted, and tilted, to fit
     its overlap with the map.
 
-    Parameters
-    ----------
-    tuning : DecisionTuning
-
     Attributes
     ----------
     first : int
         Node of the first element.
+    scans : int
+        In the map.
     height, variance : (NODES,) arrays
         [m], [m2]; infinite variance where not observed.  The variance is that of the average of
         the scans, without the texture.
@@ -332,10 +326,9 @@ class ElevationMap:
         """Start the map with a scan; the floor below the ball is at 0."""
         self.variance[:] = np.inf
         self._strikes[:] = 0.0
-        below = scan.z[(np.abs(places) < 0.1) & np.isfinite(scan.z)]
-        datum = middle(below) if len(below) else float(
-            scan.z[np.isfinite(scan.z)][0])
         seen = np.isfinite(scan.z)
+        below = scan.z[seen & (np.abs(places) < 0.1)]
+        datum = middle(below) if len(below) else float(scan.z[seen][0])
         self.height[inside] = np.where(seen, scan.z - datum, 0.0)
         self.variance[inside] = np.where(seen, variance, np.inf)
         self.scans = 1
@@ -358,8 +351,7 @@ class ElevationMap:
         """Fuse an aligned scan; replace nodes that are contradicted repeatedly."""
         old, variance, strikes = self.height[inside], self.variance[inside], self._strikes[inside]
         strikes[:] = np.where(outside, strikes + 1.0, np.where(seen, 0.0, strikes))
-        fresh = seen & (np.isinf(variance) | (
-            strikes >= self._forget_after))
+        fresh = seen & (np.isinf(variance) | (strikes >= self._forget_after))
         fused = seen & ~outside & ~fresh
         known = np.where(fused, FADING * variance, 0.0)
         gain = known / (known + new_variance)

@@ -10,7 +10,7 @@ from ballbot_ros.decision.perception.edge_map import HEIGHT_ENTRY, HEIGHT_EXIT
 from ballbot_ros.decision.perception.elevation import (
     CELL, ElevationMap, POSITION_SD, Whole)
 from ballbot_ros.decision.perception.kernels import line, middle, simplify
-from ballbot_ros.decision.values import Face
+from ballbot_ros.decision.values import Face, Profile
 from ballbot_ros.physics.model.terrain import Array
 
 # A steeper segment is a face, not a ramp: no ball of this kind rolls up 11 degrees.
@@ -184,47 +184,20 @@ SLOPE_SD_MIN = 0.003
 # Standard deviation of a face height whose upper end is not observed [m].
 UNSEEN_END_SD = 0.05
 
-
 # Longest apparent run of a vertical face [m].
 BLURRED_RUN_MAX = 0.05
 
 
-class GroundSeen(NamedTuple):
+def ground_of(found: ElevationMap, stamp: float, position: float, radius: float,
+              edges: Sequence[Face]) -> Profile:
     """
-    The ground of a map around the ball.
-
-    Attributes
-    ----------
-    points : list of (float, float)
-        Polyline, position and height above the floor below the ball [m].
-    sds : list of float
-        Standard deviations of the heights [m].
-    faces : list of Face
-        Without numbers.
-    seen_from, seen_to : float
-        [m]
-    slope, slope_sd : float
-        [rad]
-
-    """
-
-    points: List[Tuple[float, float]]
-    sds: List[float]
-    faces: List[Face]
-    seen_from: float
-    seen_to: float
-    slope: float
-    slope_sd: float
-
-
-def ground_of(found: ElevationMap, position: float, radius: float,
-              edges: Sequence[Face] = ()) -> GroundSeen:
-    """
-    Return the ground of a map around a position; may be empty.
+    Return the ground of a map around a position, its faces without numbers; may be empty.
 
     Parameters
     ----------
     found : ElevationMap
+    stamp : float
+        Of the latest scan in it [s].
     position, radius : float
         Of the ball [m].
     edges : sequence of Face
@@ -237,15 +210,14 @@ def ground_of(found: ElevationMap, position: float, radius: float,
     shared = min(max(1.5 * found.spacing / CELL, 1.0), 20.0)
     nodes = _bridged(found, known, shared, position, radius, edges)
     if len(nodes.x) < 3:
-        nan = math.nan
-        return GroundSeen([], [], [], nan, nan, nan, nan)
+        return Profile(stamp, seen_from=position, seen_to=position)
     known_edges = _edges_in(nodes, edges)
     pieces = pieces_of(nodes, shared, known_edges)
     datum, slope, slope_variance = _below(nodes, pieces, position)
     points, sds, faces = _assemble(nodes, pieces, known_edges, datum)
-    slope_sd = math.sqrt(slope_variance + SLOPE_SD_MIN**2)
-    return GroundSeen(points, sds, faces, float(nodes.x[0]), float(nodes.x[-1]),
-                      math.atan(slope), slope_sd)
+    return Profile(stamp, tuple(faces), tuple(points), float(nodes.x[0]), float(nodes.x[-1]),
+                   math.atan(slope), math.sqrt(slope_variance + SLOPE_SD_MIN**2),
+                   points_sd=tuple(sds))
 
 
 def _edges_in(nodes: Nodes, edges: Sequence[Face]) -> List[Piece]:
@@ -347,11 +319,6 @@ def _assemble(nodes: Nodes, pieces: List[Piece], edges: Sequence[Piece], datum: 
     return points, sds, faces
 
 
-def _is_seen_whole(pieces: List[Piece], number: int) -> bool:
-    """Return whether there is observed ground behind a face."""
-    return pieces[-1].end - pieces[number].end >= 2
-
-
 def _inside(nodes: Nodes, pieces: List[Piece], number: int) -> Tuple[int, int]:
     """Return the observed nodes of a gentle piece that no face blurs, the end not included."""
     piece = pieces[number]
@@ -435,7 +402,7 @@ def _face(nodes: Nodes, pieces: List[Piece], number: int
     low = _aside(nodes, pieces, number, position, ahead=False)
     high = _aside(nodes, pieces, number, position + run, ahead=True)
     variance = low.variance + high.variance
-    if not _is_seen_whole(pieces, number):
+    if pieces[-1].end - piece.end < 2:
         variance += UNSEEN_END_SD**2
     slopes = [side.slope for side in (low, high) if math.isfinite(side.slope)]
     excess = high.z - low.z - run * sum(slopes) / max(len(slopes), 1)

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """An observation of the next step is one detection of an edge."""
 from collections import deque
+from dataclasses import astuple
 import math
 from statistics import median
 from typing import Deque, Optional
@@ -116,12 +117,6 @@ class StepTracker:
         position : float
             Odometry of the ball's centre when it was made [m].
 
-        Returns
-        -------
-        reason : Reason or None
-            Of a rejection.
-        explanation : str
-
         """
         fault = _fault(observation, position)
         if fault:
@@ -227,7 +222,7 @@ def _is_passed(edge: TrackedEdge, position: float) -> bool:
 
 def _fault(observation: StepObservation, position: float) -> str:
     """Return the reason why an observation is invalid, or an empty string."""
-    if not (observation.finite and math.isfinite(position)):
+    if not all(map(math.isfinite, (*astuple(observation), position))):
         return 'a number of it is not finite'
     for name in ('distance', 'distance_sd', 'height_sd'):
         if getattr(observation, name) < 0.0:

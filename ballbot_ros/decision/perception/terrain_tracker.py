@@ -11,7 +11,7 @@ from ballbot_ros.decision.perception.edge_map import (
     EdgeEstimate, EdgeMap, Existence, Rejection)
 from ballbot_ros.decision.perception.elevation import (
     CELL, ElevationMap, Flags, medians, neighbourhoods, resample, SLOPE_MAX)
-from ballbot_ros.decision.perception.ground import FACE_SIGMAS, ground_of, GroundSeen
+from ballbot_ros.decision.perception.ground import FACE_SIGMAS, ground_of
 from ballbot_ros.decision.perception.ground_profile import (
     SLOPE_HYSTERESIS, SLOPE_LENGTH, steep_stretches)
 from ballbot_ros.decision.perception.kernels import middle
@@ -177,9 +177,8 @@ class TerrainTracker:
 
         Returns
         -------
-        reason : Reason or None
-            Of a rejection; sensor data never raise an exception.
-        explanation : str
+        Rejection
+            Sensor data never raise an exception.
 
         """
         x, z = np.array(observation.x, dtype=float), np.array(observation.z, dtype=float)
@@ -224,20 +223,19 @@ class TerrainTracker:
             self._map.clear()
             self._map.add(scan, position)
         self._strikes = 0
-        ground = ground_of(self._map, position, self._radius,
+        ground = ground_of(self._map, observation.stamp, position, self._radius,
                            [edge.ground.mean for edge in self._edges.edges
                             if edge.ground is not None and edge.exists.confirmed])
         if not ground.points:
-            self.profile = Profile(observation.stamp, seen_from=position, seen_to=position)
+            self.profile = ground
             return None, ''
         drift = self._detect(ground, position, float(places[seen][0]))
         if drift > SLIP_MAX:
             return Reason.CONTRADICTORY, f'an edge has moved along with the ball, by {drift:.2f} m'
         # Ground that is first seen now may have edges that a second observation confirms.
         seen_to, self._seen_to = min(ground.seen_to, self._seen_to), ground.seen_to
-        self.profile = self._with_steep(Profile(
-            observation.stamp, self._edges.faces, tuple(ground.points), ground.seen_from,
-            seen_to, ground.slope, ground.slope_sd, points_sd=tuple(ground.sds)))
+        self.profile = self._with_steep(
+            replace(ground, faces=self._edges.faces, seen_to=seen_to))
         return None, ''
 
     def _without_outliers(self, x: Array, z: Array, position: float) -> Flags:
@@ -285,7 +283,7 @@ class TerrainTracker:
         return replace(profile, steep=tuple(
             (known.begin, known.slope) for known in self._steep if known.exists.confirmed))
 
-    def _detect(self, ground: GroundSeen, position: float, observed_from: float) -> float:
+    def _detect(self, ground: Profile, position: float, observed_from: float) -> float:
         """
         Update the edges with those of the map; return how far one has moved with the ball.
 

@@ -61,7 +61,9 @@ class Ahead:
     Attributes
     ----------
     shape : (n, 5) array
-        See `ground`.
+        Vertices of the ground: position and height above the floor below the ball [m], number of
+        the last face before it or at it, -1 for none, and the parts of the deviations of height
+        and place of that face that move it.
     faces : tuple of Face
         At most `FACES_MAX`.
     ends : tuple of End
@@ -197,7 +199,7 @@ def look_ahead(profile: Profile, faces: Sequence[Face], position: float, slope: 
             ends.pop()  # a ball cannot stop between closer edges
         last = here
         # A step down may be later than observed; a step up lifts the ball.
-        later = SIGMAS * max(face.position_sd, 0.0) if face.height < 0.0 else 0.0
+        later = SIGMAS * face.position_sd if face.height < 0.0 else 0.0
         ends.append(End(index + 1, len(rows) - 1, here, here + SWING_END_DISTANCE + later))
     known = seen and profile.seen_to > here + radius
     seen_to = max(profile.seen_to if seen else here, here + unseen_room)
@@ -206,11 +208,10 @@ def look_ahead(profile: Profile, faces: Sequence[Face], position: float, slope: 
     level += floor.rise(here, seen_to)
     rows.append((seen_to, level, len(faces) - 1, 1.0, 1.0))
     last = seen_to + GROUND_EXTENSION
-    rows.append((last, level + floor.rise(seen_to, last),
-                 len(faces) - 1, 1.0, 1.0))
+    rows.append((last, level + floor.rise(seen_to, last), len(faces) - 1, 1.0, 1.0))
     deviations = np.zeros((2, FACES_MAX))
     for index, face in enumerate(faces[:FACES_MAX]):
-        deviations[:, index] = max(face.height_sd, 0.0), max(face.position_sd, 0.0)
+        deviations[:, index] = face.height_sd, face.position_sd
     first = faces[0]
     return Ahead(
         np.array(rows), tuple(faces), tuple(

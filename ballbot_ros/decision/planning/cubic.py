@@ -44,15 +44,7 @@ PASSABLE_HEIGHT_MAX = 0.002
 
 
 class CurveRule:
-    """
-    Required speed and success probability from the curve and its band.
-
-    Parameters
-    ----------
-    curve : HeightCurve
-    tuning : DecisionTuning
-
-    """
+    """Required speed and success probability from the curve and its band."""
 
     def __init__(self, curve: HeightCurve, tuning: DecisionTuning):
         self._curve, self._tuning = curve, tuning
@@ -67,17 +59,7 @@ class CurveRule:
         """
         Return the touch speed that has its margins and is likely enough [m/s].
 
-        Parameters
-        ----------
-        face : Face
-        faster_than : float
-            Lower bound [m/s].
-
-        Returns
-        -------
-        float or None
-            None if no speed of the curve is sufficient.
-
+        At least `faster_than` [m/s]; None if no speed of the curve is sufficient.
         """
         required = self._curve.required_speed(self.conservative_height(face))
         if required is None:
@@ -174,14 +156,7 @@ class Prediction(NamedTuple):
 
 
 class CurveSelector(Selector):
-    """
-    Selects the gentlest approach that the rule permits, or a longer run-up.
-
-    Parameters
-    ----------
-    knowledge : Knowledge
-
-    """
+    """Selects the gentlest approach that the rule permits, or a longer run-up."""
 
     def __init__(self, knowledge: Knowledge):
         super().__init__()

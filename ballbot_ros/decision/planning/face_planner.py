@@ -16,7 +16,7 @@ from ballbot_ros.decision.planning.ahead import (
     Ahead, BRAKING_DISTANCE, Candidate, faces_ahead, look_ahead)
 from ballbot_ros.decision.planning.safety_filter import past_braking, stop
 from ballbot_ros.decision.planning.situation import Knowledge, Situation
-from ballbot_ros.decision.planning.stop_line import StopLines
+from ballbot_ros.decision.planning.stop_line import LINE_MARGIN, StopLines
 from ballbot_ros.decision.tuning import DecisionTuning
 from ballbot_ros.decision.values import (
     After, Decision, Face, Kind, Motion, Outlook, Plan, Profile, Reason, REST_SPEED_MAX,
@@ -272,15 +272,7 @@ TOUCH_CLEARANCE = 0.03
 
 
 class FacePlanner:
-    """
-    Decides the motion for the plans of a selector; see `situation.Planner`.
-
-    Parameters
-    ----------
-    knowledge : Knowledge
-    selector : Selector
-
-    """
+    """Decides the motion for the plans of a selector; see `situation.Planner`."""
 
     def __init__(self, knowledge: Knowledge, selector: Selector):
         self._tuning, self._robot = knowledge.tuning, knowledge.robot
@@ -305,9 +297,12 @@ class FacePlanner:
         faces = faces_ahead(profile, motion.position)
         committed = past_braking(previous, situation)
         steep = self._lines.steep(situation)
-        if steep is not None and not committed and not (
-                faces and self._lines.face_is_nearer(faces[0], steep, motion.position)):
-            return steep
+        if steep is not None and not committed:
+            face_is_nearer = faces and steep.distance > 0.0 \
+                and self._lines.before_face(faces[0]).position - motion.position \
+                <= steep.distance - LINE_MARGIN
+            if not face_is_nearer:
+                return steep
         if not faces:
             self._selector.forget()
             return self._alone(situation, previous)
@@ -321,8 +316,13 @@ class FacePlanner:
 
     def _alone(self, situation: Situation, previous: Optional[Decision]) -> Decision:
         """Decide without a face ahead: continue up to the stop line."""
-        lines = self._lines
-        clear, line = lines.cruise(situation), lines.nearest(situation, ())
+        lines, speed = self._lines, self._tuning.cruise_speed
+        line = lines.nearest(situation, ())
+        if line is not None:
+            speed = min(speed, lines.speed_before(line.position, situation))
+        clear = Decision(Kind.CLEAR, Reason.NOTHING_AHEAD, speed,
+                         f'Nothing ahead: cruising at {speed:.2f} m/s',
+                         plan=Plan(Strategy.CRUISE, situation.motion.position, speed))
         if line is None:
             return clear
         room = line.obstacle - situation.motion.position - self._robot.ball_radius

@@ -33,14 +33,7 @@ class StopLine(NamedTuple):
 
 
 class StopLines:
-    """
-    Finds stop lines, and the motion before them.
-
-    Parameters
-    ----------
-    knowledge : Knowledge
-
-    """
+    """Finds stop lines, and the motion before them."""
 
     def __init__(self, knowledge: Knowledge):
         self._radius, self._tuning = knowledge.robot.ball_radius, knowledge.tuning
@@ -106,21 +99,6 @@ class StopLines:
         position = situation.motion.position
         mean = self.slope_to(situation, line)
         return self.braking.speed_within(line - position, mean)
-
-    def face_is_nearer(self, face: Face, steep: Decision, position: float) -> bool:
-        """Return whether the line before a face is nearer than that of a `steep` decision."""
-        return steep.distance > 0.0 and \
-            self.before_face(face).position - position <= steep.distance - LINE_MARGIN
-
-    def cruise(self, situation: Situation) -> Decision:
-        """Return CLEAR at the speed of which the ball can be stopped before the line."""
-        line = self.nearest(situation, ())
-        speed = self._tuning.cruise_speed
-        if line is not None:
-            speed = min(speed, self.speed_before(line.position, situation))
-        return Decision(Kind.CLEAR, Reason.NOTHING_AHEAD, speed,
-                        f'Nothing ahead: cruising at {speed:.2f} m/s',
-                        plan=Plan(Strategy.CRUISE, situation.motion.position, speed))
 
     def steep(self, situation: Situation) -> Optional[Decision]:
         """Return the STOP that a slope below or ahead requires, if it is too steep to hold."""

@@ -83,7 +83,7 @@ def test_a_failure_is_found_again_at_its_place_under_another_number_and_height()
     memory = Memory(TUNING, RADIUS)
     moved(memory, 0.0)
     memory.take(outcome())
-    assert memory.failures(Profile(0.0, (STEP,))) == (Failure(4, 1.0, 0.02, PLAN, 0.7),)
+    assert memory.failures(Profile(0.0, (STEP,))) == (Failure(4, 1.0, PLAN, 0.7),)
     for height in (0.022, -0.015):
         later = replace(STEP, number=9, position=1.1, height=height)
         assert [one.face for one in memory.failures(Profile(0.0, (later,)))] == [9]
@@ -158,19 +158,19 @@ def answer(failures, position=0.0, free_from=-3.0, speed=0.0):
 def test_after_a_failure_the_same_plan_is_never_made_again():
     first = answer(())
     assert first.kind is Kind.CROSS
-    failed = [Failure(4, 1.0, 0.02, first.plan, first.outlook.touch_speed)]
+    failed = [Failure(4, 1.0, first.plan, first.outlook.touch_speed)]
     back = answer(failed, 0.8)
     assert (back.kind, back.reason) == (Kind.BACK_OFF, Reason.RUN_UP)
     second = answer(failed, back.plan.start)
     assert second.kind is Kind.CROSS
     assert second.plan.speed > 1.05 * first.plan.speed
     assert second.outlook.touch_speed > 1.1 * first.outlook.touch_speed
-    failed.append(Failure(4, 1.0, 0.02, second.plan, second.outlook.touch_speed))
+    failed.append(Failure(4, 1.0, second.plan, second.outlook.touch_speed))
     third = answer(failed, -3.0)
     assert third.kind is Kind.GO_ROUND or third.plan.speed > second.plan.speed
     # Without room for a longer run-up it goes round.
     assert answer(failed, 0.8, free_from=0.7).reason is Reason.FAILED_BEFORE
-    fast = Failure(4, 1.0, 0.02, replace(first.plan, speed=1.09), 1.05)
+    fast = Failure(4, 1.0, replace(first.plan, speed=1.09), 1.05)
     assert answer([fast], -3.0).kind is Kind.GO_ROUND
 
 

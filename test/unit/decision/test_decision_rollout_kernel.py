@@ -63,7 +63,8 @@ def driven(robot, height, position, speed, row):
                   solver=Solver('rk4', step=1e-3))
     scene = Scene('', model, Initial(x=position, speed=speed), Actuation(), Run(duration=1.0))
     plant = Plant(scene, 500.0)
-    state, touched = speed_law_start(speed, 0.0, 0.0, WORLDS.law), None
+    law = Drive(*WORLDS._drive).law
+    state, touched = speed_law_start(speed, 0.0, 0.0, law), None
     order = (row[SPEED], 0.0, math.inf, row[SWING_AT], row[SWING_ANGLE], row[EDGE],
              min(row[SPEED], TUNING.cruise_speed), TUNING.largest_lean,
              TUNING.emergency_lean, TUNING.reaction_time)
@@ -71,7 +72,7 @@ def driven(robot, height, position, speed, row):
         now = plant.state
         if period % 10 == 0:
             state, angle = pilot_step(
-                state, now.x, now.velocity_x, math.nan, order, 0.02, WORLDS.law)
+                state, now.x, now.velocity_x, math.nan, order, 0.02, law)
         asked = position_torque(now.pendulum_angle, now.pendulum_rate, angle, 40.0, 10.0,
                                 GIMBALL.largest_gravity_torque)
         now = plant.advance(limited(asked, 4.0))

@@ -172,14 +172,7 @@ REEVALUATION_PERIOD, REEVALUATION_ROLLOUTS = 10, 24
 
 
 class PlanSelector(Selector):
-    """
-    See the module.
-
-    Parameters
-    ----------
-    knowledge : Knowledge
-
-    """
+    """See the module."""
 
     def __init__(self, knowledge: Knowledge):
         """Draw the worlds."""

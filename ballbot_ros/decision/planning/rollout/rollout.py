@@ -111,20 +111,9 @@ class Rolling(NamedTuple):
 def roll(now: Rolling, set_angle: float, slope: float, step: float, robot: Parameters,
          drive: Drive) -> Rolling:
     """
-    Return the state a step later.
+    Return the state a step [s] later, under a set angle of law (11) [rad].
 
-    Parameters
-    ----------
-    now : Rolling
-    set_angle : float
-        Of law (11) [rad].
-    slope : float
-        Of the ground, positive uphill [rad].
-    step : float
-        [s]
-    robot : Parameters
-    drive : Drive
-
+    The slope of the ground is positive uphill [rad].
     """
     radius = robot.radius - robot.mass * robot.gravity / robot.stiffness
     moment, spin = robot.pendulum_moment, -now.speed / radius
@@ -192,7 +181,7 @@ def fill_ground(shape: Array, draw: Array, raised: float, here: float, ground: A
     Parameters
     ----------
     shape : (n, 5) array
-        See the module.
+        See `ahead.Ahead`.
     draw : (DRAW,) array
         See the columns above.
     raised : float
@@ -425,9 +414,9 @@ def climb(memory: SpeedState, plan: Array, robot: Parameters, drive: Drive, scra
 
 @compiled
 def run(start: Rolling, plan: Array, draw: Array, raised: float, drive: Drive, shape: Array,
-        scratch: Scratch, result: Array) -> int:
+        scratch: Scratch, result: Array) -> None:
     """
-    Run one rollout and return its verdict.
+    Run one rollout.
 
     Parameters
     ----------
@@ -439,7 +428,7 @@ def run(start: Rolling, plan: Array, draw: Array, raised: float, drive: Drive, s
         Added to the height of the first face [m].
     drive : Drive
     shape : (n, 5) array
-        See `ground`.
+        See `ahead.Ahead`.
     scratch : Scratch
 
     """
@@ -460,7 +449,6 @@ def run(start: Rolling, plan: Array, draw: Array, raised: float, drive: Drive, s
         place(now, robot, ground, state)
         verdict = climb(memory, plan, robot, drive, scratch, result)
     result[VERDICT] = verdict
-    return verdict
 
 
 # Arguments from Python: all tuples are plain, see `solvers.values`.
@@ -490,13 +478,7 @@ def run_many(start: Start, plans: Array, draws: Array, raised: float, drive: Pla
         Overwritten.
 
     """
-    position, speed, angle, rate = start
-    kp, kd, compensated, limit, motor_line, law, lean, emergency_lean, reaction, cruise = drive
-    state, rates, ground, contacts = scratch
-    begin = Rolling(position, speed, angle, rate)
-    driven = Drive(kp, kd, compensated, limit, motor_line, law, lean, emergency_lean, reaction,
-                   cruise)
-    arrays = Scratch(state, rates, ground, contacts)
+    begin, driven, arrays = Rolling(*start), Drive(*drive), Scratch(*scratch)
     for k in range(len(plans)):
         for n in range(len(draws)):
             run(begin, plans[k], draws[n], raised, driven, shape, arrays, results[k, n])

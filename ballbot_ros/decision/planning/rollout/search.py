@@ -128,8 +128,8 @@ ROLLOUTS_PER_YIELD = 20  # rollouts between two yields
 # A candidate this far below the required probability at a check is rejected.
 REJECTION_MARGIN = 0.12
 CONFIRMED_MAX = 3
-# The limit of the step height is searched up to this much above the step [m].
-LIMIT_ABOVE_MAX = 0.04
+# The limit of the step height is searched up to this much above the step [m], in so many worlds.
+LIMIT_ABOVE_MAX, LIMIT_WORLDS = 0.04, 24
 # Maximum fraction of rollouts of a permitted plan that end beyond the stop line behind the edge.
 OVERRUN_FRACTION_MAX = 0.02
 
@@ -295,13 +295,12 @@ def good(tally: Tally, required: float, sigmas: float = 0.0) -> bool:
         and (tally.falls == 0.0 or sigmas > 0.0)
 
 
-def height_limit(trial: Trial, task: Task, number: int = 24,
-                 steps: int = 7) -> Generator[None, None, float]:
+def height_limit(trial: Trial, task: Task) -> Generator[None, None, float]:
     """Return the highest first face that a plan crosses with the required probability [m]."""
     height = task.ahead.faces[0].height
-    worlds = task.worlds.first(number)
+    worlds = task.worlds.first(LIMIT_WORLDS)
     low, high = -abs(height), LIMIT_ABOVE_MAX
-    for _ in range(steps):
+    for _ in range(7):
         middle = 0.5 * (low + high)
         tally = task.tally(trial, worlds, middle)
         if tally.over >= task.required * tally.attempts:
@@ -312,11 +311,10 @@ def height_limit(trial: Trial, task: Task, number: int = 24,
     return height + low
 
 
-def highest_step(plans: Sequence[Candidate], task: Task,
-                 steps: int = 6) -> Generator[None, None, float]:
+def highest_step(plans: Sequence[Candidate], task: Task) -> Generator[None, None, float]:
     """Return the `height_limit` of the plan that crosses the highest step; NaN for no plans."""
     low, high, middle = -task.ahead.faces[0].height, LIMIT_ABOVE_MAX, task.worlds.middle()
-    for _ in range(steps):
+    for _ in range(6):
         raised, passing = 0.5 * (low + high), []
         for begin in range(0, len(plans), CANDIDATES_PER_BATCH):
             bundle = plans[begin:begin + CANDIDATES_PER_BATCH]

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Sampled worlds, and rollouts of plans in them."""
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 import math
+from operator import add
 from typing import Dict, Optional, Sequence, Tuple
 
 import numpy as np
@@ -43,9 +44,7 @@ class Tally:
 
     def __add__(self, other: 'Tally') -> 'Tally':
         """Return both counted together."""
-        return Tally(self.over + other.over, self.stuck + other.stuck, self.falls + other.falls,
-                     self.touch_speed + other.touch_speed, self.touched + other.touched,
-                     self.beyond + other.beyond)
+        return Tally(*map(add, astuple(self), astuple(other)))
 
     @property
     def attempts(self) -> float:
@@ -84,20 +83,20 @@ class Worlds:
     The samples are drawn once and reused cyclically, so that plans are compared in the same worlds
     and a run is reproducible bit by bit.
 
-    Parameters
+    Attributes
     ----------
-    knowledge : Knowledge
+    attempts : int
+        Number of rollouts so far.
 
     """
 
     def __init__(self, knowledge: Knowledge):
         """Draw."""
         robot, tuning, control = knowledge.robot, knowledge.tuning, knowledge.control
-        seed = knowledge.seed
-        random = np.random.default_rng(seed)
-        self._normal = random.standard_normal((WORLDS, 2 * FACES_MAX + 1))
+        self._seed, self._highest_descent = knowledge.seed, tuning.highest_descent
+        self._normal = np.random.default_rng(self._seed).standard_normal(
+            (WORLDS, 2 * FACES_MAX + 1))
         self._draws = np.zeros((WORLDS, DRAW))
-        self._seed, self._highest_descent = seed, tuning.highest_descent
         self._particles: Optional[Particles] = None
         self._bias = np.zeros(WORLDS)
         law = SpeedLaw.of(robot, control.position_kd / control.position_kp)
@@ -107,9 +106,7 @@ class Worlds:
             tuning.emergency_lean, tuning.reaction_time + tuning.actuation_delay,
             tuning.cruise_speed)
         self._scratch: Dict[int, Tuple[Array, Array, Array, Array]] = {}
-        self._next = 0
-        self.law = law[:]
-        self.attempts = 0
+        self._next = self.attempts = 0
         self.set_particles(knowledge.initial_particles)
 
     def set_particles(self, particles: Particles) -> None:
