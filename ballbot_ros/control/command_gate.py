@@ -155,6 +155,6 @@ class Authority:
         if sender:
             self.holder, self._last = sender, now
 
-    def contested(self, now: float, lately: float = 1.0) -> bool:
-        """Return whether a message was refused within the last `lately` seconds."""
-        return now - self._contested_at <= lately
+    def contested(self, now: float) -> bool:
+        """Return whether a message was refused within the last second."""
+        return now - self._contested_at <= 1.0

@@ -68,23 +68,12 @@ class HeldInput(NamedTuple):
 
     A linear plant under an input that is held, and changes once within each period: the modified
     z-transform, exact for a delay of any number of samples, whole or not.
-
-    Attributes
-    ----------
-    step : (n, n) array
-    before : (n,) array
-        Of the input at the start of the period; zero if it changes immediately.
-    after : (n,) array
-        Of the input that replaces it.
-    waiting : int
-        Number of stored inputs, the one in force first: the delay, rounded up.
-
     """
 
-    step: Array
-    before: Array
-    after: Array
-    waiting: int
+    step: Array  # (n, n)
+    before: Array  # (n,) of the input at the start of the period; 0 if it changes immediately
+    after: Array  # (n,) of the input that replaces it
+    waiting: int  # number of stored inputs, the one in force first: the delay, rounded up
 
     @classmethod
     def of(cls, matrix: Array, column: Array, rate: float, delay: float) -> 'HeldInput':
@@ -107,11 +96,10 @@ class HeldInput(NamedTuple):
         loop = np.zeros((size + waiting, size + waiting))
         loop[:size, :size] = self.step
         # The inputs before and after the change: stored ones, or the latest.
+        acting = size
         if self.before.any():
             loop[:size, size] = self.before
-            acting = size + 1
-        else:
-            acting = size
+            acting += 1
         if acting < size + waiting:
             loop[:size, acting] = self.after
         else:

@@ -343,20 +343,10 @@ class Failure:
 
 @dataclass(frozen=True)
 class Obstruction:
-    """
-    A position without progress, for no observed reason.
+    """A position without progress, for no observed reason."""
 
-    Attributes
-    ----------
-    position : float
-        Of its centre [m].
-    reason : Reason
-        ``STUCK`` or ``STEEP``.
-
-    """
-
-    position: float
-    reason: Reason
+    position: float  # of the centre of the ball [m]
+    reason: Reason  # ``STUCK`` or ``STEEP``
 
 
 @dataclass(frozen=True)

@@ -44,42 +44,18 @@ MOTIONS_MAX = 200
 
 @dataclass(frozen=True)
 class Attempt:
-    """
-    An attempt that has not ended.
+    """An attempt that has not ended."""
 
-    Attributes
-    ----------
-    face : Face
-        Estimate at the touch; later observations update its position.
-    outcome : Outcome
-        With the data known at the touch.
-    touched, touch : float
-        Time [s], and position of the centre relative to the face, negative before it [m].
-    best, best_at : float
-        Maximum of the relative position so far [m], and its time [s].
-    passed : float or None
-        Time at which the ball passed the face [s].
-    passed_speed : float or None
-        Speed at that time [m/s].
-    lean, leans : float, int
-        Sum and number of the pendulum angles in contact.
-
-    """
-
-    face: Face
-    outcome: Outcome
-    touched: float
-    touch: float
-    best: float
-    best_at: float
-    passed: Optional[float] = None
-    passed_speed: Optional[float] = None
-    lean: float = 0.0
-    leans: int = 0
-
-    def along(self, position: float) -> float:
-        """Return how far a position is past the face [m]."""
-        return position - self.face.position
+    face: Face  # estimate at the touch; later observations update its position
+    outcome: Outcome  # with the data known at the touch
+    touched: float  # time of the touch [s]
+    touch: float  # position of the centre then relative to the face, negative before it [m]
+    best: float  # maximum of the relative position so far [m]
+    best_at: float  # its time [s]
+    passed: Optional[float] = None  # time at which the ball passed the face [s]
+    passed_speed: Optional[float] = None  # speed at that time [m/s]
+    lean: float = 0.0  # sum of the pendulum angles in contact [rad]
+    leans: int = 0  # number of them
 
 
 class AttemptWatch:
@@ -112,23 +88,11 @@ class AttemptWatch:
         self._profile: Optional[Profile] = None
 
     def update(self, motion: Motion, profile: Optional[Profile],
-               decision: Optional[Decision]) -> Optional[Outcome]:
+               decision: Decision) -> Optional[Outcome]:
         """
-        Update the attempt.
+        Update the attempt under the executed decision; return its outcome if it has just ended.
 
-        Parameters
-        ----------
-        motion : Motion
-            Newer than the last one.
-        profile : Profile or None
-        decision : Decision or None
-            The executed one.
-
-        Returns
-        -------
-        Outcome or None
-            Of an attempt that has just ended.  Sensor data never raise an exception.
-
+        Sensor data never raise an exception.
         """
         if not motion.is_plausible:
             return None
@@ -156,8 +120,7 @@ class AttemptWatch:
         return not 0.0 <= passed <= ODOMETRY_GAP_MAX \
             or abs(moved) > fastest * passed + ODOMETRY_JUMP_MAX
 
-    def _approach(self, motion: Motion, seen: Optional[Profile],
-                  decision: Optional[Decision]) -> None:
+    def _approach(self, motion: Motion, seen: Optional[Profile], decision: Decision) -> None:
         """Track the next face, and begin an attempt when the ball touches it."""
         if seen is not None:
             self._ahead = next((face for face in seen.faces if face.height > 0.0
@@ -166,8 +129,8 @@ class AttemptWatch:
         if face is None:
             self._run_up = math.nan
             return
-        crossing = decision is not None and decision.kind is Kind.CROSS
-        if crossing and (self._set_out is None or self._set_out[0] != face.number):
+        if decision.kind is Kind.CROSS and (
+                self._set_out is None or self._set_out[0] != face.number):
             self._set_out = face.number, motion.position
         before, self._run_up = self._run_up, self._distance_to_touch(face, motion.position)
         self._left = self._left or self._run_up > RETREAT_MIN
@@ -190,13 +153,13 @@ class AttemptWatch:
         return self._motions[0].speed, self._motions[0].pendulum_angle
 
     def _begun(self, face: Face, motion: Motion, seen: Optional[Profile],
-               decision: Optional[Decision], speed: float, angle: float) -> Attempt:
+               decision: Decision, speed: float, angle: float) -> Attempt:
         """Return an attempt that begins with a touch."""
         slope = motion.slope
         if seen is not None and math.isfinite(seen.slope):
             slope = seen.slope
         plan, probability, distance = None, None, 0.0
-        if decision is not None and decision.kind is Kind.CROSS:
+        if decision.kind is Kind.CROSS:
             plan = decision.plan or Plan(Strategy.CRUISE, speed=decision.set_speed,
                                          edge=face.position)
             if decision.outlook is not None and 0.0 <= decision.outlook.probability <= 1.0:
@@ -217,7 +180,7 @@ class AttemptWatch:
                seen: Optional[Profile]) -> Optional[Outcome]:
         """Update an attempt; return its outcome once it has ended."""
         attempt = self.attempt = self._followed(attempt, motion, seen)
-        along, now = attempt.along(motion.position), motion.stamp
+        along, now = motion.position - attempt.face.position, motion.stamp
         if along < attempt.touch - RETREAT_MIN:
             return self._end(attempt, Result.STUCK, motion)
         if attempt.passed is None:
@@ -239,7 +202,7 @@ class AttemptWatch:
         for face in () if seen is None else seen.faces:
             if face.number == attempt.face.number and face.position > motion.position:
                 attempt = replace(attempt, face=face, passed=None)
-        along, now = attempt.along(motion.position), motion.stamp
+        along, now = motion.position - attempt.face.position, motion.stamp
         if along > attempt.best + PROGRESS_MIN:
             attempt = replace(attempt, best=along, best_at=now)
         if attempt.passed is None and along > 0.0:
@@ -263,7 +226,7 @@ class AttemptWatch:
         return self._drop
 
     def _fallen(self, motion: Motion, seen: Optional[Profile],
-                decision: Optional[Decision]) -> Optional[Outcome]:
+                decision: Decision) -> Optional[Outcome]:
         """Return the outcome of a ball that passed a drop without a step before it."""
         drop = self._next_drop(motion, seen, self._risen)
         if drop is None or motion.position < drop.position + 2.0 * drop.position_sd \

@@ -43,16 +43,7 @@ class Ending(str, Enum):
 
 @dataclass(frozen=True)
 class GoalEnd:
-    """
-    How a goal ended.
-
-    Attributes
-    ----------
-    ending : Ending
-    message : str
-        One sentence.
-
-    """
+    """How a goal ended, with one sentence."""
 
     ending: Ending
     message: str
@@ -75,23 +66,7 @@ class Goal:
     """
     A goal: what it executes of each decision, and how it ends.
 
-    Parameters
-    ----------
-    start : Motion
-    timeout : float
-        [s]; 0 selects the default.
-    default : float
-        [s]
-
-    Attributes
-    ----------
-    canceled : bool
-
-    Raises
-    ------
-    RefusedError
-        If the timeout is out of range.
-
+    A timeout of 0 selects the default [s].  Raises `RefusedError` if it is out of range.
     """
 
     def __init__(self, start: Motion, timeout: float, default: float):
@@ -135,14 +110,7 @@ class Goal:
         """
         Return the end of the goal once the ball rests, else None.
 
-        Parameters
-        ----------
-        going : bool
-            Whether the decision continues.
-        motion : Motion
-        aim : str
-            Name of the target for the timeout message.
-
+        `going`: whether the decision continues; `aim`: the target, for the timeout message.
         """
         now = motion.stamp
         if abs(motion.speed) > REST_SPEED_MAX:
@@ -165,21 +133,12 @@ class Goal:
 
 
 class Goals:
-    """
-    Executes one goal at a time; the ball then rests until it is released.
-
-    Attributes
-    ----------
-    goal : Goal or None
-    waiting : bool
-        Whether the ball rests until a goal arrives.
-
-    """
+    """Executes one goal at a time; the ball then rests until it is released."""
 
     def __init__(self) -> None:
         """Start without a goal."""
         self.goal: Optional[Goal] = None
-        self.waiting = False
+        self.waiting = False  # whether the ball rests until a goal arrives
         self._crossing = False  # whether the last executed decision crosses a step
 
     def begin(self, goal: Goal) -> None:
@@ -355,13 +314,7 @@ class Phase(str, Enum):
 
 class CrossGoal(Goal):
     """
-    Cross the step ahead and rest behind it.
-
-    Parameters
-    ----------
-    start : Motion
-    timeout : float
-        [s]; 0 selects the default.
+    Cross the step ahead and rest behind it; a timeout of 0 selects the default [s].
 
     Attributes
     ----------

@@ -32,12 +32,6 @@ class Memory:
     """
     Failures, an obstruction and free ground, which persist between decisions.
 
-    Parameters
-    ----------
-    tuning : DecisionTuning
-    ball_radius : float
-        [m]
-
     Attributes
     ----------
     obstruction : Obstruction or None

@@ -18,11 +18,8 @@ PlainOrder = tuple[float, float, float, float, float, float, float, float, float
 
 # Lean in excess of that which holds a slope, to move the ball on it [rad].
 EXCESS_LEAN = 0.3
-
 # Above the speed that stops in time by more than this, braking uses the full lean [m/s].
 SPEED_EXCESS_MAX = 0.03
-
-
 # A ball that brakes as hard as it can eases off below this speed [m/s].
 EASING_SPEED = 0.3
 

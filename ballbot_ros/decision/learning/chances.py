@@ -37,8 +37,6 @@ HEIGHT_STEP, SPEED_STEP = 0.002, 0.05
 TOUCH_SPEED_MIN = 0.1
 # Part of the slip past the face that is not known.
 SLIP_FRACTION = 0.4
-
-
 # Part of the outcomes that the model does not explain: a person pushed the ball, or the sensor
 # took another object for the step.
 OUTLIER_FRACTION = 0.05
@@ -108,18 +106,10 @@ def write_scores(begin: int, end: int, rows: Array, heights: Array, frictions: A
 
 
 class Chances:
-    """
-    Probability of getting over a step for each of many particles, worked out bit by bit.
-
-    Parameters
-    ----------
-    particles : Particles
-    touching : Touching
-
-    """
+    """Probability of getting over a step for each of many particles, computed in portions."""
 
     def __init__(self, particles: Particles, touching: Touching):
-        """Set up; the attempts come with `work`."""
+        """Set up; `advance` makes the attempts."""
         self._touching = touching
         mean = particles.weights @ particles.rows
         friction = np.column_stack([particles.column(name)
@@ -151,13 +141,13 @@ class Chances:
         return self._done == number
 
     def probabilities(self) -> Array:
-        """Return (N,) the probability of getting over, of each particle; after all `work`."""
+        """Return (N,) the probability of getting over, of each particle; after all attempts."""
         sigmas = self._scores[:-4, 0] / self._deviation
         over = [0.5 * math.erfc(-value / math.sqrt(2.0)) for value in sigmas.tolist()]
         return np.nan_to_num(np.array(over), nan=0.5)  # of an attempt that failed
 
     def likelihood(self, outcome: Outcome) -> Array:
-        """Return (N,) the likelihood of an outcome under each particle; after all `work`."""
+        """Return (N,) the likelihood of an outcome under each particle; after all attempts."""
         over = self.probabilities()
         if not outcome.crossed:
             return (1.0 - OUTLIER_FRACTION) * (1.0 - over) + 0.5 * OUTLIER_FRACTION

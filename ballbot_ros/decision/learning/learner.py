@@ -16,15 +16,7 @@ PENDING_MAX = 64
 
 
 class Learner:
-    """
-    Updates the particles from outcomes in small portions, so that no decision is delayed.
-
-    Parameters
-    ----------
-    particles : Particles
-        As known beforehand.
-
-    """
+    """Updates the particles from outcomes in small portions, so that no decision is delayed."""
 
     def __init__(self, particles: Particles):
         """Start with nothing learned."""
@@ -42,15 +34,7 @@ class Learner:
         return teaches
 
     def advance(self, attempts: Optional[int] = None) -> bool:
-        """
-        Run some rollouts, or all pending ones.
-
-        Returns
-        -------
-        bool
-            Whether the particles have changed.
-
-        """
+        """Make some attempts, or all pending ones; return whether the particles have changed."""
         changed = False
         while self._current or self._waiting:
             if self._current is None:

@@ -39,32 +39,17 @@ INSERT = (f'INSERT INTO outcomes (run, {", ".join(COLUMNS)}) '
 
 @dataclass(frozen=True)
 class Reading:
-    """
-    Content of a log.
+    """Content of a log."""
 
-    Attributes
-    ----------
-    outcomes : tuple of Outcome
-        Oldest first; empty for a log that is refused.
-    refusal : str
-        Why the log is not used, empty if it is.
-
-    """
-
-    outcomes: Tuple[Outcome, ...] = ()
-    refusal: str = ''
+    outcomes: Tuple[Outcome, ...] = ()  # oldest first; empty for a log that is refused
+    refusal: str = ''  # why the log is not used, empty if it is
 
 
 def read_outcomes(path: Path, robot: str = '') -> Reading:
     """
     Read a log; a file that does not exist is an empty one.
 
-    Parameters
-    ----------
-    path : Path
-    robot : str
-        Digest of the robot whose log it must be; of any one robot by default.
-
+    It must be that of the robot with a digest, of any one robot by default.
     """
     if not path.exists():
         return Reading()

@@ -24,7 +24,6 @@ from ballbot_ros.physics.model.uncertainty import (
 # Columns present in every particle set, independent of the ranges in the robot file.
 SURFACE_FRICTION, EDGE_FRICTION, HEIGHT_BIAS = 'surface_friction', 'edge_friction', 'height_bias'
 GROUND = (SURFACE_FRICTION, EDGE_FRICTION)
-
 # Resample below this effective sample size, as a fraction of the particles.
 SAMPLE_SIZE_FRACTION_MIN = 1.0 / 3.0
 # Kernel width of the resampling (Liu and West), as a fraction of the particles' spread.

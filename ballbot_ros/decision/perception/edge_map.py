@@ -11,15 +11,12 @@ Rejection = Tuple[Optional[Reason], str]
 
 # Minimum number of observations for estimating the scatter.
 SCATTER_COUNT_MIN = 5
-
 # Standard deviations: of its slope by which a trend is reduced, and of the observed distances to
 # which it is extrapolated.
 TREND_SIGMAS = 4.0
-
 # Log-odds that an edge exists: increment of a detection, decrement of a miss, and largest value.
 # An edge is confirmed at one value, and removed at 0.
 DETECTION, MISS, EXISTENCE_MAX, CONFIRMED = 1.0, 0.25, 6.0, 2.0
-
 # A confirmed edge enters the profile from this height on, and leaves it below the second [m]:
 # lower ones are an uneven floor, crossed at any speed.
 HEIGHT_ENTRY, HEIGHT_EXIT = 0.0045, 0.003
@@ -95,18 +92,10 @@ class Trend:
 
 
 class Existence:
-    """
-    The log-odds that something exists; it is `confirmed` once they have reached `CONFIRMED`.
-
-    Parameters
-    ----------
-    certain : bool
-        Whether the first observation confirms it.
-
-    """
+    """The log-odds that something exists; it is `confirmed` once they have reached `CONFIRMED`."""
 
     def __init__(self, certain: bool):
-        """Count the first observation."""
+        """Count the first observation; one that is `certain` confirms it."""
         self.log_odds = CONFIRMED if certain else DETECTION
         self.confirmed = certain
 
@@ -118,22 +107,11 @@ class Existence:
 
 @dataclass
 class EdgeEstimate:
-    """
-    An edge as one sensor detects it.
+    """An edge as one sensor detects it."""
 
-    Attributes
-    ----------
-    mean : Face
-        With the standard deviation of the random error of its height.
-    bias : float
-        Standard deviation of the constant error of its height [m].
-    trend : Trend
-        Of the height over the distance from which it was observed.
-
-    """
-
-    mean: Face
-    bias: float = 0.0
+    mean: Face  # with the standard deviation of the random error of its height
+    bias: float  # standard deviation of the constant error of its height [m]
+    # Of the height over the distance from which it was observed.
     trend: Trend = field(default_factory=Trend)
 
     @property
@@ -145,31 +123,15 @@ class EdgeEstimate:
 
 @dataclass(eq=False)
 class TrackedEdge:
-    """
-    An edge with the evidence for it.
-
-    Attributes
-    ----------
-    number : int
-    exists : Existence
-    step, ground : EdgeEstimate or None
-        By a step sensor and by a terrain sensor.
-    contradictions : int
-        Consecutive observations of the step sensor that contradict `step`.
-    drift : float
-        Of its position in the direction in which the ball rolls [m].
-    entered : bool
-        Whether it is in the profile.
-
-    """
+    """An edge with the evidence for it."""
 
     number: int
     exists: Existence
-    step: Optional[EdgeEstimate] = None
-    ground: Optional[EdgeEstimate] = None
-    contradictions: int = 0
-    drift: float = 0.0
-    entered: bool = False
+    step: Optional[EdgeEstimate] = None  # by a step sensor
+    ground: Optional[EdgeEstimate] = None  # by a terrain sensor
+    contradictions: int = 0  # consecutive observations of the step sensor that contradict `step`
+    drift: float = 0.0  # of its position in the direction in which the ball rolls [m]
+    entered: bool = False  # whether it is in the profile
 
 
 class EdgeMap:

@@ -15,54 +15,30 @@ Flags = NDArray[np.bool_]
 
 CELL = 0.01          # [m] between the nodes of the map
 MAP_BEHIND, MAP_AHEAD = 1.0, 5.0  # extent of the map and of scans [m]
-
 # Position uncertainty of a point on the axis [m]: stamps of odometry and scan differ.
 POSITION_SD = 0.01
-
 # The ground between points farther apart than this [m] is not observed: where they fall along a
 # line of sight, or where a polyline has more points than this, which are samples, not corners.
 GAP_MIN, SAMPLES_MIN = 0.03, 50
 # Least slope of a line over an edge, from one point to the next, relative to the line of
 # sight: points are neither at the edge, nor at the intersection of line of sight and ground.
 OCCLUSION_SLOPE_MIN = 0.35
-
 # Largest slope of a floor [1].
 SLOPE_MAX = 0.3
-
 # Minimum height of a face at the end of the observed terrain [m].
 WALL_HEIGHT_MIN = 0.02
 
 
 class Scan(NamedTuple):
-    """
-    A scan resampled to the nodes of the map.
+    """A scan resampled to n nodes of the map; the arrays are (n,)."""
 
-    Attributes
-    ----------
-    first : int
-        Node of the first element; node k is at position k * CELL on the odometry axis.
-    z : (n,) array
-        Height relative to the centre of the ball [m], NaN where not observed.
-    steep : (n,) array
-        Change of height within `POSITION_SD` [m].
-    share : (n,) array
-        Variance of a node over that of the points beside it.
-    reported_sd : (n,) array
-        Standard deviation of the points, 0 if unknown [m].
-    bend : (n,) array
-        Deviation of the points from the line between their neighbours [m].
-    spacing : float
-        Mean spacing of the observed points [m].
-
-    """
-
-    first: int
-    z: Array
-    steep: Array
-    share: Array
-    reported_sd: Array
-    bend: Array
-    spacing: float
+    first: int  # node of the first element; node k is at k * CELL on the odometry axis
+    z: Array  # height relative to the centre of the ball [m], NaN where not observed
+    steep: Array  # change of height within `POSITION_SD` [m]
+    share: Array  # variance of a node over that of the points beside it
+    reported_sd: Array  # standard deviation of the points, 0 if unknown [m]
+    bend: Array  # deviation of the points from the line between their neighbours [m]
+    spacing: float  # median spacing of the observed points [m]
 
     @property
     def places(self) -> Array:
@@ -167,23 +143,18 @@ def resample(x: Array, z: Array, z_sd: Array, kept: Flags, position: float) -> O
 
 
 NODES = 640  # of the map
-
 # Default noise where the sensor reports none [m], and number of scans for estimating it.
 DEFAULT_NOISE_SD, SCANS_MIN = 0.005, 5
 NOISE_SD_MIN = 1e-4      # [m]
-
 # Scans of the running means of heights, noise and tilt; nodes of the mean of the noise.
 AVERAGED_SCANS, NOISE_NODES = 20, 41
 # Factor on variances per scan with which a Kalman filter averages this number of scans.
 FADING = AVERAGED_SCANS / (AVERAGED_SCANS - 1)
-
 # Minimum overlap in nodes for aligning a scan, and for finding a slip; minimum length for
 # estimating the tilt of a scan [m].
 OVERLAP_MIN, SLIP_OVERLAP_MIN, TILT_LENGTH_MIN = 5, 20, 0.5
-
 # Maximum fraction of contradicting nodes; one camera point in a hundred is an outlier.
 OUTLIER_FRACTION_MAX = 0.15
-
 # Maximum odometry slip between scans, in nodes.
 SLIP_NODES_MAX = 25
 
@@ -231,19 +202,9 @@ class ElevationMap:
 
     def add(self, scan: Scan, position: float) -> str:
         """
-        Add a scan, unless it contradicts the map.
+        Add a scan made at a position of the ball [m], unless it contradicts the map.
 
-        Parameters
-        ----------
-        scan : Scan
-        position : float
-            Of the ball [m].
-
-        Returns
-        -------
-        str
-            A contradiction, empty if there is none.
-
+        Return the contradiction, an empty string if there is none.
         """
         self._follow(position)
         inside = slice(scan.first - self.first, scan.first - self.first + len(scan.z))

@@ -23,17 +23,7 @@ SENSOR_TIMEOUT = 1.0
 
 
 class ProfileTracker:
-    """
-    Estimates the ground ahead from a step sensor, a terrain sensor or both.
-
-    Parameters
-    ----------
-    robot : Robot
-    tuning : DecisionTuning
-    frame : str
-        In which the polylines must be.
-
-    """
+    """Estimates the ground ahead from a step sensor, a terrain sensor in a `frame`, or both."""
 
     def __init__(self, robot: Robot, tuning: DecisionTuning, frame: str = 'base_link'):
         """Start with nothing seen."""
@@ -56,19 +46,9 @@ class ProfileTracker:
 
     def update(self, observation: Observation, position: float) -> Profile:
         """
-        Take in one observation.
+        Take in one observation, made at a position of the ball's centre [m]; return the profile.
 
-        Parameters
-        ----------
-        observation : StepObservation or TerrainObservation
-        position : float
-            Odometry of the ball's centre when it was made [m].
-
-        Returns
-        -------
-        Profile
-            With the reason of a rejection, if any; sensor data never raise an exception.
-
+        It has the reason of a rejection, if any; sensor data never raise an exception.
         """
         kind, stamp = type(observation), observation.stamp
         reason, why = self._terrain.update(observation, position) if isinstance(
@@ -91,21 +71,15 @@ class ProfileTracker:
 
 # Odometry history: duration [s] and number of messages.  Older observations are rejected.
 ODOMETRY_DURATION, ODOMETRY_COUNT_MAX = 1.5, 5000
-
 # An observation further ahead of odometry has another clock [s]; queue length for odometry.
 CLOCK_OFFSET_MAX, PENDING_COUNT_MAX = 0.5, 200
-
 # Growth of a face's uncertainty since the last scan: position with distance travelled [1] and
 # with time [m/s], height with time [m/s].
 POSITION_SD_PER_DISTANCE, POSITION_SD_RATE, HEIGHT_SD_RATE = 0.03, 0.01, 0.002
-
-
 # A sensor is frozen if its data repeat while the ball rolls this far [m].
 FROZEN_DISTANCE = 0.02
-
 # A polyline this straight may repeat without a frozen sensor [m].
 STRAIGHTNESS_MAX = 1e-9
-
 # Consecutive rejected observations that stop the ball.
 REJECTED_MAX = 3
 
@@ -137,16 +111,9 @@ class _Unchanged:
 
 class GroundFusion:
     """
-    Fuses each observation at the ball position at its stamp.
+    Fuses each observation at the ball position at its stamp; polylines must be in a `frame`.
 
     The result depends on stamps alone, not on arrival times.
-
-    Parameters
-    ----------
-    robot : Robot
-    tuning : DecisionTuning
-    frame : str
-        In which the polylines must be.
 
     Attributes
     ----------

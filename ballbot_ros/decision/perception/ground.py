@@ -15,29 +15,21 @@ from ballbot_ros.physics.model.terrain import Array
 
 # A steeper segment is a face, not a ramp: no ball of this kind rolls up 11 degrees.
 FACE_GRADE_MIN = 0.2
-
 # A piece up to this length [m] that exceeds the slopes on both sides by this grade is a blurred
 # face.
 BLURRED_GRADE_MIN, BLURRED_LENGTH_MAX = 0.06, 0.065
-
 # Maximum slope difference within one line, beside its uncertainty.
 LINE_BEND_MAX = 0.01
-
 # Blur of a face to either side [m].
 BLUR_LENGTH = 3.0 * CELL + 1e-6
-
 # Averaging width in nodes for face detection, up to this standard deviation [m].
 SMOOTHING_WIDTHS = (1, 0.0008), (3, 0.0025), (5, math.inf)
-
 # Minimum height of a face, in metres and in standard deviations.
 FACE_HEIGHT_MIN, FACE_SIGMAS = 0.002, 4.0
-
 # Nodes on each side of a gap that show the slope of the ground in it.
 SLOPE_NODES = 20
-
 # Positions that differ by less are the same [m].
 POSITION_TOLERANCE = 1e-6
-
 # Minimum tolerance of the polyline simplification [m].
 TOLERANCE_MIN = 0.001
 
@@ -177,13 +169,10 @@ def _smooth(z: Array, width: int) -> Array:
 # Terrain length before and behind a face for its height [m], and to either side of the ball for
 # the slope [m].
 BESIDE_LENGTH, SLOPE_HALF_LENGTH = 0.2, 0.1
-
 # Minimum standard deviation of a slope, from the sensor mounting [rad].
 SLOPE_SD_MIN = 0.003
-
 # Standard deviation of a face height whose upper end is not observed [m].
 UNSEEN_END_SD = 0.05
-
 # Longest apparent run of a vertical face [m].
 BLURRED_RUN_MAX = 0.05
 

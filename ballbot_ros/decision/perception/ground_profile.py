@@ -36,15 +36,9 @@ class GroundProfile:
         """Store them."""
         self._points, self._slope = points, math.tan(slope)
         self._places = [x for x, _ in points]
-        self._end_slope = self._slope_at_end()
-
-    def _slope_at_end(self) -> float:
-        """Return the slope of the ground beyond the last point."""
-        if len(self._points) < 2:
-            return self._slope
-        (left, low), (right, high) = self._points[-2:]
-        length = right - left
-        return (high - low) / length if length > END_LENGTH_MIN else self._slope
+        self._end_slope = self._slope
+        if len(points) > 1 and points[-1][0] - points[-2][0] > END_LENGTH_MIN:
+            self._end_slope = (points[-1][1] - points[-2][1]) / (points[-1][0] - points[-2][0])
 
     def bends(self, begin: float, end: float) -> List[Tuple[float, float]]:
         """Return the positions of bends between two positions, and their height changes [m]."""
@@ -86,10 +80,8 @@ class GroundProfile:
 
 # Slopes are those over such a length, or down to the shortest where a face ends the stretch [m].
 SLOPE_LENGTH, SLOPE_LENGTH_MIN = 0.2, 0.08
-
 # A steeper segment is a face, not a slope [rad].
 FACE_SLOPE = 0.35
-
 # A stretch that is too steep remains so until its slope is less by this part.
 SLOPE_HYSTERESIS = 0.9
 
@@ -98,12 +90,7 @@ def steep_stretches(profile: Profile, steepest: float) -> List[Tuple[float, floa
     """
     Return the positions of stretches that are too steep to hold, and their slopes [m], [rad].
 
-    Parameters
-    ----------
-    profile : Profile
-    steepest : float
-        Slope that can be held [rad].
-
+    A slope of `steepest` can be held [rad].
     """
     points, found = profile.points, []
     floor, aside = GroundProfile(points, 0.0), 2e-3

@@ -11,7 +11,7 @@ from ballbot_ros.physics.model.terrain import Array
 @compiled
 def simplify(x: Array, z: Array, tolerance: Array, keep: Array, stack: Array) -> int:
     """
-    Mark the points without which a polyline would be wrong by more than its tolerance.
+    Mark the points without which a polyline would be wrong by more than its tolerance; count them.
 
     Douglas and Peucker, with a tolerance at each point.
 
@@ -23,11 +23,6 @@ def simplify(x: Array, z: Array, tolerance: Array, keep: Array, stack: Array) ->
         Set to 1 where a point is kept, to 0 elsewhere.
     stack : (n, 2) array
         Work array.
-
-    Returns
-    -------
-    int
-        Number of kept points.
 
     """
     last = len(x) - 1

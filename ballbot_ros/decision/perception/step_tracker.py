@@ -46,22 +46,16 @@ class Scatter:
 # odometry drifts during the approach.
 POSITION_SD_MIN = 0.010   # [m]
 HEIGHT_SD_MIN = 0.0001    # [m]
-
 # Default standard deviations where the sensor reports none, before an estimate exists [m].
 DEFAULT_POSITION_SD, DEFAULT_HEIGHT_SD = 0.020, 0.005
-
 # Largest number of observations in an average of heights.
 AVERAGED_OBSERVATIONS = 50
-
 # Maximum scatter of observations; above it they contradict each other [m].
 SCATTER_MAX = 0.010
-
 # Maximum ratio of observed scatter to reported deviation; above it the scatter counts.
 SCATTER_RATIO_MAX = 1.5
-
 # A step may appear this far ahead of the centre when the ball has passed it.
 PASSED_MARGIN = 0.02      # [m]
-
 # After an edge is passed, one at least this far beyond it is the next one.  A nearer one is the
 # same, displaced by odometry slip; treads are longer.
 NEXT_EDGE_GAP_MIN = 0.1          # [m]
@@ -84,13 +78,6 @@ class StepTracker:
     a sensor may look over it.  Without a reported range, that is the largest distance at
     which the sensor has detected an edge.
 
-    Parameters
-    ----------
-    radius : float
-        Of the ball [m].
-    tuning : DecisionTuning
-    edges : EdgeMap
-
     Attributes
     ----------
     seen_to : float
@@ -108,16 +95,7 @@ class StepTracker:
         self._heights, self._places = Scatter(), Scatter()
 
     def update(self, observation: StepObservation, position: float) -> Rejection:
-        """
-        Take in one observation.
-
-        Parameters
-        ----------
-        observation : StepObservation
-        position : float
-            Odometry of the ball's centre when it was made [m].
-
-        """
+        """Take in one observation, made at a position of the ball's centre [m]."""
         fault = _fault(observation, position)
         if fault:
             return Reason.BAD_OBSERVATION, fault

@@ -21,14 +21,11 @@ from ballbot_ros.physics.model.terrain import Array
 
 # More points than a row of any camera are invalid.
 POINTS_MAX = 5000
-
 # A sensor with this range behind, and a smaller one ahead, is mounted backwards [m].
 BACKWARD_RANGE_MIN = 0.6
-
 # An offset of the floor from the bottom of the ball is subtracted as a mounting error up to this;
 # beyond, it is not the floor below the ball [m].
 FLOOR_OFFSET_MAX = 0.03
-
 # Largest height of a ball over an edge, or in the air, above previously observed ground [m].
 LIFT_MAX = 0.3
 
@@ -37,14 +34,7 @@ def fault(x: Array, z: Array, z_sd: Array, observation: TerrainObservation, fram
     """
     Return the reason why an observation is invalid, or an empty string.
 
-    Parameters
-    ----------
-    x, z, z_sd : (n,) arrays
-        Of the observation, unchecked [m].
-    observation : TerrainObservation
-    frame : str
-        In which it must be.
-
+    x, z and z_sd are the unchecked (n,) arrays of the observation [m], which must be in a frame.
     """
     if observation.frame != frame:
         return f'it is in frame {observation.frame[:40]!r}, not in {frame!r}'
@@ -80,15 +70,8 @@ def misplaced(x: Array, z: Array, radius: float, known: bool) -> str:
     """
     Return the reason why the ground is not below the ball, or an empty string.
 
-    Parameters
-    ----------
-    x, z : (n,) arrays
-        Ground near the ball, relative to its centre [m].
-    radius : float
-        [m]
-    known : bool
-        Whether the ground agrees with earlier observations: then the ball may be in the air.
-
+    x and z, (n,) arrays, are the ground near the ball, relative to its centre [m].  Above ground
+    that is `known` from earlier observations the ball may be in the air.
     """
     nearest = int(np.argmin(np.abs(x)))
     if abs(x[nearest]) > radius:
@@ -110,7 +93,6 @@ def misplaced(x: Array, z: Array, radius: float, known: bool) -> str:
 
 # Odometry slips by no more than this [m] beside a part of the distance rolled [1].
 SLIP_MAX, SLIP_SHARE = 0.3, 0.1
-
 # A point this far from the median of its neighbourhood is an outlier [m], and these multiples of
 # the median deviation of all points and of its neighbourhood, unless half of this number of
 # latest observations show it at the same place and height [m].
@@ -129,16 +111,7 @@ class _Steep:
 
 class TerrainTracker:
     """
-    Takes the polylines of a terrain sensor into an elevation map and an edge map.
-
-    Parameters
-    ----------
-    radius : float
-        Of the ball [m].
-    tuning : DecisionTuning
-    edges : EdgeMap
-    frame : str
-        In which observations must be.
+    Takes the polylines of a terrain sensor, in a `frame`, into an elevation map and an edge map.
 
     Attributes
     ----------
@@ -167,19 +140,9 @@ class TerrainTracker:
 
     def update(self, observation: TerrainObservation, position: float) -> Rejection:
         """
-        Take in one observation.
+        Take in one observation, made at a position of the ball's centre [m].
 
-        Parameters
-        ----------
-        observation : TerrainObservation
-        position : float
-            Odometry of the ball's centre when it was made [m].
-
-        Returns
-        -------
-        Rejection
-            Sensor data never raise an exception.
-
+        Sensor data never raise an exception.
         """
         x, z = np.array(observation.x, dtype=float), np.array(observation.z, dtype=float)
         # Unknown deviations are 0.

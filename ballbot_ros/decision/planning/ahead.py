@@ -28,100 +28,46 @@ GROUND_EXTENSION = 4.0
 
 @dataclass(frozen=True)
 class End:
-    """
-    Where a plan may end: behind a face.
+    """Where a plan may end: behind a face."""
 
-    Attributes
-    ----------
-    faces : int
-        Number of crossed faces.
-    vertex : int
-        The last of its face in the shape.
-    position : float
-        Of that vertex [m].
-    passed : float
-        Position at which the centre has certainly passed it [m].
-    following : int
-        The foot of the next face; the last vertex of all for none.
-
-    """
-
-    faces: int
-    vertex: int
-    position: float
-    passed: float
-    following: int = 0
+    faces: int  # number of crossed faces
+    vertex: int  # the last of its face in the shape
+    position: float  # of that vertex [m]
+    passed: float  # position at which the centre has certainly passed it [m]
+    following: int = 0  # vertex of the foot of the next face; the last of all for none
 
 
 @dataclass(frozen=True, eq=False)
 class Ahead:
-    """
-    The ground ahead.
+    """The ground ahead."""
 
-    Attributes
-    ----------
-    shape : (n, 5) array
-        Vertices of the ground: position and height above the floor below the ball [m], number of
-        the last face before it or at it, -1 for none, and the parts of the deviations of height
-        and place of that face that move it.
-    faces : tuple of Face
-        At most `FACES_MAX`.
-    ends : tuple of End
-        From near to far; none if the first face is a drop.
-    deviations : (2, FACES_MAX) array
-        Standard deviations of height and place of each face [m].
-    slope, slope_sd : float
-        Below the ball, positive uphill [rad].
-    touch : float
-        Position of the centre at the touch of the first face [m].
-    room_to : float
-        Stop limit of the centre: the end of the known or assumed ground [m].
-    known : bool
-        Whether it is known.
-    descents : (FACES_MAX,) array
-        How far the ball can sink behind each face: limited in a trench, infinite elsewhere [m].
-
-    """
-
+    # (n, 5) vertices of the ground: position and height above the floor below the ball [m], number
+    # of the last face before it or at it, -1 for none, and the parts of the deviations of height
+    # and place of that face that move it.
     shape: Array
-    faces: Tuple[Face, ...]
-    ends: Tuple[End, ...]
-    deviations: Array
-    slope: float
-    slope_sd: float
-    touch: float
-    room_to: float
-    known: bool
+    faces: Tuple[Face, ...]  # at most `FACES_MAX`
+    ends: Tuple[End, ...]  # from near to far; none if the first face is a drop
+    deviations: Array  # (2, FACES_MAX) standard deviations of height and place of each face [m]
+    slope: float  # below the ball, positive uphill [rad]
+    slope_sd: float  # [rad]
+    touch: float  # position of the centre at the touch of the first face [m]
+    room_to: float  # stop limit of the centre: the end of the known or assumed ground [m]
+    known: bool  # whether that ground is known
+    # (FACES_MAX,) how far the ball can sink behind each face: limited in a trench, infinite
+    # elsewhere [m].
     descents: Array
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """
-    A plan relative to the faces, so that it follows updates of their positions.
-
-    Attributes
-    ----------
-    strategy : Strategy
-    speed : float
-        Of the approach [m/s].
-    swing : float
-        Distance before the touch at which the pendulum swings [m]; -inf for never.
-    angle : float
-        Swing angle [rad].
-    faces : int
-        Number of faces that it crosses.
-    back : float
-        Distance before the touch at which it starts from rest [m]; 0 for the present position.
-
-    """
+    """A plan relative to the faces, so that it follows updates of their positions."""
 
     strategy: Strategy
-    speed: float
-    swing: float = -math.inf
-    angle: float = 0.0
-    faces: int = 1
-    back: float = 0.0
+    speed: float  # of the approach [m/s]
+    swing: float = -math.inf  # distance before the touch at which the pendulum swings [m]
+    angle: float = 0.0  # of the swing [rad]
+    faces: int = 1  # number of faces that it crosses
+    back: float = 0.0  # distance before the touch at which it starts from rest [m]; 0 for here
 
     def end(self, ahead: Ahead) -> End:
         """Return its end: the face that it was planned for, or the last remaining one."""

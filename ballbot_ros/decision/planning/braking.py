@@ -49,22 +49,9 @@ class Braking:
 
     def distance(self, speed: float, slope: float, emergency: bool = False) -> float:
         """
-        Return the stopping distance [m].
+        Return the stopping distance from a speed [m]; infinite if the ball does not stop.
 
-        Parameters
-        ----------
-        speed : float
-            Now [m/s]; backwards is at rest.
-        slope : float
-            Of the ground that it brakes on [rad].
-        emergency : bool
-            Whether the emergency lean is used.
-
-        Returns
-        -------
-        float
-            Infinite if it does not stop.
-
+        A ball that rolls backwards counts as at rest; `emergency` selects the emergency lean.
         """
         lean = self._furthest if emergency else self._lean
         return braking_distance(speed, slope, lean, self._delay, self._slower)
@@ -79,20 +66,10 @@ class Braking:
 
     def touch_speed(self, speed: float, set_speed: float, room: float, slope: float) -> float:
         """
-        Return the speed after some room, driven by `speed_law_step` [m/s].
+        Return the speed after some room [m], driven by `speed_law_step` [m/s].
 
         While the error requires more than the guaranteed acceleration, that one applies;
-        then the error decays as exp(-speed_gain t).
-
-        Parameters
-        ----------
-        speed, set_speed : float
-            Present and set speed [m/s]; backwards counts as rest.
-        room : float
-            [m]
-        slope : float
-            [rad]
-
+        then the error decays as exp(-speed_gain t).  Backwards counts as rest.
         """
         faster = set_speed > speed
         most = self.acceleration(slope) if faster else self.deceleration(slope)

@@ -22,23 +22,17 @@ from ballbot_ros.decision.values import Face, Outlook, Reason, Strategy
 # Aim above the required speed by this [m/s], or by more if it is not reached in time: the
 # remaining error at the touch must not use up the margin.
 SPEED_RESERVES = (0.05, 0.1)
-
 # Nodes and weights of a mean over a normal distribution (Gauss and Hermite).
 NODES = ((0.0, 0.53333333), (1.3556262, 0.22207592), (-1.3556262, 0.22207592),
          (2.8569700, 0.01125741), (-2.8569700, 0.01125741))
-
 # Longest searched run-up [m].
 RUN_UP_MAX = 6.0
-
 # The pendulum is lowered this long before the touch [s].
 HANGING_TIME = 0.3
-
 # After a failure, the ball must touch faster than it did, and than was planned, by these factors.
 TOUCH_SPEED_RATIO_MIN, PLAN_SPEED_RATIO_MIN = 1.1, 1.05
-
 # Past the last braking point of the nominal robot, a step is crossed at this probability.
 PROBABILITY_MIN = 0.5
-
 # Steps up that are crossed at any speed, behind another one [m].
 PASSABLE_HEIGHT_MAX = 0.002
 

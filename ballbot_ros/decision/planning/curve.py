@@ -214,12 +214,7 @@ class HeightCurve(Checked):
 
     def height(self, speed: float) -> float:
         """
-        Return the highest step that is crossed at `speed` [m].
-
-        Parameters
-        ----------
-        speed : float
-            At touch [m/s], within the range.
+        Return the highest step that is crossed at a touch speed within the range [m/s], [m].
 
         Raises
         ------
@@ -239,25 +234,14 @@ class HeightCurve(Checked):
         """
         Return the lowest speed in range at which `height` [m] is crossed [m/s].
 
-        Parameters
-        ----------
-        height : float
-            Below the step height of the lowest speed, the lowest speed is returned.
-
-        Returns
-        -------
-        float or None
-            None if no speed of the range is enough, or the height is not a number.
-
+        None if no speed of the range is enough, or the height is not a number.
         """
         low, high = self.lowest_speed, self.highest_speed
         if not height <= self.height(high):
             return None
         if height <= self.height(low):
             return low
-        # The curve rises, so halving finds the one place; 40 halvings of a metre per second
-        # are below a picometre per second.
-        for _ in range(40):
+        for _ in range(40):  # to below a picometre per second
             middle = 0.5 * (low + high)
             if self.height(middle) >= height:
                 high = middle

@@ -32,26 +32,12 @@ POSITION_TOLERANCE = 0.05
 
 @dataclass
 class Choice:
-    """
-    Selected plan for the faces ahead, or the reason why none was selected.
+    """Selected plan for the faces ahead, or the reason why none was selected."""
 
-    Attributes
-    ----------
-    candidate : Candidate or None
-        Selected plan, None if every candidate was rejected.
-    reason : Reason
-        Reason of the selection or rejection.
-    outlook : Outlook
-        Of the selected plan, or of the best rejected one.
-    required_speed, reachable_speed : float
-        See `Decision` [m/s].
-
-    """
-
-    candidate: Optional[Candidate]
-    reason: Reason
-    outlook: Outlook = Outlook()
-    required_speed: float = math.nan
+    candidate: Optional[Candidate]  # None if every candidate was rejected
+    reason: Reason  # of the selection or rejection
+    outlook: Outlook = Outlook()  # of the selected plan, or of the best rejected one
+    required_speed: float = math.nan  # see `Decision` [m/s]
     reachable_speed: float = math.nan
 
 

@@ -33,19 +33,8 @@ def energy_bound(robot: Robot, speed: float, swing: float) -> float:
 
         M g h = (M + J1 / R^2) v^2 / 2 + M2 g e (1 - cos(swing) + acos(1 - h / R))
 
-    Parameters
-    ----------
-    robot : Robot
-    speed : float
-        Touch speed, or its upper bound [m/s].
-    swing : float
-        Largest angle of the pendulum [rad].
-
-    Returns
-    -------
-    float
-        At most the radius: a higher face is a wall.
-
+    At most the radius: a higher face is a wall.  `speed`: at the touch, or its upper bound
+    [m/s]; `swing`: largest angle of the pendulum [rad].
     """
     radius, pendulum = robot.ball_radius, robot.largest_gravity_torque
     given = pendulum * (1.0 - math.cos(swing)) + 0.5 * speed * speed * (

@@ -180,7 +180,7 @@ def test_an_edge_enters_at_one_height_and_leaves_at_a_lower_one():
     edge = edges.start(certain=True)
 
     def entered(height):
-        edge.ground = EdgeEstimate(Face(0, 1.0, height, 0.01, 0.0005))
+        edge.ground = EdgeEstimate(Face(0, 1.0, height, 0.01, 0.0005), 0.0)
         edges.update()
         return bool(edges.faces)
     assert list(map(entered, (0.004, -0.004, -0.005, -0.004, 0.0035, 0.002))) == [
@@ -208,7 +208,7 @@ def test_a_detection_close_to_a_drop_does_not_take_its_place():
     edges = EdgeMap(5.0)
     drop = Face(0, 1.356, -0.13, 0.01, 0.001)
     known = edges.start(True)
-    known.ground = EdgeEstimate(drop)
+    known.ground = EdgeEstimate(drop, 0.0)
     lip = Face(0, 1.335, -0.003, 0.01, 0.003)
     assert edges.associate([lip, drop], edges.edges) == {1: known}
     assert edges.associate([drop, lip], edges.edges) == {0: known}

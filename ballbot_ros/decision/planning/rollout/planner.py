@@ -48,23 +48,11 @@ def deliberate(task: Task, tuning: DecisionTuning, room_behind: float,
                kept: Optional[Candidate], failures: Sequence[Failure],
                hysteresis: float) -> Deliberation:
     """
-    Select a plan; a generator that yields after each batch of rollouts.
+    Select a plan for a task with an end ahead; a generator that yields after batches of rollouts.
 
-    Parameters
-    ----------
-    task : Task
-        With at least one end ahead.
-    tuning : DecisionTuning
-    room_behind : float
-        Free ground behind the ball [m].
-    kept : Candidate or None
-        The present plan, kept while it is sufficient.
-    failures : sequence of Failure
-        At this face.
-    hysteresis : float
-        How far the probability of the present plan may be below the required one if there is no
-        better plan from here.
-
+    The ground is free over `room_behind` the ball [m].  The present plan, `kept`, remains while it
+    is sufficient; without a better plan from here, its probability may be below the required one
+    by `hysteresis`.
     """
     position, speed = task.start[:2]
     present = Trial(kept) if kept is not None and _promising([kept], failures) else None

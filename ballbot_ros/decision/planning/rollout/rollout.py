@@ -39,7 +39,6 @@ from ballbot_ros.physics.solvers.semi_implicit import apply_rates
 
 # Outcome of a rollout.
 OVER, STUCK, FALLS = range(3)
-
 # Columns of a plan: positions are those of the ball's centre along the odometry axis.
 SPEED = 0         # set speed [m/s]; 0 for an emergency stop
 SWING_AT = 1      # start of the swing [m]; infinite for none
@@ -49,7 +48,6 @@ EDGE = 4          # end of the swing, and start of the stop [m]
 EDGE_AT = 5       # number of the vertex of the ground behind which the ball is over
 NEXT_AT = 6       # and of the foot of the next face, which it must not touch; the last for none
 PLAN = 7
-
 # Columns of a draw. The first are the robot, in the order of `Parameters`.
 ROBOT = len(Parameters._fields)
 FLOOR_FRICTION = ROBOT  # coefficients of friction
@@ -58,7 +56,6 @@ SLOPE = ROBOT + 2      # added to the slope of the ground ahead [rad]
 HEIGHT = ROBOT + 3     # deviations of the heights of the first faces [m]
 PLACE = HEIGHT + FACES_MAX  # and of their positions [m]
 DRAW = PLACE + FACES_MAX
-
 # Columns of a result.
 VERDICT = 0
 TOUCH_SPEED = 1   # when the ball first touches a face [m/s]; NaN where it does not
@@ -168,7 +165,6 @@ def push(state: Array, torque: float, step: float, robot: Parameters, ground: Ar
 
 
 SHAPE_X, SHAPE_Z, FACE, HEIGHT_SHARE, PLACE_SHARE = range(5)
-
 # Least distance of two vertices of a draw [m].
 VERTEX_DISTANCE_MIN = 1e-6
 

@@ -54,18 +54,7 @@ def plan_row(candidate: Candidate, ahead: Ahead) -> Array:
 
 def candidates(ahead: Ahead, position: float, speed: float, tuning: DecisionTuning
                ) -> List[Candidate]:
-    """
-    Return plans from here.
-
-    Parameters
-    ----------
-    ahead : Ahead
-        With at least one end.
-    position, speed : float
-        Of the ball [m], [m/s].
-    tuning : DecisionTuning
-
-    """
+    """Return plans from a position [m] and speed [m/s] of the ball."""
     run_up = ahead.touch - position
     cruise = min(max(tuning.cruise_speed, speed), tuning.highest_speed)
     speeds = [cruise] + [item for item in SPEEDS
@@ -189,13 +178,7 @@ def search(plans: Sequence[Candidate], task: Task, trials: List[Trial]) -> Steps
     """
     Search among candidates; the generator returns the first sufficient trial, or None.
 
-    Parameters
-    ----------
-    plans : sequence of Candidate
-    task : Task
-    trials : list
-        Output: all evaluations, for reporting why candidates were rejected.
-
+    All evaluations are appended to `trials`, for reporting why candidates were rejected.
     """
     trials += [Trial(plan) for plan in plans]
     yield from _sort(trials, task)
@@ -227,7 +210,9 @@ def search(plans: Sequence[Candidate], task: Task, trials: List[Trial]) -> Steps
 def _sort(trials: List[Trial], task: Task) -> Generator[None, None, None]:
     """Rank trials by the raised steps they cross, from gentle to brisk, until enough do."""
     middle, spread = task.worlds.middle(), task.worlds.spread()
-    trials.sort(key=lambda trial: _urgency(trial.candidate))
+    # By the approximate touch speed.
+    trials.sort(key=lambda trial: math.sqrt(
+        trial.candidate.speed**2 + 2.0 * LEAN_ACCELERATION * max(trial.candidate.swing, 0.0)))
     for begin in range(0, len(trials), CANDIDATES_PER_BATCH):
         bundle = trials[begin:begin + CANDIDATES_PER_BATCH]
         rows = [plan_row(trial.candidate, task.ahead) for trial in bundle]
@@ -255,11 +240,6 @@ def _sort(trials: List[Trial], task: Task) -> Generator[None, None, None]:
         if sum(trial.level == LEVEL_MAX for trial in trials) >= SUFFICIENT_COUNT:
             # The remaining ones are less gentle.
             break
-
-
-def _urgency(candidate: Candidate) -> float:
-    """Return the approximate touch speed [m/s]."""
-    return math.sqrt(candidate.speed**2 + 2.0 * LEAN_ACCELERATION * max(candidate.swing, 0.0))
 
 
 def passing(trials: Sequence[Trial], highest_speed: float) -> List[Trial]:
