@@ -59,15 +59,7 @@ class Attempt:
 
 
 class AttemptWatch:
-    """
-    Watches the ball at each decision.
-
-    Attributes
-    ----------
-    attempt : Attempt or None
-        The present one.
-
-    """
+    """Watches the ball at each decision."""
 
     def __init__(self, robot: Robot):
         """Start away from any step."""

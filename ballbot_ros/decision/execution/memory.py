@@ -29,15 +29,7 @@ SLIP_MAX = 0.1
 
 
 class Memory:
-    """
-    Failures, an obstruction and free ground, which persist between decisions.
-
-    Attributes
-    ----------
-    obstruction : Obstruction or None
-        None once the ball has passed it.
-
-    """
+    """Failures, an obstruction and free ground, which persist between decisions."""
 
     def __init__(self, tuning: DecisionTuning, ball_radius: float):
         self._room_behind, self._radius = tuning.room_behind, ball_radius
@@ -48,7 +40,7 @@ class Memory:
         self._failures: Deque[Failure] = deque(maxlen=FAILURES_MAX)
         self._free_from, self._edge_behind = math.inf, -math.inf
         self._ahead: Tuple[Face, ...] = ()
-        self.obstruction: Optional[Obstruction] = None
+        self.obstruction: Optional[Obstruction] = None  # until the ball has passed it
         self._rest()
 
     def _rest(self) -> None:

@@ -120,27 +120,14 @@ class OutcomeLog:
     """
     Appends outcomes to a log in a separate thread, because a disk may block.
 
-    Parameters
-    ----------
-    path : Path
-        Its folder must exist.
-    robot : str
-        Digest of the robot.
-
-    Attributes
-    ----------
-    reading : Reading
-        The content at the start.
-    problem : str
-        Why outcomes are not kept at present, empty if they are.
-
+    The folder of the log must exist; `robot` is the digest of the robot.
     """
 
     def __init__(self, path: Path, robot: str):
         self._path, self._robot, self._run = path, robot, os.urandom(4).hex()
         self._recent: List[Tuple[str, Outcome]] = []
-        self.reading = read_outcomes(path, robot)
-        self.problem = ''
+        self.reading = read_outcomes(path, robot)  # the content at the start
+        self.problem = ''  # why outcomes are not kept at present, empty if they are
         if self.reading.refusal:
             self.problem = (f'{self.reading.refusal}; nothing is learned from it and nothing '
                             'added to it: "ballbot outcomes reset" begins another one')

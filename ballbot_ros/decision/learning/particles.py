@@ -79,16 +79,9 @@ class Particles:
     def of(cls, robot: Robot, height_bias_sd: float, number: int = 256,
            seed: int = 0) -> 'Particles':
         """
-        Draw robots; the same for the same seed, all of the same weight.
+        Draw a number of robots; the same for the same seed, all of the same weight.
 
-        Parameters
-        ----------
-        robot : Robot
-        height_bias_sd : float
-            Of most sensors, see `DecisionTuning` [m].
-        number : int
-            Of particles.
-        seed : int
+        `height_bias_sd` is that of most sensors, see `DecisionTuning` [m].
 
         Raises
         ------

@@ -23,21 +23,11 @@ HEIGHT_ENTRY, HEIGHT_EXIT = 0.0045, 0.003
 
 
 class Trend:
-    """
-    Recursive linear regression of heights on distances.
-
-    Attributes
-    ----------
-    count : int
-        Of the observations.
-    latest : float
-        Distance of the latest one [m].
-
-    """
+    """Recursive linear regression of heights on distances."""
 
     def __init__(self) -> None:
         """Start without observations."""
-        self.count, self.latest = 0, 0.0
+        self.count, self.latest = 0, 0.0  # number of observations, distance of the latest one [m]
         self._distance = self._height = 0.0
         self._dd = self._dh = self._hh = 0.0
 
@@ -138,17 +128,7 @@ class EdgeMap:
     """
     The edges around the ball; each keeps its number for as long as it is known.
 
-    Parameters
-    ----------
-    sigmas : float
-        Number of standard deviations at which two positions or heights contradict.
-
-    Attributes
-    ----------
-    edges : list of TrackedEdge
-    faces : tuple of Face
-        The edges of the profile at the last `update`, from near to far.
-
+    Two positions or heights contradict if they differ by `sigmas` standard deviations.
     """
 
     def __init__(self, sigmas: float):
@@ -158,6 +138,7 @@ class EdgeMap:
     def clear(self) -> None:
         """Remove all edges; their numbers are not used again."""
         self.edges: List[TrackedEdge] = []
+        # The edges of the profile at the last `update`, from near to far.
         self.faces: Tuple[Face, ...] = ()
 
     def start(self, certain: bool) -> TrackedEdge:

@@ -166,21 +166,6 @@ class ElevationMap:
     A Kalman filter for each node: scans are averaged with weights 1 / variance.  As z is
     relative to a centre that moves up and down, a scan is first shifted, and tilted, to fit
     its overlap with the map.
-
-    Attributes
-    ----------
-    first : int
-        Node of the first element.
-    scans : int
-        In the map.
-    height, variance : (NODES,) arrays
-        [m], [m2]; infinite variance where not observed.  The variance is that of the average of
-        the scans, without the texture.
-    spacing : float
-        Spacing of the observed points [m].
-    reports_sd : bool
-        Whether the sensor reports its standard deviations.
-
     """
 
     def __init__(self, tuning: DecisionTuning):
@@ -190,15 +175,15 @@ class ElevationMap:
 
     def clear(self) -> None:
         """Clear the map."""
-        self.first = 0
-        self.height = np.zeros(NODES)
+        self.first, self.scans = 0, 0  # node of the first element, number of scans in the map
+        self.height = np.zeros(NODES)  # [m]
+        # Of the average of the scans, without the texture; infinite where not observed [m2].
         self.variance = np.full(NODES, np.inf)
         self._strikes = np.zeros(NODES)
-        self.scans = 0
         # Estimated variance of a point, by its distance from the ball [m2].
         self._noise = np.zeros(NODES)
-        self.spacing = CELL
-        self.reports_sd = True
+        self.spacing = CELL  # of the observed points [m]
+        self.reports_sd = True  # whether the sensor reports its standard deviations
 
     def add(self, scan: Scan, position: float) -> str:
         """

@@ -114,12 +114,6 @@ class GroundFusion:
     Fuses each observation at the ball position at its stamp; polylines must be in a `frame`.
 
     The result depends on stamps alone, not on arrival times.
-
-    Attributes
-    ----------
-    profile : Profile or None
-        After the newest observation, None before the first.
-
     """
 
     def __init__(self, robot: Robot, tuning: DecisionTuning, frame: str = 'base_link'):
@@ -137,7 +131,7 @@ class GroundFusion:
         self._unchanged: Dict[type, _Unchanged] = {}
         self._newest: Dict[type, float] = {}
         self._rejected = 0
-        self.profile: Optional[Profile] = None
+        self.profile: Optional[Profile] = None  # after the newest observation
 
     def observe(self, observation: Observation) -> None:
         """Take an observation; it is fused when there is odometry that is not older."""

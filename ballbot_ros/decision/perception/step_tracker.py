@@ -77,12 +77,6 @@ class StepTracker:
     edge is missed by observations that show the ground beyond it, except within 1.5 radii, where
     a sensor may look over it.  Without a reported range, that is the largest distance at
     which the sensor has detected an edge.
-
-    Attributes
-    ----------
-    seen_to : float
-        End of the floor without a step, seen or granted by `unseen_room` [m].
-
     """
 
     def __init__(self, radius: float, tuning: DecisionTuning, edges: EdgeMap):
@@ -91,7 +85,8 @@ class StepTracker:
 
     def reset(self) -> None:
         """Forget the noise of the sensor."""
-        self._first, self.seen_to, self._range = True, math.inf, 0.0
+        self._first, self._range = True, 0.0
+        self.seen_to = math.inf  # end of the floor without a step, seen or by `unseen_room` [m]
         self._heights, self._places = Scatter(), Scatter()
 
     def update(self, observation: StepObservation, position: float) -> Rejection:

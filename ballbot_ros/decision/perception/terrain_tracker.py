@@ -110,22 +110,12 @@ class _Steep:
 
 
 class TerrainTracker:
-    """
-    Takes the polylines of a terrain sensor, in a `frame`, into an elevation map and an edge map.
-
-    Attributes
-    ----------
-    profile : Profile or None
-        The ground, without edges; None before the first observation.
-    steepest : float
-        Steepest slope on which the ball can be held [rad].
-
-    """
+    """Takes the polylines of a terrain sensor, in a `frame`, into an elevation and an edge map."""
 
     def __init__(self, radius: float, tuning: DecisionTuning, edges: EdgeMap, frame: str):
         self._radius, self._tuning, self._edges, self._frame = radius, tuning, edges, frame
         self._map = ElevationMap(tuning)
-        self.steepest = math.inf
+        self.steepest = math.inf  # slope on which the ball can be held [rad]
         self.reset()
 
     def reset(self) -> None:

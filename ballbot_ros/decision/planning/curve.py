@@ -205,16 +205,21 @@ class HeightCurve(Checked):
                 f'HeightCurve: highest_speed must be more than lowest_speed '
                 f'({self.lowest_speed:g} m/s), got {self.highest_speed:g} m/s',
                 'inconsistent', 'highest_speed')
-        speed = _flattest(self)
-        if not _slope(self, speed) > 0.0:
+        _, a1, a2, a3 = self.coefficients
+        speeds = [self.lowest_speed, self.highest_speed]
+        if a3 != 0.0 and self.lowest_speed < -a2 / (3.0 * a3) < self.highest_speed:
+            speeds.append(-a2 / (3.0 * a3))
+        slope, flattest = min((a1 + speed * (2.0 * a2 + speed * 3.0 * a3), speed)
+                              for speed in speeds)
+        if not slope > 0.0:
             raise ConfigurationError(
                 f'HeightCurve: {self.name} must rise from {self.lowest_speed:g} to '
-                f'{self.highest_speed:g} m/s, but it falls or is flat at {speed:.3g} m/s; '
+                f'{self.highest_speed:g} m/s, but it falls or is flat at {flattest:.3g} m/s; '
                 'narrow the range', 'inconsistent', 'coefficients')
 
     def height(self, speed: float) -> float:
         """
-        Return the highest step that is crossed at a touch speed within the range [m/s], [m].
+        Return the highest step [m] that is crossed at a touch speed [m/s] within the range.
 
         Raises
         ------
@@ -260,21 +265,6 @@ def _four_numbers(name: str, values: Any) -> Tuple[float, ...]:
             f'HeightCurve: {name} must be four finite numbers [a0, a1, a2, a3] '
             f'(m, m/s), got {values!r}', 'wrong_type', name)
     return tuple(float(value) for value in values)
-
-
-def _slope(curve: HeightCurve, speed: float) -> float:
-    """Return d(height)/d(speed) [s]."""
-    _, a1, a2, a3 = curve.coefficients
-    return a1 + speed * (2.0 * a2 + speed * 3.0 * a3)
-
-
-def _flattest(curve: HeightCurve) -> float:
-    """Return the speed in range at which the curve rises least [m/s]."""
-    candidates = [curve.lowest_speed, curve.highest_speed]
-    _, _, a2, a3 = curve.coefficients
-    if a3 != 0.0 and curve.lowest_speed < -a2 / (3.0 * a3) < curve.highest_speed:
-        candidates.append(-a2 / (3.0 * a3))
-    return min(candidates, key=lambda speed: _slope(curve, speed))
 
 
 def load_curve(name_or_path: str, variant: str = 'fit') -> HeightCurve:

@@ -54,40 +54,23 @@ class Basis(NamedTuple):
 
 
 class Selector(ABC):
-    """
-    Selects and keeps a plan for the faces ahead.
-
-    Attributes
-    ----------
-    choice : Choice or None
-        None before the first result.
-    basis : Basis or None
-        Inputs of the selection.
-
-    """
+    """Selects and keeps a plan for the faces ahead."""
 
     def __init__(self) -> None:
         self.forget()
 
     def forget(self) -> None:
         """Discard the plan."""
-        self.choice: Optional[Choice] = None
-        self.basis: Optional[Basis] = None
+        self.choice: Optional[Choice] = None  # None before the first result
+        self.basis: Optional[Basis] = None  # inputs of the selection
         self._changes = 0
 
     @abstractmethod
     def update(self, ahead: Ahead, situation: Situation, braking_room: float) -> None:
         """
-        Select or re-evaluate the plan.
+        Select or re-evaluate the plan for the faces ahead, with at least one end.
 
-        Parameters
-        ----------
-        ahead : Ahead
-            With at least one end.
-        situation : Situation
-        braking_room : float
-            Distance to the last braking point of the weakest robot [m].
-
+        `braking_room`: distance to the last braking point of the weakest robot [m].
         """
 
     @property

@@ -95,17 +95,7 @@ class Planner(Protocol):
 
     def __call__(self, situation: Situation, previous: Optional[Decision]) -> Decision:
         """
-        Decide on the terrain ahead.
+        Decide on the terrain ahead, after the previous decision.
 
-        Parameters
-        ----------
-        situation : Situation
-        previous : Decision or None
-            The previous decision.
-
-        Returns
-        -------
-        Decision
-            STOP with a reason for uncertain inputs.  Sensor data never raise an exception.
-
+        STOP with a reason for uncertain inputs.  Sensor data never raise an exception.
         """

@@ -9,7 +9,7 @@ between; CLEAR, STOP and GO_ROUND are labels of this one motion.
 """
 from dataclasses import replace
 import math
-from typing import Iterable, List, NamedTuple, Optional
+from typing import Iterable, NamedTuple, Optional
 
 from ballbot_ros.crossing.rules import touch_distance
 from ballbot_ros.decision.perception.ground_profile import (
@@ -47,13 +47,6 @@ class StopLines:
                         Reason.WALL if face.height > 0.0 else Reason.DROP,
                         f'a face of {1e3 * face.height:.0f} mm')
 
-    def end_of_sight(self, profile: Profile) -> Optional[StopLine]:
-        """Return the line before the end of the observed terrain, None for a step sensor."""
-        if not math.isfinite(profile.seen_to):
-            return None
-        return StopLine(profile.seen_to - self._radius - LINE_MARGIN, profile.seen_to,
-                        Reason.WALL, 'the end of the observed terrain')
-
     def before_slope(self, profile: Profile, position: float) -> Optional[StopLine]:
         """Return the line before the next stretch that is too steep to stand on, if any."""
         for begin, angle in profile.steep:
@@ -68,12 +61,14 @@ class StopLines:
         profile, position = situation.profile, situation.motion.position
         if profile is None:
             return None
-        lines: List[Optional[StopLine]] = [self.before_face(face) for face in faces
-                                           if face.position > position]
-        lines.append(self.end_of_sight(profile))
-        lines.append(self.before_slope(profile, position))
-        return min((line for line in lines if line is not None), default=None,
-                   key=lambda line: line.position)
+        lines = [self.before_face(face) for face in faces if face.position > position]
+        if math.isfinite(profile.seen_to):
+            lines.append(StopLine(profile.seen_to - self._radius - LINE_MARGIN, profile.seen_to,
+                                  Reason.WALL, 'the end of the observed terrain'))
+        slope = self.before_slope(profile, position)
+        if slope is not None:
+            lines.append(slope)
+        return min(lines, default=None, key=lambda line: line.position)
 
     @property
     def _most(self) -> str:

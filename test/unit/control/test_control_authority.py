@@ -3,7 +3,6 @@
 import math
 
 import pytest
-from refusals import refused as expect_refusal
 
 from ballbot_ros.control import Authority
 from ballbot_ros.errors import ConfigurationError, MessageError
@@ -57,13 +56,6 @@ def test_an_unknown_one_is_followed_only_where_no_other_commands_and_gets_no_aut
     authority.check('controller', 1.0)
     assert refused(authority, '', 1.05) and not refused(authority, '', 1.2)
     assert not refused(authority, 'teleop', 1.2)
-
-
-def test_both_are_named():
-    authority = Authority(0.1)
-    authority.check('/controller', 1.0)
-    with expect_refusal('other_sender', error=MessageError):
-        authority.check('/teleop', 1.0)
 
 
 @pytest.mark.parametrize('timeout', [0.0, -1.0, math.nan, math.inf])

@@ -82,12 +82,6 @@ class Worlds:
 
     The samples are drawn once and reused cyclically, so that plans are compared in the same worlds
     and a run is reproducible bit by bit.
-
-    Attributes
-    ----------
-    attempts : int
-        Number of rollouts so far.
-
     """
 
     def __init__(self, knowledge: Knowledge):
@@ -106,7 +100,7 @@ class Worlds:
             tuning.emergency_lean, tuning.reaction_time + tuning.actuation_delay,
             tuning.cruise_speed)
         self._scratch: Dict[int, Tuple[Array, Array, Array, Array]] = {}
-        self._next = self.attempts = 0
+        self._next, self.attempts = 0, 0  # index of the next world, number of rollouts so far
         self.set_particles(knowledge.initial_particles)
 
     def set_particles(self, particles: Particles) -> None:
