@@ -58,11 +58,11 @@ class Touching(NamedTuple):
     @classmethod
     def of(cls, outcome: Outcome) -> 'Touching':
         """Return how the step of an outcome was touched."""
-        plan = outcome.plan
-        swung = plan is not None and math.isfinite(plan.swing_position)
+        plan, set_angle = outcome.plan, outcome.held_angle
+        if plan is not None and math.isfinite(plan.swing_position):
+            set_angle = plan.swing_angle
         return cls(outcome.height, outcome.height_sd, outcome.touch_speed, outcome.touch_angle,
-                   plan.swing_angle if plan is not None and swung else outcome.held_angle,
-                   outcome.slope)
+                   set_angle, outcome.slope)
 
 
 @unlocked

@@ -180,19 +180,10 @@ BLURRED_RUN_MAX = 0.05
 def ground_of(found: ElevationMap, stamp: float, position: float, radius: float,
               edges: Sequence[Face]) -> Profile:
     """
-    Return the ground of a map around a position, its faces without numbers; may be empty.
+    Return the ground of a map around a ball, its faces without numbers; may be empty.
 
-    Parameters
-    ----------
-    found : ElevationMap
-    stamp : float
-        Of the latest scan in it [s].
-    position, radius : float
-        Of the ball [m].
-    edges : sequence of Face
-        Known faces: they are measured at their positions, and only the test of
-        `HEIGHT_EXIT` applies to them.
-
+    The stamp is that of the latest scan [s].  The `edges` are known faces: they are measured at
+    their positions, and only the test of `HEIGHT_EXIT` applies to them.
     """
     known = np.flatnonzero(np.isfinite(found.variance))
     # Neighbouring nodes share the points that they lie between.

@@ -106,16 +106,8 @@ class CurveRule:
         Return the highest probable speed when the centre passes the edge [m/s].
 
         A crossing consumes the square of the minimum crossing speed; runs of the full model
-        keep slightly less.
-
-        Parameters
-        ----------
-        face : Face
-        driven : float
-            At touch [m/s].
-        too_slow : float
-            A touch speed at which the ball did not cross it [m/s].
-
+        keep slightly less.  `driven`: at the touch [m/s]; `too_slow`: a touch speed at which the
+        ball did not cross the face [m/s].
         """
         sigmas, curve = self._tuning.sigma_margin, self._curve
         lower = max(0.0, face.height - sigmas * self._deviation(face))

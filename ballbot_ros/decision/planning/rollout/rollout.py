@@ -172,21 +172,9 @@ VERTEX_DISTANCE_MIN = 1e-6
 @compiled
 def fill_ground(shape: Array, draw: Array, raised: float, here: float, ground: Array) -> None:
     """
-    Write the ground of a draw.
+    Write the (n, 7) ground of a draw, as `Terrain.profile` gives it, for an (n, 5) shape.
 
-    Parameters
-    ----------
-    shape : (n, 5) array
-        See `ahead.Ahead`.
-    draw : (DRAW,) array
-        See the columns above.
-    raised : float
-        Added to the height of the first face [m].
-    here : float
-        Position of the ball [m]: the start of the slope deviation.
-    ground : (n, 7) array
-        Overwritten, as `Terrain.profile` gives it.
-
+    The first face is raised [m]; the deviation of the slope starts at the ball, `here` [m].
     """
     count = len(shape)
     before = -math.inf
@@ -411,23 +399,7 @@ def climb(memory: SpeedState, plan: Array, robot: Parameters, drive: Drive, scra
 @compiled
 def run(start: Rolling, plan: Array, draw: Array, raised: float, drive: Drive, shape: Array,
         scratch: Scratch, result: Array) -> None:
-    """
-    Run one rollout.
-
-    Parameters
-    ----------
-    start : Rolling
-        The ball now.
-    plan, draw, result : arrays
-        Rows of the columns above; the result is overwritten.
-    raised : float
-        Added to the height of the first face [m].
-    drive : Drive
-    shape : (n, 5) array
-        See `ahead.Ahead`.
-    scratch : Scratch
-
-    """
+    """Run one rollout from the present state of the ball; overwrite the row of its result."""
     ground, state = scratch.ground, scratch.state
     robot = read_parameters(draw, 0)
     fill_ground(shape, draw, raised, start.position, ground)
@@ -466,8 +438,10 @@ def run_many(start: Start, plans: Array, draws: Array, raised: float, drive: Pla
         A `Rolling`.
     plans : (k, PLAN) array
     draws : (n, DRAW) array
-    raised, shape
-        See `run`.
+    raised : float
+        Added to the height of the first face [m].
+    shape : (m, 5) array
+        See `ahead.Ahead`.
     drive, scratch : tuple
         A `Drive` and a `Scratch`.
     results : (k, n, RESULT) array
