@@ -130,7 +130,7 @@ class AttemptWatch:
         if self._left and before > 0.0 >= self._run_up:
             speed, angle = self._before_touch(face)
             if speed >= TOUCH_SPEED_MIN:
-                self.attempt = self._begun(face, motion, seen, decision, speed, angle)
+                self.attempt = self._started(face, motion, seen, decision, speed, angle)
 
     def _distance_to_touch(self, face: Face, position: float) -> float:
         """Return the distance that the ball rolls before it touches a face [m]."""
@@ -144,8 +144,8 @@ class AttemptWatch:
                 return motion.speed, motion.pendulum_angle
         return self._motions[0].speed, self._motions[0].pendulum_angle
 
-    def _begun(self, face: Face, motion: Motion, seen: Optional[Profile],
-               decision: Decision, speed: float, angle: float) -> Attempt:
+    def _started(self, face: Face, motion: Motion, seen: Optional[Profile],
+                 decision: Decision, speed: float, angle: float) -> Attempt:
         """Return an attempt that begins with a touch."""
         slope = motion.slope
         if seen is not None and math.isfinite(seen.slope):
@@ -224,8 +224,8 @@ class AttemptWatch:
         if drop is None or motion.position < drop.position + 2.0 * drop.position_sd \
                 or not self._agrees(drop, motion, seen):
             return None
-        return self._end(self._begun(drop, motion, seen, decision, motion.speed,
-                                     motion.pendulum_angle), Result.FELL, motion)
+        return self._end(self._started(drop, motion, seen, decision, motion.speed,
+                                       motion.pendulum_angle), Result.FELL, motion)
 
     def _agrees(self, face: Face, motion: Motion, seen: Optional[Profile]) -> bool:
         """Return whether observations since the ball passed a face show it behind the ball."""

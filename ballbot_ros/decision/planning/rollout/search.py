@@ -117,7 +117,8 @@ ROLLOUTS_PER_YIELD = 20  # rollouts between two yields
 # A candidate this far below the required probability at a check is rejected.
 REJECTION_MARGIN = 0.12
 CONFIRMED_MAX = 3
-# The limit of the step height is searched up to this much above the step [m], in so many worlds.
+# The limit of the step height is searched up to this much above the step [m], in this number of
+# worlds.
 LIMIT_ABOVE_MAX, LIMIT_WORLDS = 0.04, 24
 # Maximum fraction of rollouts of a permitted plan that end beyond the stop line behind the edge.
 OVERRUN_FRACTION_MAX = 0.02
