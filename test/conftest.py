@@ -109,7 +109,7 @@ def pytest_terminal_summary(terminalreporter, config):
         return
     seconds = Counter()
     for report in (report for kind in terminalreporter.stats.values() for report in kind):
-        if hasattr(report, 'when'):
+        if hasattr(report, 'duration'):
             path = report.nodeid.split('::')[0]
             seconds[path if path.count('/') < 2 else path.rpartition('/')[0]] += report.duration
     terminalreporter.section('seconds by folder')
