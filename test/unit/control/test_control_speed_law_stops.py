@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Stops and places by the speed law on the full model, as the decision runs it: at 50 Hz."""
+from copy import copy, deepcopy
+from functools import cache
 import math
 
 import numpy as np
@@ -31,13 +33,20 @@ class Course:
         self.plant = Plant(read_scene({
             'robot': 'gimball', 'robot_changes': changes, 'duration': 1.0,
             'terrain': [{'slope': {'length': 60.0, 'angle_deg': slope}}],
-            'initial': {'x': 30.0}}, 'test', 'test'), RATE)
+            'initial': {'x': 30.0}, 'solver': {'step': 2e-4}}, 'test', 'test'), RATE)
         self.law = speed_law.SpeedLaw.tuned(GIMBALL, tuning)[:]
         self.controller = PendulumController(GIMBALL, tuning)
         self.state = speed_law.speed_law_start(0.0, 0.0, self.slope, self.law)
         self.angles = [0.0]
         self.noise, self.random = noise, np.random.default_rng(1)
         self.begin = self.plant.state.x
+
+    def copy(self):
+        """Return a course that continues from here."""
+        other = copy(self)
+        other.plant, other.controller = copy(self.plant), deepcopy(self.controller)
+        other.angles, other.random = [*self.angles], deepcopy(self.random)
+        return other
 
     @property
     def speed(self):
@@ -75,14 +84,25 @@ class Course:
             state, seen, math.nan, place - way, top_speed, lean, EVERY / RATE, self.law)
 
 
+@cache
+def _at_speed(slope, tuning, speed):
+    course = Course(slope, tuning)
+    course.run(4.0, course.at_speed(speed))
+    return course
+
+
+def rolling(slope, tuning, speed):
+    """Return a course whose ball has a speed."""
+    return _at_speed(slope, tuning, speed).copy()
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize('tuning', TUNINGS)
 @pytest.mark.parametrize('lean', [0.7, 1.4])
 @pytest.mark.parametrize('slope', [-3.0, 0.0, 3.0])
 def test_a_ball_stops_within_the_braking_distance_and_stays(slope, lean, tuning):
     for speed in (0.2, 0.5, 0.9):
-        course = Course(slope, tuning)
-        course.run(6.0, course.at_speed(speed))
+        course = rolling(slope, tuning, speed)
         rows = course.run(4.0 if slope > -3.0 or lean > 1.0 else 10.0, course.at_speed(0.0, lean))
         rolled, back = rows[:, 1].max() - rows[0, 1], rows[:, 1].max() - rows[-1, 1]
         said = speed_law.braking_distance(
@@ -108,9 +128,7 @@ def test_a_ball_stands_on_a_slope_without_creeping(slope, tuning):
 @pytest.mark.parametrize('slope', [-3.0, 0.0, 3.0])
 @pytest.mark.parametrize('before, gap', [(0.0, 0.4), (0.4, 0.6), (0.8, 1.5)])
 def test_a_place_is_reached_from_one_side_and_kept(slope, tuning, before, gap):
-    course = Course(slope, tuning)
-    if before:
-        course.run(6.0, course.at_speed(before))
+    course = rolling(slope, tuning, before) if before else Course(slope, tuning)
     place = course.way + gap
     rows = course.run(9.0, course.to(place))
     assert rows[:, 1].max() < place + 0.001

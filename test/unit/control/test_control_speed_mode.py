@@ -23,7 +23,7 @@ LONG = 40.0  # of a slope [m]
 def plant(slope=0.0, terrain=None, **changes):
     """Return a robot of other numbers at rest in the middle of a slope [degrees]."""
     scene = read_scene({
-        'robot': 'gimball', 'robot_changes': changes, 'duration': 1.0,
+        'robot': 'gimball', 'robot_changes': changes, 'duration': 1.0, 'solver': {'step': 2e-4},
         'terrain': terrain or [{'slope': {'length': LONG, 'angle_deg': slope}}],
         'initial': {'x': 0.5 * LONG * math.cos(math.radians(slope))}}, 'test', 'test')
     return Plant(scene, RATE)
