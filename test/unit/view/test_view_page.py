@@ -48,7 +48,7 @@ def test_a_slow_browser_never_slows_a_simulation(page):
     source = page._source
     page.start()
     # It takes the first bytes and then never reads again: its buffers are full soon.
-    with looker.look(page.url, max_queue=1):
+    with looker.look(page.url, max_queue=1, close_timeout=0.1):
         source.apply('speed', 4.0)
         wait_until(lambda: source.shown.time > 3.0)
         drawn = page.frames
