@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ballbot_ros.cli import main
-from ballbot_ros.figures import command_loss
+from ballbot_ros.figures import command_loss, steering
 from ballbot_ros.paper import design, figures as paper, heights
 from ballbot_ros.paper.procedure import run_tests
 from ballbot_ros.paper.test_bench import Roll
@@ -24,6 +24,7 @@ def coarse(monkeypatch):
     monkeypatch.setattr(paper, 'run_tests', lambda bench, robot: run_tests(
         bench, robot, (0.01,), fine_rolls=2))
     monkeypatch.setattr(command_loss, 'COLUMNS', command_loss.COLUMNS[:2])
+    monkeypatch.setattr(steering, 'TURNING_SPEEDS', steering.TURNING_SPEEDS[:1])
     monkeypatch.setattr(design, 'SAMPLES', 4)
     monkeypatch.setattr(design, 'SLOPE_SPEEDS', FEW[:2])
     monkeypatch.setattr(design, 'LENGTHS', np.linspace(0.02, 0.16, 3))
