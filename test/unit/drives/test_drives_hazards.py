@@ -19,8 +19,16 @@ def armed(kind, settings=None, **options):
     bench.driver.identify()
     bench.driver.read_settings()
     bench.driver.arm()
-    assert bench.cycles(2500, torque=0.01).hazards == ()
+    assert bench.cycles(100, torque=0.01).hazards == ()
     return bench
+
+
+@pytest.mark.parametrize('kind', [
+    'odrive 0.6', *slow('odrive 0.5', 'odrive_can 0.5', 'odrive_can 0.6', 'vesc_can', 'roboclaw')])
+def test_settings_that_stay_are_no_hazard(kind):
+    bench = armed(kind)
+    for _ in range(25):
+        assert bench.cycles(100, torque=0.01).hazards == ()
 
 
 @pytest.mark.parametrize('kind, frame', [
