@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Where the ball has rolled to: against closed forms, and against the simulated robot."""
+from functools import cache
 import math
 
 from hypothesis import given, strategies as some
@@ -182,6 +183,7 @@ CASES = {
 }
 
 
+@cache
 def drive(case, push, late=0):
     """
     Return errors of position and speed and their deviations, each period.
