@@ -70,7 +70,7 @@ def drive(make_node, spinner, tmp_path):
 @pytest.mark.parametrize('control', ['direct', 'onboard'])
 def test_a_yaw_rate_on_cmd_vel_is_followed(drive, control):
     settings = {'lockstep': True} if control == 'direct' else {'tuning': 'gentle'}
-    plant, seen = drive(8.0, 0.4, 0.2, control, **settings)
+    plant, seen = drive(5.0, 0.4, 0.2, control, **settings)
     assert plant.lateral.yaw_rate == pytest.approx(0.2, abs=0.02)
     x, y, heading = plant.relative_pose
     # All topics are of nearly the same time.
