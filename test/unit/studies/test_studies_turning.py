@@ -38,9 +38,8 @@ def heading_error(found):
 
 @pytest.mark.slow
 @with_mujoco
-@pytest.mark.parametrize('speed, lean, heading', [
-    (0.1, 0.1, 0.5), (1.2, 0.1, 0.5), (0.4, 0.2, 1.0), (0.4, 0.3, 2.5), (0.1, 0.4, 5.0),
-    (1.2, 0.4, 5.0)])
+@pytest.mark.parametrize('speed', [0.1, 0.4, 1.2])
+@pytest.mark.parametrize('lean, heading', [(0.1, 0.5), (0.2, 1.0), (0.3, 2.5), (0.4, 5.0)])
 def test_a_step_of_the_lean_turns_the_ball_as_in_mujoco(speed, lean, heading):
     found = compare(GIMBALL, LateralRun(speed, lean))
     assert deviation(found, 'tilt') < 0.7 * DEGREE
@@ -51,8 +50,8 @@ def test_a_step_of_the_lean_turns_the_ball_as_in_mujoco(speed, lean, heading):
 
 @pytest.mark.slow
 @with_mujoco
-@pytest.mark.parametrize('speed, share', [
-    (0.1, -0.5), (0.1, 1.0), (0.4, -0.5), (1.2, -0.5), (1.2, 1.0)])
+@pytest.mark.parametrize('speed', [0.1, 0.4, 1.2])
+@pytest.mark.parametrize('share', [-0.5, 1.0])
 def test_the_law_turns_the_ball_of_mujoco(speed, share):
     wanted = share * yaw_rate_limit(GIMBALL, speed)
     found = compare(GIMBALL, LateralRun(speed, yaw_rate=wanted))
