@@ -258,7 +258,7 @@ def load_floor(name_or_path: Union[str, Path]) -> Floor:
     with problems.collected():
         refuse_missing([(_FloorFile, content, where)])
     features: Dict[int, Feature] = {}
-    entries = content.get('features', [])
+    entries = [] if content.get('features') is None else content['features']
     with problems.collected():
         if not isinstance(entries, list):
             raise ConfigurationError(

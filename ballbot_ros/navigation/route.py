@@ -787,7 +787,8 @@ class RoutePlanner:
                 'no route: walls, obstacles, drops, keep-out areas or ramps steeper than '
                 f'{math.degrees(self._steepest):.1f} degrees separate start and goal',
                 'no_route', 'goal')
-        lacks = '; '.join(self._lack(number, sign) for number, sign in passed)
+        lacks = '; '.join(self._lack(number, sign) for number, sign in passed if not any(
+            arc.segment.sign == sign for arc in self._arcs[number][1]))
         if point_gets_there or not lacks:
             lacks = 'the ball cannot turn in the room that it has' + (f'; {lacks}' * bool(lacks))
         raise RefusedError(

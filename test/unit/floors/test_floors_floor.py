@@ -69,6 +69,12 @@ def test_a_map_of_100_million_cells_is_refused_before_its_pixels_are_read(tmp_pa
     assert caught.value.reason == 'out_of_range'
 
 
+def test_a_list_of_features_may_be_empty(tmp_path):
+    """As after a user has commented out all of them."""
+    (tmp_path / 'f.yaml').write_text('walls: {size: [4, 4], lines: []}\nfeatures:\n  # none\n')
+    assert load_floor(tmp_path / 'f.yaml').features == ()
+
+
 def test_all_errors_of_a_file_are_reported_together(tmp_path):
     found = refusals(tmp_path / 'f.yaml', """
 walls: {size: [5, -5], lines: [[[0, .nan], [1, 1]]]}
