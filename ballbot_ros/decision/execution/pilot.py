@@ -33,8 +33,7 @@ class Pilot:
     def follow(self, knowledge: Knowledge) -> None:
         """Change tuning or controller; keep the state estimate."""
         self._tuning = knowledge.tuning
-        self._law = SpeedLaw.of(
-            knowledge.robot, knowledge.control.position_kd / knowledge.control.position_kp)[:]
+        self._law = SpeedLaw.tuned(knowledge.robot, knowledge.control)[:]
 
     def reset(self) -> None:
         """Discard the state estimates."""

@@ -25,7 +25,7 @@ class Braking:
 
     def __init__(self, robot: Robot, tuning: DecisionTuning, control: ControlTuning):
         """Compute the constants once."""
-        law = SpeedLaw.of(robot, control.position_kd / control.position_kp)
+        law = SpeedLaw.tuned(robot, control)
         whole = acceleration(tuning.largest_lean, 0.0, law[:])
 
         def weaker(counted_on: float) -> Numbers:

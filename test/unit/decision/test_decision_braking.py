@@ -10,6 +10,7 @@ import pytest
 from ballbot_ros.control import load_tuning
 from ballbot_ros.decision import load_decision_tuning
 from ballbot_ros.decision.planning.braking import Braking
+from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics.model.robot import load_robot
 
 GIMBALL, TUNING = load_robot('gimball'), load_decision_tuning('decision_default')
@@ -33,6 +34,14 @@ def test_the_way_to_a_stop_is_reaction_and_then_braking():
     assert slow.distance(-1.0, 0.0) == 0.0
     assert slow.distance(1.0, 0.0, emergency=True) < slow.distance(1.0, 0.0)
     assert slow.expected_distance(1.0, 0.0) < slow.distance(1.0, 0.0, emergency=True)
+
+
+def test_the_law_has_the_gains_of_the_controller():
+    slow = Braking(GIMBALL, TUNING, replace(CONTROL, swing_time=0.4))
+    assert slow.distance(1.0, 0.0) == pytest.approx(braking().distance(1.0, 0.0) + 0.25)
+    with pytest.raises(ConfigurationError) as refusal:
+        Braking(GIMBALL, TUNING, replace(CONTROL, position_kp=0.0))
+    assert refusal.value.field == 'position_kp'
 
 
 @given(strategies.floats(0.0, 1.5), slopes, slopes)

@@ -93,7 +93,7 @@ class Worlds:
         self._draws = np.zeros((WORLDS, DRAW))
         self._particles: Optional[Particles] = None
         self._bias = np.zeros(WORLDS)
-        law = SpeedLaw.of(robot, control.position_kd / control.position_kp)
+        law = SpeedLaw.tuned(robot, control)
         self._drive: PlainDrive = (
             control.position_kp, control.position_kd, float(control.gravity_compensation),
             control.torque_limit, robot.motor_line, law[:], tuning.largest_lean,
