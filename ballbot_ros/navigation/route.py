@@ -317,33 +317,40 @@ class RoutePlanner:
         feature.
         """
         for begin, end in feature.segments:
-            if not self._ramps or feature.kind not in ('step', 'level', 'ramp') \
-                    or self.is_closed(feature):
+            if feature.kind not in ('step', 'carpet', 'level', 'ramp') or self.is_closed(feature):
                 yield (begin, end), None
                 continue
             count = max(1, math.ceil(math.dist(begin, end) / EDGE_LENGTH))
             points = [(float(x), float(y)) for x, y in np.linspace(begin, end, count + 1)]
-            rises = [self._rise_beside_ramp(feature, part) for part in zip(points, points[1:])]
+            rises = [self._rise(feature, part) for part in zip(points, points[1:])]
             keeps = [None if rise is None else self._kept(feature, rise) for rise in rises]
             for kept, numbers in groupby(range(count), key=keeps.__getitem__):
                 first, *others = numbers
                 if kept != (0.0, 0.0):
                     yield (points[first], points[first + len(others) + 1]), kept
 
-    def _rise_beside_ramp(self, feature: Feature, line: Tuple[Point, Point]) -> Optional[float]:
-        """Return the rise towards the left of a part, None away from ramps, 0 without a face."""
+    def _rise(self, feature: Feature, line: Tuple[Point, Point]) -> Optional[float]:
+        """
+        Return the rise of the floor towards the left of a part of an edge [m].
+
+        None for that of the feature; 0 without a face, and along a wall, where the ball does not
+        reach it.
+        """
         (x0, y0), (x1, y1) = line
         length = math.dist(*line) or 1.0
         right = (y1 - y0) / length, (x0 - x1) / length
         one, two = ((0.5 * (x0 + x1) + way * right[0], 0.5 * (y0 + y1) + way * right[1])
                     for way in (EDGE_OFFSET, -EDGE_OFFSET))
+        for point in (one, two):
+            away, (x, y) = self.floor.nearest_wall(point)
+            if away < CLEARANCE and abs(x * right[0] + y * right[1]) >= abs(
+                    x * right[1] - y * right[0]):
+                return 0.0
         if not any(inside(*point, ramp.polygon) for ramp in self._ramps for point in (one, two)):
             return None
         rise = area_height(self.floor, two) - area_height(self.floor, one) \
             + passed(self.floor, one, two)
-        # The ball does not reach a face along a wall.
-        if abs(rise) < FACE_HEIGHT_MIN or any(
-                self.floor.nearest_wall(point)[0] < CLEARANCE for point in (one, two)):
+        if abs(rise) < FACE_HEIGHT_MIN:
             return 0.0
         return rise if feature.kind == 'ramp' else None
 

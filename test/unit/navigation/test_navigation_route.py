@@ -534,6 +534,19 @@ def test_a_route_keeps_the_stopping_distance_from_the_high_sides_of_a_ramp(tmp_p
     assert planner.clearance((5.2, 2.1)) < 0.0 < planner.clearance((5.2, 2.7))
 
 
+def test_the_outline_of_a_level_along_a_wall_is_ignored(tmp_path):
+    """The room on the right is 60 mm lower; its outline is drawn along the walls."""
+    room = '{kind: level, polygon: [[4, 0], [8, 0], [8, 4], [4, 4]], height: -0.06}'
+    hall = '{kind: level, polygon: [[0, 0], [4, 0], [4, 4], [0, 4]], height: 0.06}'
+    for level, x in ((room, 2.0), (hall, 2.0)):
+        planner = planner_of(tmp_path, [level], (8, 4), '[[[4, 0], [4, 1.5]], [[4, 2.5], [4, 4]]]')
+        planner.check_place((x, 0.4), 'goal')
+        planner.check_place((0.4, 2.0), 'goal')
+        planner.check_place((3.6, 0.5), 'goal')  # beside the wall between the rooms
+        with pytest.raises(RefusedError):
+            planner.check_place((3.6, 2.0), 'goal')  # above the door
+
+
 def test_a_measured_height_is_more_certain_than_the_one_of_the_map(tmp_path):
     """The map has 40 +- 20 mm, and nothing that high is crossed before so little room."""
     step = '{kind: step, name: door, line: [[2.5, 4], [2.5, 0]], height: 0.04, height_sd: 0.02}'
@@ -592,7 +605,9 @@ def test_a_step_beside_a_ramp_is_crossed_nowhere_on_the_ramp(tmp_path):
         '[5.5, 2]', '[5.5, 2.4]')
     planner = planner_of(tmp_path, [step, ramp], (9, 5),
                          '[[[5.5, 0], [5.5, 1.4]], [[5.5, 3.4], [5.5, 5]]]')
-    assert {edge.line for edge in planner.boundaries[0]} == {((5.5, 2.4), (5.5, 1.4))}
+    (begin, end), = (edge.line for edge in planner.boundaries[0])
+    # The wall beside the door reaches half its thickness into it.
+    assert begin == (5.5, 2.4) and end == pytest.approx((5.5, 1.45))
     for route in (planner.route((1.5, 2.9), (7.5, 2.9)), planner.route((7.5, 2.9), (1.5, 2.9))):
         assert [segment.feature for segment in route.segments] == [None]
 
