@@ -131,6 +131,8 @@ class Capability:
             Available to the centre behind the last edge [m].
 
         """
+        if room < ROOM:
+            return None
         steps = tuple((_rounded(at, WIDTH), _rounded(height, HEIGHT)) for at, height in faces)
         height_sd = _rounded(height_sd, HEIGHT_SD)
         if max(height for _, height in steps) < 0.0:

@@ -518,7 +518,7 @@ class RoutePlanner:
             for at, sign, angle in crossings((edge.line,), (x, y), way):
                 if not 0.0 < at < distance - driven or not height_factor(angle):
                     continue
-                faces = self._faces(feature, (x + at * way[0], y + at * way[1]), way, sign, angle)
+                faces = self._faces(feature, sign, angle)
                 free = self._free((x, y), way, close | self._barriers(segment.number, edge))
                 if free > distance - driven - SAMPLE_DISTANCE and any(self._capability.crossing(
                         faces, feature.height_sd, item, free - at - 0.5 * faces[-1][0])
@@ -529,7 +529,10 @@ class RoutePlanner:
     def _along(self, number: int, edge: Boundary, heading: int, sign: int,
                angle: float, barriers: NDArray[np.bool_]) -> List[_Arc]:
         """Return the crossings of an edge of a feature along a heading."""
-        feature, ((x0, y0), (x1, y1)) = self._assumed[number], edge.line
+        faces = self._faces(self._assumed[number], sign, abs(angle) + HEADING_SD)
+        half = 0.5 * faces[-1][0]
+        touch = touch_distance(self.ball_radius, max(faces[0][1], 0.0)) + half
+        (x0, y0), (x1, y1) = edge.line
         across, up = VECTORS[heading]
         step_x, step_y = across * self._size, up * self._size
         spacing = math.hypot(step_x, step_y)
@@ -547,9 +550,6 @@ class RoutePlanner:
             row, column = int(item[0]) + rows.start, int(item[1]) + columns.start
             middle = (float(self._x[0, column]) + share * step_x,
                       float(self._y[row, 0]) + share * step_y)
-            faces = self._faces(feature, middle, way, sign, abs(angle) + HEADING_SD)
-            half = 0.5 * faces[-1][0]
-            touch = touch_distance(self.ball_radius, max(faces[0][1], 0.0)) + half
             run_up = self._free(middle, (-way[0], -way[1]), barriers) - touch
             room = self._free(middle, way, barriers) - half
             known = self._limits.get((number, sign))
@@ -639,16 +639,12 @@ class RoutePlanner:
         return 0 <= row < rows and 0 <= column < columns and not self._blocked[row, column]
 
     @staticmethod
-    def _faces(feature: Feature, middle: Point, way: Point, sign: int, angle: float
-               ) -> Tuple[Tuple[float, float], ...]:
+    def _faces(feature: Feature, sign: int, angle: float) -> Tuple[Tuple[float, float], ...]:
         """Return the faces of a feature for a ball that crosses it in a direction."""
         if feature.kind in ('threshold', 'cord'):
             return ((0.0, feature.height / height_factor(angle)),
                     (feature.width / math.cos(angle), -feature.height))
-        rise = sign * feature.height
-        if feature.kind in ('carpet', 'level'):
-            beyond = (middle[0] + 0.01 * way[0], middle[1] + 0.01 * way[1])
-            rise = feature.height if inside(*beyond, feature.polygon) else -feature.height
+        rise = sign * feature.rise
         return ((0.0, rise / height_factor(angle) if rise > 0.0 else rise),)
 
     def _free(self, place: Point, way: Point, barriers: NDArray[np.bool_]) -> float:
