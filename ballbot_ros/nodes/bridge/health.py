@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The health of the motor bridge, for /diagnostics."""
-from typing import Mapping, Optional
+from typing import Mapping, Optional, Tuple
 
 from ballbot_ros.bridge.hardware_file import Hardware
 from ballbot_ros.bridge.loop import Loop
@@ -67,6 +67,20 @@ SUPERVISED = ('timeouts', 'e_stops', 'limited_torque', 'limited_rate', 'limited_
 EVENTS = ('armed', 'disarmed_by_drive', 'links_lost')
 
 
+def summary(session: Session, loop: Optional[Loop]) -> Tuple[bytes, str]:
+    """Return level and text of the state of motor power, by the connection and the commands."""
+    if loop is None:
+        return diagnostics.WARN, ': '.join(filter(None, ('not configured', session.line.trouble)))
+    if session.line.driver is None:
+        return diagnostics.ERROR, f'looking for the drive: {session.line.trouble}'
+    e_stop = session.supervisor.e_stop
+    if e_stop:
+        return diagnostics.WARN, f'e-stop: {e_stop.text}'
+    if session.supervisor.timed_out:
+        return diagnostics.WARN, 'commands timed out'
+    return diagnostics.OK, 'running'
+
+
 def health(session: Session, loop: Optional[Loop], hardware: Hardware,
            imu_refused: int, authority: Optional[Authority] = None) -> diagnostics.Health:
     """
@@ -113,15 +127,14 @@ def health(session: Session, loop: Optional[Loop], hardware: Hardware,
         'encoder_jumps': fusion.jumps, 'encoder_rezeroed': fusion.rezeroed,
         'late_periods': loop.late if loop else 0,
         **{f'wire_{what}': number for what, number in wire.items()}}
+    level, text = summary(session, loop)
     if loop is None:
-        return diagnostics.WARN, ': '.join(
-            filter(None, ('not configured', session.line.trouble))), values
+        return level, text, values
     delayed = loop.delayed()
     if driver is None:
-        return diagnostics.ERROR, f'looking for the drive: {session.line.trouble}', values
+        return level, text, values
     if e_stop:
-        return diagnostics.WARN, '; '.join(
-            filter(None, (f'e-stop: {e_stop.text}', delayed))), values
+        return level, '; '.join(filter(None, (text, delayed))), values
     if faults:
         return diagnostics.ERROR, f'the drive reports {faults}', values
     if session.control.refusal:
@@ -135,7 +148,7 @@ def health(session: Session, loop: Optional[Loop], hardware: Hardware,
     if delayed:
         return diagnostics.WARN, delayed, values
     if supervisor.timed_out:
-        return diagnostics.WARN, 'commands timed out', values
+        return level, text, values
     if session.law is not None and session.law.let_down:
         return diagnostics.WARN, 'set-points timed out', values
     if session.law is not None and session.law.too_slow:
@@ -146,4 +159,4 @@ def health(session: Session, loop: Optional[Loop], hardware: Hardware,
         return diagnostics.WARN, 'no IMU: pendulum angle unreliable off level floor', values
     if warnings:
         return diagnostics.WARN, f'warning before a limit applies: {warnings}', values
-    return diagnostics.OK, 'running', values
+    return level, text, values

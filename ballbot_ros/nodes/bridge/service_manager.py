@@ -13,6 +13,7 @@ from typing import Optional
 
 from ballbot_ros.bridge.loop import Loop
 from ballbot_ros.bridge.session import Report, Session
+from ballbot_ros.nodes.bridge.health import summary
 
 # Watchdog messages per watchdog timeout of systemd.
 MESSAGES_PER_TIMEOUT = 4.0
@@ -22,7 +23,7 @@ class ServiceManager:
     """
     Sends the state of the bridge to the service manager.
 
-    Watchdog messages require that both the executor, which calls `look`, and the loop, which
+    Watchdog messages require that both the executor, which calls `notify`, and the loop, which
     calls `beat`, are running, so a stall of either one is detected.
     """
 
@@ -52,7 +53,7 @@ class ServiceManager:
         """Send the state and, while the loop runs, a watchdog message; to be called at 10 Hz."""
         if self._socket is None:
             return
-        status = _status(session, loop)
+        _, status = summary(session, loop)
         # Retry a message that a full queue has rejected.
         if status != self._status and self._notify(f'STATUS={status}'):
             self._status = status
@@ -80,14 +81,3 @@ def _watchdog() -> float:
         return max(0.0, 1e-6 * int(os.environ.get('WATCHDOG_USEC', '0')))
     except ValueError:
         return 0.0
-
-
-def _status(session: Session, loop: Optional[Loop]) -> str:
-    line, supervisor = session.line, session.supervisor
-    if loop is None:
-        return ': '.join(filter(None, ('not configured', line.trouble)))
-    if line.driver is None:
-        return f'looking for the drive: {line.trouble}'
-    if supervisor.e_stop:
-        return f'e-stop: {supervisor.e_stop.text}'
-    return 'commands timed out' if supervisor.timed_out else 'running'
