@@ -153,6 +153,17 @@ CALIBRATE = (f'w {WATCHDOG} 0, sc, w {REQUESTED_STATE} 3 (calibrates: the motor 
              'switch the watchdog on again)')
 
 
+# Of errors that the drivers of all protocols raise.
+UNDER_POWER = 'the motor is under power; disable it first'
+
+
+def not_armed(names: Sequence[str]) -> str:
+    """Return the text of the error at arming, with the names of the errors of the drive."""
+    return ('the ODrive does not go into closed loop control and names '
+            f'{", ".join(names) or "no reason"}; remove the cause, odrivetool shows more with '
+            'dump_errors(odrv0)')
+
+
 class Rule(NamedTuple):
     """A property that must have one of some values."""
 

@@ -166,6 +166,23 @@ def test_a_register_that_is_not_answered_does_not_hide_what_keeps_a_motor_from_b
     assert 'MOTOR_FAILED' in str(caught.value)
 
 
+@pytest.mark.parametrize('generation', ('0.5', '0.6'))
+def test_an_error_has_the_same_text_on_a_serial_line_and_on_a_bus(generation):
+    texts = []
+    for protocol in ('odrive', 'odrive_can'):
+        bench = Bench(f'{protocol} {generation}')
+        bench.driver.arm()
+        with refused('not_clearable', 'motor', DriveError) as powered:
+            bench.driver.clear_faults()
+        bench.driver.stop()
+        bench.device.sensed = bench.device.sensed._replace(temperature=200.0)
+        with refused('not_armed', 'drive', DriveError) as hot:
+            bench.driver.arm()
+        first, _, rest = str(hot.value).partition(' names ')
+        texts.append((str(powered.value), first, rest.partition('; ')[2]))
+    assert texts[0] == texts[1] and all(texts[0])
+
+
 # Clearing
 
 @both

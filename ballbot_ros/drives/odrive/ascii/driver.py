@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """ODrive with firmware 0.5 or 0.6, by its ASCII protocol: torque mode, current measured there."""
 from collections import Counter, deque
-from contextlib import suppress
 from dataclasses import dataclass
 import math
 from typing import Any, Optional
@@ -12,8 +11,8 @@ from ballbot_ros.drives.driver import Driver
 from ballbot_ros.drives.odrive.ascii import codec
 from ballbot_ros.drives.odrive.firmware import (
     CLOSED_LOOP_CONTROL, CONTROL_MODE, EFFECTIVE_CURRENT, Generation, generation_of, GENERATIONS,
-    HARDWARE, hardware_name, IDLE, in_words, REQUESTED_STATE, SATURATED, SERIAL_NUMBER, STATE,
-    TORQUE_CONTROL, VERSION)
+    HARDWARE, hardware_name, IDLE, in_words, not_armed, REQUESTED_STATE, SATURATED, SERIAL_NUMBER,
+    STATE, TORQUE_CONTROL, UNDER_POWER, VERSION)
 from ballbot_ros.drives.odrive.settings import judge
 from ballbot_ros.errors import DriveError
 
@@ -299,8 +298,7 @@ class ODrive(Driver):
             self._send(self._torque_message(0.0))
             self._refuse_faults(deadline)
             if self.clock() >= deadline - self.options.reply_timeout:
-                raise self._error('the ODrive does not go into closed loop control and names '
-                                  f'{self._named()}', 'not_armed')
+                raise self._not_armed()
         self._refuse_faults(deadline)
 
     def _refuse_faults(self, deadline: float) -> None:
@@ -310,13 +308,15 @@ class ODrive(Driver):
             path = self._path(self._generation.errors)
             raise self._error(f'the ODrive has no {path}', 'not_armed', path)
         if bits:
-            raise self._error(f'the ODrive names {self._named()}; remove the cause', 'not_armed')
+            raise self._not_armed()
 
-    def _named(self) -> str:
-        """Return the errors of all registers as text; without those that do not reply."""
-        with suppress(DriveError):
-            return ', '.join(self._faults(math.inf, True)) or 'no error'
-        return ', '.join(self._generation.faults(self._status.values, True)) or 'nothing'
+    def _not_armed(self) -> DriveError:
+        """Return the error at arming, with the errors of all registers that reply."""
+        try:
+            names = self._faults(math.inf, True)
+        except DriveError:
+            names = self._generation.faults(self._status.values, True)
+        return self._error(not_armed(names), 'not_armed')
 
     def _faults(self, deadline: float, ours: bool) -> tuple[str, ...]:
         return self._generation.faults({name: self._read(name, self._soon(deadline))
@@ -326,8 +326,7 @@ class ODrive(Driver):
         deadline = self.clock() + timeout
         self._identify_firmware(deadline)
         if self._armed or self._read(STATE, deadline) != IDLE:
-            raise self._error(
-                'the motor is under power; disable it first', 'not_clearable', 'motor')
+            raise self._error(UNDER_POWER, 'not_clearable', 'motor')
         self._send(codec.feed_watchdog(self.options.axis) + codec.CLEAR_ERRORS)
         self._status.forget_errors()
         return self._faults(deadline, False)

@@ -16,8 +16,8 @@ from ballbot_ros.drives.odrive.cansimple.settings import (
     judge_trial, load_endpoints, missing, SLOWEST_HEARTBEAT)
 from ballbot_ros.drives.odrive.firmware import (
     BUS_VOLTAGE, CLOSED_LOOP_CONTROL, CONTROL_MODE, ENCODER_5, Generation, generation_of,
-    GENERATIONS, hardware_name, IDLE, in_words, INPUT_MODE, PASSTHROUGH, RESULT_6, STATE,
-    TORQUE_CONTROL)
+    GENERATIONS, hardware_name, IDLE, in_words, INPUT_MODE, not_armed, PASSTHROUGH, RESULT_6,
+    STATE, TORQUE_CONTROL, UNDER_POWER)
 from ballbot_ros.drives.odrive.settings import judge
 from ballbot_ros.errors import ConfigurationError, DriveError
 
@@ -217,16 +217,12 @@ class ODriveCan(Driver):
                 return
             if obeyed and names or self.clock() >= deadline:
                 result = () if generation is OLD else RESULT_6.names_of(self._result)
-                raise self._error(
-                    'the ODrive does not go into closed loop control and names '
-                    f'{", ".join(names or result) or "no reason"}; remove the cause, odrivetool '
-                    'shows more with dump_errors(odrv0)', 'not_armed')
+                raise self._error(not_armed(names or result), 'not_armed')
             self._send(self._torque_message(0.0) + self._ask_position())
 
     def clear_faults(self, timeout: float = 0.5) -> tuple[str, ...]:
         if self._armed or self.telemetry.armed:
-            raise self._error(
-                'the motor is under power; stop it first', 'not_clearable', 'motor')
+            raise self._error(UNDER_POWER, 'not_clearable', 'motor')
         deadline = self.clock() + timeout
         self._known(deadline)
         self._clear_errors(deadline)

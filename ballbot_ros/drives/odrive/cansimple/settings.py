@@ -14,6 +14,7 @@ from typing import Any, Mapping, NamedTuple, Optional, Sequence
 
 from ballbot_ros.drives.contract import Setting
 from ballbot_ros.drives.odrive.cansimple.codec import TYPES
+from ballbot_ros.drives.odrive.firmware import UNDER_POWER
 from ballbot_ros.errors import ConfigurationError
 
 # Slowest heartbeat: nothing else reports whether the motor has power [s].
@@ -114,7 +115,7 @@ def judge_trial(took: Optional[float], expired: bool, watchdog: float) -> Settin
     """Check the test of the watchdog: time without a frame [s], None if it was not tested."""
     value = 'not tried' if took is None else \
         f'{"expired after" if expired else "did not expire in"} {took:.2g} s'
-    remedy = 'the motor is under power: disable it first' if took is None else (
+    remedy = UNDER_POWER if took is None else (
         f'odrv0.axis0.config.watchdog_timeout = {watchdog:g}, '
         'odrv0.axis0.config.enable_watchdog = True; and let no other program send to this node')
     return Setting('watchdog, tried', value, f'to expire {watchdog:g} s after the last message',
