@@ -357,9 +357,12 @@ class Driver(ABC):
 
     def _no_answer(self, before: Counter[str], what: str) -> DriveError:
         """Return why a request had no answer since `before`; see `_ask_until`."""
-        if not what or any(self.counts[kind] > before[kind] for kind in ('refused', 'skipped')):
+        if not what or self._corrupted_since(before):
             return self._handshake_error(before)
         return self._error(f'the {self.maker} does not answer {what}', 'silent')
+
+    def _corrupted_since(self, before: Counter[str]) -> bool:
+        return any(self.counts[kind] > before[kind] for kind in ('refused', 'skipped'))
 
     def _handshake_error(self, before: Counter[str]) -> DriveError:
         """Return why a handshake failed; `before` are the counts from its beginning."""
@@ -368,9 +371,14 @@ class Driver(ABC):
             return self._error(
                 f'no {self.maker} answers; is it powered, are RX and TX crossed, is its serial '
                 'port set to this protocol and baud rate?', 'silent')
+        replies = self.counts['replies'] - before['replies']
+        if replies and not self._corrupted_since(before):
+            return self._error(
+                f'{replies} valid replies of the {self.maker} received, but none to the last '
+                'request: they come too late, on a busy machine or a slow line', 'silent')
         return self._error(
-            f'{received} bytes received, but no valid reply of the {self.maker}: wrong baud rate, '
-            'another protocol, or noise', 'garbled')
+            f'{received} bytes received, but no complete reply of the {self.maker}: wrong baud '
+            'rate, another protocol, or noise', 'garbled')
 
     def _no_node(self, before: Counter[str], others: set[int], advice: str) -> DriveError:
         """Return why a handshake on a bus failed where `others` are the ids of the nodes seen."""

@@ -214,6 +214,19 @@ def test_bytes_that_make_no_sense_are_distinguished_from_silence(kind):
     assert raised.value.reason == 'garbled'
 
 
+@pytest.mark.parametrize('kind', [name for name in KINDS if name.startswith('odrive ')])
+def test_valid_replies_that_come_too_late_are_distinguished_from_corrupted_ones(kind):
+    # Each request of the others is answered also by a late reply.
+    bench = Bench(kind)
+    bench._delay = 2.4 * bench.driver.options.reply_timeout
+    with refused('silent', 'drive', DriveError) as caught:
+        bench.driver.identify(timeout=0.2)
+    assert 'too late' in str(caught.value)
+    bench.from_drive = lambda data: data[:-4] + b'1' + data[-3:]  # a wrong checksum
+    with refused('garbled', 'drive', DriveError):
+        bench.driver.identify(timeout=0.2)
+
+
 @pytest.mark.parametrize('kind', [name for name in KINDS if 'can' not in name])
 def test_corrupted_replies_after_the_handshake_are_distinguished_from_silence(kind):
     bench = Bench(kind)
