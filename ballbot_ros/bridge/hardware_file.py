@@ -10,7 +10,7 @@ from ballbot_ros.config.fields import (
     refuse_missing, refuse_unknown, section, text)
 from ballbot_ros.config.files import read_config
 from ballbot_ros.drives import driver_class, DRIVES, read_options
-from ballbot_ros.drives.contract import DriveOptions
+from ballbot_ros.drives.contract import DriveOptions, RUNAWAY
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.estimation import FilterTuning, ImuMounting, OdometryTuning
 from ballbot_ros.imus.source import ImuPort
@@ -107,8 +107,8 @@ class Limits(Checked):
         'rad', 'absolute pendulum angle beyond which only torque towards 0 is permitted',
         above=0.0, maximum=6.3, default=1.6)
     speed_limit: float = quantity(
-        'rad/s', 'rate of the joint beyond which only torque against it is permitted; at 1.5 '
-        'times this rate the e-stop engages', above=0.0, default=12.0)
+        'rad/s', 'rate of the joint beyond which only torque against it is permitted; at '
+        f'{RUNAWAY:g} times this rate the e-stop engages', above=0.0, default=12.0)
     command_timeout: float = quantity(
         's', 'longest time from the last fresh command to zero torque',
         minimum=0.01, maximum=10.0, default=0.1)

@@ -5,7 +5,7 @@ from time import sleep
 from typing import Callable, Optional
 
 from ballbot_ros.bridge.observer import Level
-from ballbot_ros.bridge.realtime import Scheduling
+from ballbot_ros.bridge.realtime import NAME, PAGE, Scheduling
 from ballbot_ros.bridge.session import Report, Session
 from ballbot_ros.estimation import Estimate
 
@@ -32,7 +32,7 @@ class Loop:
         self._checked = (session.clock(), 0)  # at the last call of `delayed`
         self._ending = False
         self.failure: Optional[Exception] = None
-        self._thread = threading.Thread(target=self._run, name='motor loop', daemon=True)
+        self._thread = threading.Thread(target=self._run, name=NAME, daemon=True)
         self._thread.start()
 
     @property
@@ -48,7 +48,7 @@ class Loop:
         if missed <= MISSED_MAX * periods:
             return ''
         return (f'the machine delays the loop, {missed} of {periods:.0f} periods were missed; it '
-                f'runs {self._scheduling.in_words}: see docs/realtime.md')
+                f'runs {self._scheduling.in_words}: {PAGE}')
 
     def end(self) -> None:
         """Stop the motor, close the link and end the thread; a second call has no effect."""

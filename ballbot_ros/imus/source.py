@@ -28,7 +28,6 @@ CLOCK_DRIFT_MAX = 0.01
 # a delay of more periods than this means lost readings: the line restarts at the arrival.
 LOST_PERIODS = 4.0
 AXES = {'x': 0, 'y': 1, 'z': 2}
-AXES_EXAMPLE = "three of x, y, z and their opposites, such as 'x y z' or '-y x z'"
 
 
 @dataclass(frozen=True)
@@ -85,7 +84,8 @@ class Axes:
                  for word in words.split()]
         if sorted(name for name, _ in pairs) != sorted(AXES):
             raise ConfigurationError(
-                f'axes must be {AXES_EXAMPLE}, got {words!r}', 'not_a_choice', 'axes')
+                "axes must be three of x, y, z and their opposites, such as 'x y z' or '-y x z', "
+                f'got {words!r}', 'not_a_choice', 'axes')
         self._from = tuple(AXES[name] for name, _ in pairs)
         self._signs = tuple(sign for _, sign in pairs)
         first, second, third = self._from

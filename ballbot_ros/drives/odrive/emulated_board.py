@@ -19,12 +19,11 @@ from ballbot_ros.drives.odrive.firmware import (
     AXIS_5, BACK_ALLOWED, BRAKE_DUTY_MAX, CLOSED_LOOP_CONTROL, CONTROL_MODE, CONTROLLER_5,
     ENCODER_5, FACTORY_VELOCITY_TOLERANCE, Generation, GENERATION_5, GENERATION_6, HARDWARE, IDLE,
     INPUT_MODE, LIMITS_TORQUE_MODE, MAX_BACK, MOTOR_5, OVERSPEED, PASSTHROUGH, REQUESTED_STATE,
-    RESULT_6, SATURATED, STATE, SYSTEM_5, TORQUE_CONTROL, VELOCITY_GAIN, VELOCITY_LIMIT,
-    VELOCITY_TOLERANCE, VERSION, WATCHDOG, WATCHDOG_TIMEOUT)
+    RESULT_6, SATURATED, SERIAL_NUMBER, STATE, SYSTEM_5, TORQUE_CONTROL, VELOCITY_GAIN,
+    VELOCITY_LIMIT, VELOCITY_TOLERANCE, VERSION, WATCHDOG, WATCHDOG_TIMEOUT)
 
 # Numbers of the results of a procedure by name.
 RESULTS = {name: number for number, name in RESULT_6.names.items()}
-SERIAL_NUMBER = 0x208F3387304B
 POSITION_CONTROL = 3  # factory default of the control mode
 
 QUIRKS: Mapping[str, Quirk] = MappingProxyType({
@@ -70,7 +69,7 @@ class BoardFirmware:
         no_way_back = fresh or 'regeneration' in settings.quirks
         return {
             **dict(zip(VERSION, self.version_of(settings))), **dict(zip(HARDWARE, self.board)),
-            'serial_number': SERIAL_NUMBER, 'test_property': 0,
+            SERIAL_NUMBER: 0x208F3387304B, 'test_property': 0,
             **dict.fromkeys(self.registers, 0), STATE: IDLE, REQUESTED_STATE: 0,
             WATCHDOG: int(watchdog > 0.0), WATCHDOG_TIMEOUT: watchdog,
             CONTROL_MODE: POSITION_CONTROL, INPUT_MODE.name: PASSTHROUGH,
@@ -104,7 +103,7 @@ class BoardFirmware:
             here[self.generation.errors] = int(here[self.generation.errors]) | 0x1  # INVALID_STATE
 
 
-FIXED = (*VERSION, *HARDWARE, 'serial_number', STATE)
+FIXED = (*VERSION, *HARDWARE, SERIAL_NUMBER, STATE)
 AXIS, MOTOR, SYSTEM = AXIS_5.path, MOTOR_5.path, SYSTEM_5.path
 ACTIVE, REASON = GENERATION_6.errors, GENERATION_6.reason
 

@@ -24,7 +24,8 @@ COUNTER = 2**32  # the encoder counter wraps
 class RoboClawOptions(DriveOptions):
     """The options of a RoboClaw driver."""
 
-    address: int = count('address of the controller', default=0x80, minimum=0x80, maximum=0x87)
+    address: int = count('address of the controller', default=codec.ADDRESSES[0],
+                         minimum=codec.ADDRESSES[0], maximum=codec.ADDRESSES[-1])
     axis: int = count('motor output, 0 for M1 and 1 for M2', default=0, maximum=1)
     counts_per_turn: int = count('encoder counts per motor turn', default=4096, minimum=4)
     torque_constant: float = quantity('N m/A', 'motor torque per ampere', default=0.025,

@@ -13,7 +13,7 @@ from ballbot_ros.nodes.bridge.inputs import MotorInputs
 from ballbot_ros.nodes.bridge.motor import Clocks, MotorOutputs
 from ballbot_ros.nodes.bridge.robot_outputs import RobotOutputs
 from ballbot_ros.nodes.bridge.service_manager import ServiceManager
-from ballbot_ros.nodes.bridge.session_setup import new_session, prepare_session
+from ballbot_ros.nodes.bridge.session_setup import LOGGER, new_session, prepare_session
 from ballbot_ros.nodes.bridge.settings import BridgeSettings
 from ballbot_ros.nodes.imu.publisher import ImuOutput
 from ballbot_ros.ros import diagnostics
@@ -44,7 +44,7 @@ class Bridge(ManagedNode):
         if refuse_sim_time(self, NO_SIM_TIME):
             raise ConfigurationError(NO_SIM_TIME, 'inconsistent', 'use_sim_time')
         self._settings = settings = declare(self, BridgeSettings, self._prepare)
-        self._logs = DeferredLogs('ballbot_ros.bridge')
+        self._logs = DeferredLogs(LOGGER)
         self._session = new_session(self, settings)
         self._scheduling = settings.scheduling.prepared()
         self._hardware = self._session.hardware

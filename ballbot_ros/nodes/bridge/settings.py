@@ -2,7 +2,7 @@
 """The parameters of the node: name, unit, range, default and meaning."""
 from dataclasses import dataclass
 
-from ballbot_ros.bridge.realtime import Scheduling
+from ballbot_ros.bridge.realtime import DEFAULT_PRIORITY, Scheduling
 from ballbot_ros.config.fields import count, fixed, flag, live, quantity, text
 from ballbot_ros.control import ControlTuning, load_tuning
 from ballbot_ros.ros.frames import described, frame, frame_prefix
@@ -45,8 +45,8 @@ class BridgeSettings(Settings):
         '`ROS_HOME`, if set, replaces `~/.ros`; empty for none', default='~/.ros/ballbot'))
     status_rate: float = live(rate_of('motor_status', 10.0, minimum=0.1, maximum=100.0))
     realtime_priority: int = fixed('the loop begins with it', count(
-        'SCHED_FIFO priority of the loop (other threads have one less); 0 for none, -1 for 20 '
-        'where the system permits it', default=-1, minimum=-1, maximum=99))
+        'SCHED_FIFO priority of the loop (other threads have one less); 0 for none, -1 for '
+        f'{DEFAULT_PRIORITY} where the system permits it', default=-1, minimum=-1, maximum=99))
     cpu: int = fixed('the loop begins with it', count(
         'processor that the loop runs on; -1 for any', default=-1, minimum=-1, maximum=1023))
     lock_memory: bool = fixed('the loop begins with it', flag(

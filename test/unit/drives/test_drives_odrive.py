@@ -191,7 +191,7 @@ def test_board_firmware_and_generation_are_reported(kind, words):
 
 
 def test_a_serial_number_that_comes_whole_is_reported_as_printed_on_the_board(monkeypatch):
-    monkeypatch.setattr('ballbot_ros.drives.odrive.ascii.emulated.LONGEST_VALUE', 20)
+    monkeypatch.setattr('ballbot_ros.drives.odrive.ascii.emulated.VALUE_LENGTH_MAX', 20)
     assert Bench('odrive 0.6').driver.identify().serial_number == '208F3387304B'
 
 

@@ -19,13 +19,12 @@ from typing import Callable, Mapping, Optional
 
 from ballbot_ros.drives.contract import BITS_PER_BYTE
 from ballbot_ros.drives.odrive.ascii.codec import checksum, frame_reply, LINE_END, LONGEST_LINE
-from ballbot_ros.drives.odrive.emulated_board import BoardDevice, QUIRKS, SERIAL_NUMBER
+from ballbot_ros.drives.odrive.emulated_board import BoardDevice, QUIRKS
 from ballbot_ros.drives.odrive.firmware import (
-    BUS_CURRENT, BUS_VOLTAGE, CONTROL_MODE, EFFECTIVE_CURRENT, MOTOR_TEMPERATURE, TEMPERATURE,
-    TORQUE_CONTROL, VERSION)
+    BUS_CURRENT, BUS_VOLTAGE, CONTROL_MODE, EFFECTIVE_CURRENT, MOTOR_TEMPERATURE, SERIAL_NUMBER,
+    TEMPERATURE, TORQUE_CONTROL, VALUE_LENGTH_MAX, VERSION)
 
 LONGEST_COMMAND = 256
-LONGEST_VALUE = 9
 LINE_ENDS = re.compile(rb'[\r\n!]')
 NUMBER = r'(?:[0-9]+\.?[0-9]*(?:[eE][-+]?[0-9]+)?|\.[0-9]+(?:[eE][-+]?[0-9]+)?|inf|nan)'
 FLOAT = rf'\s*([-+]?{NUMBER})'
@@ -97,7 +96,7 @@ class ODriveDevice(BoardDevice):
         if letter == 'i':
             return ['Hardware version: {}.{}-{}V'.format(*self.firmware.board),
                     'Firmware version: {}.{}.{}'.format(*map(self.properties.get, VERSION)),
-                    f'Serial number: {SERIAL_NUMBER:X}']
+                    f'Serial number: {self.properties[SERIAL_NUMBER]:X}']
         if letter == 's':
             return self._control_system(text[1:2], now)
         if letter == 'r':
@@ -142,12 +141,12 @@ class ODriveDevice(BoardDevice):
             return ['invalid command format']
         name = self._own_name(words[0])
         if name in self._measured:
-            return [f'{self._measured[name]():f}'[:LONGEST_VALUE]]
+            return [f'{self._measured[name]():f}'[:VALUE_LENGTH_MAX]]
         if name not in self.properties:
             return ['invalid property']
         value = self.properties[name]
         text = f'{value:f}' if isinstance(value, float) else str(value)
-        return [text[:LONGEST_VALUE]]
+        return [text[:VALUE_LENGTH_MAX]]
 
     def _write(self, words: list[str]) -> list[str]:
         name = self._own_name(words[0]) if len(words) == 2 else ''

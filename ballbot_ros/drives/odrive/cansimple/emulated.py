@@ -20,7 +20,7 @@ from ballbot_ros.drives.contract import BITS_PER_BYTE
 from ballbot_ros.drives.odrive.cansimple import codec
 from ballbot_ros.drives.odrive.emulated_board import BoardDevice, QUIRKS
 from ballbot_ros.drives.odrive.firmware import (
-    CONTROL_MODE, GENERATION_5, INPUT_MODE, REQUESTED_STATE, RESULT_6, STATE)
+    CONTROL_MODE, GENERATION_5, INPUT_MODE, REQUESTED_STATE, RESULT_6, SERIAL_NUMBER, STATE)
 
 MAILBOXES = 3
 REBOOT = 0x16
@@ -52,7 +52,7 @@ class ODriveCanDevice(BoardDevice):
     def _numbered(self) -> Mapping[str, tuple[int, float]]:
         return {name: (number, value)
                 for number, (name, value) in enumerate(sorted(self.properties.items()), start=400)
-                if name != 'serial_number'}
+                if name != SERIAL_NUMBER}
 
     def _receive(self, data: bytes, now: float) -> bytes:
         reply = b''
