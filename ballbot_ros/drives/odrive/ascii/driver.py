@@ -441,14 +441,13 @@ class ODrive(Driver):
             self._take_feedback(feedback, now)
             return
         name, number = self._properties.take(text), codec.parse_number(text)
-        if name not in (None, MARKER):
+        if name is not None and name != MARKER:
             self._pending.match((name, self._properties.requested_at), now)
+            self._note(name, self._properties.value, now)
         elif number is not None:
             self._match(number, now)
         else:
             self._texts.append(text)
-        if name not in (None, MARKER):
-            self._note(name, self._properties.value, now)
 
     def _take_feedback(self, feedback: codec.Feedback, now: float) -> None:
         match = self._match(codec.Feedback, now)

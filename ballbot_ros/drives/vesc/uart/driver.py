@@ -80,12 +80,9 @@ class Vesc(Driver):
                               self.telemetry.bus_voltage or math.nan)
 
     def _arm(self, deadline: float) -> None:
-        begin, reported = self.clock(), False
-        self._read_back_at = begin
+        self._read_back_at, reported = self.clock(), False
         while True:
-            self._send(self._torque_message(0.0) + self._requests())
-            self._until(lambda: self._status_requested_at >= begin, self._soon(deadline))
-            answered = self._status_requested_at >= begin
+            answered = self._ask_status(self._torque_message(0.0), deadline)
             reported = reported or answered
             if answered and self.telemetry.faults:
                 raise self._error(
@@ -98,7 +95,6 @@ class Vesc(Driver):
                     'reports that its timeout has expired, however often it is fed' if reported
                     else 'does not report its state'),
                     'not_armed', 'watchdog' if reported else 'drive')
-            begin = self.clock()
 
     def clear_faults(self, timeout: float = 1.0) -> tuple[str, ...]:
         """
@@ -110,10 +106,7 @@ class Vesc(Driver):
         deadline = self.clock() + timeout
         self.stop(timeout)
         while True:
-            begin = self.clock()
-            self._send(self._requests())
-            answered = self._until(
-                lambda: self._status_requested_at >= begin, self._soon(deadline))
+            answered = self._ask_status(b'', deadline)
             if answered and not self.telemetry.faults or self.clock() >= deadline:
                 break
         if self.telemetry.faults or not answered:
@@ -122,6 +115,12 @@ class Vesc(Driver):
                 'half a second after its cause; no message clears them'
                 if answered else 'the VESC does not report its state', 'not_clearable')
         return ()
+
+    def _ask_status(self, command: bytes, deadline: float) -> bool:
+        """Send a command with a request; return whether a status requested since arrived."""
+        begin = self.clock()
+        self._send(command + self._requests())
+        return self._until(lambda: self._status_requested_at >= begin, self._soon(deadline))
 
     # Non-blocking methods
 
