@@ -184,9 +184,9 @@ def connectors(hardware: Sequence[Hardware], capture: str = '',
     return [connector_of(item) for item in hardware]
 
 
-def connector(hardware: Hardware, capture: str = '') -> Callable[[], Driver]:
+def connector(hardware: Hardware) -> Callable[[], Driver]:
     """Return the function of `connectors` for a single axis."""
-    return connectors([hardware], capture)[0]
+    return connectors([hardware])[0]
 
 
 def handshake(connect: Callable[[], Driver], timeout: float

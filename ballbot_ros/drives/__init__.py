@@ -92,15 +92,15 @@ def device_class(protocol: str) -> Type[Device]:
 
 
 def _module(protocol: str, name: str) -> ModuleType:
-    _check(protocol)
-    return import_module(f'{DRIVES[protocol].folder}.{name}')
+    return import_module(f'{_vendor(protocol).folder}.{name}')
 
 
-def _check(protocol: str) -> None:
+def _vendor(protocol: str) -> Vendor:
     if protocol not in DRIVES:
         raise ConfigurationError(
             f'{protocol!r} is not a protocol{suggestion(str(protocol), DRIVES)}',
             'unknown_name', 'protocol')
+    return DRIVES[protocol]
 
 
 def read_options(protocol: str, mapping: Mapping[str, Any], where: str) -> DriveOptions:
@@ -115,8 +115,7 @@ def read_options(protocol: str, mapping: Mapping[str, Any], where: str) -> Drive
 
 def line_of(protocol: str) -> LineKind:
     """Return the kind of line of a protocol; raises as `codec_of` does."""
-    _check(protocol)
-    return DRIVES[protocol].line
+    return _vendor(protocol).line
 
 
 def open_line(protocol: str, port: str, baud: int,

@@ -2,7 +2,6 @@
 """The health of the motor bridge, for /diagnostics."""
 from typing import Mapping, Optional, Tuple
 
-from ballbot_ros.bridge.hardware_file import Hardware
 from ballbot_ros.bridge.loop import Loop
 from ballbot_ros.bridge.sensing import IMU_RECOVERY_TIME
 from ballbot_ros.bridge.session import Session
@@ -81,8 +80,8 @@ def summary(session: Session, loop: Optional[Loop]) -> Tuple[bytes, str]:
     return diagnostics.OK, 'running'
 
 
-def health(session: Session, loop: Optional[Loop], hardware: Hardware,
-           imu_refused: int, authority: Optional[Authority] = None) -> diagnostics.Health:
+def health(session: Session, loop: Optional[Loop], imu_refused: int,
+           authority: Optional[Authority] = None) -> diagnostics.Health:
     """
     Return level, message and the values of `VALUES`.
 
@@ -90,6 +89,7 @@ def health(session: Session, loop: Optional[Loop], hardware: Hardware,
     """
     supervisor, fusion = session.supervisor, session.fusion
     driver, identity = session.line.driver, session.line.identity
+    connection = session.hardware.connection
     sensing, now, e_stop = session.sensing, session.clock(), supervisor.e_stop
     imu, has_imu = sensing.imu_watch, sensing.imu_watch.has(now)
     # Without power most drives report their watchdog; arming clears that.
@@ -101,7 +101,7 @@ def health(session: Session, loop: Optional[Loop], hardware: Hardware,
     law = None if session.law is None else session.law.set_point
     unfollowed = dict(session.set_points_refused)
     values = {
-        'port': hardware.connection.port, 'protocol': hardware.connection.protocol,
+        'port': connection.port, 'protocol': connection.protocol,
         'firmware': identity.firmware if identity else '',
         'serial_number': identity.serial_number if identity else '',
         'e_stop': e_stop.text if e_stop else '',

@@ -201,13 +201,13 @@ class MotorOutputs:
             pendulum_angle=estimate.readings.pendulum_angle if estimate else math.nan,
             pendulum_angle_sd=estimate.angle_sd if estimate else math.nan,
             pendulum_rate_sd=estimate.rate_sd if estimate else math.nan,
-            current=_number(drive.current), bus_voltage=_number(drive.bus_voltage),
-            bus_current=_number(drive.bus_current), set_value=math.nan,
+            current=or_nan(drive.current), bus_voltage=or_nan(drive.bus_voltage),
+            bus_current=or_nan(drive.bus_current), set_value=math.nan,
             control=MotorStatus.CONTROL_DIRECT if law is None else MotorStatus.CONTROL_ONBOARD,
             law='' if law is None else law.mode.value, derating=report.condition.part,
             warnings=(*drive.warnings, *report.condition.warnings),
-            temperature=_number(drive.temperature),
-            motor_temperature=_number(drive.motor_temperature), faults=drive.faults)
+            temperature=or_nan(drive.temperature),
+            motor_temperature=or_nan(drive.motor_temperature), faults=drive.faults)
         if law is not None and law.mode is not Mode.IDLE:
             message.set_value = law.value
         message.header.stamp = to_time(self._clocks.stamp(report.time))
@@ -235,5 +235,6 @@ def _cause(e_stop: Optional[EStop]) -> Dict[str, str]:
     return {} if e_stop is None else {'e_stop': e_stop.text, 'e_stop_reason': e_stop.reason.value}
 
 
-def _number(value: Optional[float]) -> float:
+def or_nan(value: Optional[float]) -> float:
+    """Return a value of a message, NaN for one that is not reported."""
     return math.nan if value is None else value

@@ -62,8 +62,8 @@ class Bridge(ManagedNode):
             self, self._hardware.imu_port, Frames.of(settings).imu, self._inputs.imu
         ) if self._hardware.imu_port.port else None
         self._diagnostics = diagnostics.Diagnostics(self, 'motor', lambda: health(
-            self._session, self._loop, self._hardware, self._inputs.imu_refused,
-            self._inputs.authority), self._session.robot.name)
+            self._session, self._loop, self._inputs.imu_refused, self._inputs.authority),
+            self._session.robot.name)
         create_wall_timer(self, LOOK_AFTER, self._monitor)
         if settings.autostart:
             Autostart(self)

@@ -8,7 +8,7 @@ from sensor_msgs.msg import BatteryState
 from ballbot_ros.bridge.condition import Battery, Condition
 from ballbot_ros.bridge.session import Report, Session
 from ballbot_ros.drives.contract import Telemetry
-from ballbot_ros.nodes.bridge.motor import Clocks, Turns
+from ballbot_ros.nodes.bridge.motor import Clocks, or_nan, Turns
 from ballbot_ros.nodes.bridge.settings import BridgeSettings
 from ballbot_ros.ros.conversions import estimated_odometry_message, to_time
 from ballbot_ros.ros.endpoints import create_publisher
@@ -71,10 +71,10 @@ def battery_message(stamp: float, battery: Battery, telemetry: Telemetry,
     if 'battery_empty' in condition.warnings:
         health = BatteryState.POWER_SUPPLY_HEALTH_DEAD
     message = BatteryState(
-        voltage=math.nan if voltage is None else voltage,
+        voltage=or_nan(voltage),
         current=math.nan if drawn is None else -drawn,  # negative while it is drawn
         temperature=math.nan, charge=math.nan, capacity=math.nan,
-        design_capacity=math.nan if battery.capacity is None else battery.capacity,
+        design_capacity=or_nan(battery.capacity),
         percentage=condition.percentage, power_supply_status=status,
         power_supply_health=health, present=voltage is not None,
         power_supply_technology=getattr(

@@ -7,7 +7,7 @@ from refusals import refused
 from replay import read_capture
 
 from ballbot_ros.bridge.drive_line import (
-    connector, DriveLine, HANDSHAKE, handshake, LONGEST_HANDSHAKE, RETRY)
+    connectors, DriveLine, HANDSHAKE, handshake, LONGEST_HANDSHAKE, RETRY)
 from ballbot_ros.bridge.hardware_file import load_hardware
 from ballbot_ros.drives.contract import Identity, Setting
 from ballbot_ros.emulator.emulator import Emulator
@@ -152,7 +152,7 @@ def test_why_a_drive_is_not_found_is_logged_once_and_again_when_it_changes(caplo
 def test_the_traffic_of_all_lines_is_kept_in_one_capture(tmp_path):
     path = tmp_path / 'traffic'
     with Emulator('odrive', load_scene('flat'), baud=921600) as emulator:
-        connect = connector(load_hardware('gimball_odrive').at(emulator.path), str(path))
+        connect, = connectors([load_hardware('gimball_odrive').at(emulator.path)], str(path))
         for _ in range(2):
             driver = connect()
             assert driver.identify(20.0).protocol == 'odrive' and driver.line.baud == 921600

@@ -21,7 +21,7 @@ DOCUMENT = Path(__file__).resolve().parents[3] / 'docs' / 'nodes.md'
 
 def described(robot, loop=LOOP, imu_refused=0):
     """Return level, message and values."""
-    return health(robot.session, loop, robot.hardware, imu_refused)
+    return health(robot.session, loop, imu_refused)
 
 
 def values(robot, **others):
