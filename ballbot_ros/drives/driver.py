@@ -256,9 +256,14 @@ class Driver(ABC):
                     f'the drive did not confirm the stop within {timeout:g} s; its own watchdog '
                     f'disarms it after {self.options.watchdog:g} s', 'not_stopped')
 
+    @abstractmethod
     def clear_faults(self, timeout: float = 0.5) -> tuple[str, ...]:
-        """Clear latched faults, without power, and return the remaining ones; may refuse."""
-        raise DriveError(f'the {self.maker} clears no faults on request', 'not_clearable', 'drive')
+        """
+        Clear latched faults, without power, and return the remaining ones.
+
+        Raises `DriveError` with reason ``not_clearable`` if the drive, or its state, does not
+        permit it.
+        """
 
     # Non-blocking methods
 
