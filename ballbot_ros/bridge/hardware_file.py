@@ -60,6 +60,11 @@ class Joint(Checked):
             raise ConfigurationError('Joint: direction must be 1 or -1, got 0',
                                      'not_a_choice', 'direction')
 
+    @property
+    def torque_ratio(self) -> float:
+        """Return the torque at the pendulum per torque at the motor shaft, not calibrated."""
+        return self.gear_ratio * self.gear_efficiency
+
     def joint_angle(self, position: float) -> float:
         """Return the joint angle for a position of the drive [rad]; applies to rates, too."""
         scale = 1.0 / self.gear_ratio if self.encoder_scale is None else self.encoder_scale
@@ -67,8 +72,7 @@ class Joint(Checked):
 
     def motor_torque(self, torque: float) -> float:
         """Return the torque at the motor shaft for a torque at the pendulum [N m]."""
-        return self.direction * torque / (
-            self.gear_ratio * self.gear_efficiency * self.torque_factor)
+        return self.direction * torque / (self.torque_ratio * self.torque_factor)
 
 
 @dataclass(frozen=True)
@@ -231,9 +235,9 @@ class Hardware:
         return read_options(self.connection.protocol, {
             'torque_limit': abs(joint.motor_torque(limits.torque_limit)),
             # The drive does not apply torque_factor, which the calibration finds after the setup.
-            'drive_torque_limit': max(limits.torque_limit, limits.drive_torque_limit) / abs(
-                joint.gear_ratio * joint.gear_efficiency),
-            'speed_limit': abs(self.joint.gear_ratio * self.limits.speed_limit),
+            'drive_torque_limit':
+                max(limits.torque_limit, limits.drive_torque_limit) / joint.torque_ratio,
+            'speed_limit': joint.gear_ratio * limits.speed_limit,
             'watchdog': self.connection.watchdog, **self.drive}, f'{self.name}: drive')
 
 

@@ -164,8 +164,7 @@ class Calibrator:
         while (now := driver.clock()) - start < RAISE + SETTLE + LOOK:
             part = min((now - start) / RAISE, 1.0)
             requested = begin + part * (torque - begin)
-            motor = requested / (self._joint.gear_ratio * self._joint.gear_efficiency)
-            driver.send_torque(math.copysign(1.0, scale) * motor)
+            driver.send_torque(math.copysign(1.0, scale) * requested / self._joint.torque_ratio)
             self._wait(now + PERIOD)
             telemetry = driver.telemetry
             if telemetry.faults:
