@@ -177,7 +177,11 @@ def _address(port: str) -> tuple[str, str, dict[str, Any]]:
 
 
 def _up(port: str, baud: int) -> str:
-    """Return the command that brings an interface of the kernel up."""
+    """Return the commands that restart an interface of the kernel."""
     name = port.rpartition(':')[2]
-    return (f'sudo ip link set {name} down; sudo ip link set {name} up type can bitrate {baud} '
-            'restart-ms 100')
+    return f'sudo ip link set {name} down; {up_command(name, baud)}'
+
+
+def up_command(name: str, baud: int) -> str:
+    """Return the command that brings an interface of the kernel up at a bit rate [bit/s]."""
+    return f'sudo ip link set {name} up type can bitrate {baud} restart-ms 100'

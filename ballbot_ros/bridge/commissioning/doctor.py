@@ -11,6 +11,7 @@ from ballbot_ros.bridge.hardware_file import Hardware, load_hardware
 from ballbot_ros.bridge.realtime import DEFAULT_PRIORITY, PERMIT, permits
 from ballbot_ros.drives import (
     driver_class, DRIVES, line_of, open_driver, open_line, read_options, SERIAL)
+from ballbot_ros.drives.can_transport import up_command
 from ballbot_ros.drives.contract import DriveOptions, SerialLine
 from ballbot_ros.drives.driver import Driver
 from ballbot_ros.drives.transport import ports
@@ -71,8 +72,7 @@ def check_buses(system: Path = Path('/sys')) -> Iterator[Finding]:
             continue
         yield Finding(NOTE if down else OK, f'{name}: a CAN interface'
                       + (', which is down' if down else ''),
-                      f'sudo ip link set {name} up type can bitrate 1000000 restart-ms 100'
-                      if down else '')
+                      up_command(name, 1000000) if down else '')
 
 
 def check_permission(device: str) -> Iterator[Finding]:
