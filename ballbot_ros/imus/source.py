@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import logging
 import math
 import time
-from typing import Callable, List, NamedTuple, Optional, Tuple
+from typing import Callable, List, NamedTuple, Optional
 
 from ballbot_ros.config.fields import Checked, count, quantity, text
 from ballbot_ros.drives.contract import SerialLine
@@ -88,15 +88,13 @@ class Axes:
                 f'got {words!r}', 'not_a_choice', 'axes')
         self._from = tuple(AXES[name] for name, _ in pairs)
         self._signs = tuple(sign for _, sign in pairs)
-        first, second, third = self._from
-        even = (first, second, third) in ((0, 1, 2), (1, 2, 0), (2, 0, 1))
-        handed = self._signs[0] * self._signs[1] * self._signs[2] * (1.0 if even else -1.0)
-        if handed < 0.0:
+        even = self._from in ((0, 1, 2), (1, 2, 0), (2, 0, 1))
+        if math.prod(self._signs) * (1.0 if even else -1.0) < 0.0:
             raise ConfigurationError(
                 f'axes {words!r} are left-handed, which no mounting gives: change the sign of one',
                 'inconsistent', 'axes')
 
-    def turned(self, vector: Vector) -> Tuple[float, float, float]:
+    def turned(self, vector: Vector) -> Vector:
         """Return a vector of the sensor as forward, left, up."""
         (i, j, k), (a, b, c) = self._from, self._signs
         return a * vector[i], b * vector[j], c * vector[k]
