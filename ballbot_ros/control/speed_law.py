@@ -61,40 +61,24 @@ class SpeedLaw(NamedTuple):
     observer_rate: float  # at which the estimate of the resistance converges [1/s]
 
     @classmethod
-    def of(cls, robot: Robot, lag: float, speed_gain: float = 2.0, swing_time: float = 0.15,
-           observer_rate: float = 6.0) -> 'SpeedLaw':
-        """
-        Return the law for a robot whose pendulum follows set angles with a lag [s].
-
-        Raises `ConfigurationError` if the robot has no pendulum.
-        """
-        require_pendulum(robot)
-        for name, value in (('lag', lag), ('speed_gain', speed_gain), ('swing_time', swing_time),
-                            ('observer_rate', observer_rate)):
-            if not (math.isfinite(value) and value > 0.0):
-                raise ConfigurationError(
-                    f'{name} must be above 0 and finite, got {value!r}', 'out_of_range', name)
-        return cls(
-            robot.largest_gravity_torque, robot.weight * robot.ball_radius,
-            robot.ball_inertia + robot.total_mass * robot.ball_radius**2,
-            robot.pendulum_mass * robot.pendulum_length * robot.ball_radius, robot.ball_radius,
-            lag, speed_gain, swing_time, observer_rate)
-
-    @classmethod
     def tuned(cls, robot: Robot, tuning: ControlTuning) -> 'SpeedLaw':
         """
         Return the law for a robot whose controller has these gains.
 
-        Raises `ConfigurationError` if the robot has no pendulum, or law (11) has no proportional
-        gain.
+        Raises `ConfigurationError` if the robot has no pendulum, or law (11) lacks a gain.
         """
+        require_pendulum(robot)
         if tuning.position_kp == 0.0 or tuning.position_kd == 0.0:
             raise ConfigurationError(
                 'the speed law needs a law (11) that follows set angles: position_kp and '
                 f'position_kd above 0, got {tuning.position_kp:g} and {tuning.position_kd:g}',
                 'inconsistent', 'position_kp')
-        return cls.of(robot, tuning.position_kd / tuning.position_kp, tuning.speed_gain,
-                      tuning.swing_time, tuning.observer_rate)
+        return cls(
+            robot.largest_gravity_torque, robot.weight * robot.ball_radius,
+            robot.ball_inertia + robot.total_mass * robot.ball_radius**2,
+            robot.pendulum_mass * robot.pendulum_length * robot.ball_radius, robot.ball_radius,
+            tuning.position_kd / tuning.position_kp, tuning.speed_gain, tuning.swing_time,
+            tuning.observer_rate)
 
 
 @compiled

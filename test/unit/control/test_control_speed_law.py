@@ -6,11 +6,11 @@ from hypothesis import given, strategies as st
 import pytest
 from refusals import refused
 
-from ballbot_ros.control import RollingModel, speed_law
+from ballbot_ros.control import ControlTuning, RollingModel, speed_law
 from ballbot_ros.physics import load_robot
 
 GIMBALL = load_robot('gimball')
-LAW = speed_law.SpeedLaw.of(GIMBALL, lag=0.25)[:]
+LAW = speed_law.SpeedLaw.tuned(GIMBALL, ControlTuning())[:]
 leans = st.floats(0.2, 1.5)
 slopes = st.floats(-0.05, 0.05)
 
@@ -64,13 +64,20 @@ def test_nothing_is_braked_where_the_slope_is_steeper_than_the_lean_holds():
     assert speed_law.braking_distance(-1.0, 0.0, 0.7, 0.1, LAW) == 0.0
 
 
-@pytest.mark.parametrize('bad', [{'lag': 0.0}, {'lag': math.nan}, {'lag': 0.2, 'swing_time': -1.0},
-                                 {'lag': 0.2, 'observer_rate': math.inf}])
-def test_gains_that_are_none_are_refused(bad):
-    with refused('out_of_range', list(bad)[-1]):
-        speed_law.SpeedLaw.of(GIMBALL, **bad)
+@pytest.mark.parametrize('reason, field, bad', [
+    ('inconsistent', 'position_kp', {'position_kd': 0.0}),
+    ('not_finite', 'position_kd', {'position_kd': math.nan}),
+    ('out_of_range', 'swing_time', {'swing_time': -1.0}),
+    ('not_finite', 'observer_rate', {'observer_rate': math.inf})])
+def test_gains_that_are_none_are_refused(reason, field, bad):
+    with refused(reason, field):
+        speed_law.SpeedLaw.tuned(GIMBALL, ControlTuning(**bad))
+
+
+def test_the_lag_is_that_of_law_11():
+    assert speed_law.SpeedLaw.tuned(GIMBALL, ControlTuning()).lag == 0.25
 
 
 def test_a_robot_without_a_pendulum_is_refused(shellball):
     with refused('inconsistent', 'pendulum_mass'):
-        speed_law.SpeedLaw.of(shellball, 0.25)
+        speed_law.SpeedLaw.tuned(shellball, ControlTuning())

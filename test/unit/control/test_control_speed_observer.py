@@ -5,11 +5,11 @@ import math
 from hypothesis import given, strategies as st
 import pytest
 
-from ballbot_ros.control import speed_law
+from ballbot_ros.control import ControlTuning, speed_law
 from ballbot_ros.physics import load_robot
 
 GIMBALL = load_robot('gimball')
-SPEED_LAW = speed_law.SpeedLaw.of(GIMBALL, lag=0.25)
+SPEED_LAW = speed_law.SpeedLaw.tuned(GIMBALL, ControlTuning())
 LAW = SPEED_LAW[:]
 NAN = math.nan
 slopes = st.floats(-0.09, 0.09)
@@ -76,7 +76,7 @@ def test_the_set_angle_leads_the_wanted_one_by_lag_over_swing_time_up_to_level(
 
 
 def test_a_law_11_that_is_quick_is_not_slowed_down():
-    law = speed_law.SpeedLaw.of(GIMBALL, lag=0.05)[:]
+    law = speed_law.SpeedLaw.tuned(GIMBALL, ControlTuning(position_kd=2.0))[:]
     state = speed_law.speed_law_start(0.0, 0.3, 0.0, law)
     _, set_angle = speed_law.speed_law_step(state, 0.0, 0.3, 0.1, 0.7, 1e-9, law)
     assert set_angle == pytest.approx(speed_law.wanted_angle(
