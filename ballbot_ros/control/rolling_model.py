@@ -156,11 +156,6 @@ class RollingModel:
         """Return phi'' and theta1'' [rad/s2] under generalised torques [N m]."""
         return rolling_response(angle, on_pendulum, on_ball, self.numbers)
 
-    def accelerations(self, angle: float, rate: float, ball_rate: float, torque: float
-                      ) -> Tuple[float, float]:
-        """Return phi'' and theta1'' [rad/s2]."""
-        return rolling_accelerations(angle, rate, ball_rate, torque, self.numbers)
-
     def held_acceleration(self, angle: float) -> float:
         """
         Return the acceleration of the ball while its pendulum is held at an angle [m/s2].

@@ -12,6 +12,7 @@ from tiers import slow
 from ballbot_ros.control import (
     check_loop, ControlTuning, growth_rate, is_stable, JointReadings, load_tuning, loop_poles,
     lowest_stable_rate, PendulumController, RollingModel, SetPoint)
+from ballbot_ros.control.rolling_model import rolling_accelerations
 from ballbot_ros.control.sampled import HeldInput
 from ballbot_ros.errors import UnstableLoopError
 from ballbot_ros.physics import Model, Solver, State, Terrain
@@ -218,7 +219,8 @@ def roll(tuning, set_point, rate, delay, *, seconds=1.0, substeps=20):
     angles = []
 
     def slope(now, torque):
-        pendulum, ball = model.accelerations(now[0], now[1], now[3], torque)
+        pendulum, ball = rolling_accelerations(
+            now[0], now[1], now[3], torque, model.numbers)
         return np.array([now[1], pendulum, now[3], ball])
 
     for index in range(int(seconds * rate)):

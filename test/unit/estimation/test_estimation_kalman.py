@@ -10,6 +10,7 @@ from refusals import refused
 from scipy.linalg import expm, solve_discrete_are
 
 from ballbot_ros.control import RollingModel
+from ballbot_ros.control.rolling_model import rolling_accelerations
 from ballbot_ros.estimation import Estimate, FilterTuning, ImuReading, PendulumFilter
 from ballbot_ros.physics import load_robot
 
@@ -38,7 +39,7 @@ def uncertain(seed):
 
 def felt_while_rolling(angle, joint, rate, ball_rate, torque):
     """Return what an IMU at the centre measures of a ball that rolls on a level floor."""
-    _, roll = MODEL.accelerations(angle, rate, ball_rate, torque)
+    _, roll = rolling_accelerations(angle, rate, ball_rate, torque, MODEL.numbers)
     turn = joint - angle  # from the world to the shell
     forward, upward = -GIMBALL.ball_radius * roll, G
     return ImuReading(0.0, ball_rate, forward * math.cos(turn) - upward * math.sin(turn),
@@ -110,7 +111,7 @@ def test_no_source_is_trusted_without_limit_but_a_clock_and_a_steady_bias(name):
 def test_without_an_imu_the_ball_rolls_as_the_model_does(angle, joint, rate, ball_rate, torque):
     step = 1e-3
     later = FILTER.predict(known([angle, joint, rate, ball_rate, 0.3]), step, torque)
-    pendulum, ball = MODEL.accelerations(angle, rate, ball_rate, torque)
+    pendulum, ball = rolling_accelerations(angle, rate, ball_rate, torque, MODEL.numbers)
     assert later.stamp == step
     assert later.mean == pytest.approx([
         angle + step * rate + 0.5 * step**2 * pendulum,
@@ -167,7 +168,7 @@ def test_a_long_pause_is_bridged_in_steps_of_five_milliseconds():
     np.testing.assert_allclose(single.mean, estimate.mean, rtol=1e-9)
     np.testing.assert_allclose(single.covariance, estimate.covariance, rtol=1e-9)
     one_step = known([0.5, -0.3, 1.0, -2.0, 0.01], uncertain(2))
-    pendulum, _ = MODEL.accelerations(0.5, 1.0, -2.0, 0.7)
+    pendulum, _ = rolling_accelerations(0.5, 1.0, -2.0, 0.7, MODEL.numbers)
     assert FILTER.predict(one_step, 0.005, 0.7).mean[2] == pytest.approx(1.0 + 0.005 * pendulum)
 
 
