@@ -78,7 +78,10 @@ def write_derived(states: Array, parameters: Parameters, ground: Array, contacts
                   out: Array) -> None:
     """Fill `out`, one row per state, with the fields of `Derived`."""
     for row in range(len(states)):
-        out[row, :] = derived(states[row], parameters, ground, contacts)
+        found = derived(states[row], parameters, ground, contacts)
+        # Number by number: a tuple may have another length, and that error takes long to compile.
+        for column in range(len(found)):
+            out[row, column] = found[column]
 
 
 class Effort(NamedTuple):
