@@ -553,7 +553,8 @@ def spring_energy(state: Array, parameters: Parameters, ground: Array, contacts:
     """Return the energy stored in the contact springs [J]; that of a CORNER is negative."""
     energy = 0.0
     for row in range(find_contacts(state[X], state[Y], parameters.radius, ground, contacts)):
-        stored = 0.5 * parameters.stiffness * contacts[row, PENETRATION]**2
+        depth = contacts[row, PENETRATION]
+        stored = 0.5 * parameters.stiffness * (depth * depth)
         energy += -stored if contacts[row, KIND] == CORNER else stored
     return energy
 

@@ -208,10 +208,10 @@ def derivative(time: float, state: Array, system: System, contacts: Array, rates
 def kinetic_energy(state: Array, parameters: Parameters) -> float:
     """Return T1 + T2 of eq. (4) [J]."""
     velocity_x, velocity_y = state[VELOCITY_X], state[VELOCITY_Y]
-    angle, rate = state[PENDULUM_ANGLE], state[PENDULUM_RATE]
+    angle, rate, spin = state[PENDULUM_ANGLE], state[PENDULUM_RATE], state[BALL_RATE]
     along = velocity_x * math.cos(angle) + velocity_y * math.sin(angle)
     return (0.5 * parameters.mass * (velocity_x * velocity_x + velocity_y * velocity_y)
-            + 0.5 * parameters.ball_inertia * state[BALL_RATE]**2
+            + 0.5 * parameters.ball_inertia * (spin * spin)
             + 0.5 * parameters.pendulum_inertia * rate * rate
             + parameters.pendulum_moment * rate * along)
 

@@ -81,8 +81,10 @@ def step(time: float, state: Array, size: float, ready: int, system: System,
                     workspace)
     apart = faster = 0.0
     for i in range(MOTION):
-        apart += (work[values.END + i] - work[values.PROBE + i])**2
-        faster += (work[last + i] - work[last - WIDTH + i])**2
+        moved, changed = (work[values.END + i] - work[values.PROBE + i],
+                          work[last + i] - work[last - WIDTH + i])
+        apart += moved * moved
+        faster += changed * changed
     sum_rows(work, values.ERROR, values.ZERO, size, ERROR, 0, values.F0, STAGES)
     workspace.statistics[EVALUATIONS] += STAGES - 1
     stiffness = size * math.sqrt(faster / apart) / STABLE if apart > 0.0 else 0.0

@@ -445,7 +445,7 @@ def rated(rate: EventRate, theta: float, time: float, step: float) -> tuple[Even
     """
     chattering = rate.chattering + 1 if theta * step < CHATTER else 0
     if chattering > CHATTERING and theta <= 1.0:
-        push = time_width(time) * 2.0**min(chattering - CHATTERING, 40)
+        push = time_width(time) * (1 << min(chattering - CHATTERING, 40))
         theta = max(theta, min(1.0, push / step))
     return EventRate(chattering, rate.crowded + 1 if theta < SOON else 0,
                      rate.stuck + 1 if min(theta, 1.0) * step <= smallest_step(time) else 0), theta
