@@ -30,7 +30,8 @@ def attempts(height, speed, swing, count=400):
     ahead = look_ahead(Profile(0.0, (face,)), (face,), -1.4, 0.0, 0.003, GIMBALL.ball_radius,
                        TUNING.unseen_room, TUNING.highest_descent)
     worlds.see(ahead)
-    row, draws = plan_row(Candidate(Strategy.SWING, speed, swing, 1.5), ahead), worlds.first(count)
+    row = plan_row(Candidate(Strategy.SWING, speed, swing, 1.5), ahead)
+    draws = worlds.sample(count)
     spent = []
     for _ in range(6):
         begin = process_time()

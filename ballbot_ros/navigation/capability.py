@@ -186,7 +186,7 @@ class Capability:
         # Uniform acceleration to the touch, then to the last edge, then a stop.
         time = 2.0 * run_up / speed + (last + radius) / speed \
             + speed / tuning.deceleration
-        draws = worlds.first(CONFIRMATION_ROLLOUTS)
+        draws = worlds.sample(CONFIRMATION_ROLLOUTS)
         results = worlds.attempt(start, [plan_row(chosen.candidate, ahead)], draws, ahead)[0]
         beyond = float(np.quantile(np.nan_to_num(results[:, REST], nan=-math.inf),
                                    1.0 - OVERRUN_FRACTION_MAX, method='higher'))

@@ -229,7 +229,7 @@ class PlanSelector(Selector):
         if choice is None or choice.candidate is None or self._answers % every:
             return
         self.worlds.see(task.ahead)
-        self._tally += task.tally(Trial(choice.candidate), task.worlds.take(REEVALUATION_ROLLOUTS))
+        self._tally = task.continued(choice.candidate, self._tally, REEVALUATION_ROLLOUTS)
         choice.outlook = replace(self._tally.outlook, others=choice.outlook.others,
                                  height_limit=choice.outlook.height_limit)
         if not self._is_fixed(braking_room) \

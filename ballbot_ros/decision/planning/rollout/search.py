@@ -165,10 +165,15 @@ class Task:
             self.start, [plan_row(trial.candidate, self.ahead)], worlds, self.ahead, raised)
         return Tally.of(results[0], self.ahead.room_to)
 
+    def continued(self, candidate: Candidate, tally: Tally, count: int) -> Tally:
+        """Return a tally of a plan with more worlds; those of the comparison are not in it."""
+        worlds = self.worlds.sample(count, COMPARISON_WORLDS + int(tally.attempts))
+        return tally + self.tally(Trial(candidate), worlds)
+
     def braking(self, number: int) -> float:
         """Return the probability that an emergency stop ends before the first face."""
         brake = plan_row(Candidate(Strategy.STOP, 0.0), self.ahead)
-        results = self.worlds.attempt(self.start, [brake], self.worlds.take(number), self.ahead)
+        results = self.worlds.attempt(self.start, [brake], self.worlds.sample(number), self.ahead)
         return float(np.mean(np.isnan(results[0, :, TOUCH_SPEED])))
 
 
@@ -189,7 +194,7 @@ def search(plans: Sequence[Candidate], task: Task, trials: List[Trial]) -> Steps
         yield from confirm(finalists[0], task, CONFIRMATION_ROLLOUTS)
         if good(finalists[0].many, 0.5 * (task.required + 1.0)):
             return finalists[0]
-    few = task.worlds.first(COMPARISON_WORLDS)
+    few = task.worlds.sample(COMPARISON_WORLDS)
     for trial in finalists:
         trial.few = task.tally(trial, few)
         yield
@@ -255,9 +260,9 @@ def _finalists(trials: Sequence[Trial], highest_speed: float) -> List[Trial]:
 
 
 def confirm(trial: Trial, task: Task, number: int) -> Generator[None, None, None]:
-    """Try a plan in new worlds, until it cannot be `good` any more or has met enough."""
+    """Try a plan in more worlds, until it cannot be `good` any more or has met enough."""
     while trial.many.attempts < number:
-        trial.many = trial.many + task.tally(trial, task.worlds.take(ROLLOUTS_PER_YIELD))
+        trial.many = task.continued(trial.candidate, trial.many, ROLLOUTS_PER_YIELD)
         yield
         if trial.many.attempts >= ROLLOUTS_BEFORE_CHECK and (
                 trial.many.probability < task.required - REJECTION_MARGIN
@@ -279,7 +284,7 @@ def good(tally: Tally, required: float, sigmas: float = 0.0) -> bool:
 def height_limit(trial: Trial, task: Task) -> Generator[None, None, float]:
     """Return the highest first face that a plan crosses with the required probability [m]."""
     height = task.ahead.faces[0].height
-    worlds = task.worlds.first(LIMIT_WORLDS)
+    worlds = task.worlds.sample(LIMIT_WORLDS)
     low, high = -abs(height), LIMIT_ABOVE_MAX
     for _ in range(7):
         middle = 0.5 * (low + high)

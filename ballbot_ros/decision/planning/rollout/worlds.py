@@ -80,8 +80,8 @@ class Worlds:
     """
     Worlds sampled from the particles and from the terrain uncertainty.
 
-    The samples are drawn once and reused cyclically, so that plans are compared in the same worlds
-    and a run is reproducible bit by bit.
+    The samples are drawn once, and each plan is evaluated in the same ones: a plan that was
+    refused is not permitted by other samples in the next search.
     """
 
     def __init__(self, knowledge: Knowledge):
@@ -100,7 +100,7 @@ class Worlds:
             tuning.emergency_lean, tuning.reaction_time + tuning.actuation_delay,
             tuning.cruise_speed)
         self._scratch: Dict[int, Tuple[Array, Array, Array, Array]] = {}
-        self._next, self.attempts = 0, 0  # index of the next world, number of rollouts so far
+        self.attempts = 0  # number of rollouts so far
         self.set_particles(knowledge.initial_particles)
 
     def set_particles(self, particles: Particles) -> None:
@@ -135,16 +135,10 @@ class Worlds:
         """Return the standard deviation of the height of the first face [m]."""
         return float(np.std(self._draws[:, HEIGHT]))
 
-    def take(self, count: int) -> Array:
-        """Return the next worlds, (count, DRAW)."""
-        chosen = np.arange(self._next, self._next + count) % WORLDS
-        self._next = int(self._next + count) % WORLDS
+    def sample(self, count: int, begin: int = 0) -> Array:
+        """Return some worlds from number `begin` on, (count, DRAW)."""
+        chosen = np.arange(begin, begin + count) % WORLDS
         draws: Array = self._draws[chosen]
-        return draws
-
-    def first(self, count: int) -> Array:
-        """Return always the same worlds, (count, DRAW)."""
-        draws: Array = self._draws[:count]
         return draws
 
     def attempt(self, start: Start, plans: Sequence[Array], draws: Array, ahead: Ahead,
