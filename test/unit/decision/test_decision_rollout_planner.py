@@ -336,6 +336,19 @@ def test_the_same_situations_give_the_same_decisions_to_the_bit():
     assert repr(decide(step(0.035))) == repr(decide(step(0.035)))
 
 
+@pytest.mark.parametrize('height', [0.035, 0.046, 0.05])
+def test_another_search_of_the_same_situation_has_the_same_result(height):
+    planner, outlooks = RolloutPlanner(KNOWLEDGE), []
+    for _ in range(2):
+        planner(Situation(Motion(0.0, -1.2 - RADIUS, 0.0), seen()), None)  # ends the search
+        decision = None
+        for number in range(60):
+            decision = planner(Situation(
+                Motion(0.02 * number, -1.2 - RADIUS, 0.0), seen(step(height))), decision)
+        outlooks.append(decision.outlook)
+    assert outlooks[0].attempts > 0 and repr(outlooks[0]) == repr(outlooks[1])
+
+
 def test_without_news_it_keeps_its_mind():
     plan, decision, kinds = RolloutPlanner(KNOWLEDGE), None, []
     for number in range(150):
