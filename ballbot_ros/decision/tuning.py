@@ -104,6 +104,11 @@ class DecisionTuning(Checked):
                 f'({self.largest_lean:g} rad), got {self.emergency_lean:g} rad',
                 'inconsistent', 'emergency_lean')
 
+    @property
+    def dead_time(self) -> float:
+        """Return the time from an odometry message until the pendulum begins to follow [s]."""
+        return self.reaction_time + self.actuation_delay
+
     def height_bias(self, reported: bool) -> float:
         """Return the deviation of the constant error of heights with or without a reported one."""
         return self.height_bias_sd if reported else max(

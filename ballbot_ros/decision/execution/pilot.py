@@ -99,7 +99,7 @@ class Pilot:
         plan, tuning = decision.plan or Plan(Strategy.STOP), self._tuning
         stand = self._standing(decision, motion)
         common = Order(lean=tuning.largest_lean, emergency_lean=tuning.emergency_lean,
-                       reaction=tuning.reaction_time + tuning.actuation_delay)
+                       reaction=tuning.dead_time)
         if decision.kind is Kind.BACK_OFF:
             return common._replace(forward=CREEP_SPEED, backward=BACK_OFF_SPEED, stop=plan.start)
         if decision.kind in (Kind.STOP, Kind.GO_ROUND):
@@ -131,7 +131,7 @@ class Pilot:
             slope = 0.0 if self._state is None else estimated_slope(self._state, self._law)
             ahead = braking_distance(
                 abs(motion.speed), slope if motion.speed > 0.0 else -slope,
-                self._tuning.emergency_lean, self._tuning.reaction_time, self._law)
+                self._tuning.emergency_lean, self._tuning.dead_time, self._law)
             # A ball that cannot brake in time stops as soon as possible.
             given = motion.position + math.copysign(min(ahead, STOP_DISTANCE_MAX), motion.speed)
         closer = min if planned or motion.speed > 0.0 else max

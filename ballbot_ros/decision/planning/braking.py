@@ -36,7 +36,7 @@ class Braking:
         self._expected = law._replace(speed_gain=math.inf)[:]
         self._gain = law.speed_gain
         self._lean, self._furthest = tuning.largest_lean, tuning.emergency_lean
-        self._delay = tuning.reaction_time + tuning.actuation_delay
+        self._delay = tuning.dead_time
         self.steepest = steepest_slope(tuning.emergency_lean, self._slower)
 
     def acceleration(self, slope: float) -> float:

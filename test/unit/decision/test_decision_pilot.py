@@ -106,6 +106,13 @@ def test_a_stop_on_the_way_back_is_shorter_uphill_than_downhill():
     assert ways[0] + 0.02 < ways[1] < ways[2] - 0.01
 
 
+def test_the_way_to_rest_contains_the_delay_of_the_actuation():
+    rest = [Pilot(replace(KNOWLEDGE, tuning=replace(
+        KNOWLEDGE.tuning, actuation_delay=delay)))._standing(STOP, Motion(0.0, 0.0, 0.4))
+        for delay in (0.0, 0.3)]
+    assert rest[1] - rest[0] == pytest.approx(0.3 * 0.4)
+
+
 def test_between_swing_and_edge_the_pendulum_has_the_angle_of_the_plan():
     cross = Decision(Kind.CROSS, Reason.LIKELY, 0.6, '', plan=Plan(
         Strategy.SWING, speed=0.6, swing_position=0.8, swing_angle=1.8, edge=1.3))

@@ -97,8 +97,7 @@ class Worlds:
         self._drive: PlainDrive = (
             control.position_kp, control.position_kd, float(control.gravity_compensation),
             control.torque_limit, robot.motor_line, law[:], tuning.largest_lean,
-            tuning.emergency_lean, tuning.reaction_time + tuning.actuation_delay,
-            tuning.cruise_speed)
+            tuning.emergency_lean, tuning.dead_time, tuning.cruise_speed)
         self._scratch: Dict[int, Tuple[Array, Array, Array, Array]] = {}
         self.attempts = 0  # number of rollouts so far
         self.set_particles(knowledge.initial_particles)
