@@ -26,8 +26,8 @@ EDGE_DISTANCE, EDGE_TIME = 0.3, 0.8
 SLOWDOWN_BEFORE, SLOWDOWN_BEHIND = 0.2, 0.1
 # Deceleration towards the end of a path [m/s2], and time constant of the last part [s].
 DECELERATION, LAST_TIME_CONSTANT = 0.15, 0.7
-# Part of the curvature limit at a speed that a path may use: the rest is for feedback, and for
-# robots that turn less than the nominal one (by 7 % at the ends of the ranges).
+# Part of the curvature limit that a path may use: the rest is for feedback, and for robots of the
+# range that turn less than the nominal one.
 CURVATURE_FRACTION = 0.9
 
 

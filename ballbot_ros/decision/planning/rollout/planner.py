@@ -84,7 +84,7 @@ def deliberate(task: Task, tuning: DecisionTuning, room_behind: float,
     if chosen is not None:
         found = _found(chosen.candidate, Reason.LIKELY, chosen.many, others)
         yield found
-        limit = yield from height_limit(chosen, task)
+        limit = yield from height_limit(chosen.candidate, task)
         found.choice.outlook = replace(found.choice.outlook, height_limit=limit)
         return found
     best = _best(trials)

@@ -159,16 +159,16 @@ class Task:
     # more often than an emergency stop.
     too_late: bool = False
 
-    def tally(self, trial: Trial, worlds: Array, raised: float = 0.0) -> Tally:
+    def tally(self, candidate: Candidate, worlds: Array, raised: float = 0.0) -> Tally:
         """Return the results of a plan in some worlds."""
         results = self.worlds.attempt(
-            self.start, [plan_row(trial.candidate, self.ahead)], worlds, self.ahead, raised)
+            self.start, [plan_row(candidate, self.ahead)], worlds, self.ahead, raised)
         return Tally.of(results[0], self.ahead.room_to)
 
     def continued(self, candidate: Candidate, tally: Tally, count: int) -> Tally:
         """Return a tally of a plan with more worlds; those of the comparison are not in it."""
         worlds = self.worlds.sample(count, COMPARISON_WORLDS + int(tally.attempts))
-        return tally + self.tally(Trial(candidate), worlds)
+        return tally + self.tally(candidate, worlds)
 
     def braking(self, number: int) -> float:
         """Return the probability that an emergency stop ends before the first face."""
@@ -196,7 +196,7 @@ def search(plans: Sequence[Candidate], task: Task, trials: List[Trial]) -> Steps
             return finalists[0]
     few = task.worlds.sample(COMPARISON_WORLDS)
     for trial in finalists:
-        trial.few = task.tally(trial, few)
+        trial.few = task.tally(trial.candidate, few)
         yield
     best = max((trial.few.probability for trial in finalists), default=0.0)
     goal = task.required + 0.5 * max(best - task.required, 0.0)
@@ -281,14 +281,14 @@ def good(tally: Tally, required: float, sigmas: float = 0.0) -> bool:
         and (tally.falls == 0.0 or sigmas > 0.0)
 
 
-def height_limit(trial: Trial, task: Task) -> Generator[None, None, float]:
+def height_limit(candidate: Candidate, task: Task) -> Generator[None, None, float]:
     """Return the highest first face that a plan crosses with the required probability [m]."""
     height = task.ahead.faces[0].height
     worlds = task.worlds.sample(LIMIT_WORLDS)
     low, high = -abs(height), LIMIT_ABOVE_MAX
     for _ in range(7):
         middle = 0.5 * (low + high)
-        tally = task.tally(trial, worlds, middle)
+        tally = task.tally(candidate, worlds, middle)
         if tally.over >= task.required * tally.attempts:
             low = middle
         else:
@@ -314,7 +314,7 @@ def highest_step(plans: Sequence[Candidate], task: Task) -> Generator[None, None
         plans = passing or plans
     if not plans:
         return math.nan
-    return (yield from height_limit(Trial(plans[0]), task))
+    return (yield from height_limit(plans[0], task))
 
 
 def why_not(trials: Sequence[Trial], chosen: Optional[Trial]) -> Tuple[str, ...]:
