@@ -64,15 +64,17 @@ class PseudoTerminal:
         if self.plugged:
             return
         # The other side of it stays open here, so that a reader may come and go.
-        self._master, self._slave = pty.openpty()
+        master, self._slave = pty.openpty()
         tty.setraw(self._slave)
-        os.set_blocking(self._master, False)
+        os.set_blocking(master, False)
         self.device = os.ttyname(self._slave)
         if self._link is not None:
             fresh = self._link.with_name(f'{self._link.name}.{os.getpid()}')
             fresh.unlink(missing_ok=True)
             fresh.symlink_to(self.device)
             fresh.replace(self._link)
+        # Last: another thread that finds it plugged can open its path.
+        self._master = master
 
     def unplug(self) -> None:
         """Take the device away; a program that has it open gets an error."""

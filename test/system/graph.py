@@ -176,7 +176,13 @@ class Graph:
     def _timed_out(self, what, timeout=TIMEOUT):
         logs = '\n'.join(f'--- {path.stem}\n{path.read_text()[-3000:]}' for path in
                          sorted(self.processes.log('x').parent.glob('*.log')))
-        return f'not within {timeout:g} s: {what}\n{logs}'
+        endpoints = '\n'.join(
+            f'{topic}: {[end.node_name for end in self.node.get_publishers_info_by_topic(topic)]}'
+            f' -> {[end.node_name for end in self.node.get_subscriptions_info_by_topic(topic)]}'
+            for topic, _ in self.node.get_topic_names_and_types())
+        health = '\n'.join(f'{name}: {status.message} {self.values(name)}'
+                           for name, status in self.statuses.items())
+        return f'not within {timeout:g} s: {what}\n{endpoints}\n{health}\n{logs}'
 
     # Services
 

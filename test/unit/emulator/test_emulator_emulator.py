@@ -157,7 +157,7 @@ def test_pulling_the_plug_is_an_error_and_plugging_in_again_works(emulator):
 
 
 def test_a_plug_that_is_out_for_a_time_comes_back_by_itself(emulator):
-    execute(emulator, 'unplug 0.1')
+    execute(emulator, 'unplug 0.5')
     assert not emulator.terminal.plugged
     wait_until(lambda: emulator.terminal.plugged)
     connect(emulator)[0].close()
