@@ -147,15 +147,20 @@ class Graph:
     def spin(self, seconds):
         """Take in what comes for a while."""
         end = time.monotonic() + seconds
-        while (left := end - time.monotonic()) > 0.0:
-            self.executor.spin_once(timeout_sec=left)
+        while time.monotonic() < end:
+            self._spin_once()
+
+    def _spin_once(self):
+        # With another timeout rclpy starts again at its first subscription: on a busy machine the
+        # messages of a later one would never be taken.
+        self.executor.spin_once(timeout_sec=0.02)
 
     def wait(self, condition, what, timeout=TIMEOUT):
         """Return what a condition returns as soon as that is true."""
         deadline = time.monotonic() + timeout
         while not (found := condition()):
             assert time.monotonic() < deadline, self._timed_out(what, timeout)
-            self.executor.spin_once(timeout_sec=0.05)
+            self._spin_once()
         return found
 
     def wait_for_time(self, states, seconds):
@@ -210,7 +215,7 @@ class Graph:
                 self.wait(client.service_is_ready, f'{service} is there')
                 futures.append(client.call_async(kind.Request(**fields)))
             assert time.monotonic() < start + TIMEOUT, self._timed_out(f'{service} answers')
-            self.executor.spin_once(timeout_sec=0.05)
+            self._spin_once()
         return next(future.result() for future in futures if future.done())
 
     def change_state(self, name, transition):
