@@ -12,8 +12,8 @@ from ballbot_ros.decision.planning.stop_line import LINE_MARGIN
 from ballbot_ros.decision.values import Face, Profile, Strategy
 from ballbot_ros.physics.model.terrain import Array
 
-# Maximum number of faces that are planned together.
-FACES_MAX = 4
+# Maximum number of faces that are planned together; a plan ends before the next one.
+FACES_MAX = 8
 # An obstacle nearer than this behind the last edge requires braking immediately [m].
 BRAKING_DISTANCE = 1.5
 # Faces that are farther apart than this are planned one by one [m].
@@ -45,7 +45,7 @@ class Ahead:
     # of the last face before it or at it, -1 for none, and the parts of the deviations of height
     # and place of that face that move it.
     shape: Array
-    faces: Tuple[Face, ...]  # at most `FACES_MAX`
+    faces: Tuple[Face, ...]  # at most `FACES_MAX`, and the next one
     ends: Tuple[End, ...]  # from near to far; none if the first face is a drop
     deviations: Array  # (2, FACES_MAX) standard deviations of height and place of each face [m]
     slope: float  # below the ball, positive uphill [rad]
@@ -53,7 +53,7 @@ class Ahead:
     touch: float  # position of the centre at the touch of the first face [m]
     room_to: float  # stop limit of the centre: the end of the known or assumed ground [m]
     known: bool  # whether that ground is known
-    # (FACES_MAX,) how far the ball can sink behind each face: limited in a trench, infinite
+    # (n,) how far the ball can sink behind each face: limited in a trench, infinite
     # elsewhere [m].
     descents: Array
 
@@ -80,7 +80,7 @@ class Candidate:
 def faces_ahead(profile: Profile, position: float) -> Tuple[Face, ...]:
     """Return the faces whose foot is ahead of a position, on floor that is observed."""
     return tuple(face for face in profile.faces
-                 if position < face.position <= profile.seen_to)[:FACES_MAX]
+                 if position < face.position <= profile.seen_to)[:FACES_MAX + 1]
 
 
 def look_ahead(profile: Profile, faces: Sequence[Face], position: float, slope: float,
@@ -119,7 +119,7 @@ def look_ahead(profile: Profile, faces: Sequence[Face], position: float, slope: 
     here, level = position, 0.0
     ends: List[End] = []
     feet: List[int] = []
-    descents = np.full(FACES_MAX, math.inf)
+    descents = np.full(len(faces), math.inf)
     last, falls = -math.inf, False
     for index, face in enumerate(faces):
         foot = max(face.position, here)
@@ -139,7 +139,7 @@ def look_ahead(profile: Profile, faces: Sequence[Face], position: float, slope: 
         doubt = SIGMAS * face.height_sd
         falls = falls or min(-face.height, descents[index]) > highest_descent + (
             doubt if kept else -doubt)
-        if falls or index > 0 and foot - last > FACE_SEPARATION:
+        if falls or index == FACES_MAX or index > 0 and foot - last > FACE_SEPARATION:
             continue
         if ends and foot - last < radius:
             ends.pop()  # a ball cannot stop between closer edges

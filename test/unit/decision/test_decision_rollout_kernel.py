@@ -13,8 +13,9 @@ from ballbot_ros.decision import Face, Knowledge, load_curve, load_decision_tuni
 from ballbot_ros.decision.execution.pilot_law import pilot_step
 from ballbot_ros.decision.planning.ahead import Candidate, look_ahead
 from ballbot_ros.decision.planning.rollout.rollout import (
-    CORNER_FRICTION, DRAW, Drive, EDGE, FALLS, fill_ground, FLOOR_FRICTION, HEIGHT, OVER, REST,
-    ROBOT, roll, Rolling, SPEED, STUCK, SWING_ANGLE, SWING_AT, TOUCH_ANGLE, TOUCH_SPEED, VERDICT)
+    CORNER_FRICTION, DRAW, Drive, EDGE, FALLS, fill_ground, FLOOR_FRICTION, HEIGHT, OVER, PLACE,
+    REST, ROBOT, roll, Rolling, SPEED, STUCK, SWING_ANGLE, SWING_AT, TOUCH_ANGLE, TOUCH_SPEED,
+    VERDICT)
 from ballbot_ros.decision.planning.rollout.search import plan_row
 from ballbot_ros.decision.planning.rollout.worlds import Worlds
 from ballbot_ros.decision.values import Strategy
@@ -148,7 +149,7 @@ def test_a_longer_step_of_the_rolling_model_changes_little():
 def test_the_ground_of_a_world_is_a_terrain_moved_by_what_was_drawn():
     ahead = ahead_of(-1.0, Face(1, 0.0, 0.03, 0.0, 0.0), Face(2, 0.4, 0.02, 0.0, 0.0, 0.01))
     row = world(GIMBALL)[0]
-    row[HEIGHT], row[HEIGHT + 1], row[HEIGHT + 4] = 0.002, -0.004, 0.05
+    row[HEIGHT], row[HEIGHT + 1], row[PLACE] = 0.002, -0.004, 0.05
     ground = np.zeros((len(ahead.shape), 7))
     fill_ground(ahead.shape, row, 0.001, -1.0, ground)
     xs, ys = ground[:, 0], ground[:, 1]

@@ -120,7 +120,7 @@ class Worlds:
         heights, places = ahead.deviations
         draws[:, HEIGHT:HEIGHT + FACES_MAX] = normal[:, :FACES_MAX] * heights
         # The height bias of a sensor is common to all rising faces.
-        for index, face in enumerate(ahead.faces):
+        for index, face in enumerate(ahead.faces[:FACES_MAX]):
             draws[:, HEIGHT + index] -= np.sign(face.height) * self._bias
         draws[:, PLACE:PLACE + FACES_MAX] = normal[:, FACES_MAX:2 * FACES_MAX] * places
         draws[:, SLOPE] = normal[:, -1] * ahead.slope_sd
@@ -165,7 +165,7 @@ class Worlds:
         run_many((position, speed, angle, rate), rows, np.ascontiguousarray(draws), raised,
                  self._drive, ahead.shape, self._scratch[vertices], results)
         self.attempts += results.shape[0] * results.shape[1]
-        heights = np.array([face.height for face in ahead.faces])
+        heights = np.array([face.height for face in ahead.faces[:FACES_MAX]])
         if heights.min() < 0.0:
             # A plan down more than `highest_descent` does not succeed.
             down = -heights - draws[:, HEIGHT:HEIGHT + len(heights)]
