@@ -13,8 +13,8 @@ from ballbot_ros.physics.model.robot import Robot
 
 # Baud rates that serial adapters and drives commonly support.
 BAUD_RATES = (57600, 115200, 230400, 460800, 500000, 921600, 1000000, 2000000)
-# Allowed time of onboard control from the last byte of a reply to the first byte of its torque:
-# scheduler, serial adapter, filter and controller [s].
+# Allowed time of onboard control beside the transfers: drive, serial adapter, scheduler, filter and
+# controller [s].
 RESERVE = 0.5e-3
 
 
@@ -29,8 +29,7 @@ def wire_budget(hardware: Hardware, robot: Robot) -> WireBudget:
     budgets = [open_driver(item.connection.protocol, no_line, item.options()).budget()
                for item in axes]
     return WireBudget(sum(item.bytes_out for item in budgets),
-                      sum(item.bytes_in for item in budgets), max(
-                          item.turnaround for item in budgets))
+                      sum(item.bytes_in for item in budgets))
 
 
 def onboard_lag(hardware: Hardware, robot: Robot) -> float:

@@ -172,16 +172,15 @@ class WireBudget(NamedTuple):
 
     bytes_out: int  # to and from the drive, at most
     bytes_in: int
-    turnaround: float = 0.0  # time from the last byte of a request to the first of its reply [s]
 
     def duration(self, baud: float) -> float:
         """
-        Return the time of one exchange [s]: out, turnaround and in, one after the other.
+        Return the time of one exchange [s]: out and in, one after the other.
 
         A line is duplex, so the next request could overlap the last reply; the measurements of
         such a loop are delayed by one period.
         """
-        return (self.bytes_out + self.bytes_in) * BITS_PER_BYTE / baud + self.turnaround
+        return (self.bytes_out + self.bytes_in) * BITS_PER_BYTE / baud
 
     def highest_rate(self, baud: float) -> float:
         """Return the highest rate at which each period gets the reply to its request [Hz]."""
