@@ -13,8 +13,8 @@ from ballbot_ros.physics.model.robot import Robot
 
 # Baud rates that serial adapters and drives commonly support.
 BAUD_RATES = (57600, 115200, 230400, 460800, 500000, 921600, 1000000, 2000000)
-# Allowed time of onboard control beside the transfers: drive, serial adapter, scheduler, filter and
-# controller [s].
+# Allowed time of onboard control beside the transfers, for drive, serial adapter, scheduler,
+# filter and controller [s].
 RESERVE = 0.5e-3
 
 

@@ -88,8 +88,9 @@ class Worlds:
         """Draw."""
         robot, tuning, control = knowledge.robot, knowledge.tuning, knowledge.control
         self._seed, self._highest_descent = knowledge.seed, tuning.highest_descent
+        # Of the slope, and of height and place of each face: independent of `FACES_MAX`.
         self._normal = np.random.default_rng(self._seed).standard_normal(
-            (WORLDS, 2 * FACES_MAX + 1))
+            (1 + 2 * FACES_MAX, WORLDS)).T
         self._draws = np.zeros((WORLDS, DRAW))
         self._particles: Optional[Particles] = None
         self._bias = np.zeros(WORLDS)
@@ -118,12 +119,12 @@ class Worlds:
         """Sample the terrain from its uncertainty."""
         draws, normal = self._draws, self._normal
         heights, places = ahead.deviations
-        draws[:, HEIGHT:HEIGHT + FACES_MAX] = normal[:, :FACES_MAX] * heights
+        draws[:, HEIGHT:HEIGHT + FACES_MAX] = normal[:, 1::2] * heights
         # The height bias of a sensor is common to all rising faces.
         for index, face in enumerate(ahead.faces[:FACES_MAX]):
             draws[:, HEIGHT + index] -= np.sign(face.height) * self._bias
-        draws[:, PLACE:PLACE + FACES_MAX] = normal[:, FACES_MAX:2 * FACES_MAX] * places
-        draws[:, SLOPE] = normal[:, -1] * ahead.slope_sd
+        draws[:, PLACE:PLACE + FACES_MAX] = normal[:, 2::2] * places
+        draws[:, SLOPE] = normal[:, 0] * ahead.slope_sd
 
     def middle(self) -> Array:
         """Return the mean of all worlds, (1, DRAW)."""
