@@ -113,11 +113,11 @@ def test_a_crossing_is_offered_with_a_longer_run_up_once_a_shorter_one_failed(tm
 def test_a_run_up_for_which_no_state_is_far_enough_begins_behind_the_last_one(tmp_path):
     x = 1.27
     planner = planner_of(tmp_path, [
-        f'{{kind: step, line: [[{x}, 2.0], [{x}, 0.0]], height: 0.044}}'], (5.5, 2))
+        f'{{kind: step, line: [[{x}, 2.0], [{x}, 0.0]], height: 0.041}}'], (5.5, 2))
     segments = planner.route((0.77, 1.0, 0.0), (x + 1.5, 1.0)).segments
     index = next(index for index, item in enumerate(segments) if item.crossing)
     crossing, before = segments[index], segments[index - 1]
-    touch = touch_distance(planner.ball_radius, 0.044)
+    touch = touch_distance(planner.ball_radius, 0.041)
     assert x - touch - crossing.points[0][0] == pytest.approx(crossing.crossing.run_up, abs=0.005)
     assert before.direction == -1 and before.points[-1] == crossing.points[0]
 
