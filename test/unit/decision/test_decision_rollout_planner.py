@@ -309,7 +309,7 @@ def test_a_ball_at_rest_keeps_its_run_up_while_plans_are_evaluated():
     resting, rolling = (decide(step(0.03), speed=speed, answers=1) for speed in (0.0, 0.4))
     assert resting.reason is rolling.reason is Reason.EVALUATING
     assert not resting.refuses and resting.set_speed == 0.0 < rolling.set_speed
-    assert decide(step(0.03)).kind is Kind.CROSS
+    assert decide(step(0.03), answers=30).kind is Kind.CROSS
 
 
 def test_a_face_whose_foot_the_ball_has_passed_is_not_ahead():
