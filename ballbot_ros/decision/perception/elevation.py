@@ -165,7 +165,8 @@ class ElevationMap:
 
     A Kalman filter for each node: scans are averaged with weights 1 / variance.  As z is
     relative to a centre that moves up and down, a scan is first shifted, and tilted, to fit
-    its overlap with the map.
+    its overlap with the map.  Behind the first scan, a node is known once two scans agree: an
+    outlier in ground that is occluded from then on would not be corrected.
     """
 
     def __init__(self, tuning: DecisionTuning):
@@ -179,6 +180,7 @@ class ElevationMap:
         self.height = np.zeros(NODES)  # [m]
         # Of the average of the scans, without the texture; infinite where not observed [m2].
         self.variance = np.full(NODES, np.inf)
+        self.known = np.zeros(NODES, bool)
         self._strikes = np.zeros(NODES)
         # Estimated variance of a point, by its distance from the ball [m2].
         self._noise = np.zeros(NODES)
@@ -200,7 +202,7 @@ class ElevationMap:
         new_variance = scan.steep**2 + scan.share * np.maximum(
             self._expected(scan)**2, np.where(noise > 0.0, noise, noise.max()))
         seen = np.isfinite(scan.z)
-        common = seen & np.isfinite(variance)
+        common = seen & self.known[inside]
         places = scan.places - position
         if np.count_nonzero(common) < OVERLAP_MIN:
             self._begin(inside, scan, new_variance, places)
@@ -208,7 +210,8 @@ class ElevationMap:
         together = variance + new_variance
         shift, tilt, aligned = _alignment(places, old - scan.z, together, common)
         residual = scan.z + shift + tilt * places - old
-        outside = common & (residual**2 > self._sigmas**2 * together)
+        contradicted = seen & (residual**2 > self._sigmas**2 * together)
+        outside = common & contradicted
         if np.count_nonzero(outside) > max(5, OUTLIER_FRACTION_MAX * np.count_nonzero(common)):
             worst = int(np.argmax(np.where(common, residual**2 / together, -1.0)))
             return (f'the ground changed by {1e3 * residual[worst]:.0f} mm at '
@@ -221,7 +224,7 @@ class ElevationMap:
         part = tilt / min(self.scans, AVERAGED_SCANS)
         self.height -= part * ((np.arange(NODES) + self.first) * CELL - position)
         self._fuse(inside, scan.z + shift + (tilt - part) * places, new_variance, residual, seen,
-                   outside)
+                   contradicted)
         return ''
 
     def slip(self, scan: Scan) -> int:
@@ -237,7 +240,7 @@ class ElevationMap:
             if begin < 0 or begin + len(scan.z) > NODES:
                 continue
             inside = slice(begin, begin + len(scan.z))
-            known = np.isfinite(self.variance[inside]) & np.isfinite(scan.z)
+            known = self.known[inside] & np.isfinite(scan.z)
             if np.count_nonzero(known) >= SLIP_OVERLAP_MIN:
                 apart = self.height[inside][known] - scan.z[known]
                 apart -= middle(apart)
@@ -252,7 +255,7 @@ class ElevationMap:
     def texture(self) -> float:
         """Return the roughness of the map [m]: that of the floor and of the average of scans."""
         lag = max(1, math.ceil(self.spacing / CELL))
-        known = np.where(np.isfinite(self.variance), self.height, np.nan)
+        known = np.where(self.known, self.height, np.nan)
         bend = np.abs(known[2 * lag:] - 2.0 * known[lag:-lag] + known[:-2 * lag])
         return deviation(bend[np.isfinite(bend)])
 
@@ -271,8 +274,9 @@ class ElevationMap:
     def _begin(self, inside: slice, scan: Scan, variance: Array, places: Array) -> None:
         """Start the map with a scan; the floor below the ball is at 0."""
         self.variance[:] = np.inf
+        self.known[:] = False
         self._strikes[:] = 0.0
-        seen = np.isfinite(scan.z)
+        seen = self.known[inside] = np.isfinite(scan.z)
         below = scan.z[seen & (np.abs(places) < 0.1)]
         datum = middle(below) if len(below) else float(scan.z[seen][0])
         self.height[inside] = np.where(seen, scan.z - datum, 0.0)
@@ -294,19 +298,21 @@ class ElevationMap:
 
     def _fuse(self, inside: slice, new: Array, new_variance: Array, residual: Array,
               seen: Flags, outside: Flags) -> None:
-        """Fuse an aligned scan; replace nodes that are contradicted repeatedly."""
+        """Fuse an aligned scan; replace nodes that are unknown, or contradicted repeatedly."""
         old, variance, strikes = self.height[inside], self.variance[inside], self._strikes[inside]
+        known = self.known[inside]
         strikes[:] = np.where(outside, strikes + 1.0, np.where(seen, 0.0, strikes))
-        fresh = seen & (np.isinf(variance) | (strikes >= self._forget_after))
+        fresh = seen & (np.isinf(variance) | outside & ~known | (strikes >= self._forget_after))
         fused = seen & ~outside & ~fresh
-        known = np.where(fused, FADING * variance, 0.0)
-        gain = known / (known + new_variance)
+        known |= fused
+        faded = np.where(fused, FADING * variance, 0.0)
+        gain = faded / (faded + new_variance)
         gain[fresh] = 1.0
         # A contradicting point is not averaged in, but raises the variance.
         variance[:] = np.where(outside, variance + 0.04 * residual**2, variance)
         strikes[fresh] = 0.0
         old[:] = np.where(seen, old + gain * np.where(fused, residual, new - old), old)
-        variance[:] = np.where(fused, (1.0 - gain) * known, variance)
+        variance[:] = np.where(fused, (1.0 - gain) * faded, variance)
         variance[fresh] = new_variance[fresh]
 
     def _follow(self, position: float) -> None:
@@ -318,8 +324,10 @@ class ElevationMap:
         self.first = wanted
         if abs(by) >= NODES:
             self.variance[:] = np.inf
+            self.known[:] = False
             return
-        for array, blank in ((self.height, 0.0), (self.variance, np.inf), (self._strikes, 0.0)):
+        for array, blank in ((self.height, 0.0), (self.variance, np.inf), (self.known, False),
+                             (self._strikes, 0.0)):
             if by > 0:
                 array[:-by] = array[by:].copy()
                 array[-by:] = blank

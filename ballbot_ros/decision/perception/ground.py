@@ -185,7 +185,7 @@ def ground_of(found: ElevationMap, stamp: float, position: float, radius: float,
     The stamp is that of the latest scan [s].  The `edges` are known faces: they are measured at
     their positions, and only the test of `HEIGHT_EXIT` applies to them.
     """
-    known = np.flatnonzero(np.isfinite(found.variance))
+    known = np.flatnonzero(found.known)
     # Neighbouring nodes share the points that they lie between.
     shared = min(max(1.5 * found.spacing / CELL, 1.0), 20.0)
     nodes = _bridged(found, known, shared, position, radius, edges)

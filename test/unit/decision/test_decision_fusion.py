@@ -130,6 +130,29 @@ def test_lone_outliers_make_no_faces_and_a_face_that_stays_is_seen():
     assert profile.faces[0].height == pytest.approx(0.03, abs=0.002)
 
 
+@pytest.mark.parametrize('high', [-0.15, -0.08, 0.045, 0.1])
+def test_an_outlier_in_occluded_ground_makes_no_face(high):
+    """No later scan observes the ground behind an edge, and corrects the outlier."""
+    def make(stamp, position):
+        x = np.array(EVEN)
+        place = x + position
+        z = np.where(place > 1.5, -0.04, 0.0) - RADIUS
+        z += 0.001 * np.random.default_rng(round(1e3 * stamp)).standard_normal(len(z))
+        kept = (place < 1.5) | (place > 1.6)
+        if stamp == 30 * PERIOD:
+            wrong = int(np.argmin(np.abs(place - 1.55)))
+            z[wrong], kept[wrong] = high - RADIUS, True
+        x, z = tuple(x[kept].tolist()), tuple(z[kept].tolist())
+        return [TerrainObservation(stamp, x, z, (), x[0], x[-1])]
+    fusion = GroundFusion(GIMBALL, TUNING)
+    drive(fusion, make, 10)
+    for number in range(10, 100):
+        profile = drive(fusion, make, 1, number)
+        drop, = profile.faces
+        assert profile.rejection is None and drop.position == pytest.approx(1.5, abs=0.02)
+        assert drop.height == pytest.approx(-0.04, abs=0.005)
+
+
 @pytest.mark.parametrize('wall', [0, 2000])
 @pytest.mark.parametrize('largest', [0.03, 0.3])
 def test_outliers_of_one_point_in_thirty_make_no_face(largest, wall):
