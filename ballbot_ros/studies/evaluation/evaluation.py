@@ -119,7 +119,7 @@ def refused_margin(approach: Approach, nominal: NominalModel) -> float:
     touch = approach.ground.foot - touch_distance(approach.robot.ball_radius, height)
     run_up = min(max(touch - best_start(approach.room_behind), RUN_UPS[0]), RUN_UPS[1])
     return height_limit(approach.robot, nominal.robot, nominal.gains, run_up, MANOEUVRES,
-                        approach.ground.slope) - height
+                        approach.ground.slope, trial=height) - height
 
 
 def true_margin(approach: Approach, attempt: Dict[str, Any], nominal: NominalModel) -> float:
@@ -134,7 +134,7 @@ def true_margin(approach: Approach, attempt: Dict[str, Any], nominal: NominalMod
     run_up = RUN_UPS[1] if start is None else min(max(touch - start, RUN_UPS[0]), RUN_UPS[1])
     lead = -1.0 if swing is None else max(0.0, (touch - swing) / speed)
     return height_limit(robot, nominal.robot, nominal.gains, run_up,
-                        (Manoeuvre(speed, lead, angle),), slope, math.inf) - height
+                        (Manoeuvre(speed, lead, angle),), slope, math.inf, height) - height
 
 
 def run_evaluation(evaluation: Evaluation, folder: Path, pool: Executor, workers: int,

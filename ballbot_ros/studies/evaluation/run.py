@@ -21,7 +21,7 @@ from ballbot_ros.studies.evaluation.terrains import true_faces
 
 OBSERVATION_PERIODS = 10  # control periods between two observations
 ODOMETRY_PERIODS = 5      # between two odometry messages
-APPROACH_TIME_MAX = 16.0         # of an approach, without the time for a long obstacle [s]
+APPROACH_TIME_MAX = 30.0         # of an approach, without the time for a long obstacle [s]
 SLOWEST = 0.2             # speed that the time limit allows over a long obstacle [m/s]
 REACTION_TIME = 0.3           # a decision may change for this time after news [s]
 ARRIVED = 0.05  # a ball is at the start of its run-up [m]

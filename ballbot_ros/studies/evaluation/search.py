@@ -100,15 +100,15 @@ def possible(robot: Robot, ground: Ground, room_behind: float, nominal: Robot,
 
 def height_limit(robot: Robot, nominal: Robot, gains: ControlTuning, run_up: float,
                  manoeuvres: Sequence[Manoeuvre], slope: float = 0.0,
-                 fastest: float = TOUCH_SPEED_MAX) -> float:
+                 fastest: float = TOUCH_SPEED_MAX, trial: float = HEIGHT_MIN) -> float:
     """
     Return the maximum step height that a robot crosses with one of some manoeuvres [m].
 
     From rest at a run-up [m] before the touch, on a slope [rad], with a touch no faster than
-    `fastest` [m/s].
+    `fastest` [m/s].  The bisection begins at the height `trial` [m]: a manoeuvre that crosses a
+    step may fail at a much lower one, where its swing is too early or too strong.
     """
     low, high = 0.0, HEIGHT_MAX
-    trial = HEIGHT_MIN
     angle = balanced_angle(robot, slope)
     while high - low > HEIGHT_RESOLUTION:
         touch = -touch_distance(robot.ball_radius, trial)
