@@ -2,6 +2,8 @@
 """
 Random houses: a hall with rooms on both sides, whose doors have steps, thresholds or nothing.
 
+Half of the rooms have a carpet, a cord, a platform, a ramp to a platform or a lower level.
+
 A house has two floors: the true one, and the map, whose heights deviate and which lacks obstacles.
 House number n of a seed does not depend on the other houses.
 """
@@ -29,6 +31,9 @@ HEIGHT_SD = 0.002  # of the map, as stated in it [m]
 # that the map lacks; houses with stairs.
 STEPS, BARS, GROSS, OBSTACLES, STAIRS = 0.4, 0.3, 0.08, 0.15, 0.25
 GROSS_ERROR = 0.02  # largest [m]
+FURNISHED = 0.5  # share of rooms with a feature inside
+AREA = (0.7, 1.1)  # sides of carpets and levels, and length of ramps [m]
+LOW, LEVEL = (0.003, 0.012), (0.006, 0.05)  # heights of cords and carpets, and of levels [m]
 BOX = 0.3  # side of an obstacle [m]
 ROOM = 0.35  # half the side of the free square around start and goal [m]
 
@@ -90,6 +95,9 @@ def draw_house(nominal: Robot, seed: int, number: int) -> House:
         features.append(Feature(kind='stairs', polygon=(
             (length - 0.9, y), (length - 0.15, y), (length - 0.15, y + hall - 0.2),
             (length - 0.9, y + hall - 0.2))))
+    for room in rooms[1:]:
+        if random.random() < FURNISHED:
+            features.extend(_in_room(room, random))
     mapped = tuple(_mapped(feature, random) for feature in features)
     truth = cells.copy()
     for left, right, bottom, top in rooms[1:]:
@@ -99,8 +107,8 @@ def draw_house(nominal: Robot, seed: int, number: int) -> House:
             truth[round(corner[1] / RESOLUTION):round((corner[1] + BOX) / RESOLUTION),
                   round(corner[0] / RESOLUTION):round((corner[0] + BOX) / RESOLUTION)] = OCCUPIED
     places: List[Point] = []
-    for room in random.choice(len(rooms), 2, replace=False).tolist():
-        left, right, bottom, top = rooms[room]
+    for index in random.choice(len(rooms), 2, replace=False).tolist():
+        left, right, bottom, top = rooms[index]
         while len(places) < 2:
             place = (float(random.uniform(left + 0.5, right - 0.5)),
                      float(random.uniform(bottom + 0.5, top - 0.5)))
@@ -112,6 +120,30 @@ def draw_house(nominal: Robot, seed: int, number: int) -> House:
     return House(seed, number, Floor(name, truth, RESOLUTION, (0.0, 0.0), tuple(features)),
                  Floor(name, cells, RESOLUTION, (0.0, 0.0), mapped), draw_robot(nominal, random),
                  errors, (*places[0], float(random.uniform(-math.pi, math.pi))), places[1])
+
+
+def _in_room(room: Tuple[float, float, float, float], random: np.random.Generator
+             ) -> List[Feature]:
+    """Return a carpet, a cord, a platform, a ramp with its platform, or a lower level."""
+    left, right, bottom, top = room
+    kind = str(random.choice(('carpet', 'cord', 'platform', 'ramp', 'lower')))
+    width, depth, length = random.uniform(*AREA, 3).tolist()
+    x = float(random.uniform(left + 0.1, right - 0.1 - width - length * (kind == 'ramp')))
+    y = float(random.uniform(bottom + 0.1, top - 0.1 - depth))
+    height = float(random.uniform(*(LOW if kind in ('carpet', 'cord') else LEVEL)))
+    if kind == 'cord':
+        return [Feature(kind=kind, line=((left, y), (right, y)), height=height,
+                        height_sd=HEIGHT_SD, width=0.01)]
+
+    def area(begin: float, end: float) -> Tuple[Point, ...]:
+        return (begin, y), (end, y), (end, y + depth), (begin, y + depth)
+    found = [Feature(kind='carpet' if kind == 'carpet' else 'level', polygon=area(x, x + width),
+                     height=-height if kind == 'lower' else height, height_sd=HEIGHT_SD)]
+    if kind == 'ramp':
+        end = x + width + length
+        found.append(Feature(kind=kind, polygon=area(x + width, end), height=height,
+                             height_sd=HEIGHT_SD, line=((end, y), (x + width, y))))
+    return found
 
 
 def _is_free(cells: NDArray[np.uint8], features: List[Feature], place: Point) -> bool:
@@ -131,7 +163,8 @@ def _mapped(feature: Feature, random: np.random.Generator) -> Feature:
         error = float(random.uniform(-GROSS_ERROR, GROSS_ERROR))
     if feature.kind == 'stairs':
         return feature
-    return replace(feature, height=max(feature.height + error, 0.003))
+    return replace(feature, height=math.copysign(
+        max(abs(feature.height) + error, 0.003), feature.height))
 
 
 def _wall(cells: NDArray[np.uint8], begin: Point, end: Point, value: int = OCCUPIED,
