@@ -3,16 +3,16 @@
 One attempt at a step, from the first touch to its verdict, in compiled code.
 
 Only two vertices of the ground depend on the height of the step, so the ground and the start
-are set up inside the kernel.  The adaptive method runs in blocks; after each the kernel looks
-whether the ball is over or back.  `crossing` defines these words.
+are set up inside the kernel.  The adaptive method runs in blocks; after each block, the kernel
+checks whether the ball is over or back, as defined in `rules`.
 
-Besides the verdict an attempt gives a *score*: the square of the speed with which the centre
-of mass passes above the edge, or else minus the square of how far it stayed away, times the
-square of the rate at which a ball falls off an edge.  Where the ball must get clear of the edge on
-rising ground, it is the square of the speed with which it does, or else minus the square of the
-speed that was missing for the climb from the point where it turned round.  Where the ball just
-gets over, the score goes through zero, so that a search can aim instead of halving.  It decides
-nothing.
+In addition to the verdict an attempt gives a *score*: the square of the speed with which the
+centre of mass passes above the edge, or else minus the square of its smallest distance before the
+edge, times the square of the rate at which a ball falls off an edge.  Where the ball must get
+clear of the edge on rising ground, it is the square of the speed with which it does, or else minus
+the square of the speed that it lacked for the climb from its turning point.  The score is zero
+where the ball just gets over, so that a search can interpolate instead of bisect.  It does not
+affect the verdict.
 """
 import math
 from typing import NamedTuple
@@ -33,15 +33,15 @@ from ballbot_ros.physics.solvers.values import (
 
 OVER, BACK, UNDECIDED = range(3)
 
-# A ball that is this much farther from the step than where it touched has rolled back [m].
+# A ball this far behind its touch position has rolled back [m].
 RETREAT = 0.004
-# Simulated between two looks at the ball [s]; a doubtful block is run again in halves.
+# Simulated time between two checks of the ball [s]; a doubtful block is repeated in halves.
 BLOCK_TIME = 0.04
 SHORTEST_BLOCK = 1e-6
-# Loss of a ball on level ground, as a slope; for scores only.
+# Loss of a ball on level ground, as an equivalent slope; for scores only.
 SCORE_SLOPE = 0.02
-LEAST = 1e-12  # size of a score: none is 0 [m2/s2]
-# Vertices of the ground of a step: its foot and its edge, and an end each way.
+LEAST = 1e-12  # minimum magnitude of a score [m2/s2]
+# Vertices of the ground of a step: its foot and its edge, and an end on either side.
 VERTICES, EDGE_VERTEX, END_VERTEX = 4, 2, 3
 
 
@@ -50,7 +50,7 @@ class Course(NamedTuple):
 
     speed: float  # of the centre at first touch [m/s]
     pendulum_angle: float  # absolute, at the start [rad]
-    lead: float  # of the start before the touch, along the ground [m]
+    lead: float  # distance of the start before the touch, along the ground [m]
     first: float  # 1 where the first attempt counts, 0 for any within the time
     time_limit: float  # [s]
     clearance: float  # of the centre beyond the edge, over the radius; 0: just past it
@@ -60,14 +60,14 @@ class Crossing(NamedTuple):
     """Data and work arrays shared by attempts at steps of any height; one for each thread."""
 
     course: Course
-    system: System  # its ground is that of the step, whose height is changed there
-    budget: int  # right-hand sides of one attempt
+    system: System  # with the ground of the step, in which each attempt sets the height
+    budget: int  # function evaluations of one attempt
     state: Array  # (13,)
-    before: Array  # (13,): at the begin of a block
+    before: Array  # (13,): state at the start of a block
     output: Output  # without rows
     workspace: Workspace
-    spent: IntArray  # attempts and right-hand sides
-    last: Array  # height of the last attempt [m], and when it ended [s]
+    spent: IntArray  # attempts and function evaluations
+    last: Array  # height of the last attempt [m], and its end time [s]
 
     @classmethod
     def of(cls, course: Course, system: System, budget: int) -> 'Crossing':
@@ -90,11 +90,11 @@ def set_height(ground: Array, height: float) -> None:
 def touching_at(radius: float, distance: float, height: float, cosine: float,
                 sine: float) -> float:
     """
-    Return where along its ground a ball touches a step, negative before its foot [m].
+    Return the position along the ground, from the foot, at which a ball touches a step [m].
 
-    Its centre is at a `distance` from that ground, whose slope has that cosine and sine.
+    The centre is at a `distance` from the ground, whose slope has this cosine and sine.
     """
-    along = (distance * sine - radius) / cosine  # it would touch an endless wall
+    along = (distance * sine - radius) / cosine  # touch of an infinitely high wall
     if along * sine + distance * cosine > height:
         rise = distance - height * cosine
         along = height * sine - math.sqrt(max(radius**2 - rise * rise, 0.0))
@@ -104,13 +104,13 @@ def touching_at(radius: float, distance: float, height: float, cosine: float,
 @compiled
 def place(state: Array, course: Course, parameters: Parameters, ground: Array) -> float:
     """
-    Put the ball where its attempt begins, rolling without slip, and return its x at touch.
+    Place the ball at the start of its attempt, rolling without slip; return its x at the touch.
 
     The foot of the step is the origin; its edge is the vertex EDGE_VERTEX.
     """
     cosine, sine = ground[0, TANGENT_X], ground[0, TANGENT_Y]
     height = ground[EDGE_VERTEX, VERTEX_Y]
-    # A ball that rolls along a slope is pressed into it by that part of its weight.
+    # A ball that rolls along a slope is pressed into it by the normal component of its weight.
     penetration = min(parameters.mass * parameters.gravity * cosine / parameters.stiffness,
                       0.5 * parameters.radius)
     distance = parameters.radius - penetration
@@ -131,10 +131,10 @@ def place(state: Array, course: Course, parameters: Parameters, ground: Array) -
 def energy_to_spare(state: Array, parameters: Parameters, ground: Array,
                     contacts: Array, goal: float) -> float:
     """
-    Return the energy of the ball beyond the least that it has on its way over [J].
+    Return the energy of the ball minus the least that it needs to get over [J].
 
-    The least is that of a ball at rest with its pendulum hanging down: on the edge, or, where the
-    ground rises behind it, there `goal` [m] farther on.
+    The least is that of a ball at rest with its pendulum hanging down: on the edge, or `goal` [m]
+    farther on where the ground rises behind it.
     """
     weight = parameters.mass * parameters.gravity
     least = (weight * (ground[EDGE_VERTEX, VERTEX_Y] + parameters.radius
@@ -154,9 +154,9 @@ def shortfall(nearest: float, farthest: float, falling: float, goal: float,
     """
     Return the score of a ball that did not get over, below 0 [m2/s2].
 
-    The distances ahead of the edge are the nearest of its centre of mass and the farthest of its
-    centre, and `goal` is how far beyond the edge it was to get [m]; `falling` is the square of the
-    rate at which it falls off the edge [1/s2].
+    `nearest` and `farthest` are the largest distances of its centre of mass and of its centre
+    beyond the edge, and `goal` is the required one [m]; `falling` is the square of the rate at
+    which it falls off the edge [1/s2].
     """
     if goal <= 0.0:
         return min(-falling * nearest**2, -LEAST)
@@ -165,7 +165,7 @@ def shortfall(nearest: float, farthest: float, falling: float, goal: float,
     missing = goal - min(max(farthest, 0.0), goal)
     before = falling * min(nearest, 0.0)**2 if farthest <= 0.0 else 0.0
     if farthest <= 0.0 and steep == SCORE_SLOPE:
-        missing = 0.0  # behind the edge it is driven on
+        missing = 0.0  # behind the edge, the ball is driven on
     return min(-before - 2.0 * falling * crossing.system.parameters.radius * steep * missing,
                -LEAST)
 
@@ -180,7 +180,7 @@ def peak(x: float, speed: float, later_x: float, later_speed: float, duration: f
     square, cube = 3.0 * distance - 2.0 * start - end, start + end - 2.0 * distance
     root = square * square - 3.0 * cube * start
     if root > 0.0:
-        # The larger of both zeros in size first: no difference of nearly equal numbers.
+        # The zero of larger magnitude first, to avoid a difference of nearly equal numbers.
         larger = -(square + math.copysign(math.sqrt(root), square))
         for theta in (start / larger if larger != 0.0 else 0.0,
                       larger / (3.0 * cube) if cube != 0.0 else 0.0):
@@ -191,7 +191,7 @@ def peak(x: float, speed: float, later_x: float, later_speed: float, duration: f
 
 @compiled
 def weight_ahead(state: Array, parameters: Parameters) -> float:
-    """Return how far the centre of mass is ahead of the edge [m]."""
+    """Return the distance of the centre of mass beyond the edge [m]."""
     arm = parameters.pendulum_moment / parameters.mass
     ahead: float = state[X] + arm * math.sin(state[PENDULUM_ANGLE])
     return ahead
@@ -207,7 +207,7 @@ def speed_between(before: Array, after: Array, theta: float) -> float:
 @compiled
 def run_to_verdict(height: float, tolerance: float,
                    crossing: Crossing) -> tuple[int, float, float, int]:
-    """Return verdict, score, the time at which it was given [s], and outcome; see `attempt`."""
+    """Return verdict, score, time of the verdict [s], and outcome; see `attempt`."""
     course, system, workspace = crossing.course, crossing.system, crossing.workspace
     state, before = crossing.state, crossing.before
     parameters, ground = system.parameters, system.ground
@@ -215,8 +215,8 @@ def run_to_verdict(height: float, tolerance: float,
     touch_x = place(state, course, parameters, ground)
     falling = parameters.gravity * parameters.radius / (
         parameters.radius**2 + parameters.ball_inertia / parameters.mass)
-    # Energy only goes where no motor gives any; an edge below the centre only takes it, unless
-    # friction works with the printed lever.
+    # Without a motor, the energy only decreases, also at an edge below the centre, unless the
+    # friction acts with the printed lever.
     dwindling = (system.actuator.law == FREE and height < parameters.radius
                  and parameters.radius_lever == 0.0)
     goal = course.clearance * parameters.radius
@@ -237,7 +237,7 @@ def run_to_verdict(height: float, tolerance: float,
         turned = before[VELOCITY_X] > 0.0 > state[VELOCITY_X]
         if (turned and state[X] <= goal and block > SHORTEST_BLOCK
                 and top > goal - 0.1 * parameters.gravity * block * block):
-            # It may have been over within the block: look closer.
+            # The ball may have been over within the block: repeat it with a shorter one.
             block *= 0.5
             for i in range(SIZE):
                 state[i] = before[i]
@@ -286,16 +286,16 @@ def attempt(height: float, tolerance: float, crossing: Crossing) -> tuple[int, f
 # Ends of a bracket, their scores, and the outcome.
 Bracket = tuple[float, float, float, float, int]
 
-# The error is twice the width of the bracket; local errors of a step over that width.
+# Width of the bracket over the error, and local errors per step over that width.
 WIDTH = 0.5
 COARSE, FINE = 1e-1, 1e-2
-REFINEMENT = 0.03  # of the tolerances, where both do not agree
-FINEST = 1e-13  # tolerance that still means something [m]
+REFINEMENT = 0.03  # factor on the tolerances if their results do not agree
+FINEST = 1e-13  # finest meaningful tolerance [m]
 
-# Extrapolated from the scores, slightly higher: the closest step that fails is searched.
+# Factor on the step extrapolated from the scores, to find a height that just fails.
 EXTRAPOLATION_FACTOR = 1.02
-TRIED_HEIGHT_MAX = 4.0  # step that is tried, over the radius
-TOO_FAST = -1  # outcome of a search that finds no step too high, beside those of a run
+TRIED_HEIGHT_MAX = 4.0  # maximum height that is tried, over the radius
+TOO_FAST = -1  # outcome of a search without a step that is too high; others are those of a run
 
 
 @compiled
@@ -304,8 +304,8 @@ def narrow(low: float, high: float, above: float, below: float, width: float,
     """
     Narrow a bracket to a width [m]; return its ends and the outcome.
 
-    Regula falsi, Illinois variant, with ever longer steps where that is slow.  `low` is a step
-    that is passed and `high` one that is not [m], `above` and `below` are their scores; the
+    Regula falsi, Illinois variant, with longer steps where it converges slowly.  `low` is a height
+    that is crossed and `high` one that is not [m], `above` and `below` are their scores; the
     outcome is FINISHED, or the reason of a failed run.
     """
     side, reach = 0, 0.9 * width
@@ -319,8 +319,8 @@ def narrow(low: float, high: float, above: float, below: float, width: float,
         if outcome != FINISHED:
             return low, high, outcome
         now = 1 if verdict == OVER else -1
-        # On the same side again: the far end weighs less. One that was kept a reach away from
-        # its end and is on its side yet: the next one goes farther.
+        # On the same side again: the score of the other end weighs less.  If the trial was limited
+        # to the minimum step from its end, the next step is longer.
         again, side = now == side, now
         short = trial == low + reach if now > 0 else trial == high - reach
         reach = 4.0 * reach if short else 0.9 * width
@@ -337,10 +337,10 @@ def narrow(low: float, high: float, above: float, below: float, width: float,
 def climb(low: float, above: float, stride: float, tolerance: float,
           crossing: Crossing) -> Bracket:
     """
-    Raise the step from a passed one until it is too high.
+    Raise the step from a height that is crossed until it is too high.
 
-    The stride is the first one [m]; the next ones go where the scores point.  Returns low, high,
-    above, below and outcome as of `narrow`; the outcome may be TOO_FAST.
+    `stride` is the first increase [m]; the scores determine the next ones.  Returns low, high,
+    above, below and outcome, see `narrow`; the outcome may be TOO_FAST.
     """
     least, highest = 0.02 * stride, TRIED_HEIGHT_MAX * crossing.system.parameters.radius
     while True:
@@ -359,7 +359,7 @@ def climb(low: float, above: float, stride: float, tolerance: float,
 @compiled
 def descend(high: float, below: float, stride: float, tolerance: float,
             crossing: Crossing) -> Bracket:
-    """Lower the step from one that is too high until it is passed; returns as `climb` does."""
+    """Lower the step from a height that is too high until it is crossed; see `climb`."""
     while True:
         low = max(high - stride, 0.0)
         if low == 0.0:
@@ -376,7 +376,7 @@ def search(width: float, coarse: float, fine: float, guess: float,
     """
     Bracket the maximum step height with a coarse tolerance and confirm both ends with a fine one.
 
-    Returns a step that is passed with the fine tolerance, and one that is not, bounds that also
+    Returns a height that is crossed with the fine tolerance, and one that is not, bounds that also
     enclose the result of the coarse tolerance [m], and the outcome of `narrow` or `climb`.
     """
     low, high, above, below, outcome = climb(
@@ -402,10 +402,10 @@ def search(width: float, coarse: float, fine: float, guess: float,
 @unlocked
 def find(accuracy: float, crossing: Crossing) -> Bracket:
     """
-    Bracket the maximum step height to an accuracy [m], with tolerances as fine as that takes.
+    Bracket the maximum step height to an accuracy [m], with tolerances as fine as required.
 
-    Returns low, high and outcome as `search`; before the outcome the error, above the accuracy
-    where even the finest tolerances do not agree, and the finest tolerance that it took [m].
+    Returns low, high, error and finest tolerance [m], and the outcome, see `search`; the error
+    exceeds the accuracy if even the finest tolerances do not agree.
     """
     width = WIDTH * accuracy
     coarse, fine = COARSE * width, FINE * width

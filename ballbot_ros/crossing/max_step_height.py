@@ -2,8 +2,8 @@
 """
 The maximum step height of the ball, with an error bound.
 
-Each height is one `attempt` of the adaptive method, a search is one call into compiled code,
-and the scores of the attempts choose the next height.  The tests compare it with the paper's
+Each height is one `attempt` with the adaptive method, a search is one call into compiled code,
+and the scores of the attempts determine the next height.  The tests compare it with the paper's
 ascending bracketing with a fixed-step method (test/oracles/reference_search.py).
 
 Both ends of the bracket of a coarse tolerance are evaluated again with a finer one.  If both
@@ -11,7 +11,7 @@ results agree, the tolerance moves the maximum step height by less than the widt
 bracket; otherwise the search continues with the finer tolerance.  The reported error is the
 width of the bracket plus the distance between the two brackets.
 
-Like the paper, the search assumes that the ball crosses every step below one that it crosses.
+Like the paper, the search assumes that the ball crosses every step lower than one it crosses.
 The option `scan` checks this assumption.
 """
 from concurrent.futures import ThreadPoolExecutor
@@ -38,12 +38,12 @@ from ballbot_ros.physics.simulation.solver import failure, Solver
 from ballbot_ros.physics.solvers.values import (
     FINISHED, Output, Packed, unpack_workspace, Workspace)
 
-ATTEMPT_TOLERANCE = 1e-7  # of a step that is tried [m]
-NEVER = 2**62  # rows of output that would interrupt a run
-BUDGET = 50_000_000  # right-hand sides of one attempt; they take seconds
+ATTEMPT_TOLERANCE = 1e-7  # local error per step in `try_step` [m]
+NEVER = 2**62  # number of output rows that is never reached, so that no run is interrupted
+BUDGET = 50_000_000  # function evaluations of one attempt; they take seconds
 
 # Columns of the results of steps that were tried ...
-PASSES, SCORE, TRIED = range(3)  # whether, by how much [m2/s2], outcome
+PASSES, SCORE, TRIED = range(3)  # whether the ball crosses, score [m2/s2], outcome
 # ... and of maximum step heights; see `attempt.find`.
 LOW, HIGH, ERROR, FINE, FOUND = range(5)
 
@@ -52,7 +52,7 @@ PackedArrays = tuple[Array, Array, Array, IntArray, Array, Packed]
 
 
 read_course = row_reader(Course)
-# Where the fields of each begin in a row.
+# Column of the first field of each in a row.
 PARAMETERS = len(Course._fields)
 ACTUATOR = PARAMETERS + len(Parameters._fields)
 
@@ -74,7 +74,7 @@ def try_rows(rows: Array, grounds: Array, heights: Array, tolerance: float, resu
     """
     Try a step with each crossing, at heights (n,) [m]; for the tolerance see `attempt`.
 
-    The rows have the fields of Course, Parameters and Actuator, one behind the other; the heights
+    The rows have the fields of Course, Parameters and Actuator, concatenated; the heights
     of the grounds, (n, 4, 7), and the results, (n, 3), are written.
     """
     for i in range(len(rows)):
@@ -112,7 +112,7 @@ WORKSPACE = ThreadWorkspace()
 
 
 class Crossings(NamedTuple):
-    """Any number of crossings, in the way that the kernels read them."""
+    """Any number of crossings, in the format of the kernels."""
 
     rows: Array  # (n, ...), see `try_rows`
     grounds: Array  # (n, 4, 7)
@@ -130,7 +130,7 @@ class Crossings(NamedTuple):
         return cls(table(numbers, number), site.grounds(robot, number))
 
     def tried(self, heights: Array, tolerance: float) -> Array:
-        """Return the outcome at a step of each height [m]; see `try_rows`."""
+        """Return the results at a step of each height [m]; see `try_rows`."""
         results = np.empty((len(self.rows), 3))
         direct(try_rows)(*self, heights, tolerance, results, WORKSPACE.packed)
         return results
@@ -144,8 +144,8 @@ class Crossings(NamedTuple):
 
 ACCURACY = quantity('m', 'largest error of the height', minimum=1e-8, maximum=1e-2).metadata
 ANGLE = quantity('rad', 'angle of the pendulum at first contact').metadata
-SCAN = count('heights on each side that are tried', maximum=10_000).metadata
-# A law of actuation, or one for each speed [m/s].
+SCAN = count('number of heights tried on each side', maximum=10_000).metadata
+# An actuation, or a function that returns one for a speed [m/s].
 Actuations = Union[Actuation, Callable[[float], Actuation]]
 
 
@@ -153,11 +153,11 @@ class MaxStepHeight(NamedTuple):
     """The maximum step height at one speed; all SI."""
 
     speed: float  # of the centre at first touch [m/s]
-    height: float  # of a step that is passed, 0 if none is [m]
-    error: float  # the highest one is at most this much higher or lower [m]
-    monotone: Optional[bool]  # all lower steps are passed, no higher one; None: not looked
-    attempts: int  # that it took
-    work: int  # right-hand sides
+    height: float  # of a step that is crossed, 0 if none is [m]
+    error: float  # bound on the difference from the true maximum [m]
+    monotone: Optional[bool]  # all lower steps are crossed, no higher one; None without `scan`
+    attempts: int  # number of attempts
+    work: int  # number of function evaluations
 
 
 def max_step_height(robot: RobotLike, speed: float, actuation: Actuation = Actuation(),
@@ -220,7 +220,7 @@ def max_step_height(robot: RobotLike, speed: float, actuation: Actuation = Actua
 
 
 def _check(outcome: float, tolerance: float) -> None:
-    """Raise the error that explains how the last attempt ended, if it did not end well."""
+    """Raise the error that explains the last attempt, unless it finished."""
     if outcome != FINISHED:
         raise failure(int(outcome), float(WORKSPACE.last[1]), WORKSPACE.state, Solver(
             'adaptive', tolerance=max(tolerance, FINEST), work_budget=BUDGET))
@@ -233,9 +233,9 @@ def try_step(robot: RobotLike, speed: float, height: float, actuation: Actuation
     """
     Try one step of a height above 0 [m]; return whether the ball gets over, and the score.
 
-    The score is by how much it succeeded (above 0) or failed [m2/s2], see `attempt`; the tolerance
-    is the local error per step of the adaptive method [m].  See `max_step_height` for all others
-    and for its exceptions.
+    The score is above 0 for a success, else below [m2/s2], see `attempt`; the tolerance is the
+    local error per step of the adaptive method [m].  See `max_step_height` for the other
+    parameters and for the exceptions.
     """
     height = check_value('height', height, HEIGHT, 'try_step')
     crossing = _prepare(
@@ -252,7 +252,7 @@ def _try(height: float, tolerance: float, crossing: Crossings) -> Tuple[bool, fl
 
 def _prepare(robot: Robot, speed: float, actuation: Actuation, pendulum_angle: Optional[float],
              site: Site, rules: Rules, options: ContactOptions) -> Crossings:
-    """Return one crossing as the kernels read it; checked."""
+    """Return one checked crossing in the format of the kernels."""
     speed = check_value('speed', speed, SPEED, 'max_step_height')
     check_gravity(robot)
     if not isinstance(actuation, Actuation):
@@ -284,7 +284,7 @@ def max_step_heights(robot: RobotLike, speeds: Sequence[float],
 
     The actuation may be a function that returns one for a speed, such as ``rolling(robot)``;
     `threads` is the number of parallel searches, by default one per core.  See `max_step_height`
-    for all others and for its exceptions.
+    for the other parameters and for the exceptions.
     """
     robot = load_robot(robot)
 
@@ -306,7 +306,7 @@ def cruising(robot: Robot, actuation: Actuation = Actuation()) -> Callable[[floa
     """
     Return the open-loop voltage that rolls the ball at each speed on a level floor.
 
-    There the motor carries the friction of joint and ball, (c1 + c2) v / R.  Raises
+    The motor then compensates the friction of joint and ball, (c1 + c2) v / R.  Raises
     `ConfigurationError` if the robot has no motor.
     """
     motor = robot.motor
@@ -321,7 +321,7 @@ def cruising(robot: Robot, actuation: Actuation = Actuation()) -> Callable[[floa
 
 
 def actuation_for(robot: Robot, actuation: Actuation) -> Callable[[float], Actuation]:
-    """Return the actuation at each speed: a law (12), and a voltage of 0, follow it."""
+    """Return the actuation at each speed; law (12) and a voltage of 0 are adapted to the speed."""
     if actuation.law == 'velocity':
         return rolling(robot, actuation)
     if actuation.law == 'voltage' and np.all(actuation.voltage == 0.0):

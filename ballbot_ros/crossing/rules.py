@@ -10,10 +10,10 @@ Later motion does not count, so on an upward slope the ball may roll back.  By t
 the centre moves farther, by default a quarter of the radius, before it returns to its start.
 The curves of the paper use `edge`, decisions use `clear`.
 
-*Back*: the ball has rolled 4 mm behind the point of first contact, which ends the first attempt.
-Where any attempt counts, it may try again until the time limit.  A ball that is neither over nor
-back at the time limit has failed, such as one whose motor presses it against the step
-indefinitely.
+*Back*: the ball has rolled 4 mm back from the point of first contact, which ends the first
+attempt.  Where any attempt counts, it may try again until the time limit.  A ball that is neither
+over nor back at the time limit has failed, for example one that its motor continues to press
+against the step.
 """
 from dataclasses import dataclass, replace
 import math
@@ -29,27 +29,27 @@ from ballbot_ros.physics.model.actuation import Actuation
 from ballbot_ros.physics.model.robot import Robot
 from ballbot_ros.physics.model.terrain import Array, Terrain
 
-# Of the start before the touch, in programs that cannot start with the touch itself [m]; too
+# Lead of the start before the touch, in programs that cannot start with the touch itself [m]; too
 # short for a free ball to change its speed, and for a driven one to change it much.
 START_LEAD = 0.002
 
 SLOPE_MAX = math.radians(80.0)
 
-# How far beyond the edge a ball gets that is clear of it, over its radius.
+# Distance of the centre beyond the edge from which a ball is clear of it, over the radius.
 CLEARANCE = 0.25
 
 
 def table(values: Sequence[Any], number: int) -> Array:
     """Return values, some of which may be columns, as a table with a row for each case."""
     rows = np.empty((number, len(values)))
-    for place, value in enumerate(values):
-        rows[:, place] = value
+    for column, value in enumerate(values):
+        rows[:, column] = value
     return rows
 
 
 @dataclass(frozen=True)
 class Site(Checked):
-    """The ground around a step whose foot is the origin; without friction, the robot's own."""
+    """The ground around a step with its foot at the origin; default frictions: the robot's."""
 
     slope_before: float = quantity(
         'rad', 'slope of the ground before the step, positive uphill', default=0.0,
@@ -77,7 +77,7 @@ class Site(Checked):
             [floor, math.nan, upper], [math.nan, math.nan, edge, math.nan])
 
     def profile(self, robot: Robot, height: float = 1.0) -> Array:
-        """Return the ground as the kernels read it, (4, 7)."""
+        """Return the ground in the format of the kernels, (4, 7)."""
         return self.grounds(robot, 1, height)[0]
 
     def grounds(self, robot: Robot, number: int, height: float = 1.0) -> Array:
@@ -102,7 +102,7 @@ class Site(Checked):
 
 
 def _each(function: Callable[[float], float], values: Any) -> Any:
-    """Return a function of a number, or of each in a column: numpy's own may round otherwise."""
+    """Apply a function to a number, or to each in a column: numpy's may round differently."""
     if isinstance(values, np.ndarray):
         return np.array([function(value) for value in values.tolist()])
     return function(values)
@@ -110,7 +110,7 @@ def _each(function: Callable[[float], float], values: Any) -> Any:
 
 @dataclass(frozen=True)
 class Rules(Checked):
-    """Where an attempt starts and ends, and which count; see the module."""
+    """Start and end of an attempt, and which attempts count; see the module."""
 
     attempts: str = text('attempts that count', default='first', choices=('first', 'any'))
     time_limit: float = quantity(
@@ -122,17 +122,17 @@ class Rules(Checked):
         'where the ball is over: its centre past the edge, or clear of it', default='edge',
         choices=('edge', 'clear'))
     clearance: float = quantity(
-        '1', 'how far beyond the edge the centre gets by the rule clear, over the radius',
+        '1', 'distance of the centre beyond the edge by the rule clear, over the radius',
         default=CLEARANCE, above=0.0, maximum=4.0)
 
     def course(self, speed: float, pendulum_angle: float) -> Course:
-        """Return the rules for one run, as the kernels read them."""
+        """Return the rules for one run, in the format of the kernels."""
         return Course(speed, pendulum_angle, self.lead, float(self.attempts == 'first'),
                       self.time_limit, self.beyond)
 
     @property
     def beyond(self) -> float:
-        """Return how far beyond the edge the centre must get, over the radius."""
+        """Return the required distance of the centre beyond the edge, over the radius."""
         return self.clearance if self.over == 'clear' else 0.0
 
 
@@ -149,10 +149,10 @@ def sink_depth(radius: float, width: float) -> float:
 def touch_distance(radius: float, height: float, penetration: float = 0.0,
                    slope: float = 0.0) -> float:
     """
-    Return how far before the face the centre is when the ball touches the step [m].
+    Return the distance of the centre before the face when the ball touches the step [m].
 
-    A ball that penetrates the ground [m] touches the edge earlier by this; the slope of the ground
-    before the step is positive uphill [rad].
+    The ball rolls with a `penetration` of the ground [m]; the slope of the ground before the step
+    is positive uphill [rad].
     """
     distance, cosine, sine = radius - penetration, math.cos(slope), math.sin(slope)
     return distance * sine - cosine * in_python(touching_at)(
@@ -169,7 +169,7 @@ def is_over(x: Any, y: Any, edge_x: float, edge_y: float, radius: float) -> Any:
 
 
 def check_gravity(robot: Robot) -> None:
-    """Refuse a robot that no step can stop."""
+    """Refuse a robot without gravity, which no step can stop."""
     if robot.gravity == 0.0:
         raise ConfigurationError(
             f'robot {robot.name!r} has no gravity: there is no maximum step height',
@@ -180,6 +180,6 @@ def held_at(angle: float, actuation: Actuation = Actuation()) -> Actuation:
     """
     Return law (11) holding the pendulum at an absolute angle [rad].
 
-    Raises `ConfigurationError` beyond a half turn: degrees were meant.
+    Raises `ConfigurationError` beyond half a turn, which suggests an angle in degrees.
     """
     return replace(actuation, law='position', set_angle=angle)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Whether and how fast to cross the step ahead; no ROS, no clock.
+Decide whether and how fast to cross the step ahead, without ROS and without a clock.
 
-A height curve says how high a step may be at a collision speed, and how fast a step must be met:
+A height curve gives the maximum step height at a collision speed, and the speed for a height:
 
     >>> curve = load_curve('gimball_down')
     >>> 0.030 < curve.height(0.8) < 0.032

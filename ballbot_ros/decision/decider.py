@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The whole decision without ROS: observations and odometry in, decision and set angle out."""
+"""The complete decision without ROS: observations and odometry in, decision and set angle out."""
 from dataclasses import replace
 from typing import Callable, NamedTuple, Optional, Union
 
@@ -17,7 +17,7 @@ from ballbot_ros.decision.planning.situation import Knowledge, Planner, Situatio
 from ballbot_ros.decision.values import (
     Decision, Motion, Profile, StepObservation, TerrainObservation)
 
-# For learning from earlier outcomes.
+# Attempts that are simulated for learning from earlier outcomes.
 LEARNING_ROLLOUTS_PER_DECISION = 16
 
 
@@ -28,10 +28,10 @@ class Answer(NamedTuple):
     Attributes
     ----------
     stamp : float
-        Of the motion [s].
+        Time of the motion [s].
     decision : Decision
     set_angle : float
-        Of the pendulum, for law (11) [rad].
+        Set angle of the pendulum for law (11) [rad].
 
     """
 
@@ -109,11 +109,11 @@ class Decider:
         knowledge = replace(knowledge, particles=self._particles)
         plan = with_safety_filter(self._maker(knowledge), knowledge)
 
-        def begin() -> None:
+        def activate() -> None:
             self._plan = plan
             self._pilot.follow(knowledge)
             self._fusion.set_steepest(_steepest(knowledge))
-        return begin
+        return activate
 
     @property
     def profile(self) -> Optional[Profile]:
@@ -126,11 +126,11 @@ class Decider:
         return self._memory.free_from
 
     def observe(self, observation: Observation) -> None:
-        """Take an observation; it is fused with the first odometry that is not older."""
+        """Add an observation; it is fused with the first odometry that is not older."""
         self._fusion.observe(observation)
 
     def move(self, motion: Motion) -> None:
-        """Take odometry, not older than the last."""
+        """Add odometry, not older than the last."""
         self.motion = motion
         self._fusion.move(motion)
 
@@ -168,9 +168,9 @@ def _steepest(knowledge: Knowledge) -> float:
 
 def warm_up(knowledge: Knowledge, planner: str) -> None:
     """
-    Compile all kernels of the decision, and run them once, before the first one is due.
+    Compile all kernels of the decision, and run them once, before their first use.
 
-    A simulated approach to a step, with an outcome.
+    The run is a simulated approach to a step, with an outcome.
     """
     rehearsal = Decider(knowledge, planner)
     floor = tuple(0.02 * number - 0.2 for number in range(100))

@@ -12,20 +12,20 @@ from ballbot_ros.physics.model.robot import Robot
 
 # Reason why some values cannot change during an approach.
 SEEN = 'earlier observations depend on it'
-# Law and set angle [rad] with which the approach by a height curve touches a step.
+# Law and set angle [rad] at the touch of an approach that is planned by a height curve.
 APPROACH = ('position', 0.0)
 
 
 @dataclass(frozen=True)
 class DecisionTuning(Checked):
     """
-    Numbers of the decision and the approach.
+    Parameters of the decision and the approach.
 
     Raises
     ------
     ConfigurationError
         If a value is out of range, the cruise speed is above the highest speed, or the
-        emergency lean below the largest one.
+        emergency lean is below the largest lean.
 
     """
 
@@ -38,22 +38,22 @@ class DecisionTuning(Checked):
     deceleration: float = quantity(
         'm/s2', 'guaranteed deceleration', above=0.0, maximum=20.0, default=0.4)
     reaction_time: float = quantity(
-        's', 'time until a set angle is given and the pendulum begins to follow', above=0.0,
+        's', 'time until a set angle is commanded and the pendulum starts to follow', above=0.0,
         maximum=5.0, default=0.2)
     speed_margin: float = quantity(
-        '1', 'part by which the required speed is raised', minimum=0.0, maximum=1.0,
+        '1', 'fraction by which the required speed is increased', minimum=0.0, maximum=1.0,
         default=0.08)
     height_margin: float = quantity(
-        'm', 'added to the height of a step', minimum=0.0, maximum=0.5, default=0.002)
+        'm', 'margin added to the height of a step', minimum=0.0, maximum=0.5, default=0.002)
     sigma_margin: float = quantity(
-        '1', 'standard deviations of the height added to it', minimum=0.0,
+        '1', 'number of standard deviations added to the height of a step', minimum=0.0,
         maximum=10.0, default=2.0)
     stop_gap: float = quantity(
-        'm', 'front of the resting ball to the step', minimum=0.0, maximum=10.0, default=0.25)
+        'm', 'gap between the resting ball and the step', minimum=0.0, maximum=10.0, default=0.25)
     largest_lean: float = quantity(
         'rad', 'largest pendulum angle', above=0.0, maximum=1.5, default=0.7)
     emergency_lean: float = quantity(
-        'rad', 'largest pendulum angle where the ball would not stop in time otherwise',
+        'rad', 'largest pendulum angle if the ball would otherwise not stop in time',
         above=0.0, maximum=1.55, default=1.4)
     largest_swing: float = quantity(
         'rad', 'largest pendulum angle of a swing before or on a step', minimum=0.0, maximum=3.1,
@@ -61,28 +61,28 @@ class DecisionTuning(Checked):
     observation_timeout: float = quantity(
         's', 'age at which an observation expires', above=0.0, maximum=60.0, default=0.6)
     contradiction_sigma: float = fixed(SEEN, quantity(
-        '1', 'deviations at which an observation contradicts', above=0.0,
+        '1', 'standard deviations beyond which an observation contradicts the estimate', above=0.0,
         maximum=100.0, default=5.0))
     forget_after: int = fixed(SEEN, count(
-        'observations in a row after which the newest replace the estimate', minimum=1,
-        default=5))
+        'consecutive contradictions after which the newest observation replaces the estimate',
+        minimum=1, default=5))
 
     required_probability: float = quantity(
-        '1', 'probability of getting over that a crossing must have', minimum=0.5,
+        '1', 'required success probability of a crossing', minimum=0.5,
         maximum=0.999, default=0.9)
-    room_behind: float = fixed('it is of the place where the ball started', quantity(
-        'm', 'ground known to be free behind the place where the ball started', minimum=0.0,
+    room_behind: float = fixed('it applies to the start position of the ball', quantity(
+        'm', 'length of ground behind the start position that is known to be free', minimum=0.0,
         maximum=1000.0, default=0.0))
     unseen_room: float = quantity(
-        'm', 'floor that this site is stated to have behind each edge, where a sensor does not '
-        'see it; a stop takes 1 m; 0: such an edge is not crossed', minimum=0.0,
+        'm', 'length of floor assumed behind each edge where a sensor does not '
+        'observe it; a stop takes 1 m; 0: such an edge is not crossed', minimum=0.0,
         maximum=100.0, default=0.0)
     highest_descent: float = quantity(
         'm', 'highest step down that may be crossed; a higher one is a drop', minimum=0.0,
         maximum=1.0, default=0.05)
     actuation_delay: float = quantity(
-        's', 'time from an odometry message until its answer acts', minimum=0.0, maximum=0.5,
-        default=0.0)
+        's', 'time from an odometry message until the resulting set angle takes effect',
+        minimum=0.0, maximum=0.5, default=0.0)
     height_bias_sd: float = fixed(SEEN, quantity(
         'm', 'standard deviation of the constant error of a height sensor',
         minimum=0.0, maximum=0.1, default=0.0005))
@@ -91,7 +91,7 @@ class DecisionTuning(Checked):
         maximum=0.1, default=0.002))
 
     def __post_init__(self) -> None:
-        """Check each value, then that the speeds agree."""
+        """Check each value, then their consistency."""
         super().__post_init__()
         if self.cruise_speed > self.highest_speed:
             raise ConfigurationError(
@@ -106,11 +106,11 @@ class DecisionTuning(Checked):
 
     @property
     def dead_time(self) -> float:
-        """Return the time from an odometry message until the pendulum begins to follow [s]."""
+        """Return the time from an odometry message until the pendulum starts to follow [s]."""
         return self.reaction_time + self.actuation_delay
 
     def height_bias(self, reported: bool) -> float:
-        """Return the deviation of the constant error of heights with or without a reported one."""
+        """Return the bias deviation of heights with or without `reported` deviations [m]."""
         return self.height_bias_sd if reported else max(
             self.height_bias_sd, self.unreported_bias_sd)
 
@@ -122,7 +122,7 @@ def load_decision_tuning(name_or_path: str) -> DecisionTuning:
     Raises
     ------
     ConfigurationError
-        Naming file, field, value and allowed range.
+        With file, field, value and allowed range.
 
     """
     return load_config(DecisionTuning, 'decision_tunings', name_or_path)
@@ -135,9 +135,9 @@ def check_decision(robot: Robot, curve: HeightCurve, tuning: DecisionTuning) -> 
     Raises
     ------
     ConfigurationError
-        If the curve has another robot, success criterion, control law or pendulum angle, starts
-        above the maximum speed or fits worse than the height margin, or if the pendulum cannot
-        produce the assumed accelerations.
+        If the curve is for another robot, success criterion, control law or pendulum angle, starts
+        above the maximum speed or has a residual above the height margin, or if the pendulum
+        cannot produce the assumed accelerations.
 
     """
     if curve.robot != robot.name:
@@ -146,7 +146,7 @@ def check_decision(robot: Robot, curve: HeightCurve, tuning: DecisionTuning) -> 
             'for this robot', 'inconsistent', 'curve')
     if curve.made is not None and curve.made.robot_digest != robot.digest:
         raise ConfigurationError(
-            f'curve {curve.name} was made for a {robot.name} of other numbers (digest '
+            f'curve {curve.name} was made for a {robot.name} with other parameters (digest '
             f'{curve.made.robot_digest}, this one has {robot.digest}): make it again with '
             'ballbot fit-curve', 'inconsistent', 'curve')
     if curve.made is not None and curve.made.clearance < CLEARANCE:
@@ -154,7 +154,7 @@ def check_decision(robot: Robot, curve: HeightCurve, tuning: DecisionTuning) -> 
             f'it gets {curve.made.clearance:g} radii beyond the edge'
         raise ConfigurationError(
             f'curve {curve.name} was made by the rule that a ball is over when {rule}; from there '
-            f'it may come back, so a decision needs at least {CLEARANCE:g} radii: make it again '
+            f'it may roll back, so a decision needs at least {CLEARANCE:g} radii: make it again '
             'with ballbot fit-curve --over clear', 'inconsistent', 'curve')
     if tuning.highest_speed < curve.lowest_speed:
         raise ConfigurationError(
@@ -169,13 +169,13 @@ def check_decision(robot: Robot, curve: HeightCurve, tuning: DecisionTuning) -> 
     if curve.made is not None and (curve.made.law, curve.made.set_angle) != APPROACH:
         raise ConfigurationError(
             f'curve {curve.name} is for law {curve.made.law} at a set angle of '
-            f'{curve.made.set_angle:g} rad, but the ball touches with its pendulum held by law '
+            f'{curve.made.set_angle:g} rad, but at the touch the pendulum is held by law '
             f'{APPROACH[0]} at {APPROACH[1]:g} rad: make a curve for that',
             'inconsistent', 'curve')
     possible = RollingModel(robot).held_acceleration(tuning.largest_lean)
     for name in ('acceleration', 'deceleration'):
         if getattr(tuning, name) > possible:
             raise ConfigurationError(
-                f'{name} must be at most {possible:.3g} m/s2, what {robot.name} gains at a '
+                f'{name} must be at most {possible:.3g} m/s2, which {robot.name} reaches at a '
                 f'largest_lean of {tuning.largest_lean:g} rad, got {getattr(tuning, name):g} '
                 'm/s2', 'out_of_range', name)

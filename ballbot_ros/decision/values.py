@@ -7,7 +7,7 @@ from typing import Optional, Tuple
 
 
 class Kind(str, Enum):
-    """Action."""
+    """Action of a decision."""
 
     CLEAR = 'clear'
     CROSS = 'cross'
@@ -17,7 +17,7 @@ class Kind(str, Enum):
 
 
 class Reason(str, Enum):
-    """Why."""
+    """Reason for a decision."""
 
     NOTHING_AHEAD = 'nothing_ahead'
     WITHIN_CURVE = 'within_curve'
@@ -43,9 +43,9 @@ class Reason(str, Enum):
 
 # Positions [m], speeds [m/s] and heights of faces [m] beyond these are invalid.
 POSITION_MAX, SPEED_MAX, HEIGHT_MAX = 1e6, 30.0, 10.0
-# A slower ball rests [m/s].
+# A ball is at rest below this speed [m/s].
 REST_SPEED_MAX = 0.03
-# Standard deviation of a slope that the motion has shown for some seconds [rad].
+# Standard deviation of a slope estimated from several seconds of motion [rad].
 SLOPE_SD = 0.01
 
 
@@ -57,13 +57,13 @@ class Motion:
     Attributes
     ----------
     stamp : float
-        Now, on the clock of the observations [s].
+        Time of the state, on the clock of the observations [s].
     position, speed : float
-        Of the ball's centre along its axis of travel [m], [m/s].
+        Position and speed of the ball's centre along its axis of travel [m], [m/s].
     pendulum_angle, pendulum_rate : float
-        Absolute, modelled from the commanded set angles [rad], [rad/s].
+        Absolute angle and rate, modelled from the commanded set angles [rad], [rad/s].
     slope, slope_sd : float
-        Of the ground below the ball, estimated from its speed, positive uphill [rad].
+        Slope of the ground below the ball, estimated from its speed, positive uphill [rad].
 
     """
 
@@ -105,9 +105,9 @@ class After(str, Enum):
 @dataclass(frozen=True)
 class Plan:
     """
-    A plan over the faces ahead, or to a stop before them.
+    A plan that crosses the faces ahead, or stops before them.
 
-    All positions along the odometry axis.
+    All positions are along the odometry axis.
 
     Attributes
     ----------
@@ -117,7 +117,7 @@ class Plan:
     speed : float
         Set speed of the approach [m/s].
     swing_position : float
-        Start of the swing [m]; infinite for none.
+        Start of the swing [m]; infinite without a swing.
     swing_angle : float
         Set angle from there until the last edge is passed [rad].
     edge : float
@@ -146,18 +146,18 @@ class Outlook:
     Attributes
     ----------
     probability : float
-        That the ball crosses and stops within the permitted range.
+        Probability that the ball crosses and stops within the permitted range.
     stuck, falls : float
-        Probabilities of the other ends.
+        Probabilities of the other outcomes: no crossing, and no stop in time behind the edge.
     required : float
-        Probability that a crossing must have.
+        Required probability of a crossing.
     touch_speed : float
-        Expected at the first touch [m/s].
+        Expected speed at the first touch [m/s].
     height_limit : float
-        Maximum step height of this plan at the required probability [m]; where none is selected,
-        of the plan that crosses the highest step.
+        Maximum step height of this plan at the required probability [m]; without a selected plan,
+        that of the plan that crosses the highest step.
     braking_room : float
-        Distance to the last braking point [m]; negative behind it.
+        Distance to the last braking point [m]; negative beyond it.
     attempts : int
         Number of rollouts.
     others : tuple of str
@@ -186,24 +186,24 @@ class Decision:
     kind : Kind
     reason : Reason
     set_speed : float
-        Speed to drive at [m/s].  With ``GO_ROUND`` only within the room to stop.
+        Speed to drive at [m/s]; with ``GO_ROUND``, limited so that the ball can stop in time.
     explanation : str
-        One sentence for people.
+        One sentence for the user.
     required_speed : float
-        At touch, margins included [m/s].
+        Touch speed that the step requires, margins included [m/s].
     reachable_speed : float
-        At touch, from here and within all limits [m/s].
+        Touch speed that is reachable from here within all limits [m/s].
     height : float
-        Of the step [m].
+        Height of the step [m].
     height_margin : float
         Difference between the maximum step height, margins included, and the height [m];
         negative if the step is too high.
     distance : float
-        Ball's centre to the face [m].
+        Distance from the ball's centre to the face [m].
     step : int
         Number of the step, 0 for none.
     contact_since : float or None
-        Time of the touch of the step that is being crossed [s].
+        Time of the first contact with the step that is being crossed [s].
     start_distance, swing_distance : float
         Distance from the centre back to the start, and forward to the swing [m].
     plan : Plan or None
@@ -231,7 +231,7 @@ class Decision:
 
     @property
     def refuses(self) -> bool:
-        """Return whether the ball will not pass; False while plans are evaluated."""
+        """Return whether the decision is not to continue; False while plans are evaluated."""
         return self.kind in (Kind.STOP, Kind.GO_ROUND) and self.reason is not Reason.EVALUATING
 
 
@@ -243,15 +243,15 @@ class Face:
     Attributes
     ----------
     number : int
-        Counts the faces met, from 1.
+        Number of the face, counted from 1.
     position : float
-        Of its foot, or of the upper edge of a drop, along the odometry axis [m].
+        Position of the foot, or of the upper edge of a drop, along the odometry axis [m].
     height : float
-        [m], negative for a drop.
+        Height [m], negative for a drop.
     position_sd, height_sd : float
         Standard deviations [m].
     run : float
-        Its horizontal extent [m]: 0 for a vertical face, more for a bevel or a steep ramp.
+        Horizontal extent [m]: 0 for a vertical face, more for a bevel or a steep ramp.
 
     """
 
@@ -271,24 +271,24 @@ class Profile:
     Attributes
     ----------
     stamp : float
-        Of the latest observation in it [s].
+        Time of the latest observation [s].
     faces : tuple of Face
-        Ahead of the ball or below it, from near to far.
+        Faces ahead of the ball or below it, from near to far.
     points : tuple of (float, float)
         Polyline of the ground: position [m], height above the floor below the ball [m]; empty
-        where a sensor sees the next face only.
+        for a sensor that detects the next face only.
     seen_from, seen_to : float
         Positions between which the ground is known [m].
     slope, slope_sd : float
-        Of the ground below the ball, positive uphill [rad]; NaN if not observed.
+        Slope of the ground below the ball, positive uphill [rad]; NaN if not observed.
     points_sd : tuple of float
         Standard deviations of the heights of the points [m].
     steep : tuple of (float, float)
-        Stretches that are too steep to stand on: where they begin [m], and slope [rad].
+        Stretches that are too steep to stand on: start [m] and slope [rad].
     rejection : Reason or None
         ``BAD_OBSERVATION`` or ``CONTRADICTORY``: do not act on it.
     explanation : str
-        Of the rejection.
+        Explanation of the rejection.
 
     """
 
@@ -328,10 +328,10 @@ class Failure:
     face : int
         Number of the face.
     position : float
-        Of the face [m].
+        Position of the face [m].
     plan : Plan
     touch_speed : float
-        [m/s]
+        Speed at the touch [m/s].
 
     """
 
@@ -343,7 +343,7 @@ class Failure:
 
 @dataclass(frozen=True)
 class Obstruction:
-    """A position without progress, for no observed reason."""
+    """A position at which the ball made no progress, without an observed cause."""
 
     position: float  # of the centre of the ball [m]
     reason: Reason  # ``STUCK`` or ``STEEP``
@@ -352,7 +352,7 @@ class Obstruction:
 @dataclass(frozen=True)
 class StepObservation:
     """
-    One observation of the floor ahead by a sensor for the next step only.
+    One observation of the floor ahead by a sensor that detects the next step only.
 
     Attributes
     ----------
@@ -361,9 +361,9 @@ class StepObservation:
     detected : bool
         Whether there is a step; if not, distance and height are 0.
     distance : float
-        Horizontally from the ball's centre to the face of the step [m].
+        Horizontal distance from the ball's centre to the face of the step [m].
     height : float
-        Of the step [m], negative for a drop.
+        Height of the step [m], negative for a drop.
     distance_sd, height_sd : float
         Standard deviations [m], 0 if unknown.
 
@@ -382,21 +382,21 @@ class TerrainObservation:
     """
     One observation of the ground ahead by a depth camera or a scanning range sensor.
 
-    In the level, non-rolling frame at the centre of the ball.
+    Coordinates are in the level, non-rolling frame at the centre of the ball.
 
     Attributes
     ----------
     stamp : float
         Time of the measurement [s].
     x, z : tuple of float
-        Points of the polyline [m], x rising; a vertical face has two of the same x.  The floor
-        below the ball is at z = -radius.
+        Points of the polyline [m], x ascending; a vertical face has two points of the same x.
+        The floor below the ball is at z = -radius.
     z_sd : tuple of float
-        Standard deviations of z [m], 0 if unknown; none at all if all are unknown.
+        Standard deviations of z [m], 0 if unknown; empty if all are unknown.
     x_min, x_max : float
         Observed range [m].
     frame : str
-        Of the message.
+        Frame of the message.
 
     """
 

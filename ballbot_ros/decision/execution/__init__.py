@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Carry out decisions: set angles, goals, attempts, stuck detection."""
+"""Execute decisions: set angles, goals, attempts, stuck detection."""

@@ -17,10 +17,10 @@ from ballbot_ros.decision.values import (
     Decision, Face, Kind, Motion, Plan, Profile, REST_SPEED_MAX, Strategy)
 from ballbot_ros.physics.model.robot import Robot
 
-# A slower touch is not an attempt, a faster one is recorded as this [m/s].
+# A slower touch is not an attempt; a faster one is recorded with the second speed [m/s].
 TOUCH_SPEED_MIN, TOUCH_SPEED_MAX = 0.05, 10.0
-# The touch speed is taken this distance plus two standard deviations before the touch, at most
-# the second value [m].
+# The touch speed is that at this distance plus two standard deviations before the touch, but at
+# most at the second distance [m].
 TOUCH_MARGIN_MIN, TOUCH_MARGIN_MAX = 0.005, 0.04
 # The ball is stuck if it rolls back this far from the touch [m], or makes less progress than this
 # [m] within this time [s], which is also the timeout for the observation behind the face.
@@ -29,8 +29,8 @@ RETREAT_MIN, PROGRESS_MIN, ATTEMPT_TIMEOUT = 0.03, 0.005, 1.5
 PASSED_DISTANCE_MIN = 0.1
 # Terrain behind the face that is lower than before by more than this is a fall [m].
 FALL_HEIGHT_MIN = 0.03
-# A drop this near behind an edge is measured from the ground before that [m]; a ball that does not
-# rest before it has succeeded after this time [s].
+# A drop this near behind an edge is measured from the ground before the edge [m]; a ball that does
+# not rest before the drop has succeeded after this time [s].
 LANDING_LENGTH, LANDING_TIME_MAX = 1.0, 5.0
 # Odometry restarts after a longer gap between messages [s], or a position jump that exceeds the
 # integrated speed by this [m].
@@ -49,9 +49,9 @@ class Attempt:
     face: Face  # estimate at the touch; later observations update its position
     outcome: Outcome  # with the data known at the touch
     touched: float  # time of the touch [s]
-    touch: float  # position of the centre then relative to the face, negative before it [m]
+    touch: float  # position of the centre at the touch relative to the face [m]
     best: float  # maximum of the relative position so far [m]
-    best_at: float  # its time [s]
+    best_at: float  # time of that maximum [s]
     passed: Optional[float] = None  # time at which the ball passed the face [s]
     passed_speed: Optional[float] = None  # speed at that time [m/s]
     lean: float = 0.0  # sum of the pendulum angles in contact [rad]
@@ -59,10 +59,10 @@ class Attempt:
 
 
 class AttemptWatch:
-    """Watches the ball at each decision."""
+    """Detects attempts and their outcomes at each decision."""
 
     def __init__(self, robot: Robot):
-        """Start away from any step."""
+        """Start without an attempt."""
         self._radius = robot.ball_radius
         self._digest = robot.digest
         self.reset()
@@ -71,10 +71,10 @@ class AttemptWatch:
         """Discard the attempt, after a jump in time or position."""
         self._motions: Deque[Motion] = deque(maxlen=MOTIONS_MAX)
         self.attempt: Optional[Attempt] = None
-        self._left = True  # distance from the face at which the ball was stuck
+        self._left = True  # whether the ball has left the face at which it was stuck
         self._ahead: Optional[Face] = None  # next face, before it is touched
-        self._run_up = math.nan  # to it
-        self._set_out: Optional[Tuple[int, float]] = None  # face and position
+        self._run_up = math.nan  # distance to its touch [m]
+        self._set_out: Optional[Tuple[int, float]] = None  # face number, start of its approach [m]
         self._drop: Optional[Face] = None
         self._risen: Optional[Face] = None  # last crossed face
         self._profile: Optional[Profile] = None
@@ -113,7 +113,7 @@ class AttemptWatch:
             or abs(moved) > fastest * passed + ODOMETRY_JUMP_MAX
 
     def _approach(self, motion: Motion, seen: Optional[Profile], decision: Decision) -> None:
-        """Track the next face, and begin an attempt when the ball touches it."""
+        """Track the next face, and start an attempt when the ball touches it."""
         if seen is not None:
             self._ahead = next((face for face in seen.faces if face.height > 0.0
                                 and face.position > motion.position), None)
@@ -146,7 +146,7 @@ class AttemptWatch:
 
     def _started(self, face: Face, motion: Motion, seen: Optional[Profile],
                  decision: Decision, speed: float, angle: float) -> Attempt:
-        """Return an attempt that begins with a touch."""
+        """Return an attempt that starts with a touch."""
         slope = motion.slope
         if seen is not None and math.isfinite(seen.slope):
             slope = seen.slope
@@ -207,7 +207,7 @@ class AttemptWatch:
 
     def _next_drop(self, motion: Motion, seen: Optional[Profile],
                    crossed: Optional[Face]) -> Optional[Face]:
-        """Return the next face, or the last one seen, if it is a drop behind a crossed face."""
+        """Return the next face, or the last one observed, if it is a drop."""
         faces = () if seen is None else seen.faces
         ahead = next((face for face in faces if face.position > motion.position), None)
         if ahead is not None:

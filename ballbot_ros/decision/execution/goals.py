@@ -18,7 +18,7 @@ from ballbot_ros.errors import RefusedError
 
 # The ball rests after this time below `REST_SPEED_MAX` [s].
 REST_TIME_MIN = 0.5
-# A decision not to go on ends a goal after this time [s].
+# A decision not to continue ends a goal after this time [s].
 REFUSAL_TIME_MIN = 1.5
 # The ball is stuck with less progress than this [m] within this time [s].
 PROGRESS_MIN, PROGRESS_TIMEOUT = 0.03, 6.0
@@ -28,7 +28,7 @@ ROOM_BEHIND_EDGE_MIN = 0.5
 
 
 class Ending(str, Enum):
-    """How a goal ended; named as in the actions."""
+    """Result of a goal; the names are those of the actions."""
 
     REACHED = 'reached'
     CROSSED = 'crossed'
@@ -43,7 +43,7 @@ class Ending(str, Enum):
 
 @dataclass(frozen=True)
 class GoalEnd:
-    """How a goal ended, with one sentence."""
+    """Result of a goal, with one sentence."""
 
     ending: Ending
     message: str
@@ -57,32 +57,31 @@ def committed(decision: Decision) -> bool:
 
 def stopping(planned: Decision, why: str, place: float = math.inf,
              speed: float = 0.0) -> Decision:
-    """Return the stop in place of a decision: at a position [m], or else as soon as possible."""
+    """Return the stop that replaces a decision: at a position [m], or as soon as possible."""
     return replace(planned, kind=Kind.STOP, reason=Reason.GOAL, set_speed=speed, explanation=why,
                    plan=Plan(Strategy.STOP, speed=speed, stop_position=place))
 
 
 class Goal:
     """
-    A goal: what it executes of each decision, and how it ends.
+    A goal: limits the execution of each decision, and determines its own end.
 
     A timeout of 0 selects the default [s].  Raises `RefusedError` if it is out of range.
     """
 
     def __init__(self, start: Motion, timeout: float, default: float):
-        """Set out."""
         if not 0.0 <= timeout <= TIMEOUT_MAX:
             raise RefusedError(f'timeout must be 0 to {TIMEOUT_MAX:g} s, got {timeout:g}',
                                'out_of_range', 'timeout')
         self._timeout = timeout or default
         self._deadline = start.stamp + self._timeout
-        self._moving = self._going = start.stamp  # time of the last such state
+        self._moving = self._going = start.stamp  # last time in this state
         self._anchor = start.position, start.stamp
         self._end: Optional[GoalEnd] = None  # effective as soon as the ball rests
         self.canceled = False
 
     def cancel(self) -> None:
-        """Stop; the goal ends at rest."""
+        """Stop the ball; the goal ends when it rests."""
         self.canceled = True
         self._end = GoalEnd(Ending.CANCELED, 'canceled: the ball was stopped')
 
@@ -94,16 +93,16 @@ class Goal:
 
     @property
     def stops(self) -> bool:
-        """Return whether the goal has its end and stops the ball for it."""
+        """Return whether the goal is ending and stops the ball."""
         return self._end is not None
 
     def _constrain(self, planned: Decision, motion: Motion) -> Decision:
-        """Return the executed part of a decision on the way."""
+        """Return the executed part of a decision while the goal is not ending."""
         raise NotImplementedError
 
     def update(self, planned: Decision, motion: Motion,
                outcome: Optional[Outcome]) -> Optional[GoalEnd]:
-        """Return how the goal has ended, None as long as it has not."""
+        """Return the end of the goal, None while it is active."""
         raise NotImplementedError
 
     def _monitor(self, going: bool, motion: Motion, aim: str) -> Optional[GoalEnd]:
@@ -133,7 +132,7 @@ class Goal:
 
 
 class Goals:
-    """Executes one goal at a time; the ball then rests until it is released."""
+    """Executes one goal at a time; the ball then rests until the next one, or `go_on`."""
 
     def __init__(self) -> None:
         """Start without a goal."""
@@ -144,13 +143,13 @@ class Goals:
     def begin(self, goal: Goal) -> None:
         """Start a goal; raises `RefusedError` while another one is active."""
         if self.goal is not None:
-            raise RefusedError('another goal is under way: cancel it first', 'busy', 'goal')
+            raise RefusedError('another goal is active: cancel it first', 'busy', 'goal')
         self.goal, self.waiting = goal, True
 
     def go_on(self) -> None:
         """Execute decisions without a goal."""
         if self.goal is not None:
-            raise RefusedError('a goal is under way: cancel it first', 'busy', 'goal')
+            raise RefusedError('a goal is active: cancel it first', 'busy', 'goal')
         self.waiting = False
 
     def end(self) -> None:
@@ -159,7 +158,7 @@ class Goals:
 
     def constrain(self, planned: Decision, motion: Motion) -> Decision:
         """Return the executed part of a decision."""
-        # A stop continues a crossing past its last braking point, but begins none.
+        # A stop continues a crossing past its last braking point, but does not start one.
         stops = self.waiting if self.goal is None else self.goal.stops
         if committed(planned) and (self._crossing or not stops):
             executed = planned
@@ -220,7 +219,7 @@ class DriveGoal(Goal):
 
     def __init__(self, start: Motion, target: float, speed_limit: float, tolerance: float,
                  timeout: float, tuning: DecisionTuning, radius: float, free_from: float):
-        """Check the request, and set out."""
+        """Check the request, and start the goal."""
         if not abs(target) < POSITION_MAX:
             raise RefusedError(
                 f'target must be finite and within {POSITION_MAX:g} m, got {target:g}',
@@ -237,12 +236,12 @@ class DriveGoal(Goal):
         if target < start.position and target < free_from - tolerance:
             raise RefusedError(
                 f'target {target:.2f} m is behind the ball, where the ground is known to be free '
-                f'from {free_from:.2f} m on only; room_behind of the tuning says how much is free '
+                f'only from {free_from:.2f} m on; room_behind of the tuning sets how much is free '
                 'at the start', 'out_of_range', 'target')
-        way = abs(target - start.position)
+        distance = abs(target - start.position)
         speed = SPEED_LIMIT_MIN if target < start.position else min(
             speed_limit or math.inf, tuning.cruise_speed)
-        super().__init__(start, timeout, TIMEOUT_PER_TRAVEL_TIME * way / speed + TIMEOUT_MIN)
+        super().__init__(start, timeout, TIMEOUT_PER_TRAVEL_TIME * distance / speed + TIMEOUT_MIN)
         self.target, self._limit, self._tolerance = target, speed_limit or math.inf, tolerance
         self._radius = radius
         self._backward = target < start.position
@@ -278,7 +277,7 @@ class DriveGoal(Goal):
                 f'{ROOM_BEHIND_EDGE_MIN:g} m behind its edge, where the ball cannot stop')
         elif self._fast == planned.step or needed > self._limit + ROUNDING_TOLERANCE:
             self._fast = planned.step  # also while a run-up for it is evaluated
-            self._obstacle = (f'the step at {face:.2f} m takes {needed:.2f} m/s, and '
+            self._obstacle = (f'the step at {face:.2f} m requires {needed:.2f} m/s, and '
                               f'{self._limit:g} m/s is the limit')
         else:
             return planned
@@ -286,9 +285,9 @@ class DriveGoal(Goal):
 
     def update(self, planned: Decision, motion: Motion,
                outcome: Optional[Outcome]) -> Optional[GoalEnd]:
-        """Return how the goal has ended, None as long as it has not."""
+        """Return the end of the goal, None while it is active."""
         going = self._backward or not self._obstacle and not planned.refuses
-        end = self._monitor(going, motion, f'the way to {self.target:.2f} m')
+        end = self._monitor(going, motion, f'the drive to {self.target:.2f} m')
         if end is not None:
             return end
         if self._end is None:
@@ -297,7 +296,7 @@ class DriveGoal(Goal):
             if self._refused(motion):
                 return GoalEnd(Ending.BLOCKED, self._obstacle or planned.explanation)
             if motion.stamp - self._anchor[1] >= PROGRESS_TIMEOUT:
-                self._end = GoalEnd(Ending.BLOCKED, 'the ball does not get on')
+                self._end = GoalEnd(Ending.BLOCKED, 'the ball makes no progress')
         return None
 
 
@@ -320,31 +319,30 @@ class CrossGoal(Goal):
     ----------
     phase : Phase
     height : float
-        Of the step, NaN before one was seen [m].
+        Height of the step, NaN before one is observed [m].
 
     """
 
     def __init__(self, start: Motion, timeout: float):
-        """Set out."""
         super().__init__(start, timeout, CROSSING_TIMEOUT)
-        self._edge: Optional[Tuple[float, int]] = None  # of the step, and its number
+        self._edge: Optional[Tuple[float, int]] = None  # position [m], and number of the step
         self.phase, self.height = Phase.APPROACHING, math.nan
 
     def _constrain(self, planned: Decision, motion: Motion) -> Decision:
-        if self._sees_none(planned):
+        if self._finds_none(planned):
             return stopping(planned, 'Standing: no step is in sight')
         return planned
 
-    def _sees_none(self, planned: Decision) -> bool:
+    def _finds_none(self, planned: Decision) -> bool:
         return self._edge is None and planned.kind is Kind.CLEAR and planned.step == 0
 
     def update(self, planned: Decision, motion: Motion,
                outcome: Optional[Outcome]) -> Optional[GoalEnd]:
-        """Return how the goal has ended, None as long as it has not."""
+        """Return the end of the goal, None while it is active."""
         self._note(planned, motion, outcome)
-        none = self._sees_none(planned)
+        none = self._finds_none(planned)
         going = not none and not planned.refuses
-        end = self._monitor(going, motion, 'the step')
+        end = self._monitor(going, motion, 'the crossing')
         if end is not None:
             return end
         if self._end is None and self._refused(motion):
@@ -356,7 +354,7 @@ class CrossGoal(Goal):
         """Update the step, and the phase of its crossing."""
         if planned.step and not math.isnan(planned.height) and self._end is None \
                 and (self._edge is None or self._edge[1] == planned.step):
-            self.height = planned.height  # behind the step, the next one is decided about
+            self.height = planned.height  # behind the step, decisions refer to the next one
         if planned.kind is Kind.CROSS and (
                 self._edge is None or self._edge[1] == planned.step):
             plan = planned.plan

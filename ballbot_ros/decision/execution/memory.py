@@ -14,7 +14,7 @@ from ballbot_ros.decision.values import (
 # A face is that of an earlier failure within this distance [m]: numbers and heights may change.
 FAILURE_DISTANCE_MAX = 0.15
 FAILURES_MAX = 20
-# A ball that rolls back keeps this distance to a face that it passed, a step down or up there [m].
+# A ball that rolls back keeps this distance from a face that it has passed [m].
 EDGE_CLEARANCE = 0.05
 # The ball is stuck with less progress than this [m] within this time [s], at a commanded speed of
 # at least the third value [m/s].
@@ -24,7 +24,7 @@ PROGRESS_MIN, PROGRESS_TIMEOUT, COMMANDED_SPEED_MIN = 0.05, 2.5, 0.1
 BACKWARD_SPEED_MIN, BACKWARD_TIME_MIN, BACKWARD_DISTANCE_MIN = 0.05, 1.0, 0.15
 # An obstruction is dropped once the ball has passed it by this distance [m].
 PASSED_DISTANCE_MIN = 0.1
-# A ball that fails may have spun at the foot of the step: odometry is ahead by up to this [m].
+# A ball that failed may have spun at the foot of the step: odometry is ahead by up to this [m].
 SLIP_MAX = 0.1
 
 
@@ -45,7 +45,7 @@ class Memory:
 
     def _rest(self) -> None:
         """Reset the progress check."""
-        self._best: Optional[Tuple[float, float]] = None  # position [m] and when [s]
+        self._best: Optional[Tuple[float, float]] = None  # position [m] and time [s]
         self._back_since: Optional[float] = None
 
     @property
@@ -66,7 +66,7 @@ class Memory:
         if not motion.is_plausible:
             return
         if not math.isfinite(self._free_from):
-            # The ground may end there.
+            # The ground may end behind that room.
             self._free_from = motion.position - max(self._room_behind - EDGE_CLEARANCE, 0.0)
         self._free_from = min(self._free_from, motion.position)
         if motion.position < self._edge_behind - EDGE_CLEARANCE - self._radius:

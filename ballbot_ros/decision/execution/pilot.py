@@ -13,7 +13,7 @@ from ballbot_ros.decision.values import (
 
 # Speed at which the ball rolls back to its stop position, or to the start of a plan [m/s].
 CREEP_SPEED, BACK_OFF_SPEED = 0.1, 0.3
-# Without a position it stops within this distance [m].
+# Maximum distance to the stop if the decision has no stop position [m].
 STOP_DISTANCE_MAX = 1.0
 # Step between odometry messages, also after a longer gap [s].
 PERIOD_MIN, PERIOD_MAX = 1e-3, 0.1
@@ -42,7 +42,7 @@ class Pilot:
         self._angle = 0.0
         self._stand = math.inf
         self._slope, self._estimated, self._touched = 0.0, math.nan, -math.inf
-        # Before the first motion, any slope on which the ball can be held is as probable.
+        # Before the first motion, all slopes on which the ball can be held are equally probable.
         self._slope_error = steepest_slope(
             self._tuning.largest_lean, self._law) / math.sqrt(3.0)
 
@@ -62,9 +62,9 @@ class Pilot:
                 self._touched = motion.stamp
             passed = motion.stamp - self._estimated
             if motion.stamp - self._touched > SLOPE_TIME_CONSTANT and passed > 0.0:
-                share = min(1.0, passed / SLOPE_TIME_CONSTANT)
-                self._slope += (motion.slope - self._slope) * share
-                self._slope_error -= self._slope_error * share
+                weight = min(1.0, passed / SLOPE_TIME_CONSTANT)
+                self._slope += (motion.slope - self._slope) * weight
+                self._slope_error -= self._slope_error * weight
             self._estimated = motion.stamp
         return replace(motion, slope=self._slope, slope_sd=math.hypot(
             SLOPE_SD, self._slope_error))
@@ -73,9 +73,9 @@ class Pilot:
         """
         Return the set angle of the pendulum [rad].
 
-        Absolute, positive to accelerate; 0 for a motion that is not plausible.  A repeated stamp
-        returns the same angle.  The slope of the motion is that of the ground ahead, where the
-        observer of the law starts.
+        It is absolute, positive to accelerate; 0 for a motion that is not plausible.  A repeated
+        stamp returns the same angle.  The slope of the first motion initializes the observer of
+        the law.
         """
         if not motion.is_plausible:
             self._state, self._angle, self._stand = None, 0.0, math.inf
@@ -115,10 +115,10 @@ class Pilot:
 
     def _standing(self, decision: Decision, motion: Motion) -> float:
         """
-        Return where to stand [m]: until the ball is at rest, that moves only closer.
+        Return the stop position [m]; until the ball is at rest, it only moves closer.
 
-        A decision may stop for another reason at an edge, where the slope is measured badly and
-        faces come and go.
+        At an edge, the reason to stop may change: the measured slope is inaccurate there, and
+        faces appear and disappear.
         """
         if decision.kind not in (Kind.STOP, Kind.GO_ROUND):
             self._stand = math.inf

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-From an order and the motion to the set angle of the pendulum, every 20 ms.
+Compute the set angle of the pendulum from an order and the motion, every 20 ms.
 
-The `Pilot` runs this on the robot, a rollout inside its kernel; so a plan is simulated as it will
-be executed.  All functions are pure and compiled; see `control.speed_law` for the law below them.
+The `Pilot` runs this on the robot, and a rollout runs it in its kernel, so that a plan is executed
+as simulated.  All functions are pure and compiled; they use `control.speed_law`.
 """
 import math
 from typing import NamedTuple
@@ -13,14 +13,14 @@ from ballbot_ros.control.speed_law import (
     SpeedState, stopping_speed)
 from ballbot_ros.jit import compiled
 
-# The numbers of an `Order`.
+# The fields of an `Order`.
 PlainOrder = tuple[float, float, float, float, float, float, float, float, float, float]
 
-# Lean in excess of that which holds a slope, to move the ball on it [rad].
+# Lean in addition to the lean that holds the ball on a slope, to move it there [rad].
 EXCESS_LEAN = 0.3
-# Above the speed that stops in time by more than this, braking uses the full lean [m/s].
+# Braking uses the full lean if the speed exceeds the stopping speed by more than this [m/s].
 SPEED_EXCESS_MAX = 0.03
-# A ball that brakes as hard as it can eases off below this speed [m/s].
+# Braking with full lean ends below this speed [m/s].
 EASING_SPEED = 0.3
 
 
@@ -43,7 +43,7 @@ class Order(NamedTuple):
 @compiled
 def enough_lean(position: float, speed: float, slope: float, order: Order,
                 law: Numbers) -> float:
-    """Return the lean for a slope, or for a stop that is too late for the usual one [rad]."""
+    """Return the largest lean for a slope, or for a stop too near for the usual lean [rad]."""
     holding = holding_angle(slope, law)
     if math.isnan(holding):
         return order.emergency_lean
@@ -66,17 +66,17 @@ def pilot_step(state: SpeedState, position: float, speed: float, pendulum_angle:
     Parameters
     ----------
     state : SpeedState
-        Of the speed law; see `speed_law_start`.
+        State of the speed law; see `speed_law_start`.
     position, speed : float
-        Of the centre of the ball [m], [m/s].
+        Position and speed of the centre of the ball [m], [m/s].
     pendulum_angle : float
-        Absolute [rad], NaN if not measured.
+        Absolute angle [rad], NaN if not measured.
     order : PlainOrder
         See `Order`.
     period : float
-        Since the last step [s].
+        Time since the last step [s].
     law : Numbers
-        Of a `SpeedLaw`.
+        Fields of a `SpeedLaw`.
 
     """
     own = Order(*order)
@@ -86,9 +86,9 @@ def pilot_step(state: SpeedState, position: float, speed: float, pendulum_angle:
             state, speed, pendulum_angle, 0.0, own.emergency_lean, period, law)
         if abs(speed) > EASING_SPEED:
             # Full lean, without the estimated slope: at an edge the estimate is wrong.
-            wanted, numbers = -math.copysign(own.emergency_lean, speed), SpeedLaw(*law)
+            braking, numbers = -math.copysign(own.emergency_lean, speed), SpeedLaw(*law)
             lead = max(numbers.lag / numbers.swing_time - 1.0, 0.0)
-            set_angle = wanted + lead * (wanted - later.angle) + later.shortfall
+            set_angle = braking + lead * (braking - later.angle) + later.shortfall
             set_angle = min(max(set_angle, -FURTHEST), FURTHEST)
             later = SpeedState(later.speed, later.resistance, later.angle, later.predicted,
                                later.shortfall, set_angle)
@@ -102,7 +102,7 @@ def pilot_step(state: SpeedState, position: float, speed: float, pendulum_angle:
         later, set_angle = speed_law_step(
             state, speed, pendulum_angle, set_speed, lean, period, law)
     if own.swing <= position < own.edge:
-        # On the step its face supports the ball: this is not a slope.
+        # On the step, its face supports the ball: the estimated slope must not change.
         set_angle = own.swing_angle
         later = SpeedState(speed, state.resistance, later.angle, later.predicted,
                            state.shortfall, set_angle)

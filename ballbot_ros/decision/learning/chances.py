@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-How likely a crossing is, particle by particle: attempts of the full model say.
+Success probability of a crossing for each particle, from attempts with the full model.
 
-An attempt with a particle's robot gives a score, which falls with the height of the step and goes
-through zero where the ball just crosses (see `crossing.attempt`).  Its derivatives by height and
-touch speed are the same for all particles within some per cent, and are computed for the mean
+An attempt with a particle's robot gives a score, which decreases with the height of the step and
+is zero where the ball just crosses (see `crossing.attempt`).  Its derivatives with respect to
+height and touch speed agree within a few per cent for all particles, and are computed for the mean
 one.  With the standard deviations of height and speed the score gives a probability.
 
 A likely success contains little information.  The speed past the face measures the reserve: the
-score is the square of a speed, which is compared with it.
+score is the square of a speed, which is compared with the measured one.
 """
 import math
 from typing import NamedTuple, Optional, Tuple
@@ -29,16 +29,16 @@ from ballbot_ros.physics.model.terrain import (
     Array, EDGE_FRICTION as EDGE_COLUMN, SURFACE_FRICTION as SURFACE_COLUMN)
 from ballbot_ros.physics.solvers.values import FINISHED
 
-# Local error of a step of an attempt [m], right-hand sides and time that it may take.
+# Local error per step of an attempt [m], and its maximum function evaluations and time [s].
 SOLVER_TOLERANCE, EVALUATIONS_MAX, ATTEMPT_TIME_MAX = 1e-4, 200_000, 1.5
 # Steps of the finite differences of the score: height [m] and fraction of the speed.
 HEIGHT_STEP, SPEED_STEP = 0.002, 0.05
 # Minimum touch speed of a usable outcome [m/s].
 TOUCH_SPEED_MIN = 0.1
-# Part of the slip past the face that is not known.
+# Uncertain fraction of the slip past the face.
 SLIP_FRACTION = 0.4
-# Part of the outcomes that the model does not explain: a person pushed the ball, or the sensor
-# took another object for the step.
+# Fraction of the outcomes that the model does not explain: a person pushed the ball, or the sensor
+# mistook another object for the step.
 OUTLIER_FRACTION = 0.05
 # Standard deviations: speeds at the touch and past the face [m/s], and the maximum step height of
 # a robot with known parameters [m].
@@ -57,7 +57,7 @@ class Touching(NamedTuple):
 
     @classmethod
     def of(cls, outcome: Outcome) -> 'Touching':
-        """Return how the step of an outcome was touched."""
+        """Return the conditions of the touch of an outcome."""
         plan, set_angle = outcome.plan, outcome.held_angle
         if plan is not None and math.isfinite(plan.swing_position):
             set_angle = plan.swing_angle
@@ -69,7 +69,7 @@ class Touching(NamedTuple):
 def write_scores(begin: int, end: int, rows: Array, heights: Array, frictions: Array,
                  scores: Array, tolerance: float, crossing: Crossing) -> None:
     """
-    Write scores and last speeds of attempts with robots begin to end - 1.
+    Write scores and final speeds of attempts with robots begin to end - 1.
 
     Parameters
     ----------
@@ -77,16 +77,16 @@ def write_scores(begin: int, end: int, rows: Array, heights: Array, frictions: A
     rows : (n, 15) array
         `Parameters` of each robot.
     heights : (n,) array
-        Of the steps [m].
+        Heights of the steps [m].
     frictions : (n, 2) array
-        Of surface and edge.
+        Friction coefficients of surface and edge.
     scores : (n, 2) array
-        Written: score [m2/s2], and speed by the rotation of the ball at the verdict [m/s]; NaN
-        where an attempt failed.
+        Written: score [m2/s2], and speed from the rotation of the ball at the verdict [m/s]; the
+        score is NaN where an attempt failed.
     tolerance : float
         See `attempt`.
     crossing : Crossing
-        All the rest.
+        Other conditions, and work arrays.
 
     """
     system, ground, old = crossing.system, crossing.system.ground, crossing.system.actuator
@@ -106,15 +106,15 @@ def write_scores(begin: int, end: int, rows: Array, heights: Array, frictions: A
 
 
 class Chances:
-    """Probability of getting over a step for each of many particles, computed in portions."""
+    """Success probability at a step for each particle, computed in portions."""
 
     def __init__(self, particles: Particles, touching: Touching):
-        """Set up; `advance` makes the attempts."""
+        """Prepare the attempts that `advance` runs."""
         self._touching = touching
         mean = particles.weights @ particles.rows
         friction = np.column_stack([particles.column(name)
                                     for name in (SURFACE_FRICTION, EDGE_FRICTION)])
-        # Four more than there are: the mean robot, on a step higher and lower, faster and slower.
+        # Four additional rows: the mean robot on a higher and a lower step, faster and slower.
         self._rows = np.vstack([particles.rows, np.tile(mean, (4, 1))])
         self._frictions = np.vstack([friction,
                                      np.tile(particles.weights @ friction, (4, 1))])
@@ -128,11 +128,11 @@ class Chances:
                            for factor in (1.0, 1.0 + SPEED_STEP, 1.0 - SPEED_STEP)]
 
     def advance(self, attempts: Optional[int] = None) -> bool:
-        """Make some attempts, all by default; return whether all are made."""
+        """Run some attempts, all by default; return whether all have been run."""
         number = len(self._scores)
         end = number if attempts is None else min(number, self._done + attempts)
         while self._done < end:
-            # The last two have speeds of their own.
+            # The last two differ in speed.
             special = max(0, self._done - (number - 3))
             last = min(end, number - 2) if special == 0 else self._done + 1
             write_scores(self._done, last, self._rows, self._heights, self._frictions,
@@ -141,19 +141,19 @@ class Chances:
         return self._done == number
 
     def probabilities(self) -> Array:
-        """Return (N,) the probability of getting over, of each particle; after all attempts."""
+        """Return the success probability of each particle, (N,); requires all attempts."""
         sigmas = self._scores[:-4, 0] / self._deviation
         over = [0.5 * math.erfc(-value / math.sqrt(2.0)) for value in sigmas.tolist()]
-        return np.nan_to_num(np.array(over), nan=0.5)  # of an attempt that failed
+        return np.nan_to_num(np.array(over), nan=0.5)  # for failed attempts
 
     def likelihood(self, outcome: Outcome) -> Array:
-        """Return (N,) the likelihood of an outcome under each particle; after all attempts."""
+        """Return the likelihood of an outcome under each particle, (N,); requires all attempts."""
         over = self.probabilities()
         if not outcome.crossed:
             return (1.0 - OUTLIER_FRACTION) * (1.0 - over) + 0.5 * OUTLIER_FRACTION
         if outcome.passed_speed is None:
             return (1.0 - OUTLIER_FRACTION) * over + 0.5 * OUTLIER_FRACTION
-        # Squares of speeds, as scores are; where an attempt failed, any up to that at the touch.
+        # Squares of speeds, like scores; for failed attempts, uniform up to that at the touch.
         scores, speeds = self._scores[:-4].T
         anything = 1.0 / max(self._touching.speed, TOUCH_SPEED_MIN)**2
         # Slip makes odometry faster than the ball; the standard deviation grows with it.
@@ -189,7 +189,7 @@ def _crossing(robot: Robot, touching: Touching, speed: float) -> Crossing:
 
 
 def score_of(robot: Robot, touching: Touching) -> Tuple[float, float]:
-    """Return score and last speed of one attempt of a robot, see `write_scores`."""
+    """Return score and final speed of one attempt of a robot, see `write_scores`."""
     scores = np.zeros((1, 2))
     write_scores(
         0, 1, np.array([Parameters.of(robot, ContactOptions())[:]]), np.array([touching.height]),
@@ -199,7 +199,7 @@ def score_of(robot: Robot, touching: Touching) -> Tuple[float, float]:
 
 
 def probability(particles: Particles, touching: Touching) -> float:
-    """Return the probability of crossing a step, as for learning from the outcome."""
+    """Return the probability of crossing a step, as used for learning from the outcome."""
     chances = Chances(particles, touching)
     chances.advance()
     return float(particles.weights @ chances.probabilities())

@@ -9,9 +9,9 @@ from ballbot_ros.decision.learning.chances import Chances, TOUCH_SPEED_MIN, Touc
 from ballbot_ros.decision.learning.outcomes import Outcome
 from ballbot_ros.decision.learning.particles import Particles
 
-# A step lower than this teaches nothing [m].
+# Minimum height of a step for learning [m].
 HEIGHT_MIN = 0.002
-# Outcomes that wait; more are dropped, the oldest first.
+# Maximum number of pending outcomes; the oldest are dropped first.
 PENDING_MAX = 64
 
 
@@ -19,22 +19,22 @@ class Learner:
     """Updates the particles from outcomes in small portions, so that no decision is delayed."""
 
     def __init__(self, particles: Particles):
-        """Start with nothing learned."""
+        """Start without outcomes."""
         self.particles = particles
         self._waiting: Deque[Outcome] = deque(maxlen=PENDING_MAX)
         self._current: Optional[Tuple[Outcome, Chances]] = None
 
     def take(self, outcome: Outcome) -> bool:
-        """Take an outcome; return whether it teaches anything."""
-        teaches = (HEIGHT_MIN < outcome.height < self.particles.robot.ball_radius
-                   and outcome.touch_speed > TOUCH_SPEED_MIN and outcome.robot in (
-                       '', self.particles.robot.digest))
-        if teaches:
+        """Queue an outcome for learning; return whether it is usable."""
+        usable = (HEIGHT_MIN < outcome.height < self.particles.robot.ball_radius
+                  and outcome.touch_speed > TOUCH_SPEED_MIN and outcome.robot in (
+                      '', self.particles.robot.digest))
+        if usable:
             self._waiting.append(outcome)
-        return teaches
+        return usable
 
     def advance(self, attempts: Optional[int] = None) -> bool:
-        """Make some attempts, or all pending ones; return whether the particles have changed."""
+        """Run some attempts, or all pending ones; return whether the particles have changed."""
         changed = False
         while self._current or self._waiting:
             if self._current is None:
@@ -51,7 +51,7 @@ class Learner:
 
 
 def learned(particles: Particles, outcomes: Iterable[Outcome]) -> Particles:
-    """Return particles after outcomes, in their order; those that teach nothing are left out."""
+    """Return particles updated by outcomes in their order; unusable outcomes are ignored."""
     learner = Learner(particles)
     for outcome in outcomes:
         if learner.take(outcome):

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Outcomes of attempts on disk, a row of a SQLite database each.
+Outcomes of attempts on disk, one row of a SQLite database each.
 
-SQLite makes an insertion durable and atomic, and locks the file against other processes.  A log
-teaches how robot and sensor differ from the assumptions, so implausible content is not used at
-all: for a damaged file, a value out of range, another robot or format, or more outcomes in a
-second than a robot can have, the whole log is refused with the reason.  Neither the content of a
-file nor a failure of the disk raises here.
+SQLite makes an insertion durable and atomic, and locks the file against other processes.
+Implausible content would corrupt the learned parameters: for a damaged file, a value out of range,
+another robot or format, or more outcomes per second than a robot can produce, the complete log is
+refused with the reason.  Neither the content of a file nor a disk failure raises an exception
+on reading or appending.
 """
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
@@ -27,7 +27,7 @@ FORMAT = 2  # of the table, in `PRAGMA user_version`
 OUTCOMES_MAX = 5000
 # More outcomes of one run within this time are implausible [s].
 BURST_TIME, BURST_MAX = 1.0, 3
-# How long a writer waits for the lock of another process [s].
+# Maximum time to wait for the lock of another process [s].
 LOCK_TIMEOUT = 0.5
 
 COLUMNS = tuple(item.name for item in fields(Outcome))
@@ -47,9 +47,9 @@ class Reading:
 
 def read_outcomes(path: Path, robot: str = '') -> Reading:
     """
-    Read a log; a file that does not exist is an empty one.
+    Read a log; a missing file is an empty log.
 
-    It must be that of the robot with a digest, of any one robot by default.
+    All outcomes must be of the robot with the digest `robot`, by default of any single robot.
     """
     if not path.exists():
         return Reading()
@@ -76,7 +76,7 @@ def _connect(uri: str) -> sqlite3.Connection:
 
 
 def _checked(rows: List[Tuple[Any, ...]], robot: str) -> Tuple[Outcome, ...]:
-    """Return the outcomes in rows; refuse those that do not belong together."""
+    """Return the outcomes in rows; refuse inconsistent ones."""
     found: List[Tuple[str, Outcome]] = []
     for number, (run, *values) in enumerate(rows, 1):
         content: Dict[str, Any] = dict(zip(COLUMNS, values))
@@ -127,15 +127,15 @@ class OutcomeLog:
         self._path, self._robot, self._run = path, robot, os.urandom(4).hex()
         self._recent: List[Tuple[str, Outcome]] = []
         self.reading = read_outcomes(path, robot)  # the content at the start
-        self.problem = ''  # why outcomes are not kept at present, empty if they are
+        self.problem = ''  # why outcomes cannot be written at present, empty if they can
         if self.reading.refusal:
-            self.problem = (f'{self.reading.refusal}; nothing is learned from it and nothing '
-                            'added to it: "ballbot outcomes reset" begins another one')
+            self.problem = (f'{self.reading.refusal}; nothing is learned from it or '
+                            'added to it: "ballbot outcomes reset" starts a new log')
         self._database: Optional[sqlite3.Connection] = None
         self._writer = ThreadPoolExecutor(1, 'outcome_log')
 
     def append(self, outcome: Outcome) -> None:
-        """Keep an outcome as soon as the disk takes it; returns immediately."""
+        """Queue an outcome for writing, and return immediately."""
         if not self.reading.refusal:
             self._writer.submit(self._write, replace(outcome, robot=self._robot))
 

@@ -10,7 +10,7 @@ from ballbot_ros.decision.values import Failure, Plan, Strategy
 
 
 class Result(str, Enum):
-    """How an attempt ended."""
+    """Result of an attempt."""
 
     OVER = 'over'
     STUCK = 'stuck'
@@ -25,40 +25,41 @@ class Outcome(Checked):
     Attributes
     ----------
     plan : Plan or None
-        That was carried out; None where the ball was not to cross.
+        Executed plan; None if the decision was not to cross.
 
     Raises
     ------
     ConfigurationError
-        If a number is none, or absurd.
+        If a value is not a number, or out of range.
 
     """
 
-    stamp: float = quantity('s', 'when it ended', minimum=0.0)
-    result: str = text('how it ended', choices=tuple(item.value for item in Result))
+    stamp: float = quantity('s', 'end of the attempt', minimum=0.0)
+    result: str = text('result of the attempt', choices=tuple(item.value for item in Result))
     face: int = count('number of the face')
-    position: float = quantity('m', 'of the face along the odometry axis')
+    position: float = quantity('m', 'position of the face along the odometry axis')
     height: float = quantity(
         'm', 'estimated height of the face', minimum=-10.0, maximum=10.0)
-    height_sd: float = quantity('m', 'its standard deviation', minimum=0.0, maximum=0.2)
+    height_sd: float = quantity(
+        'm', 'standard deviation of the height', minimum=0.0, maximum=0.2)
     touch_speed: float = quantity(
-        'm/s', 'of the ball at the touch', minimum=0.0, maximum=10.0)
+        'm/s', 'speed of the ball at the touch', minimum=0.0, maximum=10.0)
     touch_angle: float = quantity(
-        'rad', 'of the pendulum at the touch', minimum=-math.pi, maximum=math.pi)
+        'rad', 'pendulum angle at the touch', minimum=-math.pi, maximum=math.pi)
     held_angle: float = quantity(
-        'rad', 'of the pendulum, mean of the contact', minimum=-math.pi, maximum=math.pi)
+        'rad', 'mean pendulum angle from the touch on', minimum=-math.pi, maximum=math.pi)
     passed_speed: Optional[float] = quantity(
-        'm/s', 'of the ball, by its rotation, when its centre was above the face', minimum=0.0,
-        maximum=10.0, optional=True)
+        'm/s', 'speed of the ball, from its rotation, when its centre passed the face',
+        minimum=0.0, maximum=10.0, optional=True)
     slope: float = quantity(
-        'rad', 'of the ground before the face, positive uphill', minimum=-1.0, maximum=1.0,
+        'rad', 'slope of the ground before the face, positive uphill', minimum=-1.0, maximum=1.0,
         default=0.0)
     distance: float = quantity(
-        'm', 'rolled towards the face before the touch, since it was decided to cross',
+        'm', 'distance rolled from the decision to cross to the touch',
         minimum=0.0, maximum=1000.0, default=0.0)
     probability: Optional[float] = quantity(
         '1', 'predicted success probability', minimum=0.0, maximum=1.0, optional=True)
-    robot: str = text('digest of the numbers of the robot', default='')
+    robot: str = text('digest of the parameters of the robot', default='')
     plan: Optional[Plan] = field(default=None)
 
     @property

@@ -30,9 +30,9 @@ SAMPLE_SIZE_FRACTION_MIN = 1.0 / 3.0
 KERNEL_WIDTH_FRACTION = 0.25
 # Fraction redrawn from the prior at resampling: floors change, sensors get displaced.
 REDRAWN_FRACTION = 0.1
-# Assumed friction of a floor, over that of the robot file.
+# Assumed friction of a floor, relative to that of the robot file.
 FRICTION_RANGE = (0.6, 1.3)
-# Assumed part of the sensors that are bent, or calibrated for another mounting, and standard
+# Assumed fraction of sensors that are bent, or calibrated for another mounting, and standard
 # deviation of the constant error of their heights [m].
 MISCALIBRATED_FRACTION, MISCALIBRATION_SD = 0.2, 0.004
 # The height bias is truncated at this many standard deviations of the worse sensors.
@@ -53,7 +53,7 @@ class Particles:
     values : (N, k) array
         SI.
     weights : (N,) array
-        Their sum is 1.
+        Weights with sum 1.
     lows, highs : (k,) arrays
         Bounds of the values.
     first : (N, k) array
@@ -79,14 +79,14 @@ class Particles:
     def of(cls, robot: Robot, height_bias_sd: float, number: int = 256,
            seed: int = 0) -> 'Particles':
         """
-        Draw a number of robots; the same for the same seed, all of the same weight.
+        Draw a number of robots of equal weight; the same seed draws the same robots.
 
         `height_bias_sd` is that of most sensors, see `DecisionTuning` [m].
 
         Raises
         ------
         ConfigurationError
-            If an end of a range contradicts other numbers of the robot.
+            If an end of a range is inconsistent with other parameters of the robot.
 
         """
         known = ranges(robot)
@@ -100,7 +100,7 @@ class Particles:
         lows = np.array([low for low, _ in drawn.values()] + [-reach])
         highs = np.array([high for _, high in drawn.values()] + [reach])
         points = spread_points(len(lows), number, seed)
-        # Not in the order of the sequence: every n-th of its points are no even sample.
+        # Shuffled: every n-th point of the sequence would not be an even sample.
         points = points[np.random.default_rng(seed).permutation(number)]
         values = lows + points * (highs - lows)
         # Quantiles of a mixture of two normal distributions.
@@ -117,11 +117,11 @@ class Particles:
                    _rows(robot, names, values))
 
     def __len__(self) -> int:
-        """Return how many there are."""
+        """Return the number of particles."""
         return len(self.weights)
 
     def column(self, name: str) -> Array:
-        """Return a number of each particle, (N,), SI; that of the robot where it is certain."""
+        """Return a parameter of each particle, (N,), SI; that of the robot if it has no range."""
         if name in self.names:
             column: Array = self.values[:, self.names.index(name)]
             return column
@@ -144,8 +144,8 @@ class Particles:
 
     def deviation(self, name: str) -> float:
         """Return the weighted standard deviation of a column."""
-        apart = self.column(name) - self.mean(name)
-        return float(np.sqrt(self.weights @ apart**2))
+        deviations = self.column(name) - self.mean(name)
+        return float(np.sqrt(self.weights @ deviations**2))
 
     def draw(self, number: int, seed: int = 0) -> NDArray[np.int64]:
         """
@@ -155,7 +155,7 @@ class Particles:
         """
         start = np.random.default_rng(seed).random()
         steps = (start + np.arange(number)) / number
-        # The sum of all weights may miss 1 by rounding.
+        # The sum of all weights may differ from 1 by rounding.
         found = np.searchsorted(np.cumsum(self.weights), steps, side='right')
         return np.minimum(found, len(self) - 1)
 
@@ -180,7 +180,7 @@ class Particles:
         given = np.asarray(log_likelihood, dtype=float)
         if given.shape != self.weights.shape or not np.isfinite(given).all():
             raise ConfigurationError(
-                f'log_likelihood must hold {len(self)} finite numbers, got shape {given.shape}',
+                f'log_likelihood must be {len(self)} finite numbers, got shape {given.shape}',
                 'wrong_type', 'log_likelihood')
         weights = self.weights * np.exp(given - given.max())
         after = replace(self, weights=_fixed(weights / weights.sum()),
@@ -192,8 +192,8 @@ class Particles:
     def _resampled(self) -> 'Particles':
         """Return equally weighted particles with the same mean and covariance."""
         mean = self.weights @ self.values
-        apart = self.values - mean
-        covariance = (self.weights[:, None] * apart).T @ apart
+        deviations = self.values - mean
+        covariance = (self.weights[:, None] * deviations).T @ deviations
         # Fixed parameters have eigenvalue 0, up to rounding.
         sizes, axes = np.linalg.eigh(covariance)
         root = axes * np.sqrt(np.maximum(sizes, 0.0))

@@ -11,14 +11,14 @@ Rejection = Tuple[Optional[Reason], str]
 
 # Minimum number of observations for estimating the scatter.
 SCATTER_COUNT_MIN = 5
-# Standard deviations: of its slope by which a trend is reduced, and of the observed distances to
-# which it is extrapolated.
+# Numbers of standard deviations: of the slope, by which a trend is reduced, and of the observed
+# distances, over which it is extrapolated.
 TREND_SIGMAS = 4.0
 # Log-odds that an edge exists: increment of a detection, decrement of a miss, and largest value.
 # An edge is confirmed at one value, and removed at 0.
 DETECTION, MISS, EXISTENCE_MAX, CONFIRMED = 1.0, 0.25, 6.0, 2.0
-# A confirmed edge enters the profile from this height on, and leaves it below the second [m]:
-# lower ones are an uneven floor, crossed at any speed.
+# A confirmed edge enters the profile above the first height, and leaves it below the second [m]:
+# lower edges are an uneven floor, which is crossed at any speed.
 HEIGHT_ENTRY, HEIGHT_EXIT = 0.0045, 0.003
 
 
@@ -59,7 +59,7 @@ class Trend:
 
     @property
     def slope(self) -> float:
-        """Return the change of the height with the distance, less its uncertainty [1]."""
+        """Return the change of height with distance, reduced by its uncertainty [1]."""
         scatter = self.scatter
         if not (scatter >= 0.0 and self._dd > 0.0):
             return 0.0
@@ -85,7 +85,7 @@ class Existence:
     """The log-odds that something exists; it is `confirmed` once they have reached `CONFIRMED`."""
 
     def __init__(self, certain: bool):
-        """Count the first observation; one that is `certain` confirms it."""
+        """Count the first observation; a `certain` one confirms the existence."""
         self.log_odds = CONFIRMED if certain else DETECTION
         self.confirmed = certain
 
@@ -101,7 +101,7 @@ class EdgeEstimate:
 
     mean: Face  # with the standard deviation of the random error of its height
     bias: float  # standard deviation of the constant error of its height [m]
-    # Of the height over the distance from which it was observed.
+    # Trend of the height over the observation distance.
     trend: Trend = field(default_factory=Trend)
 
     @property
@@ -113,20 +113,20 @@ class EdgeEstimate:
 
 @dataclass(eq=False)
 class TrackedEdge:
-    """An edge with the evidence for it."""
+    """An edge with the evidence of all sensors."""
 
     number: int
     exists: Existence
-    step: Optional[EdgeEstimate] = None  # by a step sensor
-    ground: Optional[EdgeEstimate] = None  # by a terrain sensor
+    step: Optional[EdgeEstimate] = None  # from a step sensor
+    ground: Optional[EdgeEstimate] = None  # from a terrain sensor
     contradictions: int = 0  # consecutive observations of the step sensor that contradict `step`
-    drift: float = 0.0  # of its position in the direction in which the ball rolls [m]
+    drift: float = 0.0  # displacement in the rolling direction of the ball [m]
     entered: bool = False  # whether it is in the profile
 
 
 class EdgeMap:
     """
-    The edges around the ball; each keeps its number for as long as it is known.
+    The edges around the ball; each keeps its number while it is tracked.
 
     Two positions or heights contradict if they differ by `sigmas` standard deviations.
     """
@@ -148,16 +148,16 @@ class EdgeMap:
         return edge
 
     def next_number(self) -> int:
-        """Return the number of another edge."""
+        """Return an unused edge number."""
         self._number += 1
         return self._number
 
     def associate(self, faces: Sequence[Face], candidates: Iterable[TrackedEdge],
                   reach: float = 0.0) -> Dict[int, TrackedEdge]:
         """
-        Return the edges that simultaneous detections show, by index: nearest pairs first.
+        Assign simultaneous detections to edges; return the edges by index of the detection.
 
-        An edge is of the same sign as its detection, and within its gate or a reach [m].
+        Nearest pairs first; both have the same sign, and lie within the gate or `reach` [m].
         """
         pairs = sorted(((self._gap(known, face, reach), index, edge)
                         for edge, known in [(edge, self.face(edge)) for edge in candidates]
@@ -169,10 +169,10 @@ class EdgeMap:
         return found
 
     def _gap(self, known: Face, face: Face, reach: float) -> float:
-        """Return the distance of a detection from an edge, infinite outside its gate [m]."""
+        """Return the distance of a detection from an edge [m]; infinite outside its gate."""
         gate = max(reach, self._sigmas * math.hypot(known.position_sd, face.position_sd))
-        apart = abs(known.position - face.position)
-        return apart if known.height * face.height > 0.0 and apart < gate else math.inf
+        gap = abs(known.position - face.position)
+        return gap if known.height * face.height > 0.0 and gap < gate else math.inf
 
     def update(self) -> None:
         """Remove edges that no sensor detects any more, and select the `faces` of the profile."""
@@ -186,24 +186,24 @@ class EdgeMap:
         self.faces = tuple(face for face, edge in found if edge.entered)
 
     def move(self, distance: float) -> None:
-        """Shift all edges, after a slip of the odometry [m]."""
+        """Shift all edges by a distance [m], after odometry slip."""
         for edge in self.edges:
             for known in filter(None, (edge.step, edge.ground)):
                 known.mean = replace(known.mean, position=known.mean.position + distance)
 
     def face(self, edge: TrackedEdge) -> Face:
-        """Return an edge as both sensors detect it; the higher one if they contradict."""
+        """Return the fused estimate of an edge; the larger height if the sensors contradict."""
         one, *others = (replace(known.face, number=edge.number)
                         for known in filter(None, (edge.ground, edge.step)))
         if not others:
             return one
         other = others[0]
-        apart, together = other.height - one.height, math.hypot(one.height_sd, other.height_sd)
-        if abs(apart) > self._sigmas * together:
+        change, change_sd = other.height - one.height, math.hypot(one.height_sd, other.height_sd)
+        if abs(change) > self._sigmas * change_sd:
             return replace(one, height=max(one.height, other.height, key=abs),
-                           height_sd=max(one.height_sd, other.height_sd, 0.5 * abs(apart)))
-        part = one.height_sd**2 / together**2
+                           height_sd=max(one.height_sd, other.height_sd, 0.5 * abs(change)))
+        weight = one.height_sd**2 / change_sd**2
         # Averaging does not reduce constant errors.
-        sd = max(one.height_sd * other.height_sd / together,
+        sd = max(one.height_sd * other.height_sd / change_sd,
                  min(one.height_sd, other.height_sd) / math.sqrt(2.0))
-        return replace(one, height=one.height + part * apart, height_sd=sd)
+        return replace(one, height=one.height + weight * change, height_sd=sd)

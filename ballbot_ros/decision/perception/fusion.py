@@ -26,7 +26,7 @@ class ProfileTracker:
     """Estimates the ground ahead from a step sensor, a terrain sensor in a `frame`, or both."""
 
     def __init__(self, robot: Robot, tuning: DecisionTuning, frame: str = 'base_link'):
-        """Start with nothing seen."""
+        """Start without observations."""
         self._edges = EdgeMap(tuning.contradiction_sigma)
         self._steps = StepTracker(robot.ball_radius, tuning, self._edges)
         self._terrain = TerrainTracker(robot.ball_radius, tuning, self._edges, frame)
@@ -37,7 +37,7 @@ class ProfileTracker:
         self._terrain.steepest = steepest
 
     def reset(self) -> None:
-        """Forget all, for a jump of time or place; the numbers of edges go on counting."""
+        """Discard all estimates, after a jump in time or position; edge numbers continue."""
         self._edges.clear()
         self._steps.reset()
         self._terrain.reset()
@@ -46,15 +46,15 @@ class ProfileTracker:
 
     def update(self, observation: Observation, position: float) -> Profile:
         """
-        Take in one observation, made at a position of the ball's centre [m]; return the profile.
+        Fuse one observation, made at a position of the ball's centre [m]; return the profile.
 
-        It has the reason of a rejection, if any; sensor data never raise an exception.
+        A rejected observation sets its reason in the profile; no sensor data raise an exception.
         """
         kind, stamp = type(observation), observation.stamp
         reason, why = self._terrain.update(observation, position) if isinstance(
             observation, TerrainObservation) else self._steps.update(observation, position)
         self._newest[kind] = stamp, reason, why
-        # A sensor that has fallen silent is ignored.
+        # A sensor without recent messages is ignored.
         newest = {one: last for one, last in self._newest.items()
                   if one is kind or abs(last[0] - stamp) <= SENSOR_TIMEOUT}
         ground = self._terrain.profile if TerrainObservation in newest else None
@@ -71,7 +71,7 @@ class ProfileTracker:
 
 # Odometry history: duration [s] and number of messages.  Older observations are rejected.
 ODOMETRY_DURATION, ODOMETRY_COUNT_MAX = 1.5, 5000
-# An observation further ahead of odometry has another clock [s]; queue length for odometry.
+# An observation further ahead of odometry has another clock [s]; length of the queue of others.
 CLOCK_OFFSET_MAX, PENDING_COUNT_MAX = 0.5, 200
 # Growth of a face's uncertainty since the last scan: position with distance travelled [1] and
 # with time [m/s], height with time [m/s].
@@ -85,7 +85,7 @@ REJECTED_MAX = 3
 
 
 def unchanged_distance(observation: Observation) -> float:
-    """Return the longest distance without a change of the sensor data [m]."""
+    """Return the longest plausible distance without a change of the sensor data [m]."""
     if isinstance(observation, StepObservation):
         return FROZEN_DISTANCE if observation.detected else math.inf
     x, z = np.array(observation.x), np.array(observation.z)
@@ -117,13 +117,13 @@ class GroundFusion:
     """
 
     def __init__(self, robot: Robot, tuning: DecisionTuning, frame: str = 'base_link'):
-        """Start with nothing seen."""
+        """Start without observations."""
         self._tracker = ProfileTracker(robot, tuning, frame)
         self.set_steepest = self._tracker.set_steepest
         self.reset()
 
     def reset(self) -> None:
-        """Forget all, for a jump of time or place."""
+        """Discard the state, after a jump in time or position."""
         self._tracker.reset()
         self._stamps: Deque[float] = deque(maxlen=ODOMETRY_COUNT_MAX)
         self._positions: Deque[float] = deque(maxlen=ODOMETRY_COUNT_MAX)
@@ -134,11 +134,11 @@ class GroundFusion:
         self.profile: Optional[Profile] = None  # after the newest observation
 
     def observe(self, observation: Observation) -> None:
-        """Take an observation; it is fused when there is odometry that is not older."""
+        """Queue an observation; it is fused once there is odometry that is not older."""
         self._pending.append(observation)
 
     def move(self, motion: Motion) -> None:
-        """Take odometry, not older than the last; values that are not finite are ignored."""
+        """Add odometry, not older than the last; non-finite values are ignored."""
         if not (math.isfinite(motion.stamp) and math.isfinite(motion.position)):
             return
         self._stamps.append(motion.stamp)
@@ -167,19 +167,19 @@ class GroundFusion:
             reason, why = Reason.BAD_OBSERVATION, f'it is {-age:.2f} s ahead of the odometry'
         elif age > ODOMETRY_DURATION:
             reason, why = Reason.STALE, (
-                f'it arrived {age:.2f} s late, odometry is kept for {ODOMETRY_DURATION:g} s')
+                f'it arrived {age:.2f} s late; odometry is kept for {ODOMETRY_DURATION:g} s')
         if reason is not None or observation.stamp <= self._newest.get(kind, -math.inf):
             # Rejected without effect: `observation_timeout` limits the age of the profile.
             return self.profile or Profile(observation.stamp, rejection=reason, explanation=why)
         self._newest[kind] = max(self._newest.get(kind, -math.inf), observation.stamp)
         position = self._position_at(observation.stamp)
         if self._is_frozen(observation, position):
-            # Repeated data since their first occurrence are not valid.
+            # All repetitions of the data are invalid, the earlier ones too.
             self.profile = self._unchanged[kind].profile or self.profile
             return self._refused(Profile(
                 observation.stamp, rejection=Reason.BAD_OBSERVATION,
                 explanation='the sensor is frozen: the ball rolls and its data do not change'))
-        # The tracker refuses an age that is not a number.
+        # The tracker rejects an age of NaN.
         found = self._tracker.update(observation, position)
         if found.rejection is not None:
             return self._refused(found)
@@ -200,7 +200,7 @@ class GroundFusion:
         return last.frozen
 
     def _refused(self, found: Profile) -> Profile:
-        """Return the profile after a rejected observation: one that is lost, or one too many."""
+        """Return the profile after a rejection; `REJECTED_MAX` in succession reject it, too."""
         self._rejected += 1
         if self.profile is None:
             return found
@@ -219,17 +219,17 @@ class GroundFusion:
         if profile is None or not profile.faces or not math.isfinite(motion.position):
             return profile
         age = max(0.0, motion.stamp - profile.stamp) if math.isfinite(profile.stamp) else 0.0
-        way = abs(motion.position - self._position_at(profile.stamp))
-        more = POSITION_SD_PER_DISTANCE * way + POSITION_SD_RATE * age
-        higher = HEIGHT_SD_RATE * age
+        travelled = abs(motion.position - self._position_at(profile.stamp))
+        position_sd = POSITION_SD_PER_DISTANCE * travelled + POSITION_SD_RATE * age
+        height_sd = HEIGHT_SD_RATE * age
         return replace(profile, faces=tuple(
-            replace(face, position_sd=math.hypot(face.position_sd, more),
-                    height_sd=math.hypot(face.height_sd, higher))
+            replace(face, position_sd=math.hypot(face.position_sd, position_sd),
+                    height_sd=math.hypot(face.height_sd, height_sd))
             for face in profile.faces
             if not profile.points or face.position + face.run > motion.position))
 
     def _position_at(self, stamp: float) -> float:
-        """Return the position at a time that odometry covers, or the nearest to it [m]."""
+        """Return the position interpolated at a time, or that at the nearest stamp [m]."""
         stamps, positions = self._stamps, self._positions
         if not stamps:
             return math.nan

@@ -15,10 +15,10 @@ from ballbot_ros.physics.model.terrain import Array
 
 # A steeper segment is a face, not a ramp: no ball of this kind rolls up 11 degrees.
 FACE_GRADE_MIN = 0.2
-# A piece up to this length [m] that exceeds the slopes on both sides by this grade is a blurred
+# A piece whose grade exceeds those on both sides by this, up to this length [m], is a blurred
 # face.
 BLURRED_GRADE_MIN, BLURRED_LENGTH_MAX = 0.06, 0.065
-# Maximum slope difference within one line, beside its uncertainty.
+# Maximum slope difference within one line, in addition to its uncertainty.
 LINE_BEND_MAX = 0.01
 # Blur of a face to either side [m].
 BLUR_LENGTH = 3.0 * CELL + 1e-6
@@ -35,7 +35,7 @@ TOLERANCE_MIN = 0.001
 
 
 class Piece(NamedTuple):
-    """A part of the ground: nodes from `begin` to `end`, both included; `sign` 0 is gentle."""
+    """Ground from node `begin` to `end`, inclusive; `sign`: 1 rises, -1 falls, 0 is gentle."""
 
     sign: int
     begin: int
@@ -43,7 +43,7 @@ class Piece(NamedTuple):
 
 
 class Nodes(NamedTuple):
-    """Known nodes of a map: place, height and variance; `jumps` are inserted behind edges."""
+    """Known nodes of a map: position, height, variance; `jumps` are inserted behind edges."""
 
     x: Array
     z: Array
@@ -129,7 +129,7 @@ def _joined(nodes: Nodes, pieces: List[Piece]) -> List[Piece]:
     """
     Join gentle pieces that lie on one line, and a gap with the ground behind it.
 
-    Corners are chosen among noisy nodes.
+    The nodes are noisy, so that corners may split a line.
     """
     found = pieces[:1]
     for piece in pieces[1:]:
@@ -153,8 +153,8 @@ def _is_one(nodes: Nodes, one: Piece, two: Piece) -> bool:
     if not abs(z - other_z) < TOLERANCE_MIN + 3.0 * math.sqrt(z_variance + other_variance):
         return False
     # The slope of a short piece is not significant.
-    apart = LINE_BEND_MAX + 3.0 * math.sqrt(slope_variance + variance)
-    return short.end - short.begin < 12 or abs(slope - other) < apart
+    bend_max = LINE_BEND_MAX + 3.0 * math.sqrt(slope_variance + variance)
+    return short.end - short.begin < 12 or abs(slope - other) < bend_max
 
 
 def _smooth(z: Array, width: int) -> Array:
@@ -186,7 +186,7 @@ def ground_of(found: ElevationMap, stamp: float, position: float, radius: float,
     their positions, and only the test of `HEIGHT_EXIT` applies to them.
     """
     known = np.flatnonzero(found.known)
-    # Neighbouring nodes share the points that they lie between.
+    # Neighbouring nodes are interpolated between the same points.
     shared = min(max(1.5 * found.spacing / CELL, 1.0), 20.0)
     nodes = _bridged(found, known, shared, position, radius, edges)
     if len(nodes.x) < 3:
@@ -216,9 +216,9 @@ def _bridged(found: ElevationMap, known: Whole, shared: float, position: float,
     """
     Return the known nodes, with edges at gaps between them.
 
-    Ground behind an edge that falls is occluded: the fall is at the near end of the gap.  A rise
-    is at its nearest possible position.  Without a fall, the gap may be a trench: if the ball
-    could sink into it, and deeper than its far wall is seen, the observed ground ends there.
+    Ground behind a falling edge is occluded: the fall is at the near end of the gap.  A rise is at
+    its nearest possible position.  Without a fall, the gap may be a trench: if the ball could sink
+    below the ground behind it, the observed ground ends at the gap.
     """
     x: Array = (known + found.first).astype(float) * CELL
     z = found.height[known]
@@ -251,7 +251,7 @@ def _bridged(found: ElevationMap, known: Whole, shared: float, position: float,
 
 
 def _below(nodes: Nodes, pieces: List[Piece], position: float) -> Tuple[float, float, float]:
-    """Return height and slope of the ground below the ball, faces apart, and its variance."""
+    """Return height and slope of the ground below the ball without faces, and slope variance."""
     x, width = nodes.x, round(2.0 * SLOPE_HALF_LENGTH / CELL)
     gaps = [max(x[piece.begin] - position, position - x[piece.end], 0.0)
             if piece.sign == 0 else math.inf for piece in pieces]
@@ -269,7 +269,7 @@ def _below(nodes: Nodes, pieces: List[Piece], position: float) -> Tuple[float, f
 
 def _assemble(nodes: Nodes, pieces: List[Piece], edges: Sequence[Piece], datum: float
               ) -> Tuple[List[Tuple[float, float]], List[float], List[Face]]:
-    """Return polyline, its deviations and the faces."""
+    """Return the polyline, the standard deviations of its heights, and the faces."""
     points: List[Tuple[float, float]] = []
     sds: List[float] = []
     faces: List[Face] = []
@@ -319,20 +319,21 @@ def _end(nodes: Nodes, pieces: List[Piece], number: int, node: int) -> Tuple[flo
 
 
 def _bend(nodes: Nodes, pieces: List[Piece], number: int) -> Tuple[float, float, float]:
-    """Return place, height and variance of the bend between a gentle piece and the next one."""
+    """Return position, height and variance of the bend behind a gentle piece."""
     x = float(nodes.x[pieces[number].end])
     (one, slope, one_variance, _), (two, behind, two_variance, _) = (
         line(nodes.x, nodes.z, nodes.variance, *_inside(nodes, pieces, piece), x)
         for piece in (number, number + 1))
     reach = 0.5 * min(nodes.x[piece.end] - nodes.x[piece.begin]
                       for piece in pieces[number:number + 2])
-    apart = behind - slope
-    by = min(max((one - two) / apart, -reach), reach) if apart else 0.0
-    return (x + by, 0.5 * (one + two + by * (slope + behind)), max(one_variance, two_variance))
+    change = behind - slope
+    shift = min(max((one - two) / change, -reach), reach) if change else 0.0
+    return (x + shift, 0.5 * (one + two + shift * (slope + behind)),
+            max(one_variance, two_variance))
 
 
 class _Side(NamedTuple):
-    """Ground beside a face: height, variance and slope at a place; slope NaN without ground."""
+    """Ground beside a face: height, variance and slope, NaN without ground, at a position."""
 
     z: float
     variance: float
@@ -340,7 +341,7 @@ class _Side(NamedTuple):
 
 
 def _aside(nodes: Nodes, pieces: List[Piece], number: int, at: float, ahead: bool) -> _Side:
-    """Return the ground before or behind a face, at a place."""
+    """Return the ground before or behind a face, evaluated at a position."""
     other = number + (1 if ahead else -1)
     face = pieces[number]
     if not 0 <= other < len(pieces) or pieces[other].sign:
@@ -363,9 +364,9 @@ def _aside(nodes: Nodes, pieces: List[Piece], number: int, at: float, ahead: boo
 def _face(nodes: Nodes, pieces: List[Piece], number: int
           ) -> Tuple[Face, float, Tuple[float, float], Tuple[float, float]]:
     """
-    Return a face, and height and variance of the ground before and behind it.
+    Return a face, its excess height, and height and variance of the ground on both sides.
 
-    The second value is its height without that of the ground beside it over the same run [m].
+    The excess height is the height minus the rise of the adjacent ground over the same run [m].
     """
     piece = pieces[number]
     x = nodes.x[piece.begin:piece.end + 1]
@@ -374,7 +375,7 @@ def _face(nodes: Nodes, pieces: List[Piece], number: int
     high = _aside(nodes, pieces, number, end, ahead=True)
     part = (nodes.z[piece.begin:piece.end + 1] - low.z) / ((high.z - low.z) or 1.0)
     foot, middle, top = np.interp([0.2, 0.5, 0.8], np.maximum.accumulate(part), x).tolist()
-    # The step between two nodes, observed from different positions, is not narrower than this.
+    # A step between two nodes, observed from different positions, appears one cell wide.
     run = (top - foot) / 0.6 - CELL
     run = 0.0 if run < 1.5 * CELL else run + CELL
     position = min(max(middle - 0.5 * run, begin), end)

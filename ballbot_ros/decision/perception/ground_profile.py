@@ -9,13 +9,13 @@ import numpy as np
 from ballbot_ros.decision.perception.kernels import simplify
 from ballbot_ros.decision.values import Profile
 
-# Least deviation of a bend of the ground between faces [m].
+# Minimum deviation of a bend of the ground between faces [m].
 BEND_HEIGHT_MIN = 0.004
-# Distance from a face at which the ground is read [m]: its own points are not floor.
+# Distance from a face at which the ground is evaluated [m]: the points of the face are not floor.
 FACE_CLEARANCE = 1e-4
-# Bends that are kept between two faces.
+# Maximum number of bends between two faces; more are all ignored.
 BENDS_MAX = 4
-# Least length of the end of the polyline for a slope [m].
+# Minimum length of the last segment of the polyline for a slope [m].
 END_LENGTH_MIN = 0.1
 
 
@@ -28,14 +28,13 @@ class GroundProfile:
     points : sequence of (float, float)
         Polyline of the ground, faces included; may be empty.
     slope : float
-        Of the ground where there are no points [rad].
+        Slope of the ground without points, or before the first one [rad].
 
     """
 
     def __init__(self, points: Sequence[Tuple[float, float]], slope: float):
-        """Store them."""
         self._points, self._slope = points, math.tan(slope)
-        self._places = [x for x, _ in points]
+        self._positions = [x for x, _ in points]
         self._end_slope = self._slope
         if len(points) > 1 and points[-1][0] - points[-2][0] > END_LENGTH_MIN:
             self._end_slope = (points[-1][1] - points[-2][1]) / (points[-1][0] - points[-2][0])
@@ -53,36 +52,37 @@ class GroundProfile:
             if count <= BENDS_MAX + 2 else []
 
     def rise(self, begin: float, end: float) -> float:
-        """Return how much higher the ground is at a second place, faces at both left out [m]."""
+        """Return the rise of the ground between two positions, without faces at them [m]."""
         inner = self._inner(begin, end)
         return inner[-1][1] - inner[0][1] if inner else 0.0
 
     def _inner(self, begin: float, end: float) -> List[Tuple[float, float]]:
-        """Return the points from behind the first to before the second of two places."""
+        """Return the ground just inside two positions, and the points in between."""
         if end - begin < 2.0 * FACE_CLEARANCE:
             return []
         begin, end = begin + FACE_CLEARANCE, end - FACE_CLEARANCE
-        inner = self._points[bisect_right(self._places, begin):bisect_left(self._places, end)]
+        inner = self._points[
+            bisect_right(self._positions, begin):bisect_left(self._positions, end)]
         return [(begin, self._height(begin)), *inner, (end, self._height(end))]
 
     def _height(self, x: float) -> float:
-        """Return the height of the ground at a place without a face [m]."""
+        """Return the height of the ground at a position without a face [m]."""
         if not self._points:
             return self._slope * x
-        after = bisect_right(self._places, x)
+        after = bisect_right(self._positions, x)
         if after == 0:
-            return self._points[0][1] + self._slope * (x - self._places[0])
+            return self._points[0][1] + self._slope * (x - self._positions[0])
         if after == len(self._points):
-            return self._points[-1][1] + self._end_slope * (x - self._places[-1])
+            return self._points[-1][1] + self._end_slope * (x - self._positions[-1])
         (left, low), (right, high) = self._points[after - 1], self._points[after]
         return low + (high - low) * (x - left) / max(right - left, 1e-9)
 
 
-# Slopes are those over such a length, or down to the shortest where a face ends the stretch [m].
+# Slopes are measured over this length, or down to the minimum where a face ends a stretch [m].
 SLOPE_LENGTH, SLOPE_LENGTH_MIN = 0.2, 0.08
 # A steeper segment is a face, not a slope [rad].
 FACE_SLOPE = 0.35
-# A stretch that is too steep remains so until its slope is less by this part.
+# A stretch remains too steep until its slope is below this fraction of the limit.
 SLOPE_HYSTERESIS = 0.9
 
 
@@ -90,17 +90,17 @@ def steep_stretches(profile: Profile, steepest: float) -> List[Tuple[float, floa
     """
     Return the positions of stretches that are too steep to hold, and their slopes [m], [rad].
 
-    A slope of `steepest` can be held [rad].
+    `steepest` is the steepest slope that can be held [rad].
     """
     points, found = profile.points, []
-    floor, aside = GroundProfile(points, 0.0), 2e-3
+    floor, margin = GroundProfile(points, 0.0), 2e-3
     for (x, _), sd in zip(points, profile.points_sd or (0.0,) * len(points)):
-        begin = x + aside
-        if any(face.position - aside < begin < face.position + face.run
+        begin = x + margin
+        if any(face.position - margin < begin < face.position + face.run
                for face in profile.faces):
             continue
         end = min([begin + SLOPE_LENGTH, points[-1][0]] + [
-            face.position - aside for face in profile.faces if face.position > begin])
+            face.position - margin for face in profile.faces if face.position > begin])
         if end - begin < SLOPE_LENGTH_MIN:
             continue
         angle = math.atan(floor.rise(begin, end) / (end - begin))

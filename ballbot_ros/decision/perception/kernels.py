@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The loops of the perception: simplify a polyline, fit lines to pieces of it."""
+"""Kernels of the perception: simplify a polyline, fit lines to pieces of it."""
 import math
 
 import numpy as np
@@ -11,14 +11,14 @@ from ballbot_ros.physics.model.terrain import Array
 @compiled
 def simplify(x: Array, z: Array, tolerance: Array, keep: Array, stack: Array) -> int:
     """
-    Mark the points without which a polyline would be wrong by more than its tolerance; count them.
+    Mark the points that keep a polyline within its tolerance, and return their number.
 
-    Douglas and Peucker, with a tolerance at each point.
+    The Douglas-Peucker algorithm, with a tolerance at each point.
 
     Parameters
     ----------
     x, z, tolerance : (n,) arrays
-        x rising [m].
+        Coordinates, x ascending, and tolerances of z [m].
     keep : (n,) array
         Set to 1 where a point is kept, to 0 elsewhere.
     stack : (n, 2) array
@@ -53,14 +53,14 @@ def simplify(x: Array, z: Array, tolerance: Array, keep: Array, stack: Array) ->
 def line(x: Array, z: Array, variance: Array, begin: int, end: int,
          at: float) -> tuple[float, float, float, float]:
     """
-    Return height and slope of the line through some points, and their variances.
+    Return height and slope of the line fitted to some points, and their variances.
 
     Parameters
     ----------
     x, z, variance : (n,) arrays
-        [m], [m2]
+        Coordinates [m], and variances of z [m2].
     begin, end : int
-        The points, `end` not included; fewer than 6 of them have no slope.
+        Range of the points, `end` excluded; for fewer than 6, the slope is 0, its variance inf.
     at : float
         Position of the requested height [m].
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""An observation of the next step is one detection of an edge."""
+"""Track edges by a sensor that detects the next step."""
 from collections import deque
 from dataclasses import astuple
 import math
@@ -35,7 +35,7 @@ class Scatter:
 
     @property
     def sd(self) -> float:
-        """Return the standard deviation of an observation [m]; NaN for too few."""
+        """Return the standard deviation of an observation [m]; NaN for too few of them."""
         if len(self._steps) < DIFFERENCES_MIN:
             return math.nan
         # Of Gaussian values, half of the differences are within 0.6745 sqrt(2) deviations.
@@ -54,16 +54,16 @@ AVERAGED_OBSERVATIONS = 50
 SCATTER_MAX = 0.010
 # Maximum ratio of observed scatter to reported deviation; above it the scatter counts.
 SCATTER_RATIO_MAX = 1.5
-# A step may appear this far ahead of the centre when the ball has passed it.
+# A step that the ball has passed may appear up to this far ahead of the centre.
 PASSED_MARGIN = 0.02      # [m]
-# After an edge is passed, one at least this far beyond it is the next one.  A nearer one is the
-# same, displaced by odometry slip; treads are longer.
+# A detection at least this far beyond a passed edge is the next edge.  A nearer one is the same
+# edge, displaced by odometry slip; treads are longer.
 NEXT_EDGE_GAP_MIN = 0.1          # [m]
 
 
 class StepTracker:
     """
-    Takes the observations of a step sensor into an edge map.
+    Fuses the observations of a step sensor into an edge map.
 
     Observations of one edge are averaged with weights 1 / variance at a fixed position on the
     odometry axis.  A standard deviation of 0 means unknown; the scatter of the observations
@@ -74,9 +74,9 @@ class StepTracker:
     A detection within a radius of an edge that contradicts it by more than
     `contradiction_sigma` deviations is reported, not averaged in; after `forget_after` consecutive
     contradictions the newest replaces the average.  A detection elsewhere is another edge.  An
-    edge is missed by observations that show the ground beyond it, except within 1.5 radii, where
-    a sensor may look over it.  Without a reported range, that is the largest distance at
-    which the sensor has detected an edge.
+    observation of the ground beyond an edge, but not of the edge, is a miss, except within 1.5
+    radii of the ball, where a sensor may look over it.  Without a reported range, the observed
+    ground ends at the largest distance at which the sensor has detected an edge.
     """
 
     def __init__(self, radius: float, tuning: DecisionTuning, edges: EdgeMap):
@@ -84,13 +84,13 @@ class StepTracker:
         self.reset()
 
     def reset(self) -> None:
-        """Forget the noise of the sensor."""
+        """Discard the scatter and the range of the sensor."""
         self._first, self._range = True, 0.0
-        self.seen_to = math.inf  # end of the floor without a step, seen or by `unseen_room` [m]
-        self._heights, self._places = Scatter(), Scatter()
+        self.seen_to = math.inf  # end of the floor, observed or assumed by `unseen_room` [m]
+        self._heights, self._positions = Scatter(), Scatter()
 
     def update(self, observation: StepObservation, position: float) -> Rejection:
-        """Take in one observation, made at a position of the ball's centre [m]."""
+        """Fuse one observation, made at a position of the ball's centre [m]."""
         fault = _fault(observation, position)
         if fault:
             return Reason.BAD_OBSERVATION, fault
@@ -104,9 +104,9 @@ class StepTracker:
             return None, ''
         # Rejected observations count for the scatter, too.
         self._heights.add(observation.height)
-        self._places.add(position + observation.distance)
+        self._positions.add(position + observation.distance)
         shown = Face(0, position + observation.distance, observation.height,
-                     _combined_sd(observation.distance_sd, self._places.sd, DEFAULT_POSITION_SD,
+                     _combined_sd(observation.distance_sd, self._positions.sd, DEFAULT_POSITION_SD,
                                   POSITION_SD_MIN),
                      _combined_sd(observation.height_sd, self._heights.sd, DEFAULT_HEIGHT_SD,
                                   HEIGHT_SD_MIN))
@@ -154,7 +154,7 @@ class StepTracker:
             edge.step = EdgeEstimate(shown, self._tuning.height_bias(observation.height_sd > 0.0))
         else:
             known, trend = edge.step.mean, edge.step.trend
-            place, place_sd = _average(
+            position, position_sd = _average(
                 known.position, known.position_sd, shown.position, shown.position_sd)
             expected = known.height + trend.slope * (observation.distance - trend.latest)
             # Earlier weights used the reported deviations; the scatter, NaN while it is unknown,
@@ -165,12 +165,12 @@ class StepTracker:
             height, height_sd = _average(
                 expected, expected_sd, shown.height, shown.height_sd)
             edge.step.mean = Face(
-                0, place, height, max(place_sd, POSITION_SD_MIN), height_sd)
+                0, position, height, max(position_sd, POSITION_SD_MIN), height_sd)
         edge.step.trend.add(observation.distance, observation.height)
 
     def _accept(self, clear_to: float, position: float, shown: Optional[TrackedEdge],
                 seen_to: float) -> None:
-        """Count a miss of the edges before `clear_to`, forget those that are passed."""
+        """Count a miss of the edges before `clear_to`, and drop the estimates of passed ones."""
         self._first = False
         for edge in self._edges.edges:
             if edge is shown or edge.step is None:
@@ -181,8 +181,8 @@ class StepTracker:
                     position + 1.5 * self._radius < edge.step.mean.position <= clear_to:
                 edge.exists.add(False)
         self._edges.update()
-        # The sensor does not see behind the next edge, which the ball may pass before the next
-        # observation.
+        # The sensor does not observe the ground behind the next edge, which the ball may pass
+        # before the next observation.
         self.seen_to = min([seen_to] + [
             self._edges.face(edge).position + self._tuning.unseen_room
             for edge in self._edges.edges if edge.step is not None and edge.exists.confirmed])
@@ -196,7 +196,7 @@ def _is_passed(edge: TrackedEdge, position: float) -> bool:
 def _fault(observation: StepObservation, position: float) -> str:
     """Return the reason why an observation is invalid, or an empty string."""
     if not all(map(math.isfinite, (*astuple(observation), position))):
-        return 'a number of it is not finite'
+        return 'it contains a value that is not finite'
     for name in ('distance', 'distance_sd', 'height_sd'):
         if getattr(observation, name) < 0.0:
             return f'{name} is negative ({getattr(observation, name):g} m)'

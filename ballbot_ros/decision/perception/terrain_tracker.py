@@ -19,12 +19,12 @@ from ballbot_ros.decision.tuning import DecisionTuning
 from ballbot_ros.decision.values import POSITION_MAX, Profile, Reason, TerrainObservation
 from ballbot_ros.physics.model.terrain import Array
 
-# More points than a row of any camera are invalid.
+# Maximum number of points, more than the pixels in a row of any camera.
 POINTS_MAX = 5000
-# A sensor with this range behind, and a smaller one ahead, is mounted backwards [m].
+# A sensor with more than this range behind, and a smaller one ahead, is mounted backwards [m].
 BACKWARD_RANGE_MIN = 0.6
-# An offset of the floor from the bottom of the ball is subtracted as a mounting error up to this;
-# beyond, it is not the floor below the ball [m].
+# Up to this offset from the bottom of the ball, ground is the floor below the ball, and the offset
+# is subtracted as a mounting error [m].
 FLOOR_OFFSET_MAX = 0.03
 # Largest height of a ball over an edge, or in the air, above previously observed ground [m].
 LIFT_MAX = 0.3
@@ -34,18 +34,18 @@ def fault(x: Array, z: Array, z_sd: Array, observation: TerrainObservation, fram
     """
     Return the reason why an observation is invalid, or an empty string.
 
-    x, z and z_sd are the unchecked (n,) arrays of the observation [m], which must be in a frame.
+    x, z and z_sd are the unchecked (n,) arrays of the observation [m], which must be in `frame`.
     """
     if observation.frame != frame:
         return f'it is in frame {observation.frame[:40]!r}, not in {frame!r}'
     if not len(x) == len(z) == len(z_sd):
         return f'{len(x)} x have {len(z)} z and {len(z_sd)} standard deviations'
     if not 2 <= len(x) <= POINTS_MAX:
-        return f'it has {len(x)} points, 2 to {POINTS_MAX} are possible'
+        return f'it has {len(x)} points, but 2 to {POINTS_MAX} are allowed'
     others = np.array((observation.stamp, observation.x_min, observation.x_max))
     largest = [float(np.abs(numbers).max()) for numbers in (x, z, z_sd, others)]
     if not np.isfinite(largest).all():
-        return 'a number of it is not finite'
+        return 'it contains a value that is not finite'
     if max(largest[:3]) > POSITION_MAX or np.abs(others[1:]).max() > POSITION_MAX:
         return f'ground {max(largest[:3]):g} m away is out of range'
     if z_sd.min() < 0.0:
@@ -53,15 +53,15 @@ def fault(x: Array, z: Array, z_sd: Array, observation: TerrainObservation, fram
     steps = np.diff(x)
     if steps.min() < 0.0:
         where = int(np.argmin(steps >= 0.0))
-        return f'x falls from {x[where]:g} to {x[where + 1]:g} m at point {where + 1}'
+        return f'x decreases from {x[where]:g} to {x[where + 1]:g} m at point {where + 1}'
     if not x[0] < x[-1]:
         return 'all its points have the same x'
     low, high = max(x[0], others[1]), min(x[-1], others[2])
     if not low < high:
-        return (f'it has seen from x_min {others[1]:g} to x_max {others[2]:g} m, and has points '
+        return (f'its range is x_min {others[1]:g} to x_max {others[2]:g} m, but its points are '
                 f'from {x[0]:g} to {x[-1]:g} m')
     if high < -low and low < -BACKWARD_RANGE_MIN:
-        return (f'it has seen {-low:.2f} m behind the ball and {high:.2f} m ahead: is the sensor '
+        return (f'it covers {-low:.2f} m behind the ball and {high:.2f} m ahead: is the sensor '
                 'mounted backwards?')
     return ''
 
@@ -85,17 +85,17 @@ def misplaced(x: Array, z: Array, radius: float, known: bool) -> str:
     if x[0] > 0.0:
         highest += float(x[0])  # the touch position is not observed
     if not -FLOOR_OFFSET_MAX <= clearance <= highest:
-        return (f'the ground is {1e3 * clearance:.0f} mm from the ball that rests on it, '
+        return (f'the ground is {1e3 * clearance:.0f} mm from the ball that rests on it, but '
                 f'{-1e3 * FLOOR_OFFSET_MAX:.0f} to {1e3 * highest:.0f} mm are possible: is the '
                 'mounting of the sensor consistent with its frame?')
     return ''
 
 
-# Odometry slips by no more than this [m] beside a part of the distance rolled [1].
-SLIP_MAX, SLIP_SHARE = 0.3, 0.1
-# A point this far from the median of its neighbourhood is an outlier [m], and these multiples of
-# the median deviation of all points and of its neighbourhood, unless half of this number of
-# latest observations show it at the same place and height [m].
+# Maximum slip of the odometry: a constant [m] plus a fraction of the distance rolled [1].
+SLIP_MAX, SLIP_FRACTION = 0.3, 0.1
+# A point is an outlier if it deviates from the median of its neighbourhood by more than this [m]
+# and than these multiples of the median deviation of all points and of its neighbourhood, unless
+# half of the last `OUTLIER_MEMORY` observations show it at the same position and height [m].
 OUTLIER_HEIGHT, OUTLIER_SPREAD, OUTLIER_LOCAL_SPREAD = 0.003, 8.0, 3.0
 OUTLIER_MEMORY, SAME_HEIGHT = 10, 0.015
 
@@ -110,7 +110,7 @@ class _Steep:
 
 
 class TerrainTracker:
-    """Takes the polylines of a terrain sensor, in a `frame`, into an elevation and an edge map."""
+    """Fuses the polylines of a terrain sensor, in a `frame`, into an elevation and an edge map."""
 
     def __init__(self, radius: float, tuning: DecisionTuning, edges: EdgeMap, frame: str):
         self._radius, self._tuning, self._edges, self._frame = radius, tuning, edges, frame
@@ -119,7 +119,7 @@ class TerrainTracker:
         self.reset()
 
     def reset(self) -> None:
-        """Forget all, for a jump of time or place."""
+        """Discard all estimates, after a jump in time or position."""
         self._map.clear()
         self._steep: List[_Steep] = []
         self.profile: Optional[Profile] = None
@@ -130,7 +130,7 @@ class TerrainTracker:
 
     def update(self, observation: TerrainObservation, position: float) -> Rejection:
         """
-        Take in one observation, made at a position of the ball's centre [m].
+        Fuse one observation, made at a position of the ball's centre [m].
 
         Sensor data never raise an exception.
         """
@@ -147,7 +147,7 @@ class TerrainTracker:
         scan = resample(x, z, z_sd, self._without_outliers(x, z, position), position) \
             if len(x) > 1 else None
         if scan is None:
-            return Reason.BAD_OBSERVATION, 'it shows nothing of the ground around the ball'
+            return Reason.BAD_OBSERVATION, 'it does not show the ground around the ball'
         seen, places = np.isfinite(scan.z), scan.places
         near = seen & (np.abs(places - position) <= 2.0 * self._radius)
         if near.any():
@@ -159,7 +159,7 @@ class TerrainTracker:
         if contradiction:
             slipped = self._map.slip(scan)
             rolled, self._rolled_to = abs(position - self._rolled_to), position
-            self._slipped = max(0.0, self._slipped - SLIP_SHARE * rolled) + CELL * abs(slipped)
+            self._slipped = max(0.0, self._slipped - SLIP_FRACTION * rolled) + CELL * abs(slipped)
             if self._slipped > SLIP_MAX:
                 return Reason.CONTRADICTORY, (
                     f'the terrain moves along with the ball, by {self._slipped:.2f} m')
@@ -185,22 +185,22 @@ class TerrainTracker:
         drift = self._detect(ground, position, float(places[seen][0]))
         if drift > SLIP_MAX:
             return Reason.CONTRADICTORY, f'an edge has moved along with the ball, by {drift:.2f} m'
-        # Ground that is first seen now may have edges that a second observation confirms.
+        # Newly observed ground may have edges that only a second observation confirms.
         seen_to, self._seen_to = min(ground.seen_to, self._seen_to), ground.seen_to
         self.profile = self._with_steep(
             replace(ground, faces=self._edges.faces, seen_to=seen_to))
         return None, ''
 
     def _without_outliers(self, x: Array, z: Array, position: float) -> Flags:
-        """Return the points to keep: all except isolated ones that earlier observations lack."""
+        """Return which points to keep: all but outliers that earlier observations do not show."""
         slopes = np.diff(z) / np.maximum(np.diff(x), 1e-9)
-        level = z - x * middle(np.clip(slopes, -SLOPE_MAX, SLOPE_MAX))  # most may be of a wall
+        level = z - x * middle(np.clip(slopes, -SLOPE_MAX, SLOPE_MAX))  # most may lie on a wall
         near = neighbourhoods(level)
         middles = medians(near)
         off = level - middles
         # Hampel filter: on a face, the deviations of the neighbourhood are large.
         spread = medians(np.abs(near - middles[:, None]))
-        # The median over lengths of ground: a wall has many points.
+        # The median is weighted by the length of ground: a wall has many points.
         order = np.argsort(np.abs(off))
         length = np.cumsum(np.minimum(np.diff(x, prepend=x[0])[order], CELL))
         usual = abs(float(off[order[int(np.searchsorted(length, 0.5 * length[-1]))]]))
@@ -218,7 +218,7 @@ class TerrainTracker:
         return kept
 
     def _with_steep(self, profile: Profile) -> Profile:
-        """Return a profile with the stretches that are too steep, which persist as faces do."""
+        """Return a profile with the stretches that are too steep, tracked like faces."""
         found = steep_stretches(profile, SLOPE_HYSTERESIS * self.steepest)
         for known in self._steep:
             same = [one for one in found if abs(one[0] - known.begin) < SLOPE_LENGTH]
@@ -238,9 +238,9 @@ class TerrainTracker:
 
     def _detect(self, ground: Profile, position: float, observed_from: float) -> float:
         """
-        Update the edges with those of the map; return how far one has moved with the ball.
+        Update the edges from the map; return the largest drift of one with the ball [m].
 
-        The ground before `observed_from` is that of earlier scans, which have been counted.
+        The ground before `observed_from` is from earlier scans, which are already counted.
         """
         forward, self._position = math.copysign(1.0, position - self._position), position
         bias = self._tuning.height_bias(self._map.reports_sd)
@@ -250,7 +250,7 @@ class TerrainTracker:
         for index, face in enumerate(ground.faces):
             edge = known.get(index)
             if edge is None:
-                # A single scan confirms only an edge that is far above its noise.
+                # A single scan confirms only an edge whose height is far above its noise.
                 edge = self._edges.start(self._map.scans == 1 and abs(face.height)
                                          > 2.0 * FACE_SIGMAS * face.height_sd)
             elif face.position >= observed_from:

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From the profile of the ground to a decision: stopping, planners, safety filter."""
+"""Decide on the profile of the ground: stop lines, planners, safety filter."""

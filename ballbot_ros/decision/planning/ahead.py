@@ -20,9 +20,9 @@ BRAKING_DISTANCE = 1.5
 FACE_SEPARATION = 1.0
 # A swing is held until the centre is past the edge by this [m].
 SWING_END_DISTANCE = 0.01
-# Number of standard deviations of position and height that count.
+# Margins of position and height, in standard deviations.
 SIGMAS = 2.0
-# Ground is drawn this far behind the ball, and this far behind the last that is known [m].
+# The shape extends this far behind the ball, and this far beyond the known ground [m].
 GROUND_EXTENSION = 4.0
 
 
@@ -31,10 +31,10 @@ class End:
     """Where a plan may end: behind a face."""
 
     faces: int  # number of crossed faces
-    vertex: int  # the last of its face in the shape
+    vertex: int  # last vertex of its face in the shape
     position: float  # of that vertex [m]
     passed: float  # position at which the centre has certainly passed it [m]
-    following: int = 0  # vertex of the foot of the next face; the last of all for none
+    following: int = 0  # vertex of the foot of the next face; the last vertex without one
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,17 +42,17 @@ class Ahead:
     """The ground ahead."""
 
     # (n, 5) vertices of the ground: position and height above the floor below the ball [m], number
-    # of the last face before it or at it, -1 for none, and the parts of the deviations of height
-    # and place of that face that move it.
+    # of the last face before it or at it, -1 for none, and the fractions of the deviations of
+    # height and position of that face that apply to it.
     shape: Array
     faces: Tuple[Face, ...]  # at most `FACES_MAX`, and the next one
     ends: Tuple[End, ...]  # from near to far; none if the first face is a drop
-    deviations: Array  # (2, FACES_MAX) standard deviations of height and place of each face [m]
+    deviations: Array  # (2, FACES_MAX) standard deviations of height and position of faces [m]
     slope: float  # below the ball, positive uphill [rad]
     slope_sd: float  # [rad]
     touch: float  # position of the centre at the touch of the first face [m]
     room_to: float  # stop limit of the centre: the end of the known or assumed ground [m]
-    known: bool  # whether that ground is known
+    known: bool  # whether that ground is known, not assumed
     # (n,) how far the ball can sink behind each face: limited in a trench, infinite
     # elsewhere [m].
     descents: Array
@@ -78,7 +78,7 @@ class Candidate:
 
 
 def faces_ahead(profile: Profile, position: float) -> Tuple[Face, ...]:
-    """Return the faces whose foot is ahead of a position, on floor that is observed."""
+    """Return the faces whose foot is ahead of a position, on observed floor."""
     return tuple(face for face in profile.faces
                  if position < face.position <= profile.seen_to)[:FACES_MAX + 1]
 
@@ -92,15 +92,15 @@ def look_ahead(profile: Profile, faces: Sequence[Face], position: float, slope: 
     Parameters
     ----------
     profile : Profile
-        With finite numbers.
+        Profile with finite values.
     faces : sequence of Face
-        See `faces_ahead`; at least one.
+        At least one face, see `faces_ahead`.
     position : float
-        Of the centre [m].
+        Position of the centre [m].
     slope, slope_sd : float
-        Of the ground below the ball [rad].
+        Slope of the ground below the ball [rad].
     radius : float
-        Of the ball [m].
+        Radius of the ball [m].
     unseen_room : float
         Ground assumed behind an edge [m].
     highest_descent : float
@@ -144,7 +144,7 @@ def look_ahead(profile: Profile, faces: Sequence[Face], position: float, slope: 
         if ends and foot - last < radius:
             ends.pop()  # a ball cannot stop between closer edges
         last = here
-        # A step down may be later than observed; a step up lifts the ball.
+        # A step down may be farther away than observed; a step up lifts the ball.
         later = SIGMAS * face.position_sd if face.height < 0.0 else 0.0
         ends.append(End(index + 1, len(rows) - 1, here, here + SWING_END_DISTANCE + later))
     known = seen and profile.seen_to > here + radius

@@ -19,18 +19,18 @@ class Braking:
     Attributes
     ----------
     steepest : float
-        The slope on which an emergency lean still holds the ball [rad].
+        Steepest slope on which the emergency lean holds the ball [rad].
 
     """
 
     def __init__(self, robot: Robot, tuning: DecisionTuning, control: ControlTuning):
         """Compute the constants once."""
         law = SpeedLaw.tuned(robot, control)
-        whole = acceleration(tuning.largest_lean, 0.0, law[:])
+        nominal = acceleration(tuning.largest_lean, 0.0, law[:])
 
-        def weaker(counted_on: float) -> Numbers:
-            part = counted_on / whole
-            return law._replace(gravity_torque=part * law.gravity_torque)[:]
+        def weaker(guaranteed: float) -> Numbers:
+            fraction = guaranteed / nominal
+            return law._replace(gravity_torque=fraction * law.gravity_torque)[:]
 
         self._faster, self._slower = weaker(tuning.acceleration), weaker(tuning.deceleration)
         self._expected = law._replace(speed_gain=math.inf)[:]
@@ -61,15 +61,15 @@ class Braking:
         return braking_distance(speed, slope, self._furthest, self._delay, self._expected)
 
     def speed_within(self, room: float, slope: float) -> float:
-        """Return the speed from which an emergency lean stops the ball within some room [m/s]."""
+        """Return the speed from which the emergency lean stops the ball within `room` [m/s]."""
         return stopping_speed(room, slope, self._furthest, self._delay, self._slower)
 
     def touch_speed(self, speed: float, set_speed: float, room: float, slope: float) -> float:
         """
-        Return the speed after some room [m], driven by `speed_law_step` [m/s].
+        Return the speed after a distance `room` [m] under `speed_law_step` [m/s].
 
-        While the error requires more than the guaranteed acceleration, that one applies;
-        then the error decays as exp(-speed_gain t).  Backwards counts as rest.
+        While the speed error requires more than the guaranteed acceleration, the latter applies;
+        then the error decays as exp(-speed_gain t).  A backward speed counts as rest.
         """
         faster = set_speed > speed
         most = self.acceleration(slope) if faster else self.deceleration(slope)
@@ -78,10 +78,10 @@ class Braking:
             return speed
         eased = set_speed - sign * most / self._gain
         if sign * (eased - speed) > 0.0:
-            way = abs(eased * eased - speed * speed) / (2.0 * most)
-            if way >= room:
+            travelled = abs(eased * eased - speed * speed) / (2.0 * most)
+            if travelled >= room:
                 return math.sqrt(max(0.0, speed * speed + sign * 2.0 * most * room))
-            speed, room = eased, room - way
+            speed, room = eased, room - travelled
         # x = (u - v) / gain + set_speed / gain log((set_speed - u) / (set_speed - v))
         near, far = speed, set_speed
         for _ in range(20):

@@ -5,8 +5,8 @@ The planner ``cubic``: section 8 of the paper, with margins.
 The ball touches a step when its centre is sqrt(2 R h - h^2) before the face; the distance up to
 that position is the run-up.  The curve gives the touch speed that the step requires with a
 hanging pendulum; so the pendulum is lowered before the touch.  The band of the curve gives the
-success probability at the speed that will be driven.  The curve says nothing about steps down:
-they are not crossed.
+success probability at the predicted touch speed.  The curve does not cover steps down: they are
+not crossed.
 """
 import math
 from typing import NamedTuple, Optional
@@ -19,21 +19,21 @@ from ballbot_ros.decision.planning.stop_line import StopLines
 from ballbot_ros.decision.tuning import DecisionTuning
 from ballbot_ros.decision.values import Face, Outlook, Reason, Strategy
 
-# Aim above the required speed by this [m/s], or by more if it is not reached in time: the
-# remaining error at the touch must not use up the margin.
+# The set speed exceeds the required speed by this [m/s], or by the second value if it is otherwise
+# not reached in time: the remaining error at the touch must not use up the margin.
 SPEED_RESERVES = (0.05, 0.1)
-# Nodes and weights of a mean over a normal distribution (Gauss and Hermite).
+# Nodes and weights of a mean over a normal distribution (Gauss-Hermite quadrature).
 NODES = ((0.0, 0.53333333), (1.3556262, 0.22207592), (-1.3556262, 0.22207592),
          (2.8569700, 0.01125741), (-2.8569700, 0.01125741))
 # Longest searched run-up [m].
 RUN_UP_MAX = 6.0
 # The pendulum is lowered this long before the touch [s].
 HANGING_TIME = 0.3
-# After a failure, the ball must touch faster than it did, and than was planned, by these factors.
+# After a failure, the touch speed must exceed the failed and the planned speed by these factors.
 TOUCH_SPEED_RATIO_MIN, PLAN_SPEED_RATIO_MIN = 1.1, 1.05
-# Past the last braking point of the nominal robot, a step is crossed at this probability.
+# Minimum probability of a crossing past the last braking point of the nominal robot.
 PROBABILITY_MIN = 0.5
-# Steps up that are crossed at any speed, behind another one [m].
+# Maximum height of a step up behind another one that is crossed at any speed [m].
 PASSABLE_HEIGHT_MAX = 0.002
 
 
@@ -51,9 +51,9 @@ class CurveRule:
 
     def required_speed(self, face: Face, faster_than: float = 0.0) -> Optional[float]:
         """
-        Return the touch speed that has its margins and is likely enough [m/s].
+        Return the touch speed with margins and the required success probability [m/s].
 
-        At least `faster_than` [m/s]; None if no speed of the curve is sufficient.
+        It is at least `faster_than` [m/s]; None if no speed of the curve is sufficient.
         """
         required = self._curve.required_speed(self.conservative_height(face))
         if required is None:
@@ -76,8 +76,8 @@ class CurveRule:
         """
         Return the success probability at a touch speed [m/s].
 
-        The mean over the estimated height, and over a touch speed whose standard deviation is
-        half the speed margin.
+        It is the mean over the estimated height, and over a touch speed whose standard deviation
+        is half the speed margin.
         """
         curve = self._curve
         low, high = curve.lowest_speed, curve.highest_speed
@@ -88,10 +88,10 @@ class CurveRule:
         steepness = (curve.height(above) - curve.height(below)) / (above - below)
         sd = math.hypot(self._deviation(face),
                         0.5 * self._tuning.speed_margin * inside * steepness)
-        return sum(weight * self._part(inside, height + sd * node) for node, weight in NODES)
+        return sum(weight * self._fraction(inside, height + sd * node) for node, weight in NODES)
 
     def height_limit(self, speed: float) -> float:
-        """Return the step that is crossed at a speed with the required probability [m]."""
+        """Return the maximum step height at a speed with the required probability [m]."""
         curve, band = self._curve, self._curve.band
         if not curve.lowest_speed <= speed:
             return math.nan
@@ -105,9 +105,9 @@ class CurveRule:
         """
         Return the highest probable speed when the centre passes the edge [m/s].
 
-        A crossing consumes the square of the minimum crossing speed; runs of the full model
-        keep slightly less.  `driven`: at the touch [m/s]; `too_slow`: a touch speed at which the
-        ball did not cross the face [m/s].
+        A crossing reduces the squared speed by that of the minimum crossing speed; the full model
+        keeps slightly less.  `driven` is the predicted touch speed [m/s], `too_slow` a touch speed
+        at which the ball did not cross the face [m/s].
         """
         sigmas, curve = self._tuning.sigma_margin, self._curve
         lower = max(0.0, face.height - sigmas * self._deviation(face))
@@ -120,10 +120,10 @@ class CurveRule:
         return self.probability(speed, face) >= self._tuning.required_probability
 
     def _deviation(self, face: Face) -> float:
-        """Return the standard deviation of a height [m]."""
+        """Return the standard deviation of a height, sensor bias included [m]."""
         return math.hypot(face.height_sd, self._tuning.height_bias_sd)
 
-    def _part(self, speed: float, height: float) -> float:
+    def _fraction(self, speed: float, height: float) -> float:
         """Return the fraction of the robots that cross a step at a speed within the curve."""
         band = self._curve.band
         if band is None:
@@ -161,7 +161,7 @@ class CurveSelector(Selector):
                     found.lands and found.outlook.probability
                     >= self._tuning.required_probability - self._hysteresis):
                 self.basis = None
-        if self._is_news(now, braking_room):
+        if self._must_select(now, braking_room):
             self.basis = now
             self._adopt(self._select(ahead, situation))
 
@@ -214,7 +214,7 @@ class CurveSelector(Selector):
     def _predict(self, set_speed: float, back: float, ahead: Ahead, situation: Situation,
                  kept: bool = False) -> Prediction:
         """
-        Return the approach from here, or from rest `back` before the touch [m].
+        Predict the approach from here, or from rest at `back` before the touch [m].
 
         A plan is selected if the weakest robot can stop behind the edge, and kept if the nominal
         one can.
@@ -261,7 +261,7 @@ class CurveSelector(Selector):
 
 
 class CubicPlanner(FacePlanner):
-    """See the module."""
+    """Planner with the height curve; see the module."""
 
     def __init__(self, knowledge: Knowledge):
         super().__init__(knowledge, CurveSelector(knowledge))

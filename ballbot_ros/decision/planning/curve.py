@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The cubic of section 8: which step height is crossed at which speed."""
+"""The cubic of section 8: maximum step height over collision speed."""
 from bisect import bisect_right
 from dataclasses import dataclass, replace
 import math
@@ -20,28 +20,28 @@ class Band(Checked):
     Attributes
     ----------
     varied : mapping of str to [low, high]
-        Fields of the robot, SI; drawn evenly from their ranges.
+        Fields of the robot, SI; drawn uniformly from their ranges.
     speeds : tuple of float
-        Rising [m/s].
+        Collision speeds, ascending [m/s].
     probabilities : tuple of float
-        Rising from 0 to 1.
+        Probabilities, ascending from 0 to 1.
     heights : tuple of tuple of float
-        Row i, column j: the height [m] that a part probabilities[j] of the robots does not
+        Row i, column j: the height [m] that a fraction probabilities[j] of the robots does not
         exceed at speeds[i].
 
     Raises
     ------
     ConfigurationError
-        If the table is not a table of rising numbers.
+        If the table is not a table of ascending numbers.
 
     """
 
-    samples: int = count('robots that were drawn', minimum=2)
+    samples: int = count('number of robots drawn', minimum=2)
     seed: int = count('seed of the draw')
-    varied: Mapping[str, Any] = section('ranges of the numbers that were drawn')
-    speeds: Tuple[float, ...] = section('m/s, rising')
-    probabilities: Tuple[float, ...] = section('rising from 0 to 1')
-    heights: Tuple[Tuple[float, ...], ...] = section('m, a row for each speed')
+    varied: Mapping[str, Any] = section('ranges of the parameters drawn')
+    speeds: Tuple[float, ...] = section('speeds in m/s, ascending')
+    probabilities: Tuple[float, ...] = section('probabilities, ascending from 0 to 1')
+    heights: Tuple[Tuple[float, ...], ...] = section('heights in m, one row per speed')
 
     def __post_init__(self) -> None:
         """Check each value, then the table."""
@@ -60,8 +60,8 @@ class Band(Checked):
                 and (np.diff(table) >= 0.0).all() and parts[0] == 0.0 and parts[-1] == 1.0)
         if not good:
             raise ConfigurationError(
-                'Band: speeds and probabilities must rise, the latter from 0 to 1, and heights '
-                'must have a rising row per speed, a column per probability, all finite',
+                'Band: speeds and probabilities must ascend, the latter from 0 to 1, and heights '
+                'must have an ascending row per speed, a column per probability, all finite',
                 'inconsistent', 'heights')
         object.__setattr__(self, 'speeds', tuple(speeds.tolist()))
         object.__setattr__(self, 'probabilities', tuple(parts.tolist()))
@@ -69,12 +69,12 @@ class Band(Checked):
 
     def quantile(self, speed: float, probability: float) -> float:
         """
-        Return the height that a part of the robots does not exceed at a speed [m].
+        Return the height that a fraction of the robots does not exceed at a speed [m].
 
         Raises
         ------
         ConfigurationError
-            Outside the speeds, or for a probability that is none.
+            If the speed is outside the band, or the probability outside 0 to 1.
 
         """
         if not 0.0 <= probability <= 1.0:
@@ -90,7 +90,7 @@ class Band(Checked):
         Raises
         ------
         ConfigurationError
-            Outside the speeds [m/s], or for a height that is not a number.
+            If the speed [m/s] is outside the band, or the height is not finite.
 
         """
         if not math.isfinite(height):
@@ -99,7 +99,7 @@ class Band(Checked):
         row = self._row(speed)
         if height <= row[0]:
             return 1.0
-        # Where heights are the same, the last of them counts: fewest robots pass.
+        # Of equal heights, the last one counts, with the lowest probability.
         after = bisect_right(row, height)
         if after == len(row):
             return 0.0
@@ -110,7 +110,7 @@ class Band(Checked):
         """Return the heights at a speed [m]."""
         if not self.speeds[0] <= speed <= self.speeds[-1]:
             raise ConfigurationError(
-                f'the band holds from {self.speeds[0]:g} to {self.speeds[-1]:g} m/s, not at '
+                f'the band is valid from {self.speeds[0]:g} to {self.speeds[-1]:g} m/s, not at '
                 f'{speed!r} m/s, and is not extrapolated', 'out_of_range', 'speed')
         after = min(max(bisect_right(self.speeds, speed), 1), len(self.speeds) - 1)
         before = self.speeds[after - 1]
@@ -119,24 +119,24 @@ class Band(Checked):
                 for low, high in zip(self.heights[after - 1], self.heights[after])]
 
 
-_VARIANT = text('of a curve', choices=('fit', 'conservative')).metadata
+_VARIANT = text('variant of a curve', choices=('fit', 'conservative')).metadata
 
 
 @dataclass(frozen=True)
 class CurveProvenance(Checked):
-    """How a curve was made; SI."""
+    """Provenance of a curve; SI."""
 
-    robot_digest: str = text('checksum of the numbers of the robot')
+    robot_digest: str = text('checksum of the parameters of the robot')
     law: str = text('law of actuation')
     surface_friction: float = quantity('1', 'coefficient of friction of the ground', minimum=0.0)
     edge_friction: float = quantity('1', 'coefficient of friction of the edge', minimum=0.0)
     attempts: str = text('attempts that counted', choices=('first', 'any'))
     accuracy: float = quantity('m', 'largest error of a simulated height', above=0.0)
-    points: int = count('speeds that were fitted', minimum=4)
+    points: int = count('number of fitted speeds', minimum=4)
     version: str = text('version of the package that made it')
     set_angle: float = quantity('rad', 'angle that law (11) held', default=0.0)
     voltage: float = quantity(
-        'V', 'voltage on the motor; 0 for that which rolls the ball at each speed', default=0.0)
+        'V', 'voltage of the motor; 0 for the one that rolls the ball at each speed', default=0.0)
     over: str = text(
         'success criterion of the ball; older files without it use the edge',
         default='edge', choices=('edge', 'clear'))
@@ -158,18 +158,18 @@ class HeightCurve(Checked):
     coefficients : tuple of float
         a0 to a3 of height = a0 + a1 v + a2 v^2 + a3 v^3 [m, m/s].
     conservative : tuple of float
-        The same of a curve that is nowhere above the simulation; empty if there is none.
+        Coefficients of a cubic that is nowhere above the simulation; empty if there is none.
     covariance : tuple of tuple of float
-        Of the coefficients, 4 x 4; from the residuals, empty if there is none.
+        Covariance of the coefficients, 4 x 4, from the residuals; empty if there is none.
     made : CurveProvenance or None
-        Provenance, None for numbers from elsewhere.
+        Provenance, None for coefficients from another source.
     band : Band or None
         Effect of the uncertain parameters of the robot.
 
     Raises
     ------
     ConfigurationError
-        If a number is not finite, the range is empty, or the curve does not rise all over
+        If a number is not finite, the range is empty, or the curve does not rise throughout
         its range.
 
     """
@@ -189,10 +189,10 @@ class HeightCurve(Checked):
     covariance: Tuple[Tuple[float, ...], ...] = section(
         'covariance of the coefficients', default=())
     made: Optional[CurveProvenance] = section('provenance', cls=CurveProvenance, default=None)
-    band: Optional[Band] = section('of uncertain robots', cls=Band, default=None)
+    band: Optional[Band] = section('band of uncertain robots', cls=Band, default=None)
 
     def __post_init__(self) -> None:
-        """Check each value, then that together they make a usable curve."""
+        """Check each value, then their consistency."""
         super().__post_init__()
         for name in ('coefficients', 'conservative'):
             if name == 'coefficients' or self.conservative:
@@ -224,12 +224,12 @@ class HeightCurve(Checked):
         Raises
         ------
         ConfigurationError
-            Outside the range, and for a speed that is not a number.
+            If the speed is outside the range, or not a number.
 
         """
         if not self.lowest_speed <= speed <= self.highest_speed:
             raise ConfigurationError(
-                f'curve {self.name} holds from {self.lowest_speed:g} to '
+                f'curve {self.name} is valid from {self.lowest_speed:g} to '
                 f'{self.highest_speed:g} m/s, not at {speed!r} m/s, and is not extrapolated',
                 'out_of_range', 'speed')
         a0, a1, a2, a3 = self.coefficients
@@ -239,7 +239,7 @@ class HeightCurve(Checked):
         """
         Return the lowest speed in range at which `height` [m] is crossed [m/s].
 
-        None if no speed of the range is enough, or the height is not a number.
+        None if no speed of the range is sufficient, or the height is not a number.
         """
         low, high = self.lowest_speed, self.highest_speed
         if not height <= self.height(high):

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The motion of a ball whose plans a `Selector` selects.
+Motion of the ball under the plans of a `Selector`.
 
 `FacePlanner` decides the motion while plans are evaluated, on the step, without obstacles ahead,
 and before obstacles that are not crossed.  A selector keeps its plan, or its refusal, until the
@@ -89,13 +89,13 @@ class Selector(ABC):
             self.forget()
         elif self.choice is not None and self.choice.reason is Reason.COMMITTED \
                 and braking_room > 0.0:
-            self.forget()  # plan with the least harm, past the last braking point
+            self.forget()  # a plan that was selected past the last braking point
         now = Basis(face, len(ahead.faces), abs(motion.speed) < REST_SPEED_MAX,
                     len(situation.failures_at(face)), situation.free_from, ahead.room_to,
                     ahead.slope_sd)
         kept = self.plan
         if self.choice is not None and kept is not None:
-            # Two edges that were too close to stand between remain so while they are measured.
+            # Edges too close to stop between remain so when their estimates change.
             kept = replace(kept, faces=max(kept.faces, kept.end(ahead).faces))
             if kept.back > 0.0 and now.standing \
                     and motion.position < ahead.touch - kept.back + POSITION_TOLERANCE:
@@ -122,12 +122,12 @@ class Selector(ABC):
         """
         Return whether the present plan is not compared with others.
 
-        Beyond the last braking point none is safer.  A plan with a longer run-up is compared again
-        at rest at its start, not on the way back.
+        Beyond the last braking point, no other plan is safer.  A plan with a longer run-up is
+        compared again at rest at its start, not while the ball backs off.
         """
         return self.plan is not None and (braking_room < 0.0 or self.plan.back > 0.0)
 
-    def _is_news(self, now: Basis, braking_room: float) -> bool:
+    def _must_select(self, now: Basis, braking_room: float) -> bool:
         """Return whether a new selection is required."""
         then, choice = self.basis, self.choice
         if then is None or choice is None:
@@ -154,9 +154,9 @@ WHY = {
     Reason.TOO_HIGH: 'no plan crosses it from any start; find another way',
     Reason.NO_ROOM: 'a longer run-up is required',
     Reason.FAILED_BEFORE: 'it failed before, and no faster plan or larger swing is left',
-    Reason.DROP: 'the floor falls away',
+    Reason.DROP: 'the ball does not descend it',
     Reason.WALL: 'a wall; find another way',
-    Reason.TOO_FAST: 'faster at the touch than the curve reaches, even if the ball brakes',
+    Reason.TOO_FAST: 'even if the ball brakes, it touches faster than the curve covers',
     Reason.EVALUATING: 'evaluating plans',
 }
 # Reasons to find another way, which further observations do not change.
@@ -165,9 +165,9 @@ PERMANENT_REASONS = (Reason.TOO_HIGH, Reason.FAILED_BEFORE, Reason.WALL)
 
 def go(choice: Choice, candidate: Candidate, ahead: Ahead, motion: Motion, next_at: float,
        braking_room: float, tuning: DecisionTuning) -> Decision:
-    """Return the decision to carry out a plan; `next_at`: of the centre at the next obstacle."""
+    """Return the decision to execute a plan; the centre is at `next_at` at the next obstacle."""
     face, end, back = ahead.faces[0], candidate.end(ahead), candidate.back > 0.0
-    # The decision is repeated after backing off: until then no step is crossed at any speed.
+    # The decision is repeated after backing off: until then, the speed of the approach is limited.
     speed = min(candidate.speed, tuning.cruise_speed) if back else candidate.speed
     plan = Plan(
         candidate.strategy, ahead.touch - candidate.back if back else -math.inf, speed,
@@ -186,7 +186,7 @@ def go(choice: Choice, candidate: Candidate, ahead: Ahead, motion: Motion, next_
     if math.isfinite(seen.probability):
         text += f', over with {100 * seen.probability:.0f} %{_basis(choice)}'
     if back:
-        text = f'{where}: back to {motion.position - plan.start:.2f} m behind here first; {text}'
+        text = f'{where}: back off by {motion.position - plan.start:.2f} m first; {text}'
     return Decision(
         Kind.BACK_OFF if back else Kind.CROSS, reason, speed, text,
         choice.required_speed, choice.reachable_speed, face.height,
@@ -213,20 +213,20 @@ def refuse(choice: Choice, ahead: Ahead, motion: Motion, braking_room: float,
     seen = replace(
         choice.outlook, required=tuning.required_probability, braking_room=braking_room)
     hopeless = choice.reason in PERMANENT_REASONS
-    what = f'drops by {-1e3 * face.height:.0f} mm' if face.height < 0.0 else \
+    what = f'drop of {-1e3 * face.height:.0f} mm' if face.height < 0.0 else \
         f'{1e3 * face.height:.0f} mm'
     why = WHY.get(choice.reason, 'no plan is good enough')
     text = f'{what} at {face.position - motion.position:.2f} m: {why}'
     if choice.reason is Reason.LANDING and not ahead.known:
-        text += (f'; the floor behind it is not seen, and unseen_room grants '
-                 f'{tuning.unseen_room:g} m: set unseen_room to the floor that this site has '
+        text += (f'; the floor behind it is not observed, and unseen_room is '
+                 f'{tuning.unseen_room:g} m: set unseen_room to the length of the floor '
                  'behind each edge, 1 m or more for a stop, or use a terrain sensor')
     if seen.probability < tuning.required_probability:
-        text += (f'; at best over with {100 * seen.probability:.0f} %, '
+        text += (f'; at best over with {100 * seen.probability:.0f} %, but '
                  f'{100 * tuning.required_probability:.0f} % are required')
     text += _basis(choice)
     if seen.height_limit < face.height:
-        text += f'; from here up to {1e3 * max(seen.height_limit, 0.0):.0f} mm'
+        text += f'; from here at most {1e3 * max(seen.height_limit, 0.0):.0f} mm'
     return Decision(
         Kind.GO_ROUND if hopeless else Kind.STOP, choice.reason, tuning.cruise_speed, text,
         choice.required_speed, choice.reachable_speed, face.height,
@@ -248,7 +248,7 @@ class FacePlanner:
         self._lines, self._selector = StopLines(knowledge), selector
 
     def __call__(self, situation: Situation, previous: Optional[Decision]) -> Decision:
-        """Decide on the ground ahead."""
+        """Return the decision on the ground ahead."""
         motion, profile = situation.motion, situation.profile
         if profile is None:
             return stop(Reason.STALE, 'Stopping: nothing has been observed yet')
@@ -299,14 +299,14 @@ class FacePlanner:
             replace(clear, kind=Kind.STOP, reason=line.reason, distance=room,
                     explanation=f'Stopping before {line.explanation} at {room:.2f} m'),
             line.obstacle, situation)
-        # STOP below half of the cruise speed, CLEAR again at all of it.
+        # STOP below half the cruise speed, CLEAR again at the full cruise speed.
         stopping = previous is not None and previous.kind in (Kind.STOP, Kind.GO_ROUND)
         if stop.set_speed < self._tuning.cruise_speed * (1.0 if stopping else 0.5):
             return stop
         return replace(clear, set_speed=stop.set_speed)
 
     def _face(self, ahead: Ahead, situation: Situation, crossing: Optional[Decision]) -> Decision:
-        """Decide on the faces ahead; `crossing`: one past its last braking point."""
+        """Decide on the faces ahead; `crossing`: a crossing past its last braking point."""
         motion, face, selector = situation.motion, ahead.faces[0], self._selector
         room = self._braking_room(ahead, motion)
         if not ahead.ends or face.height > self._robot.ball_radius:
@@ -320,7 +320,7 @@ class FacePlanner:
             choice = selector.choice or Choice(None, Reason.EVALUATING)
             if selector.choice is None and crossing is not None \
                     and crossing.contact_since is None:
-                # It continues until a plan for a face that has appeared before it is selected.
+                # The crossing continues until a plan for a newly detected face is selected.
                 own = next((one for one in ahead.faces if one.number == crossing.step), face)
                 return replace(crossing, distance=own.position - motion.position)
             if selector.choice is None and -self._tuning.highest_descent <= face.height < 0.0 \
@@ -341,7 +341,7 @@ class FacePlanner:
                   room, self._tuning)
 
     def _push(self, situation: Situation, previous: Optional[Decision]) -> Optional[Decision]:
-        """Return the decision of a ball on the step: on, unless it lasts too long."""
+        """Return the decision on the step: continue, unless the contact lasts too long."""
         motion, basis = situation.motion, self._selector.basis
         if previous is None or previous.kind is not Kind.CROSS or previous.plan is None \
                 or basis is None or not motion.position < previous.plan.edge:
@@ -353,21 +353,21 @@ class FacePlanner:
         if previous.contact_since is None and motion.position < touch - CONTACT_DISTANCE:
             if own or previous.reason is not Reason.COMMITTED:
                 return None
-            # The map has lost the face of a crossing past its last braking point.
+            # The map no longer has the face of a crossing past its last braking point.
             return replace(previous, distance=face.position - motion.position)
         since = motion.stamp if previous.contact_since is None else previous.contact_since
         if not 0.0 <= motion.stamp - since <= CONTACT_TIME_MAX \
                 or motion.position < touch - TOUCH_CLEARANCE and motion.speed < 0.0:
             self._selector.forget()
             return None
-        # With two edges the second one is left when the first is passed.
+        # After the first of two edges, the second one remains.
         left = own or [face for face in faces
                        if motion.position < face.position < previous.plan.edge]
         distance = left[0].position - motion.position if left else 0.0
         return replace(
             previous, reason=Reason.COMMITTED, distance=distance, contact_since=since,
             step=left[0].number if left else previous.step,
-            explanation=f'On the step, {distance:.2f} m to its face: pushing on')
+            explanation=f'On the step, {distance:.2f} m to its face: continuing')
 
     def _brake(self, motion: Motion, previous: Optional[Decision]) -> Optional[Decision]:
         """Return the stop behind the last edge of a plan, until the ball is clear of the edge."""
@@ -382,5 +382,5 @@ class FacePlanner:
 
     def _braking_room(self, ahead: Ahead, motion: Motion) -> float:
         """Return the distance to the last braking point [m]."""
-        way = self._lines.braking.distance(motion.speed, ahead.slope, emergency=True)
-        return ahead.touch - TOUCH_CLEARANCE - motion.position - way
+        needed = self._lines.braking.distance(motion.speed, ahead.slope, emergency=True)
+        return ahead.touch - TOUCH_CLEARANCE - motion.position - needed

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The table of the planners; each is a module.
+Table of the planners, one module each.
 
-For a further one copy `cubic.py`, change its class, and add a line to `PLANNERS`:
-the parameter `planner` of the node ``obstacle_decision`` then takes its name.
+To add a planner, copy `cubic.py`, change its class, and add a line to `PLANNERS`:
+the parameter `planner` of the node ``obstacle_decision`` then accepts its name.
 """
 from typing import Callable, Mapping
 

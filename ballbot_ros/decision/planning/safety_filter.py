@@ -29,19 +29,19 @@ def energy_bound(robot: Robot, speed: float, swing: float) -> float:
     Return an upper bound of the step height that can be crossed at a speed [m].
 
     All kinetic energy, the potential energy of the pendulum at its largest swing angle, and its
-    work during the ascent balance the height h of the step::
+    work during the ascent raise the ball to the height h of the step::
 
         M g h = (M + J1 / R^2) v^2 / 2 + M2 g e (1 - cos(swing) + acos(1 - h / R))
 
-    At most the radius: a higher face is a wall.  `speed`: at the touch, or its upper bound
-    [m/s]; `swing`: largest angle of the pendulum [rad].
+    The bound is at most the radius: a higher face is a wall.  `speed` is that at the touch, or
+    its upper bound [m/s]; `swing` is the largest angle of the pendulum [rad].
     """
     radius, pendulum = robot.ball_radius, robot.largest_gravity_torque
     given = pendulum * (1.0 - math.cos(swing)) + 0.5 * speed * speed * (
         robot.total_mass + robot.ball_inertia / radius**2)
     low, high = 0.0, radius
-    # The surplus decreases with the height, or increases first and then decreases: none at the
-    # radius is none there; otherwise the radius is the bound.
+    # The energy surplus decreases with the height, or increases first and then decreases: it has
+    # one zero below the radius if it is negative at the radius.
     if given + pendulum * 0.5 * math.pi >= robot.weight * radius:
         return radius
     for _ in range(40):
@@ -57,8 +57,8 @@ def unusable(situation: Situation, stale: float, tuning: DecisionTuning) -> Opti
     """
     Return STOP for missing, stale, rejected or non-finite input, otherwise None.
 
-    The last time `stale` [s] at which the newest observation was older than `observation_timeout`
-    must be as long ago, so that a latency near the limit does not alternate between both.
+    `stale` [s] is the last time with an observation older than `observation_timeout`.  STOP lasts
+    for that timeout, so that the decision does not alternate at a latency near the limit.
     """
     fault = implausible_input(situation)
     if fault:
@@ -68,12 +68,12 @@ def unusable(situation: Situation, stale: float, tuning: DecisionTuning) -> Opti
         return stop(Reason.STALE, 'Stopping: nothing has been observed yet')
     if profile.rejection is not None:
         answer = stop(profile.rejection,
-                      f'Stopping: the observation is rejected, {profile.explanation}')
+                      f'Stopping: the observation is rejected because {profile.explanation}')
     elif 0.0 <= motion.stamp - stale < allowed:
         age = motion.stamp - profile.stamp
         when = f'{age:.2f} s old' if age >= 0.0 else f'{-age:.2f} s ahead of the clock'
         answer = stop(
-            Reason.STALE, f'Stopping: the last observation is {when}, {allowed:g} s is allowed'
+            Reason.STALE, f'Stopping: the last observation is {when}; {allowed:g} s is allowed'
             + ('' if stale == motion.stamp else f' and was exceeded {motion.stamp - stale:.2f} s '
                'ago'))
     else:
@@ -84,7 +84,7 @@ def unusable(situation: Situation, stale: float, tuning: DecisionTuning) -> Opti
 
 
 def implausible_input(situation: Situation) -> str:
-    """Return which input is not finite, or an empty string."""
+    """Return which input is implausible, or an empty string."""
     # Comparisons with NaN are false and could pass the checks below.
     if not situation.motion.is_plausible:
         return 'odometry is not finite, or out of range'
@@ -111,7 +111,7 @@ def checked(decision: Decision, situation: Situation, knowledge: Knowledge) -> D
             and abs(plan.swing_angle) <= tuning.largest_swing):
         return stop(
             Reason.BAD_OBSERVATION, f'Stopping: a plan requested {decision.set_speed:g} and '
-            f'{plan.speed:g} m/s and {plan.swing_angle:g} rad, {most:g} m/s and '
+            f'{plan.speed:g} m/s and {plan.swing_angle:g} rad; {most:g} m/s and '
             f'{tuning.largest_swing:g} rad are allowed')
     if decision.kind is Kind.BACK_OFF \
             and not plan.start >= situation.free_from - ROUNDING_TOLERANCE:
@@ -127,20 +127,20 @@ def checked(decision: Decision, situation: Situation, knowledge: Knowledge) -> D
             decision.contact_since is not None or decision.reason is Reason.COMMITTED):
         return decision  # past the last braking point, or its face is below the ball
     if face is None:
-        return stop(Reason.BAD_OBSERVATION, 'Stopping: a plan crosses a step that is not known')
+        return stop(Reason.BAD_OBSERVATION, 'Stopping: a plan crosses an unknown step')
     bound = energy_bound(knowledge.robot, max(tuning.highest_speed, situation.motion.speed),
                          max(tuning.largest_lean, abs(plan.swing_angle)))
     if not face.height <= bound:
         return stop(
-            Reason.TOO_HIGH, f'Stopping: {1e3 * face.height:.0f} mm are more than all energy of '
-            f'the ball lifts it, {1e3 * bound:.0f} mm', height=face.height, step=face.number,
-            distance=face.position - situation.motion.position)
+            Reason.TOO_HIGH, f'Stopping: {1e3 * face.height:.0f} mm exceed the height to which '
+            f'all energy lifts the ball, {1e3 * bound:.0f} mm', step=face.number,
+            height=face.height, distance=face.position - situation.motion.position)
     return decision
 
 
 def with_safety_filter(planner: Planner, knowledge: Knowledge) -> Planner:
     """
-    Return a planner with `checked` decisions, which is called with valid input only.
+    Return a planner that is called with valid input only, and whose decisions are `checked`.
 
     A ball past the last braking point of a crossing continues even if an observation is old or
     rejected: braking would be worse.
@@ -151,7 +151,7 @@ def with_safety_filter(planner: Planner, knowledge: Knowledge) -> Planner:
         nonlocal stale
         now, profile = situation.motion.stamp, situation.profile
         if profile is not None and not abs(now - profile.stamp) <= timeout:
-            stale = now  # also with NaN, and a stamp from the future
+            stale = now  # also for NaN, and for a stamp in the future
         trouble = unusable(situation, stale, knowledge.tuning)
         if trouble is not None and not past_braking(previous, situation):
             return trouble
@@ -166,6 +166,6 @@ def past_braking(previous: Optional[Decision], situation: Situation) -> bool:
             or previous.reason is not Reason.COMMITTED or situation.profile is None \
             or implausible_input(situation):
         return False
-    # Between two edges of a plan, the step may have been passed.
+    # Between two edges of a plan, the ball may already have passed the step.
     return (previous.plan is not None and situation.motion.position < previous.plan.edge < math.inf
             ) or any(face.number == previous.step for face in situation.profile.faces)

@@ -15,7 +15,7 @@ from ballbot_ros.physics.model.robot import Robot
 @dataclass(frozen=True)
 class Knowledge:
     """
-    Constant planner inputs; robot, curve and tuning must belong together.
+    Constant planner inputs; robot, curve and tuning must be consistent.
 
     See `tuning.check_decision`.
 
@@ -79,7 +79,7 @@ class Situation:
 
     @property
     def slope(self) -> float:
-        """Return the slope below the ball as seen, or as its motion shows it [rad]."""
+        """Return the slope below the ball, from observations or else from its motion [rad]."""
         seen = math.nan if self.profile is None else self.profile.slope
         return seen if math.isfinite(seen) else self.motion.slope
 
@@ -95,7 +95,7 @@ class Planner(Protocol):
 
     def __call__(self, situation: Situation, previous: Optional[Decision]) -> Decision:
         """
-        Decide on the terrain ahead, after the previous decision.
+        Return the decision on the terrain ahead, given the previous one.
 
-        STOP with a reason for uncertain inputs.  Sensor data never raise an exception.
+        Uncertain inputs result in STOP with a reason.  Sensor data never raise an exception.
         """

@@ -4,7 +4,7 @@ The stop line: the farthest position that the ball's centre may reach without a 
 
 It is the nearest of the positions before faces, before stretches that are too steep to stand on,
 and before the end of the observed terrain.  The terrain map is persistent, so the line needs no
-separate memory.  The ball may be as fast as it can be stopped before the line on the slopes in
+separate memory.  The speed is limited so that the ball can stop before the line on the slopes in
 between; CLEAR, STOP and GO_ROUND are labels of this one motion.
 """
 from dataclasses import replace
@@ -19,12 +19,12 @@ from ballbot_ros.decision.planning.situation import Knowledge, Situation
 from ballbot_ros.decision.values import (
     Decision, Face, Kind, Plan, Profile, Reason, Strategy)
 
-# Between the centre at the line and a touch, an edge, or the end of the observed terrain [m].
+# Distance of the line before a touch, an edge, or the end of the observed terrain [m].
 LINE_MARGIN = 0.03
 
 
 class StopLine(NamedTuple):
-    """A position that the centre must not pass, with the start of the `obstacle` [m]."""
+    """A position that the centre must not pass, and the start of the `obstacle` [m]."""
 
     position: float
     obstacle: float
@@ -53,11 +53,11 @@ class StopLines:
             if begin >= position:
                 return StopLine(
                     begin - LINE_MARGIN, begin, Reason.STEEP,
-                    f'a slope of {math.degrees(angle):+.1f} degrees, {self._most} can be held')
+                    f'a slope of {math.degrees(angle):+.1f} degrees; {self._most} can be held')
         return None
 
     def nearest(self, situation: Situation, faces: Iterable[Face]) -> Optional[StopLine]:
-        """Return the nearest line; faces that a plan crosses are left out of `faces`."""
+        """Return the nearest line; `faces` must exclude those that a plan crosses."""
         profile, position = situation.profile, situation.motion.position
         if profile is None:
             return None
@@ -78,8 +78,8 @@ class StopLines:
         """
         Return the mean slope from the ball to a position [rad].
 
-        A ball that brakes all the way loses as much energy on it as on the slopes in between.
-        Where no terrain is observed, the lower limit of the estimated slope.
+        A ball that brakes on it loses as much energy as on the slopes in between.
+        Without observed terrain, return the lower limit of the estimated slope.
         """
         begin, profile = situation.motion.position, situation.profile
         if profile is None or not profile.points:
@@ -90,7 +90,7 @@ class StopLines:
         return math.atan(floor.rise(begin, end) / (end - begin))
 
     def speed_before(self, line: float, situation: Situation) -> float:
-        """Return the speed from which the ball is stopped before a position [m/s]."""
+        """Return the speed from which the ball can stop before a position [m/s]."""
         position = situation.motion.position
         mean = self.slope_to(situation, line)
         return self.braking.speed_within(line - position, mean)
@@ -101,35 +101,35 @@ class StopLines:
         if profile is None:
             return None
         below, seen = situation.slope, math.isfinite(profile.slope)
-        doubt = profile.slope_sd if seen and math.isfinite(profile.slope_sd) else 0.0
-        # Uphill only where the map shows it: the motion of the ball may show a step.
-        uphill = steepest + doubt if seen else math.inf
-        if not -steepest - doubt <= below <= uphill:
+        slope_sd = profile.slope_sd if seen and math.isfinite(profile.slope_sd) else 0.0
+        # Only the map can show an uphill slope: the motion of the ball may show a step instead.
+        uphill = steepest + slope_sd if seen else math.inf
+        if not -steepest - slope_sd <= below <= uphill:
             return Decision(
                 Kind.STOP, Reason.STEEP, 0.0, f'Stopping: a slope of {math.degrees(below):+.1f} '
-                f'degrees is too steep, {self._most} can be held', plan=Plan(Strategy.STOP),
+                f'degrees is too steep; {self._most} can be held', plan=Plan(Strategy.STOP),
                 distance=0.0)
         line = self.before_slope(profile, motion.position)
         if line is None:
             return None
         distance = line.obstacle - motion.position
         return self.stop_before(
-            Decision(Kind.STOP, Reason.STEEP, 0.0, f'Stopping: in {distance:.2f} m comes '
+            Decision(Kind.STOP, Reason.STEEP, 0.0, f'Stopping: in {distance:.2f} m there is '
                      f'{line.explanation}', distance=distance), line.obstacle, situation)
 
     def stop_before(self, decision: Decision, before: float, situation: Situation) -> Decision:
         """Return a decision that stops with the stop gap before a position [m], or here."""
         position = situation.motion.position
-        place = before - self._radius - self._tuning.stop_gap
-        if not (place >= position or place >= situation.free_from):
+        target = before - self._radius - self._tuning.stop_gap
+        if not (target >= position or target >= situation.free_from):
             return replace(decision, set_speed=0.0, plan=Plan(Strategy(decision.kind.value)))
-        speed = min(self._tuning.cruise_speed, self.speed_before(place, situation))
+        speed = min(self._tuning.cruise_speed, self.speed_before(target, situation))
         return replace(decision, set_speed=speed, plan=Plan(
-            Strategy(decision.kind.value), speed=speed, stop_position=place))
+            Strategy(decision.kind.value), speed=speed, stop_position=target))
 
     def filtered(self, decision: Decision, situation: Situation) -> Decision:
         """
-        Return a decision that leaves the ball able to stop before the line after this period.
+        Return a decision after which the ball can still stop before the line.
 
         A crossing is not changed unless the ball was stuck before: its rollouts include the stop
         behind the last edge.
@@ -137,7 +137,7 @@ class StopLines:
         profile, blocked = situation.profile, situation.obstruction
         if blocked is not None and decision.kind in (Kind.CLEAR, Kind.CROSS):
             what = ('rolled back on a slope that is too steep' if blocked.reason is Reason.STEEP
-                    else 'did not get on')
+                    else 'made no progress')
             decision = self.stop_before(
                 replace(decision, kind=Kind.GO_ROUND, reason=blocked.reason,
                         explanation=f'The ball {what} at {blocked.position:.2f} m; find another '
@@ -151,7 +151,7 @@ class StopLines:
         if situation.motion.speed <= most and decision.set_speed <= most:
             return decision
         if decision.kind is not Kind.CLEAR:
-            if situation.motion.speed > most:  # as soon as possible, not at a position
+            if situation.motion.speed > most:  # stop as soon as possible, not at a position
                 return replace(
                     decision, set_speed=0.0, plan=Plan(Strategy(decision.kind.value)))
             return replace(decision, set_speed=min(decision.set_speed, most))

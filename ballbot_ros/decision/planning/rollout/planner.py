@@ -50,9 +50,9 @@ def deliberate(task: Task, tuning: DecisionTuning, room_behind: float,
     """
     Select a plan for a task with an end ahead; a generator that yields after batches of rollouts.
 
-    The ground is free over `room_behind` the ball [m].  The present plan, `kept`, remains while it
-    is sufficient; without a better plan from here, its probability may be below the required one
-    by `hysteresis`.
+    The ground behind the ball is free over `room_behind` [m].  The present plan, `kept`, remains
+    while it is sufficient; without a better plan from here, its probability may be below the
+    required one by `hysteresis`.
     """
     position, speed = task.start[:2]
     present = Trial(kept) if kept is not None and _promising([kept], failures) else None
@@ -68,7 +68,7 @@ def deliberate(task: Task, tuning: DecisionTuning, room_behind: float,
         chosen = present
     if chosen is None and room_behind > 0.1 and not task.too_late:
         back = from_farther_back(task.ahead, position, room_behind, tuning)
-        # Apart from those that were not good enough from here.
+        # Separate from the trials that were not sufficient from here.
         farther: List[Trial] = []
         chosen = yield from search(_promising(back, failures), task, farther)
         trials += farther
@@ -160,10 +160,9 @@ REEVALUATION_PERIOD, REEVALUATION_ROLLOUTS = 10, 24
 
 
 class PlanSelector(Selector):
-    """See the module."""
+    """Selects plans by rollouts; see the module."""
 
     def __init__(self, knowledge: Knowledge):
-        """Draw the worlds."""
         self._tuning = knowledge.tuning
         self.worlds = Worlds(knowledge)
         super().__init__()
@@ -188,7 +187,8 @@ class PlanSelector(Selector):
             braking_room < 0.0)
         if kept is not None and braking_room < 0.0:
             self._deliberation = None
-        if (self._deliberation is None or self._is_selected) and self._is_news(now, braking_room):
+        if (self._deliberation is None or self._is_selected) \
+                and self._must_select(now, braking_room):
             self._task, self.basis, self._is_selected = task, now, False
             self._deliberation = deliberate(
                 task, self._tuning, max(0.0, motion.position - situation.free_from), kept,
@@ -238,8 +238,7 @@ class PlanSelector(Selector):
 
 
 class RolloutPlanner(FacePlanner):
-    """See the module."""
+    """Planner with rollouts; see the module."""
 
     def __init__(self, knowledge: Knowledge):
-        """Draw the worlds."""
         super().__init__(knowledge, PlanSelector(knowledge))

@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-One rollout: from now to the verdict, in one sampled world.
+One rollout: from the present state to the verdict, in one sampled world.
 
 A *plan row* contains a plan, a *draw row* the parameters of one world, a *result row* the
 outcome: rows of numbers, so that many rollouts are one array.
 
 The rolling model holds until the pendulum swings or the touch is near; then the full model
 continues until the ball is over, back or stuck.  The ball is over once it is clear of the edge
-(see `crossing.rules`), under the commands of the pilot.  A second rolling phase, from where the
-ball rolls behind the edge, gives the position at which it can rest.
+(see `crossing.rules`), under the commands of the pilot.  A second rolling phase, which starts when
+the ball rolls behind the edge, gives the position at which it can rest.
 
 The rolling model has the equations of `control.rolling_model`, with law (11) in the motor.  The
 derivative gain causes a pole of some hundred per second, so the rate of the pendulum is stepped
@@ -46,7 +46,7 @@ SWING_ANGLE = 2   # to this absolute angle [rad], until the ball is past the las
 START = 3         # start of the plan, from rest, if that is behind the ball [m]
 EDGE = 4          # end of the swing, and start of the stop [m]
 EDGE_AT = 5       # number of the vertex of the ground behind which the ball is over
-NEXT_AT = 6       # and of the foot of the next face, which it must not touch; the last for none
+NEXT_AT = 6       # vertex of the foot of the next face, which it must not touch; last for none
 PLAN = 7
 # Columns of a draw. The first are the robot, in the order of `Parameters`.
 ROBOT = len(Parameters._fields)
@@ -58,10 +58,10 @@ PLACE = HEIGHT + FACES_MAX  # and of their positions [m]
 DRAW = PLACE + FACES_MAX
 # Columns of a result.
 VERDICT = 0
-TOUCH_SPEED = 1   # when the ball first touches a face [m/s]; NaN where it does not
-TOUCH_ANGLE = 2   # of the pendulum then [rad]
+TOUCH_SPEED = 1   # when the ball first touches a face [m/s]; NaN if it does not
+TOUCH_ANGLE = 2   # of the pendulum at that time [rad]
 REST = 3          # farthest position of the centre if stopped behind the last edge [m]
-PASSED_SPEED = 4  # when the centre has passed the last edge [m/s]; NaN where it does not
+PASSED_SPEED = 4  # when the centre has passed the last edge [m/s]; NaN if it does not
 RESULT = 5
 
 
@@ -119,27 +119,27 @@ def roll(now: Rolling, set_angle: float, slope: float, step: float, robot: Param
         now.angle, now.rate, spin, slope, RollingNumbers(
             robot.pendulum_inertia, inertia, moment * radius, moment * robot.gravity,
             robot.joint_friction, robot.rolling_friction, robot.mass * robot.gravity * radius)[:])
-    # Both equations without theta1'': share * torque + rest = left * phi''.
-    share = 1.0 - coupling / inertia
+    # Both equations without theta1'': factor * torque + rest = left * phi''.
+    factor = 1.0 - coupling / inertia
     rest, left = on_pendulum + coupling / inertia * on_ball, (
         robot.pendulum_inertia - coupling * coupling / inertia)
     weight = drive.compensated * moment * robot.gravity * math.sin(now.angle)
     # The torque at the end of the step: kp (set - phi - h phi'_new) - kd phi'_new + weight.
     fixed = drive.kp * (set_angle - now.angle) + weight
     damping = drive.kd + drive.kp * step
-    rate = (now.rate + step * (share * fixed + rest) / left) / (
-        1.0 + step * share * damping / left)
+    rate = (now.rate + step * (factor * fixed + rest) / left) / (
+        1.0 + step * factor * damping / left)
     requested = fixed - damping * rate
     torque = applied_torque(requested, now.rate - spin, drive.motor_line, drive.limit)
     if torque != requested:
-        rate = now.rate + step * (share * torque + rest) / left
+        rate = now.rate + step * (factor * torque + rest) / left
     turned = (rate - now.rate) / step
     speed = now.speed - step * radius * (on_ball - torque + coupling * turned) / inertia
     return Rolling(now.position + 0.5 * step * (now.speed + speed) * math.cos(slope), speed,
                    now.angle + step * rate, rate)
 
 
-# The period of the control loop [s]: torque is held that long.
+# The period of the control loop, in which the torque is constant [s].
 PERIOD = 0.002
 
 
@@ -164,17 +164,17 @@ def push(state: Array, torque: float, step: float, robot: Parameters, ground: Ar
     return contacts[count - 1, POINT_X] if count > 0 else -math.inf
 
 
-SHAPE_X, SHAPE_Z, FACE, HEIGHT_SHARE, PLACE_SHARE = range(5)
-# Least distance of two vertices of a draw [m].
+SHAPE_X, SHAPE_Z, FACE, HEIGHT_FRACTION, PLACE_FRACTION = range(5)
+# Minimum distance between two vertices of a draw [m].
 VERTEX_DISTANCE_MIN = 1e-6
 
 
 @compiled
 def fill_ground(shape: Array, draw: Array, raised: float, here: float, ground: Array) -> None:
     """
-    Write the (n, 7) ground of a draw, as `Terrain.profile` gives it, for an (n, 5) shape.
+    Write the (n, 7) ground of a draw for an (n, 5) shape, in the format of `Terrain.profile`.
 
-    The first face is raised [m]; the deviation of the slope starts at the ball, `here` [m].
+    The first face is `raised` [m]; the deviation of the slope starts at the ball, `here` [m].
     """
     count = len(shape)
     before = -math.inf
@@ -182,12 +182,12 @@ def fill_ground(shape: Array, draw: Array, raised: float, here: float, ground: A
         face = int(shape[i, FACE])
         x, z = shape[i, SHAPE_X], shape[i, SHAPE_Z]
         for j in range(min(face + 1, FACES_MAX)):
-            share = shape[i, HEIGHT_SHARE] if j == face else 1.0
-            z += share * draw[HEIGHT + j]
+            fraction = shape[i, HEIGHT_FRACTION] if j == face else 1.0
+            z += fraction * draw[HEIGHT + j]
             if j == 0:
-                z += share * raised
+                z += fraction * raised
         if 0 <= face < FACES_MAX:
-            x += shape[i, PLACE_SHARE] * draw[PLACE + face]
+            x += shape[i, PLACE_FRACTION] * draw[PLACE + face]
         x = max(x, before)
         z += math.tan(draw[SLOPE]) * (x - here)
         if i > 0 and x == before and abs(z - ground[i - 1, VERTEX_Y]) < VERTEX_DISTANCE_MIN:
@@ -222,9 +222,9 @@ DECISION_PERIODS = 10  # control periods between two set angles: 50 Hz
 ROLLING_STEP = 0.01  # step of the rolling model [s]
 ROLLING_STEPS = 2  # of them between two set angles
 BEND_MAX = 0.03  # sine of a bend of the ground without effect on a rolling ball
-FULL_MODEL_LEAD = 0.02  # the full model begins this much before the touch [m]
+FULL_MODEL_LEAD = 0.02  # the full model starts this far before the touch [m]
 PROGRESS_MIN = 0.001  # minimum progress [m]
-RETREAT_MIN = 0.004  # a ball this far before where it touched has rolled back [m]
+RETREAT_MIN = 0.004  # a ball this far behind its touch position has rolled back [m]
 DURATION_MAX = 15.0  # maximum duration of an approach [s]
 TIME_TO_ROLL_MAX = 2.5  # maximum time until the ball rolls forward [s]
 CONTACT_TIME_MAX = 3.0  # maximum duration of a contact [s]
@@ -243,15 +243,15 @@ def slope_at(ground: Array, x: float) -> float:
 
 @compiled
 def touch_at(ground: Array, foot: int, vertex: int, radius: float) -> float:
-    """Return the position of the centre at which a ball before a foot touches a vertex [m]."""
+    """Return the position of the centre when a ball before a foot touches a vertex [m]."""
     steep = ground[foot - 1, TANGENT_Y] / ground[foot - 1, TANGENT_X] if foot > 0 else 0.0
     away = ground[vertex, VERTEX_X] - ground[foot, VERTEX_X]
     rise = ground[vertex, VERTEX_Y] - ground[foot, VERTEX_Y] - steep * away
     above = radius * math.sqrt(1.0 + steep * steep) - min(max(rise, 0.0), radius)
     root = radius * radius * (1.0 + steep * steep) - above * above
-    place: float = ground[vertex, VERTEX_X] - (
+    position: float = ground[vertex, VERTEX_X] - (
         steep * above + math.sqrt(max(root, 0.0))) / (1.0 + steep * steep)
-    return place
+    return position
 
 
 @compiled
@@ -293,9 +293,9 @@ def order_of(plan: Array, after: float, drive: Drive) -> PlainOrder:
 def roll_until(until: float, rising: float, now: Rolling, order: PlainOrder, robot: Parameters,
                drive: Drive, ground: Array) -> tuple[Rolling, SpeedState]:
     """
-    Roll the ball to a position or to rest; return it, and its speed law.
+    Simulate rolling to a position or to rest; return the final states of ball and speed law.
 
-    A ball that starts at rest, or rolling back, has the time `rising` [s] to move forward.
+    A ball that starts at rest, or rolling back, must move forward within `rising` [s].
     """
     time, set_angle, count = 0.0, 0.0, 0
     memory = speed_law_start(now.speed, now.angle, slope_at(ground, now.position), drive.law)
@@ -313,7 +313,7 @@ def roll_until(until: float, rising: float, now: Rolling, order: PlainOrder, rob
 
 @compiled
 def height_above(state: Array, robot: Parameters, ground: Array) -> float:
-    """Return how high a ball is above the ground below its centre [m]."""
+    """Return the height of a ball above the ground below its centre [m]."""
     i = first_segment(ground, state[X])
     floor = ground[i, VERTEX_Y] + (state[X] - ground[i, VERTEX_X]) * (
         ground[i, TANGENT_Y] / ground[i, TANGENT_X])
@@ -323,7 +323,7 @@ def height_above(state: Array, robot: Parameters, ground: Array) -> float:
 
 @compiled
 def rest_position(state: Array, robot: Parameters, drive: Drive, ground: Array) -> float:
-    """Return the stop position of a ball with full lean [m]."""
+    """Return the stop position of a ball that brakes with full lean [m]."""
     now = Rolling(state[X], state[VELOCITY_X], state[PENDULUM_ANGLE], state[PENDULUM_RATE])
     order = (0.0, 0.0, -math.inf, math.inf, 0.0, -math.inf, 0.0, drive.emergency_lean,
              drive.emergency_lean, drive.reaction)
@@ -350,7 +350,7 @@ def place(now: Rolling, robot: Parameters, ground: Array, state: Array) -> None:
 @outlined
 def climb(memory: SpeedState, plan: Array, robot: Parameters, drive: Drive, scratch: Scratch,
           result: Array) -> int:
-    """Run the full model until the ball is over or not; its state is in the scratch."""
+    """Run the full model from the state in `scratch`, and return the verdict."""
     state, ground = scratch.state, scratch.ground
     edge = int(plan[EDGE_AT])
     # The swing ends at the estimated end of the edge; braking starts shortly after.
@@ -376,10 +376,10 @@ def climb(memory: SpeedState, plan: Array, robot: Parameters, drive: Drive, scra
             touch_x, until = state[X], time + CONTACT_TIME_MAX
             result[TOUCH_SPEED], result[TOUCH_ANGLE] = state[VELOCITY_X], state[PENDULUM_ANGLE]
         if state[X] - STOP_DELAY * state[VELOCITY_X] > over_x and state[Y] > over_y:
-            # A ball that descends from the edge becomes faster.
+            # A ball that descends from the edge gains speed.
             if math.isnan(result[REST]) \
                     and height_above(state, robot, ground) < SETTLED_HEIGHT_MAX:
-                if touch_x == math.inf:  # down a drop
+                if touch_x == math.inf:  # over a drop
                     result[TOUCH_SPEED], result[TOUCH_ANGLE] = (
                         state[VELOCITY_X], state[PENDULUM_ANGLE])
                 result[PASSED_SPEED] = state[VELOCITY_X]
@@ -399,7 +399,7 @@ def climb(memory: SpeedState, plan: Array, robot: Parameters, drive: Drive, scra
 @compiled
 def run(start: Rolling, plan: Array, draw: Array, raised: float, drive: Drive, shape: Array,
         scratch: Scratch, result: Array) -> None:
-    """Run one rollout from the present state of the ball; overwrite the row of its result."""
+    """Run one rollout from the present state of the ball; overwrite its result row."""
     ground, state = scratch.ground, scratch.state
     robot = read_parameters(draw, 0)
     fill_ground(shape, draw, raised, start.position, ground)
@@ -439,7 +439,7 @@ def run_many(start: Start, plans: Array, draws: Array, raised: float, drive: Pla
     plans : (k, PLAN) array
     draws : (n, DRAW) array
     raised : float
-        Added to the height of the first face [m].
+        Increase of the height of the first face [m].
     shape : (m, 5) array
         See `ahead.Ahead`.
     drive, scratch : tuple

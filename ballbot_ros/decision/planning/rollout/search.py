@@ -2,18 +2,18 @@
 """
 Plan search by successive halving: few rollouts for many candidates, many for few.
 
-All candidates are simulated in the mean world with steps slightly higher than estimated, those
-that pass with higher ones, and the others with the estimated step.  The best of each level are
-then compared in the same few worlds, and the selected one is confirmed in worlds that were not
-used for the selection, so that the predicted probability has no selection bias.
+All candidates are simulated in the mean world with a step slightly higher than estimated, then
+the successful ones with a higher step, and the others with the estimated step.  The best of each
+level are compared in the same few worlds, and the selected one is confirmed in worlds that were
+not used for the selection, so that the predicted probability has no selection bias.
 
-A search is a generator: it yields after each batch of rollouts, so that a decision has a budget
-that is counted in rollouts, not by a clock.
+A search is a generator: it yields after each batch of rollouts, so that the budget of a decision
+is counted in rollouts, not in time.
 
 A candidate is an approach under the speed law up to a speed, and a swing of the pendulum to an
-angle at a distance before the touch, held until the edge is passed: those three numbers come
-within 2 mm of the highest steps that any plan was found to cross, and the same regions are best
-for all robots drawn.  A swing that starts far ahead is a run-up with full lean.
+angle at a distance before the touch, held until the edge is passed.  Plans with these three
+parameters come within 2 mm of the highest steps that any plan was found to cross, and the same
+regions are best for all sampled robots.  An early swing is a run-up with full lean.
 """
 from dataclasses import dataclass, field, replace
 import math
@@ -33,14 +33,14 @@ from ballbot_ros.physics.model.terrain import Array
 SPEEDS = (0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.1)  # [m/s]
 SWINGS = (0.1, 0.2, 0.3, 0.42, 0.6, 0.9)  # before the touch [m]
 ANGLES = (1.5, 2.2)  # [rad]
-# Least speed gain of an acceleration [m/s].
+# Minimum speed gain of an acceleration [m/s].
 SPEED_GAIN_MIN = 0.05
 # Approximate acceleration with full lean [m/s2], and maximum speed gain of a swing [m/s].
 LEAN_ACCELERATION, SWING_GAIN_MAX = 0.75, 0.15
 
 
 def plan_row(candidate: Candidate, ahead: Ahead) -> Array:
-    """Return a plan as rollouts read it, (PLAN,)."""
+    """Return the plan row of a candidate, (PLAN,)."""
     row = np.zeros(PLAN)
     end = candidate.end(ahead)
     row[SPEED] = candidate.speed
@@ -77,7 +77,7 @@ def candidates(ahead: Ahead, position: float, speed: float, tuning: DecisionTuni
 
 def swings(plain: Candidate, run_up: float, tuning: DecisionTuning) -> List[Candidate]:
     """Return a candidate with the swings that fit into its run-up [m]."""
-    # A swing that would start behind the ball starts now.
+    # A swing that would start behind the ball starts immediately.
     near = [item for item in SWINGS if item < run_up]
     fitting = near if len(near) == len(SWINGS) else [*near, max(run_up, 0.02)]
     return [replace(plain, swing=swing, angle=angle) for swing in fitting for angle in ANGLES
@@ -129,9 +129,9 @@ class Trial:
     """A candidate and its evaluation."""
 
     candidate: Candidate
-    level: int = 0  # how much higher a step it passes
-    speed: float = math.nan  # at touch, in the middle of all worlds [m/s]
-    behind: float = math.inf  # when it has passed the last edge there [m/s]
+    level: int = 0  # highest step that it crosses: 0 none, 1 as estimated, 2 and 3 raised
+    speed: float = math.nan  # at the touch in the mean world [m/s]
+    behind: float = math.inf  # speed behind the last edge in the mean world [m/s]
     falls: bool = False
     few: Tally = field(default_factory=Tally)
     many: Tally = field(default_factory=Tally)
@@ -166,7 +166,7 @@ class Task:
         return Tally.of(results[0], self.ahead.room_to)
 
     def continued(self, candidate: Candidate, tally: Tally, count: int) -> Tally:
-        """Return a tally of a plan with more worlds; those of the comparison are not in it."""
+        """Return a tally extended by more worlds, which are not those of the comparison."""
         worlds = self.worlds.sample(count, COMPARISON_WORLDS + int(tally.attempts))
         return tally + self.tally(candidate, worlds)
 
@@ -189,7 +189,7 @@ def search(plans: Sequence[Candidate], task: Task, trials: List[Trial]) -> Steps
     trials += [Trial(plan) for plan in plans]
     yield from _sort(trials, task)
     finalists = _finalists(trials, task.highest_speed)
-    # The gentlest one is not compared if it is already sufficient.
+    # The gentlest finalist is not compared if it is already sufficient.
     if finalists and finalists[0].level == LEVEL_MAX:
         yield from confirm(finalists[0], task, CONFIRMATION_ROLLOUTS)
         if good(finalists[0].many, 0.5 * (task.required + 1.0)):
@@ -214,7 +214,7 @@ def search(plans: Sequence[Candidate], task: Task, trials: List[Trial]) -> Steps
 
 
 def _sort(trials: List[Trial], task: Task) -> Generator[None, None, None]:
-    """Rank trials by the raised steps they cross, from gentle to brisk, until enough do."""
+    """Evaluate the levels of trials, gentlest first, until enough have the highest level."""
     middle, spread = task.worlds.middle(), task.worlds.spread()
     # By the approximate touch speed.
     trials.sort(key=lambda trial: math.sqrt(
@@ -254,13 +254,13 @@ def passing(trials: Sequence[Trial], highest_speed: float) -> List[Trial]:
 
 
 def _finalists(trials: Sequence[Trial], highest_speed: float) -> List[Trial]:
-    """Return the gentlest trials of the highest level, then the fastest behind of the others."""
+    """Return the trials of the highest level, gentlest first, then the others, fastest first."""
     return sorted(passing(trials, highest_speed), key=lambda trial: (
         -trial.level, trial.behind if trial.level == LEVEL_MAX else -trial.behind))[:FINALISTS_MAX]
 
 
 def confirm(trial: Trial, task: Task, number: int) -> Generator[None, None, None]:
-    """Try a plan in more worlds, until it cannot be `good` any more or has met enough."""
+    """Simulate a plan in `number` worlds, or until it can no longer be `good`."""
     while trial.many.attempts < number:
         trial.many = task.continued(trial.candidate, trial.many, ROLLOUTS_PER_YIELD)
         yield
@@ -272,9 +272,9 @@ def confirm(trial: Trial, task: Task, number: int) -> Generator[None, None, None
 
 def good(tally: Tally, required: float, sigmas: float = 0.0) -> bool:
     """
-    Return whether a plan is permitted: it falls in no world.
+    Return whether a plan is permitted: likely enough, with little harm and without falls.
 
-    Harm of one that was permitted may exceed the limit by some `sigmas`.
+    For a plan already permitted, harm, falls included, may exceed the limit by some `sigmas`.
     """
     most = OVERRUN_FRACTION_MAX * tally.attempts
     return tally.probability >= required and tally.harm <= most + sigmas * math.sqrt(most) \
@@ -298,7 +298,7 @@ def height_limit(candidate: Candidate, task: Task) -> Generator[None, None, floa
 
 
 def highest_step(plans: Sequence[Candidate], task: Task) -> Generator[None, None, float]:
-    """Return the `height_limit` of the plan that crosses the highest step; NaN for no plans."""
+    """Return the `height_limit` of the plan that crosses the highest step; NaN without plans."""
     low, high, middle = -task.ahead.faces[0].height, LIMIT_ABOVE_MAX, task.worlds.middle()
     for _ in range(6):
         raised, passing = 0.5 * (low + high), []

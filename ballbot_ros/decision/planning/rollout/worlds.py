@@ -28,9 +28,9 @@ class Tally:
     over: float = 0.0
     stuck: float = 0.0
     falls: float = 0.0
-    touch_speed: float = 0.0  # sum over those that touch [m/s]
+    touch_speed: float = 0.0  # sum over the rollouts that touch [m/s]
     touched: float = 0.0
-    beyond: float = 0.0  # those that stop only beyond the known ground
+    beyond: float = 0.0  # rollouts that stop only beyond the known ground
 
     @classmethod
     def of(cls, results: Array, room_to: float = math.inf) -> 'Tally':
@@ -43,7 +43,7 @@ class Tally:
                    float(np.sum(results[:, REST] > room_to)))
 
     def __add__(self, other: 'Tally') -> 'Tally':
-        """Return both counted together."""
+        """Return the sum of both tallies."""
         return Tally(*map(add, astuple(self), astuple(other)))
 
     @property
@@ -80,15 +80,15 @@ class Worlds:
     """
     Worlds sampled from the particles and from the terrain uncertainty.
 
-    The samples are drawn once, and each plan is evaluated in the same ones: a plan that was
+    The samples are drawn once, and each plan is evaluated in the same samples: a plan that was
     refused is not permitted by other samples in the next search.
     """
 
     def __init__(self, knowledge: Knowledge):
-        """Draw."""
+        """Draw the samples."""
         robot, tuning, control = knowledge.robot, knowledge.tuning, knowledge.control
         self._seed, self._highest_descent = knowledge.seed, tuning.highest_descent
-        # Of the slope, and of height and place of each face: independent of `FACES_MAX`.
+        # Columns: slope, then height and position of each face, independent of `FACES_MAX`.
         self._normal = np.random.default_rng(self._seed).standard_normal(
             (1 + 2 * FACES_MAX, WORLDS)).T
         self._draws = np.zeros((WORLDS, DRAW))
@@ -136,7 +136,7 @@ class Worlds:
         return float(np.std(self._draws[:, HEIGHT]))
 
     def sample(self, count: int, begin: int = 0) -> Array:
-        """Return some worlds from number `begin` on, (count, DRAW)."""
+        """Return some worlds, starting with number `begin`, (count, DRAW)."""
         chosen = np.arange(begin, begin + count) % WORLDS
         draws: Array = self._draws[chosen]
         return draws
@@ -154,7 +154,7 @@ class Worlds:
         draws : (n, DRAW) array
         ahead : Ahead
         raised : float
-            Added to the height of the first face [m].
+            Increase of the height of the first face [m].
 
         """
         rows = np.ascontiguousarray(plans, dtype=float).reshape(-1, PLAN)
@@ -168,7 +168,7 @@ class Worlds:
         self.attempts += results.shape[0] * results.shape[1]
         heights = np.array([face.height for face in ahead.faces[:FACES_MAX]])
         if heights.min() < 0.0:
-            # A plan down more than `highest_descent` does not succeed.
+            # A plan that descends more than `highest_descent` does not succeed.
             down = -heights - draws[:, HEIGHT:HEIGHT + len(heights)]
             deepest = np.maximum.accumulate(
                 np.minimum(down, ahead.descents[:len(heights)]), axis=1)
