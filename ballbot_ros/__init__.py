@@ -26,7 +26,7 @@ if TYPE_CHECKING:
         State, Terrain, Trajectory)
     from ballbot_ros.results import report, Summary
 
-# The generated ballbot_ros.msg and ballbot_ros.srv live in another directory than this source
+# The generated ballbot_ros.msg and ballbot_ros.srv are in another directory than this source
 # whenever the package is installed with symlinks or run from a checkout: join the two.
 __path__ = extend_path(__path__, __name__)
 
@@ -42,7 +42,7 @@ _MODULES = ('errors', 'physics', 'crossing', 'results')
 
 
 def __getattr__(name: str) -> Any:
-    """Import a public name from the module that has it."""
+    """Import a public name from the module that defines it."""
     if name in __all__:
         for module in _MODULES:
             found = getattr(import_module(f'{__name__}.{module}'), name, None)

@@ -2,16 +2,16 @@
 """
 Messages of a program while its kernels are compiled.
 
-Apart from `ballbot_ros.jit`, which imports numba: a command that compiles nothing starts sooner.
+Separate from `ballbot_ros.jit`, which imports numba: a command without kernels starts sooner.
 """
 import logging
 from time import monotonic
 from typing import Callable, Optional
 
-# Compiling that takes longer is reported [s].
+# Longer compile times are reported [s].
 REPORT_AFTER = 2.0
-COMPILING_NOTICE = ('compiling for this machine, which takes a minute or so the first time and is '
-                    'kept for the next')
+COMPILING_NOTICE = ('compiling for this machine; this takes about a minute the first time, and '
+                    'the result is cached')
 
 # Receives the number of kernels compiled so far, and whether more are being compiled.
 OnCompiling = Callable[[int, bool], None]
@@ -25,14 +25,14 @@ def compiling() -> bool:
 
 
 def on_compiling(callback: Optional[OnCompiling]) -> None:
-    """Call a function, instead of the warning, when a compilation begins or ends."""
+    """Register a function to call, instead of the warning, when a compilation starts or ends."""
     global _report
     _report = callback
 
 
 class CompileNotice:
     """
-    Reports where kernels compile: to `on_compiling`, else once in the log after a moment.
+    Reports compilations: to the `on_compiling` callback, else once in the log.
 
     Attributes
     ----------

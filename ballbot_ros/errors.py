@@ -7,12 +7,12 @@ Errors and warnings of this package.
     BallbotError
     ├── ConfigurationError    a robot, scene, curve or parameter is not acceptable
     ├── SimulationError       a run cannot continue; names time, quantity and remedy
-    ├── UnstableLoopError     a control law would diverge at the rate it is given
+    ├── UnstableLoopError     a control law would diverge at the given rate
     ├── MessageError          a command, set-point or observation is refused
-    ├── LinkError             the serial line cannot be opened, or is lost
-    ├── DriveError            the motor controller does not respond, or wrongly
+    ├── LinkError             the serial line cannot be opened, or has failed
+    ├── DriveError            the motor controller does not respond correctly
     ├── EstimateLostError     the readings of the sensors contradict each other
-    └── RefusedError          a request that would not be safe now
+    └── RefusedError          a request is refused because it is not safe now
 
 Each message names the error, the value, the allowed range and the remedy.
 
@@ -35,7 +35,7 @@ class BallbotError(Exception):
     reason : str
         Code of the cause, for counters, decisions and tests: ``'out_of_range'``, ``'stale'``, ...
     field : str
-        Name of the field, parameter, option or joint that was refused; empty if there is none.
+        Name of the refused field, parameter, option or joint; empty if there is none.
 
     """
 
@@ -66,24 +66,24 @@ class ConfigurationError(_ErrorWithReason, ValueError):
         ``'unknown_name'``, ``'missing'``, ``'wrong_type'``, ``'not_a_choice'``,
         ``'out_of_range'``, ``'not_finite'``, ``'inconsistent'`` (with another value),
         ``'unreadable'`` (a file or its syntax), ``'wrong_kind'`` (of a file), ``'exists'`` (a
-        file that would be replaced), ``'not_writable'``, ``'not_installed'``, ``'ambiguous'``
+        file that would be overwritten), ``'not_writable'``, ``'not_installed'``, ``'ambiguous'``
         (several match) or ``'unavailable'`` (now, on this machine).
     problems : tuple of ConfigurationError
-        Each of several in a file; empty for a single one.
+        The errors of a file that has several; empty for a single error.
 
     """
 
     problems: tuple['ConfigurationError', ...] = ()
 
     def at(self, place: str) -> 'ConfigurationError':
-        """Return the error with a place, a file for instance, in front of its message."""
+        """Return the error with a location, for instance a file, in front of its message."""
         if self.problems:
             return ConfigurationError.of([problem.at(place) for problem in self.problems])
         return ConfigurationError(f'{place}: {self}', self.reason, self.field)
 
     @classmethod
     def of(cls, problems: Sequence['ConfigurationError']) -> 'ConfigurationError':
-        """Return one error for several; reason and field are those of the first one."""
+        """Combine several errors into one, with reason and field of the first one."""
         if len(problems) == 1:
             return problems[0]
         error = cls('; '.join(map(str, problems)), problems[0].reason, problems[0].field)
@@ -92,7 +92,7 @@ class ConfigurationError(_ErrorWithReason, ValueError):
 
 
 class PlausibilityWarning(UserWarning):
-    """A value is allowed but contradicts physics; names the unit that was likely meant."""
+    """A value is allowed but physically implausible; the message names the likely unit."""
 
 
 class SimulationError(_ErrorWithReason, ArithmeticError):
@@ -130,14 +130,14 @@ class SimulationError(_ErrorWithReason, ArithmeticError):
 
 class UnstableLoopError(_ErrorWithReason, ValueError):
     """
-    A control law, closed at the given rate and delay, amplifies instead of damping.
+    A control loop is unstable at the given rate and delay.
 
     Attributes
     ----------
     reason : str
         ``'unstable'``.
     field : str
-        Rate that is too low for the gains, or baud rate that is too low for this rate.
+        Rate that is too low for the gains, or baud rate that is too low for the control rate.
 
     """
 
@@ -156,14 +156,14 @@ class MessageError(_ErrorWithReason, ValueError):
 
 class LinkError(_ErrorWithReason, OSError):
     """
-    The line to the motor controller cannot be opened or does not carry bytes any more.
+    The line to the motor controller cannot be opened or no longer transfers bytes.
 
     Attributes
     ----------
     reason : str
         One word for counters and for the choice of a remedy: ``'missing'``, ``'permission'``,
         ``'busy'``, ``'not_a_port'``, ``'bad_address'``, ``'bad_baud'`` when opening;
-        ``'gone'`` (unplugged), ``'stuck'`` (takes no bytes) or ``'closed'`` later.
+        ``'gone'`` (unplugged), ``'stuck'`` (accepts no bytes) or ``'closed'`` later.
 
     """
 
@@ -175,7 +175,7 @@ class DriveError(_ErrorWithReason):
     Attributes
     ----------
     reason : str
-        One word: ``'silent'``, ``'garbled'`` (bytes come, none make sense: wrong baud rate or
+        One word: ``'silent'``, ``'garbled'`` (undecodable bytes: wrong baud rate or
         noise), ``'wrong_protocol'``, ``'firmware'``, ``'not_armed'``, ``'not_stopped'``,
         ``'not_clearable'`` (faults) or ``'no_voltage'`` (the supply voltage is unknown).
 
@@ -184,7 +184,7 @@ class DriveError(_ErrorWithReason):
 
 class EstimateLostError(_ErrorWithReason, ArithmeticError):
     """
-    The state of the robot cannot be estimated from its sensors any more.
+    The state of the robot can no longer be estimated from its sensors.
 
     Attributes
     ----------
@@ -199,7 +199,7 @@ class EstimateLostError(_ErrorWithReason, ArithmeticError):
 
 class RefusedError(_ErrorWithReason):
     """
-    A request, to release the e-stop for instance, is not safe now.
+    A request, for instance to release the e-stop, is refused because it is not safe now.
 
     Attributes
     ----------

@@ -1,21 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Compile the inner loops with numba where it is installed; run the same source where not.
+Compile the inner loops with numba if it is installed; otherwise run the same source.
 
-The numerical kernels are written in the part of Python that numba understands and are
-marked ``@compiled``.  Set ``BALLBOT_UNCOMPILED=1``, or ``NUMBA_DISABLE_JIT=1`` as numba has it,
+The numerical kernels are written in the subset of Python that numba supports and are
+marked ``@compiled``.  Set ``BALLBOT_UNCOMPILED=1``, or ``NUMBA_DISABLE_JIT=1`` of numba itself,
 to run them as plain Python, to debug or to compare: both give the same numbers to rounding.
 
-Machine code is kept in ``$XDG_CACHE_HOME/ballbot_ros`` (``~/.cache/ballbot_ros``), so that
-only the first run after a change pays for it.  Where that takes longer than a moment, a warning
-is logged by the logger ``ballbot_ros``, which Python prints.  numba by itself recompiles after any
-change in the file of a kernel, and after none in the files of the kernels that it calls; so the
-folder is named after a digest of all files with kernels and of those that they import, without
+Machine code is cached in ``$XDG_CACHE_HOME/ballbot_ros`` (``~/.cache/ballbot_ros``), so that
+only the first run after a change compiles.  If that takes more than a few seconds, the logger
+``ballbot_ros`` logs a warning, which Python prints.  By itself, numba recompiles a kernel after
+any change of its file, but not after a change of the files of the kernels that it calls; so the
+folder is named after a digest of all files with kernels and of the files that they import, without
 their docstrings and comments.
 
-A kernel that another one calls becomes a part of it: it is lowered to LLVM's language once, and
-optimized and translated as a part of the kernels that Python calls.  All accesses to internals of
-numba are in this module.
+A kernel that another kernel calls becomes a part of the caller: it is lowered to LLVM IR once, and
+is optimized and translated as a part of the kernels that Python calls.  All accesses to internals
+of numba are in this module.
 """
 import ast
 from contextlib import suppress
@@ -57,7 +57,7 @@ except ImportError:
 
 KEPT_CACHES = 4
 # Modules with fused multiply-add and without signed zeros: a run has hundreds of thousands of such
-# products.  The filters are compared with their matrices to the last digits.
+# products.  Not the filters: tests compare them with their matrices to the last digits.
 FUSED = ('ballbot_ros.physics.', 'ballbot_ros.crossing.')
 # The folders that contain kernels.
 KERNELS = ('physics', 'crossing', 'control', 'estimation', 'decision')
@@ -69,9 +69,9 @@ _callbacks: List[OnFirstCall] = []
 
 def on_first_call(callback: OnFirstCall) -> None:
     """
-    Call a function when a kernel is called for the first time, or with other types than before.
+    Register a function to call when a kernel is first called, or first with certain types.
 
-    The call comes before the compilation, or after loading cached machine code.
+    It is called before the compilation, or after loading cached machine code.
     """
     _callbacks.append(callback)
 
@@ -100,16 +100,16 @@ def _cache_folder() -> str:
         for old in sorted(folders, key=os.path.getmtime)[:-KEPT_CACHES]:
             shutil.rmtree(old, ignore_errors=True)
     except OSError:
-        # Without a writable home every run compiles, but does not fail.
+        # Without a writable home folder, every run compiles but does not fail.
         return tempfile.mkdtemp(prefix='ballbot_ros_')
     return str(folder)
 
 
 def _kernel_sources(known: Path) -> List[str]:
     """
-    Return a digest of each file with kernels, and of each that these import.
+    Return a digest of each file with kernels, and of each file that these import.
 
-    The result for a file is cached in the file `known` until its size or time changes:
+    The result for a file is cached in the file `known` until size or time of the former change:
     parsing all files takes a second.
     """
     here = Path(__file__).resolve().parent
@@ -171,7 +171,7 @@ def compiled(function: F) -> F:
 
 def unlocked(function: F) -> F:
     """
-    Mark a long-running kernel for compilation that lets other threads of Python run meanwhile.
+    Mark a long-running kernel that is compiled to release the GIL while it runs.
 
     Concurrent threads must each pass their own work arrays.  Kernels call it instead of inlining
     it, which saves compile time.
@@ -189,12 +189,12 @@ def outlined(function: F) -> F:
 
 
 def in_python(kernel: F) -> F:
-    """Return a kernel as the Python function that it is compiled from."""
+    """Return the Python function that a kernel is compiled from."""
     return cast(F, getattr(kernel, 'py_func', kernel))
 
 
 def row_reader(cls: Type[T]) -> Callable[[Any, int], T]:
-    """Return a kernel ``read(row, first)`` of the fields of a NamedTuple of numbers in a row."""
+    """Return a kernel ``read(row, first)`` that reads a NamedTuple of numbers from a row."""
     kinds = get_type_hints(cls)
     items = ', '.join(f'int(row[first + {place}])' if kinds[name] is int else
                       f'row[first + {place}]' for place, name in enumerate(_fields(cls)))
@@ -203,13 +203,13 @@ def row_reader(cls: Type[T]) -> Callable[[Any, int], T]:
 
 
 def unpacker(cls: Type[T]) -> Callable[[Any], T]:
-    """Return a kernel that makes a NamedTuple of plain tuples, nested as its fields are."""
+    """Return a kernel that converts plain tuples, nested like the fields, to a NamedTuple."""
     return cast(Callable[[Any], T], _generated(
         cls, 'unpack', f'unpack(plain): return {_unpacking(cls, "plain")}', _nested(cls)))
 
 
 def packer(cls: Type[T]) -> Callable[[T], Any]:
-    """Return a kernel that makes plain tuples of a NamedTuple, nested as its fields are."""
+    """Return a kernel that converts a NamedTuple to plain tuples, nested like its fields."""
     return cast(Callable[[T], Any], _generated(
         cls, 'pack', f'pack(value): return {_packing(cls, "value")}', []))
 
@@ -218,8 +218,8 @@ def by_number(name: str, field: str, modules: Iterable[Any]) -> Callable[..., An
     """
     Return a kernel that calls the kernel `name` of one of several modules.
 
-    The number of the module among them is a field of its last argument, else (`field` is empty) an
-    argument before all others.
+    The index of the module is the field `field` of the last argument or, if `field` is empty, an
+    additional first argument.
     """
     kernels = [getattr(module, name) for module in modules]
     words = list(signature(in_python(kernels[0])).parameters)
@@ -242,14 +242,14 @@ def row_sum(numbers: int, width: int) -> Callable[..., None]:
     ``sum_rows(work, out, start, scale, factors, first, rows, count)`` writes ``start + sum(scale
     * factors[first + k] * row k)`` over `count` rows.  The last row is added last: it has the
     longest latency.  `out`, `start` and `rows` are the offsets of the result, of the first
-    summand, and of the first row in `work`, `first` is the place of the first factor.
+    summand, and of the first row in `work`; `first` is the index of the first factor.
 
     Parameters
     ----------
     numbers : int
         Length of the sums, a multiple of 4.
     width : int
-        From one row to the next.
+        Offset from one row to the next.
 
     """
     def sum_rows(work: Any, out: int, start: int, scale: float, factors: Any, first: int,
@@ -307,7 +307,7 @@ def _fields(cls: Any) -> Tuple[str, ...]:
 
 
 def _nested(cls: Any) -> List[Any]:
-    """Return a NamedTuple class with all that its fields are made of."""
+    """Return a NamedTuple class and those of its fields, recursively."""
     return [cls] + [item for kind in get_type_hints(cls).values() if _fields(kind)
                     for item in _nested(kind)]
 
@@ -327,7 +327,7 @@ def _packing(cls: Any, source: str) -> str:
 
 
 def _generated(cls: Any, verb: str, source: str, names: List[Any]) -> Any:
-    """Return a kernel of one line of source that belongs to a class; cached with its module."""
+    """Return a kernel from one line of source; it is cached with the module of the class."""
     name = f'{verb}_{cls.__name__}'
     space = {'__name__': cls.__module__, **{item.__name__: item for item in names}}
     file = sys.modules[cls.__module__].__file__
@@ -337,9 +337,9 @@ def _generated(cls: Any, verb: str, source: str, names: List[Any]) -> Any:
 
 def with_globals(function: F, owner: Callable[..., Any], **names: Any) -> F:
     """
-    Return a copy of a function, still to be compiled, that reads other global names.
+    Return an uncompiled copy of a function with additional or replaced global names.
 
-    numba caches no kernel that receives another one as an argument or in a closure.
+    numba does not cache a kernel that receives another kernel as an argument or in a closure.
 
     Parameters
     ----------
@@ -362,22 +362,22 @@ def direct(kernel: F) -> F:
     Return the machine code of a kernel, for calls with the types that it was compiled for.
 
     This skips the type dispatch of numba, which takes longer than passing the arguments.  Returns
-    the kernel itself before its first call, if it was called with several sets of types, and if
+    the kernel itself before its first call, if it was called with several sets of types, or if
     nothing is compiled.
     """
     compiled_for = getattr(kernel, 'overloads', {})
     if len(compiled_for) != 1:
         return kernel
-    # The view of an OrderedDict looks each key up; the hash of these types takes 12 us.
+    # The view of an OrderedDict looks up each key; the hash of these types takes 12 us.
     return cast(F, next(iter(dict.values(compiled_for))).entry_point)
 
 
 def _compile(function: F, nogil: bool = False, forceinline: bool = True) -> F:
     """
-    Return a kernel that has machine code of its own only where Python calls it.
+    Return a kernel that has machine code of its own only if Python calls it.
 
-    Where another kernel calls it, that one contains its code: then it is a kernel without
-    wrappers, `_Linked`, which is neither optimized nor translated by itself.
+    A kernel that calls it contains its code: that of a second kernel without wrappers, `_Linked`,
+    which is neither optimized nor translated by itself.
     """
     if not COMPILED:
         return function
@@ -389,8 +389,8 @@ def _compile(function: F, nogil: bool = False, forceinline: bool = True) -> F:
     inner = _dispatcher(linked, nogil, forceinline, no_cpython_wrapper=True,
                         no_cfunc_wrapper=True, pipeline_class=_LinkedCompiler)
     inner._cache._impl.rebuild = _rebuild_linked
-    # What numba asks a kernel for where another one calls it.  It would compile a kernel for each
-    # constant argument; LLVM inserts those when it inlines the kernel.
+    # numba calls these two where another kernel calls this one.  It would compile the kernel for
+    # each constant argument; LLVM propagates constants when it inlines the kernel.
     kernel.get_call_template = lambda arguments, named: inner.get_call_template(
         [numba.types.unliteral(item) for item in arguments], named)
     kernel.get_overload = inner.get_overload
@@ -412,7 +412,7 @@ def _dispatcher(function: Any, nogil: bool, forceinline: bool, **how: Any) -> An
         numba_config.CACHE_DIR = before
     cache, name = kernel._cache, f'{function.__module__}.{function.__qualname__}'
     if function.__module__.startswith('ballbot_ros.'):
-        # The name of the folder stands for the source, wherever in its file a kernel is.
+        # The folder name identifies the source; the line number of a kernel is irrelevant.
         cache._cache_file = IndexDataCacheFile(
             cache._cache_path, f'{name}-py{sys.version_info.major}{sys.version_info.minor}', '')
     cache.load_overload = _reported(name, cache)
@@ -440,7 +440,7 @@ if COMPILED:
             return self
 
         def set_env(self, name: str, environment: Any) -> None:
-            """Do nothing: the kernel that contains this one sets it, see `_one_at_a_time`."""
+            """Do nothing: the kernel that contains this one sets it."""
 
         def serialize_using_object_code(self) -> Any:
             self._ensure_finalized()
@@ -452,7 +452,7 @@ if COMPILED:
 
     def _known_call_type(function: Any, context: Any, arguments: Any, named: Any) -> Any:
         """
-        Return the signature of an operator or function for types of arguments, and remember it.
+        Return the signature of an operator or function for argument types, and cache it.
 
         numba looks through all overloads of an operator at each of its uses: when it infers types,
         and again when it generates code.
@@ -465,7 +465,7 @@ if COMPILED:
         return _call_types[key]
 
     class _Compiler(numba_compiler.Compiler):  # type: ignore[misc]
-        """The compiler of numba, without the passes that change no kernel: most of the time."""
+        """The compiler of numba without the passes that change no kernel and take most time."""
 
         PASSES = (
             untyped_passes.TranslateByteCode, untyped_passes.FixupArgs,
@@ -474,7 +474,7 @@ if COMPILED:
             typed_passes.NativeLowering, typed_passes.NoPythonBackend)
 
         def compile_extra(self, function: Any) -> Any:
-            # numba keeps what it makes: to look for garbage takes a tenth of the time.
+            # numba keeps all its objects; garbage collection would take a tenth of the time.
             collects, before = gc.isenabled(), _Function.get_call_type
             gc.disable()
             _Function.get_call_type = _known_call_type
@@ -508,7 +508,7 @@ def _rebuild_linked(target: Any, reduced: Any) -> Any:
     library._finalize_final_module()
 
     class Target:
-        """A target that finds the library in place of reading it."""
+        """A target that returns the library instead of reading it."""
 
         typing_context, get_executable = target.typing_context, target.get_executable
 
@@ -549,11 +549,11 @@ def _one_at_a_time(save: Callable[..., None]) -> Callable[..., None]:
     Allow one process at a time to write to the folder of the machine code.
 
     numba reads the index of a kernel, adds a file to it and writes it back.  Two concurrent
-    processes may use the same file name, and later run the code of the other.
+    processes may use the same file name, and later load each other's code.
     """
     def save_alone(*arguments: Any) -> None:
         _notice.ends()
-        # With a full disk, or one without locks, every run compiles, but does not fail.
+        # On a full disk, or one without locks, every run compiles but does not fail.
         with suppress(OSError), open(os.path.join(_FOLDER, 'lock'), 'w') as lock:
             fcntl.flock(lock, fcntl.LOCK_EX)
             save(*arguments)

@@ -7,7 +7,7 @@ def table(rows: Iterable[Sequence[str]]) -> str:
     """
     Return rows of cells as lines of aligned columns; the first row is the heading.
 
-    A column is aligned at its right end if all its cells are numbers (with units) or ``-``.
+    A column is right-aligned if all its cells are numbers (with units) or ``-``.
     """
     lines = list(rows)
     columns = list(zip(*lines))

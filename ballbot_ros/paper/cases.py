@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A robot before a step, and the curve of the full model for it."""
+"""A robot at a step, and its maximum step height by the full model."""
 import math
 from typing import NamedTuple
 
@@ -35,7 +35,7 @@ class Case(NamedTuple):
 
     @property
     def swings(self) -> bool:
-        """Return whether there is a pendulum, and it is free."""
+        """Return whether there is a free pendulum."""
         return self.robot.has_pendulum and not self.held
 
 

@@ -53,11 +53,11 @@ class Curve(NamedTuple):
     name: str
     source: str
     heights: Array  # (n,) [m]
-    cost: float  # wall time of one height, the median of some [s]
+    cost: float  # median wall time of one height [s]
 
 
 class Comparison(NamedTuple):
-    """The full model and all simpler ones that apply, at the same speeds [m/s]."""
+    """The full model and all simpler models that apply, at the same speeds [m/s]."""
 
     speeds: Array
     full: Curve
@@ -69,12 +69,12 @@ def compare(case: Case, speeds: Array,
     """
     Compute the maximum step height by every model that applies, at collision speeds [m/s].
 
-    The progress is the number of heights done.  Raises `ConfigurationError` for an actuation other
-    than a free pendulum or one held by law (11), for which the simpler models say nothing.
+    The progress is the number of completed heights.  Raises `ConfigurationError` for an actuation
+    other than a free pendulum or one held by law (11): the simpler models do not cover others.
     """
     if case.actuation.law not in ('free', 'position'):
         raise ConfigurationError(
-            'the simpler models have a pendulum that is free or held by law (11), not one '
+            'the simpler models require a pendulum that is free or held by law (11), not one '
             f'under the law {case.actuation.law!r}', 'not_a_choice', 'law')
     done = count(1)
 
@@ -95,13 +95,13 @@ def compare(case: Case, speeds: Array,
 
 
 def count_heights(case: Case, speeds: int) -> int:
-    """Return how many heights `compare` computes."""
+    """Return the number of heights that `compare` computes."""
     return speeds * (1 + sum(item.applies(case) for item in COMPARATORS))
 
 
 def spans(speeds: Array, inside: Array) -> list[tuple[float, float]]:
     """
-    Return the ranges of neighbouring speeds that are inside.
+    Return the ranges of consecutive speeds for which `inside` is true.
 
     >>> spans(np.array([0.2, 0.4, 0.6, 0.8]), np.array([True, True, False, True]))
     [(0.2, 0.4), (0.8, 0.8)]

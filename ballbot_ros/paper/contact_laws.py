@@ -12,7 +12,7 @@ from ballbot_ros.physics import load_robot
 from ballbot_ros.physics.model.robot import Robot
 from ballbot_ros.studies.progress import ignore, Progress
 
-IMPACT_SPEED = 0.6  # the speed at which both laws have the same restitution [m/s]
+IMPACT_SPEED = 0.6  # speed at which both laws have the same restitution [m/s]
 
 
 def dissipation_for(restitution: float, speed: float) -> float:

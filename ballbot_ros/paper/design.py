@@ -20,8 +20,8 @@ from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.model.uncertainty import changed, draw, independent, ranges
 from ballbot_ros.studies.progress import ignore, part_of, Progress, tracked
 
-MAP_ACCURACY = 1e-4  # accuracy of heights that only shade a map [m]
-ASSUMED_SHARE = 0.1  # part by which numbers without a range are changed
+MAP_ACCURACY = 1e-4  # accuracy of heights for a shaded map [m]
+ASSUMED_SHARE = 0.1  # relative change of parameters without a range
 
 # Parameters that are not varied: gravity is known, the slip threshold is a regularisation.
 EXCLUDED_PARAMETERS = ('gravity', 'slip_threshold')
@@ -34,7 +34,7 @@ class Bar(NamedTuple):
     unit: str
     low: float  # ends of the range
     high: float
-    height_low: float  # highest step there [m]
+    height_low: float  # maximum step height at these ends [m]
     height_high: float
     uncertain: bool  # has a range in the robot's file; False for a variation by 10 %
 
@@ -43,9 +43,9 @@ def sensitivity(case: Case, speed: float, progress: Progress = ignore) -> list[B
     """
     Return the effect of each parameter, from the largest to the smallest.
 
-    Uncertain numbers go to the ends of their ranges, all others that are not 0 up and down by
-    a tenth.  The motor counts only where the law of actuation is a voltage, and the lateral axis
-    never: the step is met in the plane of the pendulum.
+    Uncertain parameters are set to the ends of their ranges, all others that are not 0 are changed
+    by +-10 %.  Those of the motor are included only if the actuation is a voltage, and those of
+    the lateral axis never: the ball meets the step in the plane of the pendulum.
     """
     robot = case.robot
     found = ranges(robot)
@@ -68,7 +68,7 @@ def sensitivity(case: Case, speed: float, progress: Progress = ignore) -> list[B
 
 def sampled_heights(case: Case, speeds: Array, samples: int, seed: int = 0,
                     progress: Progress = ignore) -> Array:
-    """Return the maximum step heights [m] of robots drawn from the ranges, a row each."""
+    """Return the maximum step heights [m] of robots drawn from the ranges, one row per robot."""
     return np.array([step_heights(case._replace(robot=robot), speeds)
                      for robot in tracked(draw(case.robot, samples, seed), progress)])
 
@@ -76,9 +76,9 @@ def sampled_heights(case: Case, speeds: Array, samples: int, seed: int = 0,
 def design_map(case: Case, speed: float, lengths: Array, masses: Array,
                progress: Progress = ignore) -> Array:
     """
-    Return the maximum step height for other pendulums in the same ball, a row for each mass [m].
+    Return the maximum step height for other pendulums in the same ball, one row per mass [m].
 
-    At one collision speed [m/s]; `lengths` [m] and `masses` [kg] are those of the pendulum.
+    `speed` is the collision speed [m/s]; `lengths` [m] and `masses` [kg] are of the pendulum.
     """
     def height(mass: float, length: float) -> float:
         robot = replace(case.robot, pendulum_mass=mass, pendulum_length=length)
@@ -90,9 +90,9 @@ def design_map(case: Case, speed: float, lengths: Array, masses: Array,
 def heights_on_slopes(case: Case, speeds: Array, slopes: Array, progress: Progress = ignore
                       ) -> Array:
     """
-    Return the maximum step height where the ground behind it slopes, a row for each slope [m].
+    Return the maximum step height for slopes of the ground behind the step, one row per slope [m].
 
-    At some collision speeds [m/s]; slopes [rad] are positive uphill.
+    `speeds` are collision speeds [m/s]; slopes [rad] are positive uphill.
     """
     return np.array([
         step_heights(case._replace(site=replace(case.site, slope_behind=slope)), speeds)
@@ -101,20 +101,20 @@ def heights_on_slopes(case: Case, speeds: Array, slopes: Array, progress: Progre
 
 METHOD = 'simulated with the full model'
 SPEED = 0.8  # of the studies at one speed [m/s]
-BARS_MAX, EFFECT_MIN = 10, 6e-5  # bars shown, and the least effect; heights are to 5e-5 [m]
+BARS_MAX, EFFECT_MIN = 10, 6e-5  # of the bars shown; heights are accurate to 5e-5 [m]
 SAMPLES = 256
 LENGTHS: Array = np.linspace(0.005, 0.175, 18, dtype=np.float64)  # of the pendulum [m]
 MASSES: Array = np.linspace(0.3, 4.2, 14, dtype=np.float64)  # [kg]
 SLOPE_SPEEDS: Array = np.array([0.3, 0.5, 0.7, 0.9, 1.1])  # [m/s]
 SLOPE_COLOURS = (canvas.PURPLE, canvas.BLUE, canvas.GREEN, canvas.ORANGE, canvas.VERMILION)
-# How "over" is judged, as lines, and slopes behind the step [deg].
+# Lines for the criteria of "over", and slopes behind the step [deg].
 RULES = ((Rules(), '-', 'past the edge'), (Rules(over='clear'), '--', 'clear of it'))
 SLOPES_BEHIND = ((0.0, canvas.BLUE), (2.5, canvas.ORANGE), (5.0, canvas.VERMILION))
-LEVELS = {0.05: '--', 0.5: '-', 0.95: ':'}  # of the probability, as lines
+LEVELS = {0.05: '--', 0.5: '-', 0.95: ':'}  # probabilities and their lines
 
 
 def tornado(progress: Progress = ignore) -> Figure:
-    """Show the effect of every uncertain number, and of the others by a tenth."""
+    """Show the effect of the uncertain parameters, and of a 10 % change of the others."""
     robot = load_robot('gimball')
     cases = [('pendulum free', Case(robot)), ('held level', holding(robot, LEVEL)),
              ('motor under 5.7 V', Case(robot, Actuation(law='voltage', voltage=5.7)))]
@@ -160,7 +160,7 @@ def _draw_bars(axes: Any, bars: Sequence[Bar], middle: float) -> None:
 
 
 def probability(progress: Progress = ignore) -> Figure:
-    """Show the probability of passing over speed and height, as far as GimBall is known."""
+    """Show the probability of passing against speed and height for the ranges of GimBall."""
     robot = load_robot('gimball')
     heights, fine = np.linspace(0.0, 0.07, 701), np.linspace(SPEEDS[0], SPEEDS[-1], 151)
     with canvas.panels(10.0, 4.6) as figure:
@@ -186,7 +186,7 @@ def probability(progress: Progress = ignore) -> Figure:
 
 
 def design(progress: Progress = ignore) -> Figure:
-    """Show the maximum step height over length and mass of the pendulum, in the same ball."""
+    """Show the maximum step height against length and mass of the pendulum, for the same ball."""
     robot = load_robot('gimball')
     with canvas.panels(10.0, 4.6, **{'axes.grid': False}) as figure:
         for number, (label, case) in enumerate((('pendulum held level', holding(robot, LEVEL)),
@@ -217,7 +217,7 @@ def _draw_map(figure: Figure, axes: Any, lengths: Array, masses: Array, found: A
 
 
 def _draw_slope_limits(axes: Any, lengths: Array, ball_mass: float, radius: float) -> None:
-    """Draw which pendulums hold the ball on slopes: M2 e = (M1 + M2) R sin(alpha)."""
+    """Draw the limits of pendulums that hold the ball on slopes: M2 e = (M1 + M2) R sin(alpha)."""
     low, high = axes.get_ylim()
     for degrees, style in ((4.0, ':'), (8.0, '--'), (16.0, '-')):
         moment = radius * np.sin(np.radians(degrees))
@@ -229,7 +229,7 @@ def _draw_slope_limits(axes: Any, lengths: Array, ball_mass: float, radius: floa
 
 
 def slope(progress: Progress = ignore) -> Figure:
-    """Show the maximum step height where the ground behind it rises or falls."""
+    """Show the maximum step height against the slope of the ground behind the step."""
     robot = load_robot('gimball')
     slopes = np.radians(np.linspace(-8.0, 8.0, 17))
     with canvas.panels(10.0, 4.4) as figure:
@@ -249,7 +249,7 @@ def slope(progress: Progress = ignore) -> Figure:
 
 
 def over(progress: Progress = ignore) -> Figure:
-    """Show the maximum step height by both rules of when a ball is over."""
+    """Show the maximum step height by both criteria of when a ball is over."""
     robot = load_robot('gimball')
     total, done = 2 * len(RULES) * len(SLOPES_BEHIND), 0
     with canvas.panels(10.0, 4.4) as figure:

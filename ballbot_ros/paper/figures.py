@@ -2,8 +2,8 @@
 """
 The figures of the paper, re-simulated: 5 (both halves), 6, 7 and 8; and all figures by name.
 
-Nothing in them is digitised from print.  Three points of the paper and a range are printed as
-numbers; they are marked as such.
+No data is digitised from the printed figures.  Three points and a range are printed as numbers in
+the paper; they are marked as such.
 """
 from typing import Any, Callable, Mapping, Sequence
 
@@ -32,7 +32,7 @@ PRINTED_CROSSINGS = ((0.76, 0.021, 'fig7_top'), (0.78, 0.031, 'fig7_middle'),
 # Section 7: up to these speeds [m/s] and heights [m] the energy "appears to be useful".
 ENERGY_RULE_LIMITS = ((0.6, 0.7), (0.02, 0.03))
 
-# Speeds and time step of MuJoCo: its own contact costs a hundred times ours.
+# Speeds and time step for MuJoCo: its own contact model takes a hundred times as long as ours.
 MUJOCO_SPEEDS, MUJOCO_STEP = SPEEDS[::4], 2e-4
 
 
@@ -105,7 +105,7 @@ def figure_7(progress: Progress = ignore) -> Figure:
 
 
 def figure_8(progress: Progress = ignore) -> Figure:
-    """Show both balls in two simulators; without MuJoCo in one, and say so."""
+    """Show both balls in two simulators, or in one with a note if MuJoCo is not installed."""
     robots = [load_robot(name) for name in ('gimball', 'shellball')]
     laws = ('matched', 'default') if free_ball.installed() else ()
     report = counted(progress, len(robots) * (1 + len(laws) * len(MUJOCO_SPEEDS)))
@@ -142,7 +142,7 @@ def _rolls(bench: Bench, robot: Robot, highest: float = 1.0) -> list[Roll]:
 
 
 def _explain_offset(axes: Any, rolls: Sequence[Roll]) -> None:
-    """Write how far the speeds of the sensors are from those at the touch."""
+    """Write the offset of the sensors' speeds from those at the touch."""
     offset = np.array([roll.measured_speed - roll.touch_speed for roll in rolls])
     low, middle, high = np.nanpercentile(offset, (5.0, 50.0, 95.0))
     axes.text(0.985, 0.05, 'The sensors stand before the step: their speed\n'
@@ -152,7 +152,7 @@ def _explain_offset(axes: Any, rolls: Sequence[Roll]) -> None:
 
 
 def _draw_true_thresholds(axes: Any, rolls: Sequence[Roll]) -> None:
-    """Mark the highest no-pass speed at the touch, which the sensors do not see."""
+    """Mark the highest no-pass speed at the touch, which the sensors do not measure."""
     found = true_thresholds(rolls)
     axes.plot([item.highest_no_pass for item in found],
               [1e3 * item.step_height for item in found], '|', ms=9, mew=1.4,

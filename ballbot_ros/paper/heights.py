@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Height of a step against speed: curves of models, and rolls that passed or did not."""
+"""Step height against speed: curves of models, and rolls with their outcomes."""
 import math
 from typing import Any, Iterable, NamedTuple, Sequence
 
@@ -28,9 +28,9 @@ class HeightLine(NamedTuple):
 def height_axes(figure: Figure, box: tuple[float, float, float, float], title: str,
                 highest: float, fastest: float = 1.3, slowest: float = 0.0) -> Any:
     """
-    Add axes of height, up to the largest height shown [m], against speed [m/s].
+    Add axes of height, up to `highest` [m], against speed [m/s].
 
-    The box is left, bottom, width and height, as parts of the figure.
+    The box is left, bottom, width and height, as fractions of the figure.
     """
     axes = figure.add_axes(box)
     axes.set(xlim=(slowest, fastest), ylim=(0.0, 1e3 * highest), xlabel='collision speed [m/s]',
@@ -39,14 +39,14 @@ def height_axes(figure: Figure, box: tuple[float, float, float, float], title: s
 
 
 def draw_curves(axes: Any, curves: Iterable[HeightLine]) -> None:
-    """Draw lines, in mm."""
+    """Draw height lines in mm."""
     for curve in curves:
         axes.plot(curve.speeds, 1e3 * curve.heights, color=curve.colour, ls=curve.style,
                   lw=curve.width, label=curve.label, zorder=3)
 
 
 def draw_rolls(axes: Any, rolls: Sequence[Roll]) -> None:
-    """Draw rolls by their measured speed, those that passed a little above the others."""
+    """Draw rolls at their measured speeds, with passes slightly above no-passes."""
     for passed, marker, colour, label, up in ((True, 'o', canvas.GREEN, 'passed', 0.35),
                                               (False, 'x', canvas.VERMILION, 'not passed', -0.35)):
         chosen = [roll for roll in rolls if roll.passed == passed]
@@ -56,13 +56,13 @@ def draw_rolls(axes: Any, rolls: Sequence[Roll]) -> None:
 
 
 def place_legend(axes: Any) -> None:
-    """Add a legend without a frame that covers the curves."""
+    """Add a translucent legend without a border, in front of the curves."""
     axes.legend(loc='upper left', frameon=True, framealpha=0.9, edgecolor='none',
                 handlelength=2.2)
 
 
 def bench_curves(robot: Robot, bench: Bench) -> list[HeightLine]:
-    """Return the reference of the rolls of a bench."""
+    """Return the reference curves for the rolls of a bench."""
     if isinstance(bench, RunUp):
         cases = [('pendulum down', holding(robot, 0.0), '-'),
                  ('pendulum level', holding(robot, LEVEL), '--')]
@@ -77,13 +77,13 @@ def bench_curves(robot: Robot, bench: Bench) -> list[HeightLine]:
 
 
 def quasi_static_curve(robot: Robot) -> HeightLine:
-    """Return eq. (1), constant over the speed."""
+    """Return the line of eq. (1), which does not depend on the speed."""
     return HeightLine('quasi-static, eq. (1)', np.array([0.0, 10.0]),
                       np.full(2, quasi_static(robot)), canvas.GREY, ':')
 
 
 def bench_figure(rolls: Sequence[Roll], curves: Sequence[HeightLine], title: str) -> Figure:
-    """Return the plot of a test: each roll, and curves to compare with."""
+    """Return the plot of a test: each roll, and reference curves."""
     fastest = max((roll.measured_speed for roll in rolls
                    if math.isfinite(roll.measured_speed)), default=1.0)
     top = max((roll.step_height for roll in rolls), default=0.05)

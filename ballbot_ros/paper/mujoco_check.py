@@ -2,17 +2,17 @@
 """
 The same robot at the same step in MuJoCo, a simulator that is independent of this one.
 
-A MuJoCo model is written from the robot: slides along x and z, a hinge for the ball, one for the
-pendulum.  MuJoCo derives and solves the equations of motion by itself, as Adams did for the
-paper.  The contact is one of
+The robot is converted to a MuJoCo model: slide joints along x and z, a hinge for the ball, and one
+for the pendulum.  MuJoCo derives and solves the equations of motion by itself, as Adams did for
+the paper.  The contact is one of
 
-``forces``   the contact law of eqs. (7)-(10), applied as forces at each stage of its RK4: what
-             is left to differ is the mechanics
+``forces``   the contact law of eqs. (7)-(10), applied as forces at each stage of its RK4: only
+             the mechanics differ
 ``matched``  MuJoCo's own contact with the stiffness, damping, friction and slip threshold of the
-             robot, as near as its parameters come
+             robot, as closely as its parameters allow
 ``default``  MuJoCo's own contact with default parameters, with the robot's friction
 
-MuJoCo is optional; `studies.free_ball.installed` returns whether it is there.
+MuJoCo is optional; `studies.free_ball.installed` returns whether it is installed.
 """
 from typing import Any, NamedTuple
 
@@ -36,10 +36,10 @@ from ballbot_ros.studies.free_ball import load_mujoco
 
 CONTACTS = ('forces', 'matched', 'default')
 
-# MuJoCo mixes the acceleration that its spring and damper ask for with the one that there is
-# without contact; with an impedance this low only the former is left.
+# MuJoCo mixes the acceleration that its spring and damper require with the acceleration without
+# contact; at this low impedance, the contact force is that of spring and damper alone.
 IMPEDANCE = 0.001
-CHECK_PERIOD = 0.02  # simulated between two looks at whether the ball is over [s]
+CHECK_PERIOD = 0.02  # simulated time between checks whether the ball is over [s]
 
 _WORLD = """
 <mujoco>
@@ -72,7 +72,7 @@ _CONTACT = """
 
 
 class Centre(NamedTuple):
-    """State of a run of MuJoCo at a time."""
+    """State of a MuJoCo run at one time."""
 
     time: float  # [s]
     x: float  # of the centre of the ball [m]
@@ -87,8 +87,8 @@ def write_model(robot: Robot, height: float, step: float, integrator: str,
 
     The face of the step is at x = 0; height and time step are in m and s.  The integrator is
     ``'Euler'``, ``'implicitfast'`` or ``'RK4'``.  With `own_contact`, MuJoCo finds and resolves
-    contacts with its default parameters; a pair of geoms has one friction only, so that of the
-    edge holds for the whole step.
+    contacts with its default parameters; a geom pair has only one friction coefficient, so that
+    of the edge applies to the entire step.
     """
     pendulum = _PENDULUM.format(
         friction=robot.joint_friction, length=robot.pendulum_length, mass=robot.pendulum_mass,
@@ -152,7 +152,7 @@ class MujocoRun:
         self.reset()
 
     def reset(self) -> None:
-        """Put the ball back to its start."""
+        """Reset the ball to its start."""
         self.mujoco.mj_resetData(self.model, self.data)
         begin, joints = self.start, self.model.nq  # 4, or 3 without a pendulum
         self.data.qpos[:] = [begin.x, begin.y, begin.ball_angle, begin.joint_angle][:joints]
@@ -160,11 +160,11 @@ class MujocoRun:
             begin.velocity_x, begin.velocity_y, begin.ball_rate, begin.joint_rate][:joints]
 
     def advance(self, steps: int) -> None:
-        """Go on by a number of steps."""
+        """Advance by a number of time steps."""
         if not (self.forces or self.driven):
             self.mujoco.mj_step(self.model, self.data, nstep=steps)
             return
-        # One callback for the whole process: set for this run only.
+        # The callback is global in the process: set it for this run only.
         self.mujoco.set_mjcb_passive(self._add_forces)
         try:
             self.mujoco.mj_step(self.model, self.data, nstep=steps)
@@ -192,7 +192,7 @@ class MujocoRun:
                       float(place[2:].sum()) if self.model.nq == 4 else 0.0)
 
     def run(self, duration: float, every: float) -> Array:
-        """Return times, centres and pendulum angles from the start, a row `every` so often [s]."""
+        """Return times, centres and pendulum angles, one row per `every` seconds."""
         self.reset()
         rows = [self.centre()]
         for _ in range(round(duration / every)):
@@ -201,7 +201,7 @@ class MujocoRun:
         return np.array(rows)
 
     def passes(self, time_limit: float = 5.0) -> bool:
-        """Return whether the ball gets over the step; see `crossing.rules`."""
+        """Return whether the ball crosses the step; see `crossing.rules`."""
         self.reset()
         steps = max(1, round(CHECK_PERIOD / self.step))
         while self.data.time < time_limit:
@@ -224,7 +224,7 @@ def mujoco_height(case: Case, speed: float, step: float, law: str = 'matched',
 
 def largest_difference(case: Case, speed: float, height: float, duration: float, step: float
                        ) -> float:
-    """Return the largest distance between the centres of both models, same forces and RK4 [m]."""
+    """Return the largest distance between both ball centres under the same forces, RK4 [m]."""
     theirs = MujocoRun(case, speed, height, step)
     model = Model(case.robot, Terrain.step(height), solver=Solver(step=step))
     rows = theirs.run(duration, 10.0 * step)

@@ -3,9 +3,9 @@
 The procedure of the paper's tests: for each step, the highest speed that does not pass.
 
 "Rolling tests for the given step height are repeated until the maximum no-pass velocity has been
-found.  Then the step height is increased 5 mm and the procedure repeats."  As people do it: raise
-the release by large strides until the ball passes, then lower it a little after each pass and
-raise it a little after each no-pass, for a number of rolls.
+found.  Then the step height is increased 5 mm and the procedure repeats."  As experimenters do:
+raise the setting by a large factor until the ball passes, then lower it by a small factor after
+each pass and raise it after each no-pass, for a number of rolls.
 """
 import math
 from typing import Iterable, Iterator, NamedTuple, Sequence
@@ -18,11 +18,11 @@ from ballbot_ros.physics.model.robot import Robot
 
 HEIGHTS = tuple(0.005 * number for number in range(1, 12))  # 5 to 55 mm [m]
 FINE_ROLLS = 12
-ATTEMPTS_MAX = 3  # at the highest setting, before the bench is at its end
+ATTEMPTS_MAX = 3  # at the highest setting, after which the test ends
 
 
 class Threshold(NamedTuple):
-    """Result of the rolls at one step; measured speeds, NaN where there is none."""
+    """Result of the rolls at one step: measured speeds, NaN without such a roll."""
 
     step_height: float  # [m]
     rolls: int
@@ -33,11 +33,11 @@ class Threshold(NamedTuple):
 def run_tests(bench: Bench, robot: Robot, heights: Sequence[float] = HEIGHTS, seed: int = 0,
               fine_rolls: int = FINE_ROLLS) -> Iterator[Roll]:
     """
-    Yield each roll of a test at steps of rising heights [m], in the order in which they are made.
+    Yield the rolls of a test at steps of increasing heights [m], in chronological order.
 
-    The same seed of the scatter gives the same rolls; `fine_rolls` are made about the threshold of
-    each step.  Raises `ConfigurationError` if the heights do not rise, or the robot cannot be
-    driven so.
+    The same seed of the scatter gives the same rolls; `fine_rolls` is the number of rolls about
+    the threshold of each step.  Raises `ConfigurationError` if the heights do not increase, or the
+    robot cannot be driven on this bench.
     """
     if not heights or not all(low < high for low, high in zip((0.0, *heights), heights)):
         raise ConfigurationError(
@@ -47,7 +47,7 @@ def run_tests(bench: Bench, robot: Robot, heights: Sequence[float] = HEIGHTS, se
             f'fine_rolls must be at least 1, got {fine_rolls}', 'out_of_range', 'fine_rolls')
     setting = bench.lowest
     for number, height in enumerate(heights):
-        # A generator for each step: a roll more at one does not change all the others.
+        # One generator per step: an additional roll at one step does not change those at others.
         chance = np.random.default_rng([seed, number])
         at_top = 0
         while True:
@@ -67,18 +67,18 @@ def run_tests(bench: Bench, robot: Robot, heights: Sequence[float] = HEIGHTS, se
 
 
 def true_thresholds(rolls: Iterable[Roll]) -> list[Threshold]:
-    """Return `find_thresholds` by the speeds at the touch, which the sensors do not see."""
+    """Return `find_thresholds` by the speeds at the touch, which the sensors do not measure."""
     return find_thresholds(roll._replace(measured_speed=roll.touch_speed) for roll in rolls)
 
 
 def find_thresholds(rolls: Iterable[Roll]) -> list[Threshold]:
-    """Return the result of each step, in the order of their heights."""
+    """Return the result for each step, by increasing height."""
     by_height: dict[float, list[Roll]] = {}
     for roll in rolls:
         by_height.setdefault(roll.step_height, []).append(roll)
     found = []
     for height, group in sorted(by_height.items()):
-        # A roll that did not reach the sensors has no speed that could be stored.
+        # A roll that did not reach the sensors has no measured speed.
         failed, passed = ([roll.measured_speed for roll in group if roll.passed == wanted
                            and math.isfinite(roll.measured_speed)] for wanted in (False, True))
         found.append(Threshold(height, len(group), max(failed, default=math.nan),

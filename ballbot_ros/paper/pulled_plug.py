@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The black box of a simulated session whose plug is pulled: the example of the documents.
+The black box of a simulated session whose cable is unplugged: the example in the documentation.
 
-The full model of GimBall behind an emulated ODrive, driven by the session of the bridge, on a
+The session of the bridge drives the full model of GimBall through an emulated ODrive, with a
 clock that this module advances.
 """
 import math
@@ -32,7 +32,7 @@ TORQUE_AMPLITUDE, FREQUENCY = 0.5, 0.7  # of the commands [N m, Hz]
 
 
 class RecordedLine(MemoryLine):
-    """A line in memory with an emulated drive and a ball behind it, and a black box beside it."""
+    """A line in memory to an emulated drive with a ball, recorded by a black box."""
 
     def __init__(self) -> None:
         self.hardware = load_hardware('gimball_odrive')
@@ -61,7 +61,7 @@ class RecordedLine(MemoryLine):
         return data
 
     def pass_time(self, seconds: float) -> None:
-        """Let ball, drive and IMU live on, for a period at least."""
+        """Advance ball, drive and IMU by a time [s], at least by one period."""
         end = self.now + max(seconds, PERIOD) - 1e-9
         while self.now < end:
             self.now += PERIOD
@@ -73,7 +73,7 @@ class RecordedLine(MemoryLine):
                 self.now, sample.turn_rate, sample.forward, sample.upward))
 
     def run(self, until: float) -> None:
-        """Let the session tick, and command a swing once the e-stop is released."""
+        """Run the session until a time [s]; command a swing once the e-stop is released."""
         while self.now < until:
             self.pass_time(PERIOD)
             self.session.report(self.session.tick())
@@ -82,11 +82,11 @@ class RecordedLine(MemoryLine):
                     self.session.command(
                         TORQUE_AMPLITUDE * math.sin(math.tau * FREQUENCY * self.now), self.now)
                 except MessageError:
-                    pass  # in the black box
+                    pass  # recorded in the black box
 
 
 def pulled_plug(progress: Progress = ignore) -> BlackBoxRecording:
-    """Return the recording of a cable that is unplugged while the pendulum swings."""
+    """Return the recording of a session whose cable is unplugged while the pendulum swings."""
     line = RecordedLine()
     line.session.configure()
     line.run(line.now + 0.2)
@@ -109,7 +109,7 @@ def pulled_plug(progress: Progress = ignore) -> BlackBoxRecording:
 
 
 def black_box(progress: Progress = ignore) -> Figure:
-    """Draw the last second before the plug is pulled while the pendulum swings, and the next."""
+    """Draw the black box of a session whose cable is unplugged while the pendulum swings."""
     figure = around_fault(pulled_plug(progress), 1.5)
     progress(1.0)
     return figure

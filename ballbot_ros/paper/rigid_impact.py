@@ -2,22 +2,22 @@
 """
 Rigid impacts with restitution and friction, and the motion between them.
 
-The collision model of the Tumbleweed rovers: that of Kane and Levinson [35] as Hartl [34] and
-others use it, in the equations of textbooks.  A rigid ball without moving parts (a pendulum
-counts as mass that does not turn) comes to a step.  Its centre stays on or above a line: the
-floor raised by R, and the arc of radius R about the edge.
+The collision model of the Tumbleweed rovers: that of Kane and Levinson [35] as used by Hartl [34]
+and others, in textbook form.  A rigid ball without moving parts (a pendulum counts as mass that
+does not rotate) meets a step.  Its centre stays on or above a line: the floor raised by R, and the
+arc of radius R about the edge.
 
 *Impact.*  The velocity towards the line is reversed and multiplied by the coefficient of
-restitution e.  The tangential impulse is what stops the slip s, -M kappa / (1 + kappa) s, or as
-much of it as friction allows, mu M (1 + e) |v_n|.
+restitution e.  The tangential impulse is the one that stops the slip s, -M kappa / (1 + kappa) s,
+limited by friction to mu M (1 + e) |v_n|.
 
 *Ride.*  On the line the ball rolls, or slides with full friction: an ordinary differential
 equation along the line.  It lifts off where the line would have to pull.
 
-*Flight.*  A parabola, up to where it meets the line again.
+*Flight.*  A parabola, until it meets the line again.
 
-A bounce slower than `BOUNCE_SPEED_MIN` is left out, because an endless sequence of them is not run
-through in finite time.
+A bounce slower than `BOUNCE_SPEED_MIN` is suppressed, because an infinite sequence of bounces
+cannot be simulated.
 """
 import math
 from typing import Optional
@@ -28,11 +28,11 @@ from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics.model.robot import Robot
 from ballbot_ros.studies.comparators import bisect, check, highest_passed, inertia_ratio
 
-BOUNCE_SPEED_MIN = 0.005  # [m/s]; a flight that begins with it lasts 1 ms
-FLIGHT_STEP = 5e-4  # time between two looks at a flight: shorter than the shortest one [s]
+BOUNCE_SPEED_MIN = 0.005  # [m/s]; a flight that starts with it lasts 1 ms
+FLIGHT_STEP = 5e-4  # time between checks of a flight, less than the shortest flight [s]
 RIDE_STEP = 5e-4  # of the integration along the line [s]
 CROSSING_TIME_MAX = 5.0  # after which a ball that is neither over nor back has failed [s]
-TOUCH_ROUNDING = 1e-12  # rounding that does not count as a touch [m]
+TOUCH_ROUNDING = 1e-12  # penetration by rounding that is not a touch [m]
 
 FLYING, FLOOR, EDGE = range(3)
 
@@ -40,7 +40,7 @@ FLYING, FLOOR, EDGE = range(3)
 def crosses_rigidly(robot: Robot, speed: float, height: float,
                     restitution: Optional[float] = None) -> bool:
     """
-    Return whether a rigid ball gets over a step at the first attempt.
+    Return whether a rigid ball crosses a step at the first attempt.
 
     The collision speed is in m/s, the height [m] at most the radius; the restitution from 0 to 1
     is by default that of the robot's contact spring and damper.  Raises `ConfigurationError` for
@@ -63,8 +63,8 @@ def impact_with_restitution(robot: Robot, speed: float, restitution: Optional[fl
     """
     Return the maximum step height of a rigid ball, to a tolerance [m].
 
-    Holds for a shell so hard that the impact is over before the ball has moved; a bounce
-    here takes no time.
+    Valid for a shell so stiff that the impact ends before the ball has moved; a bounce takes no
+    time.
     """
     check(robot, speed)
     return highest_passed(lambda height: crosses_rigidly(robot, speed, height, restitution),
@@ -72,10 +72,10 @@ def impact_with_restitution(robot: Robot, speed: float, restitution: Optional[fl
 
 
 class RigidBall:
-    """A ball that has rolled up to a step with its face at x = 0, seen from the side."""
+    """A ball that has rolled up to a step with its face at x = 0, in side view."""
 
     def __init__(self, robot: Robot, speed: float, height: float, restitution: float):
-        """Begin where the ball on the floor touches the edge."""
+        """Start where the ball on the floor touches the edge."""
         self.robot, self.height, self.restitution = robot, height, restitution
         self.radius, self.kappa = robot.ball_radius, inertia_ratio(robot)
         self.reach = touch_distance(self.radius, height)
@@ -84,7 +84,7 @@ class RigidBall:
         self.on = FLOOR
 
     def passes(self) -> bool:
-        """Run until the ball is over, or back, or time is up."""
+        """Run until the ball is over or back, or the time is up; return whether it is over."""
         self.touch(EDGE)
         for _ in range(round(CROSSING_TIME_MAX / min(FLIGHT_STEP, RIDE_STEP))):
             if self.on == FLYING:
@@ -110,7 +110,7 @@ class RigidBall:
         return self.velocity_x * math.cos(lean) + self.velocity_y * math.sin(lean)
 
     def touch(self, what: int) -> None:
-        """Change the velocities by an impact; continue along the line, or bounce."""
+        """Apply an impact to the velocities; continue along the line, or bounce."""
         self.on = what
         lean = self.lean()
         sine, cosine = math.sin(lean), math.cos(lean)
@@ -128,8 +128,8 @@ class RigidBall:
         """
         Stop the slip by a tangential impulse and return the new speed along the line [m/s].
 
-        `along` is the speed of the centre, `most` the impulse per mass that friction can give,
-        both [m/s].
+        `along` is the speed of the centre, `most` the maximum impulse of friction per mass, both
+        [m/s].
         """
         wanted = self.kappa / (1.0 + self.kappa) * (self.rim_speed - along)
         given = min(max(wanted, -most), most)
@@ -138,9 +138,9 @@ class RigidBall:
 
     def ride(self) -> None:
         """
-        Go along the line for `RIDE_STEP`, or lift off where it would pull.
+        Advance along the line by `RIDE_STEP`, or lift off where the line would have to pull.
 
-        Half of the distance, all forces, the other half: of second order.  Friction that stops the
+        Half of the distance, all forces, the other half: second order.  Friction that can stop the
         slip of the step keeps a rolling ball rolling.
         """
         curvature = 1.0 / self.radius if self.on == EDGE else 0.0
@@ -151,7 +151,7 @@ class RigidBall:
         if press <= 0.0:
             self.on = FLYING
             return
-        self.x += 0.5 * RIDE_STEP * along  # right for the floor; the edge overwrites it
+        self.x += 0.5 * RIDE_STEP * along  # valid on the floor; overwritten on the edge
         along = self.rub(along - RIDE_STEP * gravity * math.sin(lean),
                          RIDE_STEP * self.friction() * press)
         self.x += 0.5 * RIDE_STEP * along
@@ -168,11 +168,11 @@ class RigidBall:
             self.touch(EDGE)
 
     def fly(self) -> None:
-        """Fly for `FLIGHT_STEP`, or up to a touch."""
+        """Fly for `FLIGHT_STEP`, or until a touch."""
         begin = self.x, self.y, self.velocity_y
 
         def place(time: float) -> float:
-            """Go to a time of the flight and return how far the ball is from the line."""
+            """Set the state at a flight time [s]; return the distance from the line [m]."""
             self.x = begin[0] + self.velocity_x * time
             self.y = begin[1] + (begin[2] - 0.5 * self.robot.gravity * time) * time
             self.velocity_y = begin[2] - self.robot.gravity * time

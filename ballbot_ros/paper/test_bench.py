@@ -4,8 +4,8 @@ One roll on the virtual test bench: section 6 of the paper as two benches.
 
 `Ramp` is the free-rolling test: the ball is released on a slope, rolls over a bend onto a level
 floor and into a step.  `RunUp` is the driven test: from rest, a constant voltage on the motor
-for 1.20 m.  In front of the step two touch sensors, 100 mm apart and read at 1 kHz, give the
-speed, as they gave it to the experimenters: rounded to readings, some distance before the touch.
+for 1.20 m.  In front of the step, two touch sensors, 100 mm apart and read at 1 kHz, measure the
+speed as in the experiments: quantised by the readings, and at a distance before the touch.
 """
 from dataclasses import dataclass
 import math
@@ -27,16 +27,16 @@ from ballbot_ros.physics.simulation.solver import Solver
 
 SOLVER_STEP = 2e-4  # of the integration [s]
 OUTPUT_STEP = 1e-3  # between samples [s]
-CHECK_PERIOD = 0.25  # simulated between two looks at whether the roll is over [s]
+CHECK_PERIOD = 0.25  # simulated time between checks whether the roll has ended [s]
 ROLL_TIME_MAX = 12.0  # a ball that is neither over nor back by then counts as at rest [s]
-BEND_ARC = math.radians(0.5)  # of one flat of the bend
+BEND_ARC = math.radians(0.5)  # of one segment of the bend
 
 
 class Roll(NamedTuple):
     """
     One roll: measured and true values.
 
-    The experiment yields the first four; `measured_speed` is NaN where a sensor was not reached.
+    The experiment yields the first four; `measured_speed` is NaN if a sensor was not reached.
     """
 
     step_height: float  # [m]
@@ -51,17 +51,17 @@ class Roll(NamedTuple):
 class Bench(Checked):
     """Parameters of both benches: sensors, and scatter of the start of a roll."""
 
-    sensor_gap: float = quantity('m', 'between the two sensors', default=0.1, above=0.0)
-    sensor_rate: float = quantity('Hz', 'readings of the sensors', default=1000.0, above=0.0)
+    sensor_gap: float = quantity('m', 'distance between the sensors', default=0.1, above=0.0)
+    sensor_rate: float = quantity('Hz', 'sampling rate of the sensors', default=1000.0, above=0.0)
     sensor_distance: float = quantity(
-        'm', 'second sensor to the face of the step', default=0.2, above=0.0)
+        'm', 'distance from the second sensor to the face of the step', default=0.2, above=0.0)
     pendulum_sd: float = quantity(
         'rad', 'standard deviation of the pendulum angle at the start', default=0.25,
         minimum=0.0)
     run_up: float = quantity('m', 'level floor before the step', default=0.6, above=0.3)
     highest: float = quantity('1', 'highest setting', default=1.0, above=0.0)
 
-    # Quantity, its least setting, and the factors between the settings of two rolls.
+    # Name and unit of the setting, its minimum, and factors between the settings of two rolls.
     setting_name: ClassVar[str]
     unit: ClassVar[str]
     lowest: ClassVar[float]
@@ -82,22 +82,22 @@ class Bench(Checked):
 
     def begin(self, model: Model, setting: float, chance: np.random.Generator
               ) -> tuple[State, Actuation]:
-        """Return start and actuation of a roll, with its scatter."""
+        """Return start state and actuation of a roll, with random scatter."""
         raise NotImplementedError
 
     def pendulum_angle(self, robot: Robot, chance: np.random.Generator) -> float:
-        """Return a pendulum angle at the start [rad]."""
+        """Return a random pendulum angle at the start [rad]."""
         angle = chance.normal(0.0, self.pendulum_sd)
         return float(angle) if robot.has_pendulum else 0.0
 
     def roll(self, robot: Robot, height: float, setting: float,
              chance: np.random.Generator) -> Roll:
         """
-        Let the ball roll once into a step of a height [m].
+        Simulate one roll into a step of a height [m].
 
-        The setting is a release height [m] or a voltage [V]; `chance` gives the scatter: the same
-        one gives the same rolls.  Raises `ConfigurationError` if the second sensor is behind the
-        touch position.
+        The setting is a release height [m] or a voltage [V]; `chance` generates the scatter, and
+        the same seed gives the same rolls.  Raises `ConfigurationError` if the second sensor is
+        behind the touch position.
         """
         touch = touch_distance(robot.ball_radius, height, robot.static_penetration)
         if self.sensor_distance < touch:
@@ -122,7 +122,7 @@ class Bench(Checked):
         at_touch = np.flatnonzero(x >= -touch)
         if not len(at_touch):
             return Roll(height, setting, measured, passed, math.nan, math.nan)
-        # The last sample before it: a millisecond later the step has taken some speed already.
+        # The last sample before the touch: a millisecond later the ball is already slower.
         state = State(*rows[max(at_touch[0] - 1, 0), :-1].tolist())
         return Roll(height, setting, measured, passed,
                     math.hypot(state.velocity_x, state.velocity_y), state.pendulum_angle)
@@ -133,13 +133,13 @@ class Ramp(Bench):
     """
     The free-rolling test: the motor is detached, the setting is the release height.
 
-    That is the height of the ground below the centre of the ball, above the floor before the
+    The release height is that of the ground below the ball centre, above the floor before the
     step.
     """
 
     slope: float = quantity('rad', 'angle of the ramp', default=math.radians(8.0), above=0.0,
                             maximum=math.radians(45.0))
-    bend: float = quantity('m', 'length of the rounding at its foot', default=0.3, above=0.0)
+    bend: float = quantity('m', 'length of the rounded foot of the ramp', default=0.3, above=0.0)
     release_sd: float = quantity('m', 'standard deviation of the release height', default=1e-3,
                                  minimum=0.0)
     push_sd: float = quantity('m/s', 'standard deviation of the speed at the release',
@@ -174,15 +174,15 @@ class Ramp(Bench):
 class RunUp(Bench):
     """The driven test: a constant voltage from rest; the setting is the voltage."""
 
-    run_up: float = quantity('m', 'distance of the centre to the touch of the step', default=1.2,
+    run_up: float = quantity('m', 'travel of the centre until it touches the step', default=1.2,
                              above=0.4, maximum=10.0)
     voltage_sd: float = quantity('1', 'standard deviation of the voltage, relative to it',
                                  default=0.02, minimum=0.0)
     length_sd: float = quantity('m', 'standard deviation of the run-up', default=0.01,
                                 minimum=0.0)
     highest: float = quantity(
-        'V', 'that the driver gives; more would swing the pendulum of GimBall over its top at '
-        'the start, and the ball would be slower', default=8.0, above=0.0)
+        'V', 'maximum voltage of the driver; more would swing the pendulum of GimBall over the '
+        'top at the start and make the ball slower', default=8.0, above=0.0)
 
     setting_name, unit, lowest, coarse, fine = 'voltage', 'V', 1.0, 1.15, 1.03
 
@@ -206,8 +206,8 @@ def run_to_the_end(model: Model, start: State, actuation: Actuation, touch: floa
     """
     Simulate until the ball is over the step, rolls back from it, or rests.
 
-    Over is as in `crossing.rules`: the first attempt counts.  Returns the samples, see
-    `Trajectory`, and whether it passed.
+    `crossing.rules` defines "over"; the first attempt counts.  Returns the samples, see
+    `Trajectory`, and whether the ball passed.
     """
     x, y, velocity = (State._fields.index(name) for name in ('x', 'y', 'velocity_x'))
     pieces: list[Array] = []
@@ -217,7 +217,7 @@ def run_to_the_end(model: Model, start: State, actuation: Actuation, touch: floa
         rows = run.rows
         pieces.append(rows if not pieces else rows[1:])
         over = is_over(rows[:, x], rows[:, y], 0.0, height, model.robot.ball_radius)
-        # On the ramp a ball may at first roll up a little: only by the step it is back.
+        # On the ramp, a ball may first roll uphill: it is back only after it was near the step.
         back = (rows[:, velocity] < 0.0) & (rows[:, x] < -touch - RETREAT) & (
             rows[:, x].max() > -touch - 0.3)
         if over.any():
@@ -229,7 +229,7 @@ def run_to_the_end(model: Model, start: State, actuation: Actuation, touch: floa
 
 
 def first_passage(time: Array, x: Array, where: float) -> Optional[float]:
-    """Return when a point is first passed, between samples [s]; None if it is not."""
+    """Return the interpolated time at which x first passes a point [s]; None if it never does."""
     beyond = np.flatnonzero(x >= where)
     if not len(beyond) or beyond[0] == 0:
         return None

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The simulated robot as something that takes commands and keeps time; no ROS.
+The simulated robot as a component that accepts commands and keeps time; without ROS.
 
-The simulator node is this package with topics around it.
+The simulator node adds the topics to this package.
 
     >>> from ballbot_ros.physics import load_scene
     >>> plant = Plant(load_scene('flat'), control_rate=500.0)

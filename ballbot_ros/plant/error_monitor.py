@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Error estimate of a running plant: a coarser solver runs in parallel, under the same torques."""
+"""Error estimate of a running plant: a coarser solver runs in parallel with the same torques."""
 import math
 
 from ballbot_ros.physics.model.actuation import Actuator
@@ -9,11 +9,11 @@ from ballbot_ros.physics.simulation.model import Model
 
 class ErrorMonitor:
     """
-    Estimates the error of position of a plant by its distance to a coarser run.
+    Estimates the position error of a plant by its distance from a coarser run.
 
-    The model is that of the plant with a coarser solver, the accuracy the error allowed [m];
-    `error` is the largest distance so far [m], and `accuracy_lost_at` the time since which the
-    accuracy does not hold any more [s], infinite while it does.
+    `model` is that of the plant with a coarser solver, and `accuracy` the allowed error [m];
+    `error` is the largest distance so far [m], and `accuracy_lost_at` the time at which the
+    distance first exceeded the accuracy [s], infinite before.
     """
 
     def __init__(self, model: Model, start: State, accuracy: float):
@@ -26,9 +26,9 @@ class ErrorMonitor:
 
     def advance(self, after: State, actuator: Actuator, steps: int) -> None:
         """
-        Compare with the state of the plant after a number of solver steps of an actuation.
+        Advance the coarser run by a number of solver steps and compare it with the plant's state.
 
-        Raises `SimulationError` if the coarser run fails; its state is unchanged then.
+        Raises `SimulationError` if the coarser run fails; its state is then unchanged.
         """
         coarse = self._model.advance(self._state, actuator, steps)
         self._state = coarse._replace(time=after.time)

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The simulated robot on a floor: planar physics along its path, and the lateral model beside it.
+The simulated robot on a floor: planar physics along its path, plus the lateral model.
 
-The ground along the path is cut from the floor along the heading, and is cut again where the
-heading leaves the cut.
+The ground along the path is a cut through the floor along the heading, and is cut again when the
+ball leaves the line of the cut.
 """
 from dataclasses import replace
 import math
@@ -26,25 +26,25 @@ from ballbot_ros.physics.simulation.solver import Solver
 from ballbot_ros.plant.plant import Plant
 from ballbot_ros.steering import height_factor, LateralState, step
 
-# Heading and place that still lie on the line of a cut where an edge or a wall is this near to the
-# ball, and elsewhere [rad], [m].
+# Deviation from the line of a cut [rad], [m] that is accepted if an edge or a wall is within
+# MARGIN of the ball [m], and elsewhere.
 ON_LINE, NEAR_LINE, MARGIN = 1e-6, 0.01, 0.1
-# Work of a cut that rounding alone does [J].
+# Work of a cut that is due to rounding alone [J].
 WORK_ROUNDING = 1e-9
 Line = Tuple[float, float, float, float]  # x, y, heading, and the path length there
-# Largest angle to an edge at which its push to the side is known, see `steering.oblique` [rad].
+# Largest angle to an edge for which its lateral push was measured, see `steering.oblique` [rad].
 EDGE_ANGLE_MAX = math.radians(45.0)
 
 
 class FloorPlant(Plant):
     """
-    A robot on a floor, with a torque and a set-point of the lean per control period.
+    A robot on a floor, with a torque and a lean set-point per control period.
 
     A robot without steering drives straight.  A straight drive is bit-identical to that of a
     `Plant` on the same profile.
 
-    The pose is x, y and heading of the start [m], [rad]; see `Plant` for the others.  Raises
-    `ConfigurationError` if the pose is not finite or not on the map, and as `Plant` does.
+    `pose` is x, y and heading of the start [m], [rad]; see `Plant` for the other parameters.
+    Raises `ConfigurationError` if the pose is not finite or not on the map, and as `Plant` does.
     """
 
     def __init__(self, robot: Robot, floor: Floor,
@@ -94,16 +94,16 @@ class FloorPlant(Plant):
 
     @property
     def level(self) -> float:
-        """Return the height that the steps passed since the start give the ground [m]."""
+        """Return the ground height due to the steps and drops passed so far [m]."""
         return self._level
 
     def advance(self, torque: float, lean_set_point: float = 0.0) -> State:
         """
         Advance by one control period and return the new planar state, whose x is the path length.
 
-        See `Plant.advance` and, for the set-point of the lean [rad], `steering.law`.  Raises
-        `SimulationError` if the run fails; state and time remain at the last valid ones; and
-        `ConfigurationError` if a robot without steering should lean.
+        See `Plant.advance` and, for the lean set-point [rad], `steering.law`.  Raises
+        `SimulationError` if the run fails, and keeps the last valid state and time; raises
+        `ConfigurationError` for a lean set-point of a robot without steering.
         """
         before, applied = self.state, self.torque
         after = super().advance(torque, lean_set_point)
@@ -120,20 +120,20 @@ class FloorPlant(Plant):
         return super().reset(time)
 
     def put(self, state: State, pose: Optional[Tuple[float, float, float]] = None) -> State:
-        """Set the planar state, and the pose where one is given; the ball does not lean then."""
+        """Set the planar state and, if given, the pose; setting the pose resets the lean."""
         super().put(state)
         if pose is not None:
             self._place(pose)
         self._seen = None
         self._take(cut(self.floor, self._at, self._lateral.heading, self._level, self._radius))
-        self._cut_again(False)  # without the crest of an edge that the ball touches already
+        self._cut_again(False)  # keeps the exact cut where the ball touches a crest
         return self.state
 
     def profile(self) -> Terrain:
         """
         Return the exact ground along the heading, whose x is the path length.
 
-        At walls, it is that along the path of the centre.
+        At walls, it is the ground along the path of the centre.
         """
         if self._seen is None or not self._on(self._seen_at, ON_LINE):
             self._seen_at = self._course()
@@ -147,7 +147,7 @@ class FloorPlant(Plant):
         return (*self._at, self._lateral.heading, self.state.x)
 
     def _on(self, line: Line, tolerance: float) -> bool:
-        """Return whether place and heading lie on a line."""
+        """Return whether position and heading are on a line, within a tolerance [m], [rad]."""
         x, y, heading, _ = line
         away, turned = (self._at[0] - x, self._at[1] - y), self._lateral.heading - heading
         across = away[1] * math.cos(heading) - away[0] * math.sin(heading)
@@ -165,34 +165,34 @@ class FloorPlant(Plant):
 
     def _cut_again(self, moves: bool = True) -> bool:
         """
-        Cut the ground, and return whether the cut holds.
+        Cut the ground, and return whether the new cut was accepted.
 
-        The speed of a ball that moves pays for the work that a new cut does on the springs of the
-        contacts; a cut for whose work the kinetic energy does not suffice is dropped.
+        If the ball `moves`, the work that a new cut does on the contact springs is taken from its
+        kinetic energy; a cut that needs more than the kinetic energy is rejected.
         """
         kept, state = (self._cut, self._cut_at, self.model), self.state
         present = self.model.energies(state)
-        most = present.kinetic if moves else 0.0
+        available = present.kinetic if moves else 0.0
         self._take(cut(self.floor, self._at, self._lateral.heading, self._level, self._radius,
                        _climbed))
         work = self.model.energies(state).contact - present.contact
-        if work > most + WORK_ROUNDING or self.model.terrain.height(state.x) >= state.y:
+        if work > available + WORK_ROUNDING or self.model.terrain.height(state.x) >= state.y:
             self._cut, self._cut_at, self.model = kept
             return False
         if moves and work > 0.0:
-            share = math.sqrt(max(0.0, 1.0 - work / most)) if most else 0.0
+            factor = math.sqrt(max(0.0, 1.0 - work / available)) if available else 0.0
             self.state = state._replace(
-                ball_rate=share * state.ball_rate, pendulum_rate=share * state.pendulum_rate,
-                velocity_x=share * state.velocity_x, velocity_y=share * state.velocity_y)
+                ball_rate=factor * state.ball_rate, pendulum_rate=factor * state.pendulum_rate,
+                velocity_x=factor * state.velocity_x, velocity_y=factor * state.velocity_y)
         return True
 
     def _move(self, before: State, after: State, lean_set_point: float) -> None:
-        """Move pose and lateral state on by a period in which the planar state changed."""
+        """Advance pose and lateral state by the period in which the planar state changed."""
         robot, lateral = self.model.robot, self._lateral
         speed = 0.5 * (before.velocity_x + after.velocity_x)
         acceleration = (after.velocity_x - before.velocity_x) / self.period
         tilt_rate = lateral.tilt_rate
-        # The edge takes speed across it, so that an oblique one pushes sideways, too.
+        # An edge reduces the speed across it, so an oblique edge also pushes sideways.
         angle = self._edge_angle(after)
         if angle and self.steers:
             tilt_rate += (before.velocity_x - after.velocity_x) * math.tan(angle) \
@@ -202,20 +202,20 @@ class FloorPlant(Plant):
             lateral = step(robot, lateral, speed, lean_set_point, self.period, acceleration)
             if not abs(lateral.tilt) < 0.5 * math.pi:
                 raise SimulationError(
-                    after.time, f'the axle tilts by {math.degrees(lateral.tilt):.0f} degrees, and '
-                    'the lateral model holds below 90',
+                    after.time, f'the axle tilts by {math.degrees(lateral.tilt):.0f} degrees, but '
+                    'the lateral model is valid below 90',
                     'drive slower along edges, or cross them at right angles', 'out_of_range',
                     'tilt')
         kept, level = self._lateral.heading, self._level
-        begin, forward = self._at, after.x - before.x
-        straight = _ahead(begin, kept, forward)
-        there = _ahead(begin, 0.5 * (kept + lateral.heading), forward, 0.5 * (
+        start, forward = self._at, after.x - before.x
+        straight = _ahead(start, kept, forward)
+        there = _ahead(start, 0.5 * (kept + lateral.heading), forward, 0.5 * (
             tilt_rate + lateral.tilt_rate) * robot.ball_radius * self.period)
-        # Walls and ground beside the ball stop a turn without a rebound.
+        # Walls and ground to the side of the ball stop a turn without a rebound.
         if lateral is not self._lateral and (away := self._clearance(there)) < 0.0 \
                 and away < self._clearance(straight):
             there, lateral = straight, _stopped(lateral, kept)
-        self._level = level + passed(self.floor, begin, there)
+        self._level = level + passed(self.floor, start, there)
         self._at, self._lateral = there, lateral
         if self._on(self._cut_at, ON_LINE) or (
                 self._on(self._cut_at, NEAR_LINE) and not self._near()):
@@ -225,10 +225,10 @@ class FloorPlant(Plant):
             x, y, heading, path = self._cut_at
             self._at = _ahead((x, y), heading, after.x - path)
             self._lateral = _stopped(lateral, heading)
-            self._level = level + passed(self.floor, begin, self._at)
+            self._level = level + passed(self.floor, start, self._at)
 
     def _near(self) -> bool:
-        """Return whether the ground is uneven, or a wall or an edge is near in any direction."""
+        """Return whether the ground is uneven, or a wall or an edge is within `MARGIN`."""
         return (self.floor.heights is not None or self._clearance(self._at) < MARGIN
                 or distance_to_segment(*self._at, *self._edges).min(initial=math.inf)
                 < self._radius + MARGIN)
@@ -238,7 +238,7 @@ class FloorPlant(Plant):
         return self.floor.nearest_wall(place)[0] - self._radius
 
     def _edge_angle(self, state: State) -> float:
-        """Return the angle of the edge that the ball is on to the path, 0 on none [rad]."""
+        """Return the angle between the path and the edge under the ball, 0 without one [rad]."""
         place = state.x - self._cut_at[3]
         edges = [edge for edge in self._cut.edges
                  if edge.angle and abs(edge.distance - place) < self._radius]
@@ -249,17 +249,17 @@ class FloorPlant(Plant):
 
 
 def _climbed(angle: float) -> float:
-    """Return the part of its head-on height that the ball climbs at an angle to an edge [rad]."""
-    # Nothing was measured beyond the table: the energy of the speed across the edge.
+    """Return the fraction of the head-on height that the ball climbs at an edge angle [rad]."""
+    # Beyond the table there are no measurements: use the energy of the speed across the edge.
     return height_factor(angle) or math.cos(angle)**2
 
 
 def _ahead(place: Point, heading: float, forward: float, left: float = 0.0) -> Point:
-    """Return the place at a distance ahead of another, and to the left of it [m]."""
+    """Return the position at given distances ahead and to the left of another [m]."""
     return (place[0] + forward * math.cos(heading) - left * math.sin(heading),
             place[1] + forward * math.sin(heading) + left * math.cos(heading))
 
 
 def _stopped(lateral: LateralState, heading: float) -> LateralState:
-    """Return a lateral state without motion of the ball to the side."""
+    """Return a lateral state without lateral motion, at a heading [rad]."""
     return lateral._replace(tilt_rate=0.0, yaw_rate=0.0, heading=heading)

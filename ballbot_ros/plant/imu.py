@@ -19,11 +19,11 @@ class ImuSample(NamedTuple):
 
 class Imu:
     """
-    Reads the mean over each sampling period, as an IMU with a filter before its converter does.
+    Returns the mean over each sampling period, like an IMU with an anti-aliasing filter.
 
-    The noise of sample number n is a function of the seed and n alone.  The place is ahead of and
-    above the ball centre, in the frame of the shell [m]; `gyro_sd` and `force_sd` are the white
-    noise per sample [rad/s], [m/s2], and the bias is that of the gyro [rad/s].
+    The noise of sample number n depends only on the seed and n.  `place` is its position ahead of
+    and above the ball centre, in the frame of the shell [m]; `gyro_sd` and `force_sd` are the
+    white noise per sample [rad/s], [m/s2], and `bias` is that of the gyro [rad/s].
     """
 
     def __init__(self, gravity: float, place: tuple[float, float] = (0.0, 0.0),
@@ -32,7 +32,7 @@ class Imu:
         self._gyro_sd, self._force_sd, self._bias, self._seed = gyro_sd, force_sd, bias, seed
 
     def sample(self, before: State, after: State, number: int) -> ImuSample:
-        """Return the reading between two states; `number` decides the noise."""
+        """Return the reading between two states; `number` determines the noise."""
         period = after.time - before.time
         rate = 0.5 * (before.ball_rate + after.ball_rate)
         turning = (after.ball_rate - before.ball_rate) / period
@@ -42,7 +42,7 @@ class Imu:
         sine, cosine = math.sin(angle), math.cos(angle)
         ahead, above = self._place
         gyro = noise_x = noise_y = 0.0
-        if self._gyro_sd or self._force_sd:  # a generator takes as long as the plant's period
+        if self._gyro_sd or self._force_sd:  # creating a generator takes as long as a plant period
             gyro, noise_x, noise_y = np.random.default_rng(
                 [self._seed, number]).standard_normal(3).tolist()
         return ImuSample(

@@ -7,10 +7,10 @@ from ballbot_ros.errors import ConfigurationError
 
 def periods_per(slow_rate: float, base_rate: float, name: str) -> int:
     """
-    Return how many periods of the base rate make one of the slow rate.
+    Return the number of periods of the base rate per period of the slow rate.
 
-    Raises `ConfigurationError` if it is not a whole number; the message names rates near by that
-    fit.
+    Raises `ConfigurationError` if it is not a whole number; the message names the nearest rates
+    that fit.
     """
     ratio = base_rate / slow_rate
     periods = round(ratio)
@@ -28,13 +28,13 @@ class Pace:
     """
     Counts the control periods that are due by the wall clock.
 
-    A period has a length [s], at a factor of simulated seconds per wall second.  When the machine
-    is too slow, at most `most` periods are caught up per call; the rest is `dropped`, so that
-    simulated time falls behind instead of spiralling.
+    `period` is in simulated seconds, and `factor` is simulated seconds per wall second.  When the
+    machine is too slow, each call returns at most `most` periods; the rest is `dropped`, so
+    simulated time falls behind, but the backlog does not grow.
     """
 
     def __init__(self, period: float, factor: float, most: int = 10):
-        """Start counting at the first `restart` or `due`; nothing is due before."""
+        """Initialize; counting starts at the first `restart` or `due`."""
         self._wall_period = period / factor
         self._most = most
         self._origin = math.inf
@@ -42,12 +42,12 @@ class Pace:
         self.dropped = 0
 
     def restart(self, now: float) -> None:
-        """Count from `now` [s of wall time], after a pause for instance."""
+        """Count from `now` [s of wall time], for instance after a pause."""
         self._origin = now
         self._done = 0
 
     def due(self, now: float) -> int:
-        """Return how many periods to run at `now` [s of wall time]."""
+        """Return the number of periods to run at `now` [s of wall time]."""
         if not math.isfinite(self._origin):
             self.restart(now)
         wanted = math.floor((now - self._origin) / self._wall_period) - self._done
@@ -68,7 +68,7 @@ class Speedometer:
         self.factor = math.nan
 
     def note(self, simulated: float, wall: float) -> None:
-        """Take a reading of both clocks [s]."""
+        """Record a reading of both clocks [s]."""
         since_simulated, since_wall = self._mark
         if math.isnan(since_wall):
             self._mark = (simulated, wall)

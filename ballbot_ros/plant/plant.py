@@ -21,10 +21,10 @@ class Plant:
     """
     A scene with one motor torque per control period, limited by the motor.
 
-    It corresponds to Physics of dm_control; the owner provides Task and Environment (when a
-    period runs, the torque, the measured and published values).  Guarantees:
+    It corresponds to Physics of dm_control; the caller provides Task and Environment (the time of
+    each period, the torque, the measured and published values).  Guarantees:
 
-    * `advance` runs exactly one period under one torque, or raises and changes nothing.
+    * `advance` runs exactly one period at one torque, or raises and changes nothing.
     * `state` is immutable, and the same torques from the same start give bit-identical states,
       independent of the clock.
     * `time` is the number of completed periods times their length, without accumulated rounding;
@@ -32,8 +32,8 @@ class Plant:
     * `torque` is the applied torque: the command, limited by the speed-torque curve of the motor
       at the joint rate at the start of the period.
 
-    The actuation of the scene is not used; the control rate is in Hz, and the torque limit an
-    additional one [N m]; an accuracy selects the solver for it [m], and enables an `ErrorMonitor`.
+    The actuation of the scene is not used; `control_rate` is in Hz; `torque_limit` is a limit in
+    addition to the motor's [N m]; `accuracy` [m] selects the solver and enables an `ErrorMonitor`.
     Raises `ConfigurationError` if a control period is not a whole number of solver steps.
     """
 
@@ -60,7 +60,7 @@ class Plant:
         self.reset()
 
     def _warm_up(self) -> None:
-        """Compile all kernels of a period and its reports in advance."""
+        """Compile all kernels of a period and of its outputs in advance."""
         self.model.advance(self._start, Actuator(TORQUE), 1)
         if self._monitor:
             self._monitor.advance(self._start, Actuator(TORQUE), 1)
@@ -73,25 +73,25 @@ class Plant:
 
     @property
     def lateral(self) -> LateralState:
-        """Return the lateral state, that of a straight drive in a scene."""
+        """Return the lateral state; in a scene, that of a straight drive."""
         return STRAIGHT
 
     @property
     def relative_pose(self) -> Tuple[float, float, float]:
-        """Return x, y and heading in the frame of the start, that of ``odom`` [m], [rad]."""
+        """Return x, y and heading in the frame of the start, ``odom`` [m], [rad]."""
         return self.state.x, 0.0, 0.0
 
     @property
     def steers(self) -> bool:
-        """Return whether `advance` takes a set-point of the lean."""
+        """Return whether `advance` accepts a lean set-point."""
         return False
 
     def profile(self) -> Terrain:
-        """Return the ground along the path; the same object where it is the same."""
+        """Return the ground along the path; the same object until the ground changes."""
         return self.model.terrain
 
     def limit_torque(self, torque_limit: Optional[float]) -> None:
-        """Cut further than the motor does, from the next period on; None for no further."""
+        """Set the torque limit [N m] from the next period on; None for the motor's limit only."""
         self.torque_limit = min(1e9 if torque_limit is None else torque_limit, self._line[-1])
 
     @property
@@ -101,27 +101,27 @@ class Plant:
 
     @property
     def error_estimate(self) -> float:
-        """Return the largest error of position so far [m], NaN without an accuracy."""
+        """Return the largest estimated position error so far [m], NaN without an accuracy."""
         return self._monitor.error if self._monitor else math.nan
 
     @property
     def accuracy_lost_at(self) -> float:
-        """Return since when the accuracy does not hold any more [s], infinite while it does."""
+        """Return when the error first exceeded the accuracy [s], infinite before."""
         return self._monitor.accuracy_lost_at if self._monitor else math.inf
 
     def advance(self, torque: float, lean_set_point: float = 0.0) -> State:
         """
-        Advance by one control period under a constant torque and return the new state.
+        Advance by one control period at a constant torque and return the new state.
 
         The torque at the pendulum [N m] is limited to the range of the motor, and to the torque
-        limit; the set-point of the lean [rad] is 0 unless the robot `steers`.  Raises
-        `ConfigurationError` if a robot that does not steer should lean, and `SimulationError` if
-        the run fails; state and time remain at the last valid ones.
+        limit; the lean set-point [rad] is 0 unless the robot `steers`.  Raises
+        `ConfigurationError` for a lean set-point of a robot that does not steer, and
+        `SimulationError` if the run fails; the last valid state and time are kept.
         """
         if lean_set_point and not self.steers:
             raise ConfigurationError(
-                f'robot {self.model.robot.name!r} drives straight here: a lean needs a section '
-                'steering in its file, and a floor', 'unsupported', 'steering')
+                f'robot {self.model.robot.name!r} can only drive straight here: a lean needs a '
+                'section steering in its file, and a floor', 'unsupported', 'steering')
         cut = applied_torque(
             float(torque), self.state.joint_rate, self._line, self.torque_limit)
         actuator = Actuator(TORQUE, cut, limit=self.torque_limit)
@@ -136,11 +136,11 @@ class Plant:
 
     @property
     def at_start(self) -> bool:
-        """Return whether nothing has happened since the start, or the last reset."""
+        """Return whether the state is that of the start, or of the last reset."""
         return self.periods == self._first_period
 
     def reset(self, time: bool = False) -> State:
-        """Return to the start of the scene, and to its time where `time` is true."""
+        """Return to the start of the scene; if `time` is true, also to time 0."""
         if time:
             self.periods = 0
         self.put(self._start)
@@ -148,7 +148,7 @@ class Plant:
         return self.state
 
     def put(self, state: State) -> State:
-        """Have the robot in a state from now on, whose time is not looked at."""
+        """Set the state of the robot; the time of the given state is ignored."""
         self.state, self.torque, self._first_period = state._replace(time=self.time), 0.0, -1
         if self._monitor:
             self._monitor.reset(self.state)

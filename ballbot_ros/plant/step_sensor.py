@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A sensor that looks ahead along the floor for the next step."""
+"""A sensor that detects the next step of the floor ahead."""
 from dataclasses import dataclass
 import math
 from typing import Optional, Tuple
@@ -34,14 +34,14 @@ def faces(terrain: Terrain) -> Tuple[Tuple[float, float], ...]:
     """
     Return x and height of every step of a terrain, from left to right [m].
 
-    At the x of its foot, or of its upper edge where it drops.
+    x is that of the foot of a step up, or of the upper edge of a drop.
     """
     found = terrain.faces(LEAST_SLOPE, LEAST_HEIGHT, SEGMENT_LENGTH_MIN)
     return tuple((float(face[0, 0]), float(face[-1, 1] - face[0, 1])) for face in found)
 
 
 def check_sensor(**deviations: float) -> None:
-    """Raise `ConfigurationError` for a standard deviation that is none."""
+    """Raise `ConfigurationError` for a standard deviation that is negative or not finite."""
     for name, value in deviations.items():
         if not (value >= 0.0 and math.isfinite(value)):
             raise ConfigurationError(f'{name} must be at least 0 m, got {value!r}',
@@ -52,11 +52,10 @@ class Sensor:
     """
     Detects the next face ahead of the ball centre, with Gaussian noise.
 
-    Noise and losses of sample number n depend only on the seed and n, so runs are
-    reproducible, independent of other random numbers.  The reach is its range, and the standard
-    deviations are the true ones [m]; the attributes of their names are the reported ones, not
-    below the resolution, 0 for none.  The publisher applies the latency of the faults, see
-    `Latency`.
+    Noise and dropouts of sample number n depend only on the seed and n, so runs are
+    reproducible, independent of other random numbers.  `reach` is the range, and the standard
+    deviations of the parameters are the true ones [m]; those of the attributes are the reported
+    ones, 0 if none are reported.  The publisher applies the latency of the faults, see `Latency`.
     """
 
     def __init__(self, terrain: Terrain, reach: float, distance_sd: float = 0.0,
@@ -72,9 +71,9 @@ class Sensor:
 
     def measure(self, x: float, number: int) -> Optional[Sight]:
         """
-        Look ahead of the ball centre [m]; return None for a look that is lost.
+        Return an observation from an x of the ball centre [m]; None for a dropout.
 
-        The number of this look, counted from 0, decides the noise.
+        The number of this observation, from 0, determines the noise.
         """
         ahead = next((face for face in self._faces if face[0] > x), None)
         random = np.random.default_rng([self._seed, number])

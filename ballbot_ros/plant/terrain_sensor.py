@@ -42,13 +42,13 @@ class TerrainSensor:
 
     Like the pixels of a camera, the points do not coincide with the vertices; a vertical face has
     several points.  The sensor is at the height of the ball centre, and terrain occludes the
-    points behind it: a drop, the floor right behind it, and anything behind a wall.  Terrain
-    below and behind the ball is always included, as it was observed before.
+    points behind it: the face of a drop, the floor right behind it, and anything behind a wall.
+    Terrain below and behind the ball is always included, because it was observed before.
 
-    Noise and losses of sample number n depend only on the seed and n.  The range is `reach` ahead
-    and `behind` the centre; `height_sd` is the true standard deviation of a point's height, and
-    `spacing` the distance between points, all in m.  The publisher applies the latency of the
-    faults, see `Latency`.
+    Noise and dropouts of sample number n depend only on the seed and n.  `reach` is the range
+    ahead of the centre, and `behind` that behind it; `height_sd` is the true standard deviation of
+    a point's height, and `spacing` the distance between points, all in m.  The publisher applies
+    the latency of the faults, see `Latency`.
     """
 
     def __init__(self, terrain: Terrain, reach: float, height_sd: float = 0.0, seed: int = 0,
@@ -57,7 +57,7 @@ class TerrainSensor:
         check_sensor(height_sd=height_sd)
         if not (reach > 0.0 and behind >= 0.0 and spacing > 0.0):
             raise ConfigurationError(
-                'a terrain sensor needs reach and spacing above 0 m and behind of at least 0 m, '
+                'reach and spacing of a terrain sensor must be above 0 m, behind at least 0 m, '
                 f'got {reach!r}, {spacing!r} and {behind!r}', 'out_of_range', 'reach')
         ground = endless(terrain)
         self._x, self._y = np.ascontiguousarray(ground.T)
@@ -69,9 +69,9 @@ class TerrainSensor:
 
     def measure(self, x: float, y: float, number: int) -> Optional[TerrainSight]:
         """
-        Return an observation at a place of the ball centre [m]; None for a lost sample.
+        Return an observation from a position of the ball centre [m]; None for a dropout.
 
-        The number of this sample, from 0, determines the noise.
+        The number of this observation, from 0, determines the noise.
         """
         faults = self.faults
         random = np.random.default_rng([self._seed, number])
@@ -111,7 +111,7 @@ class TerrainSensor:
             1.0 - faults.growth * ahead, 0.0, 1.0)
         if faults.bias:
             passed = np.searchsorted(self._faces, [x])[0]
-            # A point on a face is beyond it.
+            # A point on a face counts as beyond it.
             met = np.searchsorted(self._faces, ahead + x, side='right') - passed
             seen += faults.bias * np.maximum(0, met)
         return seen + faults.offset + math.tan(faults.tilt) * ahead

@@ -3,29 +3,29 @@
 Contacts of the ball with the ground: detection, loads, their sum, and their derivatives.
 
 The ball touches wherever the distance from its centre to the profile has a
-local minimum shorter than the radius: on each segment that holds the foot of the
-perpendicular, and on each convex vertex whose normal cone holds the centre.  The lower
+local minimum shorter than the radius: on each segment that contains the foot of the
+perpendicular, and on each convex vertex whose normal cone contains the centre.  The lower
 plane, corner and upper plane of the paper's Fig. 2 are three cases of that rule; a face
 higher than the radius is a wall, and a concave corner gives two contacts.
 
 Local *maxima* within reach (only concave vertices have them) count negatively.  A ball in
 a wall corner never reaches the vertex, so nothing changes there; but where a floor turns
 gently into a ramp, the two contacts merge into one at the vertex, and without the negative
-one a whole contact force would appear or vanish within one step and violate energy balance.
-Friction acts at the minima only, where it always dissipates; a maximum reduces the
-coefficients of its two neighbouring minima by its share, see `share_friction`.
+contact an entire contact force would appear or vanish within one step and violate the energy
+balance.  Friction acts only at the minima, where it always dissipates; a maximum reduces the
+coefficients of its two neighbouring minima, see `share_friction`.
 
-A *feature* of the ground is a number: 2 j for segment j, 2 j + 1 for the vertex at its end.
+A *feature* of the ground has a number: 2 j for segment j, 2 j + 1 for the vertex at its end.
 
 The loads at a contact are eqs. (7)-(10): the normal force of one of the `contact_laws`, which
-does not pull unless asked to; friction with a slip velocity at the contact point, eq. (8), that
-grows to its full coefficient over a small slip, eq. (9); and the torque of that friction,
+pulls only if `pulling` is set; friction by the slip velocity at the contact point, eq. (8), whose
+coefficient grows to its full value over a small slip, eq. (9); and the torque of that friction,
 eq. (10).
 
-These laws have kinks.  Between them they are smooth, and which piece holds is two signs:
-*pressed*, of the normal force (0 where the damper would pull and is not let), and *sliding*, of a
-slip beyond the threshold (0 within).  With the signs of the state itself (`pressed_sign`,
-`sliding_sign`) a load is the law, with those of a frozen mode (see `modes`) its smooth
+These laws have kinks.  Between them they are smooth, and two signs select the smooth piece:
+*pressed*, of the normal force (0 where the damper would pull but must not), and *sliding*, of a
+slip beyond the threshold (0 within it).  With the signs of the state itself (`pressed_sign`,
+`sliding_sign`) a load follows the law; with those of a frozen mode (see `modes`) it is the smooth
 continuation for an integrator.
 
 With normal n, tangent t, distance d from the centre, and curvature kappa (0 on a segment, 1/d on a
@@ -34,7 +34,7 @@ vertex), a displacement dr turns the normal by ``kappa (t dr)``, and the derivat
     d(v_n) = kappa v_t (t dr) + n dv        d(v_t) = -kappa v_n (t dr) + t dv
     dN = (dD/dp - k) (n dr) - dD/dv_n d(v_n)         d(slip) = d(v_t) + lever domega + omega (n dr)
 
-At a CORNER, the share of friction that it takes from its neighbours also depends on the
+The fraction by which a CORNER reduces the friction of its neighbours also depends on the
 position; this term is omitted.
 """
 import math
@@ -52,8 +52,8 @@ from ballbot_ros.physics.model.terrain import (
 IntArray = NDArray[np.int64]
 Loads = tuple[float, float, float, float, float]  # see `loads_of`
 Accelerations = tuple[float, float, float, float]  # of ball, pendulum, x and y
-# Response to ground forces: a newton along x and y to the pendulum (two), along x to x, along
-# x to y and along y to x, along y to y; a newton metre to the ball.
+# Accelerations per unit load of the ground: of the pendulum by a force along x and y (two), of x
+# by x, of y by x and of x by y, of y by y; of the ball by a torque.
 Compliance = tuple[float, float, float, float, float, float]
 Response = tuple[Accelerations, Compliance]
 SUMMED: Response = (0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 1.0, 0.0, 1.0, 1.0)
@@ -70,7 +70,7 @@ CORNER = 3
 KIND, POINT_X, POINT_Y, NORMAL_X, NORMAL_Y, PENETRATION, FRICTION, TOUCHED = range(8)
 COLUMNS = 8  # the last one is the feature
 
-# Columns of the pieces that are in force, a row per contact from left to right; see `modes`.
+# Columns of the active pieces of the law, a row per contact from left to right; see `modes`.
 FEATURE, PRESSED, SLIDING = range(3)
 
 
@@ -96,7 +96,7 @@ def pressing_and_slipping(normal_x: float, normal_y: float, penetration: float, 
     along : float
         Velocity of the centre along the tangent [m/s].
     damping : float
-        The part of the force that is not elastic [N].
+        Non-elastic part of the force [N].
 
     """
     normal_velocity = velocity_x * normal_x + velocity_y * normal_y
@@ -118,14 +118,14 @@ def force_and_slip(state: Array, parameters: Parameters, contacts: Array,
     contacts : (2 n, 8) array
         See `find_contacts`.
     row : int
-        Which of them.
+        Row of the contact.
 
     Returns
     -------
     force : float
-        Of spring and damper, positive out of the ground [N].
+        Force of spring and damper, positive out of the ground [N].
     slip : float
-        Along the tangent (normal_y, -normal_x), which points to +x on a floor [m/s].
+        Velocity along the tangent (normal_y, -normal_x), which points to +x on a floor [m/s].
 
     """
     penetration = contacts[row, PENETRATION]
@@ -138,19 +138,19 @@ def force_and_slip(state: Array, parameters: Parameters, contacts: Array,
 
 @compiled
 def pressed_sign(force: float, parameters: Parameters) -> int:
-    """Return the sign of the normal force, 0 where the damper would pull and is not let."""
+    """Return the sign of the normal force, 0 where the damper would pull but must not."""
     return 1 if force > 0.0 else (-1 if parameters.pulling > 0.0 else 0)
 
 
 @compiled
 def sliding_sign(slip: float, parameters: Parameters) -> int:
-    """Return the sign of a slip beyond the threshold of eq. (9), 0 for one within."""
+    """Return the sign of a slip beyond the threshold of eq. (9), 0 within it."""
     return sign_beyond(slip, parameters.slip_threshold)
 
 
 @compiled
 def sign_beyond(value: float, limit: float) -> int:
-    """Return the sign of a value that is beyond +-limit, 0 for one within."""
+    """Return the sign of a value beyond +-limit, 0 within."""
     return int(value > limit) - int(value < -limit)
 
 
@@ -174,7 +174,7 @@ def friction_scale(slip: float, sliding: int, parameters: Parameters) -> float:
 
 @compiled
 def friction_slope(slip: float, sliding: int, parameters: Parameters) -> float:
-    """Return the derivative of `friction_scale` by the slip [s/m]."""
+    """Return the derivative of `friction_scale` with respect to the slip [s/m]."""
     if sliding != 0:
         return 0.0
     if parameters.smooth_friction > 0.0:
@@ -194,9 +194,9 @@ def normal_and_friction(force: float, slip: float, pressed: int, sliding: int,
     force, slip : float
         See `force_and_slip`.
     pressed, sliding : int
-        See the module.
+        See the docstring of the module.
     friction : float
-        Coefficient of the contact.
+        Coefficient of friction.
 
     """
     normal = 0.0 if pressed == 0 else force
@@ -209,8 +209,8 @@ def contact_force(state: Array, parameters: Parameters, contacts: Array,
     """
     Return normal force, friction force and slip velocity of one contact [N, N, m/s].
 
-    Along normal and tangent, see `force_and_slip`.  The normal force of a CORNER is counted with
-    reversed sign; it has no friction.
+    The forces are along normal and tangent, see `force_and_slip`.  The normal force of a CORNER
+    has the reversed sign, and its friction is 0.
     """
     force, slip = force_and_slip(state, parameters, contacts, row)
     normal, friction = normal_and_friction(
@@ -222,7 +222,7 @@ def contact_force(state: Array, parameters: Parameters, contacts: Array,
 
 
 def contact_table(vertices: int) -> Array:
-    """Return an empty table with room for every contact that a profile can give."""
+    """Return an empty table for all contacts that a profile can have."""
     return np.zeros((2 * vertices, COLUMNS))
 
 
@@ -253,7 +253,7 @@ def line_distance(segment: int, x: float, y: float, ground: Array) -> float:
     """
     Return the distance of a point above the line of a segment [m].
 
-    All on the segment, with its ends, is at least that far away.
+    Every point of the segment, including its ends, is at least that far away.
     """
     return ((y - ground[segment, VERTEX_Y]) * ground[segment, TANGENT_X]
             - (x - ground[segment, VERTEX_X]) * ground[segment, TANGENT_Y])
@@ -262,10 +262,10 @@ def line_distance(segment: int, x: float, y: float, ground: Array) -> float:
 @compiled
 def feature_guard(feature: int, x: float, y: float, radius: float, ground: Array) -> float:
     """
-    Return by how much the ball touches a feature, negative if it does not [m].
+    Return the guard of a feature, positive if the ball touches it, negative if not [m].
 
-    It touches a segment that holds the foot of the perpendicular, a vertex in whose cone the
-    centre is, and both only nearer than the radius: the least of three distances.
+    The ball touches a segment that contains the foot of the perpendicular, or a vertex whose cone
+    contains the centre, within the radius; the guard is the least of these three distances.
     """
     segment = feature // 2
     last = len(ground) - 2
@@ -306,11 +306,11 @@ def features_within(x: float, reach: float, ground: Array) -> tuple[int, int]:
 
 @compiled
 def away_from(segment: int, x: float, y: float, ground: Array) -> tuple[float, float]:
-    """Return the vector to a point from the point of a segment that is nearest to it [m]."""
+    """Return the vector from the nearest point of a segment to a point [m]."""
     away_x, away_y = x - ground[segment, VERTEX_X], y - ground[segment, VERTEX_Y]
     along_x, along_y = ground[segment, TANGENT_X], ground[segment, TANGENT_Y]
     along = away_x * along_x + away_y * along_y
-    # The foot of the perpendicular, or an end that is not infinite.
+    # The foot of the perpendicular, or a finite end.
     if along < 0.0 and segment > 0:
         along = 0.0
     if segment < len(ground) - 2:
@@ -366,7 +366,7 @@ def meeting(feature: int, x: float, y: float,
     distance : float
         [m]
     friction : float
-        Coefficient; that of an edge also where the vertex is a CORNER, which has none.
+        Coefficient; for a CORNER, which has no friction, that of an edge.
 
     """
     segment = feature >> 1
@@ -376,7 +376,7 @@ def meeting(feature: int, x: float, y: float,
     away_x, away_y = x - ground[segment + 1, VERTEX_X], y - ground[segment + 1, VERTEX_Y]
     square = away_x * away_x + away_y * away_y
     distance = math.sqrt(square)
-    per_distance = distance * (1.0 / square)  # root and division do not wait for each other
+    per_distance = distance * (1.0 / square)  # root and division can run in parallel
     return (away_x * per_distance, away_y * per_distance, distance,
             ground[segment + 1, EDGE_FRICTION])
 
@@ -384,7 +384,7 @@ def meeting(feature: int, x: float, y: float,
 @compiled
 def write_contact(contacts: Array, row: int, feature: int, x: float, y: float, radius: float,
                   ground: Array) -> None:
-    """Fill one row of the table of contacts, whether the ball touches that feature or not."""
+    """Fill one row of the table of contacts, whether the ball touches the feature or not."""
     normal_x, normal_y, distance, friction = meeting(feature, x, y, ground)
     kind = SURFACE if feature & 1 == 0 else EDGE
     if kind == EDGE and ground[(feature >> 1) + 1, TURN] > 0.0:
@@ -399,11 +399,11 @@ def write_contact(contacts: Array, row: int, feature: int, x: float, y: float, r
 @compiled
 def share_friction(contacts: Array, count: int) -> None:
     """
-    Take from the two neighbours of each CORNER the friction that it counts for.
+    Reduce the friction of the two neighbours of each CORNER.
 
-    A neighbour that is about to merge with the corner loses all of its friction, the other
-    one none of it, and in between both a share: friction stays continuous.  To count it
-    negatively, as the normal force, would give energy: the three slips are not the same.
+    For a neighbour that is about to merge with the corner it becomes 0, for the other it does not
+    change; in between, both keep a fraction, so friction stays continuous.  Negative friction at
+    the corner, like its normal force, would add energy, because the three slips differ.
     """
     # Minima and maxima alternate along the ground.
     for row in range(1, count - 1):
@@ -422,7 +422,7 @@ def share_friction(contacts: Array, count: int) -> None:
 @compiled
 def find_contacts(x: float, y: float, radius: float, ground: Array, contacts: Array) -> int:
     """
-    Write all contacts of a ball into `contacts` and return how many there are.
+    Write all contacts of a ball into `contacts` and return their number.
 
     Parameters
     ----------
@@ -463,22 +463,22 @@ def contact_sum(motion: Array, parameters: Parameters, ground: Array, contacts: 
     contacts : (2 n, 8) array
         The table of the contacts.
     signs : (m, 3) array
-        Their features and pieces of the law, see `modes`.
+        Features and signs of the contacts, see `modes`.
     count : int
     form : int
         OWN: contacts from the table, pieces of the law from the motion.  FROZEN: contacts from
         the table, pieces from the signs.  QUICK: features and pieces from the signs, without the
         table; there must be no CORNER then.
     response : tuple
-        Response to the contact forces: see `equations.unforced`.  With `SUMMED` they add up to
+        Response to the contact forces: see `equations.unforced`.  With `SUMMED` the result is
         force and torque.
 
     Returns
     -------
     turn, swing, along_x, along_y : float
-        Accelerations, or the sums of torque, nothing, and force.
+        Accelerations; with `SUMMED`, torque, 0, and force.
     contact_loss, friction_loss : float
-        Power that dampers and friction take out [W].
+        Power dissipated by dampers and friction [W].
 
     """
     (turn, swing, along_x, along_y), (sway_x, sway_y, own_x, cross, own_y, per_inertia) = response
@@ -505,12 +505,12 @@ def contact_sum(motion: Array, parameters: Parameters, ground: Array, contacts: 
             pressed, sliding = pressed_sign(force, parameters), sliding_sign(slip, parameters)
         pressing, rubbing = normal_and_friction(
             force, slip, pressed, sliding, parameters, friction)
-        # All power except that of the spring is dissipated, also that of a clipped pulling force.
+        # All power except that of the spring is dissipated, even for a clipped pulling force.
         lost = damping if pressed != 0 else parameters.stiffness * penetration
         contact_loss += sign * lost * away
         friction_loss -= rubbing * (along + distance * spin)
         pressing *= sign
-        # Friction, along the tangent (normal_y, -normal_x), is known last.
+        # Friction, along the tangent (normal_y, -normal_x), is available last.
         swing += pressing * (sway_x * normal_x + sway_y * normal_y)
         along_x += pressing * (own_x * normal_x + cross * normal_y)
         along_y += pressing * (cross * normal_x + own_y * normal_y)
@@ -537,13 +537,13 @@ def loads_of(motion: Array, parameters: Parameters, ground: Array, contacts: Arr
 @compiled
 def found_loads(motion: Array, parameters: Parameters, ground: Array, contacts: Array,
                 count: int) -> Loads:
-    """Return the `loads_of` contacts that `find_contacts` has found."""
+    """Return the loads of the contacts that `find_contacts` has found, see `loads_of`."""
     return loads_of(motion, parameters, ground, contacts, NO_SIGNS, count, OWN)
 
 
 @compiled
 def contact_loads(motion: Array, parameters: Parameters, ground: Array, contacts: Array) -> Loads:
-    """Find all contacts of a motion, and return the `loads_of` them."""
+    """Find all contacts of a motion, and return their loads, see `loads_of`."""
     count = find_contacts(motion[X], motion[Y], parameters.radius, ground, contacts)
     return found_loads(motion, parameters, ground, contacts, count)
 
@@ -563,7 +563,7 @@ def spring_energy(state: Array, parameters: Parameters, ground: Array, contacts:
 def add_load(out: Array, load: int, factor: float,
              slopes: tuple[float, float, float, float, float]) -> None:
     """Add a multiple of a gradient to the row of a load."""
-    # Written out: an index that varies makes a tuple slow.
+    # Unrolled: a variable index makes a tuple slow.
     out[load, 0] += factor * slopes[0]
     out[load, 1] += factor * slopes[1]
     out[load, 2] += factor * slopes[2]
@@ -576,14 +576,14 @@ def add_contact(state: Array, parameters: Parameters, ground: Array, contacts: A
                 signs: IntArray, row: int, smooth: bool,
                 out: Array) -> tuple[float, float, float]:
     """
-    Add how the loads of one contact change with x, y, velocity_x, velocity_y, ball_rate.
+    Add the derivatives of a contact's loads by x, y, velocity_x, velocity_y, ball_rate.
 
     Parameters
     ----------
     state, parameters, ground, contacts, signs
-        See `contact_sum`; the table is read only where not all contacts are `smooth`.
+        See `contact_sum`; the table is read only if not all contacts are `smooth`.
     row : int
-        Which of them.
+        Row of the contact.
     out : (3, 5) array, or larger
         The derivatives of force_x, force_y and torque.
 
@@ -611,7 +611,7 @@ def add_contact(state: Array, parameters: Parameters, ground: Array, contacts: A
     drift_x, drift_y = -bend * closing * tangent_x, -bend * closing * tangent_y
     pressed, sliding = signs[row, PRESSED], signs[row, SLIDING]
     normal, friction = normal_and_friction(force, slip, pressed, sliding, parameters, coefficient)
-    # The force of a CORNER, which has no friction, counts with the other sign.
+    # The force of a CORNER, which has no friction, has the reversed sign.
     sign = -1.0 if corner else 1.0
     _, softer, damping = damper(parameters.radius - distance, closing, parameters)
     stiffness, damping = parameters.stiffness - softer, damping if pressed != 0 else 0.0
@@ -628,7 +628,7 @@ def add_contact(state: Array, parameters: Parameters, ground: Array, contacts: A
                -share * damping * normal_x + steep * tangent_x,
                -share * damping * normal_y + steep * tangent_y, steep * lever)
     turning = tangent_x, tangent_y, 0.0, 0.0, 0.0
-    # force = normal n + friction t, and both directions turn.
+    # force = normal n + friction t, and both directions rotate.
     add_load(out, 0, sign * normal_x, pressing)
     add_load(out, 0, tangent_x, rubbing)
     add_load(out, 0, bend * (sign * normal * tangent_x - friction * normal_x), turning)

@@ -7,14 +7,14 @@ Equations of motion of the ball and its pendulum: eqs. (3)-(6) and (13), solved 
           y ^        phi = theta1 + theta2: absolute angle of the pendulum,
             |              0 hanging down, + towards +x
             |   ___        theta1: ball angle     all angles counter-clockwise positive
-            | /     \      theta2 = phi - theta1: joint angle, read by an encoder
+            | /     \      theta2 = phi - theta1: joint angle, measured by an encoder
             ||   o   |
             | \  |\ /   e: pendulum length
         ____|__‾‾|‾*‾____________> x          rolling forward (to +x) turns the ball
                  phi                           clockwise: ball_rate = -v / R < 0
 
 The state holds phi instead of the paper's theta2.  That is a mere change of variables, but
-phi stays bounded while theta1 and theta2 grow with the distance rolled, so nothing is lost by
+phi stays bounded while theta1 and theta2 grow with the distance rolled, so no precision is lost by
 subtracting two large numbers, and the equations separate: with M = M1 + M2, m = M2 e ::
 
     phi''    = (tau2 - c2 theta2' - m/M (Fx cos phi + Fy sin phi)) / (J2 + M2 e^2 M1/M)
@@ -23,7 +23,7 @@ subtracting two large numbers, and the equations separate: with M = M1 + M2, m =
     y''      = (Fy - m (phi'' sin phi + phi'^2 cos phi)) / M - g
 
 which is eq. (13) without a 4 x 4 solve.  Without a pendulum m = 0, tau2 = 0 and the first
-line is left out.
+line is omitted.
 """
 import math
 from typing import NamedTuple
@@ -43,15 +43,15 @@ read_parameters, read_actuator = row_reader(Parameters), row_reader(Actuator)
 
 
 class System(NamedTuple):
-    """All that the equations of motion depend on, beside time and state."""
+    """The arguments of the equations of motion other than time and state."""
 
     parameters: Parameters
     ground: Array  # (n, 7), see `Terrain.profile`
     actuator: Actuator
 
 
-# So far the series below are exact to rounding: the short ones, which most steps need, and the
-# long ones [rad].
+# Angles up to which the series below are exact to rounding: the short ones, which suffice for most
+# steps, and the long ones [rad].
 CLOSE, NEARBY = 0.05, 0.5
 
 Direction = tuple[float, float]       # sine and cosine of an angle
@@ -67,14 +67,14 @@ def angle_trig(angle: float) -> AngleTrig:
 @compiled
 def direction_near(angle: float, start: AngleTrig) -> Direction:
     """
-    Return sine and cosine of an angle [rad], quickly where it is near one that is known.
+    Return sine and cosine of an angle [rad], quickly if it is near that of `start`.
 
-    By the series of sine and cosine of the difference, and their theorems of addition.
+    Uses the series of sine and cosine of the difference, and the addition theorems.
     """
     known, sine, cosine = start
     ahead = angle - known
     square = ahead * ahead
-    # In pairs, which do not wait for each other; the sums that wait for all come last.
+    # In independent pairs; the sums that depend on all of them come last.
     if square < CLOSE * CLOSE:
         bent = (-1 / 6 + square * (1 / 120)) + (square * square) * (-1 / 5040)
         back = (-1 / 2 + square * (1 / 24)) + (square * square) * (
@@ -98,12 +98,12 @@ def direction_near(angle: float, start: AngleTrig) -> Direction:
 def unforced(motion: Array, pendulum_trig: Direction, motor: float, parameters: Parameters
              ) -> Response:
     """
-    Return the accelerations without the ground, and the response to its forces; eq. (13).
+    Return the accelerations without ground forces, and the response to these; eq. (13).
 
     Parameters
     ----------
     motion : (8,) array, or longer
-        Its positions are not used.
+        The coordinates are not used.
     pendulum_trig : tuple
         Sine and cosine of the pendulum angle.
     motor : float
@@ -112,7 +112,7 @@ def unforced(motion: Array, pendulum_trig: Direction, motor: float, parameters: 
 
     """
     sine, cosine = pendulum_trig
-    per_mass = 1.0 / parameters.mass  # a division in each call would take as long as all else
+    per_mass = 1.0 / parameters.mass  # a division in each call would take as long as the rest
     per_inertia = 1.0 / parameters.ball_inertia
     spin = motion[BALL_RATE]
     rolling = parameters.rolling_friction * spin
@@ -146,7 +146,7 @@ def forced(free: Accelerations, compliance: Compliance, force_x: float, force_y:
 @compiled
 def write_motion(motion: Array, found: Accelerations, parameters: Parameters,
                  rates: Array) -> None:
-    """Write velocities and accelerations of a motion."""
+    """Write velocities and accelerations of a motion into `rates`."""
     rates[BALL_ANGLE] = motion[BALL_RATE]
     rates[PENDULUM_ANGLE] = motion[PENDULUM_RATE] if parameters.swing_inertia > 0.0 else 0.0
     rates[X], rates[Y] = motion[VELOCITY_X], motion[VELOCITY_Y]
@@ -157,7 +157,7 @@ def write_motion(motion: Array, found: Accelerations, parameters: Parameters,
 def write_rates(state: Array, parameters: Parameters, loads: Loads, motor: float,
                 rates: Array) -> None:
     """
-    Write the time derivative of `state` under given loads, with the flows of energy.
+    Write the time derivative of `state` under given loads, including the energy flows.
 
     Parameters
     ----------

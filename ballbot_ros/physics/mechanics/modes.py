@@ -2,7 +2,7 @@
 """
 The smooth pieces (modes) of the contact law: motion, Jacobian, and the guards at their ends.
 
-The forces of eqs. (7)-(10) are piecewise smooth: a contact begins or ends, the damper would
+The forces of eqs. (7)-(10) are piecewise smooth: a contact starts or ends, the damper would
 pull, the slip passes the threshold of eq. (9), the motor reaches its limit.  A *mode* stores
 the side of the state for each of these conditions.  Within a mode the forces are smooth
 formulas without `max`, which extend beyond the end of the mode; that end is a zero of one of
@@ -14,7 +14,7 @@ locates the zero and restarts there keeps its order.
 An implicit step needs the derivative of the rates with respect to the state.  The rates of the
 coordinates depend only on the velocities, and no rate depends on the energies, so the nontrivial
 part is a table of four rows (the accelerations) and nine columns (four coordinates, four
-velocities, time).  It is complete where all contacts are smooth, see `contact`.
+velocities, time).  It is complete if all contacts are smooth, see `contact`.
 """
 import math
 from typing import NamedTuple
@@ -34,37 +34,37 @@ from ballbot_ros.physics.model.state import (
     BALL_RATE, PENDULUM_ANGLE, PENDULUM_RATE, VELOCITY_X, X, Y)
 from ballbot_ros.physics.model.terrain import Array
 
-# Columns of the signs of a mode: a row per contact in force, see `contact`,
+# Columns of the signs of a mode: a row per active contact, see `contact`,
 # and in the last row:
 MOTOR = 0     # sign of the torque where it is at its limit, 0 within
-COUNT = 1     # of contacts in force
-CORNERS = 2   # among them
+COUNT = 1     # number of active contacts
+CORNERS = 2   # number of CORNERs among them
 COLUMNS = 3
 
 # Rows of a Jacobian: the accelerations, in the order of the state vector.
 BALL, PENDULUM, ALONG_X, ALONG_Y = range(4)
 TIME = 8  # the last column; the first eight are those of the state vector
-# How the loads of the ground change, kept below the rows above: force_x, force_y and torque with
+# Derivatives of the ground loads, stored below the rows above: of force_x, force_y and torque by
 # x, y, velocity_x, velocity_y, ball_rate.
 LOADS = 4
 ROWS = 7
 
 
 class ContactMode(NamedTuple):
-    """The piece of the law that is in force."""
+    """The active piece of the contact law."""
 
     signs: IntArray  # (2 n + 1, 3), see above
-    contacts: Array  # (2 n, 8): the table of its contacts, at the state last looked at
+    contacts: Array  # (2 n, 8): the table of its contacts, at the last evaluated state
 
     @classmethod
     def of(cls, vertices: int) -> 'ContactMode':
-        """Return an empty mode with room for every contact that a profile can give."""
+        """Return an empty mode for all contacts that a profile can have."""
         return cls(np.zeros((2 * vertices + 1, COLUMNS), dtype=np.int64), contact_table(vertices))
 
 
 @compiled
 def contact_count(mode: ContactMode) -> int:
-    """Return how many contacts are in force."""
+    """Return the number of active contacts."""
     return mode.signs[len(mode.signs) - 1, COUNT]
 
 
@@ -115,9 +115,9 @@ def mode_accelerations(time: float, motion: Array, start: AngleTrig, system: Sys
     """
     Return the four accelerations in a frozen mode without a CORNER: the most frequent call.
 
-    The same as by `mode_derivative` without the flows of energy, and without a table of contacts:
-    all numbers stay in registers.  The motion without the ground, and the response to each newton
-    of its forces, are computed before these forces are known.
+    Equals `mode_derivative` without the energy flows, and without a table of contacts: all numbers
+    stay in registers.  The motion without ground forces, and the response to unit forces, are
+    computed before these forces are available.
 
     Parameters
     ----------
@@ -126,7 +126,7 @@ def mode_accelerations(time: float, motion: Array, start: AngleTrig, system: Sys
     motion : (8,) array, or longer
         Coordinates and velocities.
     start : tuple
-        A pendulum angle nearby and its direction, see `angle_trig`.
+        A nearby pendulum angle and its direction, see `angle_trig`.
 
     """
     pendulum_trig = direction_near(motion[PENDULUM_ANGLE], start)
@@ -148,7 +148,7 @@ def in_contact(feature: int, mode: ContactMode) -> bool:
 
 @compiled
 def find_mode(time: float, state: Array, system: System, mode: ContactMode) -> int:
-    """Write the mode of a state into `mode` and return how many contacts it has."""
+    """Write the mode of a state into `mode` and return its number of contacts."""
     signs, parameters, actuator = mode.signs, system.parameters, system.actuator
     count = find_contacts(state[X], state[Y], parameters.radius, system.ground, mode.contacts)
     last = len(signs) - 1
@@ -215,13 +215,13 @@ def violated_guards(time: float, state: Array, system: System, mode: ContactMode
     """
     List the guards that have become negative, among features from `first` to `behind`.
 
-    Returns how many there are; the rows of `violated` say kind and item of each.
+    Returns their number; the rows of `violated` contain kind and item of each.
     """
     signs, parameters, count = mode.signs, system.parameters, contact_count(mode)
     found = row = 0
     for feature in range(first, behind):
         guard = feature_guard(feature, state[X], state[Y], parameters.radius, system.ground)
-        # Both go from left to right: no need to search, which takes long on rough ground.
+        # Both are ordered from left to right: no search, which would be slow on rough ground.
         while row < count and signs[row, FEATURE] < feature:
             row += 1
         inside = row < count and signs[row, FEATURE] == feature
@@ -246,7 +246,7 @@ def violated_guards(time: float, state: Array, system: System, mode: ContactMode
 
 
 def jacobian_table() -> Array:
-    """Return the array that `write_jacobian` works in."""
+    """Return the array into which `write_jacobian` writes."""
     return np.zeros((ROWS, 9))
 
 
@@ -259,7 +259,7 @@ def write_jacobian(time: float, state: Array, pendulum_trig: Direction, system: 
     Parameters
     ----------
     time, state, system, mode
-        See `mode_derivative`; only the motion of the state is looked at.
+        See `mode_derivative`; only the motion of the state is used.
     pendulum_trig : tuple
         Sine and cosine of the pendulum angle.
     out : (7, 9) array
@@ -286,7 +286,7 @@ def write_jacobian(time: float, state: Array, pendulum_trig: Direction, system: 
     per_mass, per_inertia = 1.0 / parameters.mass, 1.0 / parameters.ball_inertia
     for shift in range(2):
         for row in range(3):
-            # The places among the coordinates, then their velocities.
+            # Derivatives by the position, then by the velocity.
             factor = per_mass if row < 2 else per_inertia
             to = ALONG_X + row if row < 2 else BALL
             out[to, X + shift] = factor * out[LOADS + row, shift]

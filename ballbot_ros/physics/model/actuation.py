@@ -24,13 +24,13 @@ from ballbot_ros.physics.model.terrain import Array
 # Laws of actuation, for Actuator.law.
 FREE, POSITION, VELOCITY, VOLTAGE, TORQUE = range(5)
 LAWS = ('free', 'position', 'velocity', 'voltage', 'torque')
-# The law that each set value belongs to; with another law, it would silently do nothing.
+# The law that uses each set value; with another law, the value would have no effect.
 SET_VALUES = {'set_angle': 'position', 'set_rate': 'velocity', 'voltage': 'voltage',
               'torque': 'torque'}
 
 
 def refuse_degrees(where: str, name: str, angle: float) -> None:
-    """Raise `ConfigurationError` for an angle [rad] beyond half a turn: one in degrees."""
+    """Raise `ConfigurationError` for an angle beyond +-pi rad, which must be in degrees."""
     if isinstance(angle, Real) and math.pi < abs(angle) < math.inf:
         raise ConfigurationError(
             f'{where}: {name} is in radians, within +-pi, got {angle:g}; '
@@ -38,10 +38,10 @@ def refuse_degrees(where: str, name: str, angle: float) -> None:
 
 
 class Actuator(NamedTuple):
-    """The pendulum motor and its law; see `Actuation.actuator` for making one."""
+    """The pendulum motor and its law, as returned by `Actuation.actuator`."""
 
     law: int = FREE
-    set_value: float = 0.0  # rad, rad/s, V or N m, as the law asks
+    set_value: float = 0.0  # rad, rad/s, V or N m, depending on the law
     kp: float = 0.0  # VOLTAGE: stall torque per volt [N m/V]
     kd_or_ki: float = 0.0  # VOLTAGE: back voltage [V s/rad]
     gravity_torque: float = 0.0  # M2 g e where compensated
@@ -57,7 +57,7 @@ class Actuation(Checked):
 
     ``free``      no torque, the motor is detached
     ``position``  eq. (11), holds the absolute pendulum angle `set_angle`
-    ``velocity``  eq. (12), holds the joint rate `set_rate`; rolling at v it is v / R
+    ``velocity``  eq. (12), holds the joint rate `set_rate`, which is v / R when rolling at v
     ``voltage``   open-loop voltage on the DC motor of the robot file
     ``torque``    a constant torque
     """
@@ -78,11 +78,11 @@ class Actuation(Checked):
         default=1e9, above=0.0)
 
     def __post_init__(self) -> None:
-        """Check each value; refuse one that is not of the law, and an angle in degrees."""
+        """Check each value; refuse a set value without its law, and an angle in degrees."""
         refuse_degrees('Actuation', 'set_angle', self.set_angle)
         super().__post_init__()
         given = [name for name in SET_VALUES if getattr(self, name) != 0.0]
-        # One value and no law: forgotten.  Several are settings, of which a law takes its own.
+        # One value: the law was forgotten.  Several are settings, of which a law uses its own.
         if self.law == 'free' and len(given) == 1:
             name, value = given[0], getattr(self, given[0])
             raise ConfigurationError(
@@ -94,15 +94,15 @@ class Actuation(Checked):
         """
         Return this actuation, for a robot, as the kernels read it.
 
-        The set-point was given at a time [s] and a joint angle theta2 [rad]; the integral of eq.
-        (12) counts from there.  Raises `ConfigurationError` if the robot has no pendulum, or no
-        motor for the voltage law.
+        `start_time` [s] and `start_joint_angle`, theta2 [rad], are those at which the integral of
+        eq. (12) starts.  Raises `ConfigurationError` if the robot has no pendulum, or no motor for
+        the voltage law.
         """
         self.check_fits(robot)
         return self.actuators(robot, start_time, start_joint_angle)
 
     def actuators(self, robot: Robot, start_time: float, start_joint_angle: float) -> Actuator:
-        """Return the result of `actuator`, unchecked; with columns if there are any."""
+        """Return the result of `actuator` without checks; the robot may have columns."""
         if self.law == 'free':
             return Actuator()
         gravity = robot.largest_gravity_torque if self.gravity_compensation else 0.0
@@ -121,11 +121,11 @@ class Actuation(Checked):
 
     @property
     def start_angle(self) -> float:
-        """Return the pendulum angle of an attempt that gives none: the one that is held [rad]."""
+        """Return the default pendulum angle of an attempt: the held angle, else 0 [rad]."""
         return self.set_angle if self.law == 'position' else 0.0
 
     def fits(self, robot: Robot) -> Any:
-        """Return whether a robot has the parameters of the law; a column if there are any."""
+        """Return whether a robot has the parameters of the law; a column for columns."""
         if self.law == 'free':
             return True
         if self.law != 'voltage' or robot.motor is None:
@@ -168,11 +168,11 @@ def position_torque(pendulum_angle: float, pendulum_rate: float, set_angle: floa
     pendulum_angle, pendulum_rate : float
         Absolute angle [rad] and rate [rad/s].
     set_angle : float
-        Wanted absolute angle [rad].
+        Reference of the absolute angle [rad].
     kp, kd : float
         Gains [N m/rad], [N m s/rad]; 40 and 10 in the paper.
     gravity_torque : float
-        M2 g e [N m], or 0 to leave gravity compensation out.
+        M2 g e [N m], or 0 for no gravity compensation.
 
     """
     return (position_feedback(pendulum_angle, pendulum_rate, set_angle, kp, kd)
@@ -197,16 +197,16 @@ def velocity_torque(pendulum_angle: float, joint_rate: float, joint_lag: float,
     pendulum_angle : float
         Absolute angle [rad], for gravity compensation.
     joint_rate : float
-        theta2', rate of the joint [rad/s].  Rolling forward at v, it is v / R.
+        theta2', rate of the joint [rad/s]; v / R when rolling forward at v.
     joint_lag : float
         Integral of the rate error since the set-point was given [rad]; the paper's
         ``set_rate * t - theta2``.
     set_rate : float
-        Wanted theta2' [rad/s].
+        Reference of theta2' [rad/s].
     kp, ki : float
         Gains [N m s/rad], [N m/rad]; 10 and 0 in the paper.
     gravity_torque : float
-        M2 g e [N m], or 0 to leave gravity compensation out.
+        M2 g e [N m], or 0 for no gravity compensation.
 
     """
     return (velocity_feedback(joint_rate, joint_lag, set_rate, kp, ki)
@@ -247,9 +247,9 @@ def applied_torque(requested: float, joint_rate: float, line: tuple[float, float
     """
     Return the torque at the joint for the requested torque of a control law [N m].
 
-    First the speed-torque lines of the motor at minus and plus its supply voltage cut it, then the
-    limit of the drive.  Against the rotation there is more torque than along it, for the back
-    voltage helps then; beyond the idle speed even full voltage brakes.
+    It is limited by the speed-torque lines of the motor at minus and plus its supply voltage, then
+    by the limit of the drive.  More torque is available against the rotation than along it, as the
+    back voltage then adds to the supply; beyond the no-load speed even full voltage brakes.
 
     Parameters
     ----------
@@ -273,7 +273,7 @@ def applied_torque(requested: float, joint_rate: float, line: tuple[float, float
 
 @compiled
 def limited(torque: float, limit: float) -> float:
-    """Return `torque` cut to [-limit, limit]."""
+    """Return `torque` clipped to [-limit, limit]."""
     return min(max(torque, -limit), limit)
 
 
@@ -307,9 +307,9 @@ def torque_asked(time: float, state: Array, sine: float, actuator: Actuator) -> 
 @compiled
 def torque_slopes(actuator: Actuator) -> tuple[float, float, float, float, float]:
     """
-    Return the derivatives of `unsaturated_torque` without gravity compensation: constants.
+    Return the constant derivatives of `unsaturated_torque` without gravity compensation.
 
-    By ball angle, pendulum angle, ball rate, pendulum rate and time.
+    They are by ball angle, pendulum angle, ball rate, pendulum rate and time.
     """
     if actuator.law == POSITION:
         return 0.0, -actuator.kp, 0.0, -actuator.kd_or_ki, 0.0

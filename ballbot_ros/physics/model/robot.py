@@ -18,9 +18,9 @@ from ballbot_ros.errors import ConfigurationError, PlausibilityWarning
 @dataclass(frozen=True, repr=False)
 class ContactOptions(Checked):
     """
-    How eqs. (7)-(10) are read.
+    Interpretation of eqs. (7)-(10).
 
-    The literal paper is ``ContactOptions(pulling=True, slip_lever='radius')``.
+    As printed, they are ``ContactOptions(pulling=True, slip_lever='radius')``.
     """
 
     pulling: bool = flag(
@@ -31,16 +31,16 @@ class ContactOptions(Checked):
         default='linear', choices=('linear', 'smooth'))
     slip_lever: str = text(
         'lever in the slip of eq. (8): the distance from centre to contact, as in eq. (10), so '
-        'that friction can only take energy; or the full radius, as printed',
+        'that friction always dissipates energy; or the full radius, as printed',
         default='contact', choices=('contact', 'radius'))
 
 
-# The files of `contact_laws`; the first is the law of robots that name none.
+# The files of `contact_laws`; the first is the default.
 CONTACT_LAWS = ('kelvin_voigt', 'hunt_crossley')
 
 LEAD, AIR = 11340.0, 1.2  # plausible range of the density of a robot [kg/m3]
-DENSITIES = (20.0, 5000.0)  # of robots: a corrected value that gives one of these was meant
-DEEPEST = 0.25  # static penetration that can still be a contact [radii]
+DENSITIES = (20.0, 5000.0)  # of robots: a unit that gives such a density was probably meant
+DEEPEST = 0.25  # largest plausible static penetration [radii]
 SPEED_MAX = 20.0  # plausible for a robot [m/s]
 HORIZONTAL = 90.0  # pendulum angle [deg]
 GRAVITY_MAX = 30.0  # more than on any planet with a surface [m/s2]
@@ -53,9 +53,9 @@ STIFFNESSES = {'N/mm': 1e3, 'kN/m': 1e3, 'N/cm': 1e2}
 
 def implausible(robot: Any) -> Iterator[str]:
     """
-    Yield a sentence for each parameter of a `Robot` that contradicts physics.
+    Yield a sentence for each parameter of a `Robot` that is physically implausible.
 
-    The likely unit is named where a value in another unit would be plausible.
+    It names the likely unit if the value would be plausible in another unit.
     """
     radius, mass = robot.ball_radius, robot.total_mass
     volume = 4.0 / 3.0 * math.pi * radius**3
@@ -117,7 +117,7 @@ def angle_warnings(degrees: float) -> Iterator[str]:
 
 def _meant(value: float, unit: str, others: Mapping[str, float],
            plausible: tuple[float, ...]) -> str:
-    """Return a hint at the unit in which a value would lie within two bounds, if there is one."""
+    """Return a hint at another unit in which a value would be plausible, empty for none."""
     low, high = plausible
     for other, factor in others.items():
         if low <= value * factor <= high:
@@ -172,9 +172,8 @@ class Robot(Checked):
     """
     A ball with or without a pendulum; symbols are those of the paper's nomenclature.
 
-    A robot without a pendulum has ``pendulum_mass == 0`` and then no other pendulum
-    quantity either; it has separate equations (the mass matrix of the full ones would
-    be singular).
+    A robot without a pendulum has ``pendulum_mass == 0``, and all other pendulum quantities
+    are 0; it has separate equations, because the full mass matrix would be singular.
 
     Attributes
     ----------
@@ -211,7 +210,7 @@ class Robot(Checked):
     edge_friction: float = quantity(
         '1', 'coefficient of friction on the edge of a step, mu', minimum=0.0)
     slip_threshold: float = quantity(
-        'm/s', 'slip velocity at which friction is fully there, eq. (9)', above=0.0,
+        'm/s', 'slip velocity at which friction is fully developed, eq. (9)', above=0.0,
         default=0.01)
     gravity: float = quantity('m/s2', 'acceleration of gravity, g', minimum=0.0, default=9.81)
     contact_law: str = text(
@@ -225,7 +224,7 @@ class Robot(Checked):
         default_factory=lambda: MappingProxyType({}), compare=False, repr=False)
 
     def __post_init__(self) -> None:
-        """Check each value, then that they fit together."""
+        """Check each value, then their consistency."""
         super().__post_init__()
         if self.consistent:
             for sentence in implausible(self):
@@ -282,7 +281,7 @@ class Robot(Checked):
         Parameters
         ----------
         where : str, optional
-            Place for error messages.
+            Location for error messages.
         **changes
             Values by name of the parameter.
 
@@ -312,7 +311,7 @@ class Robot(Checked):
 
     @property
     def consistent(self) -> bool:
-        """Return whether all that is known of the pendulum fits together, and into the ball."""
+        """Return whether the parameters of contact law, pendulum and ball are consistent."""
         resists = (self.pendulum_inertia > 0.0) | (self.pendulum_length > 0.0)
         nothing = ((self.pendulum_inertia == 0.0) & (self.pendulum_length == 0.0)
                    & (self.joint_friction == 0.0))
@@ -321,7 +320,7 @@ class Robot(Checked):
 
     @property
     def has_law_of_dissipation(self) -> bool:
-        """Return whether the contact law reads the dissipation, where there is one."""
+        """Return whether the contact law uses the dissipation, or that is 0."""
         return (self.contact_dissipation == 0.0) | (self.contact_law != 'kelvin_voigt')
 
     @property
@@ -356,7 +355,7 @@ class Robot(Checked):
 
     @property
     def static_penetration(self) -> float:
-        """Return how deep the ball rests in a level surface, M g / k [m]."""
+        """Return the penetration of the ball at rest on a level surface, M g / k [m]."""
         return self.weight / self.contact_stiffness
 
     @property
@@ -370,7 +369,7 @@ class Robot(Checked):
         Return the speed-torque line of the motor, see `actuation.applied_torque`.
 
         Stall torque per volt [N m/V], back voltage [V s/rad], supply voltage [V] and largest
-        torque [N m].  A robot that describes no motor has one without limits.
+        torque [N m].  The line of a robot without a motor has no limits.
         """
         if self.motor is None:
             return 1.0, 0.0, math.inf, math.inf
@@ -394,7 +393,7 @@ class Robot(Checked):
         """
         Return exp(-pi zeta / sqrt(1 - zeta^2)), 0 where overdamped (unclamped bounce).
 
-        Of eq. (7); by hunt_crossley it depends on the speed.
+        Valid for eq. (7); with hunt_crossley, restitution depends on the speed.
         """
         zeta = self.damping_ratio
         return math.exp(-math.pi * zeta / math.sqrt(1.0 - zeta**2)) if zeta < 1.0 else 0.0
@@ -423,8 +422,8 @@ class Parameters(NamedTuple):
 
     @classmethod
     def of(cls, robot: Robot, options: ContactOptions) -> 'Parameters':
-        """Return the parameters of a robot; columns of columns."""
-        # No power: of a number and of a column, its last digit may differ.
+        """Return the parameters of a robot; columns for a robot with columns."""
+        # Not a power, whose last digit may differ between a number and a column.
         own = robot.pendulum_mass * (robot.pendulum_length * robot.pendulum_length)
         return cls(
             robot.total_mass, robot.pendulum_mass * robot.pendulum_length, robot.ball_inertia,
@@ -464,7 +463,7 @@ def load_robot(name_or_path: RobotLike) -> Robot:
 
 
 def described(cls: Any, prefix: str = '') -> Dict[str, Mapping[str, Any]]:
-    """Return the numeric fields of a dataclass by name, as they are described."""
+    """Return the metadata of the numeric fields of a dataclass, by name."""
     return {prefix + item.name: item.metadata for item in fields(cls)
             if item.metadata.get('kind') is float}
 
@@ -478,7 +477,7 @@ def with_parameters(robot: Robot, values: Mapping[str, Any]) -> Robot:
     Return a robot with other parameters, SI, or with columns.
 
     Names are those of `ROBOT`, `MOTOR` and `STEERING`.  Raises `ConfigurationError` if a value is
-    out of range, or of a part that the robot has not.
+    out of range, or belongs to a part that the robot does not have.
     """
     own: Dict[str, Any] = {name: value for name, value in values.items() if name in ROBOT}
     for part, known in (('motor', MOTOR), ('steering', STEERING)):

@@ -2,11 +2,11 @@
 """
 The state of the ball as a value, its energies and contacts, and the order of its vector.
 
-All angles are counter-clockwise positive; see `mechanics.equations` for the picture.
+All angles are counter-clockwise positive; see `mechanics.equations` for a figure.
 """
 from typing import NamedTuple
 
-# In a vector: coordinates, rates, then energy dissipated since the start.
+# Indices of a state vector: coordinates, rates, then energies transferred since the start.
 (BALL_ANGLE, PENDULUM_ANGLE, X, Y, BALL_RATE, PENDULUM_RATE, VELOCITY_X, VELOCITY_Y,
  CONTACT_LOSS, FRICTION_LOSS, ROLLING_LOSS, JOINT_LOSS, MOTOR_WORK) = range(13)
 SIZE = 13
@@ -15,7 +15,7 @@ COORDINATES = 4
 
 class State(NamedTuple):
     """
-    Everything that evolves; see `mechanics.equations` for the picture of the angles.
+    All state variables; see `mechanics.equations` for a figure of the angles.
 
     The last five are energies transferred since the start [J].
     """
@@ -29,11 +29,11 @@ class State(NamedTuple):
     pendulum_rate: float = 0.0
     velocity_x: float = 0.0  # [m/s]
     velocity_y: float = 0.0
-    contact_loss: float = 0.0  # taken by the contact dampers
+    contact_loss: float = 0.0  # dissipated by the contact dampers
     friction_loss: float = 0.0  # by friction in the contacts
     rolling_loss: float = 0.0  # by rolling friction c1
     joint_loss: float = 0.0  # by friction c2 of the pendulum joint
-    motor_work: float = 0.0  # given by the motor
+    motor_work: float = 0.0  # done by the motor
 
     @property
     def joint_angle(self) -> float:
@@ -47,12 +47,12 @@ class State(NamedTuple):
 
     @property
     def dissipated_energy(self) -> float:
-        """Return all that dampers and frictions have taken [J]."""
+        """Return the energy dissipated by dampers and friction [J]."""
         return self.contact_loss + self.friction_loss + self.rolling_loss + self.joint_loss
 
 
 class Touch(NamedTuple):
-    """One contact with the ground, for people and messages."""
+    """One contact with the ground, for output and messages."""
 
     kind: int  # SURFACE, EDGE or CORNER of `contact`
     x: float  # contact point on the ground [m]

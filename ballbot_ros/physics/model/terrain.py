@@ -2,9 +2,8 @@
 """
 The ground: a polyline with the solid below it, and the ``terrain`` section of a scene file.
 
-Floors, steps, slopes, thresholds, cords and carpets are all profiles.  A scene file sets them
-together from pieces, which follow one another from left to right, each beginning where the last
-one ended::
+Floors, steps, slopes, thresholds, cords and carpets are all profiles.  A scene file lists pieces
+from left to right, each of which starts where the previous one ends::
 
     terrain:
       - flat: {length: 1.2}
@@ -33,8 +32,8 @@ from ballbot_ros.errors import ConfigurationError
 Array = NDArray[np.float64]
 
 
-# Columns of a profile, the one array in which the compiled kernels read a terrain; a row per
-# vertex.  (One array, because counting references to seven costs more than the mechanics.)
+# Columns of a profile, the array from which the compiled kernels read a terrain; a row per vertex.
+# (A single array, because counting references to seven costs more than the mechanics.)
 # Tangents and surface friction are those of the segment that starts at the vertex.
 VERTEX_X, VERTEX_Y, TANGENT_X, TANGENT_Y, TURN, SURFACE_FRICTION, EDGE_FRICTION = range(7)
 
@@ -60,7 +59,7 @@ class Terrain:
     ------
     ConfigurationError
         If the polyline runs backwards, repeats a vertex, starts or ends with a vertical
-        face, is not finite, or the arrays do not fit together.
+        face, is not finite, or the arrays have inconsistent lengths.
 
     """
 
@@ -106,7 +105,7 @@ class Terrain:
 
     @classmethod
     def slope(cls, angle: float) -> 'Terrain':
-        """Return an endless slope through the origin that rises towards +x [rad]."""
+        """Return an infinite slope through the origin that rises towards +x [rad]."""
         if not -np.pi / 2 < angle < np.pi / 2:
             raise ConfigurationError(
                 f'terrain: slope angle must be between -pi/2 and pi/2 rad, got {angle!r}',
@@ -143,16 +142,16 @@ class Terrain:
         """
         Return the vertices of each face that rises or drops, from left to right.
 
-        A face is steep from its foot to its edge, or for most of its height, as a rounded edge is.
+        A face is steep from its foot to its edge, or over most of its height, like a rounded edge.
 
         Parameters
         ----------
         least_slope : float
             Rise over run; a less steep segment is a ramp.
         least_height : float
-            [m]; a lower one is an unevenness.
+            [m]; a lower face counts as unevenness.
         short : float
-            A less steep segment within a face that is shorter belongs to it [m].
+            Less steep segments shorter than this belong to the face [m].
         endless : bool
             Whether the infinite end segments may be faces.
 
@@ -169,7 +168,7 @@ class Terrain:
             for begin, end in zip(ends[::2], ends[1::2]):
                 face = self.vertices[begin:end + 1]
                 width, height = (face[-1] - face[0]) * (1.0, sign)
-                # A quarter of a circle is as high as wide, on a slope less high.
+                # A quarter circle is as high as it is wide; on a slope it is less high.
                 mostly = np.sum(climb[begin:end][steep[begin:end]]) > 0.5 * height
                 if height >= least_height and (mostly or height >= least_slope * width):
                     found[begin] = face
@@ -201,7 +200,7 @@ def _frozen(name: str, values: ArrayLike) -> Array:
 
 
 def _check_course(points: Array) -> None:
-    """Refuse a polyline that no ball could roll along."""
+    """Refuse a polyline with overhangs, repeated vertices or vertical ends."""
     step = np.diff(points, axis=0)
     for index, (dx, dy) in enumerate(step):
         if dx < 0.0:
@@ -215,7 +214,7 @@ def _check_course(points: Array) -> None:
         if dx == 0.0 and index in (0, len(step) - 1):
             raise ConfigurationError(
                 'terrain: the first and the last segment extend to infinity and so cannot be '
-                f'vertical; segment {index} is, add a vertex beside it',
+                f'vertical; segment {index} is vertical: add a vertex next to it',
                 'inconsistent', 'vertices')
 
 
@@ -233,11 +232,11 @@ def _friction(name: str, values: ArrayLike, length: int) -> Array:
     return array
 
 
-# A round piece is drawn with vertices this far apart; at 15 degrees the flats of a cord are
-# within 1 % of its radius of the circle.
+# Angle between the vertices of a round piece; at 15 degrees the segments of a cord deviate from
+# the circle by less than 1 % of its radius.
 ARC_STEP = math.radians(15.0)
 
-Strides = list[tuple[float, float]]  # a piece: from each vertex to the next [m]
+Strides = list[tuple[float, float]]  # a piece: offsets from each vertex to the next [m]
 
 _LENGTH = quantity('m', 'horizontal length', above=0.0, maximum=1e6)
 _HEIGHT = quantity('m', 'height', above=0.0, maximum=1e6)
@@ -278,7 +277,7 @@ def _arc(radius: float, begin: float, end: float) -> Strides:
 
 
 def _cord(diameter: float) -> Strides:
-    # A round cord seen from above: the lower half of its sides is out of reach.
+    # The ball cannot reach the lower half of a round cord.
     radius = 0.5 * diameter
     return [(0.0, radius), *_arc(radius, math.pi, 0.0), (0.0, -radius)]
 
@@ -293,7 +292,7 @@ def _carpet(thickness: float, length: float) -> Strides:
             *_arc(thickness, quarter, 0.0)]
 
 
-# Piece -> (function giving its strides, the values it takes, those it may do without).
+# Piece -> (function that returns its strides, its values, its optional values).
 PIECES: Mapping[str, tuple[Callable[..., Strides], Mapping[str, Any], tuple[str, ...]]] = {
     'flat': (_flat, {'length': _LENGTH}, ()),
     'step': (_step, {'height': _SIGNED}, ()),
@@ -310,8 +309,8 @@ def read_terrain(section: Any, where: str) -> Terrain:
     """
     Return the terrain that a scene file describes, by pieces or by a mapping with the vertices.
 
-    `where` is the place for error messages.  Raises `ConfigurationError` that names piece, field,
-    value and range.
+    `where` is the location for error messages.  Raises a `ConfigurationError` that names piece,
+    field, value and range.
     """
     try:
         if isinstance(section, dict):
@@ -369,7 +368,7 @@ def _read_piece(piece: Any, where: str) -> tuple[Strides, float, float]:
 
 
 def _join(pieces: list[tuple[Strides, float, float]]) -> Terrain:
-    """Return the terrain of pieces set end to end, with level ends where those are needed."""
+    """Return the terrain of pieces joined end to end, with level ends where needed."""
     # Add a level metre at either end, unless the end segment can be infinite.
     level: tuple[Strides, float, float] = ([(1.0, 0.0)], math.nan, math.nan)
     lead = [] if len(pieces[0][0]) == 1 and pieces[0][0][0][0] > 0.0 else [level]

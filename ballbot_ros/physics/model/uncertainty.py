@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Random robots: numbers drawn from the ranges that a robot file gives for them.
+Random robots: parameters drawn from the ranges that a robot file gives for them.
 
 Parameters are drawn uniformly and independently, with one exception: if the masses of ball and
 pendulum are both uncertain, their sum is kept, because a scale measures the sum (and the paper
 prints it), but not the split.
 
-The points are those of ``scipy.stats.qmc.Sobol``, scrambled; but to import that takes most of a
-second, in each start of a node that decides.
+The points equal those of ``scipy.stats.qmc.Sobol``, scrambled, whose import would take most of a
+second at each start of a decision node.
 """
 from types import SimpleNamespace
 from typing import cast, Dict, List, Mapping, Tuple, TypeVar
@@ -54,14 +54,14 @@ def sobol(dimensions: int, power: int, seed: int) -> Array:
     points = np.empty((2 ** power, dimensions))
     points[0] = point = shift
     for number in range(1, len(points)):
-        # Antonov and Saleev 1979: one direction more, that of the lowest bit that is 0.
+        # Antonov and Saleev 1979: add the direction of the lowest bit that is 0.
         lowest = (~(number - 1) & number).bit_length() - 1
         points[number] = point = point ^ directions[:, lowest]
     return points / 2 ** BITS
 
 
 def _directions(polynomial: int, first: Tuple[int, ...]) -> Bits:
-    """Return the directions of a dimension, each shifted to the left of `BITS` bits."""
+    """Return the directions of a dimension, each left-aligned in `BITS` bits."""
     degree = polynomial.bit_length() - 1
     found = list(first) if degree else [1] * BITS
     while len(found) < BITS:
@@ -79,13 +79,13 @@ Number = TypeVar('Number', float, Array)
 
 
 def ranges(robot: Robot) -> Dict[str, Tuple[float, float]]:
-    """Return the low and high ends of the numbers that have a range, by field name, SI."""
+    """Return the low and high ends of the parameters that have a range, by field name, SI."""
     return {name: (item.low, item.high) for name, item in robot.provenance.items()
             if item.low is not None and item.high is not None}
 
 
 def uncertain(robot: Robot) -> Dict[str, Tuple[float, float]]:
-    """Return the `ranges` of derived parameters, see `Provenance`, but those of the motor."""
+    """Return the `ranges` of derived parameters, see `Provenance`, not of motor and steering."""
     return {name: (low, high) for name, (low, high) in ranges(robot).items()
             if robot.provenance[name].source == 'derived' and '.' not in name and low < high}
 
@@ -100,7 +100,7 @@ def changed(robot: Robot, values: Mapping[str, float]) -> Robot:
     """
     Return a robot with other parameters, see `with_parameters`.
 
-    Where both masses are uncertain and one is changed, the other takes up the difference.
+    If both masses are uncertain and one is changed, the other is changed to keep their sum.
     """
     return with_parameters(robot, _with_both_masses(robot, values))
 
@@ -119,19 +119,19 @@ def rows_of_parameters(robot: Robot, values: Mapping[str, Array], number: int,
     """
     Return the `Parameters` of many robots, (number, ...): those of `changed`, but unchecked.
 
-    The values are columns of fields of the robot, SI.
+    `values` has a column for each name of a field of the robot, SI.
     """
     own = {name: getattr(robot, name) for name in ROBOT}
     own['law_number'] = robot.law_number
     own.update(_with_both_masses(robot, values))
     own['total_mass'] = own['ball_mass'] + own['pendulum_mass']
-    # The sums and products are the same for arrays; a Robot of each takes a hundred times as long.
+    # Sums and products also work on arrays; one Robot per row would take a hundred times as long.
     columns = Parameters.of(cast(Robot, SimpleNamespace(**own)), options)
     return np.column_stack([np.broadcast_to(column, number) for column in columns])
 
 
 def spread_points(dimensions: int, count: int, seed: int) -> Array:
-    """Return (count, dimensions) points, evenly in the unit cube; Sobol's sequence, scrambled."""
+    """Return (count, dimensions) points of the unit cube; Sobol's sequence, scrambled."""
     # A power of two keeps the sequence balanced; surplus points are discarded.
     power = max(0, int(np.ceil(np.log2(count))))
     return sobol(dimensions, power, seed)[:count]
@@ -139,9 +139,9 @@ def spread_points(dimensions: int, count: int, seed: int) -> Array:
 
 def draw(robot: Robot, count: int, seed: int = 0) -> List[Robot]:
     """
-    Draw robots from the ranges of the uncertain numbers; Sobol's sequence, scrambled.
+    Draw robots from the ranges of the uncertain parameters; Sobol's sequence, scrambled.
 
-    Raises `ConfigurationError` if numbers of the ranges contradict each other.
+    Raises `ConfigurationError` if drawn parameters contradict each other.
     """
     free = independent(uncertain(robot))
     if not free:

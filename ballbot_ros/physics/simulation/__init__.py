@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Runs: a model, its scenes, trajectories, and how wrong they are."""
+"""Simulation: models, scenes, runs, trajectories, and their errors."""

@@ -18,8 +18,8 @@ from ballbot_ros.physics.simulation.solver import (
     check_work, failure, Integrator, Ledger, LEDGER_BOUND, METHODS, out_of_balance, Solver)
 from ballbot_ros.physics.solvers.values import FINISHED, Status
 
-# Of the radius that a ball at rest sinks in with the stiffness that a refusal names.  At a tenth,
-# one that moves sinks in to its centre, or on top of a corner, where steps are explicit and many.
+# Static penetration, relative to the radius, at the stiffness that a refusal suggests.  At a
+# tenth, a moving ball penetrates to its centre, or at a corner, where steps are explicit and many.
 SINKS = 0.03
 
 
@@ -30,8 +30,8 @@ class Model:
 
     Immutable; `advance` maps a state to a later one.
 
-    Without a solver a run is made to an accuracy, see `simulate`, and `advance` takes the fixed
-    steps of ``Solver()``: the same cost in every control period.
+    Without a solver, `simulate` runs to an accuracy, and `advance` takes the fixed steps of
+    ``Solver()``, at the same cost in every control period.
     """
 
     robot: Robot
@@ -40,7 +40,7 @@ class Model:
     solver: Optional[Solver] = None
 
     def __post_init__(self) -> None:
-        """Take the name or the file of a robot for the robot, too."""
+        """Load the robot if its name or file is given."""
         object.__setattr__(self, 'robot', load_robot(self.robot))
 
     def __reduce__(self) -> tuple[
@@ -49,12 +49,12 @@ class Model:
         return type(self), (self.robot, self.terrain, self.options, self.solver)
 
     def __repr__(self) -> str:
-        """Return robot and solver, not all numbers of the ground."""
+        """Return robot and solver, without the terrain."""
         return f'Model({self.robot!r}, {self.solver!r})'
 
     @property
     def solver_in_use(self) -> Solver:
-        """Return the solver, or that of `advance` where none is given."""
+        """Return the solver, or the default of `advance` if none is given."""
         return Solver() if self.solver is None else self.solver
 
     @cached_property
@@ -71,16 +71,16 @@ class Model:
         """
         Return the ball on the ground above `x`, rolling along it without slip.
 
-        The contact carries the weight: on a level floor nothing bounces.
+        The contact carries the weight: on a level floor the ball does not bounce.
 
         Parameters
         ----------
         x : float
-            Of the ball centre [m].
+            x of the ball centre [m].
         speed : float
-            Of the centre, along the ground [m/s].
+            Speed of the centre along the ground [m/s].
         pendulum_angle : float
-            Absolute [rad]; without rate.
+            Absolute angle [rad]; its rate is 0.
 
         """
         height, normal_x, normal_y = self._resting_place(x)
@@ -99,8 +99,8 @@ class Model:
         def support(y: float) -> float:
             return self._spring_force(x, y)[1] - self.robot.weight
 
-        # Above everything within reach nothing carries the ball; at the ground all does, except
-        # beside a vertical face: there its top counts.
+        # At `high` the ball is clear of all ground within reach; at `low` its centre is on the
+        # ground, or at the top of a vertical face at x.
         near = 1e-9 * radius
         corners = self.profile[:, VERTEX_X]
         reach = np.concatenate([
@@ -108,7 +108,7 @@ class Model:
         high = float(np.max(self.terrain.height(reach))) + 1.01 * radius
         low = float(np.max(self.terrain.height([x - near, x, x + near]))) + near
         if support(low) < 0.0:
-            # The supporting force grows with the stiffness: deeper contacts require less of it.
+            # The supporting force grows with the stiffness; deeper contacts require less.
             lift = support(low) + self.robot.weight
             enough = robot.stiffness * self.robot.weight / lift / SINKS if lift > 0.0 else 0.0
             raise ConfigurationError(
@@ -134,18 +134,18 @@ class Model:
         return low, float(deepest[contact.NORMAL_X]), float(deepest[contact.NORMAL_Y])
 
     def _spring_force(self, x: float, y: float) -> tuple[float, float]:
-        """Return the ground contact force on a ball at rest at a place [N]."""
+        """Return the contact force on a ball at rest with its centre at (x, y) [N]."""
         force_x, force_y, *_ = contact.contact_loads(
             np.array(State(x=x, y=y)[1:]), self.parameters, self.profile, self._contacts)
         return float(force_x), float(force_y)
 
     def check_start(self, state: State) -> None:
         """
-        Refuse a start with the centre of the ball under the ground, warn of one in the ground.
+        Refuse a start with the ball centre under the ground; warn if the ball is in the ground.
 
-        A contact pushes with the weight at rest, and with ``W + sqrt(W^2 + 2 k T)`` at most after
-        an impact with the kinetic energy T.  With more, a start is in a wall, or a run continues.
-        Where floating-point numbers are farther apart than the tolerance, rounding limits a run.
+        The contact force is the weight at rest, and at most ``W + sqrt(W^2 + 2 k T)`` in an impact
+        with the kinetic energy T.  With more, the ball starts in a wall, or a run is continued.
+        If the spacing of floating-point numbers exceeds the tolerance, rounding limits accuracy.
 
         Raises
         ------
@@ -182,7 +182,7 @@ class Model:
 
     def advance(self, state: State, actuator: Actuator, steps: int) -> State:
         """
-        Return the state after some time.
+        Return the state after a number of solver steps.
 
         Parameters
         ----------
@@ -190,7 +190,7 @@ class Model:
         actuator : Actuator
             See `Actuation.actuator`.
         steps : int
-            The time, in steps of the solver; a method that chooses its steps takes others.
+            Duration in steps of the solver; a variable-step method chooses its own steps.
 
         Raises
         ------
@@ -210,7 +210,7 @@ class Model:
         if status.outcome != FINISHED:
             raise failure(status.outcome, status.time, vector, solver)
         if fixed:
-            # Other methods look after their error themselves.
+            # Other methods control their error themselves.
             missing, _ = ledger.missing(vector[None])
             if missing > LEDGER_BOUND:
                 raise out_of_balance(status.time, missing, solver)

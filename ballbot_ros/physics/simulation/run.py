@@ -3,19 +3,18 @@
 Run a model from a state for a duration: `simulate`, to an accuracy unless a solver is given.
 
 **To an accuracy**: a run is repeated with ever smaller tolerances of the adaptive method until two
-successive runs agree to within the accuracy at all times that are kept.  Their difference is the
-error of the *coarser* of the two; the finer one is returned, so that the estimate errs on the safe
-side.  That holds where both saw the same motion.  Two runs that met another number of kinks of the
-contact law did not, and may agree by chance, as may runs whose contact is too hard for the
-tolerance of the accuracy; then a third, by another method, has to agree, too.  No run is coarser
-than required to resolve friction and contact.  Motion with many bounces is chaotic: errors grow
-until no tolerance helps.  The `Assurance` of such a run states the time up to which the accuracy
-holds.
+successive runs agree to within the accuracy at all output times.  Their difference is the error of
+the *coarser* of the two; the finer one is returned, so that the estimate errs on the safe side.
+That holds if both runs have the same sequence of contacts.  Two runs with different numbers of
+events of the contact law may agree by chance, as may runs whose contact is too stiff for the
+tolerance; then a third run, by another method, must agree, too.  No run is coarser than required
+to resolve friction and contact.  Motion with many bounces is chaotic: errors grow until no
+tolerance suffices.  The `Assurance` of such a run states the time up to which the accuracy holds.
 
-**With fixed steps**, for a constant cost or the settings of the paper: they can be
-stable, in energy balance, and still too long to be correct, for instance if a ball bounces too
-early.  So such a run is compared with the adaptive method, which takes a small part of its
-time; if that fails, with steps of half the length.
+**With fixed steps**: for a constant cost, or the settings of the paper.  Fixed steps can be stable
+and in energy balance, but still too long to be correct, for instance if a ball bounces too early.
+Therefore such a run is compared with the adaptive method, which takes a small fraction of its
+time, or, if that fails, with steps of half the length.
 """
 from dataclasses import replace
 import math
@@ -39,19 +38,19 @@ from ballbot_ros.physics.solvers.values import FINISHED, Output, PAUSED, Status
 # result does not depend on this number.
 CHUNK = 500
 
-# The tolerance is one of a step; over a crossing errors grow by one or two orders.
+# The tolerance applies to a step; errors grow by one or two orders of magnitude in a crossing.
 FIRST_TOLERANCE = 1e-2  # times the accuracy, for the first, coarser run
 REFINEMENT = 0.03
-# Two runs may have the same error: they have to agree better than the requested accuracy.
+# Two runs may have the same error: they must agree more closely than the requested accuracy.
 AGREEMENT_FACTOR = 0.1
-# A tolerance resolves the slip threshold of friction and the penetration of the ball to these
-# fractions: runs that do not resolve them share an error, even with different methods.  In a hard
-# contact the ball vibrates by less than the penetration, which long implicit steps damp.
+# The tolerance resolves the slip threshold of friction and the penetration of the ball to these
+# fractions: runs that do not resolve them share an error, even with different methods.  In a stiff
+# contact, long implicit steps damp the vibration of the ball, which is below the penetration.
 RESOLVED_SLIP, RESOLVED_PENETRATION = 0.3, 0.2
 EARTH = 9.81  # [m/s2]: without weight, penetration results from impacts
 # A run with a tolerance finer by `REFINEMENT` takes twice the work.  Above this ratio the steps
 # are limited by rounding or by events that the coarser run has missed, not by the tolerance.
-# Then a third, finer run has to agree, too.
+# Then a third, finer run must agree, too.
 RUNAWAY = 5
 # Maximum work of the confirming run, relative to the confirmed one.
 CONFIRMING_WORK = 10
@@ -61,12 +60,12 @@ FINEST_TOLERANCE = 1e-14
 # Maximum error of fixed-step runs, relative to the larger of radius and path.  Fixed steps have no
 # error control; beyond this bound the result is a different motion.
 STEP_BOUND = 0.08
-CHECK = 0.1        # of that: the accuracy of the run that they are compared with
-LEAST_WORK = 20_000  # right-hand sides for that run, where the other one took fewer
+CHECK = 0.1        # of that: the accuracy of the reference run
+LEAST_WORK = 20_000  # minimum work budget of the reference run [right-hand sides]
 
 
 class TooLongSteps(SimulationError):
-    """A run with fixed steps is stable and in balance, and yet somewhere else."""
+    """A run with fixed steps is stable and in energy balance, but inaccurate."""
 
 
 def simulate(model: Model, start: State, actuation: Actuation, duration: float,
@@ -79,13 +78,13 @@ def simulate(model: Model, start: State, actuation: Actuation, duration: float,
     ----------
     model : Model
     start : State
-        The run continues its time.
+        The time of the run continues from that of this state.
     actuation : Actuation
-        Held for the whole run.
+        Constant during the run.
     duration : float
         [s], rounded up to a whole number of output steps.
     output_step : float
-        Time between samples [s]; a whole number of solver steps, where these are fixed.
+        Time between samples [s]; a whole number of solver steps, if these are fixed.
     accuracy : float, optional
         Maximum error of the position of the centre at any sample [m]; then only `models` and the
         work budget of the model's solver apply, to each run.  By default the solver of the model
@@ -106,7 +105,7 @@ def simulate(model: Model, start: State, actuation: Actuation, duration: float,
         If the run fails, or if fixed steps were too long; its attribute ``trajectory`` holds the
         samples until then.
     ConfigurationError
-        If steps and durations do not fit together, or the accuracy is out of range.
+        If steps and durations are inconsistent, or the accuracy is out of range.
 
     """
     given = start, actuation, duration, output_step, progress
@@ -117,8 +116,8 @@ def simulate(model: Model, start: State, actuation: Actuation, duration: float,
     except OutOfBalance as error:
         if model.solver.method != 'adaptive':
             raise
-        # Where the tolerance is coarser than the ball sinks in, explicit steps may shake it out of
-        # its ground and in again.  Implicit ones damp that.
+        # If the tolerance is coarser than the penetration, the ball may vibrate out of the ground
+        # and back with explicit steps.  Implicit steps damp that.
         calm = run_once(
             replace(model, solver=replace(model.solver, method='implicit')), *given)
         tried = error.trajectory.effort if error.trajectory else Effort()
@@ -131,10 +130,10 @@ def simulate(model: Model, start: State, actuation: Actuation, duration: float,
 
 def steps_in(duration: float, step: float, what: str) -> int:
     """
-    Return how many steps make up a duration.
+    Return the number of steps in a duration.
 
-    Raises `ConfigurationError` if it is not a whole number of them; the message names durations
-    that are.
+    Raises `ConfigurationError` if it is not a whole number; the message names the nearest valid
+    durations.
     """
     steps = round(duration / step)
     if steps < 1 or abs(steps * step - duration) > 1e-6 * duration:
@@ -146,7 +145,7 @@ def steps_in(duration: float, step: float, what: str) -> int:
 
 
 def output_steps(duration: float, output_step: float) -> int:
-    """Return how many output steps a run takes; its duration is rounded up to them."""
+    """Return the number of output steps of a run, to which its duration is rounded up."""
     return int(np.ceil(duration / output_step - 1e-9))
 
 
@@ -243,7 +242,7 @@ def _to_accuracy(model: Model, accuracy: float, start: State, actuation: Actuati
             same = finer == 1.0 and coarse.effort.events == fine.effort.events
             if _agree(assured) and not (same or finest):
                 assured = runs.confirmed(fine, assured)
-                # Two runs did agree by chance: here that happens, and may again.
+                # Two runs agreed by chance, which may happen again.
                 needed = needed if _agree(assured) else 2
             if fine.effort.evaluations > RUNAWAY * coarse.effort.evaluations:
                 needed = 2
@@ -270,7 +269,7 @@ class _Runs:
         self.effort, self.count, self.interrupted = Effort(), 0, False
 
     def run(self, solver: Solver) -> Optional[Trajectory]:
-        """Return a run, or nothing where its energy does not balance."""
+        """Return a run, or None if its energy does not balance."""
         self.count += 1
         try:
             run = run_once(replace(self._model, solver=solver), *self._given)
@@ -285,7 +284,7 @@ class _Runs:
         return run
 
     def confirmed(self, fine: Trajectory, assured: Assurance) -> Assurance:
-        """Return the assurance of a run after another method has run, too."""
+        """Return the assurance of a run after comparison with another method."""
         solver = fine.model.solver_in_use
         budget = min(solver.work_budget, CONFIRMING_WORK * fine.effort.evaluations)
         try:
@@ -299,7 +298,7 @@ class _Runs:
 
 
 def centres(run: Trajectory) -> Array:
-    """Return the centre at each sample, an (n, 2) array, with nothing else computed."""
+    """Return the centre at each sample, an (n, 2) array, without computing other columns."""
     where: Array = run.rows[:, 1 + X:1 + Y + 1]
     return where
 
@@ -324,24 +323,24 @@ def check_steps(run: Trajectory, actuation: Actuation, duration: float,
     """
     Check that the fixed steps of a run were short enough; see `simulate` for the parameters.
 
-    Raises `TooLongSteps` if the run is off by more than `STEP_BOUND`, or if nothing confirms it.
+    Raises `TooLongSteps` if the run is off by more than `STEP_BOUND`, or cannot be confirmed.
     """
     start, solver = run.state(0), run.model.solver_in_use
     path = float(np.sum(np.hypot(*np.diff(centres(run), axis=0).T)))
     bound = STEP_BOUND * max(run.model.robot.ball_radius, path)
     try:
-        # Within about the work that the run took.
+        # Limited to about the work of the run.
         model = replace(run.model, solver=replace(solver, method='adaptive', work_budget=min(
             solver.work_budget, max(LEAST_WORK, run.effort.evaluations))))
         exact = _to_accuracy(model, min(max(CHECK * bound, SMALLEST), LARGEST), start, actuation,
                              duration, output_step)
         gap, horizon = _apart(run, exact), exact.assurance.horizon if exact.assurance else 0.0
-        # Beyond the horizon the comparison means nothing.
+        # Beyond the horizon the comparison is meaningless.
         gap = gap[run.rows[:len(gap), 0] <= horizon]
         remedy = f'{_shorter(solver.step)}, or the adaptive method'
     except SimulationError:
-        # Too stiff for it.  The error scales with the step, or faster: half of it is what halving
-        # the step takes away.
+        # Too stiff for the adaptive method.  The error is at least proportional to the step:
+        # halving the step removes at least half of it.
         gap = 2.0 * _apart(run, _halved(run, start, actuation, duration, output_step))
         remedy = (f'{_shorter(solver.step)}, a softer contact_stiffness or a larger '
                   'slip_threshold')
@@ -350,19 +349,19 @@ def check_steps(run: Trajectory, actuation: Actuation, duration: float,
         error = TooLongSteps(
             float(run.rows[beyond[0], 0]),
             f'steps of {solver.step:g} s are stable, but the ball is {gap[beyond[0]]:.3g} m from '
-            'where shorter ones have it', remedy, 'inaccurate', 'step')
+            'its position with shorter steps', remedy, 'inaccurate', 'step')
         error.trajectory = replace(run, rows=run.rows[:1 + int(beyond[0])])
         raise error
 
 
 def _shorter(step: float) -> str:
-    """Advise a step [s] that is likely to be short enough: errors go with it, or faster."""
+    """Return the advice to use a step that is likely to be short enough."""
     return (f'use a smaller step than {step:g} s (solver), for instance '
             f'{0.05 * step:g} s')
 
 
 def _apart(run: Trajectory, other: Trajectory) -> Array:
-    """Return the distance of two runs at the samples that both have [m]."""
+    """Return the distance between two runs at their common samples [m]."""
     count = min(len(run), len(other))
     gap: Array = np.hypot(*(centres(run)[:count] - centres(other)[:count]).T)
     return gap
@@ -370,7 +369,7 @@ def _apart(run: Trajectory, other: Trajectory) -> Array:
 
 def _halved(run: Trajectory, start: State, actuation: Actuation, duration: float,
             output_step: float) -> Trajectory:
-    """Return the run with steps of half the length; raises `TooLongSteps` if there is none."""
+    """Return the run with steps of half the length; raise `TooLongSteps` if it fails."""
     solver = run.model.solver_in_use
     half = replace(solver, step=0.5 * solver.step, work_budget=10**15)
     try:
@@ -378,5 +377,5 @@ def _halved(run: Trajectory, start: State, actuation: Actuation, duration: float
                         output_step)
     except (SimulationError, ConfigurationError) as error:
         raise TooLongSteps(
-            start.time, f'nothing confirms steps of {solver.step:g} s: with half of it {error}',
+            start.time, f'steps of {solver.step:g} s cannot be confirmed: with half of it {error}',
             _shorter(solver.step), 'unconfirmed', 'step') from error

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A scene file: which robot, where, how started, how driven, for how long."""
+"""Scenes and their files: robot, terrain, initial state, actuation and duration."""
 from dataclasses import dataclass, replace
 import math
 from pathlib import Path
@@ -34,7 +34,7 @@ class Initial(Checked):
         'rad/s', 'ball rate, negative for rolling forward', optional=True)
 
     def state(self, model: Model) -> State:
-        """Return the state that a model starts from."""
+        """Return the initial state for a model."""
         angle = math.radians(self.pendulum_angle_deg)
         if self.y is None:
             start = model.at_rest(self.x, self.speed, angle)
@@ -48,12 +48,12 @@ class Initial(Checked):
 
 @dataclass(frozen=True)
 class Run(Checked):
-    """How long a scene lasts, how often it is sampled, and how wrong it may be."""
+    """Duration, sampling and accuracy of a scene."""
 
     duration: float = quantity('s', 'simulated time', above=0.0, maximum=86400.0)
     output_step: float = quantity('s', 'time between samples', default=1e-3, above=0.0)
     accuracy: Optional[float] = quantity(
-        'm', f'largest error of position; {ACCURACY:g} if neither this nor a solver is given',
+        'm', f'largest position error; {ACCURACY:g} if neither this nor a solver is given',
         minimum=SMALLEST, maximum=LARGEST, optional=True)
 
 
@@ -65,12 +65,12 @@ class SceneFile(Run):
     robot_changes: Any = section('parameters of the robot to replace, by name', default=None)
     terrain: Any = section(
         'pieces of ground from left to right, or its vertices; level if not given', default=None)
-    initial: Any = section('how it starts', default=None)
+    initial: Any = section('initial state', default=None)
     actuation: Any = section('control of the motor', default=None)
     solver: Any = section(
-        'the integrator, in place of an accuracy; or a name: paper, for that of the paper',
+        'the integrator, in place of an accuracy; or the name paper, for that of the paper',
         default=None)
-    contact: Any = section('choices in the contact law', default=None)
+    contact: Any = section('options of the contact law', default=None)
 
 
 @dataclass(frozen=True, repr=False)
@@ -109,7 +109,7 @@ class Scene:
         Parameters
         ----------
         duration, accuracy, output_step : float, optional
-            In place of those of the scene; see `Run` and `run.simulate`.
+            Replace those of the scene; see `Run` and `run.simulate`.
         progress : callable, optional
             Called with the simulated time since the start [s].
 
@@ -118,7 +118,7 @@ class Scene:
         SimulationError
             If the run fails; its attribute ``trajectory`` holds the part before the failure.
         ConfigurationError
-            If a value is out of range, or steps and durations do not fit together.
+            If a value is out of range, or steps and durations are inconsistent.
 
         """
         given = {'duration': duration, 'accuracy': accuracy, 'output_step': output_step}
@@ -186,7 +186,7 @@ def read_scene(content: Mapping[str, Any], where: str, name: str) -> Scene:
     """
     Return the scene that a mapping describes, as in the files of ``config/scenes``.
 
-    `where` is the place for error messages.
+    `where` is the location for error messages.
     """
     problems = Problems()
     with problems.collected():
@@ -251,11 +251,11 @@ def _section(cls: Type[T], content: Mapping[str, Any], key: str, where: str) -> 
 
 
 def _read_actuation(section: Any, robot: Robot, where: str) -> Actuation:
-    """Return the actuation, with its angle in degrees and its speed in m/s made SI rates."""
+    """Return the actuation, with its angle in degrees and its speed in m/s converted."""
     entries = dict(expect_mapping(section, where))
     if 'set_angle' in entries:
         raise ConfigurationError(
-            f'{where}: set_angle is not known here; give set_angle_deg', 'unknown_name',
+            f'{where}: set_angle is not accepted here; give set_angle_deg', 'unknown_name',
             'set_angle')
     human = {'set_angle_deg': ('set_angle', math.radians),
              'set_speed': ('set_rate', lambda speed: set_rate_for_speed(robot, speed))}

@@ -2,7 +2,7 @@
 """
 The integration methods by name, the choice of one, its use from Python, and failed runs.
 
-To add a method is to add its file and its line in `METHODS`; see `physics.solvers`.
+To add a method, add its file and its line in `METHODS`; see `physics.solvers`.
 """
 from dataclasses import dataclass
 import math
@@ -33,9 +33,9 @@ class Method(NamedTuple):
     order: int
     evaluations: int = 0  # of the right-hand side per step, for fixed-step methods
     steps: int = AUTOMATIC  # number of the step of the adaptive method
-    flies: bool = False  # whether it may take flight in closed form
-    tolerance: bool = False  # whether steps are chosen by their error
-    step: bool = False  # whether the length of a step, or of the longest, is given
+    flies: bool = False  # whether it may compute flights in closed form
+    tolerance: bool = False  # whether it chooses its steps by their error
+    step: bool = False  # whether it has a given step, or maximum step
 
     @property
     def fixed(self) -> bool:
@@ -75,7 +75,7 @@ class Solver(Checked):
 
     method: str = text('integrator', default='rk4', choices=METHODS)
     step: float = quantity(
-        's', 'integration step of a fixed-step method; the largest of trapezoidal',
+        's', 'integration step of a fixed-step method; maximum step of trapezoidal',
         default=1e-4, above=0.0, maximum=0.1)
     tolerance: float = quantity(
         'm', 'local error per step of a method that chooses its steps', default=1e-9,
@@ -84,8 +84,8 @@ class Solver(Checked):
         'models of an adaptive method: full, always the full model; auto, '
         'flight in closed form where that is exact', default='auto', choices=MODELS)
     work_budget: int = count(
-        'function evaluations that one run may take before it is given up; the default is some '
-        'minutes of work', default=10_000_000_000, minimum=1, maximum=10**15)
+        'function evaluations after which a run is aborted; the default takes some minutes',
+        default=10_000_000_000, minimum=1, maximum=10**15)
 
 
 # Solvers with a name; `paper` is table 1 of the paper.
@@ -96,8 +96,8 @@ class Integrator:
     """
     Advances states; one for each thread.
 
-    The ground is that of `Terrain.profile`; `flight` is whether to fly in closed form, where the
-    method may.  Each call overwrites the `workspace`, except its statistics, which accumulate.
+    The ground is that of `Terrain.profile`; `flight` enables flight in closed form, if the method
+    has it.  Each call overwrites the `workspace`, except its statistics, which accumulate.
     """
 
     def __init__(self, parameters: Parameters, ground: Array, solver: Solver,
@@ -110,7 +110,7 @@ class Integrator:
 
     @property
     def work(self) -> int:
-        """Return the right-hand sides that all calls have taken."""
+        """Return the number of right-hand sides that all calls have taken."""
         statistics = self.workspace.statistics
         return int(statistics[EVALUATIONS] + statistics[SEARCH])
 
@@ -124,13 +124,13 @@ class Integrator:
         actuator : Actuator
         state : (13,) array
         status : Status
-            Of the state: ``Status(FINISHED, time)`` where a run begins.
+            Status of the state: ``Status(FINISHED, time)`` at the start of a run.
         end : float
             [s]
         output : Output, optional
             Rows to fill.
         budget : int, optional
-            Where the `work` ends the run; by default the work budget of the solver from here.
+            `work` at which the run ends; by default after the work budget of the solver.
 
         """
         solver = self._solver
@@ -143,8 +143,8 @@ class Integrator:
             output[:], self._workspace)))
 
 
-# Part of the energy in play that may be missing before a run is stopped. An accurate run misses
-# a millionth; a step beyond the limit of stability soon misses more than there is.
+# Energy residual, relative to the energy in play, at which a run is stopped. In an accurate run it
+# is a millionth; beyond the stability limit it soon exceeds 1.
 LEDGER_BOUND = 0.05
 ENERGY_ROUNDING = 1e-9  # of energies that cancel
 
@@ -159,8 +159,8 @@ def balance_of(state: Array, parameters: Parameters, ground: Array,
     """
     Return the terms of the energy balance [J].
 
-    Kinetic and potential energy, that in the springs of the contacts; lost to dampers and
-    frictions, and work of the motor, since the start.
+    They are kinetic energy, potential energy, energy of the contact springs, and, since the start,
+    dissipated energy and work of the motor.
     """
     kinetic, potential, contact = energies(state, parameters, ground, contacts)
     lost = 0.0
@@ -173,10 +173,10 @@ def balance_of(state: Array, parameters: Parameters, ground: Array,
 def worst_gap(states: Array, start: Array, play: float, values: tuple[float, ...],
               ground: Array, contacts: Array) -> tuple[float, int, float]:
     """
-    Return the largest gap of the ledger over the energy in play, where, and that energy.
+    Return the largest gap of the ledger relative to the energy in play, its row, and that energy.
 
     `play` is the largest energy that has been in play so far [J], see `Trajectory.energy_in_play`;
-    the values are those of the parameters: recognised sooner than a named tuple.
+    `values` is `Parameters` as a plain tuple, which numba recognises sooner than a named one.
     """
     worst, where, parameters = 0.0, 0, Parameters(*values)
     first = balance_of(start, parameters, ground, contacts)
@@ -192,7 +192,7 @@ def worst_gap(states: Array, start: Array, play: float, values: tuple[float, ...
                    abs(work - work0))
         gap = abs(kinetic + potential + contact + lost - work
                   - (kinetic0 + potential0 + contact0 + lost0 - work0))
-        # A gap that is not a number is one without bound.
+        # A gap that is NaN counts as infinite.
         ratio = gap / max(play, floor) if gap > 0.0 else (0.0 if gap == 0.0 else math.inf)
         if ratio > worst:
             worst, where = ratio, row
@@ -210,12 +210,12 @@ class Ledger:
 
     def missing(self, states: Array) -> tuple[float, int]:
         """
-        Return the largest energy residual since the start after the next states, and where it is.
+        Return the largest energy residual since the start at the next states, and its index.
 
-        It is relative to the reference energy; the place is the number of its state, the first
-        that is beyond `LEDGER_BOUND`.
+        It is relative to the reference energy; the index is that of its state, of the first one
+        beyond `LEDGER_BOUND` if there is one.
         """
-        # Copied, for a contiguous state has the type that the solvers have compiled.
+        # A contiguous array has the type for which the solvers are compiled.
         worst, where, self._play = worst_gap(
             np.ascontiguousarray(states), self._start, self._play, *self._fixed)
         return float(worst), int(where)

@@ -53,7 +53,7 @@ class Derived(NamedTuple):
 
 @compiled
 def derived(state: Array, parameters: Parameters, ground: Array, contacts: Array) -> Derived:
-    """Return the columns that are computed from a state; `contacts` to work in."""
+    """Return the columns that are computed from a state; `contacts` is a work array."""
     kinetic, potential, stored = energies(state, parameters, ground, contacts)
     surface_normal = surface_friction = edge_normal = edge_friction = 0.0
     force_x = force_y = penetration = slip_velocity = 0.0
@@ -79,7 +79,7 @@ def write_derived(states: Array, parameters: Parameters, ground: Array, contacts
     """Fill `out`, one row per state, with the fields of `Derived`."""
     for row in range(len(states)):
         found = derived(states[row], parameters, ground, contacts)
-        # Number by number: a tuple may have another length, and that error takes long to compile.
+        # Element by element: the length check of a tuple assignment takes long to compile.
         for column in range(len(found)):
             out[row, column] = found[column]
 
@@ -88,8 +88,8 @@ class Effort(NamedTuple):
     """Computational cost of a run."""
 
     steps: int = 0
-    rejected: int = 0  # steps of a method that chooses them that were not accurate enough
-    events: int = 0  # kinks of the contact law that were located
+    rejected: int = 0  # steps of a variable-step method that were not accurate enough
+    events: int = 0  # located kinks of the contact law
     evaluations: int = 0  # of the right-hand side
     flights: int = 0  # in closed form
 
@@ -100,9 +100,9 @@ class Assurance(NamedTuple):
     accuracy: float  # requested [m]
     estimate: float  # of the largest error of position up to the horizon [m]
     horizon: float  # simulated time up to which the accuracy holds [s]
-    complete: bool  # whether that is the whole run
+    complete: bool  # whether that is the entire run
     tolerance: float  # local error per step with which the run was made [m]
-    runs: int  # needed to find out
+    runs: int  # needed for this assurance
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -207,7 +207,7 @@ class Trajectory:
         Raises
         ------
         ConfigurationError
-            If the ending is another, or the file cannot be written.
+            If the file has another extension, or cannot be written.
 
         """
         from ballbot_ros.results.files import write_trajectory
@@ -235,7 +235,7 @@ class Trajectory:
         return len(self.rows)
 
     def __getitem__(self, column: str) -> Array:
-        """Return a column by its name in `UNITS`; raise `KeyError` with those that there are."""
+        """Return a column by its name in `UNITS`; raise `KeyError` with the available names."""
         if column not in UNITS:
             near = get_close_matches(str(column), UNITS, 1)
             raise KeyError(f'{column!r} is not a column'
@@ -272,7 +272,7 @@ class Trajectory:
         found = {name: self.rows[:, index] for index, name in enumerate(State._fields)}
         found['pendulum_torque'] = self.rows[:, -1]
         table = np.empty((len(self.rows), len(Derived._fields)))
-        # Contiguous and writable, as the type that the solvers have compiled.
+        # Contiguous and writable: the type for which the solvers are compiled.
         states = np.ascontiguousarray(self.rows[:, 1:1 + SIZE])
         write_derived(states, self.model.parameters, self.model.profile,
                       contact_table(len(self.model.profile)), table)
@@ -290,8 +290,8 @@ class Trajectory:
         """
         Return the residual of the energy balance at each sample [J].
 
-        Kinetic, potential and contact energy, plus all dissipated, minus the work of the
-        motor, less the same at the start: zero for an exact integration.
+        Kinetic, potential, contact and dissipated energy, minus the work of the motor,
+        relative to the value at the start: zero for an exact integration.
         """
         ledger = (self['kinetic_energy'] + self['potential_energy'] + self['contact_energy']
                   + self.dissipated_energy - self['motor_work'])
@@ -300,10 +300,10 @@ class Trajectory:
     @property
     def energy_in_play(self) -> float:
         """
-        Return the energy that moves during the run [J].
+        Return the reference energy of the run [J].
 
         The largest kinetic energy, change of potential energy, contact energy, dissipated
-        energy or motor work: the measure that a residual is to be compared with.
+        energy or motor work, with which a residual is to be compared.
         """
         potential = self['potential_energy']
         return float(max(np.max(np.abs(part)) for part in (

@@ -25,20 +25,20 @@ types are those of `values`; right-hand sides are `mechanics.equations.derivativ
     end_step(workspace) -> ready
     ORDER, DAMPS
 
-`step` writes the motion after `size` seconds to END and its estimated error to ERROR, which goes
-with the fifth power of the size.  `ready` is the content of the workspace at the start state
+`step` writes the motion after `size` seconds to END and its estimated error, proportional to the
+fifth power of the size, to ERROR.  `ready` is the content of the workspace at the start state
 (NOTHING, RATES: F0, JACOBIAN: both), before and after the step, which may be rejected and
-repeated.  The *stiffness* is the step over the longest stable step of an explicit method.
+repeated.  The *stiffness* is the ratio of the step to the longest stable explicit step.
 `prepare_dense` writes the dense output of an accepted step to DENSE, see `dense.motion_at`.
-`end_step` prepares the workspace for a next step that starts at END.  DAMPS states whether the
+`end_step` prepares the workspace for the next step, which starts at END.  DAMPS states whether the
 step is L-stable and uses the Jacobian: then `controller` does not limit it by its stiffness, and
 does not choose it in a mode with a CORNER.
 
-END, ERROR, F0 and DENSE are rows of `Workspace.work`, see `values`, and hold the motion alone; the
+END, ERROR, F0 and DENSE are rows of `Workspace.work`, see `values`, and hold only the motion; the
 energy balance is an integral along it (``Options.ledger``).  The state between two calls of a
 solver is in `Status`; its `has_mode` and `ready` state which arrays of the workspace are still
 valid.
 
-The `controller`, an immutable value, chooses length and number of the next step.  `events` locates
+The `controller`, an immutable value, chooses length and kind of the next step.  `events` locates
 the events of the contact law within a step.  `integrate` is the loop over these three.
 """

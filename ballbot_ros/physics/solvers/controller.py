@@ -4,7 +4,7 @@ Step size control and choice of the method, as an immutable value.
 
 Two methods of order 5 alternate.  The explicit one is much cheaper while accuracy limits the
 step; where stability limits it, because friction or a contact is stiff, an L-stable implicit one
-takes longer steps.  The steps themselves detect stiffness: a mode with a contact begins with
+takes longer steps.  The steps themselves detect stiffness: a mode with a contact starts with
 implicit steps, whose Jacobian shows whether they pay off; the last stages of the explicit method
 show when it is at its stability limit, and then an occasional implicit step is tried.
 """
@@ -22,28 +22,28 @@ from ballbot_ros.physics.solvers import dormand_prince, rodas5p
 from ballbot_ros.physics.solvers.values import AUTOMATIC, Options, SMALLEST_STEP, StepController
 
 FIRST_STEP = 1e-4       # [s]
-LONGEST_STEP = 0.25     # [s]: does not skip a motion that starts from rest ...
-LONG_STEP_GROWTH = 1.5       # ... nor later: growth limit of steps longer than that
-LARGEST_DISTANCE = 0.25  # of the radius per step, more on empty ground: skips no feature
-UNLIMITED_DISTANCE = 1e6               # radii: on an endless floor
+LONGEST_STEP = 0.25     # [s]: does not skip a motion that starts from rest
+LONG_STEP_GROWTH = 1.5       # growth limit of longer steps: does not skip a later motion
+LARGEST_DISTANCE = 0.25  # radii per step, more on empty ground: does not skip a feature
+UNLIMITED_DISTANCE = 1e6               # radii per step on an infinite floor
 
-CONTACT_STEP = 1.0      # of the time a contact lasts, over 2 pi: the first step after an event
-REPEATED = 0.9          # of the step that would do after all, where one was rejected
-SAFETY = 0.9            # of the step that would just be accurate enough
+CONTACT_STEP = 1.0      # first step after an event, relative to the contact duration over 2 pi
+REPEATED = 0.9          # additional safety factor of a step that was rejected
+SAFETY = 0.9            # relative to the step that would just be accurate enough
 FASTEST_GROWTH, FASTEST_SHRINKING = 5.0, 0.1  # of a step
-MEMORY = 0.01           # [s]: an error of velocity counts at least with this
+MEMORY = 0.01           # [s]: minimum time by which errors of velocity are multiplied
 
-AT_LIMIT = 0.6          # of the longest stable explicit step: it is stability that limits it
-STEADY = 1.0            # of that: it grows no further, for then it would be rejected
-STIFFNESS_COUNT = 8           # of a step at that limit; the half of it, of a step half as long
-# Explicit steps that an implicit one costs; with 0.5 runs took 3 % less time, and three more of
-# 200,011 extreme ones were wrong.
+AT_LIMIT = 0.6          # stiffness from which stability limits an explicit step
+STEADY = 1.0            # stiffness to which an explicit step grows: a longer one is rejected
+STIFFNESS_COUNT = 8           # of a step at AT_LIMIT, less in proportion for a shorter step
+# Cost of an implicit step in explicit steps; with 0.5, runs took 3 % less time, but three more of
+# 200,011 extreme runs were wrong.
 IMPLICIT_COST = 1.4
 FIRST_TRIAL, LAST_TRIAL = 16, 256  # stiffness count that triggers an implicit step
-BITS_OF_ONE = 0x3FF0000000000000  # as a whole number, the floating-point number 1
+BITS_OF_ONE = 0x3FF0000000000000  # the bits of the floating-point number 1, as an integer
 
-# The steps of the adaptive method, see `physics.solvers`: to add one is to add its file, and its
-# name here, which is that of the method that takes this step alone.
+# The steps of the adaptive method, see `physics.solvers`.  To add one, add its file, and its name
+# here, which is also that of the method that takes only this step.
 STEP_METHODS = {'explicit': dormand_prince, 'implicit': rodas5p}
 EXPLICIT, IMPLICIT = range(2)  # between which the method `adaptive` alternates
 DAMPS = np.array([item.DAMPS for item in STEP_METHODS.values()])
@@ -58,8 +58,8 @@ def error_length(errors: Array, parameters: Parameters) -> float:
     """
     Return estimated errors of a state as one length, at the rim of the ball [m].
 
-    Angles count with the radius; velocities with the time that a contact lasts, in which an
-    error of velocity becomes one of position, and not less after a hard contact.
+    Angles are multiplied by the radius; velocities by the contact duration, in which an error of
+    velocity becomes one of position, but at least by `MEMORY`.
     """
     duration = max(MEMORY, math.sqrt(parameters.mass / parameters.stiffness))
     worst, total = 0.0, 0.0
@@ -69,7 +69,7 @@ def error_length(errors: Array, parameters: Parameters) -> float:
             length *= parameters.radius
         total += length
         worst = max(worst, length)
-    return worst if total < math.inf else math.inf  # max() would lose a NaN
+    return worst if total < math.inf else math.inf  # max() would ignore a NaN
 
 
 @compiled
@@ -80,13 +80,13 @@ def smallest_step(time: float) -> float:
 
 @compiled
 def time_width(time: float) -> float:
-    """Return how closely an event is located [s]: to rounding, for long runs."""
+    """Return the time resolution of events [s]; for long runs, that of rounding."""
     return max(1e-13, 4e-16 * time)
 
 
 @compiled
 def clear_distance(x: float, parameters: Parameters, ground: Array) -> float:
-    """Return how far along its ground the ball may move in a step, overlooking nothing [m]."""
+    """Return how far along the ground the ball may move in a step, skipping no feature [m]."""
     nearest = UNLIMITED_DISTANCE * parameters.radius
     segment = first_segment(ground, x)
     if segment > 0:
@@ -98,7 +98,7 @@ def clear_distance(x: float, parameters: Parameters, ground: Array) -> float:
 
 @compiled
 def time_for(distance: float, speed: float, gravity: float) -> float:
-    """Return the time that a distance takes at least, for a ball that may fall meanwhile [s]."""
+    """Return the minimum time for a distance, for a ball that may fall meanwhile [s]."""
     return 2.0 * distance / (speed + math.sqrt(speed * speed + 2.0 * gravity * distance))
 
 
@@ -106,11 +106,11 @@ def time_for(distance: float, speed: float, gravity: float) -> float:
 def shortened(step: float, state: Array, distance: float, count: int, parameters: Parameters,
               ground: Array) -> float:
     """
-    Return a step [s], or the longest one that misses no contact.
+    Return a step [s], limited to the longest one that misses no contact.
 
-    Along its ground the ball may move by `distance`; towards it by a part of its radius only,
-    and a ball without contact (`count` contacts) falls: a ball of a millimetre more than
-    its radius in 20 ms.
+    The ball may move by `distance` along the ground, but towards it only by a fraction of its
+    radius.  A ball without contact (`count` is 0) falls: a ball of a millimetre by more than its
+    radius in 20 ms.
     """
     segment = first_segment(ground, state[X])
     tangent_x, tangent_y = ground[segment, TANGENT_X], ground[segment, TANGENT_Y]
@@ -129,7 +129,7 @@ def chosen(now: StepController, method: int, smooth: bool) -> int:
     """
     Return the number of the next step in `STEP_METHODS`, for a method of `Options`.
 
-    One that damps takes a Jacobian, which is complete only where all contacts are `smooth`.
+    One that damps uses a Jacobian, which is complete only if all contacts are `smooth`.
     """
     number = method
     if method == AUTOMATIC:
@@ -169,13 +169,13 @@ def stiffness_seen(now: StepController, stiffness: float, number: int) -> StepCo
     """
     Return the controller after a step, accurate enough or not.
 
-    `stiffness` is the step over the longest stable one.  Stiffness disturbs the estimated error of
-    an explicit step, too, and may keep the steps well below the limit.
+    `stiffness` is the ratio of the step to the longest stable one.  Stiffness also disturbs the
+    estimated error of an explicit step, and may keep the steps well below the limit.
     """
     if DAMPS[number]:
         return now
     suspicion = STIFFNESS_COUNT if stiffness > AT_LIMIT else 0
-    if 0.0 < stiffness <= AT_LIMIT:  # a number, that is
+    if 0.0 < stiffness <= AT_LIMIT:  # not NaN
         suspicion = int(STIFFNESS_COUNT * stiffness / AT_LIMIT)
     return StepController(now.step, now.implicit, now.on_trial, now.explicit_step,
                           now.stiff_steps + suspicion, now.trial_after)
@@ -184,10 +184,10 @@ def stiffness_seen(now: StepController, stiffness: float, number: int) -> StepCo
 @compiled
 def fifth_root(number: float) -> float:
     """
-    Return the fifth root of a positive number, by 0.7 % too much at most.
+    Return the fifth root of a positive number, at most 0.7 % too large.
 
-    Read as a whole number, a floating-point number is about its logarithm: a fifth of that is a
-    first guess, and one step of Newton's method makes it good enough.
+    Read as an integer, a floating-point number is about linear in its logarithm: a fifth of that
+    is a first guess, which one step of Newton's method improves.
     """
     bits = np.float64(number).view(np.int64)
     guess = np.int64(bits // 5 + (BITS_OF_ONE - BITS_OF_ONE // 5)).view(np.float64)
@@ -201,7 +201,7 @@ def rejected(now: StepController, used: float, error: float, tolerance: float) -
     if now.on_trial:
         return StepController(now.explicit_step, now.implicit, False, now.explicit_step,
                               now.stiff_steps, min(2 * now.trial_after, LAST_TRIAL))
-    # An error without bound: try much shorter.
+    # The error is not finite: try a much shorter step.
     shrink = FASTEST_SHRINKING
     if math.isfinite(error):
         shrink = max(FASTEST_SHRINKING,
@@ -211,7 +211,7 @@ def rejected(now: StepController, used: float, error: float, tolerance: float) -
 
 @compiled
 def shortest(now: StepController, smallest: float) -> StepController:
-    """Return the controller whose next step is the smallest there is [s], and implicit."""
+    """Return the controller whose next step is the smallest possible [s], and implicit."""
     return StepController(smallest, True, False, smallest, now.stiff_steps, now.trial_after)
 
 
@@ -221,7 +221,7 @@ def unavoidable(used: float, smallest: float, number: int, error: float) -> bool
     Return whether to accept a step [s] of insufficient accuracy, as no shorter one is possible.
 
     After an impact the slip passes its threshold in less than the resolution of time.  An
-    L-stable step reaches the state after it; the error is that of an instant.
+    L-stable step reaches the state after that; the error affects only an instant.
     """
     return DAMPS[number] and used <= smallest and error < math.inf
 
@@ -257,7 +257,7 @@ def accepted(now: StepController, used: float, error: float, number: int, stiffn
     number : int
         See `chosen`.
     stiffness : float
-        The step over the longest stable explicit one.
+        Ratio of the step to the longest stable explicit one.
     again : bool
         Whether a longer step was rejected before.
 
@@ -277,7 +277,7 @@ def accepted(now: StepController, used: float, error: float, number: int, stiffn
         return StepController(step * (1.5 * IMPLICIT_COST), now.implicit, True, step, 0,
                               now.trial_after)
     # Implicit steps continue while they are longer than explicit ones by more than their cost.
-    # While the step still grows as fast as it may, that is not known yet.
+    # While the step still grows at the limit, this cannot be decided yet.
     if grow == FASTEST_GROWTH or step * stiffness > IMPLICIT_COST * used:
         return StepController(step, True, False, now.explicit_step, now.stiff_steps,
                               FIRST_TRIAL)
@@ -300,5 +300,5 @@ def after_event(now: StepController, used: float, count: int, method: int,
     now = with_step(now, step)
     if method != AUTOMATIC or count == 0:
         return now
-    # Explicit steps would shake a hard contact before they find it hard.
+    # Explicit steps would excite a stiff contact before they detect its stiffness.
     return StepController(now.step, True, now.on_trial, now.step, now.stiff_steps, now.trial_after)

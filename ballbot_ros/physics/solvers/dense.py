@@ -2,8 +2,8 @@
 """
 Dense output of a step, the energy balance along it, and rows of a trajectory.
 
-The energies of dampers, frictions and motor do not affect the motion, so a step integrates the
-motion alone.  The optional energy balance is the integral of these flows along the dense output,
+The energies of dampers, frictions and motor do not affect the motion, so a step integrates only
+the motion.  The optional energy balance is the integral of these flows along the dense output,
 by Gauss-Legendre quadrature with four nodes.
 """
 import numpy as np
@@ -30,7 +30,7 @@ def integrals(nodes: Array) -> Array:
     """
     Return the last four coefficients of the integral of a flow, from its values at the nodes.
 
-    The flow is taken as the polynomial through the nodes.
+    The flow is approximated by the polynomial through the nodes.
     """
     powers = np.arange(1, 5)
     # Columns: the powers of theta in the factors of d1 to d4, see `interpolate`.
@@ -86,7 +86,7 @@ def interpolate(theta: float, work: Array, out: Array) -> None:
 
 @compiled
 def write_row(output: Output, row: int, time: float, state: Array, actuator: Actuator) -> None:
-    """Fill one row."""
+    """Fill one row of the output."""
     output.rows[row, 0] = time
     for i in range(SIZE):
         output.rows[row, 1 + i] = state[i]
@@ -96,7 +96,7 @@ def write_row(output: Output, row: int, time: float, state: Array, actuator: Act
 @compiled
 def write_rows(output: Output, filled: int, time: float, step: float, reached: float,
                actuator: Actuator, workspace: Workspace) -> int:
-    """Fill the rows whose time the last step has passed, and return how many are filled."""
+    """Fill the rows whose time the last step has passed; return the number of filled rows."""
     probe = workspace.work[values.PROBE:]
     while (filled < len(output.rows)
            and output.begin + (filled + 1) * output.interval <= reached):

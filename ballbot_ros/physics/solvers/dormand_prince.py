@@ -2,7 +2,7 @@
 """
 One step of the embedded Runge-Kutta pair of Dormand and Prince, 5(4), in a frozen mode.
 
-With its estimate of the local error and its continuous extension; see `integrate` for the use.
+It includes the estimate of the local error and the continuous extension; `integrate` uses it.
 
 Reference: E. Hairer, S. P. Noersett, G. Wanner, Solving Ordinary Differential Equations I,
 sections II.4 to II.6 (DOPRI5).
@@ -39,13 +39,13 @@ ERROR = np.array([71 / 57600, 0.0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 /
 CONTINUE = np.array([
     -12715105075 / 11282082432, 0.0, 87487479700 / 32700410799, -10690763975 / 1880347072,
     701980252875 / 199316789632, -1453857185 / 822651844, 69997945 / 29380423])
-STARTS = A.ravel()  # as `values.sum_rows` takes them
+STARTS = A.ravel()  # in the form for `values.sum_rows`
 
 
 @compiled
 def write_rates(time: float, motion: int, out: int, start: AngleTrig, system: System,
                 workspace: Workspace) -> None:
-    """Write the rates of a motion, a row of the workspace, into another one."""
+    """Write the rates of a motion, a row of the workspace, into another row."""
     work = workspace.work
     if smooth_contacts(workspace.mode):
         row = work[motion:motion + MOTION]
@@ -62,8 +62,8 @@ def step(time: float, state: Array, size: float, ready: int, system: System,
     """
     Take one step; see the contract in `solvers`.
 
-    The stiffness is the step times the rate of the fastest decay, seen from the last two stages,
-    which are at the same time; over `STABLE`.
+    The stiffness is the step times the rate of the fastest decay, estimated from the last two
+    stages, which are at the same time, divided by `STABLE`.
     """
     work, last = workspace.work, values.F0 + WIDTH * (STAGES - 1)
     start = angle_trig(state[PENDULUM_ANGLE])
@@ -105,7 +105,7 @@ def prepare_dense(size: float, workspace: Workspace) -> None:
     work, dense = workspace.work, values.DENSE
     sum_rows(work, dense, values.START, 0.0, ALONE, 0, values.ZERO, 1)
     sum_rows(work, dense + WIDTH, values.END, -1.0, ALONE, 0, values.START, 1)
-    # How the motion bends at the begin, and at the end.
+    # Curvature of the motion at the start, and at the end.
     sum_rows(work, dense + 2 * WIDTH, values.ZERO, size, ALONE, 0, values.F0, 1)
     sum_rows(work, dense + 2 * WIDTH, dense + 2 * WIDTH, -1.0, ALONE, 0, dense + WIDTH, 1)
     sum_rows(work, dense + 3 * WIDTH, dense + WIDTH, -size, ALONE, 0,

@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Where a frozen mode ends within a step: a bound of each guard, then violated guards, located.
+The end of a frozen mode within a step: bounds of the guards, then location of a violated guard.
 
 Most steps end in their mode, and a bound proves it.  Along the dense output (see `dense`) a linear
-function of the motion is a polynomial, too, and the functions that its coefficients are multiplied
-with lie between 0 and 1, 1/4, 4/27 and 1/16.  So its least value is at least the sum of the least
-values of its terms.  Where such a bound proves nothing, the guards are evaluated at some times
-within the step, and a violated one is located.
+function of the motion is a polynomial, too, and the basis functions of its coefficients lie
+between 0 and 1, 1/4, 4/27 and 1/16.  So its minimum is at least the sum of the minima of its
+terms.  If such a bound is inconclusive, the guards are evaluated at some times within the step,
+and the zero of a violated guard is located.
 
-On a vertex the normal turns with the centre.  With n, t the normal and tangent at the begin, the
+On a vertex the normal rotates with the centre.  With n, t the normal and tangent at the start, the
 centre at ``u n + w t`` from the vertex, and |w| at most W::
 
     u <= distance <= u + W^2 / 2u        |n' - n| <= W / u, and along n itself W^2 / 2u^2
@@ -38,7 +38,7 @@ Course = tuple[float, float, float, float, float]
 
 @compiled
 def course_of(work: Array, item: int, along_x: float, along_y: float) -> Course:
-    """Return ``along_x`` times an item of the motion plus ``along_y`` times the next."""
+    """Return ``along_x`` times an item of the motion plus ``along_y`` times the next item."""
     at = values.DENSE + item
     return (along_x * work[at] + along_y * work[at + 1],
             along_x * work[at + WIDTH] + along_y * work[at + WIDTH + 1],
@@ -49,7 +49,7 @@ def course_of(work: Array, item: int, along_x: float, along_y: float) -> Course:
 
 @compiled
 def combined(one: float, first: Course, other: float, second: Course) -> Course:
-    """Return a sum of two multiples."""
+    """Return a linear combination of two courses."""
     return (one * first[0] + other * second[0], one * first[1] + other * second[1],
             one * first[2] + other * second[2], one * first[3] + other * second[3],
             one * first[4] + other * second[4])
@@ -57,26 +57,26 @@ def combined(one: float, first: Course, other: float, second: Course) -> Course:
 
 @compiled
 def started_at(value: float, course: Course) -> Course:
-    """Return the course of a quantity with the changes of another one, from its own start."""
+    """Return a course with another initial value and the same changes."""
     return value, course[1], course[2], course[3], course[4]
 
 
 @compiled
 def least(course: Course) -> float:
-    """Return a lower bound."""
+    """Return a lower bound of a course."""
     return course[0] + (min(course[1], 0.0) + 0.25 * min(course[2], 0.0)) + (
         (4.0 / 27.0) * min(course[3], 0.0) + 0.0625 * min(course[4], 0.0))
 
 
 @compiled
 def most(course: Course) -> float:
-    """Return an upper bound."""
+    """Return an upper bound of a course."""
     return -least((-course[0], -course[1], -course[2], -course[3], -course[4]))
 
 
 @compiled
 def largest(course: Course) -> float:
-    """Return an upper bound of the absolute value."""
+    """Return an upper bound of the absolute value of a course."""
     return max(most(course), -least(course))
 
 
@@ -84,17 +84,17 @@ def largest(course: Course) -> float:
 def pressed_throughout(work: Array, row: int, normal: tuple[float, float, float], friction: float,
                        apart: tuple[float, Course], system: System, mode: ContactMode) -> bool:
     """
-    Return whether a contact stays one that is pressed, and sliding or not as it was.
+    Return whether a contact stays in contact, pressed, and sliding or not, as it was.
 
     Parameters
     ----------
     normal : tuple
-        At the begin of the step, and the distance then [m].
+        Normal at the start of the step, and the distance then [m].
     friction : float
-        Coefficient.
+        Coefficient of friction.
     apart : tuple
-        How far the centre goes along the tangent at most, where that turns the normal, else 0; and
-        its course along the normal, from the feature [m].
+        Bound of the motion of the centre along the tangent if that rotates the normal, else 0; and
+        the course of the centre along the normal, from the feature [m].
 
     """
     (normal_x, normal_y, distance), (aside, away), parameters = normal, apart, system.parameters
@@ -131,7 +131,7 @@ def pressed_throughout(work: Array, row: int, normal: tuple[float, float, float]
 
 @compiled
 def contact_persists(work: Array, row: int, system: System, mode: ContactMode) -> bool:
-    """Return whether a contact of a mode holds throughout the last step, with its neighbours."""
+    """Return whether a contact persists throughout the last step, and no neighbour touches."""
     feature, ground = mode.signs[row, FEATURE], system.ground
     if mode.signs[row, PRESSED] <= 0:
         return False
@@ -163,7 +163,7 @@ def contact_persists(work: Array, row: int, system: System, mode: ContactMode) -
 
 @compiled
 def place(vertex: int, segment: int, ground: Array) -> float:
-    """Return where a vertex is along a segment, as the dot product with its tangent [m]."""
+    """Return the position of a vertex along a segment, the dot product with its tangent [m]."""
     along: float = (ground[vertex, VERTEX_X] * ground[segment, TANGENT_X]
                     + ground[vertex, VERTEX_Y] * ground[segment, TANGENT_Y])
     return along
@@ -174,7 +174,7 @@ def reach_of(vertex: int, behind: int, system: System, mode: ContactMode) -> flo
     """
     Return how far before a vertex an approaching ball may touch it [m].
 
-    A concave vertex may touch as early as the segment behind it, where no other check covers
+    At a concave vertex the ball may touch the segment behind it earlier, if no other check covers
     that segment.
     """
     if system.ground[vertex, TURN] > 0.0 and covered_by_active_contact(behind, system, mode):
@@ -184,7 +184,7 @@ def reach_of(vertex: int, behind: int, system: System, mode: ContactMode) -> flo
 
 @compiled
 def falls_off(vertex: int, ground: Array) -> bool:
-    """Return whether the ground turns down at a vertex, by a right angle at most."""
+    """Return whether the ground turns down at a vertex, by at most a right angle."""
     return ground[vertex, TURN] <= 0.0 and (
         ground[vertex - 1, TANGENT_X] * ground[vertex, TANGENT_X]
         + ground[vertex - 1, TANGENT_Y] * ground[vertex, TANGENT_Y]) >= 0.0
@@ -214,7 +214,7 @@ def contact_excluded(work: Array, segment: int, system: System) -> bool:
     """
     Return whether a segment provably has no contact within the last step.
 
-    All of it is behind the line through the initially nearest point, perpendicular to the
+    The segment is behind the line through its initially nearest point, perpendicular to the
     direction to the centre: its distance is at least that of the line.
     """
     ground = system.ground
@@ -256,7 +256,7 @@ def motor_stays(time: float, step: float, work: Array, system: System, mode: Con
 def holds_throughout(time: float, step: float, work: Array, first: int, behind: int,
                      system: System, mode: ContactMode) -> bool:
     """
-    Return whether no guard is violated within the last step, among features as `modes` has them.
+    Return whether no guard is violated within the last step, see `modes.violated_guards`.
 
     Conservative: False means not proven.
     """
@@ -272,14 +272,14 @@ def holds_throughout(time: float, step: float, work: Array, first: int, behind: 
     return system.actuator.limit == math.inf or motor_stays(time, step, work, system, mode)
 
 
-MOST_EVENTS = 64      # located within one look; of more, an early one will do
+MOST_EVENTS = 64      # located up to one check; of more, an early one suffices
 LOOKS = 4             # times within a step at which the mode is checked
 NO_EVENT = 2.0        # for theta, which is 0 to 1 within the step
-INSIDE = 1e-300       # for a guard that is zero by rounding
-FALSI_ALONE, MOST_TURNS = 10, 100  # of the search for an event: before it halves, and in all
+INSIDE = 1e-300       # value of a guard that is zero by rounding
+FALSI_ALONE, MOST_TURNS = 10, 100  # iterations for an event: before it bisects, and in total
 
-STEP_LOOKS = 64     # for a touch within a step; then it is left to the looks at fixed times
-SHORTEST = 1e-4     # of the step: a touch that is shorter may be passed
+STEP_LOOKS = 64     # checks for a touch within a step; then only those at fixed times remain
+SHORTEST = 1e-4     # relative to the step: a shorter touch may be missed
 
 CHATTER = 1e-9        # [s]: maximum time between events caused by rounding
 CHATTERING = 20         # number of such events before steps skip them, with growing length
@@ -289,7 +289,7 @@ STUCK = 1000          # events, or smallest steps, in a row without any time bet
 
 @compiled
 def ends_at_zero(kind: int, item: int, mode: ContactMode, ground: Array) -> bool:
-    """Return whether a mode has ended where a guard is zero, else only where it is below."""
+    """Return whether a mode has ended where a guard is zero; else it ends only below zero."""
     if kind == OF_FORCE:
         return mode.signs[item, PRESSED] > 0
     if kind != OF_FEATURE:
@@ -303,8 +303,8 @@ def guard_at(theta: float, index: int, time: float, step: float, system: System,
     """
     Return a violated guard at `theta` of the last step.
 
-    By rounding it may be zero for a while: positive, where that is inside the mode still.  Else
-    the next step would begin in the same mode, and could pass a short contact between two looks.
+    By rounding it may be zero for a while; it counts as positive if that is still in the mode.
+    Else the next step would start in the same mode and could miss a contact between two checks.
     """
     motion_at(theta, workspace.work)
     kind, item = workspace.violated[index, 0], workspace.violated[index, 1]
@@ -326,11 +326,11 @@ def anderson_bjorck_weight(guard: float, before: float) -> float:
 def locate(index: int, low: float, high: float, time: float, step: float, system: System,
            workspace: Workspace) -> float:
     """
-    Return theta where a violated guard has just become negative, between two others.
+    Return theta where a violated guard has just become negative, within a bracket.
 
-    Regula falsi, as Anderson and Bjoerck have it, on the dense output; ends on the far side of
-    the zero, so that the next mode differs.  A guard may be far from a line, as where a ball rolls
-    off an edge; so after the first few times every other one halves the bracket.
+    Regula falsi by Anderson and Bjoerck on the dense output; it ends on the far side of the zero,
+    so that the next mode differs.  A guard may be far from linear, as where a ball rolls off an
+    edge; so after the first few iterations, every other one is a bisection.
     """
     at_low = guard_at(low, index, time, step, system, workspace)
     at_high = guard_at(high, index, time, step, system, workspace)
@@ -387,7 +387,7 @@ def most_acceleration(step: float, work: Array) -> float:
     """Return a bound of the acceleration of the centre within the last step [m/s2]."""
     change_x = change_y = 0.0
     for row in range(1, 5):
-        # Slopes of the functions of theta that each coefficient is multiplied with, see `dense`.
+        # Steepest slopes of the basis functions of the coefficients, see `dense`.
         steepest = 0.2 if row == 4 else 1.0
         at = values.DENSE + WIDTH * row
         change_x += steepest * abs(work[at + VELOCITY_X])
@@ -420,11 +420,11 @@ def touch_within(time: float, step: float, first: int, behind: int, system: Syst
 @compiled
 def first_event(time: float, step: float, first: int, behind: int, system: System,
                 workspace: Workspace) -> float:
-    """Return theta at which the mode ends, NO_EVENT if not; with features from `first` on."""
+    """Return theta at which the mode ends, NO_EVENT if not; see `modes.violated_guards`."""
     if holds_throughout(time, step, workspace.work, first, behind, system, workspace.mode):
         return NO_EVENT
     touch = NO_EVENT
-    if contact_count(workspace.mode) == 0:  # it may touch, and roll off again, between two looks
+    if contact_count(workspace.mode) == 0:  # it may touch, and roll off again, between two checks
         touch = touch_within(time, step, first, behind, system, workspace)
     for look in range(LOOKS):
         before, theta = look / LOOKS, (look + 1) / LOOKS
@@ -441,7 +441,7 @@ def rated(rate: EventRate, theta: float, time: float, step: float) -> tuple[Even
     """
     Return the rate of events after a step, and theta where it ends.
 
-    A guard that changes by less than its rounding flickers: after a while it is stepped over.
+    A guard that changes by less than its rounding chatters: after some events, steps skip it.
     """
     chattering = rate.chattering + 1 if theta * step < CHATTER else 0
     if chattering > CHATTERING and theta <= 1.0:

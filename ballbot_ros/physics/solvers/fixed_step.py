@@ -21,7 +21,7 @@ Step = Callable[[float, Array, float, System, Workspace], None]
 
 @compiled
 def moved(status: Status, outcome: int, time: float, filled: int) -> Packed:
-    """Return the status of a run that has come to another time."""
+    """Return the status of a run that has reached another time."""
     return packed(Status(outcome, time, filled, status.controller, status.rate, status.has_mode,
                          status.ready, status.may_fly, status.before))
 
@@ -35,7 +35,7 @@ def loop_of(step: Step, evaluations: int) -> Callable[[Packed], Packed]:
     step : kernel
         See `Step`.
     evaluations : int
-        Right-hand sides of a step.
+        Right-hand sides per step.
 
     """
     return outlined(with_globals(_advance, step, step=step, evaluations=evaluations))
@@ -51,7 +51,7 @@ def _advance(call: Packed) -> Packed:
         start, steps = output.begin, int(math.floor(output.interval / size + 0.5))
         count = int(math.floor((end - start) / size + 0.5)) // steps
     for stretch in range(filled, count):
-        # Times are counted from the start, so that they carry no accumulated rounding.
+        # Times are computed from the start, so that rounding does not accumulate.
         begin = start + stretch * steps * size
         if filled >= output.pause:
             return moved(status, PAUSED, begin, filled)

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Ballistic flight in closed form, no error but rounding, and the touch that ends it.
+Ballistic flight in closed form, exact to rounding, and the touch that ends it.
 
 Without contact the centre of mass of ball and pendulum follows a parabola, and gravity drops
 out of the equations of the two angles (see `mechanics.equations`).  With c1, c2 and a torque
@@ -11,15 +11,15 @@ tau2 = tau0 - k theta2' (free: 0; constant: k = 0; DC motor: k its back voltage)
 
 or u' = A u + b.  A is similar to a symmetric matrix without positive eigenvalues, so
 exp(A t) = P1 exp(l1 t) + P2 exp(l2 t) with real l1, l2 and well-conditioned projectors.  Laws
-(11) and (12) hold sin(phi) or phi itself; they have no such form and are integrated.
+(11) and (12) contain sin(phi) or phi itself; they have no such form and are integrated.
 
-The loss of c1 is a quadrature of the closed form; joint and motor follow from the balance of
-energy.
+The loss by c1 is a quadrature of the closed form; joint loss and motor work follow from the energy
+balance.
 
 The time to contact is bounded: the distance of a point to a segment is convex along a straight
 line, and the centre leaves the straight line by at most A t^2 / 2, where A bounds its
 acceleration.  So for each segment ``gap + gap' h - A h^2 / 2 <= 0`` gives a time h before which
-there is no touch, and the least h of all segments is a safe step.  Repeated, this converges
+there is no touch, and the minimum h of all segments is a safe step.  Repeated, this converges
 quadratically to the first contact, and cannot pass it.
 
 A ball at release still overlaps the ground: gap < 0.  Its speed away stays above gap' - A h,
@@ -55,7 +55,7 @@ NODES = 0.5 + 0.5 * np.polynomial.legendre.leggauss(4)[0]
 WEIGHTS = 0.5 * np.polynomial.legendre.leggauss(4)[1]
 MOST_PANELS = 100
 
-NEARBY = 0.5  # for an argument of the exponential function: so far the series is exact to rounding
+NEARBY = 0.5  # argument of the exponential function up to which the series is exact to rounding
 TWICE = np.array([1.0 / math.factorial(power) for power in range(15, 1, -1)])
 
 
@@ -72,7 +72,7 @@ def spin_law(parameters: Parameters, actuator: Actuator) -> tuple[float, float]:
 
 @compiled
 def has_closed_form(parameters: Parameters, actuator: Actuator) -> bool:
-    """Return whether the angles are linear under the law of the motor (apart from its limit)."""
+    """Return whether the angles are linear under the law of the motor (below its limit)."""
     return (parameters.swing_inertia <= 0.0 or actuator.law == FREE or actuator.law == TORQUE
             or actuator.law == VOLTAGE)
 
@@ -87,7 +87,7 @@ def spin_start(state: Array, parameters: Parameters, actuator: Actuator) -> Spin
     l1, l2 : float
         Eigenvalues [1/s].
     g1, h1, g2, h2 : float
-        The accelerations of ball and pendulum at the start, projected on either.
+        The accelerations of ball and pendulum at the start, projected on each eigenvector.
 
     """
     rate, swing = state[BALL_RATE], state[PENDULUM_RATE]
@@ -146,7 +146,7 @@ def swing_of(state: Array, time: float, spin: Spin) -> tuple[float, float]:
 @outlined
 def centre_after(state: Array, time: float, spin: Spin,
                  parameters: Parameters) -> tuple[float, float, float, float]:
-    """Return place and velocity of the ball's centre after a time of flight."""
+    """Return position and velocity of the ball's centre after a time of flight."""
     fall = parameters.gravity * time
     x = state[X] + time * state[VELOCITY_X]
     y = state[Y] + time * (state[VELOCITY_Y] - 0.5 * fall)
@@ -184,20 +184,20 @@ def rolling_loss(state: Array, time: float, spin: Spin, parameters: Parameters) 
 @outlined
 def fly(state: Array, time: float, spin: Spin, parameters: Parameters, out: Array) -> None:
     """
-    Write the motion after a time of flight into `out`, and the ledger as it was.
+    Write the motion after a time of flight into `out`, with the ledger unchanged.
 
     Parameters
     ----------
     state : (13,) array
-        At the start of the flight.
+        State at the start of the flight.
     time : float
-        Since then [s].
+        Time of flight [s].
     spin : tuple
         `spin_start` of that state, with a law that `has_closed_form`, and that is never at its
         limit during the flight.
     parameters : Parameters
     out : (13,) array
-        Another array than `state`.
+        Must not be the same array as `state`.
 
     """
     l1, l2, g1, _, g2, _ = spin
@@ -230,7 +230,7 @@ def add_to_ledger(state: Array, time: float, spin: Spin, parameters: Parameters,
         parameters.ball_inertia * (out[BALL_RATE] - rate) * (out[BALL_RATE] + rate)
         + parameters.swing_inertia * (out[PENDULUM_RATE] - swing) * (out[PENDULUM_RATE] + swing))
     if drag > 0.0:
-        # By c, joint and back voltage: a difference that may round to less than the least, 0.
+        # By c, joint and back voltage: a difference that may become negative by rounding.
         taken = max(torque * turned - gained - rolled, 0.0)
         share = parameters.joint_friction / drag
         out[JOINT_LOSS] += share * taken
@@ -247,7 +247,7 @@ def within_limit(state: Array, time: float, spin: Spin, parameters: Parameters,
         return True
     l1, l2, g1, h1, g2, h2 = spin
     joint = state[PENDULUM_RATE] - state[BALL_RATE]
-    # The joint's rate is a sum of two monotonous terms: bounded by the sums of their ends.
+    # The joint rate is a sum of two monotonic terms: bounded by the sums of their end values.
     first, second = once(l1, time) * (h1 - g1), once(l2, time) * (h2 - g2)
     most = joint + max(first, 0.0) + max(second, 0.0)
     least = joint + min(first, 0.0) + min(second, 0.0)
@@ -255,10 +255,10 @@ def within_limit(state: Array, time: float, spin: Spin, parameters: Parameters,
             and actuator.kp * abs(actuator.set_value - actuator.kd_or_ki * least) < actuator.limit)
 
 
-# A search looks so far at a time [s]: the bound of the acceleration is one of that time.
+# Time window of a search [s], in which the bound of the acceleration is valid.
 WINDOW = 0.05
 MOST_LOOKS = 200
-SHORT_FLIGHT = 1e-6  # [s]: too short for another one
+SHORT_FLIGHT = 1e-6  # [s]: too short for another flight to follow
 
 
 @outlined
@@ -270,14 +270,14 @@ def time_of_touch(state: Array, most: float, width: float, spin: Spin, parameter
     Parameters
     ----------
     most : float
-        How far to search [s].
+        Limit of the search [s].
     width : float
-        How closely to locate [s]; the time returned is up to that later than the touch.
+        Resolution [s]; the returned time is later than the touch by at most this.
 
     Returns
     -------
     float
-        Infinity where there is none.
+        Infinity if there is none.
 
     """
     done = 0.0
@@ -299,7 +299,7 @@ def time_of_touch(state: Array, most: float, width: float, spin: Spin, parameter
             done += wait + 0.5 * width
             if wait <= 0.5 * width or looks > MOST_LOOKS:
                 return done
-        done = min(done, until)  # the bound holds no further
+        done = min(done, until)  # the bound is not valid beyond
     return math.inf
 
 
@@ -308,8 +308,8 @@ def is_released(mode: ContactMode, parameters: Parameters) -> bool:
     """
     Return whether the ground exerts no force in a mode: no contact, or one that would pull.
 
-    A ball that would be pulled still overlaps the ground; then the bound of `clear_time` holds
-    with some contact laws.
+    A ball that would be pulled still overlaps the ground; then the bound of `clear_time` is valid
+    with some contact laws only.
     """
     count = contact_count(mode)
     return count == 0 or (count == 1 and mode.signs[0, PRESSED] == 0
@@ -325,8 +325,8 @@ def fly_to_touch(time: float, state: Array, end: float, system: System, output: 
     Returns
     -------
     time : float
-        Reached time [s]; unchanged where the motor might reach its limit, or where a contact
-        force might act immediately.
+        Reached time [s]; unchanged if the motor might reach its limit, or if a contact force
+        might act immediately.
     filled : int
         Number of filled rows.
 
@@ -364,7 +364,7 @@ def fly_for(lasting: float, state: Array, spin: Spin, stored: float, system: Sys
     """
     Write the state after a time of flight [s] into the probe.
 
-    The energy in the spring of a contact [J] that would pull is lost as the ball leaves.
+    `stored` is the energy in the spring of a contact that would pull [J]: a loss at lift-off.
     """
     later = workspace.work[values.PROBE:]
     fly(state, lasting, spin, system.parameters, later)

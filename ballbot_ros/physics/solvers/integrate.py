@@ -4,12 +4,12 @@ Adaptive integration that locates every kink of the contact law.
 
 Steps are chosen by the estimated local error.  Each is taken with a frozen mode (see `modes`);
 where the mode ends within the step, the end is located on the dense output and the next step
-starts there in the new mode.  So the order holds through impacts, lift-offs and the onset of
-slip, where a fixed step loses it.
+starts there in the new mode.  So the order is preserved through impacts, lift-offs and the onset
+of slip, unlike with fixed steps.
 
-Three ideas, a file each: a *step* (`dormand_prince`, `rodas5p`), the *controller* of step size
-and method, and *events*.  Where the ground exerts no force and the law of the motor has a closed
-form, the ball flies to its next touch in one step without error (`flight`).
+It has three parts, a file each: a *step* (`dormand_prince`, `rodas5p`), the *controller* of step
+size and method, and *events*.  Where the ground exerts no force and the law of the motor has a
+closed form, the ball flies to its next touch in one step without error (`flight`).
 """
 import math
 
@@ -36,13 +36,13 @@ from ballbot_ros.physics.solvers.values import (
     STEP_TOO_SMALL, STEPS, unpack_call, WIDTH, Workspace)
 
 STAGES = dormand_prince.STAGES  # right-hand sides of an explicit step
-PASSED = 100.0      # tolerances that a step may begin otherwise than its rates say; most do by few
-FREE_FEATURES = 32  # of the ground that a right-hand side pays for; more cost work, too
+PASSED = 100.0      # deviation of a step from its initial rates that is accepted [tolerances]
+FREE_FEATURES = 32  # of the ground: a search among that many counts as one right-hand side
 
 
 @compiled
 def too_small(error: float, method: int, mode: ContactMode) -> int:
-    """Return why a run with less than the smallest step ends, or that it continues."""
+    """Return the outcome of a run below its smallest step, FINISHED if it can continue."""
     if error == math.inf:
         return NOT_FINITE
     damps = smooth_contacts(mode) and (method == AUTOMATIC or DAMPS[method])
@@ -102,7 +102,7 @@ def write_end(theta: float, state: Array, number: int, workspace: Workspace,
 @compiled
 def integrate(status: Status, end: float, state: Array, system: System, options: Options,
               output: Output, workspace: Workspace) -> Status:
-    """Do the same as `advance`, inlined in the calling kernel without unused parts."""
+    """Advance a state as `advance` does, inlined in the calling kernel without unused parts."""
     parameters, ground, statistics = system.parameters, system.ground, workspace.statistics
     time, filled, controller, rate = status.time, status.filled, status.controller, status.rate
     has_mode, may_fly, again = status.has_mode, status.may_fly, False

@@ -2,7 +2,7 @@
 """
 The classical Runge-Kutta method with fixed steps.
 
-Of order 4 between the kinks of the contact law, of order 1 through them.
+Of order 4 between the kinks of the contact law, of order 1 across them.
 """
 from ballbot_ros.jit import compiled
 from ballbot_ros.physics.mechanics.equations import derivative, System

@@ -2,12 +2,12 @@
 """
 One step of the Rosenbrock method Rodas5P, 5(4), in a frozen mode.
 
-Linearly implicit and L-stable: stiff components (friction while the ball sticks, a hard contact)
-are damped instead of limiting the step, and no iteration is needed that could fail.  A stage is
+Linearly implicit and L-stable: stiff components (friction while the ball sticks, a stiff contact)
+are damped instead of limiting the step, and there is no iteration that could fail.  A stage is
 ``((1 / (gamma h)) I - J) U_i = f(y + sum a_ij U_j) + sum c_ij U_j / h + h d_i f_t``, solved
-by eliminating the coordinates.  They follow the velocities, so that with the Jacobian [A B] of the
-accelerations only ``W = I / scale - B - scale A``, of four rows and columns, is inverted, once per
-step.  It has blocks of two: ball and pendulum turn, the centre moves along x and y.
+by eliminating the coordinates.  Their rates are the velocities, so that with the Jacobian [A B] of
+the accelerations only the 4 x 4 matrix ``W = I / scale - B - scale A`` is inverted, once per step.
+It has 2 x 2 blocks: rotation of ball and pendulum, and motion of the centre along x and y.
 
 Reference: G. Steinebach, Construction of Rosenbrock-Wanner method Rodas5P and numerical
 benchmarks within the Julia Differential Equations package, BIT Numer. Math. 63 (2023) 27.
@@ -34,7 +34,7 @@ DAMPS = True
 VELOCITIES = 4
 
 GAMMA = 0.21193756319429014
-OWN_START = 5  # the last stage with a separate start; each later one starts at the end of one
+OWN_START = 5  # the last stage with a separate start; each later one starts where the last ended
 A = np.array([
     [0.0, 0.0, 0.0, 0.0, 0.0],
     [3.0, 0.0, 0.0, 0.0, 0.0],
@@ -67,16 +67,16 @@ CONTINUED = np.array([
      20.176138334709044, 15.98066361424651, -6.789040303419874, -6.710236069923372],
     [11.419903575922262, 2.8879645146136994, 72.92137995996029, 80.12511834622643,
      -52.072871366152654, -59.78993625266729, -0.15582684282751913, 4.883087185713722]])
-# How the dense output is made of the stages: its last three coefficients.
+# The last three coefficients of the dense output as sums of the stages.
 CONTINUE = np.array([CONTINUED[0], CONTINUED[1] + CONTINUED[2], -CONTINUED[2]]).ravel()
-# As `values.sum_rows` takes them.
+# In the form for `values.sum_rows`.
 STARTS, COUPLINGS = A.ravel(), COUPLING.ravel()
 COUPLED = STAGES - 1  # factors in a row of the latter
 
 INVERSE = values.COLUMNS + WIDTH * COORDINATES  # the columns of the velocities
-CANCELLED = 1e-6  # of a determinant remains where its products nearly cancel: search for pivots
+CANCELLED = 1e-6  # relative determinant below which its products nearly cancel: use pivots
 
-Block = tuple[float, float, float, float]  # two by two: a row, then the other
+Block = tuple[float, float, float, float]  # 2 x 2, row by row
 
 
 @compiled
@@ -104,7 +104,7 @@ def multiple(factor: float, block: Block) -> Block:
 
 @compiled
 def block_of(jacobian: Array, scale: float, row: int, column: int) -> Block:
-    """Return a block of W that begins at a row and a column."""
+    """Return the block of W that starts at a row and a column."""
     own = 1.0 / scale if row == column else 0.0
     rates = COORDINATES + column
     return (own - jacobian[row, rates] - scale * jacobian[row, column],
@@ -129,7 +129,7 @@ def write_columns(upper: Block, lower: Block, scale: float, at: int, work: Array
 
 @outlined
 def invert_with_pivots(jacobian: Array, scale: float, work: Array) -> None:
-    """Write the columns of the inverse of W by Gauss and Jordan, of its transpose."""
+    """Write the columns of the inverse of W by Gauss-Jordan elimination of its transpose."""
     for j in range(VELOCITIES):
         row = INVERSE + WIDTH * j
         for i in range(VELOCITIES):
@@ -163,15 +163,15 @@ def invert(jacobian: Array, scale: float, work: Array) -> None:
     Parameters
     ----------
     jacobian : array
-        See `jacobian.write_jacobian`.
+        See `modes.write_jacobian`.
     scale : float
         gamma h [s].
     work : array
-        All rows.
+        All rows, see `values`.
 
     """
     # Blocks: [turn, across; back, move].  With the inverse of move, m / d, the complement of turn
-    # is (d turn - across m back) / d: so both divisions, which take long, go side by side.
+    # is (d turn - across m back) / d: so the two slow divisions can run in parallel.
     turn, across = block_of(jacobian, scale, 0, 0), block_of(jacobian, scale, 0, 2)
     back = block_of(jacobian, scale, 2, 0)
     moved, size, fine = adjugate(block_of(jacobian, scale, 2, 2))
@@ -268,13 +268,13 @@ def step(time: float, state: Array, size: float, ready: int, system: System,
 
 @compiled
 def end_step(_: Workspace) -> int:
-    """Keep nothing: the rates at the end of the step are not known."""
+    """Keep nothing: the rates at the end of the step are not computed."""
     return NOTHING
 
 
 @compiled
 def longest_stable(jacobian: Array) -> float:
-    """Return about the longest step that would be stable for the explicit method [s]."""
+    """Estimate the longest stable step of the explicit method [s]."""
     decay = spring = 0.0
     for i in range(VELOCITIES):
         decay += jacobian[i, COORDINATES + i]

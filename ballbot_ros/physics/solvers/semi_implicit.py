@@ -2,7 +2,7 @@
 """
 Semi-implicit Euler with fixed steps, as in game engines.
 
-Of order 1, with one evaluation per step; keeps the energy of an undamped spring within a bound.
+Of order 1, with one evaluation per step; the energy of an undamped spring stays bounded.
 """
 from ballbot_ros.jit import compiled
 from ballbot_ros.physics.mechanics.equations import derivative, System
@@ -21,7 +21,7 @@ def apply_rates(state: Array, size: float, rates: Array, count: int) -> None:
     """Advance `count` numbers of a state by their rates, the velocities first."""
     for i in range(COORDINATES, count):
         state[i] += size * rates[i]
-    # The coordinates follow with the new velocities, which keeps springs bounded.
+    # The coordinates use the new velocities, which keeps the energy of springs bounded.
     for i in range(COORDINATES):
         state[i] += size * state[COORDINATES + i]
 

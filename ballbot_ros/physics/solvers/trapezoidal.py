@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The recipe of the paper: the trapezoidal rule with chosen steps, as Matlab's ode23t takes it.
+The method of the paper: the trapezoidal rule with variable steps, as in Matlab's ode23t.
 
 An implicit method of order 2 that neither damps nor excites an undamped spring.  The step is
-chosen by the third derivative, seen from the rates at three successive times, and is never
-longer than a given one.  Kinks of the contact law are not located: as in the paper, small steps
-take them as they come.
+chosen by the third derivative, estimated from the rates at three successive times, up to a given
+maximum.  Kinks of the contact law are not located: as in the paper, small steps pass through
+them.
 
 Reference: L. F. Shampine, M. W. Reichelt, J. A. Kierzenka, Solving index-1 DAEs in MATLAB and
 Simulink, SIAM Review 41 (1999) 538-552, section 3.
@@ -27,13 +27,13 @@ from ballbot_ros.physics.solvers.values import (
     BUDGET_EXCEEDED, EVALUATIONS, FINISHED, MOTION, NOT_FINITE, outcome_of, Packed, packed, PAUSED,
     REJECTED, Status, STEP_TOO_SMALL, STEPS, unpack_call, WIDTH, Workspace)
 
-PREVIOUS = values.STAGES  # the row of the rates at the begin of the step before
+PREVIOUS = values.STAGES  # the row of the rates at the start of the previous step
 
 ITERATIONS = 8      # of Newton's method, before the step is shortened
-CONVERGED = 0.01    # of the tolerance: the last change of an iteration
+CONVERGED = 0.01    # last change of the iteration, relative to the tolerance
 FIRST_STEP = 1e-6   # [s], as in table 1
 FASTEST_GROWTH = 2.0  # of a step
-FAILED = 0.25       # of a step whose iteration failed, for the next
+FAILED = 0.25       # ratio of the next step to one whose iteration failed
 
 
 @compiled
@@ -62,7 +62,7 @@ def iterate(time: float, state: Array, step: float, tolerance: float, system: Sy
         if error_length(error, system.parameters) <= CONVERGED * tolerance:
             derivative(time + step, y_new, system, contacts, rates)
             statistics[EVALUATIONS] += 1
-            for i in range(MOTION, SIZE):  # the ledger, which changes nothing in the motion
+            for i in range(MOTION, SIZE):  # the ledger, which does not affect the motion
                 y_new[i] = state[i] + half * (start[i] + rates[i])
             return True
     return False
@@ -77,8 +77,8 @@ def local_error(step: float, before: float, parameters: Parameters,
     Parameters
     ----------
     before : float
-        Length of the step before [s]; 0 where there is none, and then the error is that of
-        the method of Euler, to be on the safe side.
+        Length of the previous step [s]; 0 if there is none, and then the error is that of Euler's
+        method, to be on the safe side.
 
     """
     work = workspace.work
@@ -147,7 +147,7 @@ def advance(call: Packed) -> Packed:
         if iterate(time, state, used, tolerance, system, workspace):
             error = local_error(used, before, system.parameters, workspace)
         if not error <= tolerance:
-            # Where the iteration failed the error is unknown.
+            # If the iteration failed, the error is unknown.
             shrink = max(0.1, factor(error, tolerance)) if math.isfinite(error) else FAILED
             controller = with_step(controller, used * shrink)
             statistics[REJECTED] += 1

@@ -3,9 +3,9 @@
 Values of a solver: options, output, controller, status, workspace, and the rows in it.
 
 An adaptive step works in rows of numbers.  A row holds a motion (four coordinates, four
-velocities) or its change, and room for the energy ledger behind it; all of them lie in one array,
-`Workspace.work`, each at its own place: ``work[PROBE:]`` begins with that one.  Their sums are
-half of the work of a step.
+velocities) or its change, and space for the energy ledger behind it; all rows are in one array,
+`Workspace.work`, each at its own offset: ``work[PROBE:]`` starts with the row PROBE.  Sums of rows
+are half of the work of a step.
 """
 from typing import Any, NamedTuple
 
@@ -24,20 +24,20 @@ FINISHED, NOT_FINITE, PENETRATED, STEP_TOO_SMALL, BUDGET_EXCEEDED, PAUSED = rang
 
 @compiled
 def outcome_of(state: Array, ground: Array) -> int:
-    """Return whether a run can continue from a state, FINISHED if so."""
+    """Return the outcome of a run in a state, FINISHED if it can continue."""
     if not is_finite(state):
         return NOT_FINITE
     return PENETRATED if state[Y] <= ground_height(ground, state[X]) else FINISHED
 
 
 # Counters of `Workspace.statistics`: steps, rejected steps, events, right-hand sides, flights in
-# closed form, and the right-hand sides that the search among many features of the ground costs.
+# closed form, and the cost of the search among many features of the ground in right-hand sides.
 STEPS, REJECTED, EVENTS, EVALUATIONS, FLIGHTS, SEARCH = range(6)
 
 AUTOMATIC = -1  # in place of the number of a step in `controller.STEP_METHODS`: choice by cost
 
 SMALLEST_STEP = 1e-14  # [s], relative to times above 1 s
-STABLE = 3.3  # step times rate of the fastest decay where explicit steps diverge
+STABLE = 3.3  # step times rate of the fastest decay from which explicit steps diverge
 
 # Content of the workspace at the start of a step: nothing, the rates F0, or F0 and the Jacobian.
 NOTHING, RATES, JACOBIAN = range(3)
@@ -48,12 +48,12 @@ WIDTH = 16  # of a row
 
 # Rows of `Workspace.work`, by their offsets.
 (ZERO,   # nothing but zeros
- START,  # the motion at the begin of the step
+ START,  # the motion at the start of the step
  END,    # and at its end
  RIGHT,  # the right-hand side of a stage
  ERROR,  # the estimated error of the motion at the end
  PROBE,  # a state within the step
- F0,     # the rates at the begin; a stage of the explicit method
+ F0,     # the rates at the start; a stage of the explicit method
  STAGES,  # eight of them
  _, _, _, _, _, _, _,
  DENSE,  # five of them: coefficients of the dense output, see `dense.interpolate`
@@ -61,7 +61,7 @@ WIDTH = 16  # of a row
  COLUMNS,  # eight of them, of the matrix that solves a stage, see `rodas5p.invert`
  _, _, _, _, _, _, _,
  FACTORS,  # of a sum
- PENDULUM_TRIG,  # the pendulum angle at the begin and its direction, see `angle_trig`
+ PENDULUM_TRIG,  # the pendulum angle at the start and its direction, see `angle_trig`
  ROWS) = (WIDTH * row for row in range(31))
 
 # See `jit.row_sum`.
@@ -69,7 +69,7 @@ sum_rows = row_sum(MOTION, WIDTH)
 
 
 class Options(NamedTuple):
-    """How to solve."""
+    """Options of a solver."""
 
     tolerance: float  # local error of a step, see `controller.error_length` [m]
     step: float  # of a fixed-step method; maximum step of `trapezoidal` [s]
@@ -80,7 +80,7 @@ class Options(NamedTuple):
 
 
 class Output(NamedTuple):
-    """Where to write rows of time, state and torque: row i is for begin + (i + 1) interval."""
+    """Output rows of time, state and torque: row i is for begin + (i + 1) interval."""
 
     rows: Array  # (n, 15)
     begin: float  # [s]
@@ -118,17 +118,17 @@ class Status(NamedTuple):
     has_mode: bool = False  # whether the workspace holds the mode of the state
     ready: int = NOTHING  # valid data in the workspace for the next step
     may_fly: bool = True  # not just after a rejected flight
-    before: float = 0.0  # the step before, for a method that looks back [s]
+    before: float = 0.0  # the previous step, for a multistep method [s]
 
     @property
     def plain(self) -> 'Packed':
-        """Return it as a solver takes it."""
+        """Return plain tuples, as arguments of a solver."""
         return _pack_status(self)
 
 
-# Between Python and a solver all tuples are plain. numba takes half a microsecond to recognise a
-# named one, of which there are ten; and it makes one by calling its class, which is Python code,
-# where a Ctrl-C that has arrived meanwhile raises, and numba crashes.  A slice of a named tuple,
+# Between Python and a solver all tuples are plain. numba takes half a microsecond to recognise
+# each of the ten named tuples; and it creates one by calling its class, Python code in which a
+# pending Ctrl-C raises an exception, so that numba crashes.  A slice of a named tuple,
 # ``options[:]``, is plain, too.
 Packed = tuple[Any, ...]
 packed = packer(Status)
@@ -138,19 +138,19 @@ status_of = in_python(unpacker(Status))  # result of a solver in Python
 
 @compiled
 def status_at(time: float) -> Status:
-    """Return the status where a run begins, at a time [s]."""
+    """Return the status at the start of a run, at a time [s]."""
     return Status(FINISHED, time, 0, StepController(0.0, False, False, 0.0, 0, 0),
                   EventRate(0, 0, 0), False, NOTHING, True, 0.0)
 
 
 class Workspace(NamedTuple):
-    """The arrays that solvers work in; one set for each thread."""
+    """The work arrays of the solvers; one set for each thread."""
 
     mode: ContactMode
     work: Array  # all rows, see above
     jacobian: Array  # see `modes.write_jacobian`
     violated: IntArray  # kind and item of each violated guard
-    statistics: IntArray  # (6,): counts since they were made
+    statistics: IntArray  # (6,): counts since the creation of the workspace
 
     @classmethod
     def of(cls, vertices: int) -> 'Workspace':
@@ -160,7 +160,7 @@ class Workspace(NamedTuple):
 
     @property
     def plain(self) -> Packed:
-        """Return it as a solver takes it."""
+        """Return plain tuples, as arguments of a solver."""
         return _pack_workspace(self)
 
 

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The contact laws: to add one is to add its file here, and its name to `robot.CONTACT_LAWS`.
+The contact laws.  To add one, add its file here, and its name to `robot.CONTACT_LAWS`.
 
 The normal force of a contact with the penetration p [m] is ``N = k p - D``, for a velocity v of
-the ball away from the ground [m/s].  Rest, stored energy and time scale of a contact depend on the
-spring alone; a law is the damper D.  Its file has four kernels, whose last argument are the
+the ball away from the ground [m/s].  Equilibrium, stored energy and time scale of a contact depend
+only on the spring; a law defines the damper D.  Its file has four kernels, whose last argument is
 `Parameters`::
 
     damper(p, v, parameters) -> D, by_p, by_v
@@ -14,13 +14,13 @@ the force before any limit [N], and its derivatives [N/m], [N s/m];
     linear_damping(parameters) -> d
     least_remainder(deepest, fastest, parameters) -> bound
 
-where ``-D >= bound - d v`` for 0 <= p <= deepest and v <= fastest, by which a step is shown to
-contain no event; and
+where ``-D >= bound - d v`` for 0 <= p <= deepest and v <= fastest, which is used to prove that a
+step contains no event; and
 
     leaves_freely(parameters) -> bool
 
 whether a released ball that still overlaps the ground leaves it as `flight.clear_time` assumes:
-with a force that a multiple of v bounds.  A law with an additional parameter declares it in
+with a force bounded by a multiple of v.  A law with an additional parameter declares it in
 `Robot` and `Parameters`.
 """
 from importlib import import_module

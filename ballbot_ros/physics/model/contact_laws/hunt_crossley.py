@@ -2,7 +2,7 @@
 """
 The law of Hunt and Crossley with the exponent 1: ``N = k p (1 - lambda v)``.
 
-Its damping grows with the penetration, so that the force sets in without a jump, and the
+Its damping grows with the penetration, so that the force starts without a jump, and the
 restitution depends on the speed.  See `contact_laws` for the contract.
 
 Reference: K. H. Hunt, F. R. E. Crossley, Coefficient of Restitution Interpreted as Damping in
@@ -28,11 +28,11 @@ def linear_damping(_parameters: Parameters) -> float:
 
 @compiled
 def least_remainder(deepest: float, fastest: float, parameters: Parameters) -> float:
-    """Return the least of ``-k lambda p v`` [N]."""
+    """Return the minimum of ``-k lambda p v`` [N]."""
     return -parameters.dissipation * max(deepest, 0.0) * max(fastest, 0.0)
 
 
 @compiled
 def leaves_freely(_parameters: Parameters) -> bool:
-    """Return that no multiple of the velocity bounds the force of a released ball."""
+    """Return False: no multiple of the velocity bounds the force on a released ball."""
     return False

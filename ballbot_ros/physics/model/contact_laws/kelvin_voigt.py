@@ -29,5 +29,5 @@ def least_remainder(_deepest: float, _fastest: float, _parameters: Parameters) -
 
 @compiled
 def leaves_freely(_parameters: Parameters) -> bool:
-    """Return that a released ball leaves the ground as it would a damper."""
+    """Return True: a multiple of the velocity bounds the force on a released ball."""
     return True
