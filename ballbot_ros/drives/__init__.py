@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The motor controllers: a folder for each vendor, and the only table of them.
+Motor controllers: one folder per vendor, registered in the table `DRIVES`.
 
 To add one, copy the folder `vesc/uart` (the simplest) and add a line to `DRIVES`.  The driver, the
 emulated device, the choices of the command line and of hardware files, the fuzz targets, the
@@ -8,12 +8,12 @@ benchmarks and the tables of docs/hardware.md follow from that line, which also 
 line or a CAN bus.  Its folder has three modules:
 
 ``codec``
-    Bytes to messages and back, without state but that of the parser.  `parser()` returns a new
-    one, whose `feed(data)` returns the replies that bytes complete.  `frame_reply(message)`
-    returns the bytes that the drive sends such a reply in, and `reply_of(data)` makes a valid
-    frame of any bytes; `make fuzz` checks that the stream contains each reply of the parser.
+    Conversion of bytes to messages and back; only the parser has state.  `parser()` returns a new
+    parser, whose `feed(data)` returns the replies that the data complete.  `frame_reply(message)`
+    returns the bytes in which the drive sends a reply, and `reply_of(data)` makes a valid frame
+    from any bytes; `make fuzz` checks that the stream contains each reply of the parser.
 ``driver``
-    A subclass of `driver.Driver`, with the contract of contract.py.
+    A subclass of `driver.Driver`, which implements the contract of contract.py.
 ``emulated``
     A subclass of `emulated_device.Device`: the firmware in software, for tests and demos.
     `memory_line.MemoryLine` connects it to a driver without a serial port.
@@ -44,7 +44,7 @@ from ballbot_ros.errors import ConfigurationError
 
 
 class LineKind(NamedTuple):
-    """The class that opens a port; imported at the first use."""
+    """Module and name of the class that opens a port; imported at the first use."""
 
     module: str
     opener: str
@@ -107,8 +107,8 @@ def read_options(protocol: str, mapping: Mapping[str, Any], where: str) -> Drive
     """
     Return the options of a driver from the mapping of a YAML file.
 
-    Raises `ConfigurationError` for an unknown protocol, and for anything missing, unknown or out
-    of range.
+    Raises `ConfigurationError` for an unknown protocol, and for a missing, unknown or out-of-range
+    option.
     """
     return driver_class(protocol).Options.from_mapping(mapping, where)
 
@@ -136,8 +136,7 @@ def open_driver(protocol: str, line: SerialLine, options: DriveOptions,
     """
     Return a driver on an open line; nothing is sent yet.
 
-    Raises `ConfigurationError` if there is no such protocol, or the options are those of another
-    protocol.
+    Raises `ConfigurationError` for an unknown protocol, or for options of another protocol.
     """
     found = driver_class(protocol)
     if not isinstance(options, found.Options):

@@ -2,14 +2,14 @@
 """
 CAN frames as records of 16 bytes, so that a bus is a stream of bytes like a serial line.
 
-A record is that of SocketCAN (``struct can_frame``, little-endian): identifier with its two flags,
-length, data padded with zeros.  Two of its three spare bytes hold a CRC of the rest.  On the bus
-each frame has one, which the controllers check and do not pass on; here it makes the parser
-refuse a changed record in captures, fuzz tests and on an emulated line.
+A record has the layout of SocketCAN (``struct can_frame``, little-endian): identifier with its two
+flags, length, data padded with zeros.  Two of its three spare bytes hold a CRC of the other bytes.
+On the bus each frame has a CRC, which the controllers check and do not pass on; that of the record
+makes the parser reject corrupted records in captures, fuzz tests and on an emulated line.
 
 At ten bits per byte (`contract.BITS_PER_BYTE`) a record counts as 160 bits.  This is the length of
-the longest frame: identifier of 29 bits, eight bytes, all possible stuff bits, and the gap to the
-next frame; one with 11 bits has 135 at most, a request without data 55.
+the longest frame: 29-bit identifier, eight bytes, all possible stuff bits, and the interframe
+space; a frame with an 11-bit identifier has at most 135 bits, a request without data 55.
 """
 from binascii import crc_hqx
 from collections import Counter
@@ -29,9 +29,9 @@ class CanFrame(NamedTuple):
     """A classical CAN frame."""
 
     identifier: int
-    data: bytes = b''  # at most eight
+    data: bytes = b''  # at most eight bytes
     extended: bool = False  # the identifier has 29 bits, not 11
-    remote: bool = False  # a request for the frame of that identifier; has no data
+    remote: bool = False  # requests the frame with this identifier; no data
 
 
 def record(frame: CanFrame) -> bytes:
@@ -39,14 +39,14 @@ def record(frame: CanFrame) -> bytes:
     identifier, data, extended, remote = frame
     highest = _EXTENDED_IDENTIFIER_MAX if extended else _IDENTIFIER_MAX
     if not 0 <= identifier <= highest or len(data) > MOST_DATA or remote and data:
-        raise ValueError(f'there is no such CAN frame: {frame!r}')
+        raise ValueError(f'this is not a valid CAN frame: {frame!r}')
     head = identifier | (_EXTENDED if extended else 0) | (_REMOTE if remote else 0)
     raw = _RECORD.pack(head, len(data), 0, data)
     return _RECORD.pack(head, len(data), crc_hqx(raw, 0xFFFF), data)
 
 
 def parse_record(raw: bytes) -> Optional[CanFrame]:
-    """Return the frame of 16 bytes, None if they are not its record."""
+    """Return the frame of a record of 16 bytes, None if the record is not valid."""
     head, length, _, padded = _RECORD.unpack(raw)
     if length > MOST_DATA:
         return None
@@ -60,12 +60,12 @@ def parse_record(raw: bytes) -> Optional[CanFrame]:
 
 def judge_others(number: int) -> Setting:
     """Check the number of frames to the drive from another sender."""
-    return Setting('only sender', 'yes' if not number else f'no: {number} frames of another',
-                   'yes', not number, 'another program, or computer, commands this drive: end it')
+    return Setting('only sender', 'yes' if not number else f'no: {number} frames from others',
+                   'yes', not number, 'another program or computer commands this drive: stop it')
 
 
 class RecordParser:
-    """Finds the records of frames in a stream; `counts` has the bytes ``skipped`` between them."""
+    """Finds records in a stream; `counts` has the number of ``skipped`` bytes between them."""
 
     def __init__(self) -> None:
         self.counts = Counter(skipped=0)
@@ -73,14 +73,14 @@ class RecordParser:
 
     def feed(self, data: bytes) -> list[CanFrame]:
         data = self._rest + data
-        frames, place = [], 0
-        while len(data) - place >= RECORD_SIZE:
-            frame = parse_record(data[place:place + RECORD_SIZE])
+        frames, offset = [], 0
+        while len(data) - offset >= RECORD_SIZE:
+            frame = parse_record(data[offset:offset + RECORD_SIZE])
             if frame is None:
-                place += 1
+                offset += 1
                 self.counts['skipped'] += 1
             else:
                 frames.append(frame)
-                place += RECORD_SIZE
-        self._rest = data[place:]
+                offset += RECORD_SIZE
+        self._rest = data[offset:]
         return frames

@@ -1,18 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-CAN bus by python-can; the only module that opens one.
+CAN bus through python-can; the only module that opens a bus.
 
 A port is one of
 
 ``can0``
     an interface of the Linux kernel (SocketCAN), with the bit rate of ``ip link``,
 ``/dev/ttyACM0``
-    a serial adapter that speaks slcan, as CANable and the CANUSB of Lawicel do,
+    a serial adapter that speaks slcan, such as CANable and Lawicel's CANUSB,
 ``INTERFACE:CHANNEL``
     any other interface of python-can, such as ``virtual:name`` within a process.
 
 All exceptions of python-can, the kernel and pyserial become `LinkError`, with a reason and a
-remedy.  Frames are passed on as records, see can_frames.py, without error frames.
+remedy.  Frames are passed on as records, see can_frames.py; error frames are not.
 """
 from contextlib import suppress
 import errno
@@ -25,7 +25,7 @@ from ballbot_ros.drives.transport import (
     errno_of, Link, opening_failure, SEND_TIMEOUT, WRITE_TIMEOUT)
 from ballbot_ros.errors import LinkError
 
-# Largest number of frames per read, and of reads of a serial adapter without a frame.
+# Largest number of messages per read; an acknowledgement of a serial adapter counts, too.
 MOST_FRAMES = 256
 # CAN_ERR_BUSOFF of linux/can/error.h: the controller has left the bus.
 BUS_OFF = 0x40
@@ -33,10 +33,10 @@ BUS_OFF = 0x40
 
 class CanBus:
     """
-    Reads and writes of a bus of python-can, as records of frames; see `transport.Transfer`.
+    Reads and writes records of frames on a bus of python-can; see `transport.Transfer`.
 
-    The port is one of those above, at a bit rate [bit/s].  Methods raise the exceptions of
-    python-can and the layers below it.
+    The module docstring has the forms of a port; `baud` is the bit rate [bit/s].  Methods raise
+    the exceptions of python-can and the layers below it.
     """
 
     def __init__(self, port: str, baud: int):
@@ -49,13 +49,13 @@ class CanBus:
                                  ignore_config=True, **more)
         try:
             self._descriptor: Any = self._bus.fileno()
-        except (NotImplementedError, OSError):  # virtual: and others have none
+        except (NotImplementedError, OSError):  # virtual: and others have no descriptor
             self._descriptor = None
 
     def write(self, data: bytes) -> bool:
         if self._descriptor is not None \
                 and not select.select([], [self._descriptor], [], SEND_TIMEOUT)[1]:
-            raise OSError(errno.ENOBUFS, 'no room')
+            raise OSError(errno.ENOBUFS, 'no buffer space')
         for frame in self._parser.feed(data):
             self._bus.send(self._can.Message(
                 arbitration_id=frame.identifier, data=frame.data or None,
@@ -110,7 +110,7 @@ class CanBus:
 
 
 class CanLink(Link):
-    """See `Link`; the bit rate of an interface of the kernel is set outside, not checked here."""
+    """See `Link`; the bit rate of a kernel interface is set by ``ip link``, not checked here."""
 
     def _connect(self) -> CanBus:
         return CanBus(self.port, self.baud)
@@ -129,13 +129,13 @@ class CanLink(Link):
         if isinstance(error, (ValueError, TypeError, NotImplementedError)) \
                 and 'bitrate' not in str(error).lower():
             return LinkError(
-                f'{port!r} is not a CAN port: can0 for one of the kernel, /dev/ttyACM0 for an '
-                f'slcan adapter, or INTERFACE:CHANNEL of python-can: {error}',
+                f'{port!r} is not a CAN port: use can0 for a kernel interface, /dev/ttyACM0 for '
+                f'an slcan adapter, or INTERFACE:CHANNEL of python-can: {error}',
                 'bad_address', 'port')
         if opening and isinstance(error, (NameError, AttributeError, ImportError)):
             return LinkError(
                 f'{port}: the library of this interface is not installed ({error}); install the '
-                "driver of the adapter's maker, or use its interface of the kernel, such as can0",
+                "driver of the adapter's maker, or use its kernel interface, such as can0",
                 'missing', 'port')
         import can
         if not isinstance(error, (can.CanError, OSError, termios.error, ValueError, TypeError,
@@ -143,7 +143,7 @@ class CanLink(Link):
             raise error
         number = errno_of(error)
         if opening and number is None and 'bitrate' in str(error).lower():
-            return LinkError(f'{port} cannot do {self.baud} bit/s: {error}', 'bad_baud', 'baud')
+            return LinkError(f'{port} cannot use {self.baud} bit/s: {error}', 'bad_baud', 'baud')
         if number == errno.ENETDOWN:
             return LinkError(f'{port} is down: {_up(port, self.baud)}', 'gone', 'port')
         if number == errno.EAFNOSUPPORT:
@@ -152,17 +152,17 @@ class CanLink(Link):
                 'missing', 'port')
         if number == errno.ENODEV and '/' not in port or 'nknown interface' in str(error):
             return LinkError(
-                f'there is no CAN interface {port}: {error}; "ip link" names those that there '
-                'are, and "ballbot doctor" the serial adapters',
+                f'there is no CAN interface {port}: {error}; "ip link" lists the existing '
+                'interfaces, "ballbot doctor" the serial adapters',
                 'missing' if number else 'bad_address', 'port')
         if opening:
             return opening_failure(port, error)
         if number in (errno.ENOBUFS, errno.EAGAIN) or 'imed out' in str(error):
             return LinkError(
-                f'{port} transmit failed: no acknowledgement on the bus.  Is the drive powered, '
-                f'are both ends closed by 120 ohm, is the bit rate {self.baud} everywhere?',
+                f'{port}: no acknowledgement on the bus; is the drive powered, are both ends '
+                f'terminated with 120 ohm, do all nodes use {self.baud} bit/s?',
                 'stuck', 'port')
-        return LinkError(f'{port} is gone: {error}; is the plug out?', 'gone', 'port')
+        return LinkError(f'{port} is gone: {error}; is it unplugged?', 'gone', 'port')
 
 
 def _address(port: str) -> tuple[str, str, dict[str, Any]]:
@@ -171,17 +171,17 @@ def _address(port: str) -> tuple[str, str, dict[str, Any]]:
     if not colon:
         interface, channel = ('slcan' if '/' in port else 'socketcan'), port
     if interface == 'slcan':
-        # The driver does not wait for answers of an adapter.
+        # The driver does not wait for replies of an adapter.
         return interface, channel, {'sleep_after_open': 0.0, 'timeout': 0.0}
     return interface, channel, {}
 
 
 def _up(port: str, baud: int) -> str:
-    """Return the commands that restart an interface of the kernel."""
+    """Return the commands that restart a kernel interface."""
     name = port.rpartition(':')[2]
     return f'sudo ip link set {name} down; {up_command(name, baud)}'
 
 
 def up_command(name: str, baud: int) -> str:
-    """Return the command that brings an interface of the kernel up at a bit rate [bit/s]."""
+    """Return the command that brings a kernel interface up at a bit rate [bit/s]."""
     return f'sudo ip link set {name} up type can bitrate {baud} restart-ms 100'

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Keep the raw traffic of a line in a file.
+Record the raw traffic of a line in a file.
 
 A line of the file is a time [s], a direction (``>`` to the drive, ``<`` from it) and the
 bytes in hexadecimal::
@@ -9,11 +9,11 @@ bytes in hexadecimal::
     0.000000 > 662030202a3131380a
     0.001812 < 302e303030303030
 
-The tests read a capture and play it into a driver in place of a `Link` (test/helpers/replay.py),
-so that a fault observed on a real robot becomes a test.
+The tests replay a capture into a driver in place of a `Link` (test/helpers/replay.py), so that a
+fault observed on a real robot becomes a test.
 
-A capture of `MOST_BYTES` continues in a new file; the previous part is kept with the suffix
-``.1``, older parts are deleted.
+A capture that reaches `MOST_BYTES` continues in a new file; the previous part is kept with the
+suffix ``.1``, older parts are deleted.
 """
 import logging
 from pathlib import Path
@@ -26,7 +26,7 @@ from ballbot_ros.errors import ConfigurationError
 LOG = logging.getLogger('ballbot_ros.bridge.capture')
 
 HEADER = '# ballbot traffic 1'
-# Longest file of a capture [bytes]: half an hour at 500 Hz with any protocol.
+# Largest size of a capture file [bytes]: half an hour at 500 Hz with any protocol.
 MOST_BYTES = 256 * 1024**2
 
 
@@ -39,7 +39,7 @@ class TrafficSink(Protocol):
     """Receiver of a copy of the traffic of a line."""
 
     def record(self, direction: str, data: bytes) -> None:
-        """Take a piece of traffic."""
+        """Record a piece of traffic."""
 
 
 class ShownToAll:
@@ -67,14 +67,14 @@ class Recorder:
     Writes traffic to a file.
 
     A full disk must not stop a motor bridge: a failure to write ends the recording with a warning,
-    and is kept as `failure`.  The second part of an older capture is deleted.
+    and is kept as `failure`.  The previous part of an older capture is deleted.
 
     Raises `ConfigurationError` if the file cannot be created.
     """
 
     def __init__(self, path: Path):
         self.failure: Optional[str] = None
-        self._begin = time.monotonic()
+        self._start = time.monotonic()
         self._path, self._size = Path(path), 0
         try:
             part_before(self._path).unlink(missing_ok=True)
@@ -86,7 +86,7 @@ class Recorder:
     def record(self, direction: str, data: bytes) -> None:
         """Write a piece of traffic."""
         if self.failure is None:
-            line = f'{time.monotonic() - self._begin:.6f} {direction} {data.hex()}\n'
+            line = f'{time.monotonic() - self._start:.6f} {direction} {data.hex()}\n'
             try:
                 if self._size + len(line) > MOST_BYTES:
                     self._file.close()
@@ -100,7 +100,7 @@ class Recorder:
     def _fail(self, error: OSError) -> None:
         if self.failure is None:
             self.failure = str(error)
-            LOG.warning('the capture %s ends here, the bridge goes on: %s', self._path, error)
+            LOG.warning('the capture %s ends here, the bridge continues: %s', self._path, error)
 
     def _open(self) -> None:
         self._file = open(self._path, 'w', encoding='ascii')

@@ -3,10 +3,10 @@
 The contract between a motor controller's driver and the rest of the package.
 
 All quantities are those of the motor shaft, SI: torque [N m], position [rad], velocity [rad/s];
-gear, direction and zero of the pendulum joint are the caller's.  A session goes::
+the caller handles gear, direction and zero of the pendulum joint.  A session::
 
     driver = open_driver(protocol, link, options)
-    driver.identify()                   # the handshake; raises DriveError without an answer
+    driver.identify()                   # the handshake; raises DriveError without a reply
     driver.read_settings()              # settings of the drive, and whether they are acceptable
     driver.arm()
     each period:
@@ -40,7 +40,7 @@ class SerialLine(Protocol):
     port: str
 
     def write(self, data: bytes) -> None:
-        """Write all."""
+        """Write all data."""
 
     def read(self) -> bytes:
         """Return the received data, without waiting."""
@@ -58,7 +58,7 @@ class StreamParser(Protocol):
     counts: Counter[str]
 
     def feed(self, data: bytes) -> list[Any]:
-        """Take bytes and return the replies that they complete."""
+        """Parse bytes and return the replies that they complete."""
 
 
 class Identity(NamedTuple):
@@ -86,7 +86,7 @@ class Setting(NamedTuple):
     value: str  # as read, with its unit; ``'unknown'`` if the drive does not report it
     wanted: str  # required value, as text
     acceptable: bool
-    remedy: str = ''  # remedy if it is not acceptable
+    remedy: str = ''  # how to make it acceptable
 
 
 def bit_names(bits: int, names: Mapping[int, str]) -> tuple[str, ...]:
@@ -99,7 +99,7 @@ def bit_names(bits: int, names: Mapping[int, str]) -> tuple[str, ...]:
 class Hazard(NamedTuple):
     """Reason to stop an armed motor although the drive reports no fault."""
 
-    setting: str  # that has changed; empty for commands of another sender
+    setting: str  # the changed one; empty for commands of another sender
     text: str
 
 
@@ -114,17 +114,17 @@ class Telemetry(NamedTuple):
     # When the request of the position was sent [s]; None if that is unknown or too long ago: such
     # a position is not a measurement.
     measured: Optional[float] = None
-    position: Optional[float] = None  # of the motor shaft, goes on over full turns [rad]
+    position: Optional[float] = None  # of the motor shaft, not wrapped [rad]
     velocity: Optional[float] = None  # of the motor shaft [rad/s]
-    current: Optional[float] = None  # that makes torque [A]
+    current: Optional[float] = None  # of the motor, torque-producing [A]
     bus_voltage: Optional[float] = None  # [V]
     bus_current: Optional[float] = None  # from the supply, negative while braking feeds it [A]
     temperature: Optional[float] = None  # of the power stage [degC]
     motor_temperature: Optional[float] = None  # [degC]
     status_time: Optional[float] = None  # when armed and faults arrived [s]
     armed: Optional[bool] = None  # the motor is under power
-    faults: tuple[str, ...] = ()  # names that the maker gives them; the motor has no power
-    warnings: tuple[str, ...] = ()  # likewise, that the drive gives before it limits
+    faults: tuple[str, ...] = ()  # the maker's names; the motor has no power
+    warnings: tuple[str, ...] = ()  # the maker's names, such as of an active limit
     hazards: tuple[Hazard, ...] = ()
 
 
@@ -136,10 +136,10 @@ class DriveOptions(Checked):
         'N m', 'largest torque ever sent, at the motor shaft', above=0.0)
     speed_limit: float = quantity(
         'rad/s', 'speed of the motor shaft up to which the robot needs its torque: limits of the '
-        'drive that cut earlier are refused; 0 if not known', default=0.0, minimum=0.0)
+        'drive that act at a lower speed are refused; 0 if unknown', default=0.0, minimum=0.0)
     drive_torque_limit: float = quantity(
-        'N m', 'up to which the limits of the drive itself may be set; torque_limit where that is '
-        'more', default=0.0, minimum=0.0)
+        'N m', 'largest torque that the limits of the drive itself may allow; torque_limit if '
+        'that is larger', default=0.0, minimum=0.0)
     watchdog: float = quantity(
         's', 'time without a command after which the drive must disarm by itself', default=0.1,
         above=0.0, maximum=10.0)
@@ -148,40 +148,40 @@ class DriveOptions(Checked):
 
     @property
     def own_limit(self) -> float:
-        """Return the largest torque that the limits of the drive itself may let through [N m]."""
+        """Return the largest torque that the limits of the drive itself may allow [N m]."""
         return max(self.torque_limit, self.drive_torque_limit)
 
 
 def shown(value: float, unit: str) -> str:
-    """Return the value of a setting with its unit, NaN as unknown."""
+    """Return the value of a setting with its unit, ``unknown`` for NaN."""
     return 'unknown' if math.isnan(value) else f'{value:.4g} {unit}'
 
 
 def judge_torque(ceiling: float, options: DriveOptions, remedy: str) -> Setting:
-    """Check the largest torque that the limits of the drive itself let through [N m]."""
+    """Check the largest torque that the limits of the drive itself allow [N m]."""
     return Setting('torque limit', shown(ceiling, 'N m'), f'at most {options.own_limit:.4g} N m',
                    ceiling <= 1.01 * options.own_limit, remedy)
 
 
-# A byte on the wire: one start bit, eight of data, one stop bit.
+# A byte on the wire: one start bit, eight data bits, one stop bit.
 BITS_PER_BYTE = 10
 
 
 class WireBudget(NamedTuple):
     """Traffic of one control period on the line."""
 
-    bytes_out: int  # to and from the drive, at most
-    bytes_in: int
+    bytes_out: int  # at most, to the drive
+    bytes_in: int  # at most, from the drive
 
     def duration(self, baud: float) -> float:
         """
-        Return the time of one exchange [s]: out and in, one after the other.
+        Return the duration of one exchange [s]: first the request, then the reply.
 
         A line is duplex, so the next request could overlap the last reply; the measurements of
-        such a loop are delayed by one period.
+        such a loop would be delayed by one period.
         """
         return (self.bytes_out + self.bytes_in) * BITS_PER_BYTE / baud
 
     def highest_rate(self, baud: float) -> float:
-        """Return the highest rate at which each period gets the reply to its request [Hz]."""
+        """Return the highest rate at which each period receives the reply to its request [Hz]."""
         return 1.0 / self.duration(baud)

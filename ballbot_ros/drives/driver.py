@@ -1,20 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The base class of every driver, which keeps the contract; see contract.py.
+Base class of the drivers, which implements the contract; see contract.py.
 
 `PendingRequests` matches replies to requests, so that a time stamp is never later than its
 measurement.  A drive replies in the order of the requests; some replies are lost, and any may be
-delayed.  So a reply answers the oldest pending request of its kind, and requests before that one
-have lost their replies.  After a loss stamps are too old by a request, never too new, until a
-reply to a kind that was requested once since the loss shows which requests are complete.  Drivers
-send such requests in turn, each at most once in `LONGEST_LATENCY`.  A longer interruption ends in
-a stop, and without power requests are dropped: see `may_send`.
+delayed.  So a reply answers the oldest pending request of its kind, and the replies to earlier
+requests are lost.  After a loss, stamps are one request too old, never too new, until the reply to
+a kind that was requested once since the loss shows which requests are complete.  Drivers send such
+requests in turn, each at most once in `LONGEST_LATENCY`.  A longer interruption ends in a stop,
+and without power requests are dropped: see `may_send`.
 
-A drive that reads slowly leaves commands in the output buffer.  It would execute them before a
-stop, and they would feed its watchdog, so no torque is sent while `LARGEST_NUMBER` requests are
-pending.
+If a drive reads slowly, commands accumulate in the output buffer.  The drive would execute them
+before a stop, and they would feed its watchdog, so no torque is sent while `LARGEST_NUMBER`
+requests are pending.
 
-Where replies name their request (VESC), each request is a separate kind.
+If replies identify their request (VESC), each request is a separate kind.
 """
 from abc import ABC, abstractmethod
 from collections import Counter, deque
@@ -26,8 +26,8 @@ from ballbot_ros.drives.contract import (
     DriveOptions, Hazard, Identity, SerialLine, Setting, StreamParser, Telemetry, WireBudget)
 from ballbot_ros.errors import DriveError, MessageError
 
-# Of pending requests under power.  A drive that keeps up leaves one or two; lost replies count
-# until a later one shows the loss.
+# Largest number of pending requests under power.  A drive that keeps up leaves one or two; a lost
+# reply counts until a later reply shows the loss.
 LARGEST_NUMBER = 4
 # Requests are dropped when no reply has arrived for this time: longer than the bridge waits
 # before it stops the motor [s].
@@ -47,9 +47,9 @@ class PendingRequest(NamedTuple):
 class Match(NamedTuple):
     """The request that a reply answers."""
 
-    # Earliest time at which it was sent [s]; minus infinity for a reply to no request.
+    # Earliest time at which it was sent [s]; minus infinity for an unrequested reply.
     sent: float = -math.inf
-    # The same as the time of the measurement in the reply [s]; None if it is not known, or the
+    # Time of the measurement in the reply, the same as `sent` [s]; None if it is unknown, or the
     # reply counts as lost.
     measured: Optional[float] = None
 
@@ -90,8 +90,8 @@ class PendingRequests:
         """
         Return whether further requests may be sent.
 
-        Under power not while too many are pending.  Without power not while a reply is overdue:
-        first all pending replies must arrive or, if none arrives any more, be dropped.
+        Under power, none may be sent while too many are pending.  Without power, none may be sent
+        while a reply is overdue, until all pending replies have arrived or the requests time out.
         """
         if armed:
             return len(self._queue) - self._overdue < LARGEST_NUMBER
@@ -117,7 +117,7 @@ class PendingRequests:
         self._unsent.clear()
 
     def match(self, kind: object, now: float) -> Match:
-        """Take a reply to a request of a kind, read at a time [s], and return the request."""
+        """Match a reply of a kind, read at a time [s], and return the request that it answers."""
         for index, request in enumerate(self._queue):
             if request.kind == kind:
                 self._drop(index)
@@ -130,7 +130,7 @@ class PendingRequests:
         return Match()
 
     def take_lost(self, now: float) -> int:
-        """Return how many replies were lost since the last call."""
+        """Return the number of replies lost since the last call."""
         while self._overdue < len(self._queue) \
                 and self._queue[self._overdue].sent < now - self._timeout:
             self._overdue += 1
@@ -141,7 +141,7 @@ class PendingRequests:
         return lost
 
     def _drop(self, number: int) -> None:
-        """Remove requests at the front; those not yet counted as lost are now."""
+        """Remove requests at the front of the queue, and count each as lost once."""
         self._lost += max(0, number - self._overdue)
         self._overdue = max(0, self._overdue - number)
         for _ in range(number):
@@ -161,21 +161,21 @@ class Driver(ABC):
     line : SerialLine
         An open `Link` or `CanLink`.
     options : DriveOptions
-        Of the class `Options` of this driver.
+        An instance of `Options` of this driver.
     clock : callable
         Monotonic, in seconds.
 
     Attributes
     ----------
     telemetry : Telemetry
-        The latest.
+        The latest values.
     counts : Counter
         ``sent`` (writes), ``bytes`` (received), ``replies``, ``lost`` (requested, not received
         in time), ``unexpected`` (not requested), ``refused`` (checksum or form is wrong),
         ``skipped`` (bytes that belong to no message, or to another axis), where a protocol
         allows it.
     meanwhile : callable
-        Called while this driver waits: feeds the watchdog of another axis, for instance.
+        Called while this driver waits, for instance to feed the watchdog of another axis.
 
     """
 
@@ -183,12 +183,12 @@ class Driver(ABC):
     maker: ClassVar[str]  # as error messages name it
     Options: ClassVar[Type[DriveOptions]] = DriveOptions
     baud_rates: ClassVar[tuple[int, ...]] = (115200,)  # to try, the maker's default first
-    shortest_answer: ClassVar[int] = 1  # to `ask`; fewer bytes do not wake a loop
-    keeping: ClassVar[str] = ''  # command that keeps settings over a restart
-    replies_are_named: ClassVar[bool] = False  # each names the request that it answers
-    separator: ClassVar[bytes] = b''  # sent after a pause, so that a corrupted length ends
+    shortest_answer: ClassVar[int] = 1  # of the reply to `ask` [bytes]; fewer do not wake a loop
+    keeping: ClassVar[str] = ''  # command that saves settings permanently
+    replies_are_named: ClassVar[bool] = False  # each identifies its request
+    separator: ClassVar[bytes] = b''  # sent after a pause to end a packet of corrupted length
     closes_torque_loop: ClassVar[bool] = True  # with measured current; else open-loop voltage
-    # Option that distinguishes two axes on one line; empty where replies do not name the axis.
+    # Option that distinguishes two axes on one line; empty if replies do not identify the axis.
     shares_line: ClassVar[str] = ''
 
     _parser: StreamParser
@@ -201,7 +201,7 @@ class Driver(ABC):
         self.telemetry = Telemetry()
         self.counts: Counter[str] = Counter(lost=0)
         self._armed = False  # by this driver, and not stopped since
-        self._settings: dict[str, Union[float, str]] = {}  # first value of each
+        self._settings: dict[str, Union[float, str]] = {}  # first value of each setting
         self._off_requested_at = -math.inf  # of the last request whose reply showed no power [s]
         self._pending = PendingRequests(options.reply_timeout, self.replies_are_named)
         self.meanwhile: Callable[[], None] = lambda: None
@@ -212,7 +212,7 @@ class Driver(ABC):
     @abstractmethod
     def identify(self, timeout: float = 0.5) -> Identity:
         """
-        Do the handshake and return the identity of the drive.
+        Perform the handshake and return the identity of the drive.
 
         Raises `DriveError` with reason ``silent``, ``garbled`` or ``wrong_protocol`` if no such
         drive answers, ``firmware`` if it does not support the commands.
@@ -231,7 +231,7 @@ class Driver(ABC):
         """
         Enable motor power at zero torque.
 
-        Raises `DriveError` with reason ``not_armed``, and the faults that the drive reports.
+        Raises `DriveError` with reason ``not_armed`` and the reported faults if the drive refuses.
         """
         self._until(lambda: self._may_ask, self.clock() + timeout)
         self.telemetry = self.telemetry._replace(hazards=())
@@ -242,16 +242,16 @@ class Driver(ABC):
         """
         Disable motor power; repeat until the drive confirms.
 
-        Raises `DriveError` with reason ``not_stopped`` if it does not within `timeout`: then the
+        Raises `DriveError` with reason ``not_stopped`` if it does not within `timeout`; then the
         watchdog of the drive must stop the motor.
         """
-        begin = self.clock()
+        start = self.clock()
         while True:
             self.send_stop()
             soon = self.clock() + STOP_PERIOD
-            if self._until(lambda: self.stopped_since(begin), soon):
+            if self._until(lambda: self.stopped_since(start), soon):
                 return
-            if self.clock() >= begin + timeout:
+            if self.clock() >= start + timeout:
                 raise self._error(
                     f'the drive did not confirm the stop within {timeout:g} s; its own watchdog '
                     f'disarms it after {self.options.watchdog:g} s', 'not_stopped')
@@ -271,7 +271,7 @@ class Driver(ABC):
         """
         Send a torque at the motor shaft, clipped to the torque limit [N m]; feeds the watchdog.
 
-        With `ask` the same write has the requests of this period.  Nothing is sent if it raises:
+        With `ask`, the same write has the requests of this period.  Nothing is sent if it raises
         `MessageError` for a torque that is not finite, `DriveError` with reason ``not_armed``
         before `arm` and after a stop.
         """
@@ -290,7 +290,7 @@ class Driver(ABC):
 
     @property
     def may_command(self) -> bool:
-        """Return whether the drive keeps up, so that few commands could precede a stop."""
+        """Return whether the drive keeps up, so that few pending commands can precede a stop."""
         return not self._pending.is_full
 
     @property
@@ -299,10 +299,10 @@ class Driver(ABC):
 
     @abstractmethod
     def feed(self) -> None:
-        """Feed the watchdog of the drive; its torque does not change."""
+        """Feed the watchdog of the drive without a change of its torque."""
 
     def send_stop(self) -> None:
-        """Write zero torque, power off, and the requests whose replies confirm it."""
+        """Send zero torque, the command that disables power, and the requests that confirm it."""
         self._armed = False
         self._send(self._stop_message())
 
@@ -324,7 +324,7 @@ class Driver(ABC):
     def budget(self) -> WireBudget:
         """Return the largest traffic of one period of `send_torque` and its replies."""
 
-    # For drivers
+    # For subclasses
 
     def _error(self, text: str, reason: str, field: str = 'drive') -> DriveError:
         return DriveError(f'{self.line.port}: {text}', reason, field)
@@ -342,7 +342,7 @@ class Driver(ABC):
             self.line.wait(min(left, LONGEST_WAIT))
 
     def _soon(self, deadline: float) -> float:
-        """Return when a reply to a request sent now is overdue, at most a deadline."""
+        """Return when a reply to a request sent now is overdue, at latest the deadline [s]."""
         timeout: float = self.options.reply_timeout
         return min(deadline, self.clock() + timeout)
 
@@ -351,8 +351,8 @@ class Driver(ABC):
         """
         Send the bytes that `request` returns until `answered` is true.
 
-        `what` is the subject of the error message; empty in a handshake.  At the deadline [s] it
-        raises the error of `_no_answer`.
+        `what` names the request in the error message; empty in a handshake.  Raises the error of
+        `_no_answer` at the deadline [s].
         """
         before = self.counts.copy()
         while not answered():
@@ -361,7 +361,7 @@ class Driver(ABC):
                 raise self._no_answer(before, what)
 
     def _no_answer(self, before: Counter[str], what: str) -> DriveError:
-        """Return why a request had no answer since `before`; see `_ask_until`."""
+        """Return the error for a request without a reply; see `_ask_until`, `_handshake_error`."""
         if not what or self._corrupted_since(before):
             return self._handshake_error(before)
         return self._error(f'the {self.maker} does not answer {what}', 'silent')
@@ -370,7 +370,7 @@ class Driver(ABC):
         return any(self.counts[kind] > before[kind] for kind in ('refused', 'skipped'))
 
     def _handshake_error(self, before: Counter[str]) -> DriveError:
-        """Return why a handshake failed; `before` are the counts from its beginning."""
+        """Return the error for a failed handshake; `before` are the counts at its start."""
         received = self.counts['bytes'] - before['bytes']
         if not received:
             return self._error(
@@ -380,25 +380,25 @@ class Driver(ABC):
         if replies and not self._corrupted_since(before):
             return self._error(
                 f'{replies} valid replies of the {self.maker} received, but none to the last '
-                'request: they come too late, on a busy machine or a slow line', 'silent')
+                'request: they arrive too late, on a busy machine or a slow line', 'silent')
         return self._error(
             f'{received} bytes received, but no complete reply of the {self.maker}: wrong baud '
             'rate, another protocol, or noise', 'garbled')
 
     def _no_node(self, before: Counter[str], others: set[int], advice: str) -> DriveError:
-        """Return why a handshake on a bus failed where `others` are the ids of the nodes seen."""
+        """Return the error for a failed handshake on a bus; `others` are the ids of seen nodes."""
         if self.counts['skipped'] > before['skipped']:
             return Driver._handshake_error(self, before)
         name, seen = self.shares_line, ', '.join(map(str, sorted(others)))
         return self._error(
             f'no {self.maker} with {name} {getattr(self.options, name)} answers'
-            + (f', but messages of {seen} arrive: set {name}, or check the wiring' if seen else
-               f'; is it powered, {advice}, is the bit rate the same, are both ends closed by '
-               '120 ohm?'), 'silent', name if seen else 'drive')
+            + (f', but messages from {seen} arrive: set {name}, or check the wiring' if seen else
+               f'; is it powered, {advice}, is the bit rate the same, are both ends terminated '
+               'with 120 ohm?'), 'silent', name if seen else 'drive')
 
     @abstractmethod
     def _begin(self) -> None:
-        """Create the parser and the state of this driver; the end of `__init__`."""
+        """Create the parser and the state of this driver; `__init__` calls it last."""
 
     @abstractmethod
     def _arm(self, deadline: float) -> None:
@@ -445,13 +445,13 @@ class Driver(ABC):
         self.counts['lost'] += self._pending.take_lost(now)
 
     def _add_hazard(self, setting: str, text: str) -> None:
-        """Report why an armed motor must be stopped; each reason once."""
+        """Report a reason to stop an armed motor, each reason once."""
         hazard, known = Hazard(setting, text), self.telemetry.hazards
         if self._armed and hazard not in known:
             self.telemetry = self.telemetry._replace(hazards=(*known, hazard))
 
     def _check_setting(self, name: str, value: Union[float, str]) -> None:
-        """Report a setting that has changed since it was first read; NaN is unknown."""
+        """Report a setting that has changed since its first read; ignore NaN, an unknown value."""
         if value != value:
             return
         before = self._settings.setdefault(name, value)

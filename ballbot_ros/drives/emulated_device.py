@@ -16,7 +16,7 @@ class Sensed(NamedTuple):
     bus_voltage: float = 24.0  # [V]
     temperature: float = 35.0  # of the power stage [degC]
     motor_temperature: float = 30.0  # [degC]
-    stop_switch: float = 0.0  # 1 if the emergency switch at its own input is engaged
+    stop_switch: float = 0.0  # 1 if the emergency switch at the drive's input is engaged
 
 
 class Quirk(NamedTuple):
@@ -32,7 +32,7 @@ class DriveSettings(Checked):
 
     torque_constant: float = quantity('N m/A', 'motor torque per ampere', default=0.025,
                                       above=0.0)
-    speed_constant: float = quantity('V s/rad', 'back voltage per motor speed', default=0.025,
+    speed_constant: float = quantity('V s/rad', 'back EMF per motor speed', default=0.025,
                                      minimum=0.0)
     resistance: float = quantity('ohm', 'armature resistance', default=3.125, above=0.0)
     current_limit: float = quantity('A', 'largest motor current', default=4.0, above=0.0)
@@ -43,7 +43,7 @@ class DriveSettings(Checked):
     pole_pairs: int = count('pole pairs of the motor', default=7, minimum=1)
     highest_temperature: float = quantity('degC', 'temperature at which the power stage trips',
                                           default=100.0)
-    axis: int = count('output of the motor, for a drive with two', default=0, maximum=1)
+    axis: int = count('motor output in use, for a drive with two', default=0, maximum=1)
     boot_time: float = quantity('s', 'time that a reboot takes', default=0.3, minimum=0.0)
     firmware: str = text('firmware generation; empty for the only or oldest one',
                          default='')
@@ -60,10 +60,10 @@ class Device(ABC):
     """
     The firmware of a motor controller: bytes in, bytes out, a torque at the shaft.
 
-    It has no clock; the caller passes a monotonic time [s].  The owner updates `sensed` and
-    `second`, the measurements of the motor, and of a motor on the other output; the `baud` of its
-    line gives the duration of a reply.  Raises `ConfigurationError` if the drive does not support
-    the firmware, or the quirks, of the settings.
+    It has no clock; the caller passes a monotonic time [s].  The owner updates `sensed`, the
+    measurements of the motor, and `second`, those of a motor on the other output; `baud`, that of
+    the line, gives the duration of a reply.  Raises `ConfigurationError` if the drive does not
+    support the firmware or the quirks of the settings.
     """
 
     protocol: ClassVar[str]
@@ -76,7 +76,7 @@ class Device(ABC):
 
     def __init__(self, settings: DriveSettings):
         if settings.firmware and settings.firmware not in self.firmwares:
-            known = ' or '.join(self.firmwares) or 'left out: all are alike'
+            known = ' or '.join(self.firmwares) or 'empty: there is only one'
             raise ConfigurationError(
                 f'firmware of an emulated {self.protocol} must be {known}, got '
                 f'{settings.firmware!r}', 'not_a_choice', 'firmware')
@@ -96,11 +96,11 @@ class Device(ABC):
         return quirk in self.settings.quirks
 
     def receive(self, data: bytes, now: float) -> bytes:
-        """Take bytes from the line and return the reply."""
+        """Process bytes from the line and return the reply."""
         return self._receive(data, now) if now >= self.booted_at else b''
 
     def reboot(self, now: float) -> None:
-        """Lose all state and ignore data for the boot time."""
+        """Reset all state and ignore data for the boot time."""
         self.booted_at = now + self.settings.boot_time
         self._boot()
 
@@ -126,11 +126,11 @@ class Device(ABC):
 
     @abstractmethod
     def over_current(self) -> None:
-        """Trip as the firmware does when the current sensor reads too much."""
+        """Trip as the firmware does on an over-current."""
 
     @abstractmethod
     def _receive(self, data: bytes, now: float) -> bytes:
-        """Take bytes from the line and return the reply."""
+        """Process bytes from the line and return the reply."""
 
     @abstractmethod
     def _boot(self) -> None:

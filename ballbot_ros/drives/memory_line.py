@@ -6,10 +6,10 @@ from ballbot_ros.errors import LinkError
 
 class MemoryLine:
     """
-    Both ends of a line in memory; time passes while a driver waits.
+    Both ends of a line in memory; its clock advances while a driver waits.
 
-    A reply of the device takes a delay [s].  `now` is the time [s]; the cable is in while
-    `plugged`; `waiting` has the replies in transit with their arrival times [s].
+    Replies of the device arrive after a delay [s].  `now` is the time [s], `plugged` whether the
+    cable is connected; `waiting` has the replies in transit with their arrival times [s].
     """
 
     port = 'memory'
@@ -37,7 +37,7 @@ class MemoryLine:
         return data
 
     def wait(self, seconds: float, least: int = 1) -> bool:
-        """Advance by a millisecond, and return whether there are bytes."""
+        """Advance by at most a millisecond, and return whether a reply has arrived."""
         self._check()
         self.pass_time(min(seconds, 0.001))
         return any(when <= self.now for when, reply in self.waiting if reply)
@@ -56,11 +56,11 @@ class MemoryLine:
         """Do nothing."""
 
     def to_drive(self, data: bytes) -> bytes:
-        """Return the bytes that arrive of those written; override it for a faulty line."""
+        """Return the received part of written bytes; override it for a faulty line."""
         return data
 
     def from_drive(self, data: bytes) -> bytes:
-        """Return the bytes that arrive of a reply; see `to_drive`."""
+        """Return the received part of a reply; see `to_drive`."""
         return data
 
     def _reply(self, data: bytes, always: bool = False) -> None:

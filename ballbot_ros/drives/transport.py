@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Serial ports; the only module that opens one.
+Serial ports; the only module that opens a port.
 
 pyserial raises three unrelated families of exceptions when a cable is pulled: its own
 SerialException, plain OSError (from ``in_waiting``) and termios.error (from ``flush``).  Here
 they all become `LinkError`, with a reason and a remedy.
 
-Anything that ``serial.serial_for_url`` takes is a port: ``/dev/ttyUSB0``,
+Anything that ``serial.serial_for_url`` accepts is a port: ``/dev/ttyUSB0``,
 ``/dev/serial/by-id/...``, ``socket://host:port``, ``rfc2217://host:port``, ``loop://``,
 ``spy:///dev/ttyUSB0?file=traffic.txt``.
 """
@@ -24,16 +24,16 @@ from serial.tools import list_ports
 from ballbot_ros.drives.capture import TrafficSink
 from ballbot_ros.errors import LinkError
 
-# pyserial reads its clock after the write, so that a preempted process would see a timeout: a
-# backstop, and for ports whose free space cannot be queried [s].
+# Backstop, and for ports whose free space cannot be queried [s]: pyserial reads its clock after
+# the write, so a preempted process would time out.
 WRITE_TIMEOUT = 0.5
 # Poll period of a port without a file descriptor (loop://) [s].
 POLL_PERIOD = 0.0005
 
 LARGEST_READ = 4096
 CONTROL = 6  # index of the control characters in the settings of a terminal
-# Some hundred bytes are in transit at most, and the kernel buffers 4096: a port without space for
-# this long is not being read [s].
+# At most a few hundred bytes are in transit, and the kernel buffers 4096: if a port has no space
+# for this time, the other end does not read [s].
 SEND_TIMEOUT = 0.02
 # Timeout of one write, for a line that accepts a few bytes at a time [s].
 LONGEST_WRITE = 0.5
@@ -46,7 +46,7 @@ class Transfer(Protocol):
     """Reads and writes of an open port; see `Link` and `Descriptor`."""
 
     def write(self, data: bytes) -> bool:
-        """Write all, and return whether there was room for it."""
+        """Write all data, and return whether the port accepted them."""
 
     def read(self) -> bytes:
         """Return the received data."""
@@ -57,7 +57,7 @@ class Transfer(Protocol):
 
 class Descriptor:
     """
-    A device that never blocks, open for reading and writing; its owner closes it.
+    A device open for non-blocking reads and writes; its owner closes it.
 
     All methods raise `OSError` or `termios.error` if the device is gone.
     """
@@ -99,7 +99,7 @@ class Descriptor:
 
     def wait(self, seconds: float, least: int = 1) -> bool:
         if least != self._least:
-            self._confirm_from(least)
+            self._set_minimum(least)
         # Only select does not round the timeout to milliseconds.
         ready, _, _ = select.select(self._alone, (), (), seconds if seconds > 0.0 else 0.0)
         if ready:
@@ -107,8 +107,8 @@ class Descriptor:
             return True
         return False
 
-    def _confirm_from(self, least: int) -> None:
-        """Make the kernel report data only from a number of bytes: a reply arrives in pieces."""
+    def _set_minimum(self, least: int) -> None:
+        """Make the kernel report data from a number of bytes on, as a reply arrives in pieces."""
         self._least = least
         if os.isatty(self._number):
             settings = termios.tcgetattr(self._number)
@@ -123,7 +123,7 @@ class Descriptor:
 
 
 class Indirect:
-    """By pyserial, for URLs: a socket, a port of another machine, a monitored port."""
+    """Access through pyserial, for URLs: a socket, a remote port, a monitored port."""
 
     def __init__(self, port: Any, descriptor: Optional[int]):
         self._port, self._descriptor = port, descriptor
@@ -154,7 +154,7 @@ class Link:
     """
     An open port, device or URL, with non-blocking reads and writes.
 
-    Not safe for several threads; give it one owner.  USB devices and pseudo-terminals ignore the
+    Not thread-safe; one thread must own it.  USB devices and pseudo-terminals ignore the
     baud rate [bit/s]; a recorder receives a copy of the traffic.  Raises `LinkError` if the port
     cannot be opened; its ``reason`` is one of missing, busy, permission, not_a_port, bad_address
     and bad_baud.
@@ -170,7 +170,7 @@ class Link:
         self._transfer = self._attempt(self._emptied)
 
     def write(self, data: bytes) -> None:
-        """Write all; raises `LinkError` if the port is gone, or has no room for 20 ms."""
+        """Write all data; raises `LinkError` if the port is gone, or accepts none for 20 ms."""
         if not self._attempt((self._transfer or self._closed()).write, data):
             raise _stuck(self.port)
         if self._recorder is not None:
@@ -187,8 +187,8 @@ class Link:
         """
         Wait until bytes can be read, or a time has passed [s]; return whether there are any.
 
-        Fewer bytes than `least`, at most 255, do not end the wait, where supported; a change of it
-        takes a system call.  Raises `LinkError` if the port is gone.
+        Where supported, fewer bytes than `least`, at most 255, do not end the wait; a change of
+        `least` takes system calls.  Raises `LinkError` if the port is gone.
         """
         return bool(self._attempt((self._transfer or self._closed()).wait, seconds, least))
 
@@ -200,9 +200,9 @@ class Link:
         """
         opened, self._opened, self._transfer = self._opened, None, None
         if opened is not None:
-            with suppress(Exception):  # a bus has none
+            with suppress(Exception):  # a bus has no such method
                 opened.reset_output_buffer()
-            with suppress(Exception):  # of a lost port
+            with suppress(Exception):  # fails if the port is gone
                 opened.close()
 
     def __enter__(self) -> 'Link':
@@ -223,7 +223,7 @@ class Link:
         except Exception as error:
             raise self._failure(error, opening) from error
 
-    # For kinds of ports
+    # For subclasses
 
     def _connect(self) -> Any:
         """Open the port and return an object with a method `close`."""
@@ -231,7 +231,7 @@ class Link:
                                      write_timeout=WRITE_TIMEOUT, exclusive=True)
 
     def _emptied(self) -> Transfer:
-        """Drop received data and return reads and writes, without pyserial for a plain device."""
+        """Drop received data and return the `Transfer`, without pyserial for a plain device."""
         port = self._opened
         port.reset_input_buffer()
         try:
@@ -243,7 +243,7 @@ class Link:
         return Indirect(port, descriptor)
 
     def _failure(self, error: Exception, opening: bool) -> LinkError:
-        """Return why an action failed; raise an exception that is not of the port again."""
+        """Return the error for a failed action; re-raise an exception that is not of the port."""
         port = self.port
         if not isinstance(error, FAILURES):
             raise error
@@ -251,7 +251,7 @@ class Link:
             return _stuck(port)
         if isinstance(error, ValueError):  # unknown scheme, or a baud rate that does not exist
             if 'baud' in str(error).lower():
-                return LinkError(f'{port} cannot do this baud rate: {error}', 'bad_baud', 'baud')
+                return LinkError(f'{port} cannot use this baud rate: {error}', 'bad_baud', 'baud')
             return LinkError(
                 f'{port!r} is neither a device nor a URL that pyserial supports: {error}',
                 'bad_address', 'port')
@@ -270,11 +270,11 @@ def ports() -> list[tuple[str, str]]:
 def _stuck(port: str) -> LinkError:
     return LinkError(
         f'{port} accepts no more bytes: the other end does not read, or flow control blocks the '
-        'port; switch hardware and software handshake off', 'stuck', 'port')
+        'port; disable hardware and software flow control', 'stuck', 'port')
 
 
 def errno_of(error: Optional[BaseException]) -> Optional[int]:
-    """Return the number of the system's error behind an exception, None if there is none."""
+    """Return the errno behind an exception, None if there is none."""
     while error is not None:
         number = getattr(error, 'errno', None) or getattr(error, 'error_code', None)
         if isinstance(error, termios.error):
@@ -286,13 +286,13 @@ def errno_of(error: Optional[BaseException]) -> Optional[int]:
 
 
 def opening_failure(port: str, error: Exception) -> LinkError:
-    """Return why a port did not open, with the remedy."""
+    """Return the error for a port that could not be opened, with the remedy."""
     number = errno_of(error)
     if number == errno.ENOENT:
         known = ', '.join(found.device for found in list_ports.comports())
         return LinkError(
             f'there is no port {port}; '
-            + (f'there are {known}' if known else 'there is none at all: is it plugged in?'),
+            + (f'available: {known}' if known else 'no port is available: is it plugged in?'),
             'missing', 'port')
     if number in (errno.EACCES, errno.EPERM):
         return LinkError(

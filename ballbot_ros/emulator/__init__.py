@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Motor controllers in software: their firmware behind a real serial device, a ball behind it."""
+"""Emulated motor controllers on a real serial device, which drive a simulated ball."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The ball behind an emulated drive: full model, gear, encoder, and an inertial sensor."""
+"""The simulated ball of an emulated drive: full model, gear, encoder and inertial sensor."""
 import math
 from typing import Any
 
@@ -20,16 +20,16 @@ def motor_of(robot: Robot) -> Motor:
     """Return the motor of a robot; `ConfigurationError` if it has none to emulate."""
     if robot.motor is None or not robot.has_pendulum:
         raise ConfigurationError(
-            f'robot {robot.name!r} has no pendulum motor; take one that has, such as gimball',
+            f'robot {robot.name!r} has no pendulum motor; choose one that has, such as gimball',
             'missing', 'robot')
     return robot.motor
 
 
 def settings_for(robot: Robot, **changes: Any) -> DriveSettings:
     """
-    Return a drive set up for the motor of a robot, with changes of `DriveSettings`.
+    Return the settings of a drive for the motor of a robot, with changes of `DriveSettings`.
 
-    Its torque limit is the largest torque of the robot, brought to the motor shaft.
+    The torque limit is the largest torque of the robot, converted to the motor shaft.
     """
     motor = motor_of(robot)
     limit = motor.maximum_torque / (motor.gear_ratio * motor.gear_efficiency)
@@ -41,9 +41,9 @@ def settings_for(robot: Robot, **changes: Any) -> DriveSettings:
 
 class Ball:
     """
-    A scene that takes the torque of a motor shaft, constant over a period [s].
+    A scene driven by the torque of a motor shaft, which is constant over a period [s].
 
-    The period is a whole number of solver steps; the settings give the resolution of the encoder.
+    The period is an integer number of solver steps; the settings give the encoder resolution.
     `lateral` is the state of a robot whose second motor leans the pendulum, `course` the pose in
     the frame of the start.
     """
@@ -52,11 +52,11 @@ class Ball:
         self.motor = motor_of(scene.model.robot)
         self.plant = Plant(scene, 1.0 / period, torque_limit=math.inf)
         self._count = math.tau / settings.counts_per_turn
-        self._imu = Imu(scene.model.robot.gravity)  # a perfect one in the middle of the shell
+        self._imu = Imu(scene.model.robot.gravity)  # an ideal one at the centre of the shell
         self._begin()
 
     def _begin(self) -> None:
-        """Take the state to have lasted for a period already."""
+        """Initialize as if the state had been constant for a period."""
         # Both in one assignment: another thread may request a reading at any time.
         self._pair = (self.state._replace(time=self.state.time - self.plant.period), self.state)
         self.lateral = LateralState()
@@ -79,8 +79,8 @@ class Ball:
         """
         Advance by a period and return the new planar state.
 
-        The torques are those of the motor, and of the one that leans the pendulum, at their shafts
-        [N m].  Raises `SimulationError` if the model fails.
+        The torques are those of the motor, and of the motor that leans the pendulum, at their
+        shafts [N m].  Raises `SimulationError` if the model fails.
         """
         before = self.state
         after = self.plant.advance(self.pendulum_torque(shaft_torque))
@@ -104,9 +104,9 @@ class Ball:
 
     def sensed(self, before: Sensed, jump: float = 0.0) -> Sensed:
         """
-        Return the present measurements of the drive, with an error of the encoder [rad].
+        Return the present measurements of the drive, with an encoder offset `jump` [rad].
 
-        Voltage and temperatures are those of the measurements before.
+        Voltage and temperatures are those of the measurements `before`.
         """
         return self._at_shaft(before, self.state.joint_angle, self.state.joint_rate, jump)
 

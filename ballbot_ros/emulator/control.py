@@ -2,7 +2,7 @@
 """
 Faults on demand: one line of text each, from the command line, standard input or a socket.
 
-`FAULTS` is the only table of them; docs/hardware.md is written from it.
+docs/hardware.md contains a table that is generated from `FAULTS`.
 """
 from dataclasses import replace
 import json
@@ -20,7 +20,7 @@ from ballbot_ros.errors import BallbotError, ConfigurationError
 
 
 class Fault(NamedTuple):
-    """A line that the control channel understands."""
+    """A command of the control channel."""
 
     argument: str  # argument after the name, as text; empty for none
     effect: str
@@ -73,29 +73,29 @@ def _clear(emulator: Emulator, _: float, now: float) -> None:
 
 
 FAULTS = {
-    'unplug': Fault('seconds, or nothing for good', 'the device is gone, and comes back under '
+    'unplug': Fault('seconds; permanent if omitted', 'the device disappears, and returns under '
                     'another name', _plug_after, math.inf),
-    'plug': Fault('', 'the device is back', _plug, 0.0),
+    'plug': Fault('', 'the device returns', _plug, 0.0),
     'silence': Fault('seconds', 'the drive receives but does not reply', _silence),
-    'reboot': Fault('', 'the drive loses its state and receives nothing while it boots',
+    'reboot': Fault('', 'the drive resets its state and ignores data while it boots',
                     lambda emulator, _, now: emulator.device.reboot(now), 0.0),
     'over_current': Fault('', 'the drive trips as on a short circuit',
                           lambda emulator, *_: emulator.device.over_current(), 0.0),
-    'temperature': Fault('degC', 'sets the temperature of the power stage; hot, the drive trips',
-                         _sense('temperature'), least=-273.15, most=1000.0),
-    'voltage': Fault('V', 'sets the voltage of the supply', _sense('bus_voltage'), most=1000.0),
-    'stop_switch': Fault('1 or 0', 'the emergency switch at the input of the drive itself is '
-                         'pulled, where one is set up', _sense('stop_switch'), 1.0, most=1.0),
+    'temperature': Fault('degC', 'sets the temperature of the power stage; above its limit, the '
+                         'drive trips', _sense('temperature'), least=-273.15, most=1000.0),
+    'voltage': Fault('V', 'sets the supply voltage', _sense('bus_voltage'), most=1000.0),
+    'stop_switch': Fault('1 or 0', 'engages (1) or releases (0) the emergency switch at the input '
+                         'of the drive, if configured', _sense('stop_switch'), 1.0, most=1.0),
     'encoder_jump': Fault('motor turns', 'increment of the encoder offset', _encoder_jump,
                           least=-1e6, most=1e6),
-    'slow_reader': Fault('bytes/s', 'the drive takes no more from the line', _slow_reader),
-    'reset': Fault('', 'the ball is put back to the start of its scene',
+    'slow_reader': Fault('bytes/s', 'limits the rate at which the drive reads', _slow_reader),
+    'reset': Fault('', 'resets the ball to the start of its scene',
                    lambda emulator, *_: emulator.ball.reset(), 0.0),
-    'clear': Fault('', 'the line is clean again, the drive cool, its switch out, the encoder '
-                   'right', _clear,
+    'clear': Fault('', 'ends all faults of line, supply, temperature, switch and encoder, and '
+                   'plugs the device in', _clear,
                    0.0),
 }
-# Faults of single bytes: each field of `LineFaults`, with the direction as a second word.
+# Faults of single bytes: each field of `LineFaults`; an optional second word is the direction.
 LINE_FAULTS = {name: item.metadata for name, item in LineFaults.__dataclass_fields__.items()}
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""An emulated motor controller on a serial device, in real time, with a ball behind it."""
+"""An emulated motor controller on a serial device, in real time, which drives a ball."""
 from collections import deque
 from dataclasses import replace
 import math
@@ -21,17 +21,17 @@ from ballbot_ros.physics.simulation.scene import Scene
 from ballbot_ros.plant import ImuSample, Pace
 from ballbot_ros.steering import required_steering
 
-# Largest number of periods to catch up in one step.  After a longer stop the ball skips the rest,
+# Largest number of periods to catch up in one step.  After a longer pause the ball skips the rest,
 # which a bridge detects as a jump of the encoder.
 MOST_PERIODS = 200
-# The oldest entries of the log go first.
+# The log drops its oldest entries beyond this number.
 LONGEST_LOG = 1_000_000
 # Shortest sleep: data within this time are handled together [s].
 SHORTEST_WAIT = 5e-5
 
 
 def _sensed_by(device: str) -> Any:
-    """Return a property: the measurements of one of two devices."""
+    """Return a property for the measurements of one of two devices."""
     return property(lambda self: getattr(self, device).sensed,
                     lambda self, sensed: setattr(getattr(self, device), 'sensed', sensed))
 
@@ -48,7 +48,7 @@ class BusOfTwo(Device):
         self.settings = settings
 
     def __getattr__(self, name: str) -> Any:
-        """Return the content that only the first device of its class has."""
+        """Return an attribute of the first device that this class does not have."""
         return getattr(self.__dict__['first'], name)
 
     sensed, second = _sensed_by('first'), _sensed_by('other')
@@ -89,10 +89,10 @@ class BusOfTwo(Device):
 
 def new_device(protocol: str, settings: DriveSettings, steering: bool = False) -> Device:
     """
-    Return an emulated drive, with a second motor where the robot steers.
+    Return an emulated drive, with a second motor if the robot steers.
 
-    Raises `ConfigurationError` if replies of the protocol do not name the axis: a port has one
-    drive with one motor then.
+    Raises `ConfigurationError` for a second motor if replies of the protocol do not identify the
+    axis.
     """
     device = device_class(protocol)
     if not steering:
@@ -113,7 +113,7 @@ class Applied(NamedTuple):
 
 class Emulator:
     """
-    A motor controller behind a pseudo-terminal; one on a CAN bus behind an slcan adapter there.
+    A motor controller on a pseudo-terminal, or on a CAN bus with an slcan adapter as terminal.
 
     Start it, open `path` as a serial port, stop it; or use it as a context manager.  The model
     runs in a separate thread, so all methods may be called from another one.
@@ -125,13 +125,13 @@ class Emulator:
     scene : Scene
         Robot, ground and start; the robot must have a motor.
     baud : int
-        Of the drive; a host that sets another one gets, and sends, noise.
+        Of the drive; a host with another baud rate receives, and sends, noise.
     settings : DriveSettings, optional
-        Those that fit the motor of the robot if not given.
+        Those for the motor of the robot if not given.
     link : Path, optional
-        Symbolic link to keep pointing to the device.
+        Symbolic link that always points to the device.
     seed : int
-        Of the faults.
+        Of the random faults.
     steering : bool
         Whether a second motor, with the same gear, leans the pendulum: that on M2 of a RoboClaw,
         or one with a separate drive at the next address of the CAN bus.
@@ -148,8 +148,8 @@ class Emulator:
     Raises
     ------
     ConfigurationError
-        For an unknown protocol or firmware, a robot without motor, or without steering where it
-        should steer, or a link that cannot be made.
+        For an unknown protocol or firmware, a robot without a motor, or without the steering
+        that is required, or a link that cannot be created.
 
     """
 
@@ -172,17 +172,17 @@ class Emulator:
             PseudoTerminal if line_of(protocol) is SERIAL else SlcanAdapter)(link)
         self.log: Deque[Applied] = deque(maxlen=LONGEST_LOG)  # oldest first
         self.encoder_jump = 0.0  # [rad at the motor shaft]
-        self.silent_until = -math.inf  # the drive sends nothing
+        self.silent_until = -math.inf  # until then the drive sends nothing [s]
         self.plug_at = math.inf
-        self.read_rate = math.inf  # bytes per second that are taken from the line
+        self.read_rate = math.inf  # bytes per second that the drive reads
         self.failure: Optional[BallbotError] = None
         self._credit = 0.0
         self._pace = Pace(PERIOD, 1.0, MOST_PERIODS)
-        self._replies: Deque[tuple[float, bytes]] = deque()  # when the firmware sends, what
+        self._replies: Deque[tuple[float, bytes]] = deque()  # send time [s], reply
         self._calls: SimpleQueue[tuple[Callable[[], None], Event]] = SimpleQueue()
         self.torque = 0.0  # at the motor shaft now [N m]
         self._running = False
-        # Until Python 3.12 a thread whose join() a signal has interrupted passes for ended.
+        # Until Python 3.12, a thread whose join() a signal has interrupted counts as ended.
         self._ended = Event()
         self._ended.set()
 
@@ -217,18 +217,18 @@ class Emulator:
         return self
 
     def stop(self) -> None:
-        """Stop time and unplug; stopping twice is allowed."""
+        """Stop the thread and unplug; stopping twice is allowed."""
         self._running = False
         self._ended.wait()
         self.terminal.unplug()
 
     def wait(self) -> None:
-        """Return when the emulator has ended; see `failure` for why."""
+        """Wait until the emulator has ended; `failure` is the error, if any."""
         while not self._ended.wait(0.5):
             pass
 
     def call(self, function: Callable[[], None]) -> None:
-        """Run a function between two steps of the emulator, and wait until it has been."""
+        """Run a function between two steps of the emulator, and wait until it has ended."""
         if self._ended.is_set() and self.failure is None:
             function()
             return
@@ -291,7 +291,7 @@ class Emulator:
         self.terminal.write(self.from_drive.take(now))
 
     def _read(self, elapsed: float) -> bytes:
-        """Return received data, at most the amount of a slow reader in a time [s]."""
+        """Return received data, at most those that `read_rate` allows in the elapsed time [s]."""
         if self.read_rate == math.inf:
             return self.terminal.read()
         self._credit = min(self._credit + self.read_rate * elapsed, 4096.0)

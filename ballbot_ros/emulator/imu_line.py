@@ -14,11 +14,11 @@ POLL_PERIOD = 0.002
 
 class ImuLine:
     """
-    A sensor of `imus.IMUS`, as it leaves the factory, on a pseudo-terminal.
+    A sensor of `imus.IMUS` with factory defaults on a pseudo-terminal.
 
     Its y axis is the axle, to the left; x is forward and z up.  `failure` is the error that ended
-    the thread.  Raises `ConfigurationError` if the link cannot be made, or there is no such
-    sensor.
+    the thread.  Raises `ConfigurationError` if the link cannot be created, or there is no
+    such sensor.
     """
 
     def __init__(self, link: Optional[Path] = None, sensor: str = 'witmotion'):
@@ -47,7 +47,7 @@ class ImuLine:
                 self._terminal.wait(POLL_PERIOD)
                 received = self._terminal.read()
                 data = self.device.tick(time.monotonic())
-                # At another baud rate neither understands the other.
+                # With another baud rate, neither side receives valid data.
                 if self._terminal.baud == self.device.baud:
                     self._terminal.write(data)
                     self.device.receive(received)

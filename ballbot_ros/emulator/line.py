@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A serial line: bytes take their transmission time, and may be lost or changed."""
+"""A serial line: bytes take their transmission time, and may be lost or corrupted."""
 from collections import deque
 from dataclasses import dataclass
 import random
@@ -14,17 +14,17 @@ WRONG_BAUD = bytes((byte * 167 + 13) % 256 | 0x80 for byte in range(256))
 
 @dataclass(frozen=True)
 class LineFaults(Checked):
-    """Faults of the bytes on a line; all parts are per byte."""
+    """Faults of the bytes on a line; the fractions are probabilities of each byte."""
 
-    drop: float = quantity('1', 'part of the bytes that get lost', default=0.0, minimum=0.0,
+    drop: float = quantity('1', 'fraction of the bytes that are lost', default=0.0, minimum=0.0,
                            maximum=1.0)
-    corrupt: float = quantity('1', 'part of the bytes that become another byte', default=0.0,
+    corrupt: float = quantity('1', 'fraction of the bytes that are corrupted', default=0.0,
                               minimum=0.0, maximum=1.0)
-    duplicate: float = quantity('1', 'part of the bytes that come twice', default=0.0,
+    duplicate: float = quantity('1', 'fraction of the bytes that are repeated', default=0.0,
                                 minimum=0.0, maximum=1.0)
-    delay: float = quantity('s', 'added to the time of every byte', default=0.0, minimum=0.0,
+    delay: float = quantity('s', 'additional delay of every byte', default=0.0, minimum=0.0,
                             maximum=10.0)
-    garbage: float = quantity('1/s', 'random bytes that come by themselves', default=0.0,
+    garbage: float = quantity('1/s', 'rate of inserted random bytes', default=0.0,
                               minimum=0.0, maximum=1e6)
 
     def damage(self, data: bytes, rng: random.Random) -> bytes:
@@ -53,7 +53,7 @@ class Direction:
         self._rng = rng
         self._free_at = 0.0
         self._garbage_at = 0.0
-        self._flying: Deque[tuple[float, int]] = deque()  # when a byte is over, the byte
+        self._in_transit: Deque[tuple[float, int]] = deque()  # arrival time [s], byte
 
     def put(self, data: bytes, now: float) -> None:
         """Send bytes at `now` [s]."""
@@ -61,31 +61,31 @@ class Direction:
             data = data.translate(WRONG_BAUD)
         for byte in self.faults.damage(data, self._rng):
             self._free_at = max(self._free_at, now) + self._byte_time
-            self._flying.append((self._free_at + self.faults.delay, byte))
+            self._in_transit.append((self._free_at + self.faults.delay, byte))
 
     def take(self, now: float) -> bytes:
-        """Return the bytes that are over at `now` [s]."""
+        """Return the bytes that have arrived by `now` [s]."""
         self._make_garbage(now)
         arrived = bytearray()
-        while self._flying and self._flying[0][0] <= now:
-            arrived.append(self._flying.popleft()[1])
+        while self._in_transit and self._in_transit[0][0] <= now:
+            arrived.append(self._in_transit.popleft()[1])
         return bytes(arrived)
 
     def next_at(self) -> float:
-        """Return when the next byte is over [s], infinite for an idle line."""
-        return self._flying[0][0] if self._flying else float('inf')
+        """Return when the next byte arrives [s], infinite for an idle line."""
+        return self._in_transit[0][0] if self._in_transit else float('inf')
 
     def clear(self) -> None:
         """Drop the data in transit."""
-        self._flying.clear()
+        self._in_transit.clear()
         self._free_at = 0.0
 
     def _make_garbage(self, now: float) -> None:
-        """Put in the random bytes of the time since the last call."""
+        """Insert the random bytes for the time since the last call."""
         if self.faults.garbage:
             number = int(self.faults.garbage * min(now - self._garbage_at, 0.1))
             if number:
                 self._garbage_at = now
-                self._flying.extend((now, self._rng.randrange(256)) for _ in range(number))
+                self._in_transit.extend((now, self._rng.randrange(256)) for _ in range(number))
         else:
             self._garbage_at = now

@@ -2,7 +2,7 @@
 """
 A pseudo-terminal as the serial device of an emulated drive; it can be unplugged.
 
-Of a drive on a CAN bus it is an slcan adapter: text for the computer, frames for the bus.
+For a drive on a CAN bus it is an slcan adapter: text for the computer, frames for the bus.
 """
 from contextlib import suppress
 import os
@@ -17,16 +17,16 @@ from typing import Optional
 from ballbot_ros.drives.can_frames import CanFrame, record, RecordParser
 from ballbot_ros.errors import ConfigurationError
 
-# Speeds as termios codes them.
+# Code of termios -> baud rate.
 SPEEDS = {code: int(name[1:]) for name, code in vars(termios).items()
           if re.fullmatch('B[1-9][0-9]*', name)}
 
 
 class PseudoTerminal:
     """
-    The end of a serial line that the drive has.
+    The drive's end of a serial line.
 
-    `link` is a symbolic link to keep pointing to the device, as udev does for a real one.  Raises
+    `link` is a symbolic link that always points to the device, as udev has for a real one.  Raises
     `ConfigurationError` if it exists and is not a symbolic link, or cannot be created.
     """
 
@@ -42,7 +42,7 @@ class PseudoTerminal:
             self.plug()
         except OSError as error:
             raise ConfigurationError(
-                f'{link} cannot be made: {error.strerror or error}; choose another name for '
+                f'{link} cannot be created: {error.strerror or error}; choose another name for '
                 '--link', 'not_writable', '--link') from error
 
     @property
@@ -56,14 +56,14 @@ class PseudoTerminal:
 
     @property
     def baud(self) -> Optional[int]:
-        """Return the baud rate that the other side has set, None for an odd one."""
+        """Return the baud rate that the other side has set, None for a non-standard one."""
         return SPEEDS.get(termios.tcgetattr(self._master)[5]) if self.plugged else None
 
     def plug(self) -> None:
-        """Make the device, usually under a new name, and point the link to it."""
+        """Create the device, usually under a new name, and point the link to it."""
         if self.plugged:
             return
-        # The other side of it stays open here, so that a reader may come and go.
+        # The slave stays open here, so that programs can open and close the device.
         master, self._slave = pty.openpty()
         tty.setraw(self._slave)
         os.set_blocking(master, False)
@@ -73,16 +73,16 @@ class PseudoTerminal:
             fresh.unlink(missing_ok=True)
             fresh.symlink_to(self.device)
             fresh.replace(self._link)
-        # Last: another thread that finds it plugged can open its path.
+        # Last: another thread that reads `plugged` as true can open the path.
         self._master = master
 
     def unplug(self) -> None:
-        """Take the device away; a program that has it open gets an error."""
+        """Remove the device; a program that has it open receives an error."""
         if not self.plugged:
             return
         if self._link is not None:
             self._link.unlink(missing_ok=True)
-        # The master first: closing our other end first could let a waiting reader see an end.
+        # The master first: if the slave closed first, a waiting reader could read an end of file.
         os.close(self._master)
         os.close(self._slave)
         self._master = self._slave = -1
@@ -100,7 +100,7 @@ class PseudoTerminal:
             return b''
 
     def write(self, data: bytes) -> None:
-        """Send; bytes that are not read are lost, as on a real line."""
+        """Send data; bytes that are not read are lost, as on a real line."""
         if self.plugged and data:
             with suppress(OSError):
                 os.write(self._master, data)
@@ -128,7 +128,7 @@ class SlcanAdapter(PseudoTerminal):
 
     @property
     def baud(self) -> Optional[int]:
-        """Return the bit rate of the bus that the other side has set, None before it has."""
+        """Return the bit rate of the bus that the other side has set, None before that."""
         return self._bit_rate or None
 
     def read(self, most: int = 4096) -> bytes:

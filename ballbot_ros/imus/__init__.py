@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Inertial sensors on a serial port: a folder for each vendor, and the only table of them.
+Inertial sensors on a serial port: one folder per vendor, registered in the table `IMUS`.
 
 To add one, copy the folder `witmotion` and add a line to `IMUS`; the choices of the node `imu`
 follow from that line.  The folder has two modules: ``protocol`` with a subclass of
-`contract.InertialSensor`, ``emulated`` with one of `contract.EmulatedSensor`.
+`contract.InertialSensor`, and ``emulated`` with one of `contract.EmulatedSensor`.
 
     >>> sensor = sensor_class('witmotion')(baud=115200, rate=200, bandwidth=98)
     >>> emulated = emulated_class('witmotion')()

@@ -2,9 +2,9 @@
 """
 The contract between an inertial sensor's protocol and the rest of the package.
 
-A sensor that sends unrequested readings, at a fixed rate, over a serial port: `ImuSource` opens
-the port, configures the sensor, and reads from it; `InertialSensor` has the vendor's protocol
-for this.  All quantities are SI, in the sensor's own axes.
+A sensor sends unrequested readings over a serial port, at a fixed rate.  `ImuSource` opens the
+port, configures the sensor, and reads from it; `InertialSensor` implements the vendor's protocol.
+All quantities are SI, in the sensor's own axes.
 """
 from abc import ABC, abstractmethod
 from collections import Counter
@@ -18,7 +18,7 @@ class InertialReading(NamedTuple):
 
     turn_rate: Vector  # [rad/s]
     force: Vector  # specific force: at rest g upwards [m/s2]
-    saturated: bool  # a value is at the end of the sensor's range
+    saturated: bool  # a value is at the limit of the sensor's range
 
 
 class ReadingParser(Protocol):
@@ -29,27 +29,27 @@ class ReadingParser(Protocol):
     counts: Counter[str]
 
     def feed(self, data: bytes) -> List[InertialReading]:
-        """Take bytes and return the readings that they complete."""
+        """Parse bytes and return the readings that they complete."""
 
 
 class InertialSensor(ABC):
     """
-    The protocol of one vendor's sensors, for a chosen baud rate, rate and bandwidth.
+    The protocol of one vendor's sensors, at a baud rate, with a rate and a bandwidth.
 
-    These are in bit/s, readings per second [Hz], and that of the filters in the sensor [Hz].  The
-    vendor's class raises `ConfigurationError`: ``not_a_choice`` if the sensor has no such baud
-    rate, rate or bandwidth; ``inconsistent`` if the readings need a higher baud rate.
+    `baud` is in bit/s, `rate` in readings per second, the `bandwidth` of the sensor's filters in
+    Hz.  The vendor's class raises `ConfigurationError`: ``not_a_choice`` if the sensor has no such
+    baud rate, rate or bandwidth; ``inconsistent`` if the readings need a higher baud rate.
     """
 
-    factory_baud: ClassVar[int]  # to which a sensor without power returns [bit/s]
-    reading_bits: ClassVar[int]  # of one reading on the line, with start and stop bits
+    factory_baud: ClassVar[int]  # of a sensor after a loss of power [bit/s]
+    reading_bits: ClassVar[int]  # bits per reading on the line, with start and stop bits
 
     def __init__(self, baud: int, rate: int, bandwidth: int):
         self.baud, self.rate, self.bandwidth = baud, rate, bandwidth
 
     @abstractmethod
     def configure(self, baud: int) -> List[bytes]:
-        """Return the commands for rate and bandwidth, as far as a baud rate carries them."""
+        """Return the commands that set rate and bandwidth, the rate within a baud rate."""
 
     @abstractmethod
     def change_baud(self) -> List[bytes]:
@@ -61,7 +61,7 @@ class InertialSensor(ABC):
 
 
 class EmulatedSensor(ABC):
-    """A sensor in software: time in, bytes out."""
+    """An emulated sensor: time in, bytes out."""
 
     # Measured values, in the axes of the sensor [rad/s], [m/s2].
     turn_rate: Vector = (0.0, 0.0, 0.0)
@@ -70,11 +70,11 @@ class EmulatedSensor(ABC):
     @property
     @abstractmethod
     def baud(self) -> int:
-        """Return the baud rate that it uses; at another one neither side understands the other."""
+        """Return the baud rate in use; at another one, neither side receives valid data."""
 
     @abstractmethod
     def receive(self, data: bytes) -> None:
-        """Take commands."""
+        """Execute received commands."""
 
     @abstractmethod
     def tick(self, now: float) -> bytes:

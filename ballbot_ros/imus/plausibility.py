@@ -1,38 +1,38 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Plausibility of an inertial sensor in the shell: that it measures, in SI units, as mounted.
+Plausibility of an inertial sensor in the shell: it measures, in SI units, in the axes as mounted.
 
-Three checks, each over a time that no motion of the robot explains:
+Three checks, each with a limit that no motion of the robot exceeds:
 
-* Readings have noise, so identical ones in a row are no measurements.  Where the encoder is known
-  they count only while it moves: a simulated sensor may have no noise.
+* Readings have noise, so consecutive identical readings are not measurements.  If the joint angle
+  is known, they count only while it changes: a simulated sensor may have no noise.
 * The specific force stays near gravity, except for impacts, falls and bounces.
   A force in multiples of g, or with gravity removed, does not.
-* The turn of the shell plus that of the joint is that of the pendulum, which its limits keep
-  within a range.  A gyro in deg/s, an IMU upside down, and an encoder that is frozen or reversed
-  leave that range as soon as the ball has rolled, at any speed: gravity corrects the drift of the
-  gyro.  An impact or a fall may throw the pendulum round: the sum restarts.
+* The angle of the shell plus that of the joint is that of the pendulum, which its limits keep
+  within a range.  With a gyro in deg/s, an IMU upside down, or a frozen or reversed encoder, the
+  sum leaves that range as soon as the ball has rolled, at any speed; gravity corrects the drift of
+  the gyro.  An impact or a fall may turn the pendulum over: the sum restarts.
 """
 import math
 from typing import NamedTuple, Optional, Tuple
 
 # Identical readings over a longer time are not measurements [s].
 LONGEST_REPETITION = 0.25
-# The joint has moved, and the shell with it, if its angle has changed by this [rad].
+# Change of the joint angle beyond which the joint, and the shell with it, has moved [rad].
 JOINT_MOTION = 0.1
 # Range of the specific force, in multiples of gravity, and the longest time outside it [s]: a drop
 # from 1 m with its bounces takes less than 1 s.
 LOWEST_FORCE, HIGHEST_FORCE = 0.5, 2.0
 LONGEST_OUTSIDE = 1.5
-# Time in which gravity corrects the turn of the shell [s]: a gyro error of 0.1 rad/s amounts to
-# 1 rad.
+# Time constant with which gravity corrects the angle of the shell [s]: a gyro error of 0.1 rad/s
+# amounts to 1 rad.
 DRIFT_TIME = 10.0
-# A reading after a longer pause does not continue the turn before [s].
+# After a longer pause between readings, the angle of the shell restarts [s].
 LONGEST_PAUSE = 0.1
 
 
 class ImuPlausibility(NamedTuple):
-    """State of the checks from one reading to the next; `after` gives the next."""
+    """State of the checks after a reading; `after` returns the next state."""
 
     # Reason code of the check that failed last: ``'imu_frozen'``, ``'imu_gravity'`` or
     # ``'imu_turn_rate'``; empty while all hold.
@@ -55,8 +55,8 @@ class ImuPlausibility(NamedTuple):
         The turn rate is that of the shell, counter-clockwise positive [rad/s]; `forward` and
         `upward` are the specific force in the plane of motion, like gravity [m/s2].  The joint
         angle is that of the pendulum against the shell, counter-clockwise positive, from any zero
-        that does not jump [rad]; None where it is not known, or its zero has moved.
-        `largest_swing` is the range of the pendulum angle: twice its limit, and what it may
+        that does not jump [rad]; None if it is unknown, or its zero has moved.
+        `largest_swing` is the range of the pendulum angle: twice its limit, plus the possible
         overshoot [rad].
         """
         values = (turn_rate, forward, upward)
@@ -93,13 +93,13 @@ class ImuPlausibility(NamedTuple):
 EXPLANATIONS = {
     'imu_frozen': (
         f'the IMU has repeated the same reading for more than {LONGEST_REPETITION:g} s: it does '
-        'not measure; look at its supply and its driver'),
+        'not measure; check its supply and its driver'),
     'imu_gravity': (
         f'the specific force of the IMU has been below {LOWEST_FORCE:g} g or above '
         f'{HIGHEST_FORCE:g} g for more than {LONGEST_OUTSIDE:g} s: it must be in m/s2, with '
         'gravity included (the raw topic of its driver)'),
     'imu_turn_rate': (
         'the turn rate of the IMU contradicts the encoder: it must be in rad/s, with the axes '
-        'forward, left, up; look at the unit, at how the IMU is mounted, and at the direction of '
+        'forward, left, up; check the unit, the mounting of the IMU, and the direction of '
         'the joint'),
 }

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Readings of a sensor on a serial port: it is found, configured, stamped, and found again."""
+"""Source of stamped readings: it configures a sensor on a serial port, and reconnects to it."""
 from collections import Counter
 from dataclasses import dataclass
 import logging
@@ -19,13 +19,13 @@ LOG = logging.getLogger(__name__)
 
 # Without a reading for this long, the sensor is configured again at the other baud rate [s].
 READING_TIMEOUT = 0.5
-# Between two attempts to open the port [s].
+# Time between two attempts to open the port [s].
 REOPEN_PERIOD = 0.5
-# Between two commands to a sensor [s].
+# Time between two commands to a sensor [s].
 COMMAND_PERIOD = 0.02
-# Of `ArrivalClock`: largest rise of its line per period, in periods, for a slow clock of a sensor;
+# Largest correction by `ArrivalClock` per period, in periods, for a slow clock of a sensor.
 CLOCK_DRIFT_MAX = 0.01
-# a delay of more periods than this means lost readings: the line restarts at the arrival.
+# A delay of more periods than this means lost readings: `ArrivalClock` restarts at the arrival.
 LOST_PERIODS = 4.0
 AXES = {'x': 0, 'y': 1, 'z': 2}
 
@@ -36,11 +36,11 @@ class ImuPort(Checked):
 
     sensor: str = text('vendor of the sensor', default='witmotion', choices=IMUS)
     port: str = text(
-        'serial device or URL, best a name in /dev/serial/by-id, that the bridge reads itself; '
+        'serial device or URL, preferably in /dev/serial/by-id, that the bridge reads itself; '
         'empty for the topic `imu`', default='')
     baud: int = count(
-        'bits per second; a sensor at the 9600 of the factory is changed to it', default=115200,
-        minimum=4800, maximum=4_000_000)
+        'bits per second; a sensor at the factory default, 9600, is switched to it',
+        default=115200, minimum=4800, maximum=4_000_000)
     rate: int = count(
         'readings per second; WitMotion: 10, 20, 50, 100 or 200', default=200, minimum=1,
         maximum=10_000)
@@ -48,25 +48,25 @@ class ImuPort(Checked):
         'bandwidth of the filters in the sensor [Hz]; WitMotion: 5, 10, 20, 42, 98, 188 or 256',
         default=98, minimum=1, maximum=10_000)
     axes: str = text(
-        'which axis of the sensor points forward, which left and which up when the shell stands '
-        'at ball angle 0, such as `-y x z`', default='x y z')
+        'axes of the sensor that point forward, left and up while the shell is at ball angle 0, '
+        'such as `-y x z`', default='x y z')
     latency: float = quantity(
         's', 'time from the motion to the first byte that reports it; the filters of 98 Hz '
         'take 0.003', default=0.003, minimum=0.0, maximum=0.1)
     gyro_sd: float = quantity(
-        'rad/s', 'noise of the gyro per reading, for the covariance of its messages',
+        'rad/s', 'standard deviation of the gyro per reading, for the covariance of its messages',
         default=0.005, above=0.0, maximum=10.0)
     force_sd: float = quantity(
-        'm/s2', 'noise of the accelerometer per reading, likewise', default=0.05, above=0.0,
-        maximum=10.0)
+        'm/s2', 'standard deviation of the accelerometer per reading, likewise', default=0.05,
+        above=0.0, maximum=10.0)
 
 
 class StampedReading(NamedTuple):
     """A reading in the axes of the shell."""
 
-    stamp: float  # of the steady clock [s]
+    stamp: float  # of the monotonic clock [s]
     turn_rate: Vector  # about forward, left, up [rad/s]
-    force: Vector  # along these [m/s2]
+    force: Vector  # along the same axes [m/s2]
     saturated: bool
 
 
@@ -76,7 +76,7 @@ class Axes:
 
     The words name the axes of the sensor that point there: ``'-y x z'`` where its y axis points
     backward and its x axis to the left.  Raises `ConfigurationError` if an axis is missing or
-    given twice, or they would be left-handed.
+    given twice, or the axes are left-handed.
     """
 
     def __init__(self, words: str):
@@ -91,18 +91,18 @@ class Axes:
         even = self._from in ((0, 1, 2), (1, 2, 0), (2, 0, 1))
         if math.prod(self._signs) * (1.0 if even else -1.0) < 0.0:
             raise ConfigurationError(
-                f'axes {words!r} are left-handed, which no mounting gives: change the sign of one',
+                f'axes {words!r} are left-handed, which is not a rotation: change the sign of one',
                 'inconsistent', 'axes')
 
     def turned(self, vector: Vector) -> Vector:
-        """Return a vector of the sensor as forward, left, up."""
+        """Return a vector of the sensor in the axes of the shell."""
         (i, j, k), (a, b, c) = self._from, self._signs
         return a * vector[i], b * vector[j], c * vector[k]
 
 
 class ArrivalClock:
     """
-    Estimates when each reading was sent, with a period between two [s].
+    Estimates the time at which each reading was sent, for a period between readings [s].
 
     The sensor sends at even intervals of its own clock; readings arrive delayed by the line, the
     USB adapter and the scheduler, never early.  So the send times are a straight line below all
@@ -114,14 +114,14 @@ class ArrivalClock:
         self.reset()
 
     def reset(self) -> None:
-        """Restart: the next arrival counts as without delay."""
+        """Restart: the next arrival counts as undelayed."""
         self._last = -math.inf
 
     def sent(self, arrival: float) -> float:
         """
-        Return when a reading was sent that arrived now [s]; never decreases.
+        Return the time at which a reading was sent from that of its arrival [s].
 
-        Arrivals must not decrease.
+        Arrivals must not decrease, and the result does not.
         """
         expected = self._last + self._period
         late = arrival - expected
@@ -142,11 +142,11 @@ class ImuSource:
     """
     Reads a sensor; one thread owns it.
 
-    `connect` opens the port at a baud rate: that of the sensor, or of the factory until it is
+    `connect` opens the port at a baud rate: that of the sensor, or the factory default until it is
     changed.  The latency is from the measurement to the first byte of its reading, mostly that of
     its filters [s].  `counts` are ``readings``, ``refused``, ``skipped`` and ``unpaired`` of all
-    lines together, ``saturated`` and ``frozen`` readings, ports that were ``lost``, and ``set_up``
-    sensors; `trouble` is why there are no readings.
+    connections together, ``saturated`` and ``frozen`` readings, ``lost`` ports, and configurations
+    (``set_up``); `trouble` is the reason why there are no readings.
     """
 
     def __init__(self, sensor: InertialSensor, connect: Callable[[int], SerialLine], axes: Axes,
@@ -162,7 +162,7 @@ class ImuSource:
         self._parser = sensor.parser()
         self._baud, self._open_at, self._received_at = sensor.baud, 0.0, 0.0
         self._last: Optional[InertialReading] = None
-        self._alike = 0
+        self._repetitions = 0
 
     def read_as(self, axes: Axes, latency: float) -> None:
         """Change mounting and latency [s]."""
@@ -170,7 +170,7 @@ class ImuSource:
         self._axes, self._delay = axes, latency + self._sensor.reading_bits / self._wanted
 
     def read(self, timeout: float) -> List[StampedReading]:
-        """Return readings that arrive within a time [s], maybe none; nothing is raised."""
+        """Return the readings that arrive within a time [s], possibly none; raise nothing."""
         try:
             if self._line is None:
                 return self._open(timeout)
@@ -179,7 +179,7 @@ class ImuSource:
             arrival, data = time.monotonic(), self._line.read()
             return self._take(self._line, data, arrival)
         except LinkError as error:
-            self._lose(str(error))
+            self._disconnect(str(error))
             return []
 
     def close(self) -> None:
@@ -195,7 +195,7 @@ class ImuSource:
             return []
         self._open_at = now + REOPEN_PERIOD
         self._line = self._connect(self._baud)
-        self._parser, self._last, self._alike = self._sensor.parser(), None, 0
+        self._parser, self._last, self._repetitions = self._sensor.parser(), None, 0
         self._arrivals.reset()
         self._write(self._line, self._sensor.configure(self._baud))
         self._received_at = time.monotonic()
@@ -221,11 +221,11 @@ class ImuSource:
             return []
         found = []
         for reading in readings:
-            self._alike = self._alike + 1 if reading == self._last else 0
+            self._repetitions = self._repetitions + 1 if reading == self._last else 0
             self._last = reading
             stamp = self._arrivals.sent(arrival) - self._delay
             self.counts['saturated'] += reading.saturated
-            if self._alike >= self._longest_repetition:
+            if self._repetitions >= self._longest_repetition:
                 self.counts['frozen'] += 1
                 self.trouble = EXPLANATIONS['imu_frozen']
                 continue
@@ -240,7 +240,7 @@ class ImuSource:
         if time.monotonic() - self._received_at > READING_TIMEOUT:
             self.trouble = (
                 f'no readings at {self._baud} baud on {line.port}'
-                + (': bytes arrive, but no readings' if self._parser.counts['skipped'] else ''))
+                + (': bytes arrive, but none are valid' if self._parser.counts['skipped'] else ''))
             self._change_baud(
                 self._sensor.factory_baud if self._baud == self._wanted else self._wanted)
         return []
@@ -249,7 +249,7 @@ class ImuSource:
         self.close()
         self._baud, self._open_at = baud, 0.0
 
-    def _lose(self, why: str) -> None:
+    def _disconnect(self, why: str) -> None:
         """Continue without a port until it can be opened again."""
         if why != self.trouble:
             LOG.warning('%s', why)

@@ -2,12 +2,12 @@
 """
 Motor control of the ODrive firmware, for all of its protocols.
 
-0.5 is written after MotorControl/axis.cpp (states, watchdog), controller.cpp (torque and velocity
-mode, velocity limits, overspeed), motor.cpp (limits) and low_level.cpp (supply, brake resistor) of
-odriverobotics/ODrive at fw-v0.5.6.  The source of 0.6 is not published; where it is guessed to be
-as in 0.5, and a guess could spare the driver something, it is made against the driver.
+0.5 follows MotorControl/axis.cpp (states, watchdog), controller.cpp (torque and velocity mode,
+velocity limits, overspeed), motor.cpp (limits) and low_level.cpp (supply, brake resistor) of
+odriverobotics/ODrive at fw-v0.5.6.  The source of 0.6 is not published; it is assumed to be as in
+0.5, except where that would be easier for the driver: there the harder case is assumed.
 
-Currents follow without delay: the supply gives the power of the shaft and of the winding losses.
+Currents have no delay; the supply provides the power at the shaft and of the winding losses.
 """
 from dataclasses import dataclass
 import math
@@ -27,15 +27,15 @@ RESULTS = {name: number for number, name in RESULT_6.names.items()}
 POSITION_CONTROL = 3  # factory default of the control mode
 
 QUIRKS: Mapping[str, Quirk] = MappingProxyType({
-    '0.5.4': Quirk('0.5.4: a controller stop is reported as two motor errors, in ten '
-                   'digits of which nine are sent', 'MotorControl/main.cpp, fw-v0.5.4'),
-    'vel_limit': Quirk('velocity limit 2 turn/s (0.6: 10), in torque mode too, and 1.2 times as '
-                       'much is an error, as from the factory',
+    '0.5.4': Quirk('0.5.4: a controller stop is reported as two motor errors, by a number '
+                   'of ten digits, of which nine are sent', 'MotorControl/main.cpp, fw-v0.5.4'),
+    'vel_limit': Quirk('factory defaults: velocity limit 2 turn/s (0.6: 10), also in torque mode; '
+                       'overspeed error above 1.2 times that limit',
                        'MotorControl/controller.hpp, fw-v0.5.6; 0.6: changelog of 0.6.1'),
-    'regeneration': Quirk('no brake resistor, and 0.01 A back to the supply is an error, as from '
-                          'the factory', 'MotorControl/odrive_main.h, fw-v0.5.6; 0.6: guessed'),
-    'factory': Quirk('all as from the factory: both of these, torque not limited, 10 A, watchdog '
-                     'off, nothing calibrated',
+    'regeneration': Quirk('factory defaults: no brake resistor; more than 0.01 A into the supply '
+                          'is an error', 'MotorControl/odrive_main.h, fw-v0.5.6; 0.6: guessed'),
+    'factory': Quirk('all factory defaults: `vel_limit`, `regeneration`, no torque limit, 10 A, '
+                     'watchdog off, not calibrated',
                      'MotorControl/{controller,motor,axis}.hpp, fw-v0.5.6; 0.6: guessed'),
 })
 
@@ -50,14 +50,14 @@ class BoardFirmware:
     torque_command_sets_mode: bool
     trips: Mapping[str, Mapping[str, int]]  # cause -> bits of each register
     calibrated: Mapping[str, tuple[int, int]]  # property -> value before and after calibration
-    calibration_kept: str  # property that keeps it over a restart
-    velocity_limit: float  # from the factory [turn/s]
-    more: Mapping[str, float]  # further properties as they come from the factory
+    calibration_kept: str  # property that saves the calibration
+    velocity_limit: float  # factory default [turn/s]
+    more: Mapping[str, float]  # further properties, with factory defaults
     read_only: tuple[str, ...]
 
     @property
     def registers(self) -> tuple[str, ...]:
-        """Return the registers of errors, which `sc` clears."""
+        """Return the error registers, which `sc` clears."""
         return tuple(name for name in self.generation.fault_properties if name != STATE)
 
     def properties(self, settings: DriveSettings) -> dict[str, float]:
@@ -66,7 +66,7 @@ class BoardFirmware:
         limit = math.inf if fresh else settings.torque_limit
         watchdog = 0.0 if fresh else settings.watchdog
         slow = fresh or 'vel_limit' in settings.quirks
-        no_way_back = fresh or 'regeneration' in settings.quirks
+        no_regeneration = fresh or 'regeneration' in settings.quirks
         return {
             **dict(zip(VERSION, self.version_of(settings))), **dict(zip(HARDWARE, self.board)),
             SERIAL_NUMBER: 0x208F3387304B, 'test_property': 0,
@@ -78,7 +78,7 @@ class BoardFirmware:
             'axis0.controller.config.enable_vel_limit': 1,
             LIMITS_TORQUE_MODE: 1, OVERSPEED: 1, VELOCITY_GAIN: 1.0 / 6.0,
             'axis0.controller.config.vel_integrator_gain': 2.0 / 6.0,
-            MAX_BACK: -0.01 if no_way_back else -10.0, BACK_ALLOWED: 0.0,
+            MAX_BACK: -0.01 if no_regeneration else -10.0, BACK_ALLOWED: 0.0,
             generation.brake_enabled: 0, generation.brake_resistance: 2.0,
             **dict(zip(generation.torque_limits, (limit, -limit))),
             generation.current_limit: 10.0 if fresh else settings.current_limit,
@@ -90,12 +90,12 @@ class BoardFirmware:
         return (0, 5, 4) if '0.5.4' in settings.quirks else self.version
 
     def ready(self, here: Mapping[str, float]) -> bool:
-        """Return whether the encoder allows closed loop control."""
+        """Return whether the encoder allows closed-loop control."""
         return here.get('axis0.encoder.is_ready', 1) == 1 \
             and here.get('axis0.commutation_mapper.status', 0) == 0
 
     def refuse(self, here: dict[str, float]) -> None:
-        """Note that a state is not entered."""
+        """Record that a requested state is not entered."""
         if RESULT_6.path in here:
             here[RESULT_6.path] = RESULTS[
                 'INVALID_STATE' if self.ready(here) else 'NOT_CALIBRATED']
@@ -109,7 +109,7 @@ ACTIVE, REASON = GENERATION_6.errors, GENERATION_6.reason
 
 
 def _both(bit: int) -> Mapping[str, int]:
-    """Return an error of 0.6, which remains as the reason after it has cleared."""
+    """Return the bits of an error of 0.6; as a reason it remains after the error has cleared."""
     return {ACTIVE: bit, REASON: bit}
 
 
@@ -149,8 +149,8 @@ FIRMWARES = {
 
 CALIBRATION = 3  # FULL_CALIBRATION_SEQUENCE
 CALIBRATION_TIME = 2.0  # [s]
-# Range below the temperature limit over which the current is reduced, and the distance of that
-# limit to the trip temperature (thermistor.cpp) [K].
+# Range below the temperature limit over which the current is reduced, and the margin between that
+# limit and the trip temperature (thermistor.cpp) [K].
 DERATING, MARGIN = 20.0, 5.0
 
 
@@ -158,13 +158,13 @@ class BoardDevice(Device):
     """
     Properties, states and errors of an ODrive, and its motor; subclasses add the protocol.
 
-    `properties` are all but measurements; `input_torque` is the commanded one [N m].
+    `properties` has all except measurements; `input_torque` is the commanded torque [N m].
     """
 
     firmwares = tuple(FIRMWARES)
 
     def _boot_board(self, saved: Mapping[str, float]) -> None:
-        """Start the firmware that the settings name, with properties kept from before."""
+        """Start the firmware given in the settings, with the saved properties."""
         self.firmware = firmware = FIRMWARES[self.settings.firmware or self.firmwares[0]]
         self.names = firmware.generation
         self.properties = {**firmware.properties(self.settings), **saved}

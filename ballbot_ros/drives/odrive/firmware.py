@@ -28,7 +28,7 @@ IDLE, CLOSED_LOOP_CONTROL = 1, 8  # axis states
 TORQUE_CONTROL = 1  # control mode
 PASSTHROUGH = 1  # input mode
 
-# Results of a procedure that do not explain a loss of power: success, under way, disarmed.
+# Results of a procedure that do not explain a loss of power: success, busy, disarmed.
 NO_REASON = (0, 1, 3)
 
 # The drive truncates a value to nine characters; a value of nine digits may be incomplete.
@@ -142,36 +142,36 @@ VELOCITY_TOLERANCE = 'axis0.controller.config.vel_limit_tolerance'
 VELOCITY_GAIN = 'axis0.controller.config.vel_gain'
 LIMITS_TORQUE_MODE = 'axis0.controller.config.enable_torque_mode_vel_limit'
 OVERSPEED = 'axis0.controller.config.enable_overspeed_error'
-MAX_BACK = 'config.dc_max_negative_current'  # into the supply [A], negative
-BACK_ALLOWED = 'config.max_regen_current'  # before the brake resistor takes some [A]
+MAX_BACK = 'config.dc_max_negative_current'  # current into the supply [A], negative
+BACK_ALLOWED = 'config.max_regen_current'  # into the supply before the brake resistor acts [A]
 
 FACTORY_VELOCITY_TOLERANCE = 1.2  # of the velocity limit
 BRAKE_DUTY_MAX = 0.95  # of the brake resistor; low_level.cpp
 
 # A watchdog that is not fed also disarms a motor during calibration.
 CALIBRATE = (f'w {WATCHDOG} 0, sc, w {REQUESTED_STATE} 3 (calibrates: the motor turns. Then '
-             'switch the watchdog on again)')
+             'enable the watchdog again)')
 
 
-# Of errors that the drivers of all protocols raise.
+# Texts of errors that the drivers of both protocols raise.
 UNDER_POWER = 'the motor is under power; disable it first'
 
 
 def not_armed(names: Sequence[str]) -> str:
     """Return the text of the error at arming, with the names of the errors of the drive."""
-    return ('the ODrive does not go into closed loop control and names '
-            f'{", ".join(names) or "no reason"}; remove the cause, odrivetool shows more with '
-            'dump_errors(odrv0)')
+    return ('the ODrive does not enter closed-loop control and reports '
+            f'{", ".join(names) or "no reason"}; remove the cause, dump_errors(odrv0) in '
+            'odrivetool shows details')
 
 
 class Rule(NamedTuple):
-    """A property that must have one of some values."""
+    """A property and its permitted values."""
 
     setting: str
     name: str
     wanted: tuple[int, ...]
     words: Mapping[int, str]  # meaning of the values
-    remedy: str = ''  # to write the first wanted value if not given
+    remedy: str = ''  # empty: write the first wanted value
 
 
 @dataclass(frozen=True)
@@ -180,15 +180,15 @@ class Generation:
 
     version: tuple[int, int]  # major and minor
     axes: int  # motor outputs of a board
-    one_reply_at_a_time: bool  # a reply is lost if the one before it is still being sent
+    one_reply_at_a_time: bool  # a reply is lost while the previous one is being sent
     axis: Register  # with the errors that prevent motor power
     reason: str  # property with the errors that last disabled motor power; empty if there is none
     details: tuple[Register, ...]  # registers that detail an error
     # Bits of the errors with which position and velocity are not valid, and of the watchdog.
     no_estimate: int
     watchdog_expired: int
-    current: str  # property with the motor current that makes torque
-    torque_limits: tuple[str, ...]  # properties whose size bounds the torque
+    current: str  # property with the torque-producing motor current
+    torque_limits: tuple[str, ...]  # properties whose magnitude bounds the torque
     current_limit: str  # properties whose product bounds it, too
     torque_constant: str
     brake_enabled: str  # properties of the brake resistor
@@ -234,11 +234,11 @@ class Generation:
 
     def faults(self, values: Mapping[str, float], ours: bool) -> tuple[str, ...]:
         """
-        Return the names of all faults by the values of the properties.
+        Return the names of all faults from the values of the properties.
 
         A watchdog that expires without power is not a fault: `ours` is whether the driver has
-        armed the motor and not stopped it since.  An infinite value is a register that has an
-        error but was not read yet.
+        armed the motor and not stopped it since.  An infinite value is that of a register that
+        has an error but was not read yet.
         """
         known = {name: value for name, value in values.items() if not math.isnan(value)}
         armed = known.get(STATE) == CLOSED_LOOP_CONTROL
@@ -258,7 +258,7 @@ class Generation:
 
 
 def hardware_name(major: float, minor: float, variant: float) -> str:
-    """Return the name of a board; NaN is a part that it does not report."""
+    """Return the name of a board; NaN is a number that the board does not report."""
     if major == 3:
         return f'v3.{minor:g}-{variant:g}V'
     name = {4.0: 'Pro', 5.0: 'S1', 6.0: 'Micro'}.get(major, 'board')
@@ -307,7 +307,7 @@ GENERATION_6 = Generation(
              CALIBRATE),
         Rule('commutation', 'axis0.commutation_mapper.status', (NOMINAL,), STATUS, CALIBRATE),
         Rule('position', 'axis0.pos_vel_mapper.config.circular', (0,), {
-            0: 'continues over full turns', 1: 'restarts at each turn'}),
+            0: 'continues over full turns', 1: 'wraps at each turn'}),
         Rule('torque at arming', 'axis0.config.init_torque', (0,), {0: 'none'})))
 
 GENERATIONS = (GENERATION_5, GENERATION_6)
@@ -337,8 +337,8 @@ def generation_of(version: Sequence[float], axis: int, port: str) -> Generation:
     if not found:
         names = ' or '.join(item.name for item in GENERATIONS)
         raise DriveError(
-            f'{port}: ODrive firmware must be {names}, got {name}: older ones take a torque '
-            'command for amperes, names and meanings in newer ones are not known',
+            f'{port}: ODrive firmware must be {names}, got {name}: older ones interpret a '
+            'torque command as amperes; names and meanings in newer ones are unknown',
             'firmware', 'firmware')
     if axis >= found[0].axes:
         raise DriveError(

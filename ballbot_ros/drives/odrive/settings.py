@@ -5,10 +5,9 @@ Required settings of an ODrive for a robot: actual and required value of each, a
 In torque mode, above ``vel_limit - torque / vel_gain`` the drive reduces the torque, and above
 ``vel_limit`` it brakes without a command; above ``vel_limit_tolerance`` times that limit it
 disarms (controller.cpp, limitVel and overspeed fault, at fw-v0.5.6).  The factory default is
-2 turn/s, 0.07 m/s of rolling behind a gear of 50.  If more than 0.01 A would flow back into the
-supply it disarms, unless a brake resistor takes it
-(low_level.cpp, update_brake_current).  For 0.6, of which only the names are published, the same
-is guessed.
+2 turn/s, 0.07 m/s of rolling with a gear ratio of 50.  The drive also disarms if more than 0.01 A
+would flow into the supply, unless a brake resistor absorbs it (low_level.cpp,
+update_brake_current).  For 0.6, of which only the names are published, the same is assumed.
 """
 import math
 from typing import Callable
@@ -37,7 +36,7 @@ def _torque(generation: Generation, read: Read, options: DriveOptions) -> Settin
     limit = options.own_limit
     bounds = [abs(read(name)) for name in generation.torque_limits]
     currents = read(generation.current_limit) * read(generation.torque_constant)
-    # An unknown bound is not a bound, nor is one with a negative torque constant.
+    # An unknown bound does not limit the torque, nor does a negative torque constant.
     ceiling = math.nan if math.isnan(sum(bounds) + currents) or currents < 0.0 \
         else min(max(bounds), currents)
     return judge_torque(ceiling, options, ', '.join(
@@ -73,24 +72,24 @@ def _velocity(read: Read, options: DriveOptions) -> tuple[Setting, Setting]:
 
 
 def _braking(generation: Generation, read: Read, options: DriveOptions) -> Setting:
-    """Check that the supply or a brake resistor takes the energy of a braking motor."""
+    """Check that the supply or a brake resistor absorbs the energy of a braking motor."""
     most, allowed, voltage = read(MAX_BACK), read(BACK_ALLOWED), read(BUS_VOLTAGE)
     resistance = read(generation.brake_resistance)
     enabled = read(generation.brake_enabled) == 1.0 and resistance > 0.0
     power = RUNAWAY * options.speed_limit * options.torque_limit
     needed = power / voltage if voltage > 0.0 else math.nan
     taken = BRAKE_DUTY_MAX * voltage / resistance if enabled else 0.0
-    # With a resistor, the allowed current flows back, and the excess over its power.
+    # With a resistor, the allowed current flows back, or the excess over its capacity if larger.
     back = max(allowed, needed - taken) if enabled else needed
     resistor = f'a brake resistor of {resistance:g} ohm' if enabled else 'no brake resistor'
     into = shown(-most, 'A') + ' into the supply'
-    wanted = _rounded_up(10.0 * back + 1e-6) / 10.0  # more than `back`, as it is judged
+    wanted = _rounded_up(10.0 * back + 1e-6) / 10.0  # more than `back`, as the check requires
     return Setting(
         'braking', f'{into}, {resistor}',
         f'at least {wanted:g} A into the supply' + ('' if enabled else ', or a brake resistor'),
         back < -most or power == 0.0 and not math.isnan(most),
         _write(MAX_BACK, -wanted if enabled else -max(wanted, 0.1)) + (
-            ' (a battery takes that. A supply does not. With a brake resistor set '
+            ' (a battery accepts that. A supply does not. With a brake resistor set '
             f'{generation.brake_resistance} and {generation.brake_enabled} 1)'))
 
 

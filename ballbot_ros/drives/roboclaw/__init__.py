@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""RoboClaw: codec of its packet serial mode, driver, and the drive in software."""
+"""RoboClaw: codec of its packet serial mode, driver, and emulated drive."""

@@ -2,15 +2,15 @@
 """
 RoboClaw packet serial: short packets with a CRC.
 
-A command that changes something is ``address command data crc crc`` and is answered by FF.  A
+A command that sets a value is ``address command data crc crc`` and is acknowledged by FF.  A
 request is ``address command`` alone; its answer is ``data crc crc``, where the CRC
-(CRC-16/XMODEM) also covers the request.  So an answer has neither start nor length nor name of
-its own, and 16 bits are all that distinguish it from noise.  Requests are therefore sent in
-groups, and `ReplyParser` accepts answers only where those to a whole group follow one another.
+(CRC-16/XMODEM) also covers the request.  So an answer has no start byte, length or identifier, and
+only 16 bits distinguish it from noise.  Requests are therefore sent in groups, and `ReplyParser`
+accepts answers only if those to all requests of a group are consecutive.
 
 Source: RoboClaw Series User Manual (commands 14, 15, 16, 21, 24, 30, 32, 48, 49, 59, 82, 90, 135)
 and basicmicro/roboclaw_python_library.  Older firmware, of Ion Motion Control, is not supported:
-it has no commands 14 and 15, and a status of 16 bits.
+it has no commands 14 and 15, and its status has 16 bits.
 """
 from binascii import crc_hqx
 from collections import Counter
@@ -28,7 +28,7 @@ GET_PWMS, GET_CURRENTS, GET_VOLTAGES, GET_TEMPERATURE, GET_STATUS = 48, 49, 59, 
 # Of motor 1 and motor 2.
 GET_ENCODER, GET_SPEED, SET_DUTY, GET_MAX_CURRENT = (16, 17), (30, 31), (32, 33), (135, 136)
 
-# Request -> form of its answer; None for text that ends with a zero byte.
+# Request -> format of its answer; None for text that ends with a zero byte.
 ANSWERS: dict[int, Optional[struct.Struct]] = {
     GET_TIMEOUT: struct.Struct('>B'),
     GET_ENCODER[0]: struct.Struct('>iB'),
@@ -83,7 +83,7 @@ def ask(address: int, number: int) -> bytes:
 
 
 def set_duty(address: int, axis: int, duty: float) -> bytes:
-    """Return the command for a part of the supply voltage, -1 to 1; axis 0 is M1, 1 is M2."""
+    """Return the command for a duty cycle, -1 to 1; axis 0 is M1, 1 is M2."""
     counts = round(FULL_DUTY * min(max(duty, -1.0), 1.0))
     return command(address, SET_DUTY[axis], struct.pack('>h', counts))
 
@@ -95,19 +95,19 @@ def set_timeout(address: int, tenths: int) -> bytes:
 
 @lru_cache
 def crc_of_request(address: int, number: int) -> int:
-    """Return the checksum of a request, with which that of its answer starts."""
+    """Return the CRC of a request, the initial value of the CRC of its answer."""
     return crc_hqx(ask(address, number), 0)
 
 
 def answer(address: int, number: int, *values: int, text: str = '') -> bytes:
-    """Return the answer to a request, as the firmware makes it."""
+    """Return the answer to a request, as the firmware sends it."""
     form = ANSWERS[number]
     data = form.pack(*values) if form is not None else text.encode('ascii') + b'\0'
     return data + crc_hqx(data, crc_of_request(address, number)).to_bytes(2, 'big')
 
 
 def answer_length(number: int) -> int:
-    """Return the bytes of an answer, the most for one that is text."""
+    """Return the length of an answer [bytes], the largest possible one for text."""
     form = ANSWERS[number]
     return (LONGEST_VERSION if form is None else form.size) + 2
 
@@ -116,9 +116,9 @@ class ReplyParser:
     """
     Finds the answers to groups of requests in the data of the drive.
 
-    `groups` are requests that were asked together, in their order; two or more in each, so that an
-    answer is protected by 32 bits at least.  No group may be the beginning of another.  `counts`
-    has ``skipped`` bytes that belong to no answer, those that acknowledge commands apart.
+    `groups` are requests that were sent together, in their order; two or more in each, so that at
+    least 32 bits protect an answer.  No group may be a prefix of another.  `counts` has the number
+    of ``skipped`` bytes, which neither belong to an answer nor acknowledge a command.
     """
 
     def __init__(self, address: int):
@@ -130,26 +130,26 @@ class ReplyParser:
     def feed(self, data: bytes) -> list[list[Reply]]:
         self._buffer += data
         groups = []
-        place = 0
-        while place < len(self._buffer):
-            found, end = self._match(place)
+        offset = 0
+        while offset < len(self._buffer):
+            found, end = self._match(offset)
             if found:
                 groups.append(found)
-                place = end
-            elif end < 0:  # one may still become of it
+                offset = end
+            elif end < 0:  # more bytes may complete a group
                 break
             else:
-                self.counts['skipped'] += self._buffer[place] != ACKNOWLEDGED
-                place += 1
-        self._buffer = self._buffer[place:]
+                self.counts['skipped'] += self._buffer[offset] != ACKNOWLEDGED
+                offset += 1
+        self._buffer = self._buffer[offset:]
         return groups
 
-    def _match(self, place: int) -> tuple[list[Reply], int]:
+    def _match(self, offset: int) -> tuple[list[Reply], int]:
         """Return the answers to a group and their end, or none and -1 if bytes are missing."""
         missing = False
         for group in self.groups:
             found: list[Reply] = []
-            end = place
+            end = offset
             for number in group:
                 reply, end = self._reply(number, end)
                 if reply is None:
@@ -158,21 +158,21 @@ class ReplyParser:
             if len(found) == len(group):
                 return found, end
             missing = missing or end < 0
-        return [], -1 if missing else place
+        return [], -1 if missing else offset
 
-    def _reply(self, number: int, place: int) -> tuple[Optional[Reply], int]:
+    def _reply(self, number: int, offset: int) -> tuple[Optional[Reply], int]:
         """Return the answer to a request and its end, or None and -1 if bytes are missing."""
         buffer, form = self._buffer, ANSWERS[number]
         if form is not None:
-            end = place + form.size
+            end = offset + form.size
         else:
-            zero = buffer.find(0, place, place + LONGEST_VERSION)
+            zero = buffer.find(0, offset, offset + LONGEST_VERSION)
             if zero < 0:
-                return None, -1 if len(buffer) - place < LONGEST_VERSION else 0
+                return None, -1 if len(buffer) - offset < LONGEST_VERSION else 0
             end = zero + 1
         if len(buffer) < end + 2:
             return None, -1
-        data = buffer[place:end]
+        data = buffer[offset:end]
         crc = crc_hqx(data, crc_of_request(self._address, number))
         if crc != int.from_bytes(buffer[end:end + 2], 'big') or not (form or data.isascii()):
             return None, 0
@@ -196,7 +196,7 @@ def frame_reply(group: Sequence[Reply]) -> bytes:
 
 
 def reply_of(data: bytes) -> bytes:
-    """Return answers for status, encoder and speed, made of any bytes."""
+    """Return answers for status, encoder and speed, made from any bytes."""
     values = struct.unpack('>IiBiB', data[:14].ljust(14, b'\0'))
     return frame_reply((Reply(GET_STATUS, values[:1]), Reply(GET_ENCODER[0], values[1:3]),
                         Reply(GET_SPEED[0], values[3:])))

@@ -30,23 +30,23 @@ class RoboClawOptions(DriveOptions):
     counts_per_turn: int = count('encoder counts per motor turn', default=4096, minimum=4)
     torque_constant: float = quantity('N m/A', 'motor torque per ampere', default=0.025,
                                       above=0.0)
-    speed_constant: float = quantity('V s/rad', 'back voltage per motor speed', default=0.025,
+    speed_constant: float = quantity('V s/rad', 'back EMF per motor speed', default=0.025,
                                      minimum=0.0)
     resistance: float = quantity('ohm', 'resistance of the armature and its leads', default=3.125,
                                  above=0.0)
     status_period: float = quantity(
-        's', 'time between requests for status, voltage, current, temperature and settings, of '
-        'which one is sent at a time', default=0.01, minimum=0.01, maximum=0.2)
+        's', 'time between requests for status, voltage, current, temperature and settings, '
+        'one of which is sent at a time', default=0.01, minimum=0.01, maximum=0.2)
 
 
 class RoboClaw(Driver):
     """
     See `Driver`.
 
-    The controller has no arming: before `arm`, and after a stop, this driver sends zero duty
-    only.  Any byte feeds its serial timeout, requests too; so this driver itself sends zero
-    duty with the requests once the last command is older than the watchdog time.  A restart
-    resets the serial timeout, and may be too short to be noticed, so it is set again with each
+    The controller has no arming: before `arm`, and after a stop, this driver sends only zero
+    duty.  Any byte, even of a request, feeds its serial timeout, so this driver adds zero duty
+    to the requests once the last command is older than the watchdog time.  A restart resets the
+    serial timeout and may be too short to be detected, so the timeout is set again with each
     request of the status period.
     """
 
@@ -73,13 +73,13 @@ class RoboClaw(Driver):
         self._voltage_at = -math.inf
         self._duty = 0.0
         self._commanded_at = -math.inf
-        self._counts = 0  # of the encoder, without the wraps of its counter
+        self._counts = 0  # of the encoder, not wrapped
 
     # Blocking methods
 
     def identify(self, timeout: float = 0.5) -> Identity:
         deadline = self.clock() + timeout
-        # Requests feed the serial timeout, and an earlier duty may still be in force.
+        # Requests feed the serial timeout, and an earlier duty may still be active.
         text = self._ask(codec.GET_VERSION, deadline, handshake=True,
                          before=self._duty_message(0.0)).text.strip()
         self._ask(codec.GET_BATTERY, deadline)
@@ -100,7 +100,7 @@ class RoboClaw(Driver):
         lowest, highest = (0.1 * value for value in self._ask(
             codec.GET_VOLTAGES, deadline).values)
         supply = 0.1 * self._ask(codec.GET_BATTERY, deadline).values[0]
-        # The drive stores hundredths: a value rounded up would be refused.
+        # The drive stores hundredths of an ampere: a value rounded up would be refused.
         most = math.floor(100.0 * options.own_limit / options.torque_constant + 1e-6) / 100.0
         try:
             timeout = self._set_timeout(deadline)
@@ -113,8 +113,8 @@ class RoboClaw(Driver):
             Setting('watchdog', 'off' if timeout == 0.0 else shown(timeout, 's'),
                     f'at most {wanted_time:g} s',
                     0.0 < timeout <= 1.01 * wanted_time,
-                    'the drive does not accept commands 14 and 15 for it: update its firmware to '
-                    'date with Motion Studio; its Serial Timeout is then set to '
+                    'the drive does not accept commands 14 and 15, which set it: update its '
+                    'firmware with Motion Studio; its Serial Timeout is then set to '
                     f'{wanted_time:g} s at each start'),
             Setting('supply', f'{supply:.3g} V', f'between {lowest:.3g} V and {highest:.3g} V, or '
                     'the motor freewheels below and is braked above', lowest < supply < highest,
@@ -135,26 +135,26 @@ class RoboClaw(Driver):
         """
         Return an empty tuple if there is no fault, and refuse otherwise.
 
-        No command of a RoboClaw clears faults: those of temperature go with their cause, all
-        others with a reset (commands 200 to 202 for its e-stop are of the MCP series).
+        No command of a RoboClaw clears faults: temperature faults clear with their cause, all
+        others with a reset (commands 200 to 202, for an e-stop, belong to the MCP series).
         """
         self.stop(timeout)
         self._ask(codec.GET_STATUS, self.clock() + timeout)
         if self.telemetry.faults:
             raise self._error(
-                f'the RoboClaw names {", ".join(self.telemetry.faults)}, which go with their '
-                'cause or when it is switched off and on; no command clears them', 'not_clearable')
+                f'the RoboClaw reports {", ".join(self.telemetry.faults)}, which clear with their '
+                'cause or after a power cycle; no command clears them', 'not_clearable')
         return ()
 
     def _arm(self, deadline: float) -> None:
         self._ask(codec.GET_STATUS, deadline)
         if self.telemetry.faults:
             raise self._error(
-                f'the RoboClaw names {", ".join(self.telemetry.faults)}', 'not_armed')
+                f'the RoboClaw reports {", ".join(self.telemetry.faults)}', 'not_armed')
         timeout = self._set_timeout(deadline)
         if not 0.0 < timeout < (self._tenths + 0.5) * codec.TIMEOUT_UNIT:
             raise self._error(
-                f'the serial timeout of the RoboClaw is {timeout:g} s and stays so; it must be at '
+                f'the serial timeout of the RoboClaw is {timeout:g} s, unchanged; it must be at '
                 f'most {self._tenths * codec.TIMEOUT_UNIT:g} s', 'not_armed')
         self._ask(codec.GET_BATTERY, deadline)
 
@@ -162,7 +162,7 @@ class RoboClaw(Driver):
 
     def send_torque(self, torque: float, ask: bool = True) -> None:
         """
-        Send the duty that makes a torque; see `Driver`.
+        Send the duty for a torque; see `Driver`.
 
         Also raises `DriveError` with reason ``no_voltage`` if the drive has not reported its
         supply voltage for a second.
@@ -170,7 +170,7 @@ class RoboClaw(Driver):
         if self._armed and self.clock() - self._voltage_at > STALE_VOLTAGE:
             raise self._error(
                 f'the RoboClaw has not reported its supply voltage for {STALE_VOLTAGE:g} s, '
-                'without which a torque makes no duty cycle', 'no_voltage')
+                'which determines the duty cycle for a torque', 'no_voltage')
         super().send_torque(torque, ask)
         self._commanded_at = self.clock()
 
@@ -195,7 +195,7 @@ class RoboClaw(Driver):
                           + 2 * len(numbers), 2 + answers)
 
     def _torque_message(self, torque: float) -> bytes:
-        if torque == 0.0:  # zero duty releases the motor: exactly no torque
+        if torque == 0.0:  # zero duty releases the motor: exactly zero torque
             return self._duty_message(0.0)
         options, last = self.options, self.telemetry
         voltage = torque * options.resistance / options.torque_constant \
@@ -224,7 +224,7 @@ class RoboClaw(Driver):
             + codec.set_timeout(self.options.address, self._tenths)
 
     def _group(self, *numbers: int) -> bytes:
-        """Return requests whose replies form a group; its motion distinguishes the axes."""
+        """Return requests whose replies form a group; the motion requests identify the axis."""
         self._pending.add(numbers)
         self._parser.groups = tuple(self._pending.kinds)
         return b''.join(codec.ask(self.options.address, number) for number in numbers)
@@ -251,7 +251,7 @@ class RoboClaw(Driver):
         last, number, values = self.telemetry, reply.command, reply.values
         turn = math.tau / self.options.counts_per_turn
         if number == codec.GET_ENCODER[axis]:
-            # The nearest count that the wrapped counter can mean.
+            # The nearest count with this wrapped value.
             step = (values[0] - self._counts + COUNTER // 2) % COUNTER - COUNTER // 2
             self._counts += step
             self.telemetry = last._replace(

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-A RoboClaw by its packet serial protocol, with a motor on one or both of its outputs.
+Emulated RoboClaw with its packet serial protocol, with a motor on one or both of its outputs.
 
-After the RoboClaw Series User Manual.  It sets a voltage, not a torque; any byte feeds its serial
-timeout; a pause of more than 10 ms inside a packet drops the packet.  Its response to garbage is
-not documented: here it searches for its address.  Its response to each error and warning is
-from "Reading and Troubleshooting RoboClaw Errors" of BasicMicro: an e-stop and a high supply
-brake, a low supply and heat release, and from 15 degrees below that the current is reduced.
+It follows the RoboClaw Series User Manual.  It sets a voltage, not a torque; any byte feeds its
+serial timeout; a pause of more than 10 ms inside a packet drops the packet.  Its response to
+invalid data is not documented: here it searches for its address.  Its response to errors is from
+"Reading and Troubleshooting RoboClaw Errors" of BasicMicro: an e-stop or a high supply brakes, a
+low supply or overheating releases, and from 15 degrees below that the current is reduced.
 """
 from binascii import crc_hqx
 from functools import partial
@@ -24,9 +24,9 @@ BITS = {name: bit for bit, name in codec.STATUS.items()}
 BRAKING = BITS['E_STOP'] | BITS['MAIN_VOLTAGE_HIGH_WARNING']
 POWERLESS = codec.ERRORS | BITS['MAIN_VOLTAGE_LOW_WARNING'] \
     | BITS['MAIN_VOLTAGE_HIGH_WARNING']
-LIMIT_MARGIN = 15.0  # below the highest temperature the current is reduced [K]
+LIMIT_MARGIN = 15.0  # range below the trip temperature with reduced current [K]
 VOLTAGES = (100, 340)  # of the supply, least and most [0.1 V]
-# Commands -> bytes of data before their CRC.
+# Command -> number of data bytes before its CRC.
 COMMANDS = {codec.SET_TIMEOUT: 1, codec.SET_DUTY[0]: 2, codec.SET_DUTY[1]: 2}
 
 
@@ -107,7 +107,7 @@ class RoboClawDevice(Device):
                 'MAIN_VOLTAGE_LOW_WARNING': sensed.bus_voltage < 0.1 * VOLTAGES[0],
                 'MAIN_VOLTAGE_HIGH_WARNING': sensed.bus_voltage > 0.1 * VOLTAGES[1],
                 self._driver_fault: self._broken}
-        self._status = sum(BITS[name] for name, is_so in here.items() if is_so)
+        self._status = sum(BITS[name] for name, is_active in here.items() if is_active)
 
     def over_current(self) -> None:
         self._broken = True

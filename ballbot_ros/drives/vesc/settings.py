@@ -4,9 +4,9 @@ Settings of a VESC that limit a motion, and their layout in each firmware.
 
 Settings are one long sequence of numbers without names, at offsets that depend on the firmware.
 Only the head of the sequence is read.  5.03 writes many numbers as two-byte integers that 5.02
-wrote as four-byte floats; 6.05 changed more, and inserted new ones; in all later ones up to 7.01
-the head is the same.  The offsets of the rest (observer, encoder, positions of the PID) change
-with nearly every firmware, so it is not read.
+wrote as four-byte floats; 6.05 changed more numbers, and inserted new ones; the head is the same
+in all later versions up to 7.01.  The offsets of the rest (observer, encoder, position controller)
+change with nearly every firmware, so the rest is not read.
 
 Source: confgenerator.c of vedderb/bldc, tags 5.00 to 6.00, branches release_6_02, release_6_05,
 release_6_06, release_7_00 and master (7.01); effect of the limits: update_override_limits() of
@@ -36,10 +36,10 @@ class VescOptions(DriveOptions):
 
 Version = tuple[int, int]  # of a firmware
 
-# The first whose values end with a status; without it a timeout or a kill switch is not visible.
+# The first whose values end with a status; without it a timeout or a kill switch is undetected.
 OLDEST: Version = (5, 3)
 NEWEST_MAJOR = 7
-# Test builds of these moved settings from one build to the next.
+# The layout of the settings differs between test builds of these versions.
 MOVING: tuple[Version, ...] = ((5, 3), (6, 0), (6, 5))
 _HEAD_OF_6_05: Version = (6, 5)
 _APPLICATION_OF_6: Version = (6, 0)
@@ -73,7 +73,7 @@ _MOTOR_HEAD = 9
 KILL_SWITCHES = (
     'off', 'PPM low', 'PPM high', 'ADC2 low', 'ADC2 high', 'ADC3 low', 'ADC3 high', 'SWDIO low',
     'SWDIO high', 'SWCLK low', 'SWCLK high')
-# Applications that may command the motor; APP_NONE and APP_UART are this line alone.
+# Applications that may command the motor; with APP_NONE and APP_UART only this line does.
 APPLICATIONS = ('none', 'PPM', 'ADC', 'UART', 'PPM and UART', 'ADC and UART', 'Nunchuk', 'NRF',
                 'custom')
 ALONE = ('none', 'UART')
@@ -83,7 +83,7 @@ class Application(NamedTuple):
     """Settings read from a ``GET_APPCONF``."""
 
     timeout: float  # [s]; 0 for never
-    brake_current: float  # when it expires [A]
+    brake_current: float  # when the timeout expires [A]
     kill_switch: str  # one of `KILL_SWITCHES`
     application: str  # one of `APPLICATIONS`
 
@@ -92,11 +92,11 @@ def why_not(version: Version, test: int) -> str:
     """Return why a firmware, or a test build (0 for none), is not supported; empty if it is."""
     if version < OLDEST:
         return ('its values end without the status of timeout and kill switch, and '
-                'its settings are written in another way (5.03 changed both)')
+                'its settings have another layout (5.03 changed both)')
     if version[0] > NEWEST_MAJOR:
-        return 'where it keeps its settings is not known'
+        return 'the layout of its settings is unknown'
     if test and version in MOVING:
-        return f'it is test build {test}, in which settings moved from build to build'
+        return f'it is test build {test}, and the layout of settings differs between test builds'
     return ''
 
 
@@ -119,32 +119,32 @@ def parse_limits(payload: bytes, layout: Layout) -> Optional[Mapping[str, float]
 
 
 def pack_limits(limits: Mapping[str, float], layout: Layout) -> bytes:
-    """Return the head of a ``GET_MCCONF``, as the firmware makes it."""
+    """Return the head of a ``GET_MCCONF``, as the firmware sends it."""
     return struct.pack('>BIBBBB', GET_MCCONF, 0, 1, 0, 2, 2) + _struct_of(layout).pack(*(
         limits[name] if form == 'f' else int(limits[name] * scale)
         for name, (form, scale) in layout.items()))
 
 
-def _application_place(version: Version) -> int:
+def _application_offset(version: Version) -> int:
     """Return the offset of the kill switch mode in a ``GET_APPCONF``; next is the app."""
     return 33 if version >= _APPLICATION_OF_6 else 29
 
 
 def parse_application(payload: bytes, version: Version) -> Optional[Application]:
     """Return the settings of a ``GET_APPCONF``, None if it is not one."""
-    place = _application_place(version)
-    if len(payload) < place + 2 or payload[0] != GET_APPCONF:
+    offset = _application_offset(version)
+    if len(payload) < offset + 2 or payload[0] != GET_APPCONF:
         return None
     milliseconds, brake = struct.unpack_from('>If', payload, 6)
-    return Application(milliseconds / 1000.0, brake, _name(KILL_SWITCHES, payload[place]),
-                       _name(APPLICATIONS, payload[place + 1]))
+    return Application(milliseconds / 1000.0, brake, _name(KILL_SWITCHES, payload[offset]),
+                       _name(APPLICATIONS, payload[offset + 1]))
 
 
 def pack_application(settings: Application, version: Version) -> bytes:
-    """Return the head of a ``GET_APPCONF``, as the firmware makes it."""
+    """Return the head of a ``GET_APPCONF``, as the firmware sends it."""
     head = struct.pack('>BIBIf', GET_APPCONF, 0, 1, round(1000.0 * settings.timeout),
                        settings.brake_current)
-    return head.ljust(_application_place(version), b'\0') + bytes((
+    return head.ljust(_application_offset(version), b'\0') + bytes((
         KILL_SWITCHES.index(settings.kill_switch), APPLICATIONS.index(settings.application)))
 
 
@@ -161,7 +161,7 @@ MOTOR, GENERAL = 'VESC Tool, Motor Settings', 'VESC Tool, App Settings, General'
 
 
 def unknown_limits(layout: Layout) -> Mapping[str, float]:
-    """Return limits that could not be read: none of them is acceptable."""
+    """Return limits that could not be read, as NaN: none of them is acceptable."""
     return dict.fromkeys(layout, math.nan)
 
 
@@ -170,8 +170,8 @@ def judge(application: Optional[Application], limits: Mapping[str, float],
     """
     Return the safety-relevant settings, and whether each is acceptable.
 
-    The application is None where it could not be read; see `parse_limits` for the limits.  The
-    voltage is that of the supply now [V].
+    The application is None if it could not be read; see `parse_limits` for the limits.  The
+    voltage is the present one of the supply [V].
     """
     app = application or UNKNOWN
     needed = options.torque_limit * options.speed_limit
@@ -179,7 +179,7 @@ def judge(application: Optional[Application], limits: Mapping[str, float],
         _torque(limits, options), _watchdog(app, options),
         Setting('brake current on timeout', shown(app.brake_current, 'A'), '0 A: coast',
                 app.brake_current == 0.0, f'{GENERAL}: Timeout Brake Current 0'),
-        Setting('commands from', app.application, ' or '.join(ALONE) + ': this line alone',
+        Setting('commands from', app.application, ' or '.join(ALONE) + ': only this line',
                 app.application in ALONE, f'{GENERAL}: APP to Use UART'),
         Setting('kill switch', app.kill_switch, 'any', app != UNKNOWN),
         _power('driving power', limits, 'max', 'Battery Current Max', 'Maximum Wattage', needed,
@@ -194,22 +194,22 @@ def judge(application: Optional[Application], limits: Mapping[str, float],
 
 
 def cut_from(limits: Mapping[str, float], part: str) -> float:
-    """Return the temperature above which driving torque is cut [degC]; part fet or motor."""
+    """Return the temperature above which driving torque is cut [degC]; `part` is fet or motor."""
     start = limits[f'l_temp_{part}_start']
     return start + limits['l_temp_accel_dec'] * (CURRENT_CUT_TEMPERATURE - start)
 
 
 def warnings_of(values: Values, limits: Mapping[str, float]) -> tuple[str, ...]:
-    """Return the limits that cut the torque now, named as in VESC Tool; not unknown ones."""
-    share = limits['l_erpm_start']
+    """Return the limits that now cut the torque, named as in VESC Tool; omit unknown ones."""
+    fraction = limits['l_erpm_start']
     reached = {
         'MOSFET_TEMP_CUTOFF': values.temperature > cut_from(limits, 'fet'),
         'MOTOR_TEMP_CUTOFF': values.motor_temperature > cut_from(limits, 'motor'),
         'BATTERY_VOLTAGE_CUTOFF': values.bus_voltage < limits['l_battery_cut_start'],
         'BATTERY_VOLTAGE_REGEN_CUTOFF':
             values.bus_voltage > limits.get('l_battery_regen_cut_start', math.inf),
-        'ERPM_LIMIT': values.erpm < share * limits['l_min_erpm']
-        or values.erpm > share * limits['l_max_erpm']}
+        'ERPM_LIMIT': values.erpm < fraction * limits['l_min_erpm']
+        or values.erpm > fraction * limits['l_max_erpm']}
     return tuple(name for name, is_reached in reached.items() if is_reached)
 
 
@@ -235,11 +235,11 @@ def _watchdog(app: Application, options: VescOptions) -> Setting:
 
 def _power(name: str, limits: Mapping[str, float], end: str, current: str, wattage: str,
            needed: float, bus_voltage: float) -> Setting:
-    """Return whether the supply may give, or take, the power of full torque at full speed."""
+    """Check that the supply may provide, or absorb, the power of full torque at full speed."""
     least = min(abs(limits[f'l_in_current_{end}']) * bus_voltage, abs(limits[f'l_watt_{end}']))
     sign = 1.0 if end == 'max' else -1.0
     return Setting(
-        name, shown(least, 'W'), f'at least {needed:.3g} W, or torque goes missing at speed',
+        name, shown(least, 'W'), f'at least {needed:.3g} W, or the torque is cut at high speed',
         least > 0.0 and least >= needed,
         f'{MOTOR}, Current: {current} {sign * max(needed / bus_voltage, 1.0):.3g} A or beyond, '
         f'and {wattage} {sign * max(needed, 1.0):.3g} W or beyond'
@@ -251,7 +251,7 @@ def _supply(limits: Mapping[str, float], bus_voltage: float) -> Setting:
     highest = min(limits['l_max_vin'], limits.get('l_battery_regen_cut_start', math.inf))
     return Setting(
         'supply', shown(bus_voltage, 'V'),
-        f'between {shown(lowest, "V")} and {shown(highest, "V")}, or torque goes missing',
+        f'between {shown(lowest, "V")} and {shown(highest, "V")}, or the torque is cut',
         lowest < bus_voltage < highest,
         f'{MOTOR}, Voltage: Battery Voltage Cutoff Start below it, Regen Cutoff Start and Maximum '
         'Input Voltage above it')
@@ -263,7 +263,7 @@ def _speed(limits: Mapping[str, float], options: VescOptions) -> Setting:
         / per_minute
     return Setting(
         'speed limit', shown(highest, 'rad/s'),
-        f'at least {options.speed_limit:.4g} rad/s, or torque goes missing',
+        f'at least {options.speed_limit:.4g} rad/s, or the torque is cut',
         highest > 0.0 and highest >= options.speed_limit,
         f'{MOTOR}, Speed: Max ERPM and Max ERPM Reverse times ERPM Limit Start at least '
         f'{options.speed_limit * per_minute:.0f}')

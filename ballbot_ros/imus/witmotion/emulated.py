@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A WitMotion sensor in software: it sends readings unasked and obeys register writes."""
+"""Emulated WitMotion sensor: it sends unrequested readings and executes register writes."""
 import struct
 from typing import Tuple
 
@@ -9,7 +9,7 @@ from ballbot_ros.imus.witmotion.protocol import (
     RATES, TURN_RATE, UNLOCK)
 
 ANGLES = 0x53
-# Content of the packets, by the bit that asks for them: time, force, turn rate, angles.
+# Bit of the register `CONTENT` -> kind of the packets that it enables.
 PACKETS = {0x0002: FORCE, 0x0004: TURN_RATE, 0x0008: ANGLES}
 COMMAND = 5
 
@@ -18,7 +18,7 @@ class EmulatedWitMotion(EmulatedSensor):
     """
     See `EmulatedSensor`.
 
-    It leaves the factory with force, turn rate and angles ten times a second at 9600 baud.  A
+    By default it sends force, turn rate and angles ten times per second at 9600 baud.  A
     register accepts a value only after the key, as in the maker's protocol.
     """
 
@@ -26,7 +26,7 @@ class EmulatedWitMotion(EmulatedSensor):
         self.boot()
 
     def boot(self) -> None:
-        """Restart with the settings of the factory: none is saved."""
+        """Restart with the factory defaults: no setting is saved."""
         self.registers = {CONTENT: 0x000E, RATE: RATES[10], BAUD: BAUDS[FACTORY_BAUD]}
         self._unlocked = False
         self._received = b''

@@ -2,17 +2,17 @@
 r"""
 The serial protocol of WitMotion's inertial sensors: WT901, WT901C, JY901, HWT905 and others.
 
-The sensor sends unasked, at a rate that is configured.  Each packet has eleven bytes::
+The sensor sends unrequested packets at a configured rate.  Each packet has eleven bytes::
 
     55 KIND  x_low x_high  y_low y_high  z_low z_high  t_low t_high  SUM
 
 KIND 51 is the specific force, in 16 g / 32768, and 52 the turn rate, in 2000 deg/s / 32768; SUM is
-that of the ten bytes before it, modulo 256.  A packet of force is followed by the one of the turn
-rate of the same moment.  A register is written with ``FF AA ADDRESS LOW HIGH``, after the key
+that of the ten bytes before it, modulo 256.  A packet of the force precedes that of the turn rate
+at the same time.  A register is written with ``FF AA ADDRESS LOW HIGH``, after the key
 ``FF AA 69 88 B5``; unsaved settings are lost without power.
 
-From the maker's data sheets of the WT901 (v20-0702) and the "WIT standard communication protocol";
-the numbers of rates and bandwidths from the maker's REG.h.
+Sources: the maker's data sheets of the WT901 (v20-0702) and the "WIT standard communication
+protocol"; for the numbers of rates and bandwidths, the maker's REG.h.
 """
 from collections import Counter
 import math
@@ -39,7 +39,7 @@ FORCE_AND_RATE = 0x0006
 RATES = {10: 0x06, 20: 0x07, 50: 0x08, 100: 0x09, 200: 0x0B}
 BAUDS = {4800: 1, 9600: 2, 19200: 3, 38400: 4, 57600: 5, 115200: 6, 230400: 7}
 BANDWIDTHS = {256: 0, 188: 1, 98: 2, 42: 3, 20: 4, 10: 5, 5: 6}
-# As sensors leave the factory.
+# Factory default.
 FACTORY_BAUD = 9600
 
 
@@ -55,7 +55,7 @@ def write_register(address: int, value: int) -> bytes:
 
 
 class WitMotion(InertialSensor):
-    """See `InertialSensor`; each command is to be sent alone."""
+    """See `InertialSensor`; each command must be sent separately."""
 
     factory_baud = FACTORY_BAUD
     reading_bits = 2 * SIZE * BITS_PER_BYTE

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""ODrive by its ASCII protocol on a serial line."""
+"""ODrive with its ASCII protocol on a serial line."""

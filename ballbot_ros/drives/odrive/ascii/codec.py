@@ -4,20 +4,20 @@ ODrive ASCII protocol, firmware 0.5 and 0.6: lines of text with a checksum.
 
 A line is ``text *NN`` and a line end; ``NN`` is the exclusive or of all characters before the
 asterisk, in decimal.  A drive adds it to a reply if and only if the command had one, so every
-command here has one, and a line from the drive without is not taken for a reply.
+command here has one, and a line from the drive without a checksum is not accepted as a reply.
 
-The checksum is weak, and the drive obeys a line that lost it: a ``3`` with one bit turned is
+The checksum is weak, and the drive executes a line without it: a ``3`` with one flipped bit is
 ``;``, which starts a comment and hides the rest.  Hence a torque is written as a small number
 and an exponent, ``0.000005000e4``: any truncation of it is nearly zero.  A space precedes
 the asterisk, so that a corrupted separator does not lengthen the number.
 
 Sources.  For 0.5: docs/ascii-protocol.rst and Firmware/communication/ascii_protocol.cpp in
-odriverobotics/ODrive, at fw-v0.5.  The source of 0.6 is not published; for it the maker has the
+odriverobotics/ODrive, at fw-v0.5.  The source of 0.6 is not published; the maker publishes the
 page "ASCII Protocol" (docs.odriverobotics.com/v/latest/manual) on checksum, comments and lost
 responses, and odriverobotics/ODriveArduino, src/ODriveUART.cpp, which sends ``sc``, ``c``, ``f``,
-``r`` and ``w`` in the form of 0.5.  For 0.6 these are guessed: that ``u`` still feeds the watchdog
-(programs of users have it), and the format of numbers, namely as in 0.5 with six decimals, and
-Boolean values as 0 and 1.  Any other format is not accepted as a number, and the drive is refused.
+``r`` and ``w`` in the form of 0.5.  Guessed for 0.6: that ``u`` still feeds the watchdog (users'
+programs send it), that numbers have six decimals as in 0.5, and that Boolean values are 0 and 1.
+Any other format is not accepted as a number, and the drive is refused.
 """
 from collections import Counter
 from functools import cache, reduce
@@ -25,11 +25,11 @@ from operator import xor
 import re
 from typing import NamedTuple, Optional
 
-# The drive makes a line in a buffer of this size, with checksum and line end.
+# The drive builds a line in a buffer of this size, with checksum and line end.
 LONGEST_LINE = 64
 LINE_END = b'\r\n'
 
-# A torque that was cut short is smaller by this, at least.
+# A truncated torque is smaller by at least this power of ten.
 TORQUE_EXPONENT = 4
 TORQUE_SCALE = 10.0**TORQUE_EXPONENT
 
@@ -57,7 +57,7 @@ def line(text: str) -> bytes:
 
 
 def torque(axis: int, value: float) -> bytes:
-    """Return the command for a motor torque [N m], to 1e-5; feeds the watchdog."""
+    """Return the command for a motor torque, rounded to 1e-5 N m; feeds the watchdog."""
     return line(f'c {axis} {value / TORQUE_SCALE:.9f}e{TORQUE_EXPONENT}')
 
 
@@ -87,9 +87,9 @@ def marker(number: int) -> bytes:
     """
     Return lines that write and read back one of `MARKERS`, without other effects.
 
-    Replies arrive in the order of the requests but do not name them.  Replies before the answer to
-    a marker belong to earlier requests.  A wrong checksum first ends an incomplete line that a
-    predecessor may have left in the buffer of the drive, so that the drive ignores it.
+    Replies arrive in the order of the requests but do not identify them.  Replies before that to a
+    marker belong to earlier requests.  The wrong checksum at the start ends an incomplete line
+    of an earlier program in the buffer of the drive, so that the drive ignores that line.
     """
     return b'*999\n' + write(SCRATCH, number) + read(SCRATCH)
 
@@ -106,11 +106,11 @@ INFO = line('i')
 
 class LineParser:
     r"""
-    Finds the lines of the drive whose checksum is right.
+    Finds the lines of the drive that have a correct checksum.
 
     Only ``\r\n`` ends a line: a lone ``\n`` is an error, and the text around it is refused.
-    `counts` are ``refused`` lines whose checksum or characters are wrong, and ``unchecked`` ones
-    of printable text without a checksum, which a drive prints unrequested, or as a reply if it
+    `counts` are ``refused`` lines with wrong checksum or characters, and ``unchecked`` lines of
+    printable text without a checksum, which a drive prints unrequested, or as a reply if it
     does not support checksums.
     """
 
@@ -120,7 +120,7 @@ class LineParser:
 
     def feed(self, data: bytes) -> list[str]:
         *lines, rest = (self._rest + data).split(LINE_END)
-        # Longer data than any line cannot become one; the end may be half a line end.
+        # Data longer than any line cannot become one; their end may be half of a line end.
         self._rest = rest[-LONGEST_LINE:]
         return [text for text in map(self._check, lines) if text is not None]
 
@@ -145,7 +145,7 @@ def frame_reply(text: str) -> bytes:
 
 
 def reply_of(data: bytes) -> bytes:
-    """Return a reply with a valid checksum, made of any bytes."""
+    """Return a reply with a valid checksum, made from any bytes."""
     text = bytes(byte & 0x7F for byte in data if byte & 0x7F not in b'*' + LINE_END)
     return frame_reply(text.decode('ascii'))
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""ODrive with firmware 0.5 or 0.6, by its ASCII protocol: torque mode, current measured there."""
+"""ODrive with firmware 0.5 or 0.6, ASCII protocol: torque mode, current loop in the drive."""
 from collections import Counter, deque
 from dataclasses import dataclass
 import math
@@ -16,7 +16,7 @@ from ballbot_ros.drives.odrive.firmware import (
 from ballbot_ros.drives.odrive.settings import judge
 from ballbot_ros.errors import DriveError
 
-# A loss of power is reported after this time though registers were not answered [s].
+# A loss of power is reported after this time even if registers were not read [s].
 REGISTER_TIMEOUT = 0.1
 
 
@@ -26,7 +26,7 @@ class DriveStatus:
 
     After an error, or a loss of motor power, all registers are read before anything is reported:
     the controller error alone does not give the cause, and a state read before the errors would be
-    reported without a reason.  The current must suffice for the torque limit [N m].
+    reported without one.  A current limit below the torque limit [N m] is a warning.
     """
 
     def __init__(self, generation: Generation, torque_limit: float):
@@ -34,9 +34,9 @@ class DriveStatus:
         self.values: dict[str, float] = {}
         self._torque_limit = torque_limit
         self._turn = self._round = 0
-        self._open: list[str] = []  # still to be read before a loss of power is reported
+        self._open: list[str] = []  # to read before a loss of power is reported
         self._opened_at = -math.inf
-        self._about: Optional[tuple[float, int]] = None  # the cause that they were read for
+        self._about: Optional[tuple[float, int]] = None  # the cause at their last read
 
     @property
     def urgent(self) -> bool:
@@ -51,7 +51,7 @@ class DriveStatus:
     def next_name(self, now: float) -> str:
         """Return the property to request at a time [s]."""
         if self._open and now - self._opened_at > REGISTER_TIMEOUT:
-            self._open, self._about = [], self._cause  # it is reported without them
+            self._open, self._about = [], self._cause  # the loss is reported without them
         if self._open:
             return self._open[0]
         names = self.generation.polled + (
@@ -64,7 +64,7 @@ class DriveStatus:
         return names[self._turn]
 
     def forget_details(self) -> None:
-        """Forget the registers of the parts."""
+        """Drop the values of the detail registers."""
         for register in self.generation.details:
             self.values.pop(register.path, None)
         self._open, self._about = [], None
@@ -77,7 +77,7 @@ class DriveStatus:
 
     def take(self, name: str, value: Optional[float], now: float, ours: bool) -> None:
         """
-        Take the value of a property at a time [s], None for no number.
+        Update the value of a property at a time [s]; None if the reply was not a number.
 
         `ours` is whether this driver has armed the motor and not stopped it since.
         """
@@ -95,11 +95,11 @@ class DriveStatus:
 
     @property
     def _cause(self) -> tuple[float, int]:
-        """Return the cause that the registers of the parts detail."""
+        """Return state and error bits, which the detail registers explain."""
         return self.values.get(STATE, math.nan), self.errors
 
     def report(self, telemetry: Telemetry, name: str, now: float, ours: bool) -> Telemetry:
-        """Return telemetry with the last property taken."""
+        """Return the telemetry, updated by the property that was read last."""
         generation, values = self.generation, self.values
         if name in generation.telemetry and name in values:
             reported: dict[str, Any] = {generation.telemetry[name]: values[name]}
@@ -132,7 +132,7 @@ class Properties:
     Requests one property at a time, and matches the values to the requests.
 
     After an overdue or an unrequested value it is out of sync: it sends a numbered marker, and
-    accepts no value until the reply to the marker.  An answer counts as lost after a timeout [s].
+    accepts no value until the marker is answered.  A reply counts as lost after a timeout [s].
 
     `requested` is the property whose value is pending, `requested_at` the time of the last request
     [s], `value` the last reply, None for text that is not a number, such as "invalid property",
@@ -164,9 +164,9 @@ class Properties:
 
     def ask(self, name: str, path: str, now: float) -> bytes:
         """
-        Return the request for a property, a marker where one is needed, or nothing yet.
+        Return the request for a property, a marker if one is needed, or no bytes yet.
 
-        `name` is that in this package, `path` that in the drive.
+        `name` is the name in this package, `path` the name in the drive.
         """
         if self.free:
             self.requested, self.requested_at = name, now
@@ -180,7 +180,7 @@ class Properties:
 
     def take(self, text: str) -> Optional[str]:
         """
-        Take a reply; return the property that it answers, `MARKER`, or None if it answers none.
+        Match a reply; return the property that it answers, `MARKER`, or None if it answers none.
 
         Text that answers a request means that there is no such property.
         """
@@ -196,7 +196,7 @@ class Properties:
         return name
 
     def overdue(self, now: float) -> bool:
-        """Return whether a reply is overdue; then it is out of sync."""
+        """Return whether a reply is overdue; if so, lose sync."""
         if self.requested is None or now - self.requested_at <= self._timeout:
             return False
         self.lose_sync()
@@ -209,27 +209,27 @@ class ODriveOptions(DriveOptions):
 
     axis: int = count('motor output of the board', default=0, maximum=1)
     status_period: float = quantity(
-        's', 'time between requests for errors, state, voltage, current and temperatures, of '
-        'which one is asked at a time', default=0.02, minimum=0.0, maximum=1.0)
+        's', 'time between requests for errors, state, voltage, current and temperatures, '
+        'one of which is sent at a time', default=0.02, minimum=0.0, maximum=1.0)
 
 
-# Longest replies: "-12345.123456 -1234.123456*255\r\n", and a value cut to nine characters.
+# Longest replies: "-12345.123456 -1234.123456*255\r\n", and a value truncated to nine characters.
 LONGEST_FEEDBACK, LONGEST_VALUE = 32, 15
 SHORTEST_FEEDBACK = len('0.000000 0.000000*0\r\n')
-LEAST_SERIAL_NUMBER = 10**9  # of twelve hexadecimal digits; firmware 0.5 cuts such a number off
+LEAST_SERIAL_NUMBER = 10**9  # a smaller one was truncated to nine digits, as in firmware 0.5
 
 
 class ODrive(Driver):
     """
     See `Driver`.
 
-    The firmware that answers the handshake decides which table of names is used.  Where a drive
-    gives one reply at a time, a property is requested after the position has arrived.
+    The firmware version in the handshake selects the table of names.  If a drive sends one reply
+    at a time, a property is requested after the position has arrived.
     """
 
     options: ODriveOptions
     protocol, maker = 'odrive', 'ODrive'
-    keeping = 'ss (as any of these lines in a serial terminal; it restarts the drive)'
+    keeping = 'ss (in a serial terminal, like these lines; it restarts the drive)'
     Options = ODriveOptions
     shortest_answer = SHORTEST_FEEDBACK
     baud_rates = (115200, 921600, 460800, 230400, 57600)
@@ -239,7 +239,7 @@ class ODrive(Driver):
         self._status = DriveStatus(GENERATIONS[-1], self.options.torque_limit)
         self._identified = False
         self._properties = Properties(self.options.reply_timeout)
-        self._texts: deque[str] = deque(maxlen=8)  # neither feedback nor an answer
+        self._texts: deque[str] = deque(maxlen=8)  # neither feedback nor values
         self._then: Optional[str] = None  # property to request after the position
         self._period_start = -math.inf
 
@@ -269,7 +269,7 @@ class ODrive(Driver):
         if number >= LEAST_SERIAL_NUMBER:
             return f'{int(number):012X}'
         self._texts.clear()
-        self._send(codec.INFO)  # three lines, of which the last one has it
+        self._send(codec.INFO)  # three lines, the last with the serial number
         if not self._until(lambda: len(self._texts) >= 3, self._soon(deadline)):
             self._properties.lose_sync()  # delayed lines may still arrive
         return next((text.partition(': ')[2] for text in self._texts
@@ -291,7 +291,7 @@ class ODrive(Driver):
         if self._write(CONTROL_MODE, TORQUE_CONTROL, deadline) != TORQUE_CONTROL:
             path = self._path(CONTROL_MODE)
             raise self._error(
-                f'the ODrive does not go into torque control, see {path}', 'not_armed', path)
+                f'the ODrive does not enter torque control, see {path}', 'not_armed', path)
         self._refuse_faults(deadline)
         self._send(codec.write(self._path(REQUESTED_STATE), CLOSED_LOOP_CONTROL))
         while self._read(STATE, deadline) != CLOSED_LOOP_CONTROL:
@@ -358,10 +358,10 @@ class ODrive(Driver):
         self._period_start = now
         marker = b'' if properties.in_sync else self._property_request(STATE)
         if marker:
-            return marker  # which is long, and sent alone
+            return marker  # it is long, so it is sent alone
         if self._generation.one_reply_at_a_time and properties.requested \
                 and properties.requested_at >= start:
-            return b''  # its answer is on its way, and would cost that to another request
+            return b''  # its pending reply would suppress the reply to another request
         self._pending.add(codec.Feedback)
         request = codec.feedback(self.options.axis)
         if properties.free and (self._status.urgent
@@ -400,7 +400,7 @@ class ODrive(Driver):
         # A corrupted reply may have lost its checksum.
         if self.counts['unchecked'] > before['unchecked'] \
                 and self.counts['refused'] == before['refused']:
-            return self._error('text received, but not of an ODrive, whose replies have a '
+            return self._error('text received, but not from an ODrive, whose replies have a '
                                'checksum', 'wrong_protocol')
         return super()._handshake_error(before)
 

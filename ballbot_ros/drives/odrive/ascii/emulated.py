@@ -1,17 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-An ODrive with firmware 0.5 or 0.6, by its ASCII protocol.
+Emulated ODrive with firmware 0.5 or 0.6 and its ASCII protocol.
 
-0.5 is written after Firmware/communication/ascii_protocol.cpp of odriverobotics/ODrive, with its
-quirks: a line without a checksum is executed, ``;`` starts a comment, ``!`` ends a line, the
-numeric prefix of a text is read as a number, and a value is truncated to nine characters.  Motor
-and errors are in emulated_board.py.
+0.5 follows Firmware/communication/ascii_protocol.cpp of odriverobotics/ODrive, with its quirks:
+a line without a checksum is executed, ``;`` starts a comment, ``!`` ends a line, the numeric
+prefix of a text is read as a number, and a value is truncated to nine characters.  Motor and
+errors are in emulated_board.py.
 
-The source of 0.6 is not published.  Its names, and that a response is discarded while the one
-before it is still being sent, are from the maker's documents; see firmware.py and codec.py.  All
-else is guessed to be as in 0.5, and where a guess could spare the driver something, it is made
-against the driver: here a torque command does not change the control mode, and arming sets the
-torque to that of `init_torque`.
+The source of 0.6 is not published.  Its names, and that a response is discarded while the previous
+one is still being sent, are from the maker's documents; see firmware.py and codec.py.  All else is
+assumed to be as in 0.5, except where that would be easier for the driver: here a torque command
+does not change the control mode, and arming sets the torque to `init_torque`.
 """
 import math
 import re
@@ -31,7 +30,7 @@ FLOAT = rf'\s*([-+]?{NUMBER})'
 
 
 class ODriveDevice(BoardDevice):
-    """See `Device`; properties of the axis with the motor are kept under the name axis0."""
+    """See `Device`; properties of the axis with the motor are stored under the name axis0."""
 
     protocol = 'odrive'
     quirks = QUIRKS
@@ -159,7 +158,7 @@ class ODriveDevice(BoardDevice):
         return []
 
     def _own_name(self, name: str) -> str:
-        """Return under which name a property is kept; empty for the axis without a motor."""
+        """Return the name under which a property is stored; empty for the axis without a motor."""
         if not name.startswith('axis'):
             return name
         axis, _, rest = name.partition('.')
@@ -167,5 +166,5 @@ class ODriveDevice(BoardDevice):
 
 
 def _respond(text: str, checked: bool) -> bytes:
-    """Return a reply as the drive sends it, cut to its buffer."""
+    """Return a reply as the drive sends it, truncated to its buffer."""
     return (frame_reply(text) if checked else text.encode('ascii') + LINE_END)[:LONGEST_LINE]

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""ODrive by CANSimple on a CAN bus."""
+"""ODrive with CANSimple on a CAN bus."""

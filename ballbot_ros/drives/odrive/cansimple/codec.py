@@ -2,12 +2,11 @@
 """
 CANSimple, the protocol of an ODrive on a CAN bus, firmware 0.5 and 0.6.
 
-The identifier of a frame, of 11 bits, is the id of the node above the five bits of the command.
-Each reply has the identifier of the command that requests it, by a remote frame;
-numbers are little-endian.
+The 11-bit identifier of a frame is the id of the node, followed by the five bits of the command.
+A remote frame requests a reply, which has the same identifier; numbers are little-endian.
 
 Sources.  For 0.5: Firmware/communication/can/can_simple.cpp and can_simple.hpp in
-odriverobotics/ODrive, at fw-v0.5.3 to fw-v0.5.6; before, the heartbeat has no error flags.  For
+odriverobotics/ODrive, at fw-v0.5.3 to fw-v0.5.6; earlier heartbeats have no error flags.  For
 0.6: the maker's page "CAN Protocol" (docs.odriverobotics.com/v/latest/manual), its examples in
 odriverobotics/ODriveResources (examples/can_simple.py, can_param_access.py), and the fields of a
 DBC file for 0.6.10.
@@ -24,7 +23,7 @@ HEARTBEAT, SET_AXIS_STATE, ENCODER_ESTIMATES, SET_CONTROLLER_MODE = 0x01, 0x07, 
 SET_INPUT_TORQUE, IQ, BUS_VOLTAGE_CURRENT, CLEAR_ERRORS = 0x0E, 0x14, 0x17, 0x18
 # 0.5 only.
 MOTOR_ERROR, ENCODER_ERROR, CONTROLLER_ERROR = 0x03, 0x04, 0x1D
-# Its registers by request, in the order of the flags of its heartbeat.
+# Error registers of 0.5 by request, in the order of the flags in its heartbeat.
 REGISTERS = {MOTOR_ERROR: MOTOR_5, ENCODER_ERROR: ENCODER_5, CONTROLLER_ERROR: CONTROLLER_5}
 # 0.6 only; 0.5 does not report its version.
 VERSION, ERROR, RX_SDO, TX_SDO, TEMPERATURE = 0x00, 0x03, 0x04, 0x05, 0x15
@@ -40,7 +39,7 @@ HIGHEST_NODE = 0x3E  # 0x3F is the broadcast id
 
 _TWO_FLOATS, _TWO_WORDS = struct.Struct('<ff'), struct.Struct('<II')
 _SDO = struct.Struct('<BHB')
-# Type of an endpoint in flat_endpoints.json -> its form; longer ones do not fit a frame.
+# Type of an endpoint in flat_endpoints.json -> its format; longer ones do not fit into a frame.
 TYPES = {'bool': '?', 'uint8': 'B', 'int8': 'b', 'uint16': 'H', 'int16': 'h', 'uint32': 'I',
          'int32': 'i', 'float': 'f'}
 
@@ -51,7 +50,7 @@ class Heartbeat(NamedTuple):
     errors: int  # of the axis
     state: int
     # 0.5: whether the motor, the encoder and the controller have an error, in bit 0; 0.6: the
-    # result of the last procedure, whether a trajectory is done, nothing.
+    # result of the last procedure, whether a trajectory is done, unused.
     first: int
     second: int
     third: int
@@ -93,7 +92,7 @@ def parse_heartbeat(data: bytes) -> Optional[Heartbeat]:
 
 
 def parse_floats(data: bytes) -> Optional[tuple[float, float]]:
-    """Return two finite numbers, None if these are not."""
+    """Return two finite numbers, None if the data are not that."""
     if len(data) != _TWO_FLOATS.size:
         return None
     first, second = _TWO_FLOATS.unpack(data)
@@ -101,7 +100,7 @@ def parse_floats(data: bytes) -> Optional[tuple[float, float]]:
 
 
 def parse_endpoint(data: bytes, endpoint: int, kind: str) -> Optional[float]:
-    """Return the value of an endpoint from a ``TX_SDO``, None if it is of another."""
+    """Return the value of an endpoint from a ``TX_SDO``, None if it is that of another."""
     size = _SDO.size + struct.calcsize(TYPES[kind])
     if len(data) < size or _SDO.unpack_from(data)[1] != endpoint:
         return None
@@ -113,6 +112,6 @@ parser, frame_reply = RecordParser, record
 
 
 def reply_of(data: bytes) -> bytes:
-    """Return the record of a reply of node 0, made of any bytes."""
+    """Return the record of a reply of node 0, made from any bytes."""
     command = data[0] % (1 << COMMAND_BITS) if data else HEARTBEAT
     return frame(0, command, data[1:1 + MOST_DATA])

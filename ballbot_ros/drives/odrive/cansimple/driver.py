@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""ODrive on a CAN bus by CANSimple: torque mode, current measured there."""
+"""ODrive on a CAN bus with CANSimple: torque mode, current loop in the drive."""
 from collections import Counter, deque
 from dataclasses import dataclass
 import math
@@ -27,21 +27,21 @@ FIRST = (0, 5, 3)
 
 @dataclass(frozen=True)
 class ODriveCanOptions(DriveOptions):
-    """See the fields; which firmware needs which is in docs/hardware.md."""
+    """The options of a driver; docs/hardware.md has those that each firmware needs."""
 
     node_id: int = count('node id of the axis on the bus', default=0, maximum=HIGHEST_NODE)
     status_period: float = quantity(
-        's', 'time between requests for currents, voltage, temperatures and error registers, of '
-        'which one is asked at a time', default=0.02, minimum=0.02, maximum=1.0)
+        's', 'time between requests for currents, voltage, temperatures and error registers, '
+        'one of which is sent at a time', default=0.02, minimum=0.02, maximum=1.0)
     firmware: str = text(
-        'version of a firmware 0.5, such as "0.5.6", which it does not report over CAN',
+        'version of a firmware 0.5, such as "0.5.6": it is not reported over CAN',
         default='')
     endpoints: str = text(
-        'path of flat_endpoints.json, which the maker has for each firmware 0.6: by it settings '
-        'are read over CAN', default='')
+        'path of flat_endpoints.json, which the maker provides for each firmware 0.6, to read '
+        'settings over CAN', default='')
     confirmed: Optional[Mapping[str, float]] = section(
-        'values of properties that a person has read with odrivetool, by name, where a firmware '
-        '0.5 does not report them over CAN', default=None)
+        'values of properties by name, which a person has read with odrivetool, as firmware 0.5 '
+        'does not report them over CAN', default=None)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -61,7 +61,7 @@ class ODriveCanOptions(DriveOptions):
 
 
 OLD = GENERATIONS[0]
-# Requested in turn besides the position; one of them at least only once in `LONGEST_LATENCY`.
+# Requested in turn, in addition to the position; one kind at most once in `LONGEST_LATENCY`.
 POLLED = {'0.5': (codec.IQ, codec.BUS_VOLTAGE_CURRENT, codec.MOTOR_ERROR, codec.IQ,
                   codec.BUS_VOLTAGE_CURRENT, codec.ENCODER_ERROR, codec.CONTROLLER_ERROR),
           '0.6': (codec.ERROR, codec.IQ, codec.BUS_VOLTAGE_CURRENT, codec.ERROR, codec.IQ,
@@ -90,13 +90,13 @@ class ODriveCan(Driver):
         self._parser = RecordParser()
         self._generation, self._identified = GENERATIONS[-1], False
         self._version: tuple[int, ...] = ()
-        # By name; an infinite register has an error, and its bits are not read yet.
+        # By name; infinite if a register has an error whose bits are not read yet.
         self._values: dict[str, float] = {}
         self._result = 0  # of the last procedure, 0.6 only
         self._beats: deque[float] = deque(maxlen=3)  # arrival times of heartbeats [s]
         self._replies: dict[int, bytes] = {}  # command -> its last reply
-        # The drive has executed all frames sent before: as of now, and as of the latest heartbeat.
-        self._obeyed_until = self._reported_until = -math.inf
+        # The drive has executed all frames sent before this time: now, and at the last heartbeat.
+        self._executed_until = self._reported_until = -math.inf
         self._torque, self._torque_at = 0.0, -math.inf
         self._status_at, self._turn = -math.inf, 0
         self._endpoints: Mapping[str, Endpoint] = {}
@@ -110,7 +110,7 @@ class ODriveCan(Driver):
         self._wait_until_executed(deadline)
         timeout = self.options.reply_timeout
         version = self._ask(codec.VERSION, min(deadline, self.clock() + 2.0 * timeout))
-        if version is None or len(version) != 8:  # 0.5 does not answer that
+        if version is None or len(version) != 8:  # 0.5 does not answer this request
             self._version, self._generation = self.options.version, OLD
             board = 'v3'
         else:
@@ -118,7 +118,7 @@ class ODriveCan(Driver):
             self._generation = generation_of(self._version, 0, self.line.port)
             board = hardware_name(*version[1:4])
         self._identified = True
-        self._forget()
+        self._drop_status()
         name = self._generation.name
         return Identity(self.protocol, board, in_words(self._version) or name, '', name)
 
@@ -127,14 +127,14 @@ class ODriveCan(Driver):
             self.identify(deadline - self.clock())
         return self._generation
 
-    def _forget(self) -> None:
-        """Forget state and errors, until the next heartbeat."""
+    def _drop_status(self) -> None:
+        """Drop state and errors until the next heartbeat."""
         self._values.clear()
         self._beats.clear()
 
     def read_settings(self, timeout: float = 0.5) -> tuple[Setting, ...]:
         """
-        Read back the settings of a 0.6, test the watchdog of a 0.5, and check; see `Driver`.
+        Read back the settings of a 0.6, test the watchdog of a 0.5, check them; see `Driver`.
 
         The test takes the watchdog time, in addition to `timeout`.
         """
@@ -175,47 +175,47 @@ class ODriveCan(Driver):
 
     def _try_watchdog(self, deadline: float) -> Setting:
         """
-        Test in idle whether the watchdog of a firmware 0.5 expires when nothing is sent.
+        Test in idle state whether the watchdog of a firmware 0.5 expires without frames.
 
-        Any frame to a 0.5 feeds it.
+        Any frame to a 0.5 feeds its watchdog.
         """
         longest = self.options.watchdog
         if not self._beats or self._values[STATE] != IDLE:
             return judge_trial(None, False, longest)
         self._clear_errors(deadline)
-        begin = self.clock()
+        start = self.clock()
         expired = self._until(lambda: self._has_error(OLD.watchdog_expired),
-                              begin + 1.01 * longest + 2.0 * SLOWEST_HEARTBEAT)
-        took = self.clock() - begin
+                              start + 1.01 * longest + 2.0 * SLOWEST_HEARTBEAT)
+        took = self.clock() - start
         self._send(codec.frame(self.options.node_id, codec.CLEAR_ERRORS))
         return judge_trial(took, expired, longest)
 
     def _clear_errors(self, deadline: float) -> None:
-        """Clear all errors, return when the drive has executed it, and forget them."""
+        """Clear all errors, wait until the drive has done so, and drop their values."""
         self._send(codec.frame(self.options.node_id, codec.CLEAR_ERRORS))
         self._wait_until_executed(deadline, 'requests')
-        self._forget()
+        self._drop_status()
 
     def _has_error(self, bit: int) -> bool:
         return bool(int(self._values.get(self._generation.errors, 0)) & bit)
 
     def _arm(self, deadline: float) -> None:
         generation = self._known(deadline)
-        node, begin = self.options.node_id, self.clock()
-        for name in (CONTROL_MODE, INPUT_MODE.name):  # which arming sets
+        node, start = self.options.node_id, self.clock()
+        for name in (CONTROL_MODE, INPUT_MODE.name):  # arming sets them
             self._settings.pop(name, None)
         # A latched error prevents arming; a present one returns immediately.
         self._send(self._torque_message(0.0) + codec.frame(node, codec.CLEAR_ERRORS)
                    + codec.set_mode(node, TORQUE_CONTROL, PASSTHROUGH)
                    + codec.set_state(node, CLOSED_LOOP_CONTROL) + self._ask_position())
         while True:
-            self._forget()
-            obeyed = self._until(lambda: bool(self._beats) and self._reported_until >= begin,
-                                 min(deadline, self.clock() + REQUEST_PERIOD))
+            self._drop_status()
+            executed = self._until(lambda: bool(self._beats) and self._reported_until >= start,
+                                   min(deadline, self.clock() + REQUEST_PERIOD))
             names = generation.faults(self._values, True)
-            if obeyed and self._values[STATE] == CLOSED_LOOP_CONTROL and not names:
+            if executed and self._values[STATE] == CLOSED_LOOP_CONTROL and not names:
                 return
-            if obeyed and names or self.clock() >= deadline:
+            if executed and names or self.clock() >= deadline:
                 result = () if generation is OLD else RESULT_6.names_of(self._result)
                 raise self._error(not_armed(names or result), 'not_armed')
             self._send(self._torque_message(0.0) + self._ask_position())
@@ -269,7 +269,7 @@ class ODriveCan(Driver):
             names[self._read_back % len(names)]].number)
 
     def _send(self, data: bytes) -> None:
-        # Any frame feeds the watchdog of a 0.5: it would keep an old torque alive, of any sender.
+        # Any frame feeds the watchdog of a 0.5, and so would keep a torque of any sender active.
         if data and self.clock() - self._torque_at >= self.options.watchdog:
             data = codec.torque(self.options.node_id, 0.0) + data
         super()._send(data)
@@ -280,8 +280,8 @@ class ODriveCan(Driver):
 
     def _wait_until_executed(self, deadline: float, what: str = '') -> None:
         """Request the position until a reply arrives; see `_ask_until`."""
-        begin = self.clock()
-        self._ask_until(lambda: self._obeyed_until >= begin, self._ask_position, deadline, what)
+        start = self.clock()
+        self._ask_until(lambda: self._executed_until >= start, self._ask_position, deadline, what)
 
     def _ask(self, command: int, deadline: float) -> Optional[bytes]:
         """Return the reply to a command, None if there is none before the deadline."""
@@ -292,7 +292,7 @@ class ODriveCan(Driver):
         return self._replies.get(command)
 
     def _read_endpoint(self, name: str, number: int, kind: str, deadline: float) -> float:
-        """Return the value of an endpoint; raise `DriveError` if it does not come."""
+        """Return the value of an endpoint; raise `DriveError` if it does not arrive."""
         def value() -> Optional[float]:
             return codec.parse_endpoint(self._replies.get(codec.TX_SDO, b''), number, kind)
         self._replies.pop(codec.TX_SDO, None)
@@ -339,7 +339,7 @@ class ODriveCan(Driver):
 
     def _take_position(self, numbers: Optional[tuple[float, float]], now: float) -> None:
         match = self._match(codec.ENCODER_ESTIMATES, now)
-        self._obeyed_until = max(self._obeyed_until, match.sent)
+        self._executed_until = max(self._executed_until, match.sent)
         # 0.5 reports 0 for an invalid estimate.
         if numbers is None or self._values.get(ENCODER_5.path) \
                 or self._has_error(self._generation.no_estimate):
@@ -359,7 +359,7 @@ class ODriveCan(Driver):
             for register, flag in zip(REGISTERS.values(), flags):
                 values[register.path] = values.get(register.path) or math.inf if flag & 1 else 0
         self._beats.append(now)
-        self._reported_until = self._obeyed_until
+        self._reported_until = self._executed_until
         if content.state == IDLE:
             self._off_requested_at = self._reported_until
         self.telemetry = self.telemetry._replace(

@@ -1,15 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-An ODrive with firmware 0.5 or 0.6 on a CAN bus; its motor is that of emulated_board.py.
+Emulated ODrive with firmware 0.5 or 0.6 on a CAN bus; its motor is that of emulated_board.py.
 
-0.5 is written after Firmware/communication/can/can_simple.cpp and odrive_can.cpp of
-odriverobotics/ODrive at fw-v0.5.6, with their peculiarities: any frame to the node feeds its
-watchdog, a request too; the queue for sending has three places, and a reply that finds none is
-lost; an invalid estimate reads as 0.
+0.5 follows Firmware/communication/can/can_simple.cpp and odrive_can.cpp of odriverobotics/ODrive
+at fw-v0.5.6, with their quirks: any frame to the node, even a request, feeds its watchdog; the
+transmit queue has three entries, and a reply is lost if it is full; an invalid estimate is 0.
 
 The source of 0.6 is not published.  Its messages are from the maker's documents, see codec.py; the
-numbers of its endpoints are made up here, as they differ between firmwares.  Guessed, against the
-driver: only set-points and states feed the watchdog, and arming sets the torque to `init_torque`.
+numbers of its endpoints are arbitrary, as they differ between firmwares.  Assumed as the harder
+case: only set-points and states feed the watchdog, and arming sets the torque to `init_torque`.
 """
 import math
 import struct
@@ -27,7 +26,7 @@ REBOOT = 0x16
 
 
 class ODriveCanDevice(BoardDevice):
-    """See `Device`; the node id is the number of the axis, one `Device` of a board."""
+    """See `Device`; the node id is the number of the axis; each axis of a board is a `Device`."""
 
     protocol = 'odrive_can'
     quirks = QUIRKS
@@ -40,7 +39,7 @@ class ODriveCanDevice(BoardDevice):
         self.properties[self.heartbeat_rate] = 100 if self.has('factory') else 10
         self._records = RecordParser()
         self._beat_at = -math.inf
-        self._busy_until = -math.inf  # with queued frames
+        self._busy_until = -math.inf  # the end of the queued frames [s]
 
     def endpoints(self) -> dict[str, Any]:
         """Return the content of the maker's flat_endpoints.json for a 0.6."""
@@ -72,7 +71,7 @@ class ODriveCanDevice(BoardDevice):
         return reply
 
     def _sent(self, record: bytes, now: float) -> bytes:
-        """Return the part of a reply that fits the queue for sending."""
+        """Return the record of a reply; empty if the transmit queue is full."""
         duration = RECORD_SIZE * BITS_PER_BYTE / self.baud
         if not record or self._busy_until - now > (MAILBOXES - 1) * duration:
             return b''

@@ -17,7 +17,7 @@ from ballbot_ros.drives.odrive.cansimple.codec import TYPES
 from ballbot_ros.drives.odrive.firmware import UNDER_POWER
 from ballbot_ros.errors import ConfigurationError
 
-# Slowest heartbeat: nothing else reports whether the motor has power [s].
+# Longest heartbeat period: nothing else reports whether the motor has power [s].
 SLOWEST_HEARTBEAT = 0.02
 
 _WRITE = re.compile(r'\bw ([\w.]+) (\S+?)(?=,|\s|$)')
@@ -49,8 +49,8 @@ def load_endpoints(path: str, version: Sequence[int]) -> Mapping[str, Endpoint]:
     wanted = '.'.join(map(str, version))
     if firmware.partition('-')[0] != wanted:
         raise ConfigurationError(
-            f'endpoints: {path} is for firmware {firmware}, the drive has {wanted}: its numbers '
-            'mean something else there; take the list of that firmware from the maker',
+            f'endpoints: {path} is for firmware {firmware}, the drive has {wanted}, in which '
+            'the numbers differ: use the list of that firmware from the maker',
             'inconsistent', 'endpoints')
     return found
 
@@ -61,7 +61,7 @@ def check_confirmed(confirmed: Any) -> None:
         return
     if not isinstance(confirmed, Mapping):
         raise ConfigurationError(
-            f'confirmed must be names of properties with their values, got {confirmed!r}',
+            f'confirmed must map names of properties to their values, got {confirmed!r}',
             'wrong_type', 'confirmed')
     for name, value in confirmed.items():
         if not isinstance(value, (bool, int, float)) or math.isnan(value):
@@ -76,29 +76,29 @@ def in_odrivetool(remedy: str) -> str:
 
 
 def missing(names: Sequence[str], old: bool, version: str) -> list[Setting]:
-    """Return the remedies for unknown properties; empty if there are none."""
+    """Return the setting that lists unknown properties, with a remedy; empty for none."""
     if not names:
         return []
     listed = ', '.join(names)
     return [Setting('settings read or confirmed', f'all but {listed}', 'all', False, (
         'firmware 0.5 does not report them over CAN: read odrv0.NAME of each with odrivetool, and '
         'write name and value under confirmed in the section drive' if old else
-        'write endpoints: PATH in the section drive, of the flat_endpoints.json that the maker '
-        f'has for firmware {version}'))]
+        'write endpoints: PATH in the section drive, with the flat_endpoints.json that the maker '
+        f'provides for firmware {version}'))]
 
 
 def judge_heartbeat(period: float, old: bool) -> Setting:
     """Check the time between two heartbeats [s]."""
     name = 'heartbeat_rate_ms' if old else 'heartbeat_msg_rate_ms'
     # The measured period may differ by a quarter, as the line is read in pieces.
-    return Setting('heartbeat', f'each {1e3 * period:.0f} ms',
-                   f'each {1e3 * SLOWEST_HEARTBEAT:.0f} ms at most',
+    return Setting('heartbeat', f'every {1e3 * period:.0f} ms',
+                   f'every {1e3 * SLOWEST_HEARTBEAT:.0f} ms or faster',
                    period <= 1.25 * SLOWEST_HEARTBEAT,
                    f'odrv0.axis0.config.can.{name} = 10')
 
 
 def judge_positions(number: int, old: bool) -> Setting:
-    """Check the number of unrequested positions: only replies to requests have a time."""
+    """Check the number of unrequested positions: only replies to requests have a time stamp."""
     name = 'encoder_rate_ms' if old else 'encoder_msg_rate_ms'
     return Setting('positions', 'sent cyclically' if number else 'on request', 'on request',
                    not number, f'odrv0.axis0.config.can.{name} = 0')
@@ -106,7 +106,7 @@ def judge_positions(number: int, old: bool) -> Setting:
 
 def judge_firmware(version: str) -> Setting:
     """Check the version of a firmware 0.5, from the hardware file."""
-    return Setting('firmware', version or 'unknown', 'named in the hardware file', bool(version),
+    return Setting('firmware', version or 'unknown', 'given in the hardware file', bool(version),
                    'firmware 0.5 does not report it over CAN: write firmware: "0.5.6", or what '
                    'odrivetool shows, in the section drive')
 

@@ -2,13 +2,13 @@
 """
 VESC on a CAN bus, firmware 5.03 to 7.01: the messages of its serial protocol in frames.
 
-The identifier of a frame, of 29 bits, is the kind of the packet above the eight bits of the id of
+The 29-bit identifier of a frame is the kind of the packet, followed by the eight bits of the id of
 the receiver.  A message of up to six bytes is one frame; a longer one fills a buffer of the
-receiver, by seven bytes with an offset, from 255 on by six, and a last frame with its length and
-its CRC completes it.  The reply has the same form, to the id of the sender.
+receiver, by frames with an offset and seven bytes (six from offset 259 on), and a last frame with
+length and CRC completes it.  The reply has the same form and goes to the id of the sender.
 
-Source: vedderb/bldc, comm/comm_can.c (`comm_can_send_buffer`, `decode_msg`), datatypes.h; the same
-from firmware 5 to 7.
+Source: vedderb/bldc, comm/comm_can.c (`comm_can_send_buffer`, `decode_msg`), datatypes.h, which
+agree from firmware 5 to 7.
 """
 from binascii import crc_hqx
 from collections import Counter
@@ -25,13 +25,13 @@ ANSWER_ME, ANSWER = 0, 1  # purposes of a message
 BROADCAST_ID = 255
 
 SHORT, PIECE, LONG_PIECE = 6, 7, 6
-FIRST_LONG = 259  # offsets above 255 do not fit one byte: seven times 37
+FIRST_LONG = 259  # offsets above 255 do not fit into one byte: seven times 37
 # Default ids of the computer and of an emulated VESC.
 HOST_ID, DRIVE_ID = 254, 0
 
 
 def packet(kind: int, to: int, data: bytes) -> CanFrame:
-    """Return a frame for the receiver with an id."""
+    """Return a frame to the receiver with the id `to`."""
     return CanFrame(kind << 8 | to, data, extended=True)
 
 
@@ -41,11 +41,11 @@ def frames(payload: bytes, to: int, sender: int, purpose: int) -> Iterator[CanFr
     if len(payload) <= SHORT:
         yield packet(PROCESS_SHORT_BUFFER, to, head + payload)
         return
-    for place in range(0, min(len(payload), FIRST_LONG), PIECE):
-        yield packet(FILL_RX_BUFFER, to, bytes((place,)) + payload[place:place + PIECE])
-    for place in range(FIRST_LONG, len(payload), LONG_PIECE):
+    for offset in range(0, min(len(payload), FIRST_LONG), PIECE):
+        yield packet(FILL_RX_BUFFER, to, bytes((offset,)) + payload[offset:offset + PIECE])
+    for offset in range(FIRST_LONG, len(payload), LONG_PIECE):
         yield packet(FILL_RX_BUFFER_LONG, to,
-                     struct.pack('>H', place) + payload[place:place + LONG_PIECE])
+                     struct.pack('>H', offset) + payload[offset:offset + LONG_PIECE])
     yield packet(PROCESS_RX_BUFFER, to,
                  head + struct.pack('>HH', len(payload), crc_hqx(payload, 0)))
 
@@ -59,7 +59,7 @@ class Assembly:
     """
     Assembles messages from frames.
 
-    `refused` counts messages of which a frame was missing, or whose CRC was wrong.
+    `refused` is the number of messages with a missing frame or a wrong CRC.
     """
 
     def __init__(self) -> None:
@@ -67,7 +67,7 @@ class Assembly:
         self._buffer = b''
 
     def take(self, kind: int, data: bytes) -> Optional[bytes]:
-        """Take a frame for this receiver, and return the message that it completes."""
+        """Process a frame for this receiver, and return the message that it completes."""
         if kind == PROCESS_SHORT_BUFFER:
             return data[2:] or None
         if kind == FILL_RX_BUFFER and data:
@@ -82,10 +82,10 @@ class Assembly:
             self.refused += 1
         return None
 
-    def _fill(self, place: int, piece: bytes) -> None:
-        if place == 0:
+    def _fill(self, offset: int, piece: bytes) -> None:
+        if offset == 0:
             self._buffer = b''
-        if place == len(self._buffer) and place + len(piece) <= LONGEST_PAYLOAD:
+        if offset == len(self._buffer) and offset + len(piece) <= LONGEST_PAYLOAD:
             self._buffer += piece
 
 
@@ -135,5 +135,5 @@ def frame_reply(payload: bytes) -> bytes:
 
 
 def reply_of(data: bytes) -> bytes:
-    """Return the frames of a reply of any bytes; of none there is none."""
+    """Return the frames of a reply made from any bytes; empty for no bytes."""
     return frame_reply(data[:LONGEST_PAYLOAD]) if data else b''

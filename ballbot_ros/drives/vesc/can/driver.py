@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""VESC on a CAN bus: the driver of its serial protocol, whose messages go in CAN frames."""
+"""VESC on a CAN bus: the driver of its serial protocol, with messages in CAN frames."""
 from collections import Counter
 from dataclasses import dataclass
 
@@ -18,7 +18,7 @@ class VescCanOptions(VescOptions):
     """The options of a driver of a VESC on a CAN bus."""
 
     can_id: int = count('id of the VESC on the bus', default=codec.DRIVE_ID, maximum=253)
-    host_id: int = count('id of this computer on the bus, which no VESC has',
+    host_id: int = count('id of this computer on the bus; no VESC may have it',
                          default=codec.HOST_ID, maximum=254)
 
 
@@ -51,4 +51,4 @@ class VescCan(Vesc):
         assert isinstance(self._parser, codec.PayloadParser)
         return self._no_node(
             before, self._parser.nodes_seen,
-            'is the id that of VESC Tool, App Settings, General: VESC ID, is its CAN Mode VESC')
+            'is the id that in VESC Tool, App Settings, General: VESC ID, is its CAN Mode VESC')

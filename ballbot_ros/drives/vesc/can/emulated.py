@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A VESC on a CAN bus, after comm/comm_can.c of vedderb/bldc; otherwise as on a serial line."""
+"""Emulated VESC on a CAN bus, after comm/comm_can.c of vedderb/bldc; else as on a serial line."""
 from ballbot_ros.drives.can_frames import CanFrame, record, RecordParser
 from ballbot_ros.drives.vesc.can import codec
 from ballbot_ros.drives.vesc.uart import codec as serial
@@ -9,7 +9,7 @@ HW_TYPE_VESC = 0
 
 
 class VescCanDevice(VescDevice):
-    """See `Device`; its id is `codec.DRIVE_ID`, and the next one of a second axis."""
+    """See `Device`; its id is `codec.DRIVE_ID`, that of a second axis the next one."""
 
     protocol = 'vesc_can'
 
@@ -22,7 +22,7 @@ class VescCanDevice(VescDevice):
         return b''.join(self._take(frame, now) for frame in self._records.feed(data))
 
     def _take(self, frame: CanFrame, now: float) -> bytes:
-        """Obey a frame and return the records of the answer; see `decode_msg`."""
+        """Execute a frame and return the records of the answer; see `decode_msg`."""
         kind, to = frame.identifier >> 8, frame.identifier & 0xFF
         if not frame.extended or to not in (self._id, codec.BROADCAST_ID):
             return b''

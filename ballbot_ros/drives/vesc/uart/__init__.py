@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""VESC by its serial protocol."""
+"""VESC with its serial protocol."""

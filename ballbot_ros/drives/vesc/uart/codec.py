@@ -3,10 +3,10 @@
 VESC serial protocol: packets with a CRC, firmware 5.03 to 7.01.
 
 ``02 length payload crc crc 03`` up to 255 bytes of payload, ``03 length length ...`` above; the
-CRC is CRC-16/XMODEM of the payload, numbers are big-endian.  The first byte of a payload names
-the message, in a reply the request too.  Start bytes also occur inside packets: the parser
-tries every position until one fits.  For settings, ``buffer_append_float32_auto`` equals IEEE 754
-for all numbers that are not tiny; settings.py has the layout of the settings.
+CRC is CRC-16/XMODEM of the payload, numbers are big-endian.  The first byte of a payload
+identifies the message; a reply has that of its request.  Start bytes also occur inside packets:
+the parser tries every position until a packet fits.  For settings, ``buffer_append_float32_auto``
+equals IEEE 754 for all numbers that are not tiny; settings.py has the layout of the settings.
 
 Source: vedderb/bldc, comm/packet.c, comm/commands.c, util/buffer.c, datatypes.h.
 """
@@ -17,7 +17,7 @@ from typing import Any, NamedTuple, Optional
 
 SHORT, LONG, STOP = 0x02, 0x03, 0x03
 SHORT_LIMIT = 255
-# The firmware takes no more (PACKET_MAX_PL_LEN); its longest reply, the motor settings, is half.
+# Firmware limit (PACKET_MAX_PL_LEN); its longest reply, the motor settings, is half as long.
 LONGEST_PAYLOAD = 512
 
 FW_VERSION, GET_VALUES, SET_CURRENT = 0, 4, 6
@@ -52,7 +52,7 @@ MASK = sum(1 << bit for bit, _, _ in FIELDS.values())
 TAG_SHIFT, TAGS = 22, 1024
 _VALUES = struct.Struct('>BI' + ''.join(form for _, form, _ in FIELDS.values()))
 VALUES_LENGTH = _VALUES.size + 5  # of the packet
-# Bits of the status: the timeout has taken the current away, and so does a kill switch.
+# Bits of the status: the timeout, or a kill switch, has disabled the current.
 TIMED_OUT, KILL_SWITCH = 1, 2
 
 
@@ -61,7 +61,7 @@ class Values(NamedTuple):
 
     temperature: float  # of the power stage [degC]
     motor_temperature: float
-    current: float  # of the motor, average since the reply before [A]
+    current: float  # of the motor, average since the previous reply [A]
     bus_current: float  # likewise of the supply [A]
     erpm: float  # electrical speed [1/min]
     bus_voltage: float  # [V]
@@ -83,7 +83,7 @@ class Firmware(NamedTuple):
 
 
 def frame(payload: bytes) -> bytes:
-    """Return the packet of a payload; `ValueError` if that is empty, or longer than the limit."""
+    """Return the packet of a payload; `ValueError` if it is empty, or longer than the limit."""
     length = len(payload)
     if not 0 < length <= LONGEST_PAYLOAD:
         raise ValueError(f'a payload has 1 to {LONGEST_PAYLOAD} bytes, got {length}')
@@ -103,9 +103,9 @@ def get_values(tag: int = 0) -> bytes:
 
 class FrameParser:
     """
-    Finds packets whose length, CRC and stop byte are right.
+    Finds packets with a correct length, CRC and stop byte.
 
-    `counts` are ``refused`` packets of the right form with a wrong CRC, and ``skipped`` bytes that
+    `counts` are ``refused`` packets of correct form with a wrong CRC, and ``skipped`` bytes that
     belong to no packet.
     """
 
@@ -117,41 +117,41 @@ class FrameParser:
         buffer = self._buffer
         buffer += data
         payloads = []
-        place = 0
+        offset = 0
         while True:
-            end = self._end(buffer, place)
+            end = self._end(buffer, offset)
             if end is None:  # needs more bytes
                 break
             if end < 0:
-                place += 1
+                offset += 1
                 self.counts['skipped'] += 1
                 continue
-            start = place + buffer[place]  # the start byte is also the size of the header
+            start = offset + buffer[offset]  # the start byte is also the size of the header
             payloads.append(bytes(buffer[start:end - 3]))
-            place = end
-        del buffer[:place]
+            offset = end
+        del buffer[:offset]
         return payloads
 
-    def _end(self, buffer: bytearray, place: int) -> Optional[int]:
-        """Return where the packet at a place ends, -1 if there is none, None if too short."""
-        left = len(buffer) - place
+    def _end(self, buffer: bytearray, offset: int) -> Optional[int]:
+        """Return the end of the packet at an offset, -1 if there is none, None if too short."""
+        left = len(buffer) - offset
         if left < 1:
             return None
-        header = buffer[place]
+        header = buffer[offset]
         if header not in (SHORT, LONG):
             return -1
         if left < header:
             return None
-        length = int.from_bytes(buffer[place + 1:place + header], 'big')
+        length = int.from_bytes(buffer[offset + 1:offset + header], 'big')
         # A payload that fits the short form uses it.
         if not (0 if header == SHORT else SHORT_LIMIT) < length <= LONGEST_PAYLOAD:
             return -1
-        end = place + header + length + 3
+        end = offset + header + length + 3
         if len(buffer) < end:
             return None
         if buffer[end - 1] != STOP:
             return -1
-        payload = buffer[place + header:end - 3]
+        payload = buffer[offset + header:end - 3]
         if crc_hqx(payload, 0) != int.from_bytes(buffer[end - 3:end - 1], 'big'):
             self.counts['refused'] += 1
             return -1
@@ -163,7 +163,7 @@ parser, frame_reply = FrameParser, frame
 
 
 def reply_of(data: bytes) -> bytes:
-    """Return a packet made of any bytes; of none there is none."""
+    """Return a packet made from any bytes; empty for no bytes."""
     return frame(data[:LONGEST_PAYLOAD]) if data else b''
 
 
@@ -182,7 +182,7 @@ def parse_values(payload: bytes) -> Optional[Values]:
 
 
 def pack_values(values: Values) -> bytes:
-    """Return the payload of a reply to `get_values`, as the firmware makes it."""
+    """Return the payload of a reply to `get_values`, as the firmware sends it."""
     return _VALUES.pack(GET_VALUES_SELECTIVE, values.tag << TAG_SHIFT | MASK, *(
         int(number * scale) for number, (_, _, scale) in zip(values, FIELDS.values())))
 
@@ -198,7 +198,7 @@ def parse_firmware(payload: bytes) -> Optional[Firmware]:
 
 
 def fault_names(fault: int) -> tuple[str, ...]:
-    """Return the name of a fault code, nothing for none."""
+    """Return the name of a fault code; empty for code 0."""
     if fault == 0:
         return ()
     return (FAULTS[fault] if fault < len(FAULTS) else f'FAULT_{fault}',)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""VESC by its serial protocol: current mode, the torque follows from the torque constant."""
+"""VESC with its serial protocol: current mode; the torque constant converts a torque."""
 import math
 from typing import Mapping, Optional
 
@@ -9,7 +9,7 @@ from ballbot_ros.drives.vesc import settings
 from ballbot_ros.drives.vesc.settings import VescOptions
 from ballbot_ros.drives.vesc.uart import codec
 
-# A motor current below this part of the limit counts as zero, because of the sensor noise.
+# A motor current below this fraction of the limit counts as zero, because of sensor noise.
 NO_CURRENT = 0.05
 # Time between two read-backs of the settings under power [s], alternately limits and application:
 # at 115200 baud a reply delays the measurements by 40 ms.
@@ -31,7 +31,7 @@ class Vesc(Driver):
     protocol, maker = 'vesc', 'VESC'
     Options = VescOptions
     replies_are_named = True
-    separator = bytes(255)  # both parsers wait for as many bytes after a corrupted length
+    separator = bytes(255)  # a parser may wait for this many bytes after a corrupted length
     shortest_answer = codec.VALUES_LENGTH
     baud_rates = (115200, 921600, 460800, 230400, 57600)
     _frame_reply = staticmethod(codec.frame_reply)
@@ -40,7 +40,7 @@ class Vesc(Driver):
         self._parser = codec.FrameParser()
         self._tag = 0
         self._replies: dict[int, bytes] = {}  # message -> its last reply, except values
-        self._turns_apart: Optional[float] = None  # tachometer less encoder, at the first reply
+        self._turn_offset: Optional[float] = None  # tachometer minus encoder, at the first reply
         self._version: Optional[settings.Version] = None
         self._limits: Mapping[str, float] = settings.unknown_limits(settings.SINCE_6_05)
         self._read_back, self._read_back_at = codec.GET_MCCONF, -math.inf
@@ -53,13 +53,13 @@ class Vesc(Driver):
             codec.FW_VERSION, self.clock() + timeout, handshake=True))
         if firmware is None:
             raise self._error(
-                'a VESC answers that does not report its firmware', 'firmware', 'firmware')
+                'a VESC replies but does not report its firmware', 'firmware', 'firmware')
         version, test = (firmware.major, firmware.minor), firmware.test
         reason = settings.why_not(version, test)
         if reason:
             raise self._error(
                 f'VESC firmware must be 5.03 to 7.xx, got {version[0]}.{version[1]:02}: {reason}; '
-                'bring it up to date with VESC Tool, Firmware', 'firmware', 'firmware')
+                'update it with VESC Tool, Firmware', 'firmware', 'firmware')
         self._version = version
         return Identity(self.protocol, firmware.hardware, f'{version[0]}.{version[1]:02}'
                         + (f' test {test}' if test else ''), firmware.serial_number)
@@ -86,13 +86,13 @@ class Vesc(Driver):
             reported = reported or answered
             if answered and self.telemetry.faults:
                 raise self._error(
-                    f'the VESC names {", ".join(self.telemetry.faults)}; the terminal of VESC '
-                    'Tool shows more with: faults', 'not_armed')
+                    f'the VESC reports {", ".join(self.telemetry.faults)}; the terminal of VESC '
+                    'Tool shows details with: faults', 'not_armed')
             if answered and not self._status & codec.TIMED_OUT:
                 return
             if self.clock() >= deadline:
                 raise self._error('the VESC ' + (
-                    'reports that its timeout has expired, however often it is fed' if reported
+                    'reports that its timeout has expired although it is fed' if reported
                     else 'does not report its state'),
                     'not_armed', 'watchdog' if reported else 'drive')
 
@@ -111,16 +111,16 @@ class Vesc(Driver):
                 break
         if self.telemetry.faults or not answered:
             raise self._error(
-                f'the VESC names {", ".join(self.telemetry.faults)}, which it clears by itself '
-                'half a second after its cause; no message clears them'
+                f'the VESC reports {", ".join(self.telemetry.faults)}, which it clears by itself '
+                'half a second after the cause; no message clears them'
                 if answered else 'the VESC does not report its state', 'not_clearable')
         return ()
 
     def _ask_status(self, command: bytes, deadline: float) -> bool:
-        """Send a command with a request; return whether a status requested since arrived."""
-        begin = self.clock()
+        """Send a command with a request; return whether a status requested since then arrives."""
+        start = self.clock()
         self._send(command + self._requests())
-        return self._until(lambda: self._status_requested_at >= begin, self._soon(deadline))
+        return self._until(lambda: self._status_requested_at >= start, self._soon(deadline))
 
     # Non-blocking methods
 
@@ -187,10 +187,10 @@ class Vesc(Driver):
             self._check_setting(name, value)
 
     def _note(self, values: codec.Values, now: float) -> None:
-        """Update the telemetry; the tag of a reply names its request."""
+        """Update the telemetry; the tag of a reply identifies its request."""
         match = self._match(values.tag, now)
         if match.sent == -math.inf:
-            return  # to no request, or a dropped one
+            return  # a reply to no request, or to a dropped one
         self._status, self._status_requested_at = values.status, match.sent
         limit = self.options.own_limit / self.options.torque_constant
         if abs(values.current) <= NO_CURRENT * limit:
@@ -219,6 +219,6 @@ class Vesc(Driver):
         if not self.options.encoder:
             return turns * math.tau
         part = values.angle_deg / 360.0
-        if self._turns_apart is None:
-            self._turns_apart = turns - part
-        return (round(turns - self._turns_apart - part) + part) * math.tau
+        if self._turn_offset is None:
+            self._turn_offset = turns - part
+        return (round(turns - self._turn_offset - part) + part) * math.tau

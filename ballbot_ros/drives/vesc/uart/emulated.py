@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-A VESC by its serial protocol, with firmware 5.03, 6.02, 6.05 or 7.01.
+Emulated VESC with its serial protocol and firmware 5.03, 6.02, 6.05 or 7.01.
 
-Written after comm/commands.c, timeout.c and motor/mc_interface.c of vedderb/bldc, of the tags
-5.03 and 6.00, the branches release_6_02 to release_7_00 and master (7.01).  It has no arming and
-follows each current that it is sent.  A thread checks timeout and kill switch every 10 ms, and the
-status reports its last check: a motor that follows commands again is still reported as timed out
-for up to 10 ms.  Limits cut the current without a report.  After a
-fault it keeps off for half a second before it follows the next command.
+It follows comm/commands.c, timeout.c and motor/mc_interface.c of vedderb/bldc, of the tags 5.03
+and 6.00, the branches release_6_02 to release_7_00 and master (7.01).  It has no arming and
+executes each current command.  A thread checks timeout and kill switch every 10 ms, and the status
+reports its last check: a motor that follows commands again is still reported as timed out for up
+to 10 ms.  Limits cut the current without a report.  After a fault the motor stays off for half a
+second before it follows the next command.
 """
 import math
 import struct
@@ -18,13 +18,13 @@ from ballbot_ros.drives.vesc.settings import THREAD
 from ballbot_ros.drives.vesc.uart import codec
 
 FAULT_TIME = 0.5  # m_fault_stop_time_ms [s]
-IGNORED = 0.02  # after each check of an engaged kill switch [s]
+IGNORED = 0.02  # time without commands after each check of an engaged kill switch [s]
 OVER_VOLTAGE, UNDER_VOLTAGE, ABS_OVER_CURRENT, OVER_TEMP_FET = 1, 2, 4, 5
 FACTORY_CURRENT, FACTORY_TIMEOUT = 60.0, 1.0  # [A], [s]
 FIRMWARES = {'6.02': (6, 2), '5.03': (5, 3), '6.05': (6, 5), '7.01': (7, 1)}
-# Filler after the fields that are read here; real settings are some hundred bytes long.
+# Filler after the fields that are read here; real settings are several hundred bytes long.
 MORE_SETTINGS = bytes(300)
-# From the factory, motor/mcconf_default.h; those of currents and temperature are the drive's own.
+# Factory defaults, motor/mcconf_default.h; `VescDevice` sets those of currents and temperature.
 LIMITS = {
     'l_in_current_max': 99.0, 'l_in_current_min': -60.0, 'l_in_current_map_start': 0.9,
     'l_in_current_map_filter': 0.002, 'l_abs_current_max': 130.0, 'l_min_erpm': -1e5,
@@ -44,13 +44,13 @@ class VescDevice(Device):
     firmwares = tuple(FIRMWARES)
     quirks = {
         'factory': Quirk(
-            'settings from the factory: 60 A for the motor, a timeout of 1 s',
+            'factory defaults: 60 A for the motor, a timeout of 1 s',
             'motor/mcconf_default.h, applications/appconf_default.h of vedderb/bldc, 7.01'),
         'kill_switch': Quirk(
-            'the kill switch is set up: while `stop_switch` is 1 no current flows',
+            'the kill switch is configured: while `stop_switch` is 1, no current flows',
             'timeout.c of vedderb/bldc, 5.03 and later'),
         'regen_limit': Quirk(
-            'nothing may flow back into the supply, so a motor that brakes loses its torque',
+            'no current may flow into the supply, so a braking motor loses its torque',
             'motor/mc_interface.c of vedderb/bldc: l_in_current_min'),
     }
 
@@ -73,9 +73,9 @@ class VescDevice(Device):
         self.version = FIRMWARES[self.settings.firmware or self.firmwares[0]]
         self._parser = codec.FrameParser()
         self._current = 0.0
-        self._fed = self._look_at = math.nan  # from the first tick on
+        self._fed = self._check_at = math.nan  # from the first tick on
         self._status = 0
-        self._deaf_until = -math.inf
+        self._ignoring_until = -math.inf
         self._fault = 0
         self._fault_ends = -math.inf
         self._origin = self.sensed.position  # the tachometer starts at 0
@@ -86,31 +86,31 @@ class VescDevice(Device):
     def _limited(self) -> float:
         """Return the set motor current after update_override_limits() [A]."""
         here, limits = self.sensed, self.limits
-        hot = _share(here.temperature, limits['l_temp_fet_start'], limits['l_temp_fet_end'])
+        hot = _derating(here.temperature, limits['l_temp_fet_start'], limits['l_temp_fet_end'])
         most = hot * limits['l_current_max'] * limits['l_current_max_scale']
         least = hot * limits['l_current_min'] * limits['l_current_min_scale']
         erpm = abs(here.velocity) * 60.0 / math.tau * self.settings.pole_pairs
         highest = limits['l_max_erpm']
-        driving = most * _share(erpm, limits['l_erpm_start'] * highest, highest)
+        driving = most * _derating(erpm, limits['l_erpm_start'] * highest, highest)
         forward = -1.0 if here.velocity < 0.0 else 1.0
         current = forward * min(max(forward * self._current, least), driving)
         # Power that the motor draws from the supply or feeds into it.
         power = self.settings.torque_constant * here.velocity * current
         supply = here.bus_voltage * (
             limits['l_in_current_max']
-            * (1.0 - _share(here.bus_voltage, limits['l_battery_cut_end'],
-                            limits['l_battery_cut_start']))
+            * (1.0 - _derating(here.bus_voltage, limits['l_battery_cut_end'],
+                               limits['l_battery_cut_start']))
             if power > 0.0 else -limits['l_in_current_min']
-            * _share(here.bus_voltage, limits['l_battery_regen_cut_start'],
-                     limits['l_battery_regen_cut_end']))
+            * _derating(here.bus_voltage, limits['l_battery_regen_cut_start'],
+                        limits['l_battery_regen_cut_end']))
         return current if abs(power) <= supply else current * supply / abs(power)
 
     def tick(self, now: float) -> None:
-        if math.isnan(self._look_at):
-            self._look_at, self._fed = now, now
-        if now >= self._look_at:
-            self._look(now)
-            self._look_at = max(self._look_at + THREAD, now)
+        if math.isnan(self._check_at):
+            self._check_at, self._fed = now, now
+        if now >= self._check_at:
+            self._check(now)
+            self._check_at = max(self._check_at + THREAD, now)
         if self._fault and math.isinf(self._fault_ends):
             self._fault_ends = now + FAULT_TIME
         if self.sensed.temperature >= self.limits['l_temp_fet_end']:
@@ -122,7 +122,7 @@ class VescDevice(Device):
         elif self._fault and now >= self._fault_ends:
             self._fault = 0
 
-    def _look(self, now: float) -> None:
+    def _check(self, now: float) -> None:
         """Run one cycle of the timeout thread."""
         pulled = self.application.kill_switch != 'off' and self.sensed.stop_switch > 0.0
         timeout = self.application.timeout
@@ -130,7 +130,7 @@ class VescDevice(Device):
         if pulled or expired:
             self._current = 0.0
         if pulled:
-            self._deaf_until = now + IGNORED
+            self._ignoring_until = now + IGNORED
             self._status |= codec.KILL_SWITCH
         else:
             self._status = codec.TIMED_OUT * expired
@@ -151,7 +151,7 @@ class VescDevice(Device):
         message, data = payload[0], payload[1:]
         if message == codec.SET_CURRENT and len(data) >= 4:
             self._fed = now
-            if not self._fault and now >= self._deaf_until:
+            if not self._fault and now >= self._ignoring_until:
                 self._current = struct.unpack_from('>i', data)[0] / 1000.0
         elif message == codec.ALIVE:
             self._fed = now
@@ -179,6 +179,6 @@ class VescDevice(Device):
             self._fault, math.degrees(sensed.position) % 360.0, self._status)
 
 
-def _share(value: float, start: float, end: float) -> float:
+def _derating(value: float, start: float, end: float) -> float:
     """Return the derating factor of a current: 1 up to `start`, 0 from `end` on."""
     return min(max((end - value) / (end - start), 0.0), 1.0)
