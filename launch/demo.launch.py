@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Start the whole loop: simulator, controller, and the decision what to do about a step."""
+"""Start the complete loop: simulator, controller and obstacle decision."""
 from pathlib import Path
 
 from launch import LaunchDescription
@@ -10,7 +10,7 @@ from ballbot_ros.ros.launching import together
 
 
 def start(given):
-    """Return the decision, which drives."""
+    """Return the node obstacle_decision, which drives."""
     return [given.node('obstacle_decision', {
         'use_sim_time': True, 'robot': given.robot(real=False),
         'terrain_frame': given['frame_prefix'] + 'base_link'})]
@@ -18,6 +18,6 @@ def start(given):
 
 def generate_launch_description():
     """Include sim.launch.py, which also declares the arguments, and add the decision."""
-    # By its path, so that `ros2 launch --show-args` sees its arguments too.
+    # Included by path, so that `ros2 launch --show-args` also lists its arguments.
     simulation = PythonLaunchDescriptionSource(str(Path(__file__).parent / 'sim.launch.py'))
     return LaunchDescription([IncludeLaunchDescription(simulation), together(start)])

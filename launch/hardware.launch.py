@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Start the bridge to a real motor, with the laws that drive it on board, and an IMU."""
+"""Start the bridge to a real motor, with the control laws on board, and an IMU."""
 from ballbot_ros.bridge.hardware_file import load_hardware
 from ballbot_ros.ros.launching import describe, HARDWARE, IMU, ROBOT, TUNING
 
 ARGUMENTS = (
     ROBOT, *HARDWARE, TUNING, *IMU,
     ('control', 'onboard',
-     'Where the laws run: onboard in the bridge, direct in a node controller beside it'),
+     'Where the laws run: onboard in the bridge, direct in a separate node controller'),
     ('rate', '500.0', 'In direct control: loop_rate of the hardware file, for the controller'),
 )
 
@@ -28,5 +28,5 @@ def start(given):
 
 
 def generate_launch_description():
-    """Declare the arguments and start the bridge, with what belongs to it."""
+    """Declare the arguments and start the nodes."""
     return describe(ARGUMENTS, start)

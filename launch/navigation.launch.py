@@ -18,7 +18,7 @@ def start(given):
 
 def generate_launch_description():
     """Include sim.launch.py, which also declares the arguments, and add the navigator."""
-    # By its path, so that `ros2 launch --show-args` sees its arguments too.
+    # Included by path, so that `ros2 launch --show-args` also lists its arguments.
     simulation = PythonLaunchDescriptionSource(str(Path(__file__).parent / 'sim.launch.py'))
     return LaunchDescription([
         DeclareLaunchArgument(
@@ -26,5 +26,5 @@ def generate_launch_description():
             description='Name of a floor in config/floors, or the path of a YAML file'),
         DeclareLaunchArgument(
             'learned', default_value='',
-            description='File for what is learned about the floor; empty for none'),
+            description='File for learned data of the floor; empty for none'),
         IncludeLaunchDescription(simulation), together(start)])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Record the topics of a robot into an MCAP bag, by ros2 bag."""
+"""Record the topics of a robot into an MCAP bag with ros2 bag."""
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, ExecuteProcess, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
@@ -7,9 +7,9 @@ from launch.substitutions import LaunchConfiguration
 from ballbot_ros.ros.topics import TOPICS
 
 ARGUMENTS = (
-    ('bag', 'ballbot_bag', 'Folder to record into; it must not be there yet'),
-    ('namespace', '', 'That the robot runs in'),
-    ('use_sim_time', 'false', 'true: stamp by /clock, of a simulator that is running'),
+    ('bag', 'ballbot_bag', 'Folder to record into; it must not exist yet'),
+    ('namespace', '', 'Namespace of the robot'),
+    ('use_sim_time', 'false', 'true: stamp with /clock of a running simulator'),
 )
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Start a robot, simulated or real, with its laws on board, and the decision about steps."""
+"""Start a simulated or real robot with its laws on board, and the obstacle decision."""
 from ballbot_ros.bridge.hardware_file import load_hardware
 from ballbot_ros.ros.launching import describe, HARDWARE, IMU, ROBOT, SCENE, TUNING
 
@@ -9,7 +9,7 @@ ARGUMENTS = (
     ROBOT, TUNING,
     ('decision', 'true', 'Start obstacle_decision, which drives; false to drive by cmd_vel'),
     SCENE,
-    ('terrain_rate', '50.0', 'sim: how often the ground ahead is seen as a polyline [Hz]; 0: not'),
+    ('terrain_rate', '50.0', 'sim: rate of terrain_observation [Hz]; 0 for none'),
     ('start_paused', 'false', 'sim: true to wait for the service simulator/resume'),
     ('publish_clock', 'true', 'sim: false to follow the /clock of another simulator'),
     *HARDWARE, *IMU,
@@ -17,7 +17,7 @@ ARGUMENTS = (
 
 
 def start(given):
-    """Return the nodes; only a simulated robot makes its own time."""
+    """Return the nodes; only a simulated robot uses simulated time."""
     simulated = given['target'] == 'sim'
     nodes = simulation(given) if simulated else hardware(given)
     real = None if simulated else load_hardware(given['hardware'])
@@ -43,7 +43,7 @@ def simulation(given):
 
 
 def hardware(given):
-    """Return the bridge, and where it has a port the IMU."""
+    """Return the bridge and, if imu_port is given, the node imu."""
     nodes = [given.node('bridge', {
         'control': 'onboard', 'tuning': given['tuning'], 'hardware': given['hardware'],
         'port': given['port'], **given.frames()})]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Start the simulator and the controller: a ball robot that follows its goals in simulation."""
+"""Start the simulator and the controller of a ball robot, which follows set-points."""
 from launch_ros.actions import SetParameter
 
 from ballbot_ros.ros.launching import describe, ROBOT, SCENE
@@ -8,17 +8,17 @@ ARGUMENTS = (
     ROBOT, SCENE,
     ('floor', '', 'Name of a floor in config/floors, or the path of a YAML file, to drive on in '
      'place of the scene'),
-    ('start', '', 'x, y [m] and heading [rad] on the floor; empty for that of its file'),
+    ('start', '', 'Start pose on the floor: x, y [m], heading [rad]; empty for that of its file'),
     ('lockstep', 'false', 'true: each period waits for its command, so that a run is repeatable'),
-    ('terrain_rate', '50.0', 'How often the ground ahead is seen as a polyline [Hz]; 0: not'),
-    ('observation_rate', '0.0', 'How often the next step is seen by a simple sensor [Hz]; 0: not'),
+    ('terrain_rate', '50.0', 'Rate of terrain_observation [Hz]; 0 for none'),
+    ('observation_rate', '0.0', 'Rate of step_observation [Hz]; 0 for none'),
     ('real_time_factor', '1.0', 'Simulated seconds per second; 0 means as fast as possible'),
     ('start_paused', 'false', 'true: wait for the service simulator/resume or simulator/step'),
 )
 
 
 def start(given):
-    """Return both nodes, and what shows the robot."""
+    """Return both nodes and the programs that show the robot."""
     robot = given.robot(real=False)
     return [
         # The simulator publishes /clock, so it must not wait for it.

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Entry point of the nodes: during their imports, about a second, Ctrl-C ends them quietly.
+Entry point of the nodes; Ctrl-C during the imports (about 1 s) ends a node without a traceback.
 
-`demo.processes` runs this module as a program with the name of a node; a user has ``ballbot run``.
+`demo.processes` runs this module with the name of a node; users call ``ballbot run``.
 """
 from importlib import import_module
 from pathlib import Path
@@ -10,7 +10,7 @@ import sys
 
 
 def start(name: str) -> int:
-    """Run a node, by the name of its package, and return the exit code."""
+    """Run the node in the package `name` and return the exit code."""
     try:
         module = import_module(f'ballbot_ros.nodes.{name}.node')
     except KeyboardInterrupt:

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Shared by the nodes: parameters, quality of service, conversions, start and stop."""
+"""Shared ROS code of the nodes: parameters, quality of service, conversions, start and stop."""

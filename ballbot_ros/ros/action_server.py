@@ -3,8 +3,8 @@
 An action server whose goals are processed by the callbacks of the node, not by a coroutine.
 
 rclpy runs a goal as a coroutine, which its event-driven executor never resumes (7.1.6); a loop in
-a callback would stop the node.  So the owner receives each accepted goal, and returns it with its
-result.
+a callback would block the node.  Therefore the owner receives each accepted goal, and returns it
+with its result.
 """
 from typing import Any, Callable
 
@@ -17,15 +17,15 @@ from ballbot_ros.errors import RefusedError
 
 class DeferredActionServer(ActionServer):
     """
-    Serves an action; cancel requests are granted, and found at the handle.
+    Serves an action; cancel requests are accepted, and the handle of the goal shows them.
 
-    `check` is called with each request first, and raises `RefusedError` to refuse it; `begin` with
-    the handle of each accepted goal.
+    `check` is called with each request and raises `RefusedError` to refuse it; `begin` is called
+    with the handle of each accepted goal.
     """
 
     def __init__(self, node: Node, kind: Any, name: str, check: Callable[[Any], None],
                  begin: Callable[[ServerGoalHandle], None]):
-        def judged(request: Any) -> GoalResponse:
+        def respond(request: Any) -> GoalResponse:
             try:
                 check(request)
             except RefusedError as error:
@@ -38,7 +38,7 @@ class DeferredActionServer(ActionServer):
             begin(handle)
 
         super().__init__(
-            node, kind, name, lambda _: None, goal_callback=judged,
+            node, kind, name, lambda _: None, goal_callback=respond,
             handle_accepted_callback=accepted, cancel_callback=lambda _: CancelResponse.ACCEPT)
         end_node = node.destroy_node
 

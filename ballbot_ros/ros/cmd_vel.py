@@ -20,9 +20,9 @@ TYPES = {'geometry_msgs/msg/TwistStamped': TwistStamped, 'geometry_msgs/msg/Twis
 TYPE_PERIOD = 0.2
 # The largest offset of a joystick at rest [m/s, rad/s].
 DEAD_BAND = 0.01
-# A turn needs the lateral axis.
+# Only a robot that steers follows this component.
 YAW_RATE = ('angular', 'z')
-TURN_HINT = (' (it turns with a section steering in the robot file, and in the simulator on a '
+TURN_HINT = (' (turning requires a section steering in the robot file and, in the simulator, a '
              'floor)')
 # Components that the speed law does not follow, with their units.
 OTHER_COMPONENTS = (
@@ -32,9 +32,9 @@ OTHER_COMPONENTS = (
 
 class SpeedSubscription:
     """
-    Subscribes to speeds in the type that is published, TwistStamped before there is a publisher.
+    Subscribes to speeds in the type that is published, TwistStamped while there is no publisher.
 
-    A process can subscribe to a topic in one type at a time, so the type follows the graph.
+    A process can subscribe to a topic with only one type, so the type follows the graph.
     """
 
     def __init__(self, node: Node, callback: Callable[[Any], None]):
@@ -58,13 +58,13 @@ class SpeedSubscription:
             except RuntimeError:
                 pass  # the other type is still in use; the next period tries again
         elif self._subscription.msg_type is not self._type:
-            # The executor drops it before the next period.
+            # The executor releases it before the next period.
             self._node.destroy_subscription(self._subscription)
             self._subscription = None
 
 
 class SpeedPublisher:
-    """Publishes speeds in the type of the subscriptions: Twist where all of them are, only."""
+    """Publishes speeds as Twist if all subscriptions have this type, else as TwistStamped."""
 
     def __init__(self, node: Node):
         self._node = node
@@ -85,7 +85,7 @@ class SpeedPublisher:
         self._publisher.publish(message)
 
     def close(self) -> None:
-        """Destroy the publisher, when its last message is received."""
+        """Destroy the publisher after its last message is received."""
         wait_until_received(self._publisher)
         self._node.destroy_publisher(self._publisher)
 
@@ -101,12 +101,12 @@ class SpeedPublisher:
 
 def speed_set_point(message: Union[Twist, TwistStamped], steers: bool) -> SetPoint:
     """
-    Return the forward speed as a set-point of the speed law, stamped 0 where it has no stamp.
+    Return the forward speed as a set-point of the speed law, with stamp 0 if it is unstamped.
 
-    The yaw rate is followed by a robot that steers, within the limits of `steering.law`.  A
-    message that demands another motion, too, is refused as a whole: a robot that turns around an
+    With `steers`, the set-point includes the yaw rate, which `steering.law` limits.  A message
+    that also requests another motion is refused entirely: a robot that should turn around an
     obstacle must not drive straight into it.  Raises `MessageError` with reason ``not_finite``, or
-    ``other_axes`` if a turn, or speed in another direction than forward, is above `DEAD_BAND`.
+    ``other_axes`` if a component that is not followed is above `DEAD_BAND`.
     """
     stamped = isinstance(message, TwistStamped)
     twist = message.twist if stamped else message
@@ -119,7 +119,7 @@ def speed_set_point(message: Union[Twist, TwistStamped], steers: bool) -> SetPoi
             raise MessageError(
                 f'{kind}.{axis} is {value:.3g} {unit}, and the speed law drives '
                 f'straight ahead only{TURN_HINT if (kind, axis) == YAW_RATE else ""}; the '
-                'message is ignored: send linear.x alone, and the rest within '
+                'message is ignored: send linear.x alone, with the other components within '
                 f'{DEAD_BAND:g} of 0', 'other_axes', f'{kind}.{axis}')
     return SetPoint(Mode.SPEED, twist.linear.x,
                     to_seconds(message.header.stamp) if stamped else 0.0,

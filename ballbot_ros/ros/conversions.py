@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Between messages and the values of the pure layers; every message is checked here."""
+"""Conversions between messages and the values of the layers without ROS."""
 import math
 from typing import Any, Optional, Sequence, Tuple
 
@@ -34,7 +34,7 @@ ALL_EXACT = np.eye(6).ravel() * EXACT
 
 
 def sec_nanosec(seconds: float) -> Tuple[int, int]:
-    """Return the two numbers of a stamp, rounded to the nanosecond."""
+    """Return seconds and nanoseconds of a stamp."""
     return divmod(round(seconds * 1e9), 10**9)
 
 
@@ -55,7 +55,7 @@ def exact(message: Any) -> Tuple[int, int]:
 
 def _joint_value(message: JointState, joint: str, values: Sequence[float], quantity: str
                  ) -> float:
-    """Return the entry of one joint; raise `MessageError` where there is none."""
+    """Return the entry of a joint; raise `MessageError` if there is not exactly one."""
     if joint not in message.name:
         raise MessageError(
             f'joint {joint!r} is missing, the message names '
@@ -73,9 +73,10 @@ def _joint_value(message: JointState, joint: str, values: Sequence[float], quant
 
 def command_torque(message: JointState, leans: bool = False) -> float:
     """
-    Return the torque of a joint command [N m]; with `leans`, one with a `lean_set_point`.
+    Return the torque of a joint command [N m]; `leans` permits a `lean_set_point` in it.
 
-    Raises `MessageError` with reason ``unknown_joint``, ``wrong_length`` or ``unsupported``.
+    Raises `MessageError` with reason ``unknown_joint``, ``duplicate_joint``, ``wrong_length`` or
+    ``unsupported``.
     """
     for quantity in ('position', 'velocity'):
         given = [value for number, value in enumerate(getattr(message, quantity))
@@ -92,7 +93,7 @@ def command_torque(message: JointState, leans: bool = False) -> float:
 
 
 def lean_set_point(message: JointState) -> float:
-    """Return the set-point of the lean in a joint command [rad], 0 where there is none."""
+    """Return the set-point of the lean in a joint command [rad], 0 if there is none."""
     if LEAN not in message.name:
         return 0.0
     return _joint_value(message, LEAN, message.position, 'position')
@@ -102,7 +103,7 @@ def lateral_readings(message: JointState, robot: Robot) -> Optional[LateralState
     """
     Return the lateral state in a joint state, None for a robot that drives straight.
 
-    Raises `MessageError` if a joint is missing, the lengths do not fit or a number is not finite.
+    Raises `MessageError` if a joint is missing, the lengths differ or a number is not finite.
     """
     if robot.steering is None or LEAN not in message.name:
         return None
@@ -117,7 +118,7 @@ def lateral_readings(message: JointState, robot: Robot) -> Optional[LateralState
 
 
 def readings(message: JointState) -> JointReadings:
-    """Return the joint readings; `MessageError` if one is missing or not finite."""
+    """Return the joint readings; raise `MessageError` if one is missing or not finite."""
     return JointReadings(
         to_seconds(message.header.stamp),
         _joint_value(message, SHELL, message.position, 'position'),
@@ -131,9 +132,9 @@ def set_point(message: JointState, steers: bool) -> SetPoint:
     Return the set-point of a joint state.
 
     A position of the joint ``pendulum`` is an absolute pendulum angle for law (11), a
-    velocity a joint rate for law (12); a message with neither means no torque.  Beside a
-    number, NaN counts as not given; alone it is refused.  A velocity of the joint ``yaw`` is a
-    yaw rate beside it.
+    velocity a joint rate for law (12); a message with neither means no torque.  NaN counts as not
+    given if the other one is a number, else it is refused.  A velocity of the joint ``yaw`` is an
+    additional yaw rate.
 
     Raises `MessageError` if both are given, the joint is missing or a number is not finite; with
     the reason ``other_axes`` for a yaw rate of a robot that does not steer.
@@ -179,7 +180,7 @@ def odometry_message(state: State, frames: Frames, plant: Optional[Plant] = None
     """
     Return the true pose and velocity of the level, non-rolling frame at the ball centre.
 
-    Those of a plant include its heading; a state alone moves straight ahead.
+    With a plant they include its heading; a state alone moves straight ahead.
     """
     message = _odometry(state.time, ALL_EXACT, ALL_EXACT, frames)
     pose, twist = message.pose.pose, message.twist.twist
@@ -205,8 +206,8 @@ def estimated_odometry_message(stamp: float, state: OdometryState, radius: float
     Return pose and velocity of the same frame at a ROS time [s], estimated from encoder and IMU.
 
     `radius` is the height of the centre above the start floor [m]; climbed height is not
-    estimated.  `place` is x, y and heading of a robot that steers, by its model [m], [rad]: their
-    covariance is that of an unknown.
+    estimated.  `place` is x, y and heading of a robot that steers, by its model [m], [rad]; y and
+    heading have the variance `UNKNOWN`.
     """
     pose, twist = (np.diag([variance + EXACT, UNKNOWN, UNKNOWN, EXACT, EXACT, UNKNOWN]).ravel()
                    for variance in (state.position_variance, state.speed_variance))
@@ -220,7 +221,7 @@ def estimated_odometry_message(stamp: float, state: OdometryState, radius: float
 
 
 def _odometry(stamp: float, pose: Variances, twist: Variances, frames: Frames) -> Odometry:
-    """Return odometry with covariances of x, y, z and about these axes, row by row."""
+    """Return odometry with row-major covariances of x, y, z and of rotations about these axes."""
     message = Odometry(child_frame_id=frames.base)
     message.header.frame_id = frames.odom
     message.header.stamp = to_time(stamp)
@@ -237,7 +238,7 @@ def motion(message: Odometry) -> Motion:
 def ball_state_message(state: State, torque: float, model: Model, frames: Frames,
                        lateral: LateralState, pose: Tuple[float, float, float]) -> BallState:
     """
-    Return the complete message of a state.
+    Return the message of a state, with energies and contacts.
 
     `pose` is x, y and heading in the frame odom [m], [rad].
     """
@@ -272,7 +273,7 @@ def observation_message(stamp: Time, sight: Sight, sensor: Sensor, frames: Frame
 
 
 def observation(message: StepObservationMsg) -> StepObservation:
-    """Return an observation as the decision takes it; nothing is checked here."""
+    """Return the unchecked observation of a message; the decision checks it."""
     return StepObservation(
         to_seconds(message.header.stamp), message.detected, message.distance, message.height,
         message.distance_sd, message.height_sd)
@@ -287,7 +288,7 @@ def terrain_message(stamp: Time, sight: TerrainSight, frames: Frames) -> Terrain
 
 
 def terrain_observation(message: TerrainObservationMsg) -> TerrainObservation:
-    """Return an observation as the decision takes it; nothing is checked here."""
+    """Return the unchecked observation of a message; the decision checks it."""
     return TerrainObservation(
         to_seconds(message.header.stamp), tuple(message.x), tuple(message.z),
         tuple(message.z_sd), message.x_min, message.x_max, message.header.frame_id)
@@ -296,9 +297,9 @@ def terrain_observation(message: TerrainObservationMsg) -> TerrainObservation:
 def scan_message(stamp: Time, plant: FloorPlant, beams: int, reach: float, noise: Variances,
                  frames: Frames) -> LaserScan:
     """
-    Return the distances to walls all around, from behind over the right and the front to the left.
+    Return the distances to walls over a full circle, counter-clockwise from straight behind.
 
-    They end at a reach [m], and have errors [m], one for each beam.
+    They are limited to `reach` [m]; `noise` has an error for each beam [m].
     """
     step = 2.0 * math.pi / beams
     angles = -math.pi + step * np.arange(beams)
@@ -312,7 +313,7 @@ def scan_message(stamp: Time, plant: FloorPlant, beams: int, reach: float, noise
     return message
 
 
-# Occupancy of a message by the meaning of a cell, see `floors.floor`.
+# Occupancy in a message by the value of a cell, see `floors.floor`.
 _OCCUPANCY = np.array([0, -1, 100], np.int8)
 
 

@@ -12,7 +12,7 @@ OK = DiagnosticStatus.OK
 WARN = DiagnosticStatus.WARN
 ERROR = DiagnosticStatus.ERROR
 
-# Of wall time: health is also published while simulated time is stopped [s].
+# Period in wall time, because health is also published while simulated time is stopped [s].
 PERIOD = 1.0
 # Publications between two searches for endpoints with incompatible profiles.
 MATCH_CHECK_INTERVAL = 10
@@ -28,10 +28,10 @@ def refusals(kind: str, counts: Mapping[str, int]) -> Dict[str, int]:
 
 class Diagnostics:
     """
-    Publishes level, message, and named values that `report` returns, under a name after the node.
+    Publishes level, message and named values that `report` returns, under the name of the node.
 
-    The hardware id, such as the name of a robot, identifies the robot with the namespace of the
-    node.  `stamp` returns the time of a node whose time is not that of its clock.
+    The hardware id consists of the namespace of the node and `hardware`, such as the name of a
+    robot.  `stamp` returns the time of a node whose time is not that of its clock.
     """
 
     def __init__(self, node: Node, name: str, report: Callable[[], Health], hardware: str,

@@ -2,8 +2,8 @@
 """
 Discovery range of a node: this machine only, unless the user configures another one.
 
-A ROS graph has no access control: any program that discovers a node can drive the robot.  So
-the network is opt-in.
+A ROS graph has no access control: any program that discovers a node can drive the robot.
+Therefore discovery over the network is opt-in.
 """
 from typing import Dict, Mapping, MutableMapping
 
@@ -24,7 +24,7 @@ def chosen(environment: Mapping[str, str]) -> Dict[str, str]:
 
 
 def on_this_machine(environment: Mapping[str, str]) -> bool:
-    """Return whether only programs of this machine find the nodes of an environment."""
+    """Return whether only programs of this machine discover the nodes of an environment."""
     if environment.get('ROS_LOCALHOST_ONLY') == '1':
         return True
     choice = chosen(environment)
@@ -33,7 +33,7 @@ def on_this_machine(environment: Mapping[str, str]) -> bool:
 
 def variables(environment: Mapping[str, str]) -> Dict[str, str]:
     """
-    Return the additions to an environment before a node is made in it.
+    Return the variables to add to an environment before a node is created in it.
 
     For the local range, Fast DDS is configured to receive on loopback only; a settings file of
     the user has priority.  Other middlewares use the range alone.
@@ -52,7 +52,7 @@ def apply(environment: MutableMapping[str, str]) -> str:
     choice = chosen(environment)
     environment.update(variables(environment))
     if not choice:
-        return f'found from this machine only; for other machines, too, set {SUBNET_SETTING}'
+        return f'discovery from this machine only; to include other machines, set {SUBNET_SETTING}'
     settings = ', '.join(f'{name}={value}' for name, value in choice.items())
-    return f'found from {"this machine only" if on_this_machine(environment) else "where set"}' \
-        f' by {settings}'
+    return f'discovery {"from this machine only," if on_this_machine(environment) else "as"}' \
+        f' set by {settings}'

@@ -51,7 +51,7 @@ def create_subscription(node: Node, topic: str, callback: Callable[[Any], None],
 
 
 def create_wall_timer(node: Node, period: float, callback: Callable[[], None]) -> Timer:
-    """Return a timer of wall time [s], which runs while simulated time is stopped, too."""
+    """Return a timer of wall time [s], which also runs while simulated time is stopped."""
     return node.create_timer(period, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
 
@@ -80,7 +80,7 @@ def create_trigger(node: Node, name: str, act: Callable[[], str]) -> Service:
     """
     Return a service of type std_srvs/Trigger, which answers with the message that `act` returns.
 
-    The message of a `BallbotError` that it raises gives the reason of a failure.
+    If `act` raises a `BallbotError`, the service reports failure with the message of the error.
     """
     def callback(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         try:
@@ -111,8 +111,8 @@ def mismatches(node: Node) -> List[str]:
     """
     Return a message for each other node with an endpoint incompatible with this node.
 
-    Message types or QoS profiles do not match.  A second publisher of ``/clock`` counts, too:
-    with both, time jumps back and forth.
+    Endpoints are incompatible if their types or QoS profiles do not match.  A second publisher of
+    ``/clock`` is also reported: with two of them, time jumps back and forth.
     """
     own = _full_name(node.get_namespace(), node.get_name())
     found = []

@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The coordinate frames of a robot by their names; importable without ROS.
+Names of the coordinate frames of a robot; importable without ROS.
 
-The tree; each frame is a child of the one before it::
+In the tree, each frame is a child of the frame before it::
 
     odom ── base_link ── ball_link ── pendulum_link
                 │            └─────── imu_link
                 └─────── base_footprint
 
-``odom`` is fixed; the joint ``shell`` turns ``ball_link``, the joint ``pendulum`` turns
-``pendulum_link`` in it; everything else is level.
+``odom`` is fixed, ``base_link`` and ``base_footprint`` are level.  The joint ``shell`` turns
+``ball_link``, in which the joint ``pendulum`` turns ``pendulum_link``.
 
 A robot that turns on a floor has ``axle_link`` between base and ball, which the joint ``tilt``
 turns, and ``carrier_link`` between ball and pendulum, in which the joint ``lean`` turns the
@@ -21,8 +21,8 @@ from typing import Any
 from ballbot_ros.config.fields import fixed, flag, text
 
 SHELL, PENDULUM = JOINTS = 'shell', 'pendulum'
-# Of a robot that turns, after the others: lean of the pendulum, tilt of the axle, and yaw of the
-# base, which is in joint_states for the controller and no joint of the description.
+# Additional joints of a robot that turns: lean of the pendulum, tilt of the axle, and yaw of the
+# base; yaw is in joint_states for the controller, but is not a joint of the description.
 LEAN, TILT, YAW = LATERAL = 'lean', 'tilt', 'yaw'
 BALL_LINK, PENDULUM_LINK = 'ball_link', 'pendulum_link'
 AXLE_LINK, CARRIER_LINK = 'axle_link', 'carrier_link'
@@ -30,16 +30,16 @@ AXLE_LINK, CARRIER_LINK = 'axle_link', 'carrier_link'
 
 @dataclass(frozen=True)
 class Frames:
-    """Names of the frames, each with the prefix before it."""
+    """Names of the frames, each with the prefix."""
 
     odom: str = 'odom'  # fixed: x forward, y left, z up, with the origin at the start of the robot
     footprint: str = 'base_footprint'  # level, at the lowest point of the ball
     base: str = 'base_link'  # level, at the centre of the ball; does not roll
-    # The sensor: in the shell, its readings already turned to the axes of `ball`.
+    # The sensor in the shell; its readings are already rotated to the axes of `ball`.
     imu: str = 'imu_link'
-    ball: str = BALL_LINK  # the shell, which rolls; at angle 0 as `base` is
+    ball: str = BALL_LINK  # the shell, which rolls; parallel to `base` at angle 0
     pendulum: str = PENDULUM_LINK  # from the centre of the ball; hangs along its -z
-    axle: str = AXLE_LINK  # level but for the tilt of the axle
+    axle: str = AXLE_LINK  # level except for the tilt of the axle
     carrier: str = CARRIER_LINK  # turns with the pendulum, but does not lean with it
     map: str = 'map'  # of the floor; without the prefix
 
@@ -58,7 +58,7 @@ FRAMES = Frames()
 FIXED_REASON = 'other nodes may already use it'
 _DOCS = {
     'odom': 'fixed frame of the odometry',
-    'map': 'frame of the floor; a parent of odom_frame, empty to publish none',
+    'map': 'frame of the floor, a parent of odom_frame; empty to publish none',
     'footprint': 'level frame at the lowest point of the ball',
     'base': 'level frame at the centre of the ball, which does not roll; a child of odom_frame',
     'imu': 'frame of the inertial sensor, which rolls with the shell'}
@@ -66,14 +66,14 @@ _DOCS = {
 
 def described() -> Any:
     """Declare the parameter that selects the publisher of the link transforms."""
-    return fixed('the topics are made at the start', flag(
+    return fixed('the topics are created at the start', flag(
         'publish robot_description, and the links on /tf and /tf_static; false if '
         'robot_state_publisher does', default=True))
 
 
 def marked(content: str) -> Any:
     """Declare the parameter that enables markers."""
-    return fixed('the topic is made at the start', flag(
+    return fixed('the topic is created at the start', flag(
         f'publish {content} on markers, 10 times a second while there is a subscription',
         default=True))
 

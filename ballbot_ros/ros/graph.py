@@ -23,11 +23,11 @@ from ballbot_ros.ros.endpoints import create_subscription
 from ballbot_ros.ros.rclpy_compat import new_executor, reason_of
 from ballbot_ros.ros.topics import message_class, plain, Qos
 
-# Discovery is complete when the graph has not changed for the first time, at the latest after the
-# second one [s].  It takes less than half a second on an idle machine.
+# Discovery is complete when the graph has not changed for the quiet time, at the latest after the
+# timeout [s].  It takes less than half a second on an idle machine.
 DISCOVERY_QUIET_TIME, DISCOVERY_TIMEOUT = 0.5, 4.0
 SPIN_TIMEOUT = 0.05  # [s]
-# Number of messages in the window of a rate.
+# Number of messages over which a rate is computed.
 RATE_WINDOW = 10000
 
 
@@ -47,7 +47,7 @@ class Observer:
             self.node = Node(f'ballbot_{name}_{os.getpid()}', namespace=namespace,
                              context=context, use_global_arguments=False, enable_rosout=False,
                              start_parameter_services=False)
-        except Exception as error:  # rclpy has one for each part of a name
+        except Exception as error:  # rclpy has a type for each part of a name
             rclpy.try_shutdown(context=context)
             raise ConfigurationError(
                 f'--namespace {namespace}: {reason_of(error)}', 'wrong_type',
@@ -69,7 +69,7 @@ class Observer:
         rclpy.try_shutdown(context=self.node.context)
 
     def spin(self, seconds: float = SPIN_TIMEOUT) -> None:
-        """Process callbacks for at most a time [s]."""
+        """Process callbacks for at most `seconds`."""
         self._executor.spin_once(timeout_sec=seconds)
 
     def wait(self, condition: Callable[[], Any], seconds: float) -> Any:
@@ -80,7 +80,7 @@ class Observer:
         return found
 
     def settle(self) -> None:
-        """Wait until the graph has not changed for a while, so discovery is complete."""
+        """Wait until discovery is complete: the graph has not changed for a while."""
         self.wait(lambda: set(self.node.get_node_names()) - {self.node.get_name()},
                   DISCOVERY_TIMEOUT)
         start = changed = time.monotonic()
@@ -105,10 +105,10 @@ class Observer:
 
     def type_of(self, topic: str, seconds: float, waiting: Callable[[], None]) -> str:
         """
-        Return the type of a topic; calls `waiting` once if it does not exist yet.
+        Return the type of a topic; call `waiting` once if it does not exist yet.
 
-        Raises `ConfigurationError` if it has several types, or does not appear; names the most
-        similar topic.
+        Raises `ConfigurationError` if it has several types, or does not appear; the message then
+        names the most similar topic.
         """
         name = self.resolve(topic)
         found = self.wait(lambda: self._types(name), min(DISCOVERY_QUIET_TIME, seconds))
@@ -158,7 +158,7 @@ class GraphTopic(NamedTuple):
 
 
 def topics(observer: Observer) -> List[GraphTopic]:
-    """Return the topics of the graph by name, without those of the observer alone."""
+    """Return the topics of the graph by name, without those that only the observer has."""
     observer.settle()
     node = observer.node
 
@@ -174,10 +174,10 @@ def topics(observer: Observer) -> List[GraphTopic]:
 def echo(observer: Observer, topic: str, show: Callable[[Any], None], once: bool, timeout: float,
          waiting: Callable[[], None]) -> int:
     """
-    Pass on the messages of a topic until interrupted, and return their number.
+    Pass the messages of a topic to `show` until interrupted, and return their number.
 
     Ends after the first message with `once`, or after the timeout [s].  `waiting` is called once
-    if the topic does not exist, or no message arrives at first.  Raises as `Observer.type_of`.
+    if the topic does not exist, or no message arrives in 1 s.  Raises as `Observer.type_of`.
     """
     start = time.monotonic()
     received: Deque[Any] = deque()
@@ -207,7 +207,7 @@ def rates(observer: Observer, topic: str, timeout: float,
 
 
 def rate_in_words(times: List[float]) -> Optional[str]:
-    """Return rate and spread of the times of messages [s], None for less than two."""
+    """Return rate and spread of the times of messages [s], None for fewer than two."""
     gaps = [after - before for before, after in zip(times, times[1:])]
     if not gaps:
         return None
@@ -216,7 +216,7 @@ def rate_in_words(times: List[float]) -> Optional[str]:
 
 
 def as_yaml(message: Any) -> str:
-    """Return a message as ``ros2 topic echo`` prints it, with the line that ends it."""
+    """Return a message as ``ros2 topic echo`` prints it, with its separator line."""
     text = yaml.safe_dump(plain(message), sort_keys=False, default_flow_style=False,
                           allow_unicode=True, width=float('inf'))
     return f'{text}---'
@@ -241,18 +241,18 @@ def trigger(observer: Observer, node: str, verb: str, timeout: float) -> Tuple[b
     """
     Call a service of a node, with its namespace if it has one; return success and message.
 
-    The timeout is that for the service to appear, and for its answer [s].  Raises
-    `ConfigurationError` if there is no such service, or it does not answer; names the nodes that
-    have one.
+    The timeout applies to the discovery of the service, and to its response [s].  Raises
+    `ConfigurationError` if there is no such service, with the names of the nodes that have one, or
+    if it does not respond.
     """
-    # Look up the server first: a client would count as one, too.
-    def who() -> List[str]:
+    # Look up the servers first: a client would be listed like a server.
+    def servers() -> List[str]:
         return sorted(name[:-len(verb) - 1] for name, _ in
                       observer.node.get_service_names_and_types() if name.endswith(f'/{verb}'))
 
     wanted = observer.resolve(f'{node.rstrip("/")}/{verb}')[:-len(verb) - 1]
-    observer.wait(lambda: wanted in who(), timeout)
-    known = who()
+    observer.wait(lambda: wanted in servers(), timeout)
+    known = servers()
     client = observer.node.create_client(Trigger, f'{node.rstrip("/")}/{verb}')
     if wanted not in known or not observer.wait(client.service_is_ready, timeout):
         there = f'; {", ".join(known)} {"has" if len(known) == 1 else "have"} one (--node)' \

@@ -17,7 +17,7 @@ from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics.model.robot import load_robot
 from ballbot_ros.ros.urdf import robot_description
 
-# Name, default, description and, where there are only some, the choices.
+# Name, default, description and, if the values are limited, the choices.
 Argument = Tuple[Any, ...]
 
 # Arguments of all launch files.
@@ -29,9 +29,9 @@ SHARED: Tuple[Argument, ...] = (
     ('robot_state_publisher', 'true',
      'false: the nodes publish robot_description and all frames themselves'),
     ('rviz', 'false', 'true: start RViz with the view of this package'),
-    ('view', 'false', 'true: open a page that shows the robot, by ballbot view --live'))
+    ('view', 'false', 'true: open a page that shows the robot, with ballbot view --live'))
 
-ROBOT = ('robot', '', 'Name of a robot in config/robots, or the path of a YAML file; empty takes '
+ROBOT = ('robot', '', 'Name of a robot in config/robots, or the path of a YAML file; empty for '
          'that of the scene, or of the hardware file')
 SCENE = ('scene', 'doorstep', 'Name of a scene in config/scenes, or the path of a YAML file')
 
@@ -40,13 +40,13 @@ TUNING = ('tuning', 'gentle',
 HARDWARE: Tuple[Argument, ...] = (
     ('hardware', 'gimball_odrive',
      'hardware: name of a hardware file in config/hardware, or the path of a YAML file'),
-    ('port', '', 'hardware: serial device, URL or CAN interface; empty takes that of the file'))
+    ('port', '', 'hardware: serial device, URL or CAN interface; empty for that of the file'))
 IMU: Tuple[Argument, ...] = (
     ('imu_port', '',
      'hardware: serial device of a WitMotion sensor; empty where another node publishes imu'),
-    ('imu_axes', 'x y z', 'hardware: its axes that point forward, left and up'))
+    ('imu_axes', 'x y z', 'hardware: axes of the sensor that point forward, left and up'))
 
-# Of rviz/ballbot.rviz: names that follow the namespace.
+# Topics of rviz/ballbot.rviz that are remapped into the namespace.
 RVIZ_TOPICS = ('odom', 'robot_description', 'markers')
 
 BOOLEANS = {'true': True, 'false': False}
@@ -55,7 +55,7 @@ LINK_RATE = 100.0
 
 
 class Given:
-    """The arguments of a launch file as they were given."""
+    """The values of the arguments of a launch file."""
 
     def __init__(self, context: LaunchContext):
         self._context = context
@@ -72,7 +72,7 @@ class Given:
         return str(read_yaml(find_config('scenes', self['scene'])).get('robot', ''))
 
     def number(self, name: str) -> float:
-        """Return an argument as a number; raises `ConfigurationError` if it is none."""
+        """Return an argument as a number; raise `ConfigurationError` if it is not one."""
         try:
             return float(self[name])
         except ValueError:
@@ -81,7 +81,7 @@ class Given:
                 'wrong_type', name) from None
 
     def flag(self, name: str) -> bool:
-        """Return an argument as true or false; raises `ConfigurationError` if it is neither."""
+        """Return an argument as true or false; raise `ConfigurationError` if it is neither."""
         text = self[name].lower()
         if text not in BOOLEANS:
             raise ConfigurationError(
@@ -90,7 +90,7 @@ class Given:
         return BOOLEANS[text]
 
     def node(self, executable: str, parameters: Mapping[str, Any]) -> Node:
-        """Return a node of this package; when it ends, everything ends."""
+        """Return a node of this package; when it ends, the launch shuts down."""
         return Node(
             package='ballbot_ros', executable=executable, output='screen',
             parameters=[typed(parameters), *self._file()],
@@ -112,7 +112,7 @@ class Given:
 
     def viewers(self, robot: str, simulated: bool) -> List[Any]:
         """
-        Return robot_state_publisher, and the programs that show the robot, as far as requested.
+        Return robot_state_publisher and the programs that show the robot, those requested.
 
         Raises `ConfigurationError` with reason ``not_installed`` if robot_state_publisher is
         requested and missing.
@@ -155,9 +155,9 @@ def typed(parameters: Mapping[str, Any]) -> Dict[str, Any]:
 def describe(arguments: Iterable[Argument], start: Callable[[Given], List[Any]]
              ) -> LaunchDescription:
     """
-    Return a launch description with arguments, besides those that all launch files have.
+    Return a launch description with these arguments and those of all launch files.
 
-    `start` takes the arguments as given and returns actions; see `together`.
+    `start` takes the values of the arguments and returns actions; see `together`.
     """
     return LaunchDescription([
         *(DeclareLaunchArgument(name, default_value=default, description=text,
@@ -168,8 +168,8 @@ def describe(arguments: Iterable[Argument], start: Callable[[Given], List[Any]]
 
 
 def together(start: Callable[[Given], List[Any]]) -> OpaqueFunction:
-    """Return an action that starts the actions of `start` for the arguments, in the namespace."""
-    def open_up(context: LaunchContext) -> List[Any]:
+    """Return an action that runs the actions that `start` returns, in the namespace."""
+    def expand(context: LaunchContext) -> List[Any]:
         given = Given(context)
         return [GroupAction([PushRosNamespace(given['namespace']), *start(given)])]
-    return OpaqueFunction(function=open_up)
+    return OpaqueFunction(function=expand)

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-A lifecycle node that survives invalid requests, and that can start by itself.
+A lifecycle node that rejects invalid requests, and can start automatically.
 
-Where a transition is not possible from the state that the node is in, the callback of the service
-``change_state`` raises an error in rclpy of Jazzy, which its executors let end the process; in
-rclpy of Kilted it refuses, and logs the error of the C library.
+If a transition is not possible in the current state, the callback of the service
+``change_state`` raises an error in rclpy of Jazzy, which ends the process; in rclpy of Kilted, it
+refuses the request and logs the error of the C library.
 """
 from typing import Any, Callable
 
@@ -53,7 +53,7 @@ class ManagedNode(LifecycleNode):
         return state_label(self)
 
     def start(self) -> bool:
-        """Configure and activate, as far as necessary; return whether the node is active."""
+        """Configure if necessary, and activate; return whether the node is active."""
         if self.state_label == UNCONFIGURED and self.trigger_configure() is not SUCCESS:
             return False
         return self.state_label == INACTIVE and self.trigger_activate() is SUCCESS

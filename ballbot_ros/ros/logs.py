@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Log records of the layers without ROS, in the log of ROS."""
+"""Forwarding of the log records of the layers without ROS to the log of ROS."""
 import logging
 from logging.handlers import QueueHandler
 from queue import SimpleQueue
@@ -10,14 +10,14 @@ from ballbot_ros.ros.rclpy_compat import RcutilsLogger
 
 
 class RosHandler(logging.Handler):
-    """Passes the records of Python's `logging` on to the logger of a node."""
+    """Passes the records of Python's `logging` to the logger of a node."""
 
     def __init__(self, logger: RcutilsLogger):
         super().__init__(logging.INFO)
         self._logger = logger
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Log a record; the logger of ROS wants a line of code for each severity."""
+        """Log a record; the logger of ROS requires a line of code for each severity."""
         if record.levelno >= logging.ERROR:
             self._logger.error(record.getMessage())
         elif record.levelno >= logging.WARNING:
@@ -37,7 +37,7 @@ class DeferredLogs:
     """
     Buffers log records, so that a loop that drives a motor does not wait for a terminal.
 
-    The records are those of a logger and of those below it.
+    The records are those of the logger `name` and of its children.
     """
 
     def __init__(self, name: str):

@@ -23,8 +23,8 @@ from ballbot_ros.ros.frames import Frames
 
 MARKER_PERIOD = 0.1  # [s]
 HALF_WIDTH = 0.5  # of ground and steps, to both sides [m]
-GROUND_EXTENSION = 5.0  # how far the ground is drawn beyond its last vertex [m]
-WEIGHT_ARROW_LENGTH = 0.3  # of the arrow of a force like the weight [m]
+GROUND_EXTENSION = 5.0  # length of the ground that is drawn beyond its last vertex [m]
+WEIGHT_ARROW_LENGTH = 0.3  # length of the arrow of a force equal to the weight [m]
 GROUND_COLOUR, WALL_COLOUR = (0.55, 0.5, 0.45, 1.0), (0.8, 0.8, 0.78, 0.5)
 CONTACT_COLOUR, FORCE_COLOUR = (0.9, 0.1, 0.1, 1.0), (0.9, 0.6, 0.1, 1.0)
 LIMIT_COLOUR = (0.1, 0.4, 0.9, 1.0)
@@ -33,7 +33,7 @@ Place = Tuple[float, float, float]
 
 
 class MarkerTopic:
-    """The topic ``markers``, if wanted: at most ten times a second, and only with a subscriber."""
+    """The topic ``markers``, if `wanted`: at most 10 times a second, and only with subscribers."""
 
     def __init__(self, node: Node, wanted: bool):
         self._topic = create_publisher(node, 'markers') if wanted else None
@@ -81,7 +81,6 @@ def floor_markers(plant: FloorPlant, frames: Frames) -> List[Marker]:
 
 def _contact_markers(state: State, model: Model, frame: str,
                      pose: Tuple[float, float, float]) -> List[Marker]:
-    """Return contacts and forces of a ball at a pose."""
     stamp = to_time(state.time)
     part = WEIGHT_ARROW_LENGTH / model.robot.weight if model.robot.weight > 0.0 else 0.0
 
@@ -105,8 +104,8 @@ def decision_markers(decision: Decision, odometry: Odometry, radius: float) -> L
     """
     Return markers of the step ahead, its permitted height, and the decision at the ball.
 
-    They are in the frame of the odometry, which is that of the centre of the ball; the radius is
-    that of the ball [m].
+    They are in the frame of `odometry`, which has the position of the centre of the ball; `radius`
+    is that of the ball [m].
     """
     stamp, frame = odometry.header.stamp, odometry.header.frame_id
     at = odometry.pose.pose.position
@@ -154,6 +153,6 @@ def _marker(stamp: Time, frame: str, name: str, kind: int, colour: Sequence[floa
     marker.header.stamp, marker.header.frame_id = stamp, frame
     marker.pose.orientation.w = 1.0
     marker.scale.x, marker.scale.y, marker.scale.z = scale
-    if not marker.points:  # viewers complain of a list that is empty
+    if not marker.points:  # viewers warn about an empty list
         marker.action = Marker.DELETE
     return marker

@@ -2,9 +2,9 @@
 """
 Joint states and IMU messages as serialised bytes: plain CDR, little-endian.
 
-rclpy takes longer to convert a joint state to and from a Python object than a control period takes
-to simulate, and longer to convert the 37 numbers of an IMU message than the bridge to use them.
-So these bytes are packed and unpacked here.  The middleware handles all other messages.
+rclpy takes longer to convert a joint state to and from a Python object than the simulation of a
+control period takes, and longer to convert the 37 numbers of an IMU message than the bridge takes
+to use them.  So both are packed and unpacked here.  The middleware handles all other messages.
 """
 import math
 import struct
@@ -22,29 +22,29 @@ from ballbot_ros.ros.endpoints import create_subscription
 from ballbot_ros.ros.frames import JOINTS, LATERAL, LEAN, PENDULUM
 from ballbot_ros.steering.model import LateralState
 
-# The encapsulation of little-endian CDR; alignment counts from its end.
+# The encapsulation header of little-endian CDR; alignment is relative to its end.
 CDR = b'\0\1\0\0'
 _STAMP, _COUNT = struct.Struct('<4xiI'), struct.Struct('<I')
-# Of an IMU message: orientation, turn rate and specific force, each with its covariance.
+# Numbers of an IMU message: orientation, turn rate and specific force, each with its covariance.
 _NUMBERS = struct.Struct('<37d')
 
 
 class Stamp(NamedTuple):
-    """As builtin_interfaces/Time."""
+    """Equivalent of builtin_interfaces/Time."""
 
     sec: int
     nanosec: int
 
 
 class Header(NamedTuple):
-    """As std_msgs/Header."""
+    """Equivalent of std_msgs/Header."""
 
     stamp: Stamp
     frame_id: str
 
 
 class ReceivedJointState(NamedTuple):
-    """As sensor_msgs/JointState, and read only."""
+    """Read-only equivalent of sensor_msgs/JointState."""
 
     header: Header
     name: Tuple[str, ...]
@@ -54,7 +54,7 @@ class ReceivedJointState(NamedTuple):
 
 
 class Vector3(NamedTuple):
-    """As geometry_msgs/Vector3."""
+    """Equivalent of geometry_msgs/Vector3."""
 
     x: float
     y: float
@@ -62,7 +62,7 @@ class Vector3(NamedTuple):
 
 
 class ReceivedImu(NamedTuple):
-    """As sensor_msgs/Imu without the orientation, and read only."""
+    """Read-only equivalent of sensor_msgs/Imu without the orientation."""
 
     header: Header
     angular_velocity: Vector3
@@ -77,9 +77,9 @@ AnyImu = Union[Imu, ReceivedImu]
 
 def read(kind: Type[Any], data: bytes) -> Any:
     """
-    Return a JointState or an Imu; the middleware reads what is not plain, little-endian CDR.
+    Decode a JointState or an Imu; the middleware decodes encodings other than this CDR.
 
-    Raises `RuntimeError` or `ValueError` if the middleware cannot read it either.
+    Raises `RuntimeError` or `ValueError` if the middleware cannot decode it either.
     """
     try:
         return _read_imu(data) if kind is Imu else _read_joint_state(data)
@@ -112,7 +112,7 @@ def _read_joint_state(data: bytes) -> ReceivedJointState:
 
 
 def _read_header(data: bytes) -> Tuple[Header, int]:
-    """Return the header of a message and the place after it."""
+    """Return the header of a message and the offset after it."""
     if data[:2] != CDR[:2]:
         raise ValueError('another encoding')
     frame, at = _text(data, _STAMP.size)
@@ -120,7 +120,7 @@ def _read_header(data: bytes) -> Tuple[Header, int]:
 
 
 def _count(data: bytes, at: int) -> Tuple[int, int]:
-    """Return the number at a place, and the place after it."""
+    """Return the number at an offset, and the offset after it."""
     at += -at % 4
     return _COUNT.unpack_from(data, at)[0], at + 4
 
@@ -157,7 +157,7 @@ def _subscribe(node: Node, topic: str, kind: Type[Any], callback: Callable[[Any]
 
 
 class _Layout:
-    """Joint states that differ in stamp and numbers only; with counts of each kind of number."""
+    """Encoder of joint states with fixed texts; `counts` are the lengths of the three arrays."""
 
     def __init__(self, frame: str, names: Sequence[str], counts: Sequence[int]):
         def text(value: str) -> bytes:
@@ -178,7 +178,7 @@ class _Layout:
 
 
 class JointStateBytes:
-    """Joint states of shell and pendulum and, where it steers, of lean, tilt and yaw."""
+    """Encoder of joint states: shell, pendulum and, with `steers`, lean, tilt and yaw."""
 
     def __init__(self, frame: str = '', has_pendulum: bool = True, steers: bool = False):
         self._steers, self._count = steers, 2 if has_pendulum else 1
@@ -204,7 +204,7 @@ _STEERING = _Layout('', [PENDULUM, LEAN], (2, 0, 2))
 
 
 def command_bytes(stamp: Any, torque: float, lean: Optional[float] = None) -> bytes:
-    """Return a command for the pendulum that answers the joint state of a stamp."""
+    """Return a torque [N m] and a lean [rad] as a command that answers the state with a stamp."""
     if lean is None:
         return _STRAIGHT.of(stamp.sec, stamp.nanosec, (), (), (torque,))
     return _STEERING.of(stamp.sec, stamp.nanosec, (math.nan, lean), (), (torque, math.nan))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Odometry as a message; the robot description and, with tf2_msgs, transforms to all frames."""
+"""The topics of odometry, of the robot description and, with tf2_msgs, of the transforms."""
 import math
 from typing import Any, Callable, List, Optional, Sequence, Tuple
 
@@ -18,7 +18,7 @@ from ballbot_ros.steering.model import LateralState
 
 try:
     from tf2_msgs.msg import TFMessage
-except ImportError:  # part of every ROS 2 installation
+except ImportError:  # outside a ROS 2 installation
     TFMessage = None
 
 
@@ -26,11 +26,10 @@ class OdometryTopics:
     """
     The topics ``odom`` and ``/tf``, and those that viewers need.
 
-    Odometry moves the base in the frame ``odom``.  The frames below the base are published by
-    robot_state_publisher, or by this class in its place: ``robot_description``, ``/tf_static``,
-    and on ``/tf`` the links that turn; these are published without odometry, too.  An
-    ``odom_rate`` of 0 in the settings means no odometry; a robot that steers has separate joints
-    of axle and pendulum.
+    Odometry is the pose of the base in the frame ``odom``.  The frames below the base are
+    published by robot_state_publisher, or by this class in its place: ``robot_description``,
+    ``/tf_static``, and on ``/tf`` the links that turn, also without odometry.  An ``odom_rate`` of
+    0 in the settings disables odometry.  A robot that steers has joints of axle and pendulum.
     """
 
     def __init__(self, node: Node, robot: Robot, settings: Any, steers: bool):
@@ -60,12 +59,12 @@ class OdometryTopics:
 
     def enable_odometry(self, enabled: bool) -> None:
         """Enable or disable publishing ``odom`` and its transform."""
-        if enabled and self._made is None:  # and kept: a loop may be publishing
+        if enabled and self._made is None:  # never destroyed, as a loop may be publishing
             self._made = create_publisher(self._node, 'odom')
         self._odometry = self._made if enabled else None
 
     def _describe(self, node: Node, robot: Robot, names: Frames) -> None:
-        # Kept: an unreferenced publisher is destroyed, and its latched messages with it.
+        # Referenced: otherwise the publisher is destroyed, and its latched messages with it.
         self._description = create_publisher(node, 'robot_description')
         self._description.publish(String(data=robot_description(
             robot, names, self._steers)))

@@ -49,7 +49,7 @@ BUILT_IN = ('use_sim_time', 'start_type_description_service')
 
 
 def describe(metadata: Mapping[str, Any], why: str) -> ParameterDescriptor:
-    """Return the descriptor of a described field, and why it cannot change, if so."""
+    """Return the descriptor of a described field; `why` it cannot change is empty if it can."""
     unit = metadata.get('unit', '1')
     text = metadata['doc'] + ('' if unit == '1' else f' [{unit}]')
     text += f'. Cannot change while the node runs: {why}' if why else (
@@ -83,15 +83,15 @@ def declare(node: Node, cls: Type[S], prepare: Optional[Prepare[S]] = None) -> S
 
     `prepare` takes settings requested while the node runs; it raises `BallbotError` if they are
     invalid, or returns a function that applies them, see `Changes`.  Without it no parameter can
-    change.  Returns the checked settings; raises `ConfigurationError` for a value that is not
-    acceptable, or an override that is not a parameter, naming the nearest one that is.
+    change.  Returns the checked settings; raises `ConfigurationError` for an invalid value, or for
+    an override that is not a parameter, with the most similar name.
     """
     described = cls.described()
     refuse_unknown_overrides(node, described)
     given = {}
     for name, parameter in parameter_overrides(node).items():
         if name in described:
-            # Checked before rclpy sees it: its own message would name neither value nor range.
+            # Checked before rclpy does so: its message would name neither value nor range.
             given[name] = check_value(name, parameter.value, described[name].metadata,
                                       f'node {node.get_name()}')
             parameter_overrides(node)[name] = Parameter(name, value=given[name])
@@ -107,7 +107,7 @@ def declare(node: Node, cls: Type[S], prepare: Optional[Prepare[S]] = None) -> S
 
 def refuse_unknown_overrides(node: Node, known: Iterable[str]) -> None:
     """
-    Raise `ConfigurationError` for a name given to this node that is none of its parameters.
+    Raise `ConfigurationError` for a name given to this node that is not one of its parameters.
 
     A name that only a section for many nodes contains is ignored, with a warning.
     """
@@ -162,18 +162,18 @@ def _sections(path: str) -> list[tuple[str, set[str]]]:
         return []  # rcl has read it by its own rules
     found: list[tuple[str, set[str]]] = []
 
-    def search(place: str, value: Any) -> None:
+    def search(section: str, value: Any) -> None:
         for key, inner in value.items() if isinstance(value, Mapping) else ():
             if key == 'ros__parameters':
-                found.append((place, set(_flat(inner))))
+                found.append((section, set(_flat(inner))))
             else:
-                search(f'{place}/{str(key).strip("/")}', inner)
+                search(f'{section}/{str(key).strip("/")}', inner)
     search('', content)
     return found
 
 
 def _flat(value: Any, prefix: str = '') -> Iterator[str]:
-    """Yield the names of parameters, those in mappings with dots."""
+    """Yield the names of parameters, with dots for nested mappings."""
     for key, inner in value.items() if isinstance(value, Mapping) else ():
         if isinstance(inner, Mapping):
             yield from _flat(inner, f'{prefix}{key}.')
@@ -184,8 +184,8 @@ def _flat(value: Any, prefix: str = '') -> Iterator[str]:
 class Change(NamedTuple):
     """The effect of a request."""
 
-    refusal: str = ''  # why it has none
-    parameters: Sequence[Parameter] = ()  # that change, including those of a named file
+    refusal: str = ''  # why the request is refused; empty if it is not
+    parameters: Sequence[Parameter] = ()  # those that change, including those of a named file
     settings: Any = None
     commit: Commit = lambda: None
     text: str = ''  # the change, for the log
@@ -195,10 +195,10 @@ class Changes(Generic[S]):
     """
     Serves requests to set parameters.
 
-    The pre-set callback computes the change: it converts numbers, adds the parameters that a named
-    file gives, and leaves out those that keep their value, so that the dump of a node can be
-    loaded although it holds read-only parameters.  The on-set callback refuses, the post-set
-    callback commits.  `prepare`, see `declare`, may be called from any thread, one at a time.
+    The pre-set callback computes the change: it converts numbers, adds the parameters from a named
+    file, and omits unchanged parameters, so that the dump of a node can be loaded although it has
+    read-only parameters.  The on-set callback returns a refusal, the post-set callback commits.
+    `prepare`, see `declare`, may be called from any thread, one at a time.
     """
 
     def __init__(self, node: Node, settings: S, prepare: Optional[Prepare[S]]):
@@ -234,7 +234,7 @@ class Changes(Generic[S]):
 
     @property
     def _live_name(self) -> str:
-        """Return the name of a parameter that is not read-only, and no other node watches."""
+        """Return the name of a parameter that is not read-only, and no other node monitors."""
         for name, item in self._described.items():
             if not item.part and item.metadata['kind'] is not str and not self._why_fixed(item):
                 return name
@@ -276,7 +276,7 @@ class Changes(Generic[S]):
         return self._in_executor(act)
 
     def _in_executor(self, act: Callable[[], Any]) -> Any:
-        """Return the result of `act` between two callbacks of the node."""
+        """Call `act` between two callbacks of the node, and return its result."""
         done, results = threading.Event(), []
 
         def run() -> None:
@@ -298,7 +298,7 @@ class Changes(Generic[S]):
         except BallbotError as error:
             return Change(str(error))
         except Exception as error:  # noqa: BLE001 every request gets a reply
-            return Change(f'it cannot be checked: {error!r}')
+            return Change(f'the check failed: {error!r}')
 
     def _compute(self, parameters: Sequence[Parameter]) -> Change:
         where = f'node {self._node.get_name()}'
@@ -337,7 +337,7 @@ class Changes(Generic[S]):
         if why:
             text = str(value).lower() if isinstance(value, bool) else value
             raise ConfigurationError(
-                f'{where}: {name} cannot change while the node runs: {why}; start it again with '
+                f'{where}: {name} cannot change while the node runs: {why}; restart it with '
                 f'-p {name}:={text}', 'fixed', name)
 
     def _why_fixed(self, item: Described) -> str:
@@ -346,7 +346,7 @@ class Changes(Generic[S]):
 
 @contextmanager
 def _yielding() -> Iterator[None]:
-    """Limit the time for which other threads wait for this computing one."""
+    """Limit the time for which this computation delays other threads."""
     before = sys.getswitchinterval()
     sys.setswitchinterval(min(before, SWITCH_INTERVAL))
     try:
@@ -357,9 +357,9 @@ def _yielding() -> Iterator[None]:
 
 def same(now: Any, wanted: Any) -> bool:
     """
-    Return whether a value is the present one, as ros2cli writes and reads it.
+    Return whether a value equals the present one, given the conversions of ros2cli.
 
-    It sends the text ``0.5`` of a file as the number 0.5, and the number 1e-05 as text.
+    ros2cli sends the text ``0.5`` of a file as the number 0.5, and the number 1e-05 as text.
     """
     if isinstance(now, str) and not isinstance(wanted, str):
         try:
@@ -371,7 +371,7 @@ def same(now: Any, wanted: Any) -> bool:
 
 
 def _number(value: Any, kind: type) -> Any:
-    """Return the number of a text where a number is required: YAML 1.1 reads 1e-5 as text."""
+    """Convert text to a number where one is required: YAML 1.1 reads 1e-5 as text."""
     if kind in (float, int) and isinstance(value, str):
         try:
             return float(value)

@@ -29,22 +29,22 @@ __all__ = ['RCLError', 'RcutilsLogger', 'answer_later', 'available_transitions',
 
 def new_executor(context: Optional[Context] = None) -> Executor:
     """
-    Return an executor of one thread, the fastest that this rclpy has.
+    Return the fastest single-threaded executor of this rclpy.
 
     The older executors prepare every service, timer and subscription of a node again before each
-    wait; at 500 Hz that takes more processor time than all callbacks.  The one that is driven by
-    events does not.
+    wait; at 500 Hz that takes more processor time than all callbacks.  The event-driven executor
+    does not.
     """
     return EventsExecutor(context=context)
 
 
 def reason_of(error: Exception) -> str:
-    """Return the message of an error in one line, without the places in the source of rcl."""
+    """Return the message of an error in one line, without the source locations of rcl."""
     return re.sub(r', at \S+\.c:\d+', '', ' '.join(str(error).split()))
 
 
 def parameter_overrides(node: Node) -> Dict[str, Parameter]:
-    """Return the parameters of command line and files; changes in it take effect."""
+    """Return the parameters of command line and files; changes of this dict take effect."""
     found: Dict[str, Parameter] = node._parameter_overrides
     return found
 
@@ -61,7 +61,7 @@ def answer_later(service: Service) -> None:
     """
     Let the callback of a service return a future of the response, to answer later.
 
-    A coroutine would do for one executor of rclpy only.
+    A coroutine would work with only one of the executors of rclpy.
     """
     send = service.send_response
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Change the gains of running laws: checked before, and applied without a jump."""
+"""Change the gains of running laws, after a check and without a jump of the torque."""
 from dataclasses import replace
 
 from rclpy.timer import Timer
@@ -16,7 +16,7 @@ def prepare_laws(controller: SupervisedController, robot: Robot, now: LoopNumber
     """
     Check the requested gains; return a function that applies them.
 
-    The `lowest_rate` of the expected supervision is found here.  Raises `ConfigurationError` or
+    This function computes the `lowest_rate` of `expected`.  Raises `ConfigurationError` or
     `UnstableLoopError` as `control.checked_controller`.
     """
     lowest = controller.expected.lowest_rate if wanted == now else run_in_process(
@@ -30,7 +30,7 @@ def prepare_laws(controller: SupervisedController, robot: Robot, now: LoopNumber
 
 
 def change_period(timer: Timer, period: float) -> None:
-    """Continue a timer with another period, from now [s]."""
+    """Set the period of a timer [s]; if it differs, the timer restarts now."""
     nanoseconds = round(1e9 * period)
     if timer.timer_period_ns != nanoseconds:
         timer.timer_period_ns = nanoseconds

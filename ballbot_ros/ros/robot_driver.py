@@ -16,7 +16,7 @@ from ballbot_ros.ros.graph import Observer
 
 
 class RobotDriver:
-    """Publishes cmd_vel, calls the e-stop of a node, and keeps the latest messages."""
+    """Publishes cmd_vel, calls the e-stop services of a node, and keeps the latest messages."""
 
     def __init__(self, observer: Observer, node: str):
         self._observer = observer
@@ -26,8 +26,8 @@ class RobotDriver:
                          for verb in ('engage_e_stop', 'release_e_stop')}
         self.speed: Optional[float] = None  # of the centre [m/s]; None before the first message
         self.pendulum: Optional[float] = None  # absolute angle [rad]
-        self.decision = ''  # the latest of obstacle_decision
-        self.reply = ''  # the latest of the e-stop
+        self.decision = ''  # latest decision of obstacle_decision
+        self.reply = ''  # latest response to an e-stop request
         self.e_stop: Optional[bool] = None  # None without a publisher
         self._e_stop: Any = None
         create_subscription(one, 'odom', lambda message: setattr(
@@ -51,7 +51,7 @@ class RobotDriver:
         self._speeds.close()
 
     def engage(self) -> None:
-        """Engage the e-stop: that of the bridge, or by the topic where there is no bridge."""
+        """Engage the e-stop by the service of the bridge, or by the topic without a bridge."""
         self._set('engage_e_stop', True)
 
     def release(self) -> None:
@@ -67,7 +67,7 @@ class RobotDriver:
         if self._e_stop is None:
             self._e_stop = create_publisher(self._observer.node, 'e_stop')
         self._e_stop.publish(Bool(data=engaged))
-        self.reply = f'no bridge: e-stop {"engaged" if engaged else "released"} by its topic'
+        self.reply = f'no bridge: e-stop {"engaged" if engaged else "released"} by topic'
 
     def _on_joints(self, message: JointState) -> None:
         try:

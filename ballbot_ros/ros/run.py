@@ -38,9 +38,9 @@ STRAY_ARGUMENT = ('not an argument of a node; parameters are given as in --ros-a
 
 class Stop:
     """
-    Stops an executor from a signal handler or a callback; a future to the executor.
+    Stops an executor, which uses it as a future, from a signal handler or a callback.
 
-    A future of rclpy has a lock, for which a signal handler might wait forever.
+    A future of rclpy has a lock, on which a signal handler could block indefinitely.
     """
 
     def __init__(self) -> None:
@@ -71,7 +71,7 @@ class Stop:
 
 
 def spin(executor: Executor, stop: Stop, longest: float) -> None:
-    """Spin an executor until `stop` is given, or for a time [s], longer while there is work."""
+    """Spin an executor until `stop` is given or, if no work is pending, for a time [s]."""
     executor.spin_until_future_complete(stop, timeout_sec=longest)
 
 
@@ -79,8 +79,8 @@ class _Stopped(BaseException):
     """
     A stop signal, while the node is created.
 
-    No KeyboardInterrupt: one that goes through exec(), of which numba makes use, has Python end
-    the process by SIGINT, though it was caught.
+    It is not a KeyboardInterrupt: if one passes through exec(), which numba uses, Python ends the
+    process by SIGINT although the exception was caught.
     """
 
 
@@ -94,14 +94,14 @@ def run_together(make_nodes: Sequence[Callable[[], Node]],
     """
     Run nodes on one executor until SIGINT or SIGTERM and return the exit code of the process.
 
-    A message from one of them to another then wakes no other process.  A node that has a method
-    ``make_safe`` has it called before it is destroyed, on every way out and while it can still
-    publish: rclpy's own signal handlers would shut the context down first, hence ours.  An
-    exception that it shows as its ``failure`` ends them all: raised in a callback, it would be
-    logged by the executor, too.
+    Messages between them then wake no other process.  The method ``make_safe`` of a node, if any,
+    is called before the node is destroyed, on every exit path and while it can still publish:
+    rclpy's own signal handlers, which are replaced, would shut the context down first.  An
+    exception in the attribute ``failure`` of a node ends all nodes; the executor would also log an
+    exception that a callback raises.
 
-    Returns 0 after a signal, 2 for a configuration or an argument, by default of ``sys.argv``,
-    that is refused.
+    Returns 0 after a signal, 2 if the configuration or an argument (by default of ``sys.argv``) is
+    refused.
     """
     try:
         return _run_together(make_nodes, args)
@@ -114,7 +114,7 @@ def _run_together(make_nodes: Sequence[Callable[[], Node]], args: Optional[List[
 
     def stop(number: int, frame: Any) -> None:
         stopping.give()
-        if making:  # it may compile for minutes yet, and has nothing to make safe
+        if making:  # compilation may take minutes, and there is nothing to make safe
             if _compiles(frame):
                 os._exit(0)
             raise _Stopped
@@ -126,14 +126,14 @@ def _run_together(make_nodes: Sequence[Callable[[], Node]], args: Optional[List[
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     except (RuntimeError, ValueError) as error:  # a malformed argument or parameter file
         reason = reason_of(error)
-        if reason.startswith('['):  # rclpy lists unknown arguments and says no more
+        if reason.startswith('['):  # rclpy only lists the unknown arguments
             reason = f'{", ".join(ast.literal_eval(reason))}: {STRAY_ARGUMENT}'
         print(f'cannot start: {reason}', file=sys.stderr)
         return EXIT_REFUSED
     words = sys.argv[1:] if args is None else args
-    begin = words.index('--ros-args') if '--ros-args' in words else len(words)
-    # ROS would ignore them, even a parameter; it takes NAME:=VALUE as a remapping.
-    stray = [*words[:begin], *remove_ros_args(words[begin:])]
+    first = words.index('--ros-args') if '--ros-args' in words else len(words)
+    # ROS would ignore them, even a parameter: it reads NAME:=VALUE as a remapping.
+    stray = [*words[:first], *remove_ros_args(words[first:])]
     if stray:
         print(f'cannot start: {", ".join(stray)}: {STRAY_ARGUMENT}', file=sys.stderr)
         rclpy.try_shutdown()
@@ -152,7 +152,7 @@ def _run_together(make_nodes: Sequence[Callable[[], Node]], args: Optional[List[
         for node in nodes:
             executor.add_node(node)
         start.ready()
-        # All present objects live as long as the node: garbage collection of them would cost
+        # All present objects live as long as the node; their garbage collection would take
         # milliseconds within a control period.
         gc.collect()
         gc.freeze()
@@ -177,7 +177,7 @@ def _run_together(make_nodes: Sequence[Callable[[], Node]], args: Optional[List[
         to_all = len(make_nodes) > 1 and error.reason == 'unknown_name' and any(
             word.startswith(f'{error.field}:=') for word in words)
         log.fatal(reason_of(error) + (
-            f'; -p NODE:{error.field}:=VALUE gives it to one of the nodes' if to_all else ''))
+            f'; -p NODE:{error.field}:=VALUE sets it for one of the nodes' if to_all else ''))
         _end_in_time(nodes)
         return EXIT_REFUSED
     finally:
@@ -220,7 +220,7 @@ def _watch_clock(node: Node) -> None:
         elif node.get_parameter('use_sim_time').value:
             node.get_logger().warning(
                 f'use_sim_time is set and no /clock has arrived for {CLOCK_TIMEOUT:g} s: the time '
-                'of this node is 0 s until then; start a simulator, or set use_sim_time to false',
+                'of this node remains 0 s; start a simulator, or set use_sim_time to false',
                 throttle_duration_sec=CLOCK_WARNING_PERIOD)
     timer = create_wall_timer(node, CLOCK_TIMEOUT, check)
 
@@ -236,12 +236,12 @@ def _compiles(frame: Any) -> bool:
 
 COMPILING_NOTICE = ('compiling for this machine, for a minute or two; the result is cached: the '
                     'next start is immediate')
-# Such a period misses its deadline; a test searches every log for this message.
-LATE_KERNEL = 'this node is late by a kernel that is called for the first time: '
+# A period with such a call misses its deadline; a test searches every log for this message.
+LATE_KERNEL = 'this node is delayed by the first call of a kernel: '
 
 
 class FirstStart:
-    """Logs compilation during the start of a node, and warns of later compilation."""
+    """Logs compilation during the start of a node, and warns about later compilation."""
 
     def __init__(self, log: Callable[[str], None], warn: Callable[[str], None]):
         self._log, self._warn = log, warn

@@ -2,8 +2,8 @@
 """
 Run a function in a separate process, so that it does not delay the loop of this one.
 
-Threads of one Python process share the interpreter: beside a computing thread, a controller
-answers half of the readings at 500 Hz.  Starting another process costs the loop a millisecond.
+Threads of one Python process share the interpreter: next to a computing thread, a controller
+answers half of the readings at 500 Hz.  Starting another process delays the loop by 1 ms.
 """
 from concurrent.futures import ThreadPoolExecutor
 import os
@@ -16,9 +16,9 @@ from ballbot_ros.errors import BallbotError, RefusedError
 
 R = TypeVar('R')
 
-CALCULATION_TIMEOUT = 120.0  # of a calculation [s]
-# The program of the process.  It does not import the main module, as multiprocessing would: that
-# may be a script that starts a node.  Its standard output is for the result alone.
+CALCULATION_TIMEOUT = 120.0  # [s]
+# The program of the process.  It does not import the main module, as multiprocessing would, since
+# that may be a script that starts a node.  Its standard output contains only the result.
 WORKER = """
 import os, pickle, sys
 os.nice(5)
@@ -41,7 +41,7 @@ def run_in_process(function: Callable[..., R], *arguments: Any) -> R:
     Raises `BallbotError` as the function does, and `RefusedError` if the function raises anything
     else, or takes longer than `CALCULATION_TIMEOUT`.
     """
-    # A process inherits the priority of the thread that starts it: that one has no real-time
+    # A process inherits the priority of the thread that starts it; this thread has no real-time
     # priority.
     with ThreadPoolExecutor(1, initializer=_leave_real_time) as starter:
         return starter.submit(_run, function, arguments).result()
@@ -49,7 +49,7 @@ def run_in_process(function: Callable[..., R], *arguments: Any) -> R:
 
 def _run(function: Callable[..., R], arguments: Tuple[Any, ...]) -> R:
     try:
-        output = subprocess.run(  # in a session of its own: Ctrl-C does not reach it
+        output = subprocess.run(  # in its own session, so that Ctrl-C does not reach it
             [sys.executable, '-c', WORKER], check=True, stdout=subprocess.PIPE,
             input=pickle.dumps(sys.path) + pickle.dumps((function, arguments)),
             timeout=CALCULATION_TIMEOUT, start_new_session=True).stdout
@@ -57,7 +57,7 @@ def _run(function: Callable[..., R], arguments: Tuple[Any, ...]) -> R:
     except subprocess.TimeoutExpired:
         raise RefusedError(
             f'{function.__name__} did not finish within {CALCULATION_TIMEOUT:g} s in a separate '
-            'process, so nothing has changed: is this machine busy? Try again, or give the '
+            'process, so nothing has changed: is this machine busy? Try again, or set the '
             'value at the start of the node', 'timeout', function.__name__) from None
     except (subprocess.CalledProcessError, OSError, EOFError) as failure:
         result, error = None, failure

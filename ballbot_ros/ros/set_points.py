@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Set-points by topic, for the nodes that run the laws."""
+"""Set-points from topics, for the nodes that run the laws."""
 from collections import Counter
 from functools import partial
 import time
@@ -17,8 +17,8 @@ from ballbot_ros.ros.single_publisher import SinglePublisher
 # A node whose set-points are followed holds authority for this long after its last one [s of wall
 # time].
 AUTHORITY_TIMEOUT = 0.5
-# Pause of the executor after a refused message [s]: it bounds the work of a flood of them to 500
-# per second.  The subscriptions hold one message, so the middleware drops the others.
+# Pause of the executor after a refused message [s]: it limits their processing to 500 per second.
+# The subscriptions hold one message, so the middleware drops the others.
 REFUSED_PAUSE = 0.002
 
 
@@ -27,10 +27,10 @@ class SetPoints:
     Passes on the set-points of set_point and cmd_vel, and counts and logs refused ones.
 
     Each topic has one publisher, and one of the two at a time has authority over the robot, see
-    `control.Authority`.  `give` takes a `SetPoint` stamped as its message, 0 where that was not,
-    and may raise `MessageError`; `refused` counts by reason; `record_request` takes a `SetPoint`
-    of a node without authority, which also requests motion.  With `steers`, yaw rates are
-    followed.
+    `control.Authority`.  `give` takes a `SetPoint` with the stamp of its message, 0 for an
+    unstamped one, and may raise `MessageError`; `refused` counts refusals by reason;
+    `record_request` takes a `SetPoint` of a node without authority, which also requests motion.
+    With `steers`, yaw rates are followed.
     """
 
     def __init__(self, node: Node, give: Callable[[SetPoint], None], refused: Counter,
@@ -53,7 +53,7 @@ class SetPoints:
                 raise
             self._give(given)
         except MessageError as error:
-            # In direct control they are for a node controller, if there is one.
+            # In direct control, set-points are for a node controller, if there is one.
             if error.reason == 'direct' and self._node.count_subscribers(
                     self._node.resolve_topic_name(topic)) > 1:
                 return

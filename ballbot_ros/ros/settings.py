@@ -11,7 +11,7 @@ S = TypeVar('S', bound='Settings')
 
 
 class LoopNumbers(NamedTuple):
-    """Parameters of the stability of a loop, beside the robot."""
+    """Parameters that, with the robot, determine the stability of a loop."""
 
     tuning: ControlTuning
     rate: float  # [Hz]
@@ -37,10 +37,10 @@ def rate_of(topic: str, default: float, minimum: float = 1.0, maximum: float = 1
 def numbers_in(source: str, cls: Type[Checked], load: Callable[[str], Any],
                prefix: str = '') -> Any:
     """
-    Declare the described fields of a class, which `load` reads from a file, as parameters each.
+    Declare each described field of a class, which `load` reads from a file, as a parameter.
 
-    If the field `source`, which names the file, changes, all of the numbers change; the names of
-    the parameters have a prefix.
+    If the field `source`, which names the file, changes, all of these parameters change; their
+    names have a prefix.
     """
     return field(default=None, metadata={
         'kind': object, 'doc': f'the parameters of {source}', 'cls': cls, 'source': source,
@@ -48,10 +48,10 @@ def numbers_in(source: str, cls: Type[Checked], load: Callable[[str], Any],
 
 
 class Described(NamedTuple):
-    """A parameter: the field of the settings that it is, or the part of such a field."""
+    """A parameter: a field of the settings, or a part of such a field."""
 
     field: str
-    part: str  # of numbers that come from a file; empty for a field that is a parameter itself
+    part: str  # name of a number from a file; empty if the field itself is the parameter
     metadata: Mapping[str, Any]
 
     def value(self, settings: Any) -> Any:
@@ -61,7 +61,7 @@ class Described(NamedTuple):
 
 @dataclass(frozen=True)
 class Settings(Checked):
-    """The parameters of a node; the named file gives the numbers that are not set."""
+    """The parameters of a node; numbers that are not set come from the named file."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -97,7 +97,7 @@ class Settings(Checked):
 
     @classmethod
     def from_mapping(cls: Type[S], mapping: Any, where: str) -> S:
-        """Build from names of parameters with values; see `Checked.from_mapping`."""
+        """Return settings from parameter names and values; see `Checked.from_mapping`."""
         given, described = expect_mapping(mapping, where), cls.described()
         refuse_unknown(given, described, where)
         return cls.of({name: check_value(name, value, described[name].metadata, where)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Commands of a topic have one publisher; two in the graph are refused by name."""
+"""Check that a command topic has one publisher; the messages of several are refused."""
 import time
 from typing import List
 
@@ -16,7 +16,7 @@ RESTART_TIME = 25.0
 
 
 class SinglePublisher:
-    """The node that publishes a subscribed topic: rclpy does not give the sender of a message."""
+    """Finds the node that publishes a topic, as rclpy does not give the sender of a message."""
 
     def __init__(self, node: Node, topic: str):
         self._node, self._topic = node, node.resolve_topic_name(topic)  # queries do not remap
@@ -26,7 +26,7 @@ class SinglePublisher:
 
     def name(self) -> str:
         """
-        Return the name of the publisher of the messages that arrive; empty before it is known.
+        Return the name of the publishing node; empty before it is known.
 
         Raises `MessageError` with reason ``several_publishers``, while there are several.
         """

@@ -43,7 +43,7 @@ SPIN_TIMEOUT = 0.02  # longest wait for messages [s]
 class Presence(NamedTuple):
     """Nodes in the graph."""
 
-    nodes: FrozenSet[str]  # of `NODES`
+    nodes: FrozenSet[str]  # those of `NODES`
     drivers: Tuple[str, ...]  # other nodes that publish set-points
     followers: int  # number of subscribers to set-points
 
@@ -69,35 +69,35 @@ class Spectator:
         self._publisher: Optional[Any] = None  # of set-points
         self._speeds: Optional[SpeedPublisher] = None
         self._goals: Optional[Any] = None  # publisher
-        self._goal: Optional[PoseStamped] = None  # until a node subscribes
+        self._goal: Optional[PoseStamped] = None  # pending until a node subscribes
         self._held: Union[float, JointState, None] = None  # a speed [m/s], or a set-point
         self._attended = 0.0
         self.presence = Presence(frozenset(), (), 0)
         for topic, period in MESSAGE_PERIODS.items():
             create_subscription(self._node, topic, self._taking(topic, period),
                                 profile=qos.watching(topic), raw=True)
-        self._thread = Thread(target=self._live, name='spectator', daemon=True)
+        self._thread = Thread(target=self._run, name='spectator', daemon=True)
 
     def start(self) -> None:
-        """Begin to receive."""
+        """Start the thread, which receives messages."""
         self._thread.start()
 
     def close(self) -> None:
-        """Leave the graph."""
+        """Stop the thread and leave the graph."""
         self._ending.set()
         if self._thread.is_alive():
             self._thread.join()
         self._observer.close()
 
     def trigger(self, service: str) -> str:
-        """Call a Trigger service and return its message; `RefusedError` if it refuses."""
+        """Call a Trigger service and return its message; raise `RefusedError` if it refuses."""
         answer = self._call(Trigger, service, Trigger.Request())
         if not answer.success:
             raise RefusedError(answer.message, 'refused', service)
         return str(answer.message)
 
     def step(self, periods: int) -> None:
-        """Step a paused simulator by control periods; `RefusedError` if it does not."""
+        """Step a paused simulator by control periods; raise `RefusedError` if it refuses."""
         answer = self._call(Step, 'simulator/step', Step.Request(periods=periods))
         if not answer.success:
             raise RefusedError(answer.message, 'refused', 'simulator/step')
@@ -111,7 +111,7 @@ class Spectator:
         self._held = JointState(name=[PENDULUM], position=[angle])
 
     def go_to(self, x: float, y: float, frame: str) -> None:
-        """Publish a position in a frame as goal [m]; the navigator turns as it arrives."""
+        """Publish a position in a frame as the goal [m], with heading 0."""
         goal = PoseStamped()
         goal.header.frame_id = frame
         goal.pose.position.x, goal.pose.position.y = x, y
@@ -137,7 +137,7 @@ class Spectator:
 
     # Methods of the thread.
 
-    def _live(self) -> None:
+    def _run(self) -> None:
         query = renew = 0.0
         while not self._ending.is_set():
             self._observer.spin(SPIN_TIMEOUT)
@@ -182,7 +182,7 @@ class Spectator:
                 self._ask(name, now)
 
     def _ask(self, name: str, now: float) -> None:
-        """Request the parameters of a node; repeat without an answer."""
+        """Request the parameters of a node, again after a timeout without an answer."""
         client = self._client(GetParameters, f'{name}/get_parameters')
         if not client.service_is_ready():
             return

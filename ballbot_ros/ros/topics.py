@@ -27,7 +27,7 @@ STATE = Qos(5000)
 LATEST = Qos(1)
 # Subscriptions to sensors, whose drivers often publish best effort.
 SENSOR = Qos(5, reliable=False)
-# Inputs that are matched by their stamps, and health.
+# Inputs that are matched by their stamps, and diagnostics.
 SHORT = Qos(20)
 LATCHED = Qos(1, latched=True)
 # Decisions: a recorder receives all of them, other late subscriptions the last one.
@@ -38,7 +38,7 @@ class Topic(NamedTuple):
     type: str
     offered: Qos  # of its publishers
     requested: Qos  # of the subscriptions of the nodes
-    publishers: str  # nodes of this package, for the document
+    publishers: str  # nodes of this package, for the documentation
     subscribers: str
     meaning: str
 
@@ -86,9 +86,9 @@ TOPICS: Mapping[str, Topic] = MappingProxyType({
     'step_decision': Topic('ballbot_ros/msg/StepDecision', DECISION, LATCHED,
                            'obstacle_decision', '', 'decision, reason and predicted success'),
     'goal_pose': Topic('geometry_msgs/msg/PoseStamped', LATEST, LATEST, '', 'navigator',
-                       'where to drive, as RViz sends it'),
+                       'goal of the navigator, for example from RViz'),
     'scan': Topic('sensor_msgs/msg/LaserScan', STATE, SENSOR, 'simulator', 'navigator',
-                  'distance to walls all around, at the height of the centre'),
+                  'distances to walls over a full circle, at the height of the ball centre'),
     'plan': Topic('nav_msgs/msg/Path', LATCHED, LATCHED, 'navigator', '', 'route to the goal'),
     'motor_status': Topic('ballbot_ros/msg/MotorStatus', STATE, LATEST, 'bridge', '',
                           'state of the drive, its temperatures and its faults'),
@@ -112,8 +112,8 @@ def message_class(kind: str) -> Any:
         return getattr(import_module(f'{package}.msg'), name)
     except (ImportError, AttributeError) as error:
         raise ConfigurationError(
-            f'the message type {kind} is not installed here: install the package {package}, or '
-            'source the workspace that has it', 'missing', kind) from error
+            f'the message type {kind} is not installed: install the package {package}, or '
+            'source the workspace that contains it', 'missing', kind) from error
 
 
 def plain(value: Any) -> Any:
@@ -122,7 +122,7 @@ def plain(value: Any) -> Any:
         return {name: plain(getattr(value, name)) for name in value.get_fields_and_field_types()}
     if isinstance(value, (bytes, bytearray)):
         return list(value) if len(value) != 1 else value[0]
-    if hasattr(value, 'tolist'):  # an array, of numpy or of Python
+    if hasattr(value, 'tolist'):  # an array of numpy or of Python
         return value.tolist()
     if isinstance(value, (list, tuple, array.array)):
         return [plain(one) for one in value]

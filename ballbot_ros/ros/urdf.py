@@ -15,11 +15,11 @@ from ballbot_ros.ros.frames import FRAMES, Frames, LEAN, PENDULUM, SHELL, TILT
 AXIS = (0.0, -1.0, 0.0)
 # Lean is positive to the left, tilt with the left end of the axle down.
 LEAN_AXIS, TILT_AXIS = (1.0, 0.0, 0.0), (-1.0, 0.0, 0.0)
-# The band on which the ball rolls, in two alternating colours, to show the rotation.
+# Drawn band on which the ball rolls, in two alternating colours, to show the rotation.
 BAND_SEGMENTS = 16
-BAND_WIDTH, BAND_THICKNESS = 0.16, 0.02  # parts of the radius
-ROD_RADIUS = 0.03  # part of the radius
-DENSITY = 7850.0  # of the weight as it is drawn, that of steel [kg/m3]
+BAND_WIDTH, BAND_THICKNESS = 0.16, 0.02  # fractions of the radius
+ROD_RADIUS = 0.03  # fraction of the radius
+DENSITY = 7850.0  # of the drawn pendulum weight: steel [kg/m3]
 COLOURS = {'shell': (0.75, 0.82, 0.9, 0.35), 'dark': (0.1, 0.25, 0.4, 1.0),
            'light': (0.95, 0.95, 0.9, 1.0), 'mark': (0.85, 0.2, 0.1, 1.0),
            'rod': (0.5, 0.5, 0.5, 1.0), 'weight': (0.85, 0.45, 0.05, 1.0)}
@@ -27,11 +27,11 @@ COLOURS = {'shell': (0.75, 0.82, 0.9, 0.35), 'dark': (0.1, 0.25, 0.4, 1.0),
 
 def robot_description(robot: Robot, frames: Frames = FRAMES, steers: bool = False) -> str:
     """
-    Return a robot as URDF; a prefix of the links is best left to robot_state_publisher.
+    Return a robot as URDF; robot_state_publisher should add a prefix of the links.
 
     A robot that steers has the joints ``tilt`` of the axle and ``lean`` of the pendulum.  Masses,
-    inertia, and limits of the motor are those of the robot file; inertia about the axes that
-    planar motion leaves unknown is taken to be the same.
+    inertia and limits of the motor are those of the robot file.  The moments of inertia about the
+    two other axes, which do not matter for planar motion, are set to the same value.
     """
     tree = Xml.Element('robot', name=robot.name)
     for name, colour in COLOURS.items():
@@ -94,7 +94,7 @@ def _ball(robot: Robot, name: str) -> Xml.Element:
 
 
 def _below(distance: float, angle: float = 0.0) -> tuple[float, float, float]:
-    """Return the point at a pendulum angle from the centre."""
+    """Return the point at a distance from the centre in the direction of a pendulum angle."""
     return distance * math.sin(angle), 0.0, -distance * math.cos(angle)
 
 

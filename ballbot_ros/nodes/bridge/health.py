@@ -13,53 +13,55 @@ from ballbot_ros.ros import diagnostics
 VALUES: Mapping[str, str] = {
     'port': 'serial device, URL or CAN interface',
     'protocol': 'protocol that the drive speaks',
-    'firmware': 'firmware of the drive; empty before it was found',
+    'firmware': 'firmware of the drive; empty before the drive is found',
     'serial_number': 'serial number of the drive; empty where it reports none',
-    'e_stop': 'why the e-stop is engaged; empty when it is not',
-    'e_stop_reason': 'its code: ' + ', '.join(f'`{reason.value}`' for reason in StopReason),
-    'faults': 'faults that the drive reports; empty for none, or while it is away',
+    'e_stop': 'reason for the engaged e-stop; empty while it is released',
+    'e_stop_reason': 'code of that reason: ' + ', '.join(
+        f'`{reason.value}`' for reason in StopReason),
+    'faults': 'faults that the drive reports; empty without faults or without a connection',
     'torque': 'torque applied at the pendulum [N m]',
-    'warnings': 'warnings of drive, battery and heat, published before the torque is reduced',
-    'derating': 'part of torque_limit that battery and heat allow',
-    'battery_voltage': 'voltage of the battery at rest, estimated and smoothed [V]; nan before it '
-                       'was read',
+    'warnings': 'warnings about drive, battery and motor heating, before they reduce the torque',
+    'derating': 'fraction of torque_limit that battery and motor heating permit',
+    'battery_voltage': 'open-circuit voltage of the battery, estimated and smoothed [V]; nan '
+                       'before the first reading',
     'motor_warmth': 'heating of the winding, computed from the torque; 1 is the value permitted '
                     'continuously',
-    'imu': '`received`, `silent`, or `returning`: readings arrive again, but not for long '
-           'enough yet',
+    'imu': '`received`, `silent` (no readings), or `returning` (readings have resumed, but for '
+           'less than the recovery time)',
     'commander': 'node whose joint_commands (on board: set-points) are followed; empty before '
-                 'the first',
+                 'the first command',
     'commands_accepted': 'joint_commands that were accepted: fresh and in order',
     'commands_refused': 'joint_commands that were refused',
-    'refused_REASON': 'those refused for one reason: `stale`, `not_finite`, `out_of_order`, '
-                      '`from_the_future`, `unknown_joint`, `duplicate_joint`, `wrong_length`, '
-                      '`unsupported`, `onboard`, `other_sender`, `several_publishers`',
-    'imu_silences': 'times that the IMU fell silent',
-    'imu_refused': 'IMU readings that were not used',
+    'refused_REASON': 'joint_commands refused for one reason: `stale`, `not_finite`, '
+                      '`out_of_order`, `from_the_future`, `unknown_joint`, `duplicate_joint`, '
+                      '`wrong_length`, `unsupported`, `onboard`, `other_sender`, '
+                      '`several_publishers`',
+    'imu_silences': 'number of IMU dropouts',
+    'imu_refused': 'IMU readings that were refused',
     'control': '`onboard` or `direct`',
     'law': 'law that is active on board; empty in direct control',
     'set_value': 'set value of that law [rad], [rad/s] or [m/s]',
     'set_points_refused': 'messages on set_point and cmd_vel that were refused',
-    'set_points_REASON': 'those refused for one reason: `stale`, `from_the_future`, `not_finite`, '
-                         '`out_of_range`, `e_stop`, `direct`, `contradictory`, `unknown_joint`, '
-                         '`duplicate_joint`, `wrong_length`, `other_sender`, '
+    'set_points_REASON': 'set-points refused for one reason: `stale`, `from_the_future`, '
+                         '`not_finite`, `out_of_range`, `e_stop`, `direct`, `contradictory`, '
+                         '`unknown_joint`, `duplicate_joint`, `wrong_length`, `other_sender`, '
                          '`several_publishers`, `other_axes`',
-    'timeouts': 'times that commands arrived and then timed out',
-    'e_stops': 'times that the e-stop engaged after the start',
-    'limited_torque': 'times that torque_limit reduced a torque',
-    'limited_rate': 'times that torque_rate_limit reduced a torque',
-    'limited_angle': 'times that angle_limit reduced a torque',
-    'limited_speed': 'times that speed_limit reduced a torque',
-    'armed': 'times that the motor was armed',
-    'disarmed_by_drive': 'times that the drive disarmed the motor by itself',
-    'links_lost': 'times that the drive was lost',
-    'reconnects': 'times that the drive was found again',
+    'timeouts': 'number of command timeouts',
+    'e_stops': 'number of e-stops since the start',
+    'limited_torque': 'number of times that torque_limit reduced the torque',
+    'limited_rate': 'number of times that torque_rate_limit reduced the torque',
+    'limited_angle': 'number of times that angle_limit reduced the torque',
+    'limited_speed': 'number of times that speed_limit reduced the torque',
+    'armed': 'number of times that the motor was armed',
+    'disarmed_by_drive': 'number of times that the drive itself disarmed the motor',
+    'links_lost': 'number of interrupted connections to the drive',
+    'reconnects': 'number of reconnections to the drive',
     'encoder_jumps': 'encoder readings that were rejected as jumps',
-    'encoder_rezeroed': 'times that the zero of the encoder changed',
-    'late_periods': 'periods of the loop that were missed since configure',
-    'wire_COUNT': 'counts of the line since it was last opened, as far as the protocol reports '
-                  'them: `sent` (writes), `bytes` (received), `replies`, `lost` (not '
-                  'answered in time), `unexpected`, `refused` (checksum or form), `skipped` '
+    'encoder_rezeroed': 'number of changes of the encoder zero',
+    'late_periods': 'loop periods that were missed since configure',
+    'wire_COUNT': 'counters of the line since it was last opened, if the protocol has them: '
+                  '`sent` (writes), `bytes` (received), `replies`, `lost` (not '
+                  'answered in time), `unexpected`, `refused` (checksum or format), `skipped` '
                   '(bytes that belong to no message), `unchecked` (lines without a checksum)'}
 SUPERVISED = ('timeouts', 'e_stops', 'limited_torque', 'limited_rate', 'limited_angle',
               'limited_speed')
@@ -67,7 +69,7 @@ EVENTS = ('armed', 'disarmed_by_drive', 'links_lost')
 
 
 def summary(session: Session, loop: Optional[Loop]) -> Tuple[bytes, str]:
-    """Return level and text of the state of motor power, by the connection and the commands."""
+    """Return the diagnostic level and text for connection, e-stop and command timeout."""
     if loop is None:
         return diagnostics.WARN, ': '.join(filter(None, ('not configured', session.line.trouble)))
     if session.line.driver is None:
@@ -92,11 +94,11 @@ def health(session: Session, loop: Optional[Loop], imu_refused: int,
     connection = session.hardware.connection
     sensing, now, e_stop = session.sensing, session.clock(), supervisor.e_stop
     imu, has_imu = sensing.imu_watch, sensing.imu_watch.has(now)
-    # Without power most drives report their watchdog; arming clears that.
+    # Most drives report a watchdog fault while unpowered; arming clears it.
     faults = ', '.join(driver.telemetry.faults) if driver else ''
     condition = session.control.monitor.condition
     warnings = ', '.join((*(driver.telemetry.warnings if driver else ()), *condition.warnings))
-    # Copied in one operation: the loop may add a counter meanwhile.
+    # Each dict is copied in one operation, as the loop may add a counter concurrently.
     refused, wire = dict(supervisor.gate.refused), dict(driver.counts) if driver else {}
     law = None if session.law is None else session.law.set_point
     unfollowed = dict(session.set_points_refused)
@@ -154,7 +156,7 @@ def health(session: Session, loop: Optional[Loop], imu_refused: int,
     if session.law is not None and session.law.too_slow:
         return diagnostics.ERROR, 'the measurement rate is too low for these gains', values
     if session.law is not None and session.law.overcome:
-        return diagnostics.WARN, 'resistance above that of the largest lean', values
+        return diagnostics.WARN, 'resistance exceeds the torque at the largest lean', values
     if not has_imu:
         return diagnostics.WARN, 'no IMU: pendulum angle unreliable off level floor', values
     if warnings:

@@ -20,9 +20,9 @@ from ballbot_ros.ros.message_bytes import (
 from ballbot_ros.ros.set_points import REFUSED_PAUSE, SetPoints
 from ballbot_ros.ros.single_publisher import SinglePublisher
 
-# A release is refused for this time after the e-stop engaged [s], less than a person takes to
-# react: it was requested before.  The bridge receives its own message of an engaged e-stop
-# meanwhile, which would engage the e-stop again after the release; on a busy machine later.
+# A release is refused for this time after the e-stop engages [s]: it is less than a human
+# reaction time, so the request was sent before.  Meanwhile the bridge receives its own e_stop
+# message (later on a busy machine), which would engage the e-stop again after the release.
 RELEASE_DELAY = 0.1
 
 
@@ -39,7 +39,7 @@ class MotorInputs:
         self._session, self._clocks, self._logger = session, clocks, node.get_logger()
         self._publisher = SinglePublisher(node, 'joint_commands')
         self.imu_refused = 0
-        self._received_at = -math.inf  # when a message of an engaged e-stop arrived last [s]
+        self._received_at = -math.inf  # time of the last message of an engaged e-stop [s]
         subscribe_joint_states(node, 'joint_commands', self.command)
         law = session.law
         set_points = SetPoints(node, self._give, session.set_points_refused,
@@ -55,7 +55,7 @@ class MotorInputs:
         create_trigger(node, '~/clear_faults', session.clear_faults)
 
     def command(self, message: AnyJointState) -> None:
-        """Take a joint command."""
+        """Check a joint command and pass it to the session."""
         torque = 0.0
         try:
             torque = command_torque(message)
@@ -79,7 +79,7 @@ class MotorInputs:
             raise
 
     def imu(self, reading: StampedReading) -> None:
-        """Take a reading of the sensor on the bridge's own port."""
+        """Pass on a reading of the sensor on the bridge's own port."""
         self._take_imu(lambda: ImuReading(
             reading.stamp, -reading.turn_rate[1], reading.force[0], reading.force[2]))
 
@@ -99,7 +99,7 @@ class MotorInputs:
         sleep(REFUSED_PAUSE)
 
     def _on_e_stop(self, engaged: bool) -> None:
-        """Engage on a stop request; only the service releases."""
+        """Engage the e-stop on request; only the service releases it."""
         if engaged:
             self._received_at = self._session.clock()
         if engaged and not self._session.supervisor.e_stop:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The messages of the motor bridge, and the clock that they are stamped with."""
+"""The messages of the motor bridge, and the clock of their stamps."""
 import logging
 import math
 import threading
@@ -22,19 +22,19 @@ from ballbot_ros.ros.endpoints import create_publisher, wait_until_received
 from ballbot_ros.ros.frames import FRAMES, Frames
 from ballbot_ros.ros.message_bytes import AnyImu, JointStateBytes
 
-# Below `bridge`, whose records are delayed: the motor loop reads this clock, too.
+# A child of the logger `bridge`, whose records are deferred: the motor loop reads this clock, too.
 LOG = logging.getLogger('ballbot_ros.bridge.clocks')
 
-# REP 145: the value of an IMU without such a sensor.
+# REP 145: first element of the covariance of a quantity that the IMU does not measure.
 NOT_REPORTED = -1.0
-# Two clocks are read one after the other; a sample that takes longer, because other programs run
-# in between, is dropped [s].  An offset that changes by more than this is followed.
+# Longest time between the readings of the two clocks [s]: a sample that takes longer, because the
+# process was preempted, is dropped.  The offset follows changes above this value.
 LONGEST_SAMPLE = 0.002
-CLOCK_STEP = 0.1  # a clock that jumps by more than this was set [s]
-# Of a motor_status, unknown once the loop has ended.
+CLOCK_STEP = 0.1  # a larger jump means that the clock was set [s]
+# Fields of motor_status that are NaN once the loop has ended.
 NUMBERS = ('set_value', 'pendulum_angle', 'pendulum_angle_sd', 'pendulum_rate_sd', 'current',
            'bus_voltage', 'bus_current', 'temperature', 'motor_temperature')
-# Between samples of the offset [s]; shorter than every timeout that depends on it.
+# Time between samples of the offset [s]; shorter than every timeout that depends on it.
 SAMPLE_PERIOD = 0.02
 
 
@@ -42,9 +42,9 @@ class Clocks:
     """
     Converts between stamps (system time) and the steady clock of all timeouts.
 
-    The offset is sampled every `SAMPLE_PERIOD` and kept unless it has changed by more than a
-    sample takes, so that stamps stay in order; a system clock that is set is followed and logged.
-    Hardware has no simulated time: the bridge refuses `use_sim_time`.
+    The offset is sampled every `SAMPLE_PERIOD` and kept unless it changes by more than
+    `LONGEST_SAMPLE`, so that stamps stay in order.  It follows a system clock that is set, and
+    logs this.  Hardware has no simulated time: the bridge refuses `use_sim_time`.
     """
 
     def __init__(self) -> None:
@@ -63,15 +63,15 @@ class Clocks:
         stamp = time.time()
         after = time.monotonic()
         if after - now > LONGEST_SAMPLE and math.isfinite(self._offset):
-            return  # this process was preempted between the clocks
+            return  # this process was preempted between the readings
         self._sample_at = after + SAMPLE_PERIOD
         offset = stamp - 0.5 * (now + after)
         change = offset - self._offset
         if abs(change) > LONGEST_SAMPLE:
             if CLOCK_STEP < abs(change) < math.inf:
                 LOG.warning(
-                    f'the clock of this machine was set by {change:+.3f} s: stamps continue from '
-                    'there, no timeout depends on it')
+                    f'the system clock was set by {change:+.3f} s: stamps follow it, timeouts do '
+                    'not depend on it')
             self._offset = offset
 
     def steady(self, stamp: float) -> float:
@@ -112,7 +112,7 @@ def imu_message(stamp: float, turn_rate: float, forward: float, upward: float,
 
 
 class Turns:
-    """Schedules a periodic action whose period is not a multiple of the calling period."""
+    """Schedules a periodic action whose period need not be a multiple of the calling period."""
 
     def __init__(self, period: float):
         self.period, self._due = period, -math.inf
@@ -122,8 +122,8 @@ class Turns:
         # A quarter of a period early is on time: estimates arrive irregularly.
         if now < self._due - 0.25 * self.period:
             return False
-        # Counted from the time at which it was due, to keep the mean rate; after a
-        # pause from now on, to avoid a burst.
+        # The next period starts at the due time, to keep the average rate, and after a pause
+        # now, to avoid a burst.
         due = self._due + self.period
         self._due = due if due > now else now + self.period
         return True
@@ -131,9 +131,9 @@ class Turns:
 
 class MotorOutputs:
     """
-    Publishes joint_states, motor_status and e_stop; may be called from any one thread.
+    Publishes joint_states and motor_status, from one thread at a time, and e_stop, from any.
 
-    The rate of motor_status is in Hz, the period of joint_states in s, 0 for each estimate.
+    `status_rate` is in Hz; `joint_state_period` is in s, 0 to publish each estimate.
     """
 
     def __init__(self, node: Node, clocks: Clocks, status_rate: float,
@@ -145,14 +145,14 @@ class MotorOutputs:
         self._status = create_publisher(node, 'motor_status')
         self._e_stop = create_publisher(node, 'e_stop')
         self._published: Optional[bool] = None
-        self.engaged_at = -math.inf  # when an engaged e-stop was published last [s]
+        self.engaged_at = -math.inf  # time at which an engaged e-stop was last published [s]
         self._reporting = threading.Lock()
         self._state = ''
         self._estimate: Optional[Estimate] = None
         self.publish_e_stop(True)
 
     def publish_at(self, status_rate: float, joint_state_period: float) -> None:
-        """Change the rates; parameters as of the class."""
+        """Change the rates; the parameters are those of the class."""
         self._status_turns, self._joint_turns = Turns(1.0 / status_rate), Turns(joint_state_period)
 
     def publish_e_stop(self, engaged: bool) -> None:
@@ -236,5 +236,5 @@ def _cause(e_stop: Optional[EStop]) -> Dict[str, str]:
 
 
 def or_nan(value: Optional[float]) -> float:
-    """Return a value of a message, NaN for one that is not reported."""
+    """Return a value for a message, NaN if it is not reported."""
     return math.nan if value is None else value

@@ -24,9 +24,9 @@ from ballbot_ros.ros.logs import DeferredLogs
 from ballbot_ros.ros.parameters import Commit, declare, refuse_sim_time, SWITCH_INTERVAL
 from ballbot_ros.ros.run import run
 
-NO_SIM_TIME = ('use_sim_time must be false at the bridge: the time of a motor is that of the '
-               'machine; start its controllers without it, too')
-LOOK_AFTER = 0.1  # period of the checks of the loop [s]
+NO_SIM_TIME = ('use_sim_time must be false for the bridge: a motor runs in real time; start its '
+               'controllers without it, too')
+MONITOR_PERIOD = 0.1  # period of the checks of the loop [s]
 
 
 class Bridge(ManagedNode):
@@ -39,7 +39,7 @@ class Bridge(ManagedNode):
     """
 
     def __init__(self, **kwargs: Any):
-        """Refuse an infeasible loop, then wait for a transition or make it."""
+        """Refuse an infeasible loop, then wait for a transition or, with autostart, trigger it."""
         super().__init__('bridge', **kwargs)
         if refuse_sim_time(self, NO_SIM_TIME):
             raise ConfigurationError(NO_SIM_TIME, 'inconsistent', 'use_sim_time')
@@ -55,7 +55,7 @@ class Bridge(ManagedNode):
         self._robot_outputs = RobotOutputs(self, self._session, clocks, settings)
         self._loop: Optional[Loop] = None
         self._service = ServiceManager()
-        self._complaint = ''
+        self._last_error = ''
         self.failure: Optional[BallbotError] = None
         self._inputs = MotorInputs(self, self._session, clocks, self._outputs)
         self._imu = ImuOutput(
@@ -64,12 +64,12 @@ class Bridge(ManagedNode):
         self._diagnostics = diagnostics.Diagnostics(self, 'motor', lambda: health(
             self._session, self._loop, self._inputs.imu_refused, self._inputs.authority),
             self._session.robot.name)
-        create_wall_timer(self, LOOK_AFTER, self._monitor)
+        create_wall_timer(self, MONITOR_PERIOD, self._monitor)
         if settings.autostart:
             Autostart(self)
 
     def _prepare(self, wanted: BridgeSettings) -> Commit:
-        """Check other parameters; return a function that applies them."""
+        """Check new parameters; return a function that applies them."""
         hand_over = prepare_session(self._session, self._settings, wanted)
 
         def commit() -> None:
@@ -83,8 +83,8 @@ class Bridge(ManagedNode):
         try:
             identity, settings = self._session.configure()
         except BallbotError as error:
-            if str(error) != self._complaint:  # logged once, not every second
-                self._complaint = str(error)
+            if str(error) != self._last_error:  # logged once, not every second
+                self._last_error = str(error)
                 self.get_logger().error(
                     f'cannot configure: {error}; to diagnose it: ballbot doctor --hardware '
                     f'{self._settings.hardware} --port {self._hardware.connection.port}')
@@ -136,7 +136,7 @@ class Bridge(ManagedNode):
         self._logs.forward()
 
     def _monitor(self) -> None:
-        """Log the messages of the loop, and end the node when the loop has ended."""
+        """Forward the log of the loop, and end the node after a failure of loop or IMU."""
         self._logs.forward()
         self._outputs.publish_e_stop(bool(self._session.supervisor.e_stop))
         if self._loop is not None and self._loop.failure is not None:
@@ -148,6 +148,6 @@ class Bridge(ManagedNode):
 
 
 def main(args: Optional[List[str]] = None) -> int:
-    # The loop must not wait long for a computing thread: Python's default is 5 ms.
+    # Python's default of 5 ms would delay the loop too long while another thread computes.
     sys.setswitchinterval(SWITCH_INTERVAL)
     return run(Bridge, args)

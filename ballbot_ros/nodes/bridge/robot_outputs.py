@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Outputs of the bridge besides those of the motor: odometry and battery state."""
+"""Outputs of the bridge other than those of the motor: odometry and battery state."""
 import math
 
 from rclpy.node import Node
@@ -72,7 +72,7 @@ def battery_message(stamp: float, battery: Battery, telemetry: Telemetry,
         health = BatteryState.POWER_SUPPLY_HEALTH_DEAD
     message = BatteryState(
         voltage=or_nan(voltage),
-        current=math.nan if drawn is None else -drawn,  # negative while it is drawn
+        current=math.nan if drawn is None else -drawn,  # negative while discharging
         temperature=math.nan, charge=math.nan, capacity=math.nan,
         design_capacity=or_nan(battery.capacity),
         percentage=condition.percentage, power_supply_status=status,

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Notifications to systemd: ready, watchdog, stopping, and the reason for missing motor power.
+Notifications to systemd: ready, watchdog, stopping, and why the motor has no power.
 
 The protocol is that of sd_notify(3): datagrams to the socket in the environment.  A process that
 systemd did not start has no such socket and sends nothing.

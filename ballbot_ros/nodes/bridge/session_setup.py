@@ -42,7 +42,7 @@ def new_session(node: Node, settings: BridgeSettings) -> Session:
         lag = onboard_lag(hardware, robot)
         lowest = check_feasible(hardware, robot, tuning, 0, lag)
         node.get_logger().info(
-            f'laws on board, {1e3 * lag:.2g} ms from a measurement to its torque at most: these '
+            f'laws on board, at most {1e3 * lag:.2g} ms from a measurement to its torque: these '
             f'gains need {lowest:.0f} Hz')
         law = SupervisedController(PendulumController(robot, tuning), Supervision(
             lowest, settings.set_point_timeout, let_down_time=hardware.limits.damping_time))
@@ -57,7 +57,7 @@ def new_session(node: Node, settings: BridgeSettings) -> Session:
 
 
 def prepare_session(session: Session, now: BridgeSettings, wanted: BridgeSettings) -> Commit:
-    """Check other gains and timeouts; return a function that passes them to the loop."""
+    """Check new gains and timeouts; return a function that passes them to the loop."""
     hardware, law = session.hardware, session.law
     if law is None:
         if (wanted.gains, wanted.delay) != (now.gains, now.delay):
@@ -89,7 +89,7 @@ def resolve_folder(folder: str) -> Path:
 
 
 class LogRecorder(logging.Handler):
-    """Records the lines of a log in a black box, with the time of each."""
+    """Records log messages in a black box, each with its time."""
 
     def __init__(self, box: BlackBox):
         super().__init__(logging.INFO)
@@ -103,8 +103,8 @@ def black_box(folder: str, hardware: Hardware) -> SessionObserver:
     """
     Return the observer of a session.
 
-    Files go to a folder; without one nothing is recorded.  Pending files are written when the
-    process ends.
+    It writes files to `folder`; if that is empty, nothing is recorded.  Pending files are written
+    when the process ends.
     """
     if not folder:
         return SessionObserver()

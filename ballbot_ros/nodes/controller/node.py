@@ -28,13 +28,13 @@ class Controller(Node):
     """Runs laws (11) and (12) and the speed law; `ControllerSettings` has its parameters."""
 
     def __init__(self, **kwargs: Any):
-        """Refuse a loop that would diverge, then wait for joint states."""
+        """Refuse an unstable loop, then wait for joint states."""
         super().__init__('controller', **kwargs)
         self._settings = settings = declare(self, ControllerSettings, self._prepare)
         self._robot = load_robot(settings.robot)
         self._controller = checked_controller(
             self._robot, *settings.loop, settings.supervision)
-        self._received_at: Optional[float] = None  # the newest joint state [s]
+        self._received_at: Optional[float] = None  # time of the newest joint state [s]
         self._newest = self._answered = Time()
         self._torque = 0.0
         self._refused: Counter = Counter()
@@ -52,7 +52,7 @@ class Controller(Node):
         self.get_logger().info(f'these gains need joint states at {lowest:.0f} Hz or more')
 
     def _prepare(self, wanted: ControllerSettings) -> Commit:
-        """Check other parameters; return a function that applies them."""
+        """Check new parameters; return a function that applies them."""
         hand_over = prepare_laws(
             self._controller, self._robot, self._settings.loop, wanted.loop, wanted.supervision)
 
@@ -63,7 +63,7 @@ class Controller(Node):
         return commit
 
     def _on_state(self, message: AnyJointState) -> None:
-        """Take a joint state; the command that answers it will carry its stamp."""
+        """Process a joint state; the command that answers it carries its stamp."""
         try:
             found, lateral = readings(message), lateral_readings(message, self._robot)
         except MessageError as error:
@@ -81,7 +81,7 @@ class Controller(Node):
         self._answer()
 
     def _give(self, given: SetPoint) -> None:
-        """Take a set-point; one without a stamp counts from the newest joint state."""
+        """Pass on a set-point, stamped like the newest joint state if it has no stamp."""
         self._controller.give(
             given if given.stamp else replace(given, stamp=self._controller.time))
         self._answer()
@@ -94,15 +94,15 @@ class Controller(Node):
         self._diagnostics.publish()
 
     def _answer(self) -> None:
-        """Publish the torque for the newest joint state, if it is to be answered now."""
+        """Publish the torque for the newest joint state, if the controller returns one."""
         torque = self._controller.answer()
         if torque is not None:
             self._answered = self._newest
             self._command(torque)
 
     def _command(self, torque: float) -> None:
-        # Not stamped with a state that has no command yet: in lockstep a zero from the
-        # watchdog would otherwise count as its command.
+        # The stamp is that of the last answered state: in lockstep, a zero torque of the
+        # watchdog must not count as the command for a newer state.
         self._torque = torque
         lean = None
         if self._lateral is not None:
@@ -111,7 +111,7 @@ class Controller(Node):
         self._commands.publish(command_bytes(self._answered, torque, lean))
 
     @property
-    def _silent(self) -> bool:
+    def _timed_out(self) -> bool:
         """Return whether joint states arrived and then stopped."""
         return self._received_at is not None \
             and time.monotonic() - self._received_at > self._settings.state_timeout
@@ -119,8 +119,8 @@ class Controller(Node):
     def _watch(self) -> None:
         """Set the torque to 0 when joint states stop."""
         if self._settings.lockstep_set_point_period:
-            return  # time is constant between states
-        if self._silent and self._torque:
+            return  # simulated time does not advance between states
+        if self._timed_out and self._torque:
             self._command(0.0)
             self.get_logger().warning(
                 f'no joint state for {self._settings.state_timeout:g} s: torque is 0; has the '
@@ -141,14 +141,15 @@ class Controller(Node):
             **diagnostics.refusals('messages', self._refused)}
         if self._received_at is None:
             return diagnostics.WARN, 'waiting for joint_states', values
-        if self._silent:
+        if self._timed_out:
             return diagnostics.WARN, 'joint_states stopped, torque is 0', values
         if self._controller.e_stop:
             return diagnostics.WARN, 'the e-stop is engaged, torque is 0', values
         if self._controller.too_slow:
             return diagnostics.ERROR, 'the rate of joint_states is too low, torque is 0', values
         if self._controller.overcome:
-            return diagnostics.WARN, 'running; resistance above that of the largest lean', values
+            return diagnostics.WARN, (
+                'running; resistance exceeds the torque at the largest lean'), values
         if self._refused:
             return diagnostics.WARN, 'running; messages were refused', values
         return diagnostics.OK, 'running', values

@@ -11,17 +11,17 @@ from ballbot_ros.ros.settings import file_in, LoopNumbers, numbers_in, Settings
 class ControllerSettings(Settings):
     """Parameters of the node ``controller``."""
 
-    robot: str = fixed('the laws are made for it', file_in('robots', 'gimball'))
+    robot: str = fixed('the laws are created for it', file_in('robots', 'gimball'))
     tuning: str = live(file_in('tunings', 'published'))
     torque_limit: float = live(quantity(
         'N m', 'largest requested torque; 0 for that of the tuning', default=0.0, minimum=0.0,
         maximum=1000.0))
     rate: float = live(quantity(
-        'Hz', 'rate of joint_states for which the loop is checked, and which it then requires',
+        'Hz', 'rate of joint_states for which the stability of the loop is checked',
         default=500.0, minimum=1.0, maximum=100000.0))
     delay: int = live(count(
-        'samples between a state and the torque that answers it; 0 fits the simulator, which '
-        'applies the answer to the period that begins with the state', default=0, maximum=10))
+        'samples between a state and the torque that answers it; 0 for the simulator, which '
+        'applies the torque over the period that begins with the state', default=0, maximum=10))
     state_timeout: float = live(quantity(
         's', 'wall time without a joint state after which the torque is set to 0', default=0.1,
         minimum=0.005, maximum=10.0))
@@ -29,14 +29,14 @@ class ControllerSettings(Settings):
         's', 'age of a set-point, on the clock of the joint states, after which the pendulum is '
         'lowered; 0 for never', default=0.5, minimum=0.0, maximum=3600.0))
     lockstep_set_point_period: float = live(quantity(
-        's', 'answer a state only with the set-point of its own period of this length, for runs '
-        'that are repeatable to the bit; 0 to use the latest one', default=0.0, minimum=0.0,
-        maximum=10.0))
+        's', 'period of set-points in lockstep: each state is answered with the set-point of its '
+        'own period, so that runs are bit-identical; 0 to use the latest set-point', default=0.0,
+        minimum=0.0, maximum=10.0))
     gains: ControlTuning = numbers_in('tuning', ControlTuning, load_tuning, 'gains.')
 
     @property
     def loop(self) -> LoopNumbers:
-        """Return the gains under the torque limit in force, rate and delay."""
+        """Return rate, delay and the gains with the torque limit in force."""
         limit = self.torque_limit
         gains = self.gains if limit == 0.0 else replace(self.gains, torque_limit=limit)
         return LoopNumbers(gains, self.rate, self.delay)

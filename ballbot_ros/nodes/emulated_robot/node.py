@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The node ``emulated_robot``: a drive on a serial device, the simulated ball, its sensors."""
+"""The node ``emulated_robot``: a drive on a serial device, the simulated ball and its sensors."""
 from dataclasses import dataclass
 from pathlib import Path
 import sys
@@ -25,28 +25,28 @@ from ballbot_ros.ros.retuning import change_period
 from ballbot_ros.ros.run import run
 from ballbot_ros.ros.settings import file_in, rate_of, Settings
 
-# IMU readings per message of the others.
+# IMU readings per message of each other topic.
 ODOM_EVERY, OBSERVATION_EVERY, TRUTH_EVERY = 3, 5, 3
-REACH = 3.0  # range of the sensors of the ground ahead [m]
+REACH = 3.0  # range of the step and terrain sensors [m]
 
 
 @dataclass(frozen=True)
 class EmulatedRobotSettings(Settings):
     """Parameters of the node ``emulated_robot``."""
 
-    hardware: str = fixed('the emulated drive is made with it', file_in(
+    hardware: str = fixed('the emulated drive is created with it', file_in(
         'hardware', 'gimball_odrive', 'hardware file',
-        ', whose protocol and baud rate the drive has'))
-    firmware: str = fixed('the emulated drive is made with it', text(
+        ', with protocol and baud rate of the drive'))
+    firmware: str = fixed('the emulated drive is created with it', text(
         'firmware generation of the drive, `0.5` or `0.6` for an ODrive; empty for the only or '
         'oldest one', default=''))
-    scene: str = fixed('the world is built of it', file_in('scenes', 'doorstep'))
-    link: str = fixed('the device is there already', text(
-        'symbolic link to keep pointing to the serial device', default='/tmp/ballbot_motor'))
-    publish_odom: bool = fixed('the topic is made at the start', flag(
+    scene: str = fixed('the simulation is built from it', file_in('scenes', 'doorstep'))
+    link: str = fixed('the device is created at the start', text(
+        'symbolic link to the serial device', default='/tmp/ballbot_motor'))
+    publish_odom: bool = fixed('the topic is created at the start', flag(
         'publish the true odom, 83 times a second, for a bridge whose odom_rate is 0',
         default=False))
-    imu_link: str = fixed('the device is made at the start', text(
+    imu_link: str = fixed('the device is created at the start', text(
         'symbolic link to the serial device of an emulated WitMotion sensor, in place of the '
         'topic imu; empty for the topic', default=''))
     imu_rate: float = live(rate_of('imu', 250.0, minimum=10.0, maximum=1000.0))
@@ -67,8 +67,8 @@ class EmulatedRobot(Node):
     Emulates a robot without its bridge; `EmulatedRobotSettings` has its parameters.
 
     It publishes imu, step_observation, terrain_observation and the true ball_state, stamped with
-    wall time like those of a real robot.  The bridge publishes joint states and
-    odometry.  The IMU can be on a serial device instead, for a node imu.
+    wall time as on a real robot.  The bridge publishes joint states and odometry.  The IMU can be
+    on a serial device instead, for the node ``imu``.
     """
 
     def __init__(self, **kwargs: Any):
@@ -104,7 +104,7 @@ class EmulatedRobot(Node):
                    force_sd=settings.force_sd, bias=settings.gyro_bias)
 
     def _prepare(self, wanted: EmulatedRobotSettings) -> Commit:
-        """Return a function that applies other parameters."""
+        """Return a function that applies new parameters."""
         def commit() -> None:
             self._imu = self._new_imu(wanted)
             change_period(self._timer, 1.0 / wanted.imu_rate)
@@ -112,7 +112,7 @@ class EmulatedRobot(Node):
 
     @property
     def failure(self) -> Optional[BallbotError]:
-        """Return the error that ended the emulator, and ends the node; see `run`."""
+        """Return the error that ended the emulator, which also ends the node; see `run`."""
         return self._emulator.failure
 
     def _publish(self) -> None:

@@ -24,7 +24,7 @@ class ImuSettings(Settings):
 
     sensor: str = fixed('the port is opened for it', PORT['sensor'])
     port: str = fixed('the port is opened with it', text(
-        'serial device or URL; best a name in /dev/serial/by-id', default='/dev/ballbot_imu'))
+        'serial device or URL; preferably in /dev/serial/by-id', default='/dev/ballbot_imu'))
     baud: int = fixed('the port is opened with it', PORT['baud'])
     rate: int = fixed('the sensor is configured when it is found', PORT['rate'])
     bandwidth: int = fixed('the sensor is configured when it is found', PORT['bandwidth'])
@@ -37,7 +37,7 @@ class ImuSettings(Settings):
 
     @property
     def as_port(self) -> ImuPort:
-        """Return the port without the frames."""
+        """Return the settings of the port, without the frames."""
         return ImuPort(**{name: getattr(self, name) for name in PORT})
 
 
@@ -45,7 +45,7 @@ class ImuNode(Node):
     """
     Publishes the readings of a sensor on a serial port; see `ImuSettings`.
 
-    Without readings it reopens the port until they return; the bridge gives no torque meanwhile.
+    If readings stop, it reopens the port until they resume; meanwhile the motor has no torque.
     """
 
     def __init__(self, **kwargs: Any):
@@ -54,7 +54,7 @@ class ImuNode(Node):
         self._output = ImuOutput(self, settings.as_port, Frames.of(settings).imu)
 
     def _prepare(self, wanted: ImuSettings) -> Commit:
-        """Check other parameters; return a function that applies them."""
+        """Check new parameters; return a function that applies them."""
         axes = Axes(wanted.axes)
 
         def commit() -> None:
@@ -64,7 +64,7 @@ class ImuNode(Node):
 
     @property
     def failure(self) -> Optional[LinkError]:
-        """Return the error that ended the reading, and ends the node; see `run`."""
+        """Return the error that ended the reading thread, which also ends the node; see `run`."""
         return self._output.failure
 
     def make_safe(self) -> None:

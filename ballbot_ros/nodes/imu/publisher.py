@@ -22,12 +22,12 @@ VALUES: Mapping[str, str] = {
     'readings': 'readings in total',
     'refused': 'packets with a wrong checksum',
     'skipped': 'bytes that belong to no packet',
-    'unpaired': 'forces without a turn rate, or the reverse',
-    'saturated': 'readings at the end of the range of the sensor',
-    'frozen': 'readings that were rejected because they repeat: the sensor is frozen',
-    'lost': 'times that the line was lost',
-    'set_up': 'times that the sensor was set up'}
-# Timeout of the thread for bytes [s], and of the wait for its end.
+    'unpaired': 'forces without a turn rate, or vice versa',
+    'saturated': 'readings at a limit of the measurement range',
+    'frozen': 'readings that were rejected as repetitions: the sensor is frozen',
+    'lost': 'number of interrupted connections',
+    'set_up': 'number of times that the sensor was configured'}
+# Timeouts for reading bytes and for joining the thread [s].
 READ_TIMEOUT, JOIN = 0.05, 2.0
 # Warn below this fraction of the requested rate.
 RATE_FRACTION_MIN = 0.9
@@ -35,7 +35,7 @@ RATE_FRACTION_MIN = 0.9
 
 class ImuOutput:
     """
-    Reads a sensor and publishes `imu`, where there are subscribers, until it is stopped.
+    Reads a sensor until `end` is called, and publishes `imu` while there are subscribers.
 
     `take` receives each `StampedReading` before it is published, in the thread; `failure` is the
     error that ended the thread.

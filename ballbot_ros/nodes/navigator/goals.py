@@ -41,17 +41,17 @@ class NavigationServers:
             node, ComputePathToPose, 'compute_path_to_pose', self._check_plan, self._plan)
 
     def _goal(self, message: PoseStamped) -> Tuple[float, float, float]:
-        """Return position and heading of a pose; raise `RefusedError` for another frame."""
+        """Return x, y and heading; raise `RefusedError` for another frame or a pose not finite."""
         frame = self._node._settings.map_frame
         if message.header.frame_id not in ('', frame):
             raise RefusedError(
                 f'the pose must be in the frame {frame!r}, got {message.header.frame_id!r}',
                 'wrong_frame', 'header.frame_id')
-        place, turn = message.pose.position, message.pose.orientation
+        at, turn = message.pose.position, message.pose.orientation
         if not all(math.isfinite(item) for item in (
-                place.x, place.y, turn.x, turn.y, turn.z, turn.w)):
+                at.x, at.y, turn.x, turn.y, turn.z, turn.w)):
             raise RefusedError('the pose must be finite', 'not_finite', 'pose')
-        return place.x, place.y, heading_of(turn)
+        return at.x, at.y, heading_of(turn)
 
     def _ready(self) -> None:
         node = self._node
@@ -101,8 +101,7 @@ class NavigationServers:
         self._goal(request.goal)
 
     def _plan(self, handle: ServerGoalHandle) -> None:
-        """Answer a request for a path."""
-        node, request, begin = self._node, handle.request, time.monotonic()
+        node, request, started = self._node, handle.request, time.monotonic()
         percept = node.percept
         try:
             start = self._goal(request.start) if request.use_start else (
@@ -117,7 +116,7 @@ class NavigationServers:
         node.get_logger().info(planner.explain(route, start, goal) or 'the shortest path')
         self._compute.finish(handle, ComputePathToPose.Result(
             path=path_message(route, node._settings.map_frame, to_time(percept.stamp)),
-            planning_time=Duration(seconds=time.monotonic() - begin).to_msg()))
+            planning_time=Duration(seconds=time.monotonic() - started).to_msg()))
 
     def step(self) -> None:
         """Update the goal; called after each command."""
@@ -157,5 +156,4 @@ class NavigationServers:
 
 
 def _failure(kind: Any, error: BallbotError) -> Any:
-    """Return the result of an action for an error."""
     return kind.Result(error_code=FAILED, error_msg=f'{getattr(error, "reason", "")}: {error}')

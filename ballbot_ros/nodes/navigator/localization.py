@@ -12,7 +12,7 @@ from ballbot_ros.nodes.navigator.settings import NavigatorSettings
 from ballbot_ros.ros.conversions import to_seconds
 from ballbot_ros.ros.endpoints import create_subscription
 
-MOST_POINTS = 120  # of a scan that are used
+MOST_POINTS = 120  # approximate number of points that are used of a scan
 
 Pose = Tuple[float, float, float]
 
@@ -38,7 +38,7 @@ class Localization:
                 create_subscription(node, topic, self._on_transforms)
         except ConfigurationError as error:
             node.get_logger().error(
-                f'{error}; without it set localized to false, if {self._odom} is {self._map}')
+                f'{error}; or set localized to false, if {self._odom} coincides with {self._map}')
 
     def _on_transforms(self, message: Any) -> None:
         for item in message.transforms:
@@ -50,7 +50,7 @@ class Localization:
         self._scan = message
 
     def on_map(self, x: float, y: float, heading: float) -> Optional[Pose]:
-        """Return the pose on the map of a pose in odom, None before the first transform."""
+        """Transform a pose from odom to the map; return None before the first transform."""
         if self._offset is None:
             return None
         left, up, turn = self._offset
@@ -58,7 +58,7 @@ class Localization:
                 up + math.sin(turn) * x + math.cos(turn) * y, heading + turn)
 
     def points(self, pose: Pose, since: float) -> Optional[Tuple[Point, ...]]:
-        """Return the points of the last scan on the map, once, if it is not older than a time."""
+        """Return the points of a new scan on the map [m]; None without one since a time [s]."""
         scan, self._scan = self._scan, None
         if scan is None or to_seconds(scan.header.stamp) < since:
             return None

@@ -35,7 +35,7 @@ from ballbot_ros.ros.parameters import declare
 from ballbot_ros.ros.run import run
 
 PERIOD = 0.02  # shortest time between two commands [s]
-LATEST_SCAN = 0.5  # a scan that is older is not used [s]
+LATEST_SCAN = 0.5  # maximum age of a scan [s]
 
 
 class NavigatorNode(ManagedNode):
@@ -43,13 +43,13 @@ class NavigatorNode(ManagedNode):
     Plans and drives; `NavigatorSettings` has its parameters.
 
     *Configure* reads the floor and computes crossings; *activate* accepts goals;
-    *deactivate* stops the ball and ends the goal.  On free floor it publishes cmd_vel, over steps
-    the set-points of an internal obstacle decision, and without a goal neither: so only one
-    source drives at a time, and no node obstacle_decision is needed beside it.
+    *deactivate* stops the ball and ends the goal.  With a goal, it publishes cmd_vel on free
+    floor, and over steps the set-points of an internal obstacle decision: only one source drives
+    at a time, and no node obstacle_decision is needed.
     """
 
     def __init__(self, **kwargs: Any):
-        """Wait for a transition or make it."""
+        """Wait for a transition or, with autostart, trigger it."""
         super().__init__('navigator', **kwargs)
         self._settings = declare(self, NavigatorSettings)
         self._robot = load_robot(self._settings.robot)
@@ -57,7 +57,7 @@ class NavigatorNode(ManagedNode):
             self._robot, load_curve(self._settings.curve),
             load_decision_tuning(self._settings.tuning),
             load_tuning(self._settings.control_tuning))
-        # No transition changes them, so that the node ends where they are inconsistent.
+        # Checked before any transition, so that the node ends if they are inconsistent.
         check_decision(self._robot, self._knowledge.curve, self._knowledge.tuning)
         self.navigator: Optional[Navigator] = None
         self.state = NavigationState()
@@ -114,7 +114,7 @@ class NavigatorNode(ManagedNode):
         return SUCCESS
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Release floor and robot."""
+        """Discard the navigator with its floor."""
         self.navigator = None
         return SUCCESS
 
@@ -124,7 +124,7 @@ class NavigatorNode(ManagedNode):
         return self._active and self.navigator is not None
 
     def abort(self, reason: str, message: str) -> None:
-        """End the active goal immediately; the last command demands rest."""
+        """End the active goal immediately, with a command to rest."""
         if not self.state.status.ended:
             self.state = replace(self.state, status=NavStatus.FAILED, reason=reason,
                                  message=message, next=None)
@@ -197,7 +197,7 @@ class NavigatorNode(ManagedNode):
         self.servers.step()
 
     def _keep(self) -> None:
-        """Write the learned data beside the map, if they have changed."""
+        """Write the learned data to their file, if they have changed."""
         if self.state.learned == self._kept or not self._settings.learned:
             return
         self._kept = self.state.learned
@@ -207,7 +207,7 @@ class NavigatorNode(ManagedNode):
             self.get_logger().warning(f'learned: {error}', throttle_duration_sec=10.0)
 
     def _reload(self) -> str:
-        """Read the floor again; with an active goal the ball stops first, then plans again."""
+        """Reload the floor; with an active goal, the ball stops and the route is planned again."""
         if self.navigator is None:
             raise BallbotError('the node is not configured', 'inactive', 'navigator')
         planner = RoutePlanner(load_floor(self._settings.floor), self._knowledge)

@@ -15,7 +15,7 @@ from ballbot_ros.navigation import Route
 from ballbot_ros.ros.conversions import set_point_message
 from ballbot_ros.ros.endpoints import create_publisher, wait_until_received
 
-COLOURS = {True: (0.1, 0.65, 0.25), False: (0.85, 0.5, 0.1)}  # of a crossing, by probability
+COLOURS = {True: (0.1, 0.65, 0.25), False: (0.85, 0.5, 0.1)}  # crossing of high probability or not
 
 
 def stamped_pose(frame: str, stamp: Time, x: float, y: float, heading: float) -> PoseStamped:

@@ -22,11 +22,11 @@ class NavigatorSettings(Settings):
     learned: str = fixed('it is read at the start', text(
         'file for learned data of the floor, read at the start; empty for none',
         default=''))
-    map_frame: str = fixed('it names the poses', text('frame of the floor', default='map'))
-    odom_frame: str = fixed('it names the poses', text(
+    map_frame: str = fixed('poses are expressed in it', text('frame of the floor', default='map'))
+    odom_frame: str = fixed('poses are expressed in it', text(
         'frame of odom; /tf contains its transform from map_frame', default='odom'))
     localized: bool = fixed('it selects the source of the pose', flag(
-        'wait for the transform from map_frame to odom_frame; false: they are the same',
+        'wait for the transform from map_frame to odom_frame; false: the frames coincide',
         default=True))
     autostart: bool = fixed('it applies at the start', flag(
         'configure and activate at the start, without a lifecycle manager', default=True))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The actions ``~/drive_to`` and ``~/cross_step`` of the decision; `decision.goals` does them."""
+"""The actions ``~/drive_to`` and ``~/cross_step``; `decision.goals` implements their behaviour."""
 import math
 import time
 from typing import Any, Callable, Optional, Tuple
@@ -16,7 +16,7 @@ from ballbot_ros.nodes.obstacle_decision.standstill import Standstill
 from ballbot_ros.ros.action_server import DeferredActionServer
 from ballbot_ros.ros.conversions import decision_message, to_time
 
-# Between two feedback messages [s]; timeout of odometry during a goal [s].
+# Period of the feedback, and timeout of odometry during a goal [s].
 FEEDBACK, SILENCE = 0.1, 10.0
 
 
@@ -24,8 +24,8 @@ class GoalServers:
     """
     Serves both actions, one goal at a time.
 
-    During a standstill goals are rejected; its service resumes without goals.  With `waiting`, the
-    ball rests until a goal arrives.
+    During a standstill, goals are rejected; the service ``~/resume`` continues without goals.
+    With `waiting`, the ball rests until a goal arrives.
     """
 
     def __init__(self, node: Node, decider: Callable[[], Decider], knowledge: Knowledge,
@@ -45,7 +45,7 @@ class GoalServers:
         node.create_timer(1.0, self._watch, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def _check(self) -> Motion:
-        """Return the motion from which a goal can begin; refuse a goal that cannot."""
+        """Return the motion at the start of a goal; raise `RefusedError` if none can start."""
         decider = self._decider()
         if self._standstill.standing:
             raise RefusedError(self._standstill.reason, 'standing', 'e_stop')
@@ -73,7 +73,7 @@ class GoalServers:
         self._last_decision = time.monotonic()
 
     def go_on(self) -> bool:
-        """Follow the decision without goals; return whether the mode changes."""
+        """Follow the decision without goals; return whether this changes the mode."""
         goals = self._decider().goals
         waiting = goals.waiting
         goals.go_on()
@@ -96,7 +96,7 @@ class GoalServers:
             handle.publish_feedback(self._feedback(motion, planned))
 
     def abort(self, why: str) -> None:
-        """Abort the active goal, if any: the e-stop is engaged, or odometry is lost."""
+        """Abort the active goal, if any, because of the e-stop or missing odometry."""
         if self._running is not None:
             self._decider().goals.end()
             self._finish(*self._running, GoalEnd(
@@ -151,7 +151,7 @@ class GoalServers:
 
 
 def _in_force(decider: Decider) -> Tuple[int, int, str]:
-    """Return kind, reason and explanation of the last decision about the ground."""
+    """Return kind, reason and explanation of the last decision about the terrain."""
     planned, decision = decider.planned, decider.decision
     if planned is None or decision is None:
         return 0, 0, ''

@@ -27,10 +27,10 @@ from ballbot_ros.ros.parameters import Commit, declare
 from ballbot_ros.ros.run import run
 from ballbot_ros.ros.single_publisher import SinglePublisher
 
-# With slower observations, set-points are also published for the odometry in between [s].
+# Without an observation for this time, odometry also triggers set-points [s].
 LONGEST_SILENCE = 0.025
 
-# Least time between two logged changes of the decision [s].
+# Minimum time between two logged changes of the decision [s].
 LOG_PERIOD = 1.0
 
 OBSERVATIONS: Dict[str, Callable[[Any], Observation]] = {
@@ -38,7 +38,7 @@ OBSERVATIONS: Dict[str, Callable[[Any], Observation]] = {
 
 
 def load_knowledge(settings: DecisionSettings) -> Knowledge:
-    """Load robot, curve and tuning; raise `ConfigurationError` if they do not fit together."""
+    """Load robot, curve and tuning; raise `ConfigurationError` if they are inconsistent."""
     knowledge = Knowledge(
         load_robot(settings.robot), load_curve(settings.curve, settings.variant),
         settings.margins, load_tuning(settings.control_tuning))
@@ -50,12 +50,12 @@ class ObstacleDecision(Node):
     """
     Decides and publishes set-points; `DecisionSettings` has its parameters.
 
-    An observation waits for odometry that is not older than it, so that the answer depends on
-    stamps alone and not on the order of arrival.
+    An observation waits for odometry that is at least as new, so that the decision depends only on
+    stamps and not on the order of arrival.
     """
 
     def __init__(self, **kwargs: Any):
-        """Check that robot, curve and tuning belong together, then wait."""
+        """Check that robot, curve and tuning are consistent, then wait for messages."""
         super().__init__('obstacle_decision', **kwargs)
         settings = declare(self, DecisionSettings, self._prepare)
         knowledge = load_knowledge(settings)
@@ -67,7 +67,7 @@ class ObstacleDecision(Node):
         self._observed: Any = None  # the newest observation that waits for odometry
         self._seen: Dict[type, Tuple[int, int]] = {}
         self._counts: Counter = Counter()
-        self._logged: Tuple[Any, float] = None, -math.inf  # label of the decision, and when
+        self._logged: Tuple[Any, float] = None, -math.inf  # label and time of a decision
         self._outputs = DecisionOutputs(self, settings, knowledge.robot.ball_radius)
         self._sources = {topic: SinglePublisher(self, topic) for topic in (*OBSERVATIONS, 'odom')}
         for topic in OBSERVATIONS:
@@ -80,7 +80,7 @@ class ObstacleDecision(Node):
             self, 'decision', self._health, knowledge.robot.name)
 
     def _prepare(self, wanted: DecisionSettings) -> Commit:
-        """Check other parameters; return a function that applies them."""
+        """Check new parameters; return a function that applies them."""
         return self._decider.prepare(load_knowledge(wanted))
 
     def _refusal(self, topic: str) -> str:
@@ -96,7 +96,7 @@ class ObstacleDecision(Node):
         if self._refusal(topic):
             return
         if self._seen.get(type(message)) == exact(message):
-            # The observation is repeated: a second decision could differ.
+            # No new decision for a repeated observation: it could differ.
             if self._observed is None:
                 self._outputs.repeat()
             return
@@ -109,16 +109,16 @@ class ObstacleDecision(Node):
         if self._refusal('odom'):
             return
         if self._odometry is not None and exact(message) < exact(self._odometry):
-            self.get_logger().warning('time went back: all observations so far are dropped')
-            self._forget('time went back')
+            self.get_logger().warning('time went back: all previous observations are dropped')
+            self._reset('time went back')
         self._odometry = message
         self._decider.move(motion(message))
         self._decide_pending()
-        # The ball is also driven between observations and after their end.
+        # The ball also needs set-points between observations and after the last one.
         if to_seconds(message.header.stamp) - self._outputs.time > LONGEST_SILENCE:
             self._decide(message.header.stamp, message)
 
-    def _forget(self, why: str) -> None:
+    def _reset(self, why: str) -> None:
         self._goals.abort(why)
         self._decider.reset()
         self._outputs.forget()
@@ -127,18 +127,18 @@ class ObstacleDecision(Node):
 
     def _stand(self) -> None:
         """Discard the decision, so that no plan outlives an e-stop, and command rest."""
-        self._forget('the e-stop is engaged')
+        self._reset('the e-stop is engaged')
         self._outputs.rest(Time())
 
     def _decide_pending(self) -> None:
-        """Decide on the newest observation when there is odometry that is not older."""
+        """Decide on the newest observation, if odometry is at least as new."""
         if self._observed is not None and self._odometry is not None \
                 and exact(self._odometry) >= exact(self._observed):
             stamp, self._observed = self._observed.header.stamp, None
             self._decide(stamp, self._odometry)
 
     def _decide(self, stamp: Time, odometry: Odometry) -> None:
-        """Publish a decision stamped like its observation, and the set-point for now."""
+        """Publish a decision with the stamp of its observation, and the current set-point."""
         if self._standstill.standing:
             return self._outputs.rest(odometry.header.stamp)
         decision = (answer := self._decider.decide()).decision
@@ -156,7 +156,7 @@ class ObstacleDecision(Node):
             self.get_logger().info(f'{decision.kind.name}: {decision.explanation}')
 
     def make_safe(self) -> None:
-        """Lower the pendulum."""
+        """End the goal, lower the pendulum and write the outcome log."""
         self._goals.close()
         if self._odometry is not None:
             self._outputs.end(self._odometry.header.stamp)

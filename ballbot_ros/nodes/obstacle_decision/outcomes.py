@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Preparation of the node before its first decision (compilation), and the log of outcomes."""
+"""Compilation of the kernels before the first decision, and the log of outcomes."""
 from dataclasses import replace
 from pathlib import Path
 import time
@@ -12,12 +12,12 @@ from ballbot_ros.decision.learning.outcome_log import OutcomeLog
 from ballbot_ros.decision.learning.outcomes import Outcome
 from ballbot_ros.ros.rclpy_compat import RcutilsLogger
 
-# Number of latest outcomes from which the node learns at start.
+# Number of the latest outcomes from which the node learns at the start.
 NEWEST = 100
 
 
 class Experience:
-    """A log of outcomes, or none for an empty path, and the knowledge with it."""
+    """A log of outcomes (none for an empty path), and the knowledge updated from it."""
 
     def __init__(self, path: str, knowledge: Knowledge, planner: str, logger: RcutilsLogger):
         """Compile the kernels of the decision, and update the particles from the log."""
@@ -41,7 +41,7 @@ class Experience:
 
     @property
     def problem(self) -> Dict[str, str]:
-        """Return for /diagnostics the reason why outcomes are not logged, if they should be."""
+        """Return why requested outcomes are not logged, for /diagnostics; empty if they are."""
         problem = self._log.problem if self._log is not None else ''
         return {'outcome_log': problem} if problem else {}
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Outputs of the decision: the newest decision and its set-point, and who follows it."""
+"""Outputs of the decision: decision, set-point, markers, and a monitor of the followers' gains."""
 import math
 from typing import Optional, Tuple
 
@@ -24,11 +24,11 @@ EVENTS = '/parameter_events'
 
 class GainWatch:
     """
-    Monitors parameter changes of the nodes that follow the set-points of a node.
+    Monitors the gains of the nodes that follow the set-points of a node.
 
-    Plans depend on gains (``control_tuning``): with others the pendulum takes another path to its
-    set angle.  New gains are not adopted automatically: the driving node is not known, and the
-    learned parameters depend on the gains.
+    Plans depend on the gains (``control_tuning``), which determine how the pendulum moves to its
+    set angle.  New gains are not adopted automatically: several nodes may follow, and the learned
+    parameters depend on the gains.
     """
 
     def __init__(self, node: Node):
@@ -70,7 +70,7 @@ class DecisionOutputs:
 
     @property
     def time(self) -> float:
-        """Return the stamp of the newest set-point, infinity before there is one [s]."""
+        """Return the stamp of the newest set-point, infinity before the first one [s]."""
         return math.inf if self._newest is None else to_seconds(self._newest[1].header.stamp)
 
     def forget(self) -> None:
@@ -78,7 +78,7 @@ class DecisionOutputs:
         self._newest = None
 
     def decide(self, stamp: Time, answer: Answer, odometry: Odometry) -> None:
-        """Publish a decision stamped like its observation, and the set-point for now."""
+        """Publish a decision with the stamp of its observation, and the current set-point."""
         if self._markers.is_due(to_seconds(stamp)):
             self._markers.publish(decision_markers(answer.decision, odometry, self._radius))
         # In lockstep the stamp of the set-point identifies its period.
@@ -92,7 +92,7 @@ class DecisionOutputs:
         self.repeat()
 
     def repeat(self) -> None:
-        """Publish the newest again, if there is one."""
+        """Publish the newest decision and set-point again, if any."""
         if self._newest is not None:
             decision, set_point = self._newest
             if decision is not None:
@@ -100,7 +100,7 @@ class DecisionOutputs:
             self._set_points.publish(set_point)
 
     def end(self, stamp: Time) -> None:
-        """Lower the pendulum, if it was driven, and wait until this is received."""
+        """Lower the pendulum, if it was driven, and wait until the set-point is received."""
         if self._newest is not None:
             self._set_points.publish(set_point_message(stamp, 0.0))
             wait_until_received(self._set_points)

@@ -24,11 +24,11 @@ class DecisionSettings(Settings):
     outcome_log: str = fixed('it is read at the start', text(
         'log of the outcome of each attempt, from which the node learns at the start; empty for '
         'none', default=''))
-    terrain_frame: str = fixed('the map of the ground is in it', text(
+    terrain_frame: str = fixed('the terrain map is expressed in it', text(
         'required frame of terrain_observation: level, at the centre of the ball, and not '
         'rolling', default='base_link'))
     planner: str = fixed('its kernels are compiled at the start', text(
-        'method of the decision', default='rollout', choices=tuple(PLANNERS)))
+        'planning method', default='rollout', choices=tuple(PLANNERS)))
     publish_markers: bool = marked('the step ahead, the permitted height and the explanation')
     wait_for_goal: bool = fixed('a goal, or ~/resume, ends the waiting', flag(
         'rest until a goal arrives, or ~/resume is called', default=False))

@@ -10,11 +10,11 @@ from ballbot_ros.ros.endpoints import create_trigger, subscribe_e_stop
 
 class Standstill:
     """
-    Latches the e-stop, which calls `stand`, and offers the service ``~/resume``.
+    Latches the e-stop, calls `stand` when it engages, and offers the service ``~/resume``.
 
-    Releasing the e-stop permits motion but does not start it: a person may stand beside the ball.
-    `engaged` is the latest state of the e-stop; `standing` lasts until the next resume.  `go_on`
-    is also called by the service, and returns whether the state changed.
+    Releasing the e-stop permits motion but does not start it: a person may stand next to the ball.
+    `engaged` is the latest state of the e-stop; `standing` lasts until the next resume, which also
+    calls `go_on`; this returns whether it changed the mode.
     """
 
     def __init__(self, node: Node, stand: Callable[[], None]):

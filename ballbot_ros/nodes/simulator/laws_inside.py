@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The control laws inside the simulator, a source of torque as `CommandGate` is."""
+"""The control laws inside the simulator: a torque source with the methods of `CommandGate`."""
 from collections import Counter
 from dataclasses import replace
 from typing import Dict
@@ -70,7 +70,7 @@ class LawsInside:
         self._controller.forget()
 
     def prepare(self, now: SimulatorSettings, wanted: SimulatorSettings) -> Commit:
-        """Check other parameters; return a function that applies them."""
+        """Check new parameters; return a function that applies them."""
         return prepare_laws(self._controller, self._plant.model.robot, _loop(now), _loop(wanted),
                             _supervision(wanted))
 

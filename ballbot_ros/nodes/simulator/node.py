@@ -28,7 +28,7 @@ NO_SIM_TIME = 'use_sim_time does not apply to the simulator, which publishes the
 
 
 class Simulator(Node):
-    """Owns simulated time; `SimulatorSettings` has its parameters."""
+    """Simulates a robot and publishes the clock; `SimulatorSettings` has its parameters."""
 
     def __init__(self, **kwargs: Any):
         super().__init__('simulator', **kwargs)
@@ -57,7 +57,7 @@ class Simulator(Node):
         self._timer = create_wall_timer(self, self._scheduler.interval, self._scheduler.tick)
 
     def _prepare(self, wanted: SimulatorSettings) -> Commit:
-        """Check other parameters; return a function that applies them between two periods."""
+        """Check new parameters; return a function that applies them between two periods."""
         check_control(wanted)
         steps = [self._outputs.prepare(wanted)]
         if self._laws is not None:
@@ -73,11 +73,11 @@ class Simulator(Node):
         return commit
 
     def _on_command(self, message: AnyJointState) -> None:
-        """Take a command; in lockstep, the one for the present state advances time."""
+        """Process a command; in lockstep, the command for the present state advances time."""
         try:
             if self._laws is not None:
                 raise MessageError(
-                    'joint_commands are not followed while the laws run inside: send '
+                    'joint_commands are not followed while the laws run in the simulator: send '
                     'set_point or cmd_vel, or start the simulator with control:=direct',
                     'onboard', 'control')
             self._publisher.name()
@@ -146,8 +146,8 @@ class Simulator(Node):
             return diagnostics.ERROR, str(self._scheduler.failure), values
         if self._plant.accuracy_lost_at < math.inf:
             return diagnostics.WARN, (
-                f'the accuracy of {self._settings.accuracy:g} m holds up to '
-                f't = {self._plant.accuracy_lost_at:.3f} s only: the motion is chaotic'), values
+                f'the accuracy of {self._settings.accuracy:g} m holds only up to '
+                f't = {self._plant.accuracy_lost_at:.3f} s: the motion is chaotic'), values
         if self._scheduler.paused:
             return diagnostics.OK, 'paused', values
         if self._gate.refused:

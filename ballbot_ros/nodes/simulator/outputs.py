@@ -31,7 +31,7 @@ CLOCK = struct.Struct('<4siI')
 
 
 class Every(NamedTuple):
-    """Control periods from one message to the next."""
+    """Number of control periods between two messages of each topic."""
 
     clock: int  # 0: with each message of another topic
     odometry: int
@@ -54,7 +54,7 @@ class Outputs:
 
     /clock is published first and with every message, unless a lower rate is set, so that no stamp
     is ahead of the receivers' clock; joint_states is published last, because in lockstep its
-    answer ends the period.  Messages without subscribers are not created.
+    answer ends the period.  Messages are not created without subscribers.
 
     Raises `ConfigurationError` if a rate does not divide the control rate.
     """
@@ -76,12 +76,12 @@ class Outputs:
             self._odometry.frames.base, plant.model.robot.has_pendulum, plant.steers)
 
     def prepare(self, wanted: SimulatorSettings) -> Commit:
-        """Check other rates and sensors; return a function that applies them."""
-        periods, see = every(wanted), self._sensors.prepare(wanted)
+        """Check new rates and sensors; return a function that applies them."""
+        periods, install = every(wanted), self._sensors.prepare(wanted)
 
         def commit() -> None:
             self._every = periods
-            see()
+            install()
             if self._place is not None:
                 self._place.settings = wanted
         return commit
@@ -95,22 +95,22 @@ class Outputs:
         marked = self._markers.is_due(plant.time)
         stamped = odometry or ball_state or joint_states or seen or marked
         if stamped if not every.clock else everything or now % every.clock == 0:
-            self._try_publish('clock', self._publish_clock, plant.time)
+            self._send('clock', self._publish_clock, plant.time)
         if odometry:
-            self._try_publish('odometry', self._publish_odometry, plant.state)
+            self._send('odometry', self._publish_odometry, plant.state)
             if self._place is not None:
-                self._try_publish('place', self._odometry.publish_map, plant.time,
-                                  self._place.of_odom(plant.time))
+                self._send('place', self._odometry.publish_map, plant.time,
+                           self._place.of_odom(plant.time))
         if ball_state:
-            self._try_publish('ball_state', self._publish_ball_state, plant.state, plant.torque)
+            self._send('ball_state', self._publish_ball_state, plant.state, plant.torque)
         for publisher, message in seen:
-            self._try_publish(publisher.topic_name, publisher.publish, message)
+            self._send(publisher.topic_name, publisher.publish, message)
         if marked:
             self._markers.publish(
                 floor_markers(plant, self._odometry.frames) if isinstance(plant, FloorPlant)
                 else world_markers(plant.state, plant.model, self._odometry.frames.odom))
         if joint_states:
-            self._try_publish('joint_states', self._joints.publish, self._joint_states.of(
+            self._send('joint_states', self._joints.publish, self._joint_states.of(
                 plant.state.time, plant.state, plant.torque,
                 plant.lateral._replace(heading=plant.relative_pose[2])))
 
@@ -123,13 +123,13 @@ class Outputs:
         """
         Publish the last message of each topic again, with its stamp.
 
-        For late subscribers: a controller that is restarted in
-        lockstep needs the set-point of its period, hence the decision the observation.
+        Late subscribers need it: in lockstep, a restarted controller requires the set-point of
+        its period, for which the decision requires the observation.
         """
         for publish, values in self._last.values():
             publish(*values)
 
-    def _try_publish(self, what: str, publish: Callable[..., None], *values: Any) -> None:
+    def _send(self, what: str, publish: Callable[..., None], *values: Any) -> None:
         self._last[what] = publish, values
         publish(*values)
 
@@ -151,20 +151,20 @@ class Outputs:
 
 class PlaceOnMap:
     """
-    Publishes the pose of the frame ``odom`` on the map: exactly, or with a drifting error.
+    Publishes the map, and computes the pose of ``odom`` on it, exact or with a drifting error.
 
-    The error is that of a localisation, an Ornstein-Uhlenbeck process for each coordinate.  The
-    settings may be replaced.
+    The error represents that of a localisation: an Ornstein-Uhlenbeck process for each coordinate.
+    `settings` may be replaced.
     """
 
-    CORRELATION = 10.0  # time of the drift [s]
+    CORRELATION = 10.0  # correlation time of the drift [s]
 
     def __init__(self, node: Node, plant: FloorPlant, settings: SimulatorSettings):
         self._plant, self.settings = plant, settings
         self._error: NDArray[np.float64] = np.zeros(3)
         self._at = 0.0
         self._random = np.random.default_rng([settings.seed, 1])
-        self._topic = create_publisher(node, 'map')  # kept: it is latched
+        self._topic = create_publisher(node, 'map')  # referenced: its message is latched
         self._topic.publish(map_message(plant.floor, Frames.of(settings)))
 
     def of_odom(self, now: float) -> Tuple[float, float, float]:
@@ -174,7 +174,7 @@ class PlaceOnMap:
         sd = np.array([*2 * (self.settings.map_sd,), self.settings.map_heading_sd])
         self._error = left * self._error + math.sqrt(1.0 - left**2) * sd \
             * self._random.standard_normal(3)
-        # An error of the heading turns the map about the robot, not about its origin.
+        # A heading error turns the map about the robot, not about the origin of the map.
         place, (x, y, heading) = self._plant.relative_pose, self._plant.start_pose
         true_x, true_y, _ = self._plant.pose
         turned = heading + float(self._error[2])
@@ -187,12 +187,12 @@ class PlaceOnMap:
 
 class Sensors:
     """
-    The step sensor, the terrain sensor and, on a floor, the laser, as far as they have a rate.
+    The sensors for steps, terrain and, on a floor, laser scans, each if its rate is above 0.
 
-    A measurement has the stamp of its time, and is published after its latency.
+    A measurement is stamped when it is made, and published after the latency.
 
-    Raises `ConfigurationError` if a rate does not divide the control rate, or in lockstep, where
-    each period of the observations waits for its one answer, there may be none or two of them.
+    Raises `ConfigurationError` if a rate does not divide the control rate, or if in lockstep,
+    where each observation period waits for one answer, there may be none or two.
     """
 
     def __init__(self, node: Node, plant: Plant, settings: SimulatorSettings):
@@ -205,8 +205,7 @@ class Sensors:
         """
         Create sensors with these parameters; return a function that installs them.
 
-        A delayed observation keeps its position: only its delay changes.  Raises as the class
-        does.
+        Pending measurements keep their content; only their latency changes.  Raises as the class.
         """
         if settings.lockstep:
             check_lockstep(settings)
@@ -230,8 +229,8 @@ class Sensors:
         """
         Return the messages that are to be published now, each with its publisher.
 
-        With `everything` the state is new: delayed measurements are discarded, and all sensors
-        measure.
+        `everything` is for a state that was set: pending measurements are discarded, and all
+        sensors measure.
         """
         plant, settings = self._plant, self._settings
         if everything:

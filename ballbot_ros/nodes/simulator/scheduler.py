@@ -22,11 +22,11 @@ from ballbot_ros.ros.run import CLOCK_TIMEOUT, CLOCK_WARNING_PERIOD
 
 # Period at which an unanswered state is repeated: subscribers may not be discovered yet [s].
 REPEAT_PERIOD = 0.2
-# Wall time of one callback where the simulation runs as fast as possible [s].
+# Wall time of one callback when the simulation runs as fast as possible [s].
 BATCH_TIME = 0.002
 # A larger lag behind a followed /clock is skipped: time jumps [s].
 LAG_MAX = 1.0
-# Rounding of stamps to the nanosecond, as a part of any period at most.
+# Upper bound of the rounding of stamps to nanoseconds, as a fraction of a period.
 STAMP_ROUNDING = 1e-4
 
 
@@ -34,9 +34,9 @@ class FollowedClock:
     """
     Counts the control periods that are due by /clock, in place of a `Pace`.
 
-    The time of the plant starts at the first message, is never ahead of the newest, and follows
-    its jumps: the stamps have the common time of the graph.  A call returns at most `most`
-    periods; `dropped` counts those skipped.
+    The time of the plant starts at the first message, is never ahead of the newest one, and
+    follows jumps of /clock, so that stamps have the common time of the graph.  `due` returns at
+    most `most` periods; `dropped` counts skipped ones.
     """
 
     def __init__(self, node: Node, plant: Plant, most: int = 50):
@@ -48,11 +48,11 @@ class FollowedClock:
         create_subscription(node, '/clock', self._on_clock)
 
     def restart(self, now: float) -> None:
-        """Take the time from the clock again, after a pause for instance."""
+        """Synchronize with the clock again, for example after a pause."""
         self._joined = False
 
     def due(self, now: float) -> int:
-        """Return how many periods to run at `now` [s of wall time]."""
+        """Return the number of periods to run at `now` [s of wall time]."""
         if self._clock is None:
             self._wait(now)
             return 0
@@ -63,7 +63,7 @@ class FollowedClock:
                 self.dropped += max(0, behind)
                 self._logger.warning(
                     f'/clock is at {self._clock:.3f} s and this simulator at '
-                    f'{self._plant.time:.3f} s: its time jumps there', throttle_duration_sec=1.0)
+                    f'{self._plant.time:.3f} s: it follows this jump', throttle_duration_sec=1.0)
             self._plant.periods, self._joined = there, True
             return 0
         return min(behind, self._most)
@@ -77,16 +77,16 @@ class FollowedClock:
         if now - self._waiting_since > CLOCK_TIMEOUT:
             self._logger.warning(
                 'no /clock, and publish_clock is false: time is stopped; start the simulator '
-                'that publishes it', throttle_duration_sec=CLOCK_WARNING_PERIOD)
+                'that publishes /clock', throttle_duration_sec=CLOCK_WARNING_PERIOD)
 
 
 class Scheduler:
     """
     Runs the control periods of a plant when they are due and publishes each new state.
 
-    The gate is the source of the torque of a period, and the clock that of another simulator, if
-    it sets the time.  When the simulation cannot continue, `failed` is called, and time is stopped
-    by `failure` until `reset`.
+    `gate` is the source of the torque; `clock` is given if another simulator publishes the time.
+    When the simulation cannot continue, `failed` is called, and `failure` stops time until
+    `reset`.
     """
 
     def __init__(self, plant: Plant, gate: Union[CommandGate, LawsInside], outputs: Outputs,
@@ -94,12 +94,12 @@ class Scheduler:
                  failed: Callable[[], None], clock: Optional[FollowedClock] = None):
         self._plant, self._gate, self._outputs = plant, gate, outputs
         self._settings, self._logger, self._failed = settings, logger, failed
-        self._left = 0 if settings.start_paused else None  # periods; None for without end
+        self._left = 0 if settings.start_paused else None  # periods to run; None: unlimited
         self._steps: Optional[Future] = None
         self._clock = clock
         self._pace = self._new_pace(settings)
         self._speed = Speedometer()
-        self._due = 0  # periods that the clock allows and lockstep has not run yet
+        self._due = 0  # in lockstep, periods that are due and wait for their command
         self._expecting = False  # commands have arrived, so their timeout causes a warning
         self.failure: Optional[SimulationError] = None
         self._publish()
@@ -120,7 +120,7 @@ class Scheduler:
 
     @property
     def real_time_factor(self) -> float:
-        """Return the measured factor, NaN before there is one."""
+        """Return the measured factor, NaN before the first measurement."""
         return self._speed.factor
 
     @property
@@ -147,7 +147,7 @@ class Scheduler:
                 self._run_period()
 
     def command_accepted(self, answer: bool) -> None:
-        """Note a command; one that answers the present state ends its period in lockstep."""
+        """Record a command; in lockstep, `answer` to the present state advances time."""
         self._expecting = True
         if answer:
             self._answered = True
@@ -155,7 +155,7 @@ class Scheduler:
                 self._run_answered()
 
     def follow(self, settings: SimulatorSettings) -> None:
-        """Continue with other parameters."""
+        """Continue with new parameters."""
         before, self._settings = self._settings, settings
         if settings.real_time_factor != before.real_time_factor:
             dropped, self._pace = self.dropped, self._new_pace(settings)
@@ -181,7 +181,7 @@ class Scheduler:
         self._restart()
 
     def step(self, periods: int) -> Future:
-        """Run some periods, then pause; the future holds whether all have run."""
+        """Run some periods, then pause; return a future of whether all of them ran."""
         self._run_on(periods)
         self._restart()
         self._steps = Future()
@@ -189,7 +189,7 @@ class Scheduler:
 
     @property
     def makes_time(self) -> bool:
-        """Return whether this simulator publishes the time, not another one."""
+        """Return whether this simulator, not another one, publishes the time."""
         return self._clock is None
 
     def reset(self, state: bool = True, time: bool = True) -> None:
@@ -215,7 +215,7 @@ class Scheduler:
         self._publish(everything=True)
 
     def _run_on(self, periods: Optional[int]) -> None:
-        """Run a number of periods or without end, in place of unfinished steps."""
+        """End unfinished steps, and set the number of periods to run; None: unlimited."""
         self._end_steps(False)
         self._left = periods
 
@@ -232,7 +232,7 @@ class Scheduler:
     def _run_due(self, pace: Union[Pace, FollowedClock], now: float) -> None:
         dropped, wanted = pace.dropped, self._settings.real_time_factor
         for _ in range(pace.due(now)):
-            if not self.paused:  # a failure or the last step ends it in between
+            if not self.paused:  # a failure or the last step may have paused it
                 self._run_period()
         if pace.dropped > dropped and self._speed.factor < 0.98 * wanted:
             self._logger.warning(
@@ -267,13 +267,13 @@ class Scheduler:
         self._publish()
 
     def _publish(self, everything: bool = False) -> None:
-        """Publish the state; in lockstep this asks for the command that answers it."""
+        """Publish the state; in lockstep this requests the command that answers it."""
         self._answered = False
         self._published = self._since = time.monotonic()
         self._outputs.publish(everything)
 
     def _wait(self, now: float) -> None:
-        """Repeat a state without an answer, and warn after the timeout."""
+        """Repeat an unanswered state, and warn after the timeout."""
         if now - self._published >= REPEAT_PERIOD:
             self._published = now
             self._outputs.repeat()

@@ -35,11 +35,11 @@ try:
 except ImportError:  # not part of every ROS 2 installation, or older than 2.0
     AVAILABLE = False
 
-FEEDBACK = 0.05  # between two feedback messages [s of wall time]
+FEEDBACK = 0.05  # period of the feedback [s of wall time]
 
 
 class Refusal(RefusedError):
-    """A request that is answered with a code of simulation_interfaces."""
+    """The refusal of a request, with a result code of simulation_interfaces."""
 
     def __init__(self, code: int, why: str):
         super().__init__(why, 'refused', 'request')
@@ -123,12 +123,12 @@ class Interfaces:
             self._scheduler.reset()
         elif self._state == named.STATE_STOPPED:
             raise Refusal(answer.INCORRECT_TRANSITION,
-                          'stopped at the start of the scene already: play first')
+                          'already stopped at the start of the scene: play first')
         else:
             self._scheduler.pause()
 
     def _reset(self, request: Any, _: Any) -> None:
-        scope = request.scope or request.SCOPE_ALL  # 0 is the default, which is all
+        scope = request.scope or request.SCOPE_ALL  # 0, the default, resets everything
         if scope == request.SCOPE_TIME and not self._scheduler.makes_time:
             raise Refusal(Result.RESULT_FEATURE_UNSUPPORTED,
                           'the time is that of another simulator: reset that one')
@@ -229,17 +229,17 @@ class Interfaces:
         return math.dist((centre.x, centre.y, centre.z), (x, y, self._plant.state.y)) \
             <= bounds.points[1].x + self._plant.model.robot.ball_radius
 
-    def _known(self, entity: str) -> None:
+    def _check_entity(self, entity: str) -> None:
         if entity != self._robot:
             raise Refusal(Result.RESULT_NOT_FOUND,
                           f'there is no {entity!r}, only {self._robot!r}')
 
     def _get_entity(self, request: Any, response: Any) -> None:
-        self._known(request.entity)
+        self._check_entity(request.entity)
         response.state = entity_message(self._plant, self._frame)
 
     def _set_entity(self, request: Any, _: Any) -> None:
-        self._known(request.entity)
+        self._check_entity(request.entity)
         if request.set_pose and isinstance(self._plant, FloorPlant):
             raise Refusal(Result.RESULT_FEATURE_UNSUPPORTED,
                           'a pose on a floor cannot be set: start the simulator with start:=...')
@@ -257,7 +257,7 @@ class Interfaces:
 
 
 def _answering(act: Any) -> Any:
-    """Return the callback of a service that raises `Refusal`, or fills in the response."""
+    """Return a service callback that reports a `Refusal` of `act` in the response."""
     def callback(request: Any, response: Any) -> Any:
         if hasattr(response, 'result'):
             response.result.result = Result.RESULT_OK
@@ -280,7 +280,7 @@ def _ended(response: Any, complete: bool) -> Any:
     return response
 
 
-# Rounding error permitted in a number that must be zero; largest depth of the ball [m].
+# Tolerance of a number that must be zero; largest permitted penetration of the ground [m].
 NEGLIGIBLE, DEEPEST = 1e-6, 0.001
 
 
@@ -315,9 +315,9 @@ def entity_message(plant: Plant, frame: str) -> Any:
 
 def placed(plant: Plant, message: Any, pose: bool, twist: bool) -> State:
     """
-    Return the state of a plant with pose and twist of a message, as far as they are to be set.
+    Return the state of a plant with the pose, the twist, or both, of a message.
 
-    The pendulum keeps its absolute angle and rate; the ball keeps its full turns.
+    The pendulum keeps its absolute angle and rate; the ball keeps its number of full turns.
 
     Raises `RefusedError` if a value is not finite or not in the plane of motion, or the ball
     penetrates the ground.
@@ -348,10 +348,10 @@ def placed(plant: Plant, message: Any, pose: bool, twist: bool) -> State:
     return state
 
 
-def _check(numbers: Any, none: Any, what: str) -> None:
+def _check(numbers: Any, zeros: Any, what: str) -> None:
     """Refuse numbers that are not finite, or leave the plane of motion."""
     if not all(map(math.isfinite, numbers)):
         raise RefusedError(f'{what} must be finite', 'not_finite', what)
-    if any(abs(number) > NEGLIGIBLE for number in none):
+    if any(abs(number) > NEGLIGIBLE for number in zeros):
         raise RefusedError(
             f'{what} must be in the x-z plane, in which the robot moves', 'out_of_range', what)
