@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The verb ``calibrate-motor``: calibrate the joint of drive and pendulum."""
+"""The verb ``calibrate-motor``: calibrate the joint between drive and pendulum."""
 import argparse
 from pathlib import Path
 from typing import Any, Mapping
 
 from ballbot_ros.cli.options import add_hardware, add_port
 
-REPLY_TIMEOUT = 0.5  # timeout of each reply of the handshake [s]
+REPLY_TIMEOUT = 0.5  # of the handshake [s]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -17,13 +17,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 class Console:
-    """The dialogue at the terminal."""
+    """A dialogue at the terminal."""
 
     def say(self, text: str) -> None:
         print(text, flush=True)
 
     def ask(self, question: str) -> str:
-        """Return a line; ``q`` and the end of input end the calibration."""
+        """Return the answer; ``q`` or the end of input cancels the calibration."""
         from ballbot_ros.errors import RefusedError
         try:
             answer = input(f'{question}: ')
@@ -64,7 +64,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def write(path: Path, content: Mapping[str, Any], found: Any, base: str) -> None:
-    """Write the content of a hardware file `base`, with the result of its calibration."""
+    """Write the content of the hardware file `base` with the result of its calibration."""
     import yaml
 
     from ballbot_ros.bridge.hardware_file import read_hardware
@@ -78,8 +78,8 @@ def write(path: Path, content: Mapping[str, Any], found: Any, base: str) -> None
             'value': round(found.torque_factor, 4), 'unit': '1', 'source': 'measured',
             'range': [round(max(1e-3, found.torque_factor - spread), 4),
                       round(found.torque_factor + spread, 4)],
-            'note': f'accurate as M2 and e of the robot; friction was {found.friction:.3f} N m'}}
-    whole = {**content, 'joint': joint}
-    read_hardware(whole, str(path))  # check that the file is readable
-    write_text(f'# Measured by ballbot calibrate-motor; the rest is that of {base}.\n'
-               + yaml.safe_dump(whole, sort_keys=False), path)
+            'note': f'as accurate as M2 and e of the robot; friction {found.friction:.3f} N m'}}
+    calibrated = {**content, 'joint': joint}
+    read_hardware(calibrated, str(path))  # check that the file is readable
+    write_text(f'# Measured by ballbot calibrate-motor; other values are those of {base}.\n'
+               + yaml.safe_dump(calibrated, sort_keys=False), path)

@@ -2,10 +2,10 @@
 """
 Find the verb on the command line and call its module.
 
-Each verb is a line of `VERBS` and a module with ``add_arguments(parser)`` and
-``run(arguments) -> int``, or a `Verb` in a module that has several.  Only the module of the verb
-that was given is imported, and it imports heavy modules inside ``run``: help and errors come
-immediately.
+Each verb is an entry of `VERBS` and a module with ``add_arguments(parser)`` and
+``run(arguments) -> int``, or a `Verb` in a module with several verbs.  Only the module of the
+given verb is imported, and it imports heavy modules inside ``run``, so that help and errors
+appear immediately.
 """
 from contextlib import contextmanager, nullcontext
 from importlib import import_module
@@ -26,7 +26,7 @@ from ballbot_ros.config.fields import suggestion
 from ballbot_ros.errors import BallbotError, ConfigurationError, PlausibilityWarning
 
 
-# Verb -> its module, or module:name of a `Verb` in it; and its description.
+# Verb -> its module (module:name for a `Verb` in it) and its description.
 VERBS = {
     'demo': ('demo', 'run all ROS nodes: the robot approaches a step that it can cross and one '
              'that it cannot'),
@@ -40,7 +40,7 @@ VERBS = {
                        'can then be enabled'),
     'engage-e-stop': ('graph:ENGAGE', 'engage the e-stop, which disables motor power'),
     'simulate': ('simulate', 'simulate a scene; write numbers and figures'),
-    'view': ('view', 'show a scene, a bag or running nodes in the browser, and drive there'),
+    'view': ('view', 'show a scene, a bag or running nodes in the browser, and drive the robot'),
     'plan-route': ('plan_route', 'plan a route on a floor with steps; each crossing gets its '
                    'run-up'),
     'floor-masks': ('plan_route:MASKS', "write masks of a floor for Nav2's costmap filters"),
@@ -49,7 +49,7 @@ VERBS = {
     'evaluate-decision': ('evaluate_decision', 'evaluate the obstacle decision in closed loop, '
                           'over thousands of random approaches'),
     'evaluate-navigation': ('evaluate_navigation', 'drive to goals in random houses in closed '
-                            'loop, beside planners without run-up'),
+                            'loop; compare with planners without run-up'),
     'sweep': ('sweep', 'compute crossings over any parameters, on all cores or a cluster'),
     'identify': ('identify', 'estimate parameters of a robot from a recorded run'),
     'compare-models': ('compare_models', 'compare simpler models of the maximum step height with '
@@ -59,10 +59,10 @@ VERBS = {
     'doctor': ('doctor', 'diagnose a motor controller that does not respond'),
     'emulate-motor': ('emulate_motor', 'emulate a motor controller and a simulated ball on a '
                       'serial device'),
-    'replay': ('replay', 'replay a recorded bag beside the model, or show the black box of a '
+    'replay': ('replay', 'compare a recorded bag with the model, or show the black box of a '
                'fault'),
     'on-timeout': ('on_timeout', 'show the motion of the ball on a slope when its commands stop'),
-    'figures': ('figures', "draw the paper's figures from new simulations, and some more"),
+    'figures': ('figures', "draw the paper's figures from new simulations, and additional ones"),
     'scenes': ('listing:SCENES', 'list the scenes that come with the package'),
     'test-bench': ('test_bench', "roll a virtual robot into steps as in the paper's tests"),
     'outcomes': ('outcomes', 'list, export or reset the logged attempts of a robot, or show the '
@@ -72,14 +72,14 @@ VERBS = {
     'robots': ('listing:ROBOTS', 'list the robots, or print the parameters of one'),
 }
 
-# Verbs that end with Ctrl-C, and then with exit code 0.
+# Verbs that run until Ctrl-C and then return exit code 0.
 UNTIL_CTRL_C = {'drive', 'echo', 'emulate-motor', 'hz', 'view'}
 # Delay before a KeyboardInterrupt that C code has ignored is raised again [s].
 RAISE_AGAIN = 0.1
 
 
 def load_verb(name: str) -> Any:
-    """Return the module or the `Verb` of a name in `VERBS`: it has add_arguments and run."""
+    """Return the module or `Verb` of a name in `VERBS`; either has add_arguments and run."""
     module, _, part = VERBS[name][0].partition(':')
     found = import_module(f'ballbot_ros.cli.{module}')
     return getattr(found, part) if part else found
@@ -87,10 +87,10 @@ def load_verb(name: str) -> Any:
 
 def main(argv: Optional[Sequence[str]] = None) -> int:
     """
-    Run the command ``ballbot`` with arguments, those of the process by default.
+    Run the command ``ballbot`` with the given arguments, by default those of the process.
 
     Returns the exit code: 0, 1 for a failed run, 2 for an error in the arguments or a file, 130
-    after Ctrl-C or 0 for a verb that runs until Ctrl-C.
+    after Ctrl-C (0 for a verb that runs until Ctrl-C), 141 for a closed output pipe.
     """
     words = list(sys.argv[1:] if argv is None else argv)
     with _interruption() as pressed:
@@ -100,7 +100,7 @@ def main(argv: Optional[Sequence[str]] = None) -> int:
             finally:
                 sys.stdout.flush()
         except BrokenPipeError:
-            # The reader has closed the pipe; buffered text must not fail again at the exit.
+            # The reader has closed the pipe; buffered text must not fail again at exit.
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             return PIPE_CLOSED
         except BallbotError as error:
@@ -110,7 +110,7 @@ def main(argv: Optional[Sequence[str]] = None) -> int:
             print_error('not enough memory; use a shorter duration or a larger output_step')
             return FAILED
         except (KeyboardInterrupt, Exception) as error:
-            # An extension that was compiling or calling back may replace KeyboardInterrupt.
+            # An extension that compiles or calls back may raise another error instead.
             if isinstance(error, Exception) and not pressed.is_set():
                 if not isinstance(error, OSError) or error.filename is None:
                     raise
@@ -125,10 +125,10 @@ def main(argv: Optional[Sequence[str]] = None) -> int:
 
 @contextmanager
 def _interruption() -> Iterator[Event]:
-    """Yield an event that Ctrl-C sets, even if its exception is lost."""
+    """Yield an event that Ctrl-C sets, even if its exception is suppressed."""
     pressed = Event()
 
-    def press() -> None:  # a flag alone would not end a system call
+    def press() -> None:  # a flag alone would not interrupt a system call
         signal.pthread_kill(main_thread().ident or 0, signal.SIGINT)
 
     again = Timer(0.0, press)
@@ -137,10 +137,10 @@ def _interruption() -> Iterator[Event]:
         pressed.set()
         raise KeyboardInterrupt
 
-    def reraise(lost: Any) -> None:
+    def reraise(unraisable: Any) -> None:
         nonlocal again
-        if not issubclass(lost.exc_type, KeyboardInterrupt):
-            hook(lost)
+        if not issubclass(unraisable.exc_type, KeyboardInterrupt):
+            hook(unraisable)
         elif not again.is_alive():  # C code has called Python code and ignores its exceptions
             again = Timer(RAISE_AGAIN, press)
             again.start()
@@ -161,7 +161,7 @@ def _interruption() -> Iterator[Event]:
 
 
 def print_refusal(error: BallbotError) -> None:
-    """Print an error of this package; each of several in a file on a separate line."""
+    """Print an error of this package; print several problems of a file on separate lines."""
     for problem in getattr(error, 'problems', ()) or (error,):
         print_error(str(problem))
 
@@ -198,7 +198,7 @@ def _run(words: list[str]) -> int:
                 nullcontext() if quiet else compilation_shown():
             code: int = load_verb(arguments.verb).run(arguments)
     except ConfigurationError as error:
-        # The message has the name of the class that checks the number: replace it by the option.
+        # The message names the class that checks the number, and its field: name the option.
         option = f'--{error.field.replace("_", "-")}'
         place = re.match(rf'(\w+|command line): {re.escape(error.field)}\b', str(error))
         if place and not error.problems and parser.of_verb is not None \
@@ -211,7 +211,7 @@ def _run(words: list[str]) -> int:
 
 @contextmanager
 def _warnings(quiet: bool) -> Iterator[None]:
-    """Print each plausibility warning as a line, once; if quiet, log errors only."""
+    """Print each distinct plausibility warning once, as a line; if quiet, log errors only."""
     log = logging.getLogger('ballbot_ros')
     level = log.level
     if quiet:

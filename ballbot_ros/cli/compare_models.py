@@ -16,7 +16,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help='state of the pendulum: free, or held at --angle-deg '
                         '(default: %(default)s)')
     add_number(parser, '--angle-deg', 'DEGREES', quantity(
-        'degrees', 'angle at which the pendulum is held: 0 down, 90 level ahead (default: 0)',
+        'degrees', 'angle at which the pendulum is held: 0 down, 90 horizontal ahead (default: 0)',
         minimum=-180.0, maximum=180.0, optional=True))
     parser.add_argument('--json', action='store_true', help='print all heights as JSON')
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The verb ``demo``: all ROS nodes together, on shipped scenes or on other ones."""
+"""The verb ``demo``: all ROS nodes together, on shipped or other scenes."""
 import argparse
 from contextlib import nullcontext
 from pathlib import Path
@@ -11,38 +11,38 @@ from ballbot_ros.config.fields import quantity
 from ballbot_ros.drives import DRIVES
 from ballbot_ros.errors import ConfigurationError
 
-# Options with a name or a YAML file.
-FILE_OPTIONS = {'scene': 'scene, a name or a YAML file, instead of the two of the demo',
-                'robot': 'robot, a name or a YAML file, instead of the one of the scene',
+# Options that take a name or a YAML file.
+FILE_OPTIONS = {'scene': 'name or YAML file of a scene to run instead of the two of the demo',
+                'robot': 'name or YAML file of a robot to use instead of that of the scene',
                 'curve': 'height curve of the decision, fitted by "ballbot fit-curve"',
-                'tuning': 'gains of the controller, a name or a YAML file (default: published)'}
+                'tuning': 'name or YAML file of the gains of the controller (default: published)'}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--out', type=Path, metavar='DIR',
-                        help='folder for the recording (default: ballbot_output/demo, '
-                        'demo_hardware or demo_house there; demo_2, ... if it contains results)')
+                        help='folder for the recording (default: demo, demo_hardware or '
+                        'demo_house in ballbot_output; demo_2, ... if it contains results)')
     add_overwrite(parser)
     parser.add_argument('--real-time', action='store_true',
                         help='run in real time instead of as fast as possible')
     parser.add_argument('--view', action='store_true',
-                        help='open the live page in a browser, and run at most in real time')
+                        help='open the live page in a browser; run no faster than real time')
     parser.add_argument('--hardware', action='store_true',
                         help='run the bridge with an emulated motor controller on a serial '
                         'link, in real time')
     parser.add_argument('--house', action='store_true',
-                        help='drive from room to room on the floor apartment, with the navigator')
+                        help='drive from room to room on the floor "apartment" with the navigator')
     parser.add_argument('--goal', nargs=2, type=float, action='append', default=[],
                         metavar=('X', 'Y'),
-                        help='place to drive to with --house, instead of its rooms; may be '
-                        'repeated [m]')
+                        help='position [m] to drive to with --house, instead of its rooms; may be '
+                        'repeated')
     parser.add_argument('--protocol', choices=tuple(DRIVES),
-                        help='protocol of that motor controller (default: odrive)')
+                        help='protocol of the emulated motor controller (default: odrive)')
     parser.add_argument('--firmware', default='', metavar='GENERATION',
                         help='firmware of an odrive: 0.5 (default) or 0.6')
     parser.add_argument('--serial-imu', action='store_true',
-                        help='connect the emulated IMU by a separate serial link to the node '
-                        'imu')
+                        help='connect the emulated IMU to the node imu by a separate serial '
+                        'link')
     for option, what in FILE_OPTIONS.items():
         parser.add_argument(f'--{option}', metavar='NAME', help=what)
     parser.add_argument('--planner', metavar='NAME',
@@ -59,9 +59,9 @@ def run(arguments: argparse.Namespace) -> int:
     """
     Run the demo.
 
-    Raises `ConfigurationError` if a protocol or firmware is given without such a motor controller,
-    scene, robot, curve and gains do not exist or are inconsistent, the folder cannot be written,
-    or ROS cannot be found.
+    Raises `ConfigurationError` for an option without effect, for a scene, robot, curve or gains
+    that do not exist or are inconsistent, for a folder that cannot be written, and if ROS cannot
+    be found.
     """
     check(arguments)
     demo = from_ros('ballbot_ros.demo.demo')
@@ -103,7 +103,7 @@ def check(arguments: argparse.Namespace) -> None:
     refuse_without(arguments, '--house', arguments.house, '--goal')
     if arguments.hardware and arguments.house:
         raise ConfigurationError(
-            '--house goes without --hardware, which drives straight only', 'inconsistent',
+            '--house excludes --hardware, which drives straight only', 'inconsistent',
             '--house')
     own_scene = 'another demo: this one has its own scene'
     refuse_without(

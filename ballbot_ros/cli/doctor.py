@@ -14,7 +14,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Print each finding; return 1 if one is wrong."""
+    """Print each finding; return 1 if a verdict is `WRONG`."""
     from ballbot_ros.bridge.commissioning.doctor import examine, WRONG
     code = DONE
     for finding in examine(arguments.hardware, arguments.port, os.environ,

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The verb ``drive``: the robot from a keyboard or a gamepad."""
+"""The verb ``drive``: drive the robot from a keyboard or with a gamepad."""
 import argparse
 from contextlib import contextmanager
 import math
@@ -22,10 +22,10 @@ from ballbot_ros.errors import ConfigurationError
 RATE = 20.0  # of cmd_vel [Hz]
 STATUS_PERIOD = 0.1  # of the status line [s]
 # With a dead man's switch: time for which a key counts as held after its last repetition [s].
-# Keyboards wait up to 0.66 s before the first repetition, and less after that.
+# Keyboards wait up to 0.66 s before the first repetition, and less before the next ones.
 FIRST_REPEAT_TIMEOUT, REPEAT_TIMEOUT = 0.75, 0.25
 
-# Keys that stop the robot, and their further requests.
+# Keys that stop the robot, and the additional request of each.
 STOPPING_KEYS = {'space': '', 's': '', '0': '', 'e': 'engage', 'E': 'engage', 'R': 'release',
                  'q': 'quit', 'Q': 'quit', 'interrupt': 'quit'}
 
@@ -69,7 +69,7 @@ def run(arguments: argparse.Namespace) -> int:
 def drive(arguments: argparse.Namespace, observer: Any, robot: Any, keyboard: Any,
           gamepad: Any = None) -> int:
     """
-    Publish the commands of keys and stick at a rate, and show the status line.
+    Publish the commands of keys and stick at `RATE`, and show the status line.
 
     Returns 0 after q, 1 if the terminal or the gamepad was disconnected.
     """
@@ -133,9 +133,9 @@ def ended_by_exception() -> Iterator[None]:
 
 class Driving:
     """
-    Turns keys into a speed, within +-`largest` [m/s].
+    Converts keys to a speed within +-`largest` [m/s].
 
-    A key changes the speed by `step` or, with `hold`, gives that speed while it is held.
+    An arrow key changes the speed by `step` or, with `hold`, sets this speed while it is held.
     """
 
     def __init__(self, step: float, largest: float, hold: bool = False):
@@ -145,7 +145,7 @@ class Driving:
         self._last = ''
 
     def press(self, key: str, now: float) -> str:
-        """Handle a key at a time [s]; return its request: engage, release, quit or none."""
+        """Handle a key at a time [s]; return its request: engage, release, quit or ''."""
         if key in ('up', 'down', 'left', 'right'):
             self._drive(1.0 if key in ('up', 'right') else -1.0, key, now)
         elif key in STOPPING_KEYS:
@@ -171,7 +171,7 @@ class Driving:
         self.speed, self._last = 0.0, ''
 
     def at(self, now: float) -> float:
-        """Return the commanded speed at a time [s]; 0 after a key was released."""
+        """Return the commanded speed at a time [s]; with `hold`, 0 after a key was released."""
         if self.hold and now >= self._until:
             self.stop()
         return self.speed
@@ -196,7 +196,7 @@ def line(wanted: float, speed: Optional[float], pendulum: Optional[float], decis
     return text if len(text) < width else f'{text[:max(width - 4, 0)]}...'
 
 
-# Escape sequences of terminals; both modes of the arrows.
+# Escape sequences of terminals, in both modes of the arrow keys.
 _KEYS = {b'\x1b[A': 'up', b'\x1b[B': 'down', b'\x1b[C': 'right', b'\x1b[D': 'left',
          b'\x1bOA': 'up', b'\x1bOB': 'down', b'\x1bOC': 'right', b'\x1bOD': 'left',
          b' ': 'space', b'\x03': 'interrupt', b'\x04': 'interrupt'}
@@ -206,17 +206,17 @@ _BYTES_MAX = 1024
 
 
 def keys_of(data: bytes) -> list[str]:
-    """Return names of keys, such as ``'up'``; letters unchanged, others left out."""
+    """Return names of keys, such as ``'up'``; letters and digits unchanged, others omitted."""
     return [_KEYS.get(code) or code.decode() for code in _KEY.findall(data)
             if code in _KEYS or code.isalnum()]
 
 
 class Keyboard:
     """
-    The keys of a terminal as they are pressed, without Enter and without an echo.
+    Reads the keys of a terminal as they are pressed, without Enter and without an echo.
 
     Use as a context manager: every exit restores the settings of the terminal.  Ctrl-C is a key
-    here and interrupts nothing, so that the robot is stopped first.  `gone` is whether the
+    here and does not interrupt, so that the robot is stopped first.  `gone` is true once the
     terminal has been closed.  Raises `ConfigurationError` if the stream, standard input by
     default, is not a terminal.
     """
@@ -228,13 +228,13 @@ class Keyboard:
             self._before: Any = termios.tcgetattr(self._file)
         except (AttributeError, OSError, ValueError, termios.error) as error:
             raise ConfigurationError(
-                'the keyboard is read from a terminal, and standard input is not one: run it in a '
-                'terminal, or publish cmd_vel from a program',
+                'standard input is not a terminal, from which keys are read: run this command in '
+                'a terminal, or publish cmd_vel from a program',
                 'unavailable', 'terminal') from error
         self.gone = False
 
     def __enter__(self) -> 'Keyboard':
-        """Switch to single keys; drop keys pressed before."""
+        """Switch to unbuffered keys; discard keys pressed before."""
         mode = termios.tcgetattr(self._file)
         mode[0] &= ~termios.IXON
         mode[3] &= ~(termios.ICANON | termios.ECHO | termios.ISIG | termios.IEXTEN)
@@ -255,12 +255,12 @@ class Keyboard:
             data = os.read(self._file, _BYTES_MAX) if ready else None
         except OSError:
             data = b''
-        if data == b'':  # ready, and nothing to read: closed
+        if data == b'':  # ready without data: closed
             self.gone = True
         return keys_of(data or b'')
 
 
-# Positions of a released stick, as part of its range.
+# Largest deflection of a released stick, relative to its range.
 DEAD_ZONE = 0.1
 
 
@@ -272,7 +272,7 @@ class StickReading(NamedTuple):
 
 
 class Gamepad:
-    """The first gamepad; `ConfigurationError` without one, or without the package evdev."""
+    """The first gamepad; raises `ConfigurationError` without one or without package evdev."""
 
     def __init__(self) -> None:
         evdev = load_optional('evdev', 'evdev', 'pip install evdev')
@@ -288,14 +288,14 @@ class Gamepad:
                 'no gamepad is connected, or this user may not open it: sudo usermod -aG input '
                 '$USER', 'unavailable', 'gamepad')
         self._device = device
-        # A: stop, B: e-stop.  The button to release it is a key on purpose.
+        # A: stop, B: e-stop.  Only the keyboard releases the e-stop, on purpose.
         self._buttons = {codes.BTN_SOUTH: 'space', codes.BTN_EAST: 'e'}
         information = device.absinfo(codes.ABS_Y)
         self._low, self._high = information.min, information.max
         self._value = information.value
 
     def read(self) -> StickReading:
-        """Return stick and keys since the last call; raise OSError if unplugged."""
+        """Return the stick, and the keys since the last call; raise OSError if unplugged."""
         keys = []
         while (event := self._device.read_one()) is not None:
             if event.type == self._codes.EV_ABS and event.code == self._codes.ABS_Y:
@@ -303,7 +303,7 @@ class Gamepad:
             elif event.type == self._codes.EV_KEY and event.value == 1 \
                     and event.code in self._buttons:
                 keys.append(self._buttons[event.code])
-        # Forward is towards low.
+        # The axis has its minimum at full forward deflection.
         part = (self._low + self._high - 2.0 * self._value) / (self._high - self._low)
         beyond = max(0.0, abs(part) - DEAD_ZONE) / (1.0 - DEAD_ZONE)
         return StickReading(math.copysign(beyond, part), keys)

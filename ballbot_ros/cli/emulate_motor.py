@@ -30,22 +30,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help='add a second motor that leans the pendulum: on M2 of a roboclaw, '
                         'or at the next address of a CAN bus')
     parser.add_argument('--scene', default='flat', metavar='NAME',
-                        help='scene (a name or a YAML file) with the ground and the start of the '
-                        'ball (default: %(default)s)')
+                        help='scene (a name or a YAML file) with the ground and the initial state '
+                        'of the ball (default: %(default)s)')
     add_number(parser, '--baud', 'RATE', count(
         'baud rate of the drive', default=115200, minimum=1))
     parser.add_argument('--watchdog', type=float, metavar='SECONDS',
                         help='time without a command after which the drive disarms, 0 for never '
                         '(default: 0.1)')
     parser.add_argument('--link', type=Path, metavar='PATH',
-                        help='symbolic link to make, which points to the serial device')
+                        help='symbolic link to create, which points to the serial device')
     parser.add_argument('--fault', action='append', default=[], metavar='LINE',
                         help='start with this fault, such as "corrupt 0.01"; may be repeated')
     parser.add_argument('--control', type=Path, metavar='SOCKET',
-                        help='Unix socket to read faults from, one on each line, beside standard '
-                        'input')
+                        help='Unix socket to read faults from, one per line, in addition to '
+                        'standard input')
     parser.add_argument('--log', type=Path, metavar='FILE',
-                        help='CSV file to write every change of the torque to at the end')
+                        help='CSV file for every change of the torque, written at the end')
     add_overwrite(parser, file=True)
     add_seed(parser, 'the random faults')
 
@@ -79,7 +79,7 @@ def run(arguments: argparse.Namespace) -> int:
         for line in _typed_lines():
             if line.strip():
                 print(answer(emulator, line), flush=True)
-        emulator.wait()  # for a signal, or the end of a run
+        emulator.wait()  # until a signal or the end of a run
     except KeyboardInterrupt:
         pass
     finally:
@@ -101,7 +101,7 @@ def run(arguments: argparse.Namespace) -> int:
 def _typed_lines() -> Iterator[str]:
     pending = b''
     while True:
-        # A blocking read would not end for a signal that arrives just before it.
+        # A signal that arrives just before a blocking read would not interrupt it.
         if not select.select([sys.stdin], [], [], 0.5)[0]:
             continue
         data = os.read(sys.stdin.fileno(), 4096)

@@ -21,7 +21,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     options.add_number(parser, '--compared', 'N', count(
         'number of approaches with each other planner', default=1000))
     parser.add_argument('--planners', default=None, metavar='NAME,...',
-                        help='planners to compare; targets are for the first (default: all)')
+                        help='planners to compare; targets apply to the first (default: all)')
     options.add_seed(parser, 'the draw of all approaches')
     options.add_workers(parser)
     parser.add_argument('--out', type=Path, default=Path('decision_evaluation'),
@@ -29,14 +29,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--kind', metavar='NAME',
                         help='use this kind of terrain for all approaches (default: all kinds)')
     parser.add_argument('--sensor', choices=('step', 'terrain', 'camera'),
-                        help='use this sensor for all approaches that it can detect (default: '
-                        'all three)')
+                        help='use this sensor for all approaches whose terrain it can detect '
+                        '(default: all three)')
     parser.add_argument('--required-probability', type=float, metavar='P',
                         help='success probability that a crossing requires, instead of '
                         'the one in the decision tuning')
     options.add_number(parser, '--searched', 'N', count(
-        'number of approaches of the first planner for which a search with the true robot looks '
-        'for a crossing', default=200))
+        'number of approaches of the first planner for which crossings are searched for with the '
+        'true robot', default=200))
     options.add_number(parser, '--crossable', 'N', count(
         'number of approaches with each planner to steps that most robots cross', default=160))
     options.add_number(parser, '--only', 'N', count(
@@ -54,7 +54,7 @@ def run(arguments: argparse.Namespace) -> int:
     from ballbot_ros.studies.parallel_map import worker_pool
     if arguments.only is None:
         check_writable(arguments.out / f'{NAME}.md')
-    begin = perf_counter()
+    start = perf_counter()
     with resumable(arguments.out), \
             worker_pool(arguments.workers, arguments.dask) as (pool, workers):
         if arguments.dask is None:
@@ -66,17 +66,17 @@ def run(arguments: argparse.Namespace) -> int:
             return DONE
         with watched(evaluation.size, arguments.quiet, 'evaluating', 'approaches') as progress:
             rows = run_evaluation(evaluation, arguments.out, pool, workers, progress)
-    write(arguments, evaluation, rows, perf_counter() - begin)
+    write(arguments, evaluation, rows, perf_counter() - start)
     return DONE
 
 
 def with_limits(arguments: argparse.Namespace, evaluation: Any, pool: Any) -> Any:
-    """Return the evaluation with the limits of its crossable steps, if it has any."""
+    """Return the evaluation with the limits of its crossable steps, if it has such steps."""
     if not any(group == 'crossable' and count for _, group, count in evaluation.parts) or (
             arguments.only is not None and arguments.crossable != 1):
         return evaluation
     from ballbot_ros.studies.evaluation.search import limits_of_most
-    with watched(1.0, arguments.quiet, 'searching the limits of most robots:', 'in all',
+    with watched(1.0, arguments.quiet, 'searching for the limits of most robots:', 'in total',
                  keeps=False) as progress:
         robot, gains = evaluation.nominal().names
         return replace(evaluation, limits=limits_of_most(
@@ -95,7 +95,7 @@ def print_one(arguments: argparse.Namespace, evaluation: Any) -> None:
 
 def write(arguments: argparse.Namespace, run_of: Any, rows: Any,
           spent: float) -> None:
-    """Write report and figure, and print the main figures."""
+    """Write report and figure, and print a summary."""
     from ballbot_ros.figures.evaluation import evaluation
     from ballbot_ros.results.files import write_text
     from ballbot_ros.studies.evaluation.page import page, summary
@@ -116,7 +116,7 @@ def write(arguments: argparse.Namespace, run_of: Any, rows: Any,
 
 
 def read_evaluation(arguments: argparse.Namespace) -> Any:
-    """Return the evaluation; `ConfigurationError` for unknown names."""
+    """Return the evaluation; raise `ConfigurationError` for unknown names."""
     from ballbot_ros.decision import PLANNERS
     from ballbot_ros.studies.evaluation.baselines import BASELINES
     from ballbot_ros.studies.evaluation.evaluation import Evaluation

@@ -40,7 +40,7 @@ def run(arguments: argparse.Namespace) -> int:
         (name, arguments.compared if place else arguments.goals)
         for place, name in enumerate(names)), arguments.seed)
     check_writable(arguments.out / f'{NAME}.md')
-    begin = perf_counter()
+    start = perf_counter()
     with resumable(arguments.out), \
             worker_pool(arguments.workers, arguments.dask) as (pool, workers):
         if arguments.dask is None:
@@ -56,5 +56,5 @@ def run(arguments: argparse.Namespace) -> int:
     write_text(content, arguments.out / f'{NAME}.md')
     if not arguments.quiet:
         print(content)
-        print(f'{arguments.out / NAME}.md and .json written after {perf_counter() - begin:.0f} s')
+        print(f'{arguments.out / NAME}.md and .json written after {perf_counter() - start:.0f} s')
     return DONE

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The verb ``figures``: the figures of the paper, re-simulated, and some more."""
+"""The verb ``figures``: the figures of the paper, re-simulated, and additional ones."""
 import argparse
 from pathlib import Path
 from typing import Any
@@ -47,11 +47,11 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def chosen(names: list[str], known: Any) -> list[str]:
-    """Return the requested names, each once, or all."""
+    """Return the requested names without duplicates, or all names if none is requested."""
     from ballbot_ros.config.fields import suggestion
     for name in names:
         if name not in known:
             raise ConfigurationError(
                 f'there is no figure {name!r}{suggestion(name, known)}; "ballbot figures --list" '
-                'lists them', 'unknown_name', 'name')
+                'lists all', 'unknown_name', 'name')
     return list(dict.fromkeys(names)) or list(known)

@@ -55,7 +55,7 @@ def robot_file(name: str, robot: str = 'gimball') -> list[Section]:
 
 
 def _values(part: Any) -> dict[str, Any]:
-    """Return the values of a part that differ from the defaults; none of a missing part."""
+    """Return the values of a part that differ from the defaults; empty for a missing part."""
     if part is None:
         return {}
     return {name: getattr(part, name) for name, metadata in described(type(part)).items()
@@ -65,7 +65,7 @@ def _values(part: Any) -> dict[str, Any]:
 TERRAIN = """\
 terrain:
   - flat: {length: 1.0}
-  - step: {height: 0.02}            # negative goes down
+  - step: {height: 0.02}            # negative: step down
   - flat: {length: 2.0}
   # - slope: {length: 1.0, angle_deg: 3.0}       # or rise, in m
   # - threshold: {height: 0.02, width: 0.06, bevel: 0.015}
@@ -100,7 +100,7 @@ def tuning_file(cls: Any, name: str) -> list[Section]:
 
 
 def hardware_file(name: str, robot: str = 'gimball', protocol: str = 'odrive') -> list[Section]:
-    """Return the sections of a hardware file, with the values of the shipped one."""
+    """Return the sections of a hardware file, with the values of a shipped one."""
     check_choice('--protocol', protocol, sorted(DRIVES))
     shipped = [load_hardware(path.stem) for path in shipped_files('hardware')]
     known = next(item for item in shipped if item.connection.protocol == protocol)
@@ -144,12 +144,12 @@ walls:
 """
 FEATURES = """\
 features:
-  # Lines. Seen from its first point to its last, a step is higher on the left of its line.
+  # Lines. A step is higher on the left of its line, viewed from the first point to the last.
   - {kind: step, name: upper room, line: [[2.5, 2.5], [3.5, 2.5]], height: 0.02, height_sd: 0.001}
   # - {kind: threshold, line: [[2.5, 2.5], [3.5, 2.5]], height: 0.015, width: 0.06}
   # - {kind: cord, line: [[0.5, 0.5], [2.5, 0.5]], height: 0.006, width: 0.012}
   # - {kind: drop, line: [[5.0, 2.4], [5.0, 0.0]], height: 0.2}    # lower on the right of its line
-  # Areas, by their corners.
+  # Areas, given by their corners.
   # - {kind: carpet, polygon: [[1.0, 3.5], [2.0, 3.5], [2.0, 4.5], [1.0, 4.5]], height: 0.008}
   # - {kind: level, polygon: [[4.8, 3.4], [6.0, 3.4], [6.0, 5.0], [4.8, 5.0]], height: 0.08}
   # - {kind: ramp, polygon: [[3.6, 3.4], [4.8, 3.4], [4.8, 5.0], [3.6, 5.0]], height: 0.08,
@@ -159,16 +159,16 @@ features:
   # - {kind: stairs, polygon: [[4.5, 0.5], [5.5, 0.5], [5.5, 1.5], [4.5, 1.5]]}    # down
 """
 START = """\
-# Start of a simulated robot: x, y [m] and heading [degrees], counter-clockwise from +x. If not
-# given, in the middle of the largest room.
+# Start of a simulated robot: x, y [m] and heading [degrees], counter-clockwise from +x. Default:
+# the middle of the largest room.
 start: [1.0, 1.0, 0.0]
 """
 HEIGHTS = """\
-# heights:               # of the ground under the features, in a grey PNG of 16 bits
+# heights:               # of the ground under the features, in a 16-bit greyscale PNG
 #   image: heights.png
 #   resolution: 0.02     # size of a cell [m]
-#   scale: 0.001         # height of one step of the image [m]: millimetres here
-#   offset: 0.0          # height of the value 0 [m]
+#   scale: 0.001         # height per unit of the pixel value [m]: millimetres here
+#   offset: 0.0          # height at pixel value 0 [m]
 #   origin: [0.0, 0.0]   # of the lower left corner [m]
 """
 

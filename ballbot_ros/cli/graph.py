@@ -25,9 +25,9 @@ def note_once(sentence: str) -> Callable[[], None]:
 
 
 def add_topics(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument('-t', '--show-types', action='store_true', help='also print their types')
+    parser.add_argument('-t', '--show-types', action='store_true', help='also print the types')
     parser.add_argument('-v', '--verbose', action='store_true',
-                        help='print their types and the numbers of publishers and subscribers')
+                        help='also print types and numbers of publishers and subscribers')
 
 
 def list_topics(arguments: argparse.Namespace) -> int:
@@ -63,7 +63,7 @@ def add_timeout(parser: argparse.ArgumentParser) -> None:
 
 
 def echo(arguments: argparse.Namespace) -> int:
-    """Print messages until Ctrl-C; 1 if there was none before the timeout."""
+    """Print messages until Ctrl-C; return 1 if none arrived before the timeout."""
     graph, timeout = from_ros(), arguments.timeout or math.inf
     form = graph.as_csv if arguments.csv else graph.as_yaml
     with graph.Observer('echo') as observer:
@@ -82,7 +82,7 @@ def add_hz(parser: argparse.ArgumentParser) -> None:
 
 
 def hz(arguments: argparse.Namespace) -> int:
-    """Print the rate each second until Ctrl-C; 1 if there was no message before the timeout."""
+    """Print the rate each second until Ctrl-C; return 1 if no message arrived in time."""
     waiting = note_once(f'waiting for messages on {arguments.topic} ...')
     received = False
     graph = from_ros()
@@ -108,7 +108,7 @@ def add_record(parser: argparse.ArgumentParser) -> None:
 
 
 def record(arguments: argparse.Namespace) -> int:
-    """Record until Ctrl-C; 1 if there was no message."""
+    """Record until Ctrl-C or the end of the duration; return 1 if no message arrived."""
     if arguments.all == bool(arguments.topics):
         raise ConfigurationError('name the topics to record, or give -a for all', 'missing',
                                  'TOPIC')
@@ -128,13 +128,13 @@ def record(arguments: argparse.Namespace) -> int:
 
 def add_e_stop(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--node', default='bridge', metavar='NAME',
-                        help='node that has the e-stop, with its namespace (default: %(default)s)')
+                        help='node with the e-stop, and its namespace (default: %(default)s)')
     add_number(parser, '--timeout', 'SECONDS', quantity(
         's', 'longest time to wait for the node and its reply', default=5.0, above=0.0))
 
 
 def call_e_stop(arguments: argparse.Namespace, service: str) -> int:
-    """Call a service of the node and print its reply; 1 if the node refuses."""
+    """Call a service of the node and print its reply; return 1 if the node refuses."""
     graph = from_ros()
     with graph.Observer(service) as observer:
         success, message = graph.trigger(observer, arguments.node, service, arguments.timeout)

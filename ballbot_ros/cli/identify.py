@@ -20,7 +20,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help='parameters to estimate: fields of the robot such as '
                         'joint_friction, or motor.NAME or initial.NAME')
     parser.add_argument('--channels', nargs='+', metavar='NAME',
-                        help='channels of the recording to compare (default: all that it has)')
+                        help='channels of the recording to compare (default: all)')
     parser.add_argument('--recorded-torque', action='store_true',
                         help='apply the torque of the recording instead of the law of the scene')
     add_out(parser, 'identify_SCENE')
@@ -54,7 +54,7 @@ def run(arguments: argparse.Namespace) -> int:
                folder / 'identify.json')
     figure = residual_figure(
         {name: (recording.channels[name][0], values) for name, values in found.residuals.items()},
-        found.channels, f'{scene.name}: simulated less measured',
+        found.channels, f'{scene.name}: simulated minus measured',
         command_of(arguments))
     files = ['identify.json', *save_figure(figure, folder, 'residuals')]
     if arguments.json:
@@ -65,8 +65,8 @@ def run(arguments: argparse.Namespace) -> int:
     warn(warnings_of(found))
     poor = [name for name, item in found.channels.items() if item.verdict == 'poor']
     if poor:
-        print_error(f'the model does not fit {", ".join(poor)}: no parameter is estimated; is '
-                    'it the scene of the recording, with its start and its law?')
+        print_error(f'the model does not fit {", ".join(poor)}: no parameter is estimated; '
+                    'check that the scene has the initial state and law of the recording')
         return FAILED
     if found.interrupted:
         print_error(f'interrupted; the best values so far are in {folder}')
@@ -125,7 +125,7 @@ def print_table(found: Any) -> None:
         print(f'not identifiable from these data: {parts} (relative changes, together)')
     for rival in found.rivals:
         parts = ', '.join(f'{name} {value:.5g}' for name, value in rival.items())
-        print(f'other values that fit as well: {parts}')
+        print(f'other values that fit equally well: {parts}')
     print('residual RMS: ' + ', '.join(
         f'{name} {item.residual_rms:.3g} {CHANNELS[name]}'
         for name, item in found.channels.items()))

@@ -15,7 +15,7 @@ _SENTENCE = re.compile(r'(?<=[\w)])\.\s+(?=[A-Z])')
 
 
 def describe(path: Path) -> str:
-    """Return the first sentence of the comment that a file begins with."""
+    """Return the first sentence of the comment at the start of a file."""
     words = []
     for line in path.read_text(encoding='utf-8').splitlines():
         if not line.startswith('#') or not line.strip('# '):
@@ -26,7 +26,7 @@ def describe(path: Path) -> str:
 
 
 def print_list(kind: str) -> None:
-    """Print name and description of each file of a kind, a line each."""
+    """Print name and description of each file of a kind, one file per line."""
     from ballbot_ros.config.files import shipped_files
     files = shipped_files(kind)
     width = max(len(path.stem) for path in files)
@@ -46,7 +46,7 @@ def scenes(arguments: argparse.Namespace) -> int:
     return DONE
 
 
-# The text of a column is wrapped at this width.
+# Width of the column of notes [characters].
 NOTE_WIDTH = 44
 
 
@@ -105,7 +105,7 @@ def _rows(robot: Any) -> Iterator[tuple[str, str, str, str, str, str]]:
             ('largest_gravity_torque', 'N m', 'gravity torque with the pendulum horizontal'),
             ('slope_limit', 'rad', 'steepest slope that the pendulum can hold'),
             ('damping_ratio', '1', 'damping ratio of the ball on its contact spring'),
-            ('restitution', '1', 'speed after a bounce over speed before')):
+            ('restitution', '1', 'ratio of the speeds after and before a bounce')):
         yield name, f'{getattr(robot, name):.4g}', unit, 'derived', '', note
 
 

@@ -14,15 +14,15 @@ COLUMNS = {'height': 'max_height'}
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     options.add_robot(parser)
     parser.add_argument('--speed', nargs='+', required=True, metavar=METAVAR,
-                        help=f'speed of the centre when it touches the step [m/s]: {VALUES_HELP}')
+                        help=f'collision speed, of the centre [m/s]: {VALUES_HELP}')
     options.add_actuation(parser)
     options.add_site(parser)
     options.add_rules(parser)
     options.add_accuracy(parser, 5e-5, 'the height')
     parser.add_argument('--scan', type=int, default=24, metavar='N',
                         help='number of heights to try below and above the result, to check that '
-                        'every lower step is passed and no higher one; 0 for none (default: '
-                        '%(default)s)')
+                        'the ball crosses every lower step and no higher one; 0 for none '
+                        '(default: %(default)s)')
     parser.add_argument('--json', action='store_true',
                         help='print a JSON list of objects with speed, max_height, error (SI '
                         'units)')
@@ -46,7 +46,7 @@ def run(arguments: argparse.Namespace) -> int:
     for item in found:
         warnings = []
         if item.monotone is False:
-            warnings.append('not monotone: a lower step stops the ball, or it passes a higher one')
+            warnings.append('not monotone: the ball fails at a lower step or crosses a higher one')
         if item.error > arguments.accuracy:
             warnings.append('the requested accuracy cannot be achieved')
         rows.append((f'{item.speed:.4g}', f'{1e3 * item.height:.4f}', f'{1e3 * item.error:.4f}',

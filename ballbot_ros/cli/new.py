@@ -17,7 +17,7 @@ KINDS: Mapping[str, tuple[str, tuple[str, ...], str]] = {
     'experiment': ('a scene, the nodes and seeds', ('scene',), 'ballbot run {file}'),
     'tuning': ('gains of the controller', (),
                'ballbot run controller --ros-args -p tuning:={file}'),
-    'floor': ('walls or a map, and steps, carpets and drops on it', (),
+    'floor': ('walls or a map, with steps, carpets and drops', (),
               'ballbot view {file}'),
     'decision': ('margins of the decision', (),
                  'ballbot run obstacle_decision --ros-args -p tuning:={file}')}
@@ -28,16 +28,16 @@ SCALING = (
     'larger by s^0.5, has lengths larger by s, masses by s^3, inertias by s^5, contact_stiffness '
     'by s^2, contact_damping by s^2.5, rolling_friction and joint_friction by s^4.5, '
     'slip_threshold by s^0.5 and torques of the motor by s^4; coefficients of friction and '
-    'gravity remain.')
+    'gravity remain unchanged.')
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('kind', choices=tuple(KINDS), metavar='KIND', help='; '.join(
         f'{kind}: {what}' for kind, (what, _, _) in KINDS.items()))
     parser.add_argument('file', type=Path, metavar='FILE.yaml',
-                        help='file to write; its name without the ending becomes the name')
-    parser.add_argument('--robot', metavar='NAME', help='name or file of the robot: to '
-                        'start a robot file from, or of a scene or hardware file (default: '
+                        help='file to write; its name without the extension becomes the name')
+    parser.add_argument('--robot', metavar='NAME', help='name or file of the robot of a '
+                        'scene or hardware file, or whose parameters a robot file gets (default: '
                         'gimball)')
     parser.add_argument('--scene', metavar='NAME',
                         help='name or file of the scene of an experiment (default: doorstep)')
@@ -55,7 +55,7 @@ def run(arguments: argparse.Namespace) -> int:
     given = {}
     for option in ('robot', 'scene', 'protocol'):
         value = getattr(arguments, option)
-        refuse_without(arguments, f'another kind than {arguments.kind}', option in takes,
+        refuse_without(arguments, f'a kind other than {arguments.kind}', option in takes,
                        f'--{option}')
         if value is not None:
             given[option] = value
@@ -69,7 +69,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def template(kind: str, sections: list[Any]) -> str:
-    """Return the text of a file: the given values, and all others as comments."""
+    """Return the text of a file: the given values, and all other values as comments."""
     what = KINDS[kind][0]
     head = f'# {what[0].upper()}{what[1:]}. Units are SI. A line that begins with # shows the ' \
         f'default: remove the # to change it.{SCALING if kind == "robot" else ""}'

@@ -9,7 +9,7 @@ from ballbot_ros.cli.verb import DONE
 from ballbot_ros.config.fields import quantity
 from ballbot_ros.errors import ConfigurationError
 
-REPORT_TIMES = (1.0, 3.0, 10.0)  # at which distance and speed are printed [s]
+REPORT_TIMES = (1.0, 3.0, 10.0)  # times of the printed distances and speeds [s]
 WIDTHS = (7, 6, 6, 18, 18, 19, 13, 16, 10)
 
 
@@ -24,8 +24,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help='policy to try, a value of on_timeout; may be repeated (default: '
                         'all)')
     parser.add_argument('--damping', type=float, metavar='N_M_S',
-                        help='torque per rate of the joint under brake and settle, instead of the '
-                        'one in the file')
+                        help='damping of the joint in brake and settle [N m s/rad], instead of '
+                        'the one in the file')
     parser.add_argument('--damping-time', type=float, metavar='SECONDS',
                         help='duration of brake and settle, instead of the one in the file')
 
@@ -58,14 +58,14 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def heading() -> Iterator[str]:
-    """Yield the first two lines of the table; it is Markdown, too."""
+    """Yield the first two lines of the table, which is also valid Markdown."""
     yield line(('start', 'slope', 'policy', *(f'after {time:g} s' for time in REPORT_TIMES),
                 'largest angle', 'within 5 degrees', 'motor gave'))
     yield f'|{"|".join("-" * (width + 2) for width in WIDTHS)}|'
 
 
 def row(response: Any) -> str:
-    """Return the line of the table for a response."""
+    """Return the table row of a response."""
     scenario = response.scenario
     degrees = f'{abs(math.degrees(scenario.slope)):g}'
     hangs = response.hangs_after

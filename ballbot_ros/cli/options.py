@@ -2,9 +2,9 @@
 """
 Options that several verbs share, and their values.
 
-Several numbers in one option have the same form in all verbs: ``0.5`` is a number, ``0.2,0.5,0.9``
-are three, ``0.2:1.2:21`` are 21 of them, evenly spaced, the first and the last included.
-``0.2:1.2``, for a design that draws its points, is a range.
+Options that accept several numbers have the same form in all verbs: ``0.5`` is one number,
+``0.2,0.5,0.9`` are three, ``0.2:1.2:21`` are 21 evenly spaced numbers, including both ends.
+``0.2:1.2`` is a range, for a design that draws its points.
 """
 import argparse
 import math
@@ -38,7 +38,7 @@ def from_ros(module: str = 'ballbot_ros.ros.graph') -> Any:
 
 
 def refuse_without(arguments: argparse.Namespace, needed: str, holds: bool, *options: str) -> None:
-    """Refuse options that were given, and that have no effect unless another one `holds`."""
+    """Refuse `options` that were given, unless `holds`: without `needed` they have no effect."""
     for option in options:
         if not holds and getattr(arguments, option[2:].replace('-', '_')) not in (
                 None, False, '', []):
@@ -74,7 +74,7 @@ def add_overwrite(parser: argparse.ArgumentParser, file: bool = False) -> None:
     """Add ``--overwrite`` for a folder of results or one file."""
     parser.add_argument('--overwrite', action='store_true', help=(
         'replace an existing file' if file else
-        'replace existing results; without it a new folder is used, and an --out that contains '
+        'replace existing results; otherwise a new folder is used, and an --out that contains '
         'results is refused'))
 
 
@@ -143,7 +143,7 @@ def read_robot(arguments: argparse.Namespace) -> Any:
 
 
 def warn(sentences: Iterable[str]) -> None:
-    """Print warnings on standard error, also with ``--quiet``; see `command.main`."""
+    """Print warnings on standard error, even with ``--quiet``; see `command.main`."""
     for sentence in sentences:
         warnings.warn(sentence, PlausibilityWarning, stacklevel=2)
 
@@ -155,7 +155,7 @@ def warn_speeds(option: str, speeds: Iterable[float]) -> None:
 
 
 def read_law(arguments: argparse.Namespace) -> Any:
-    """Return the actuation; `ConfigurationError` if angle or voltage is not for this law."""
+    """Return the actuation; raise `ConfigurationError` for an option of another law."""
     from ballbot_ros.crossing import held_at
     from ballbot_ros.physics import Actuation
     law = arguments.actuation
@@ -172,14 +172,14 @@ def read_law(arguments: argparse.Namespace) -> Any:
 
 
 def read_site(arguments: argparse.Namespace) -> Any:
-    """Return the ground; `ConfigurationError` for a friction out of range."""
+    """Return the site; raise `ConfigurationError` for a friction out of range."""
     from ballbot_ros.crossing import Site
     return Site(math.radians(arguments.slope_before_deg), math.radians(arguments.slope_behind_deg),
                 arguments.friction_before, arguments.friction_edge, arguments.friction_behind)
 
 
 def read_rules(arguments: argparse.Namespace) -> Any:
-    """Return the rules; `ConfigurationError` for a clearance without effect."""
+    """Return the rules; raise `ConfigurationError` for a clearance without effect."""
     from ballbot_ros.crossing import Rules
     refuse_without(arguments, f'--over clear, not {arguments.over}', arguments.over == 'clear',
                    '--clearance')
@@ -198,13 +198,13 @@ def add_workers(parser: argparse.ArgumentParser) -> None:
 
 METAVAR = 'VALUES'
 VALUES_HELP = 'a number, several as in 0.2,0.5, or FIRST:LAST:COUNT as in 0.2:1.2:21'
-RANGE_COUNT_MAX = 100_000  # numbers of a range
+RANGE_COUNT_MAX = 100_000
 
 Values = Union[list[float], tuple[float, float]]
 
 
 def read_numbers(words: Sequence[str], option: str) -> list[float]:
-    """Return the numbers of the words of an option; `ConfigurationError` for other words."""
+    """Return the numbers of the words of an option; `ConfigurationError` for invalid words."""
     numbers: list[float] = []
     for word in words:
         values = read_values(word, option)
@@ -218,13 +218,13 @@ def read_numbers(words: Sequence[str], option: str) -> list[float]:
 
 def read_values(word: str, option: str) -> Values:
     """
-    Return the list of numbers of one word, or of ``low:high`` both ends as a tuple.
+    Return the list of numbers of one word, or the tuple of both ends of ``low:high``.
 
-    Raises `ConfigurationError` naming the word and the allowed form; for a stride, with the
+    Raises `ConfigurationError` with the word and the allowed form; for a stride, also with the
     equivalent count.
     """
     parts = word.split(':') if ':' in word else word.split(',')
-    # "0,8" reads as 0 and 8: in many languages it is 0.8.  Two values are written "0.0,8".
+    # "0,8" would be read as 0 and 8, but is 0.8 in many languages; two values are "0.0,8".
     if re.fullmatch(r'-?0,[0-9]+', word) or ':' in word and re.search(r'[0-9],[0-9]', word):
         point = word.replace(',', '.')
         raise ConfigurationError(
@@ -243,20 +243,20 @@ def read_values(word: str, option: str) -> Values:
     first, last = numbers[:2]
     if not first < last:
         raise ConfigurationError(
-            f'{option} {word}: the last must be above the first', 'inconsistent', option)
+            f'{option} {word}: LAST must be greater than FIRST', 'inconsistent', option)
     if len(numbers) == 2:
         return first, last
     if not (parts[2].strip().isdigit() and 2 <= numbers[2] <= RANGE_COUNT_MAX):
         raise ConfigurationError(
-            f'{option} {word}: the third is a count, of at least 2 and at most {RANGE_COUNT_MAX} '
-            f'numbers, got {parts[2]}{_as_count(first, last, numbers[2])}', 'out_of_range', option)
-    # Rounded: 0.2 + 2 x 0.05 is to be 0.3.
+            f'{option} {word}: COUNT must be an integer from 2 to {RANGE_COUNT_MAX}, '
+            f'got {parts[2]}{_as_count(first, last, numbers[2])}', 'out_of_range', option)
+    # Rounded, so that 0.2 + 2 x 0.05 is 0.3.
     count = int(numbers[2])
     return [round(first + (last - first) * place / (count - 1), 12) for place in range(count)]
 
 
 def read_range(word: str, option: str) -> list[float]:
-    """Return the numbers of ``FIRST:LAST:COUNT``; `ConfigurationError` for anything else."""
+    """Return the numbers of ``FIRST:LAST:COUNT``; raise `ConfigurationError` for other forms."""
     values = read_values(word, option)
     if ':' not in word or isinstance(values, tuple):
         raise ConfigurationError(
@@ -275,11 +275,11 @@ def read_varied(word: str, option: str) -> tuple[str, Values]:
 
 
 def _as_count(first: float, last: float, stride: float) -> str:
-    """Return the form with a count for a stride; empty for an implausible count."""
+    """Return a hint of the form with a count for a stride; empty for an implausible count."""
     if not 0.0 < stride <= last - first:
         return ''
     count = (last - first) / stride
     whole = round(count)
     if abs(count - whole) > 1e-6 or whole + 1 > RANGE_COUNT_MAX:
         return ''
-    return f'; a stride of {stride:g} is {first:g}:{last:g}:{whole + 1}'
+    return f'; for a stride of {stride:g} write {first:g}:{last:g}:{whole + 1}'

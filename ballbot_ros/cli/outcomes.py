@@ -11,10 +11,10 @@ from ballbot_ros.config.fields import count
 from ballbot_ros.errors import ConfigurationError
 
 ACTIONS = {'list': 'print a line for each attempt',
-           'learned': 'print the parameters of the robot before and after',
+           'learned': 'print the parameters of the robot before and after learning',
            'export': 'write all values as CSV or JSON',
            'reset': 'start a new log and keep this one as a backup',
-           'show-learning': 'show learning on virtual robots with other parameters than assumed'}
+           'show-learning': 'show learning on virtual robots that differ from the assumed one'}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -55,7 +55,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def read(path: Path) -> Sequence[Any]:
-    """Return the outcomes of a log; `ConfigurationError` if it is refused."""
+    """Return the outcomes of a log; raise `ConfigurationError` if it is refused."""
     from ballbot_ros.decision.learning.outcome_log import read_outcomes
     reading = read_outcomes(path)
     if reading.refusal:
@@ -66,7 +66,7 @@ def read(path: Path) -> Sequence[Any]:
 
 
 def print_table(outcomes: Sequence[Any]) -> None:
-    """Print a line for each outcome, and the number of crossings."""
+    """Print a row for each outcome, and the number of crossings."""
     from ballbot_ros.table import table
     rows = [('time', 'result', 'height', 'contact at', 'past at', 'predicted', 'plan')]
     for item in outcomes:
@@ -95,7 +95,7 @@ def export(outcomes: Sequence[Any], out: Any, overwrite: bool = False) -> int:
 
 
 def _flat(outcome: Any) -> dict[str, Any]:
-    """Return the values of an outcome and of its plan by name; infinite ones as text."""
+    """Return the values of an outcome and its plan by name; non-finite values as text."""
     from dataclasses import asdict
     import math
     values = asdict(outcome)
@@ -118,7 +118,7 @@ def _csv(rows: Sequence[dict[str, Any]]) -> str:
 
 
 def reset(path: Path, quiet: bool) -> int:
-    """Rename a log to a free name."""
+    """Rename a log to an unused name."""
     from ballbot_ros.decision.learning.outcome_log import move_away
     number = 1
     while (backup := path.with_name(f'{path.name}.{number}')).exists():
@@ -130,7 +130,7 @@ def reset(path: Path, quiet: bool) -> int:
 
 
 def print_learned(outcomes: Sequence[Any], robot: Any) -> int:
-    """Print mean and deviation of each uncertain parameter, assumed and learned."""
+    """Print the assumed and the learned mean and deviation of each uncertain parameter."""
     from ballbot_ros.decision.learning.learner import learned
     from ballbot_ros.decision.learning.particles import Particles
     from ballbot_ros.decision.tuning import DecisionTuning
@@ -138,7 +138,7 @@ def print_learned(outcomes: Sequence[Any], robot: Any) -> int:
     foreign = [item for item in outcomes if item.robot != robot.digest]
     if foreign:
         raise ConfigurationError(
-            f'the log is of another robot (digest {foreign[0].robot}) than {robot.name} '
+            f'the log is of a robot (digest {foreign[0].robot}) other than {robot.name} '
             f'({robot.digest}); name its file with --robot', 'inconsistent', '--robot')
     before = Particles.of(robot, DecisionTuning().height_bias_sd)
     after = learned(before, outcomes)
@@ -149,7 +149,7 @@ def print_learned(outcomes: Sequence[Any], robot: Any) -> int:
 
 
 def show_learning(arguments: argparse.Namespace) -> int:
-    """Print predicted and observed success rates before and after some attempts."""
+    """Print the predicted and observed success rates before and after learning."""
     from ballbot_ros.studies.learning import CASES, study, report_lines
     robot = options.read_robot(arguments)
     with watched(len(CASES) * arguments.robots, arguments.quiet, 'learning',

@@ -32,25 +32,25 @@ _claimed: list[Path] = []
 def result_folder(given: Optional[Path], default: Path, names: Sequence[str],
                   overwrite: bool) -> Path:
     """
-    Return the folder for the files of a verb: the given one, else the default, without results.
+    Return a folder without results for the files of a verb: the given one, else the default.
 
     The default gets ``_2``, ``_3``, ... while it contains one of the files, unless these are to be
     overwritten.  The folder is created, so that no other process chooses it; see
-    `empty_folders_removed`.  Missing folders above a given one are reported.  Raises
+    `empty_folders_removed`.  Missing parents of a given folder are reported.  Raises
     `ConfigurationError` if the given folder contains results, or cannot be written.
     """
     from ballbot_ros.results.files import check_writable
 
-    def there(folder: Path) -> list[str]:
+    def results_in(folder: Path) -> list[str]:
         return [name for name in names if (folder / name).exists()]
 
     def claim(folder: Path) -> bool:
         check_writable(folder / names[0])
-        missing = [place for place in (folder, *folder.parents) if not place.exists()]
+        missing = [path for path in (folder, *folder.parents) if not path.exists()]
         try:
             folder.mkdir(parents=True)
         except FileExistsError:  # an empty one belongs to another run that has just started
-            return any(folder.iterdir()) and not there(folder)
+            return any(folder.iterdir()) and not results_in(folder)
         _claimed.extend(missing)
         return True
 
@@ -61,16 +61,16 @@ def result_folder(given: Optional[Path], default: Path, names: Sequence[str],
     while not claim(folder) and given is None and not overwrite:
         number += 1
         folder = default.with_name(f'{default.name}_{number}')
-    if there(folder) and not overwrite:
+    if results_in(folder) and not overwrite:
         raise ConfigurationError(
-            f'{folder} contains results ({", ".join(there(folder)[:3])}); add --overwrite to '
+            f'{folder} contains results ({", ".join(results_in(folder)[:3])}); add --overwrite to '
             'replace them, or choose another folder with --out', 'exists', '--out')
     return folder
 
 
 @contextmanager
 def empty_folders_removed() -> Iterator[None]:
-    """Remove the created folders to which nothing is written."""
+    """Remove the created folders that are empty at the end."""
     try:
         yield
     finally:
@@ -91,10 +91,9 @@ def report_new_folders(path: Path) -> None:
 def check_new_file(path: Path, overwrite: bool, option: str = '--out',
                    endings: Sequence[str] = ()) -> None:
     """
-    Refuse a file that exists, unless it is replaced, and one that cannot be written.
+    Refuse a file that cannot be written, or that exists and is not to be replaced.
 
-    A missing folder is reported.  The endings are those of the file names that are allowed.
-
+    A missing folder is reported.  `endings` are the allowed extensions; any if empty.
     """
     from ballbot_ros.results.files import check_writable
     if endings and path.suffix.lower() not in endings:
@@ -110,7 +109,7 @@ def check_new_file(path: Path, overwrite: bool, option: str = '--out',
 
 
 def figure_files(names: Iterable[str], kind: str = 'both') -> list[str]:
-    """Return the files of figures; see `save_figure`."""
+    """Return the file names of figures; see `save_figure`."""
     from ballbot_ros.figures.canvas import FORMATS
     return [f'{name}.{ending}' for name in names
             for ending in (FORMATS if kind == 'both' else (kind,))]
@@ -121,29 +120,29 @@ YAML = ('.yaml', '.yml')
 
 @contextmanager
 def resumable(place: Path) -> Iterator[None]:
-    """Let the error of Ctrl-C name the place from which the same command resumes."""
+    """Add to the error of Ctrl-C the path from which the same command resumes."""
     try:
         yield
     except KeyboardInterrupt:
         raise KeyboardInterrupt(f'the same command resumes from {place}') from None
 
 
-# Time without a progress bar [s].
+# Delay before a progress bar appears [s].
 QUIET_TIME = 0.5
 
 
 class _Bar:
-    """A bar on a terminal, a line elsewhere if there is one, nothing for a short task."""
+    """A bar on a terminal, elsewhere `line` unless empty; no output for a short task."""
 
     def __init__(self, doing: str, total: Optional[float], amount: str, line: str = ''):
         self._doing, self._total, self._amount, self._line = doing, total, amount, line
-        self._begin = perf_counter()
+        self._start_time = perf_counter()
         self._bar: Any = None
 
     def __call__(self, done: float) -> None:
         if self._bar is not None:
             self._bar.update(0, completed=done)
-        elif perf_counter() - self._begin > QUIET_TIME:
+        elif perf_counter() - self._start_time > QUIET_TIME:
             if sys.stderr.isatty():
                 self._start(done)
             elif self._line:
@@ -168,7 +167,7 @@ class _Bar:
 
 @contextmanager
 def compilation_shown() -> Iterator[None]:
-    """Show on a terminal that kernels are being compiled, how many so far and for how long."""
+    """Show on a terminal the number of kernels compiled so far, and the elapsed time."""
     if not sys.stderr.isatty():
         yield
         return
@@ -177,7 +176,7 @@ def compilation_shown() -> Iterator[None]:
 
     def show(done: int, more: bool) -> None:
         if more:
-            if not bars:  # the number of kernels is known only at the end
+            if not bars:  # the total number of kernels is known only at the end
                 bars.append(_Bar('compiling for this machine, the first time only', None,
                                  '{task.completed:.0f} kernels'))
             bars[0](done)
@@ -198,8 +197,8 @@ def watched(total: float, silent: bool, doing: str = 'simulating',
     """
     Yield a callback that shows the progress of a task on standard error, unless `silent`.
 
-    `total` is in `unit`: simulated time of a run [s], or a number; with `keeps`, Ctrl-C keeps the
-    part so far.
+    `total` is in `unit`: simulated time of a run [s], or a count; with `keeps`, the message states
+    that Ctrl-C keeps the results so far.
     """
     if silent:
         yield ignore

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The verb ``replay``: replay a bag beside the model, or show the file of a black box."""
+"""The verb ``replay``: compare a bag with the model, or show a black-box file."""
 import argparse
 import math
 from pathlib import Path
@@ -22,11 +22,11 @@ BAG_OPTIONS = ('--scene', '--robot', '--set', '--namespace', '--by', '--json')
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('file', type=Path, metavar='FILE',
-                        help='ROS 2 bag; or file of a black box, which the bridge writes to '
-                        '~/.ros/ballbot (or that folder, for the newest)')
+                        help='ROS 2 bag; or black-box file, which the bridge writes to '
+                        '~/.ros/ballbot (or that folder, for the newest file)')
     parser.add_argument('--out', type=Path, metavar='DIR',
                         help='folder for numbers and figure (default: ballbot_output/replay_BAG '
-                        'for a bag that is not identical, otherwise no file is written)')
+                        'if the replay of a bag is not identical, otherwise none)')
     add_number(parser, '--before', 'SECONDS', quantity(
         's', 'time before the fault to draw, for a black box (default: '
         f'{TIME_BEFORE_FAULT:g})', above=0.0, maximum=600.0, optional=True))
@@ -39,11 +39,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--set', action='append', metavar='NAME=VALUE',
                         help='parameter of the simulator that the bag lacks; may be repeated')
     parser.add_argument('--namespace', metavar='NAME',
-                        help='robot to replay from a bag with several')
+                        help='namespace of the robot to replay, in a bag of several')
     parser.add_argument('--by', choices=(COMMANDS, TORQUES, SET_POINTS),
-                        help='source of the torque: commands, joint_commands; torques, '
-                        'joint_states; set-points, set_point and cmd_vel through the '
-                        'controllers on board')
+                        help='source of the torque: commands (joint_commands), torques '
+                        '(joint_states), or set-points (set_point and cmd_vel, applied by the '
+                        'onboard controllers)')
     parser.add_argument('--json', action='store_true', help='print the result for a bag as JSON')
     add_format(parser)
     add_overwrite(parser)
@@ -62,13 +62,13 @@ def run(arguments: argparse.Namespace) -> int:
         return run_bag(arguments)
     if path is None and arguments.file.is_dir():
         raise ConfigurationError(
-            f'{arguments.file}: contains neither a file of a black box nor a bag; the bridge '
-            'writes one after a fault, see its parameter black_box', 'missing', 'FILE')
+            f'{arguments.file}: contains neither a black-box file nor a bag; the bridge writes '
+            'a black-box file after a fault, see its parameter black_box', 'missing', 'FILE')
     return run_black_box(path or arguments.file, arguments)
 
 
 def run_black_box(path: Path, arguments: argparse.Namespace) -> int:
-    """Print the report and write the requested files; 1 if the file is damaged."""
+    """Print the report and write the requested files; return 1 if the file is damaged."""
     before = TIME_BEFORE_FAULT if arguments.before is None else arguments.before
     from ballbot_ros.black_box.read import read_black_box
     from ballbot_ros.black_box.report import summary, write_tables
@@ -108,7 +108,7 @@ def difference_table(found: list[Any]) -> str:
 
 
 def parameters_of(arguments: argparse.Namespace, known: dict[str, Any]) -> Any:
-    """Return the parameters of the simulator of a bag; `ConfigurationError` without a scene."""
+    """Return the simulator parameters of a bag; raise `ConfigurationError` without a scene."""
     import yaml
 
     from ballbot_ros.nodes.simulator.settings import SimulatorSettings
@@ -130,7 +130,7 @@ def parameters_of(arguments: argparse.Namespace, known: dict[str, Any]) -> Any:
 
 
 def run_bag(arguments: argparse.Namespace) -> int:
-    """Replay, print, and write results; 1 for a simulated run that deviates."""
+    """Replay a bag, print and write results; return 1 if a simulated run deviates."""
     from ballbot_ros.bags.metadata import BagMetadata, BRIDGE
     from ballbot_ros.bags.recorded_run import read_run
     path = arguments.file
@@ -154,7 +154,7 @@ def run_bag(arguments: argparse.Namespace) -> int:
         if verbose:
             print(f'\nWritten to {folder}: {", ".join(files)}')
             if 'scene.yaml' in files:
-                print('To fit the model to it, for instance: ballbot identify '
+                print('To fit the model to the recording, for instance: ballbot identify '
                       f'{folder}/scene.yaml {folder}/recording.csv --recorded-torque --estimate '
                       'joint_friction rolling_friction')
     return FAILED if found.identical is False else DONE
@@ -185,7 +185,7 @@ def write(found: Replayed, folder: Path, title: str, kind: str) -> list[str]:
 
 
 def replay_simulator(arguments: argparse.Namespace, run: Any, metadata: Any) -> Replayed:
-    """Repeat the run, by commands first, and report whether all states are the same."""
+    """Repeat the run, first by its commands, and report whether all states are identical."""
     from ballbot_ros.bags.replay import rerun
     from ballbot_ros.nodes.simulator.settings import plant_for
     from ballbot_ros.physics import load_scene
@@ -201,12 +201,12 @@ def replay_simulator(arguments: argparse.Namespace, run: Any, metadata: Any) -> 
 
     def again(by: str) -> Any:
         return rerun(plant_for(settings), run, source(by, run, settings, robot))
-    ways = [arguments.by] if arguments.by else [SET_POINTS] if settings.control == 'onboard' \
+    sources = [arguments.by] if arguments.by else [SET_POINTS] if settings.control == 'onboard' \
         else [COMMANDS, TORQUES] if run.commands else [TORQUES]  # the best first
-    found = [again(ways[0])]
+    found = [again(sources[0])]
     # With the motor torque a difference comes from the model, not from the timing of commands.
     if found[0].departure is not None:
-        found += [again(way) for way in ways[1:]]
+        found += [again(by) for by in sources[1:]]
     best = max(found, key=lambda item: item.identical)
     world = f'floor {settings.floor}' if settings.floor else f'scene {settings.scene}'
     lines = [f'simulator, {world}, robot {robot.name}, '
@@ -267,8 +267,8 @@ def report_lines(found: Any) -> list[str]:
             f'{first.channel.replace("_", " ")} {first.recorded!r} in the recording, '
             f'{first.again!r} now; {found.identical} of {found.states} states are identical')
         if not first.states:
-            lines.append('the replay begins at the start of the scene: record a simulator that is '
-                         'paused (start_paused), or reset it while it is recorded')
+            lines.append('the replay starts at the start of the scene: record a simulator that is '
+                         'paused (start_paused), or reset the simulator during the recording')
     if found.ended:
         lines.append(f'ended early: {found.ended}')
     return lines
@@ -286,7 +286,7 @@ def compared(found: Any) -> tuple[Any, list[Any]]:
 
 
 def replay_robot(arguments: argparse.Namespace, run: Any, metadata: Any) -> Replayed:
-    """Drive the model by the recorded torque, from the first state, and compare."""
+    """Drive the model by the recorded torque, from the first recorded state, and compare."""
     from ballbot_ros.bags.replay import (
         commanded_torque, differences, driven_series, measured_columns, scene_content)
     from ballbot_ros.physics.simulation.scene import read_scene
@@ -297,8 +297,8 @@ def replay_robot(arguments: argparse.Namespace, run: Any, metadata: Any) -> Repl
             'wrong_kind', '--set')
     if arguments.by == SET_POINTS:
         raise ConfigurationError(
-            '--by set-points is for a bag of the simulator with control:=onboard: a real robot '
-            'was driven by its own state estimate; use torques', 'wrong_kind', '--by')
+            '--by set-points is for a bag of the simulator with control:=onboard: the controllers '
+            'of a real robot used its own state estimate; use torques', 'wrong_kind', '--by')
     robot = arguments.robot or robot_of(metadata, arguments)
     columns = measured_columns(run)
     by = arguments.by or ('torques' if 'pendulum_torque' in columns else COMMANDS)

@@ -12,7 +12,7 @@ from ballbot_ros.errors import ConfigurationError
 FOLDER = Path(__file__).resolve().parent.parent / 'nodes'
 NODES = tuple(sorted(module.name for module in iter_modules([str(FOLDER)])
                      if module.ispkg))
-# May share a process: none of them drives a motor.
+# Nodes that may share a process: none of them drives a motor.
 COMPOSABLE_NODES = ('controller', 'obstacle_decision', 'simulator')
 
 
@@ -28,7 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Run until Ctrl-C, the normal end of a node: exit code 0."""
+    """Run until Ctrl-C, which is the normal end of a node: exit code 0."""
     target = arguments.target
     if target.endswith(('.yaml', '.yml')) or '/' in target or Path(target).is_dir():
         return _experiment(target, arguments.rest)
@@ -37,9 +37,9 @@ def run(arguments: argparse.Namespace) -> int:
         near = suggestion(target, NODES)
         raise ConfigurationError(f'there is no node {target!r}{near}; an experiment is given by '
                                  'the path of its YAML file', 'unknown_name', target)
-    begin = next((place for place, word in enumerate(arguments.rest) if word not in NODES),
+    split = next((index for index, word in enumerate(arguments.rest) if word not in NODES),
                  len(arguments.rest))
-    names, rest = [target, *arguments.rest[:begin]], arguments.rest[begin:]
+    names, rest = [target, *arguments.rest[:split]], arguments.rest[split:]
     try:
         if len(names) == 1:
             return int(from_ros(f'ballbot_ros.nodes.{target}.node').main(rest))

@@ -16,7 +16,7 @@ DEFAULT_FOLDER = Path('ballbot_output')
 NUMBERS = ('summary.txt', 'summary.json', 'trajectory.csv', 'trajectory.npz',
            'trajectory.parquet')
 PICTURES = ('strip', 'time_series')
-# Of all files of a run together, and of its memory.
+# Total size of the files of a run, and of its memory.
 BYTES_PER_SAMPLE = 1000
 WARNED_SIZE = 1e9  # [bytes]
 ALL_FILES = (*NUMBERS, *(f'{name}.{ending}' for name in PICTURES for ending in ('png', 'svg')))
@@ -31,17 +31,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--output-step', type=float, metavar='SECONDS',
                         help='time between samples, instead of that of the scene')
     parser.add_argument('--step', type=float, metavar='SECONDS',
-                        help='integration step of fixed-step methods (rk4 if none is named), in '
-                        'place of an accuracy')
+                        help='integration step of a fixed-step method (rk4 if none is given), '
+                        'instead of an accuracy')
     parser.add_argument('--method', metavar='NAME',
-                        help='integrator, in place of an accuracy: adaptive, explicit, implicit, '
-                        'trapezoidal, or rk4 and semi_implicit with fixed steps; or paper, for '
+                        help='integrator, instead of an accuracy: adaptive, explicit, implicit or '
+                        'trapezoidal; rk4 or semi_implicit with fixed steps; or paper, for '
                         'that of the paper')
     parser.add_argument('--tolerance', type=float, metavar='METRES',
                         help='local error per step of an adaptive method, instead of '
                         'that of the scene')
     parser.add_argument('--accuracy', type=float, metavar='METRES',
-                        help='largest error of position, which determines the solver (default: '
+                        help='largest position error, which determines the solver (default: '
                         '1e-5, if the scene names no solver)')
     parser.add_argument('--models', choices=('auto', 'full'),
                         help='auto: adaptive methods compute flights in closed '
@@ -75,17 +75,17 @@ def run(arguments: argparse.Namespace) -> int:
     animation = animation_asked(arguments, scene, folder)
     check_size(scene, folder)
     failure: Optional[SimulationError] = None
-    begin, compiled = perf_counter(), compile_time()
+    start, compiled = perf_counter(), compile_time()
     try:
         load_machine_code(scene)
-        begin, compiled = perf_counter(), compile_time()
+        start, compiled = perf_counter(), compile_time()
         with watched(scene.run.duration, arguments.quiet or arguments.json) as progress:
             trajectory = scene.simulate(progress=progress)
     except SimulationError as error:
         trajectory, failure = getattr(error, 'trajectory', None), error
         if trajectory is None:
             raise
-    wall_time = perf_counter() - begin - (compile_time() - compiled)
+    wall_time = perf_counter() - start - (compile_time() - compiled)
     from ballbot_ros.results import summarise
     summary = summarise(trajectory, wall_time)
     files = write_all(trajectory, summary, folder, arguments)
@@ -94,7 +94,7 @@ def run(arguments: argparse.Namespace) -> int:
     if animation is not None and not cut:
         cut = not write_animation(trajectory, animation, summary.name, arguments)
         files += [] if cut else [animation]
-    for name in ALL_FILES:  # of the replaced run
+    for name in ALL_FILES:  # remove files of the replaced run
         if folder / name not in files:
             (folder / name).unlink(missing_ok=True)
     if arguments.json:
@@ -126,20 +126,20 @@ def check_size(scene: Any, folder: Path) -> None:
     coarser = scene.run.output_step * 10.0
     while BYTES_PER_SAMPLE * scene.run.duration / coarser > 0.1 * WARNED_SIZE:
         coarser *= 10.0
-    words = (f'this run writes about {1e-9 * size:.2g} GB ({samples:.3g} samples, one each '
+    words = (f'this run writes about {1e-9 * size:.2g} GB ({samples:.3g} samples, one every '
              f'{scene.run.output_step:g} s); --output-step {coarser:g} makes it '
              f'{1e-9 * BYTES_PER_SAMPLE * scene.run.duration / coarser:.2g} GB')
     place = next(path for path in (folder.absolute(), *folder.absolute().parents)
                  if path.exists())
     if size > shutil.disk_usage(place).free:
         raise ConfigurationError(
-            f'{words}; {place} has not enough space', 'out_of_range', '--output-step')
+            f'{words}; {place} does not have enough space', 'out_of_range', '--output-step')
     if size > WARNED_SIZE:
         warn([words])
 
 
 def animation_asked(arguments: argparse.Namespace, scene: Any, folder: Path) -> Optional[Path]:
-    """Return the file of the animation, None without one; refuse one that cannot be written."""
+    """Return the file of the animation or None; refuse a file that cannot be written."""
     refuse_without(arguments, '--animate', arguments.animate is not None, '--playback')
     if arguments.animate is None:
         return None
@@ -175,7 +175,7 @@ def named(path: Path, folder: Path) -> str:
 
 
 def load_machine_code(scene: Any) -> None:
-    """Run one sample, so that the run time excludes loading machine code."""
+    """Simulate one sample, so that the run time excludes the loading of machine code."""
     from dataclasses import replace
     replace(scene, run=replace(scene.run, duration=scene.run.output_step)).simulate()
 
@@ -184,7 +184,7 @@ def read_scene(arguments: argparse.Namespace) -> Any:
     """
     Return the scene with the changes of the command line.
 
-    Raises `ConfigurationError` naming the option or the place in the file, the value and the
+    Raises `ConfigurationError` with the option or the position in the file, the value and the
     allowed range.
     """
     from dataclasses import replace
@@ -218,7 +218,7 @@ def read_scene(arguments: argparse.Namespace) -> Any:
 
 
 def refuse_idle(arguments: argparse.Namespace, scene: Any) -> None:
-    """Refuse an option without effect, and an output step beyond the duration."""
+    """Refuse an option without effect, and an output step longer than the duration."""
     from ballbot_ros.physics.simulation.solver import METHODS
     if scene.run.output_step > scene.run.duration:
         raise ConfigurationError(

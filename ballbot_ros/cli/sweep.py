@@ -25,10 +25,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         'set_angle_deg, voltage, ...; without height, the maximum step '
                         'height is searched')
     parser.add_argument('--fix', action='append', default=[], metavar='NAME=VALUE',
-                        help='speed or height with one value; may be repeated')
+                        help='speed or height, with one value; may be repeated')
     parser.add_argument('--design', choices=('grid', 'sobol', 'random'), default='grid',
-                        help='all combinations, or --cases points of a Sobol sequence or at '
-                        'random (default: %(default)s)')
+                        help='all combinations, or --cases points of a Sobol sequence or of '
+                        'random draws (default: %(default)s)')
     parser.add_argument('--cases', type=int, default=0, metavar='N',
                         help='number of points of sobol and random')
     options.add_seed(parser, 'sobol and random')
@@ -53,7 +53,7 @@ def run(arguments: argparse.Namespace) -> int:
         name, values = given(word, option)
         if name in varied or name in fixed:
             raise ConfigurationError(
-                f'{option} {name}: it is given already; give all its values in one --vary, as in '
+                f'{option} {name}: given more than once; give all values in one --vary, as in '
                 f'{name}=0.2,0.5', 'ambiguous', name)
         if option == '--vary':
             varied[name] = values
@@ -73,13 +73,13 @@ def run(arguments: argparse.Namespace) -> int:
     if 'height' in used:
         options.warn(height_warnings(robot, max(used['height']), 'to be tried'))
     refuse_foreign(arguments.out)
-    begin = perf_counter()
+    start = perf_counter()
     with resumable(Path(f'{arguments.out}.blocks')), \
             worker_pool(arguments.workers, arguments.dask) as (pool, number), \
             watched(plan.size, arguments.quiet, 'sweeping', 'cases') as progress:
         found = run_sweep(plan, arguments.out, pool, number, progress)
     if not arguments.quiet:
-        spent = perf_counter() - begin
+        spent = perf_counter() - start
         new = plan.size - found
         print(f'{arguments.out}: {plan.size} cases, {new} of them run now, in {spent:.1f} s '
               f'({1e3 * spent * number / max(new, 1):.3g} ms CPU per case)')
@@ -87,7 +87,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def given(word: str, option: str) -> Tuple[str, Values]:
-    """Return name and values of a number; `ConfigurationError` for an angle in radians."""
+    """Return name and values; raise `ConfigurationError` for the name of an angle in radians."""
     from ballbot_ros.studies.sweep_plan import IN_DEGREES, NUMBERS
     name, values = read_varied(word, option)
     if name not in IN_DEGREES and NUMBERS.get(name, {}).get('unit') == 'rad':

@@ -17,8 +17,8 @@ DEFAULT_FOLDER = Path('ballbot_output')
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_robot(parser)
     parser.add_argument('--driven', action='store_true',
-                        help='drive the ball from rest with a constant voltage, instead of down a '
-                        'ramp')
+                        help='accelerate the ball from rest with a constant voltage, instead of '
+                        'on a ramp')
     add_number(parser, '--slope-deg', 'DEGREES', quantity(
         'degrees', 'slope of the ramp (default: 8)', above=0.0, maximum=45.0, optional=True))
     parser.add_argument('--run-up', type=float, metavar='METRES',
@@ -26,7 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--sensor-distance', type=float, metavar='METRES',
                         help='distance from the second touch sensor to the step (default: 0.2)')
     add_number(parser, '--rolls', 'N', count(
-        'number of rolls about the threshold of each step', default=12, minimum=1))
+        'number of rolls near the threshold of each step', default=12, minimum=1))
     add_seed(parser, 'the scatter')
     add_out(parser, 'bench_ROBOT')
     add_quiet(parser)
@@ -71,7 +71,7 @@ def make_bench(arguments: argparse.Namespace) -> Any:
 
 
 def write_all(robot: Any, bench: Any, rolls: list[Any], folder: Path) -> list[str]:
-    """Write table, truth and plot, and return the names of the files."""
+    """Write measurements, true states and figure, and return the names of the files."""
     from ballbot_ros.paper.heights import bench_curves, bench_figure
     from ballbot_ros.results import write_text
     write_text('\n'.join(measured_rows(bench, rolls)) + '\n', folder / 'tests.csv')
@@ -82,7 +82,7 @@ def write_all(robot: Any, bench: Any, rolls: list[Any], folder: Path) -> list[st
 
 
 def measured_rows(bench: Any, rolls: list[Any]) -> Iterator[str]:
-    """Yield the table of the measurements of an experimenter."""
+    """Yield the CSV rows of the measurements."""
     yield f'test,step height [mm],{bench.setting_name} [{bench.unit}],measured speed [m/s],passed'
     for number, roll in enumerate(rolls, 1):
         speed = f'{roll.measured_speed:.3f}' if math.isfinite(roll.measured_speed) else ''
@@ -91,7 +91,7 @@ def measured_rows(bench: Any, rolls: list[Any]) -> Iterator[str]:
 
 
 def true_rows(rolls: list[Any]) -> Iterator[str]:
-    """Yield the table of the true states at the first touch."""
+    """Yield the CSV rows of the true states at the touch."""
     yield 'test,collision speed [m/s],pendulum angle at the touch [rad]'
     for number, roll in enumerate(rolls, 1):
         touched = math.isfinite(roll.touch_speed)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Parts of a verb: parser, exit codes, and the line of an error."""
+"""Parts of a verb: parser, exit codes, and error output."""
 import argparse
 from difflib import get_close_matches
 from pathlib import Path
@@ -42,13 +42,13 @@ def _whole_number(word: str) -> int:
 
 
 def _path(word: str) -> Path:
-    if not word:  # an unset variable of a shell; pathlib reads it as the present folder
+    if not word:  # an unset shell variable; pathlib would read it as the current folder
         raise argparse.ArgumentTypeError('must be the name of a file or folder, got no text')
     return Path(word)
 
 
 class Parser(argparse.ArgumentParser):
-    """A parser that raises instead of printing its usage and ending the program."""
+    """A parser that raises an error instead of printing its usage and exiting."""
 
     words: Sequence[str] = ()  # of the command line
     of_verb: Optional['Parser'] = None
@@ -68,7 +68,7 @@ class Parser(argparse.ArgumentParser):
         return arguments
 
     def error(self, message: str) -> NoReturn:
-        """Raise `ConfigurationError`, with the nearest option of a misspelt one."""
+        """Raise `ConfigurationError`, with the nearest valid option for a misspelt one."""
         known = (self.of_verb or self)._option_string_actions
         words = [word.split('=')[0].strip("':,") for word in message.split()]
         words += [word.split('=')[0] for word in self.words if word[:2] == '--']

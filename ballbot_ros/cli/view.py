@@ -24,15 +24,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--namespace', default='', metavar='NAME',
                         help='namespace of the robot, among running nodes or in a bag')
     parser.add_argument('--robot', default='', metavar='NAME',
-                        help='robot to draw, if neither nodes nor bag name it')
+                        help='robot to draw, if neither the nodes nor the bag name one')
     add_server(parser)
     add_quiet(parser)
 
 
 def add_server(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--host', default=LOOPBACK, metavar='ADDRESS',
-                        help='address to listen on; any but the default opens the page and the '
-                        'controls to the network (default: %(default)s)')
+                        help='address to listen on; any other than the default exposes the page '
+                        'and the controls to the network (default: %(default)s)')
     add_number(parser, '--port', 'PORT', count(
         'port to listen on (default: the first free one from 8080 on)', default=None,
         maximum=65535))
@@ -47,7 +47,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def is_floor(name: str) -> bool:
-    """Return whether this is the name or the file of a floor; a scene of the name is first."""
+    """Return whether this is a name or file of a floor; a scene of that name has precedence."""
     from ballbot_ros.config.files import (
         find_config, is_path, read_yaml, shipped_files, SIGNATURES)
     if not is_path(name):
@@ -61,8 +61,8 @@ def source_of(arguments: argparse.Namespace) -> Any:
     """
     Return the source of running nodes, a bag, a floor or a scene.
 
-    Raises `ConfigurationError` for a file that cannot be read, an option without effect on a
-    scene, and if ROS is missing for nodes.
+    Raises `ConfigurationError` for a file that cannot be read, for an option without effect on a
+    scene, and for nodes if ROS is missing.
     """
     if arguments.live:
         return from_ros('ballbot_ros.view.live').LiveSource(arguments.namespace, arguments.robot)
@@ -80,11 +80,11 @@ def source_of(arguments: argparse.Namespace) -> Any:
 
 
 def serve(source: Any, arguments: argparse.Namespace, begin: bool) -> int:
-    """Serve a page for a source until the end of its duration, and close it; Ctrl-C raises."""
+    """Serve a page for a source until the duration ends, and close it; Ctrl-C raises."""
     from ballbot_ros.view.page import Page
     from ballbot_ros.view.server import free_port, PageServer
     if arguments.host not in (LOOPBACK, 'localhost', '::1'):
-        print(f'Warning: with --host {arguments.host} everyone in the network can see the page '
+        print(f'Warning: with --host {arguments.host} everyone on the network can see the page '
               'and drive the robot; there is no password', file=sys.stderr)
     server = PageServer(arguments.host, free_port(arguments.host, arguments.port))
     page = Page(source, server, begin)

@@ -2,8 +2,8 @@
 """
 Described, ranged and validated fields of frozen dataclasses.
 
-A number of this package is described once, where it is declared: its unit, its range and
-one sentence about it.  YAML files, ROS parameters and error messages all read that one
+Each number of this package is described once, in its declaration: its unit, its range and
+one sentence about it.  YAML files, ROS parameters and error messages all use this
 description::
 
     @dataclass(frozen=True)
@@ -11,8 +11,7 @@ description::
         stiffness: float = quantity('N/m', 'contact stiffness', above=0.0)
 
     Spring.from_mapping({'stifness': 3}, 'my.yaml')
-    # ConfigurationError: my.yaml: 'stifness' is not a field of Spring; did you mean
-    # 'stiffness'?
+    # ConfigurationError: my.yaml: 'stifness' is not known here; did you mean 'stiffness'?
 """
 from contextlib import contextmanager
 import copyreg
@@ -29,7 +28,7 @@ from ballbot_ros.errors import ConfigurationError
 T = TypeVar('T', bound='Checked')
 C = TypeVar('C')
 
-# Why a field that is not marked cannot change while a node runs.
+# Why an unmarked field cannot change while a node runs.
 READ_AT_START = 'it is read once, at the start'
 
 
@@ -44,13 +43,13 @@ def quantity(unit: str, doc: str, *, default: Any = MISSING, above: float = -mat
     unit : str
         SI unit, ``'1'`` for none.
     doc : str
-        One sentence for people; becomes the description of a ROS parameter.
+        One sentence for users; becomes the description of a ROS parameter.
     above : float
         Exclusive lower bound.
     minimum, maximum : float
         Inclusive bounds.
     optional : bool
-        Accept None, and make it the default: not given.
+        Accept None, for a value that is not given, and make it the default.
 
     """
     return field(default=None if optional else default, metadata={
@@ -72,7 +71,7 @@ def flag(doc: str, *, default: Any = MISSING) -> Any:
 
 
 def text(doc: str, *, default: Any = MISSING, choices: Iterable[str] = ()) -> Any:
-    """Declare a piece of text, of given choices if there are any."""
+    """Declare a text; if choices are given, it must be one of them."""
     return field(default=default, metadata={
         'kind': str, 'doc': doc,
         # A mapping is a registry, which may grow.
@@ -80,22 +79,22 @@ def text(doc: str, *, default: Any = MISSING, choices: Iterable[str] = ()) -> An
 
 
 def section(doc: str, *, cls: Any = None, default: Any = MISSING) -> Any:
-    """Declare a section read by a `Checked` class; without one, lists that the owner checks."""
+    """Declare a section that the `Checked` class `cls` reads; without it, the owner checks it."""
     return field(default=default, metadata={'kind': object, 'doc': doc, 'cls': cls})
 
 
 def live(declared: Any) -> Any:
-    """Mark a declared field: a node whose parameter it is takes another value while it runs."""
+    """Mark a declared field: as a parameter, it can change while a node runs."""
     return _marked(declared, '')
 
 
 def fixed(why: str, declared: Any) -> Any:
-    """Mark a declared field: it cannot change while a node runs, and why (``'it ...'``)."""
+    """Mark a declared field: it cannot change while a node runs; `why` is ``'it ...'``."""
     return _marked(declared, why)
 
 
 def why_fixed(metadata: Mapping[str, Any]) -> str:
-    """Return why a field cannot change while a node runs; empty where it can."""
+    """Return why a field cannot change while a node runs; empty if it can."""
     return str(metadata.get('fixed', READ_AT_START))
 
 
@@ -105,7 +104,7 @@ def _marked(declared: 'Field[Any]', why: str) -> Any:
 
 def allowed(metadata: Mapping[str, Any]) -> str:
     """
-    Return the range of a numeric field as people write it.
+    Return the range of a numeric field in words.
 
     >>> allowed(Spring.__dataclass_fields__['stiffness'].metadata)  # doctest: +SKIP
     'more than 0 N/m'
@@ -123,11 +122,11 @@ def allowed(metadata: Mapping[str, Any]) -> str:
 
 def check_value(name: str, value: Any, metadata: Mapping[str, Any], where: str) -> Any:
     """
-    Return `value` converted to its field's kind.
+    Return `value` converted to the kind of its field.
 
-    Integers and the scalars of NumPy are accepted for floats; nothing else is converted.
+    Integers and NumPy scalars are accepted for floats; nothing else is converted.
 
-    Raises `ConfigurationError` naming place, field, value and allowed range.
+    Raises `ConfigurationError` naming location, field, value and allowed range.
     """
     kind = metadata['kind']
     place = f'{where}: {name}' if where else name
@@ -140,7 +139,7 @@ def check_value(name: str, value: Any, metadata: Mapping[str, Any], where: str) 
     if kind is str:
         if not isinstance(value, str):
             raise ConfigurationError(
-                f'{place} must be text, got {value!r}; put a number that is meant so in quotes',
+                f'{place} must be text, got {value!r}; put text that reads as a number in quotes',
                 'wrong_type', name)
         if metadata['choices']:
             check_choice(name, value, metadata['choices'], where)
@@ -166,7 +165,7 @@ def check_value(name: str, value: Any, metadata: Mapping[str, Any], where: str) 
 
 
 def check_choice(name: str, value: str, choices: Iterable[str], where: str = '') -> None:
-    """Raise `ConfigurationError` with place, value and choices if `value` is not one of them."""
+    """Raise `ConfigurationError` with value and choices if `value` is not one of them."""
     names = list(choices)
     if value not in names:
         raise ConfigurationError(
@@ -175,27 +174,27 @@ def check_choice(name: str, value: str, choices: Iterable[str], where: str = '')
 
 
 def within(number: Any, metadata: Mapping[str, Any]) -> Any:
-    """Return whether a number is finite and in its field's range; of a column, a column."""
+    """Return whether a number is finite and in the range of its field; elementwise for arrays."""
     return ((abs(number) < math.inf) & (metadata['above'] < number)
             & (metadata['minimum'] <= number) & (number <= metadata['maximum']))
 
 
 def suggestion(name: str, known: Iterable[str], listing: bool = True) -> str:
     """
-    Return the hint that follows the refusal of an unknown name.
+    Return the hint that follows the error message for an unknown name.
 
-    ``'; did you mean ...?'`` for a near miss, otherwise the list of names if wanted.
+    ``'; did you mean ...?'`` for a close match, otherwise the list of names if `listing`.
     """
     names = sorted(known)
     near = get_close_matches(str(name), names, n=1, cutoff=0.6)
     if near:
         return f'; did you mean {near[0]!r}?'
-    return f'; known are {", ".join(names)}' if names and listing else ''
+    return f'; known names: {", ".join(names)}' if names and listing else ''
 
 
 class Problems:
     """
-    Collects refusals, so that all errors of a file are reported together.
+    Collects errors, so that all errors of a file are reported together.
 
     ::
 
@@ -235,7 +234,7 @@ def refuse_unknown(mapping: Mapping[str, Any], known: Iterable[str], where: str)
 
 @dataclass(frozen=True)
 class Checked:
-    """A frozen dataclass whose described fields are checked when it is made."""
+    """A frozen dataclass whose described fields are checked when it is created."""
 
     def __post_init__(self) -> None:
         for item in fields(self):
@@ -253,7 +252,7 @@ class Checked:
     @classmethod
     def from_mapping(cls: Type[T], mapping: Any, where: str) -> T:
         """
-        Build from the mapping of a YAML file; `where` is its place, for error messages.
+        Build from the mapping of a YAML file; `where` is its location, for error messages.
 
         Raises `ConfigurationError` for anything missing, unknown, of the wrong type or out of
         range.
@@ -265,11 +264,11 @@ def changed(part: C, values: Mapping[str, Any]) -> C:
     """
     Return a copy of a frozen dataclass with other values, some of which may be columns.
 
-    A column is an array with a number for each of many cases.  Formulas hold for columns as they
-    are, and conditions become columns of truths.  The caller checks columns, row by row, with
-    `within` and the conditions of the class; this function does not.
+    A column is an array with one number per case.  Formulas apply to columns unchanged, and
+    conditions yield columns of booleans.  This function does not check columns: the caller checks
+    each row with `within` and the conditions of the class.
 
-    Raises `ConfigurationError` if there are no columns among the values, and one is out of range.
+    Raises `ConfigurationError` if no value is a column, and a value is out of range.
     """
     if not any(getattr(value, 'ndim', 0) for value in values.values()):
         return replace(part, **values) if values else part  # type: ignore[type-var]
@@ -280,7 +279,7 @@ def changed(part: C, values: Mapping[str, Any]) -> C:
 
 def build(cls: Type[T], values: Mapping[str, Any], where: str) -> T:
     """
-    Return ``cls(**values)``; errors name the place in the file.
+    Return ``cls(**values)``; errors name the location in the file.
 
     Raises `ConfigurationError` if the values contradict each other.
     """
@@ -308,7 +307,7 @@ def checked_values(cls: Type[Checked], entries: Mapping[str, Any],
 
 
 def given_values(cls: Type[Checked], entries: Mapping[str, Any], where: str) -> dict[str, Any]:
-    """Return `entries`, each checked; `refuse_missing` checks for missing and unknown ones."""
+    """Return `entries`, each checked; `refuse_missing` finds missing and unknown entries."""
     problems, values = Problems(), {}
     for item in fields(cls):
         if item.name in entries:
@@ -321,17 +320,17 @@ def given_values(cls: Type[Checked], entries: Mapping[str, Any], where: str) -> 
 
 def refuse_missing(parts: Iterable[tuple[Type[Checked], Mapping[str, Any], str]]) -> None:
     """
-    Refuse unknown and missing entries in all parts of a file: class, entries and place of each.
+    Refuse unknown and missing entries in the parts of a file: their class, entries and location.
 
-    Raises `ConfigurationError` naming each entry that is unknown, and each that is missing with
-    its meaning and range.
+    Raises `ConfigurationError` naming each unknown entry, and each missing entry with its meaning
+    and range.
     """
     problems = Problems()
     for cls, entries, where in parts:
         described = {item.name: item for item in fields(cls) if 'kind' in item.metadata}
         with problems.collected():
             refuse_unknown(entries, described, where)
-        # A misspelt key is not missing, too.
+        # A misspelt key is not reported as missing as well.
         misspelt = {get_close_matches(key, described, 1, 0.6)[0] for key in entries
                     if key not in described and get_close_matches(key, described, 1, 0.6)}
         lacking = [name for name, item in described.items()
@@ -359,7 +358,7 @@ def _read_only(mapping: Mapping[Any, Any]) -> Mapping[Any, Any]:
     return MappingProxyType(mapping)
 
 
-# Robots and hardware descriptions hold read-only mappings; this makes these picklable.
+# Robots and hardware descriptions have read-only mappings; this makes the mappings picklable.
 copyreg.pickle(
     MappingProxyType,
     lambda proxy: (_read_only, (dict(proxy),)))  # type: ignore[arg-type,return-value]
@@ -377,7 +376,7 @@ class Provenance:
     chosen here, not published.  ``measured``: on the robot itself.
     """
 
-    source: str  # one of these
+    source: str  # one of `SOURCES`
     low: Optional[float] = None  # range of the true value, SI units
     high: Optional[float] = None
     note: str = ''
@@ -386,14 +385,14 @@ class Provenance:
 def read_values(cls: Type[Checked], content: Mapping[str, Any],
                 where: str) -> tuple[dict[str, Any], dict[str, Any]]:
     """
-    Return the checked values of fields of `cls`, and the `Provenance` of those that have one.
+    Return the checked values of fields of `cls`, and the `Provenance` of each value that has one.
 
     An entry is a value, or a mapping with its provenance::
 
         ball_mass: {value: 3.8, unit: kg, source: derived, range: [3.3, 4.15], note: ...}
 
-    Raises `ConfigurationError` naming place, field, value and allowed range; also for unknown and
-    missing entries.
+    Raises `ConfigurationError` naming location, field, value and allowed range; also for unknown
+    and missing entries.
     """
     described = {item.name: item.metadata for item in fields(cls) if 'kind' in item.metadata}
     problems, plain, provenance, values = Problems(), {}, {}, {}

@@ -18,10 +18,10 @@ def shipped_folder(name: str) -> Path:
     """
     Return a folder of this package, ``'config'`` or ``'msg'``.
 
-    A source checkout (and a symlink install, which points back to it) has it beside the
+    A source checkout (and a symlink install, which points to it) has the folder next to the
     package; an installed package has it in ``share/`` of its prefix.
 
-    Raises `ConfigurationError` if the package was installed without it.
+    Raises `ConfigurationError` if the package was installed without the folder.
     """
     here = Path(__file__).resolve().parent
     candidates = [here.parents[1]]
@@ -49,20 +49,20 @@ def shipped_files(kind: str) -> list[Path]:
 
 
 def is_path(name_or_path: str) -> bool:
-    """Return whether this is the path of a YAML file, not a name: has a ``/`` or an ending."""
+    """Return whether this is a path, with a ``/`` or the extension of a YAML file, not a name."""
     return '/' in name_or_path or name_or_path.endswith(('.yaml', '.yml'))
 
 
 def find_config(kind: str, name_or_path: Union[str, Path]) -> Path:
     """
-    Turn a name such as ``'gimball'``, or the path of a file, see `is_path`, into a path.
+    Return the path for a name such as ``'gimball'``, or for the path of a file; see `is_path`.
 
     The kind is a subfolder of ``config/``: ``'robots'``, ``'scenes'``, ..., ``'hardware'``.
-    Raises `ConfigurationError` if there is no such regular file; the message has the nearest name,
-    or all.
+    Raises `ConfigurationError` if there is no such regular file; the message suggests the closest
+    name, or lists all names.
     """
     subject = kind.removesuffix('s').replace('_', ' ')
-    field = subject.split()[-1]  # a decision tuning is given in a parameter tuning
+    field = subject.split()[-1]  # the parameter for a decision tuning is called tuning
     if not name_or_path or not isinstance(name_or_path, (str, Path)):
         raise ConfigurationError(
             f'a {subject} is given by its name or the path of its file, got {name_or_path!r}',
@@ -84,11 +84,11 @@ def find_config(kind: str, name_or_path: Union[str, Path]) -> Path:
     listing = f'"ballbot {kind}" lists them, and ' if kind in ('scenes', 'robots') else ''
     raise ConfigurationError(
         f'there is no {subject} named {name_or_path!r}{suggestion(name_or_path, files)}; {listing}'
-        'the path of a YAML file is accepted too', 'unknown_name', field)
+        'the path of a YAML file is also accepted', 'unknown_name', field)
 
 
 def check_file(path: Path, subject: str, field: str) -> None:
-    """Refuse the path of a file to read that does not exist or is not a regular file."""
+    """Refuse an input file that does not exist or is not a regular file."""
     if path.is_dir():
         raise ConfigurationError(
             f'{subject}: {path} is a folder; give the path of a file', 'wrong_kind', field)
@@ -100,15 +100,15 @@ def check_file(path: Path, subject: str, field: str) -> None:
             'wrong_kind', field)
 
 
-# libyaml recurses once per level, and ends the process where its stack ends.
+# libyaml recurses once per level, and a stack overflow ends the process.
 DEEPEST_NESTING = 50
 _SafeLoader: Any = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)  # libyaml reads ten times as fast
 
 
 class _StrictLoader(_SafeLoader):  # type: ignore[misc]
-    """Numbers of YAML 1.2, and no key that is given twice, of which YAML takes the last."""
+    """Loader with the numbers of YAML 1.2 that refuses a key that is given twice."""
 
-    # Less the numbers of YAML 1.1, which reads 1:30 as 90, 010 as 8 and 1e-4 as text.
+    # Without the numbers of YAML 1.1, which reads 1:30 as 90, 010 as 8 and 1e-4 as text.
     yaml_implicit_resolvers = {
         first: [(tag, pattern) for tag, pattern in resolvers
                 if tag not in ('tag:yaml.org,2002:int', 'tag:yaml.org,2002:float')]
@@ -127,7 +127,7 @@ class _StrictLoader(_SafeLoader):  # type: ignore[misc]
 
 
 def _number(loader: Any, node: Any) -> Union[int, float]:
-    """Return a number; raise `ConstructorError` for one that a double does not hold."""
+    """Return a number; raise `ConstructorError` for one that a double cannot represent."""
     text = node.value
     try:
         if text.lstrip('+-').isdigit():
@@ -156,7 +156,7 @@ for _kind, _pattern in (
 
 
 def _check_nesting(text: str) -> None:
-    """Raise `YAMLError` for a text that is nested too deeply to be read."""
+    """Raise `YAMLError` for a text that is nested too deeply."""
     depth = 0
     for event in yaml.parse(text, Loader=_SafeLoader):
         depth += isinstance(event, yaml.CollectionStartEvent)
@@ -186,7 +186,7 @@ SIGNATURES: Mapping[str, set[str]] = {
 
 
 def read_config(kind: str, name_or_path: Union[str, Path]) -> tuple[Path, Mapping[str, Any]]:
-    """Return the path and the content of a file; raises as `find_config`, and for another kind."""
+    """Return path and content of a file; refuses as `find_config`, and a file of another kind."""
     path = find_config(kind, name_or_path)
     content = read_yaml(path)
     if kind not in SIGNATURES:
@@ -203,17 +203,17 @@ def read_config(kind: str, name_or_path: Union[str, Path]) -> tuple[Path, Mappin
 
 def read_yaml(path: Path) -> Mapping[str, Any]:
     """
-    Read a YAML file that holds one mapping.
+    Read a YAML file that contains one mapping.
 
-    Raises `ConfigurationError` if the file cannot be read, is not YAML, repeats a key or holds no
-    mapping.
+    Raises `ConfigurationError` if the file cannot be read, is not YAML, repeats a key or contains
+    no mapping.
     """
     try:
         text = path.read_text(encoding='utf-8')
         _check_nesting(text)
         content = yaml.load(text, Loader=_StrictLoader)
     except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, 'strerror', None) or 'it is not text in UTF-8'
+        reason = getattr(error, 'strerror', None) or 'it is not UTF-8 text'
         raise ConfigurationError(
             f'{path}: cannot be read: {reason}', 'unreadable', str(path)) from error
     except yaml.YAMLError as error:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Packages that not every installation has."""
+"""Import of optional packages."""
 from importlib import import_module
 from typing import Any
 
@@ -8,10 +8,10 @@ from ballbot_ros.errors import ConfigurationError
 
 def load_optional(module: str, package: str, remedy: str, user: str = 'this') -> Any:
     """
-    Return a module that needs a package which may be missing.
+    Return a module that needs an optional package.
 
     Raises `ConfigurationError` with reason ``not_installed`` if it cannot be imported; the message
-    has what needs the package, and the remedy, for instance the command that installs it.
+    names the user of the package, and the remedy, for instance the command that installs it.
     """
     try:
         return import_module(module)

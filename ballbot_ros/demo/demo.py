@@ -47,7 +47,7 @@ TOPICS = ('joint_states', 'joint_commands', 'set_point', 'odom', 'terrain_observ
           'ball_state', 'step_decision')
 TOOL_TOPICS = also_recorded()
 
-# Required rate of the topics of the simulator, and in lockstep of their answers [Hz].
+# Required rates of the topics of the simulator and, in lockstep, of the replies to them [Hz].
 STATES = {'joint_states': 500.0, 'ball_state': 100.0, 'odom': 100.0, 'terrain_observation': 50.0}
 ANSWERS = {'joint_commands': 500.0, 'set_point': 50.0, 'step_decision': 50.0}
 
@@ -69,7 +69,7 @@ TWO_STEPS = DemoCase('The ball rests in front of a step, with a higher one behin
                      'doorstep', (Expected.CROSSED, Expected.REFUSED))
 CASES = (TWO_STEPS, DemoCase(
     'The floor slopes down, and ends in a drop.', 'drop_on_slope', (Expected.REFUSED,)))
-# The first case of the cubic, whose rule needs a longer run-up than that of `TWO_STEPS`.
+# The first case of the planner cubic, whose rule requires a longer run-up than `TWO_STEPS` has.
 LONG_RUN_UP = DemoCase(
     'The ball rests in front of a step, with the run-up that the cubic requires.', 'voltage_start',
     (Expected.CROSSED,), longest=5.0, planner='cubic')
@@ -79,7 +79,7 @@ def demo_cases(scene: Optional[str] = None, robot: Optional[str] = None,
                curve: Optional[str] = None, tuning: Optional[str] = None,
                longest: Optional[float] = None, planner: str = 'rollout') -> Sequence[DemoCase]:
     """
-    Return the cases of a demo, after the same checks as in their nodes.
+    Return the cases of a demo, after the same checks as in the nodes.
 
     By default they have the scenes of the demo, the robot of the scene, a curve for that robot,
     and the published gains; `longest` is the end of the run in simulated time [s].  Raises
@@ -107,7 +107,7 @@ def demo_cases(scene: Optional[str] = None, robot: Optional[str] = None,
 
 
 def fitting_curve(robot: Robot, name: str, curve: Optional[str]) -> str:
-    """Return a curve of a robot: the given one, or a shipped one."""
+    """Return a height curve for a robot: the given one, or a suitable shipped one."""
     tuning = load_decision_tuning(DECISION)
     if curve:
         check_decision(robot, load_curve(curve), tuning)
@@ -119,7 +119,7 @@ def fitting_curve(robot: Robot, name: str, curve: Optional[str]) -> str:
             continue
         return file.stem
     raise ConfigurationError(
-        f'no shipped height curve is for the robot {name}, and the decision needs one: fit '
+        f'there is no shipped height curve for the robot {name}; the decision needs one: fit '
         f'it with "ballbot fit-curve --robot {name} --actuation held --out my_curve.yaml", then '
         f'give --curve my_curve.yaml', 'missing', '--curve')
 
@@ -131,7 +131,7 @@ def run_demo(out: Path, real_time: bool = False, quiet: bool = False, timeout: f
 
     Each case writes bag, picture and logs to a folder in `out`.  Nodes run in real time, or in
     lockstep at maximum speed or, if `watched` by viewers, at most in real time.  Cases in lockstep
-    run at the same time, each on a ROS domain of its own, unless the environment sets the domain.
+    run at the same time, each on a separate ROS domain, unless the environment sets the domain.
     `quiet` prints only the verdict; `timeout` is the longest wall time without a new state [s].
     """
     lockstep_period = 0.0 if real_time else 1.0 / STATES['terrain_observation']
@@ -171,20 +171,20 @@ def run_demo(out: Path, real_time: bool = False, quiet: bool = False, timeout: f
 
 
 def lockstep_note(real_time: bool, watched: bool) -> str:
-    """Return by which time the nodes run; see `run_demo`."""
+    """Return in words how the nodes are paced; see `run_demo`."""
     return 'in real time' if real_time else (
         f'in lockstep, {"at most in real time" if watched else "at maximum speed"}')
 
 
 def in_processes(works: Sequence[Callable[[], int]], together: bool) -> List[int]:
     """
-    Run cases in copies of this process, so that their nodes can be copies of it, too.
+    Run cases in copies of this process, so that their nodes can be copies of it as well.
 
-    Returns their exit codes.  Cases that run together print one after the other.
+    Returns the exit codes.  The output of cases that run together is printed case by case.
     """
     processes: List[Forked] = []
 
-    def begin(work: Callable[[], int]) -> Tuple[Forked, List[BinaryIO]]:
+    def start(work: Callable[[], int]) -> Tuple[Forked, List[BinaryIO]]:
         kept: List[BinaryIO] = [
             TemporaryFile() for _ in range(2)] if together and processes else []
 
@@ -199,7 +199,7 @@ def in_processes(works: Sequence[Callable[[], int]], together: bool) -> List[int
     codes = []
     with ending_by_signal():
         try:
-            started = map(begin, works)
+            started = map(start, works)
             for process, kept in list(started) if together else started:
                 codes.append(process.wait())
                 for stream, file in zip((sys.stdout, sys.stderr), kept):
@@ -217,12 +217,12 @@ def check_bag(graph: RecordedGraph, rates: Mapping[str, float], quiet: bool) -> 
     """
     Return the errors of the bag of a completed run; print a line if there are none.
 
-    It must have all messages of the topics with required rates [Hz].
+    The bag must contain all messages of the topics with required rates [Hz].
     """
     states = graph.timeline.states
     if not states:
         return []
-    # The answers to the last state may be missing.
+    # The replies to the last state may be missing.
     last = states[-1].header.stamp
     end = last.sec * 10**9 + last.nanosec - round(1e9 / min(rates.values()))
     wrong, count = verdict(graph.bag.folder, graph.bag.recorded, rates, end)
@@ -232,7 +232,7 @@ def check_bag(graph: RecordedGraph, rates: Mapping[str, float], quiet: bool) -> 
 
 
 def passages_of(scene: Scene, expected: Optional[Sequence[Expected]] = None) -> List[Passage]:
-    """Return the faces of a scene, rounded edges included: a carpet is as high as it is thick."""
+    """Return the faces of a scene with rounded edges: the height of a carpet is its thickness."""
     faces = faces_of(scene.model.terrain, scene.model.robot.ball_radius)
     dues: Sequence[Optional[Expected]] = expected or [None] * len(faces)
     return [Passage(float(face[0, 0]), float(face[-1, 1] - face[0, 1]), float(face[-1, 1]), due)
@@ -278,9 +278,9 @@ def conclude(out: Path, title: str, quiet: bool, timeline: Timeline,
     """
     Print the timeline of a run, draw its picture, and return the exit code.
 
-    `play` runs the nodes and returns the errors of the run, `verdict_on` the deviations of the
-    robot from the expected actions, and `draw` the picture of a run with states, which gets the
-    name `picture` in the folder `out`.
+    `play` runs the nodes and returns the errors of the run; `verdict_on` returns the deviations of
+    the robot from the expected actions.  `draw` returns the picture of a run with states, which is
+    saved as `picture` in the folder `out`.
     """
     out.mkdir(parents=True, exist_ok=True)
     start = time.monotonic()
@@ -318,7 +318,7 @@ def print_event(when: float, mark: str, sentence: str) -> None:
 
 # Wall time after which a paused simulator is reset again, to publish its state [s].
 RESET_PERIOD = 0.2
-# A response that has not arrived for this time is lost [s].
+# Time after which a response that has not arrived counts as lost [s].
 LONGEST_ANSWER = 5.0
 # Simulated time of one advance in lockstep [s].
 ADVANCE_TIME = 1.0
@@ -328,14 +328,14 @@ class RecordedSimulation:
     """
     Runs a paused simulator no faster than a recorder of some topics can follow.
 
-    First, the recorder must have received every topic: each reset makes the simulator publish its
+    At first, the recorder must receive every topic: each reset makes the simulator publish its
     first state, to which the other nodes respond.  Counting publishers is not enough: a publisher
     may not have discovered the recorder yet.
 
     In lockstep the simulator advances by one second at a time, as soon as all messages of the
-    second before are recorded.  On a busy machine a recorder would otherwise lag by more messages
-    than the publishers keep.  A `free_running` simulator, in real time for instance, is not
-    interrupted.
+    previous second are recorded.  On a busy machine a recorder would otherwise lag by more
+    messages than the publishers keep.  A `free_running` simulator, in real time for instance, is
+    not interrupted.
     """
 
     def __init__(self, node: Node, bag: BagRecorder, topics: Iterable[str],
@@ -350,13 +350,13 @@ class RecordedSimulation:
         self._answer.set_result(None)
 
     def poll(self) -> Optional[str]:
-        """Call the next service if it is due; return why the simulation has ended, if so."""
+        """Call the next service if it is due; return the reason if the simulation has ended."""
         if not self._advances:
             self._start()
         elif not self._free_running:
             if self._answer.done() and not self._answer.result().success:
                 return f'the simulator has stopped: {self._answer.result().message}'
-            # A response may be lost while services are discovered: the recorded stamps count.
+            # A response may be lost during service discovery, so the recorded stamps are checked.
             end = round(1e9 * self._advances * ADVANCE_TIME)
             if self._bag.reached(dict.fromkeys(self._topics, end)):
                 self._run()

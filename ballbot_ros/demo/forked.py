@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Processes as copies of this one, which has imported their modules already.
+Processes as copies of this one, which has already imported their modules.
 
 Importing a node takes a second of processor time.  A process that has initialised ROS cannot be
 copied: the middleware has threads, and a copy has none of them.
@@ -18,7 +18,7 @@ from ballbot_ros.compile_notice import on_compiling
 
 
 class Forked:
-    """A copy of this process that runs a function; with the methods of `subprocess.Popen`."""
+    """A copy of this process that runs a function; has methods of `subprocess.Popen`."""
 
     def __init__(self, work: Callable[[], int]):
         sys.stdout.flush()
@@ -33,7 +33,7 @@ class Forked:
         return self._process.exitcode
 
     def wait(self, timeout: Optional[float] = None) -> int:
-        """Return the exit code; `subprocess.TimeoutExpired` after the timeout [s]."""
+        """Return the exit code; raise `subprocess.TimeoutExpired` after the timeout [s]."""
         self._process.join(timeout)
         code = self._process.exitcode
         if code is None:
@@ -51,7 +51,7 @@ class Forked:
 
 def detached(name: str, work: Callable[[], int], arguments: Sequence[str],
              environment: Mapping[str, str], log: TextIO) -> Callable[[], int]:
-    """Return a function that runs in a separate session, with a name and a log file."""
+    """Return a function that runs `work` in a separate session with a process name and a log."""
     def child() -> int:
         os.setsid()
         Path('/proc/self/comm').write_text(name)  # ps and top show 15 characters of it

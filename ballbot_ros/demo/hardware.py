@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The demo through a serial line: an emulated drive, laws on board the bridge, decision."""
+"""The demo over a serial line: an emulated drive, the bridge with its laws, the decision."""
 import os
 from pathlib import Path
 import sys
@@ -37,8 +37,8 @@ def run_hardware_demo(out: Path, protocol: str, firmware: str = '', serial_imu: 
 
     The firmware is a generation, empty for the only or oldest one; with `serial_imu` a node imu
     reads the IMU from another serial port.  `timeout` limits the wall time without a new state,
-    and the run [s].  Returns 0 if the robot crossed the first step and came to rest before the
-    second, 1 if not.
+    and that of the run [s].  Returns 0 if the robot crossed the first step and came to rest before
+    the second, 1 if not.
     """
     # A separate file confirms the values that the emulated drive does not report.
     shipped = {path.stem for path in shipped_files('hardware')}
@@ -92,20 +92,20 @@ class GetGoing:
         self._next = 0.0
         self._done = 0  # calls that succeeded
         self._refused_since: Optional[float] = None
-        self._free = False  # the e-stop has been seen released
+        self._released = False  # a status with released e-stop has been received
         self._e_stop: Optional[str] = None  # why it engaged after that
         create_subscription(node, 'motor_status', self.take)
 
     def take(self, message: MotorStatus) -> None:
-        """Record the e-stop; that of the start does not count."""
+        """Record the e-stop; ignore the one at the start."""
         if self._done == len(self._clients):
-            if self._free and message.e_stop:
+            if self._released and message.e_stop:
                 faults = f' ({", ".join(message.faults)})' if message.faults else ''
                 self._e_stop = f'{message.e_stop}{faults}'
-            self._free = self._free or not message.e_stop
+            self._released = self._released or not message.e_stop
 
     def poll(self) -> Optional[str]:
-        """Do the next step, and return the reason of a failure, if any; to be called often."""
+        """Perform the next step; return the reason of a failure, if any.  Call this often."""
         if self._e_stop is not None:
             return f'the e-stop has engaged by itself: {self._e_stop}'
         if self._done == len(self._clients):
@@ -113,15 +113,15 @@ class GetGoing:
         now = time.monotonic()
         if self._answer is not None and self._answer.done():
             answer, self._answer = self._answer.result(), None
-            return self._took(answer.success, answer.message, now)
+            return self._handle_reply(answer.success, answer.message, now)
         if self._answer is None and now > self._next and all(
                 client.service_is_ready() for client in self._clients):
             self._answer = self._clients[self._done].call_async(Trigger.Request())
             self._next = now + CALL_PERIOD
         return None
 
-    def _took(self, success: bool, message: str, now: float) -> Optional[str]:
-        """Take a reply; if the decision cannot resume, the e-stop has engaged again."""
+    def _handle_reply(self, success: bool, message: str, now: float) -> Optional[str]:
+        """Handle a reply; if the decision cannot resume, the e-stop has engaged again."""
         service = self._services[self._done]
         if success:
             self._done += 1

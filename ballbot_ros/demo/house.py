@@ -44,7 +44,7 @@ OTHER_TOPICS = ('cmd_vel', 'set_point', 'plan', 'map')
 
 
 class Visit(NamedTuple):
-    """A room and a place in it [m]."""
+    """A room and a position in it [m]."""
 
     room: str
     x: float
@@ -60,12 +60,12 @@ def run_house_demo(out: Path, real_time: bool = False, quiet: bool = False, time
                    robot: Optional[str] = None, curve: Optional[str] = None,
                    goals: Sequence[Sequence[float]] = ()) -> int:
     """
-    Drive through the shipped flat with the node navigator; return 0 for every room, or 1.
+    Drive through the shipped flat with the navigator; return 0 if it reached every room, or 1.
 
-    `longest` is the end of the run in simulated time [s]; `goals` are places to drive to instead
-    of those of `TOUR` [m]; see `run_demo` for the others.  Raises `ConfigurationError` if a file
-    is not valid, or the curve is of another robot, and `RefusedError` if the ball cannot be at a
-    goal.
+    `longest` is the end of the run in simulated time [s]; `goals` are positions to drive to
+    instead of those of `TOUR` [m]; see `run_demo` for the other parameters.  Raises
+    `ConfigurationError` if a file is not valid, or the curve is of another robot, and
+    `RefusedError` if the ball cannot be at a goal.
     """
     floor, robot = load_floor(FLOOR), robot or ROBOT
     ball, tour = load_robot(robot), [Visit('room', x, y) for x, y in goals] or TOUR
@@ -125,25 +125,25 @@ class HouseTimeline(Timeline):
                  report: Callable[[float, str, str], None]):
         super().__init__([], robot, report)
         self._floor, self._start = floor, start
-        self.driven: List[Point] = []  # places on the map [m]
+        self.driven: List[Point] = []  # positions on the map [m]
         self.plans: List[List[Point]] = []  # published by the navigator [m]
 
     def add_state(self, message: BallState) -> None:
-        """Take a state; crossed lines are reported."""
+        """Process a state; report crossed lines."""
         x, y, heading = self._start
-        place = (x + math.cos(heading) * message.position_x
+        point = (x + math.cos(heading) * message.position_x
                  - math.sin(heading) * message.position_y,
                  y + math.sin(heading) * message.position_x
                  + math.cos(heading) * message.position_y)
-        before = self.driven[-1] if self.driven else place
+        before = self.driven[-1] if self.driven else point
         self.states.append(message)
-        self.driven.append(place)
-        for feature, _ in crossed(self._floor, before, place):
+        self.driven.append(point)
+        for feature, _ in crossed(self._floor, before, point):
             self.note('crosses', f'the {feature.label}, {1e3 * feature.height:.0f} mm high, at '
                       f'{abs(message.velocity_x):.2f} m/s')
 
     def add_plan(self, message: Plan) -> None:
-        """Take a path of the navigator."""
+        """Process a path of the navigator."""
         points = [(pose.pose.position.x, pose.pose.position.y) for pose in message.poses]
         if len(points) < 2:
             return
@@ -154,7 +154,7 @@ class HouseTimeline(Timeline):
                   f'{" over the " if names else ""}{", the ".join(names)}')
 
     def note(self, word: str, sentence: str) -> None:
-        """Report an event of now."""
+        """Report an event at the current time."""
         self._report(max(self.now, 0.0), word, sentence)
 
 
@@ -162,7 +162,7 @@ class TourGuide:
     """
     Sends the goals of a tour to the navigator, one after the other.
 
-    Those that were reached are appended to `arrived`.
+    Reached goals are appended to `arrived`.
     """
 
     def __init__(self, graph: RecordedGraph, timeline: HouseTimeline, tour: Sequence[Visit],
@@ -182,7 +182,7 @@ class TourGuide:
             for status in message.status)
 
     def poll(self) -> Optional[str]:
-        """Do what can be done now, and return why the tour cannot continue, if so."""
+        """Perform the next action, if possible; return the reason if the tour cannot continue."""
         stopped = self._simulation.poll()
         if stopped or not self._ready or len(self._arrived) == len(self._tour):
             return stopped

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The live page beside a demo: a separate process, so that it does not delay the nodes."""
+"""The live page of a demo: a separate process, so that it does not delay the nodes."""
 from contextlib import contextmanager
 from importlib.util import find_spec
 import os
@@ -13,17 +13,17 @@ from ballbot_ros.demo.demo import ending_by_signal
 from ballbot_ros.demo.processes import own_domain
 from ballbot_ros.errors import ConfigurationError
 
-# Until the page is served, and until it has ended [s].
+# Timeouts until the page is served, and until its process has ended [s].
 START_TIMEOUT, END_TIMEOUT = 60.0, 10.0
 
 
 @contextmanager
 def page_beside(quiet: bool = False) -> Iterator[None]:
     """
-    Serve the page for as long as the demo runs; `quiet` does not print its address.
+    Serve the page for as long as the demo runs; with `quiet`, do not print its address.
 
-    The domain of the demo is that of the environment from here on.  Raises `ConfigurationError`
-    with the reason if the page does not start.
+    This sets the domain of the demo in the environment.  Raises `ConfigurationError` with the
+    reason if the page does not start.
     """
     if find_spec('viser') is None:
         raise ConfigurationError(

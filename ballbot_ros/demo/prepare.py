@@ -2,8 +2,8 @@
 """
 Compile the kernels of the nodes before they start; no ROS is needed.
 
-Each node compiles its own kernels before it is ready. Compiled here, once, they are not compiled
-by several nodes at the same time. As a program, ``python -m ballbot_ros.demo.prepare NODE ...``
+Each node compiles its own kernels before it is ready. If they are compiled here, several nodes do
+not compile them at the same time. As a program, ``python -m ballbot_ros.demo.prepare NODE ...``
 does so for the named nodes, and imports the modules of the picture, to cache their bytecode.
 """
 from importlib import import_module

@@ -23,9 +23,9 @@ _claims: Dict[Tuple[int, int], Tuple[int, socket.socket]] = {}  # by process and
 
 def own_domain(number: int = 0) -> int:
     """
-    Return the ROS domain to use: that of the environment, or one of this process alone.
+    Return the ROS domain to use: that of the environment, or one that only this process uses.
 
-    101 domains are free of clashes with the ports of ordinary programs.  A bound socket claims a
+    The ports of 101 domains do not conflict with ordinary programs.  A bound socket claims a
     domain for as long as this process or a copy of it runs; a process may claim several by number.
     Raises `ConfigurationError` if all 101 are claimed.
     """
@@ -68,7 +68,7 @@ def parameter_arguments(parameters: Mapping[str, Any]) -> List[str]:
 
 
 class NodeProcesses:
-    """Nodes as processes on a ROS domain, with log files in a folder; ended on exit."""
+    """Nodes as processes on a ROS domain, with log files in a folder; terminated on exit."""
 
     def __init__(self, folder: Path, domain: int):
         self._folder = folder
@@ -92,8 +92,8 @@ class NodeProcesses:
         """
         Start a node as its executable does; a second start appends to the same log.
 
-        More of the command line may follow, ``('--ros-args', '-r', '__ns:=/left')`` for instance;
-        a label names the process if the same node is started twice.
+        `arguments`, ``('--ros-args', '-r', '__ns:=/left')`` for instance, are appended to the
+        command line; `label` names the process if the same node is started twice.
         """
         self.run('ballbot_ros.nodes.start',
                  [name, *parameter_arguments(parameters or {}), *arguments], label or name)
@@ -106,7 +106,7 @@ class NodeProcesses:
                 self._environment, log))
 
     def run(self, module: str, arguments: Sequence[str], label: str) -> None:
-        """Start a module as ``python -m`` does; it is called by a label here."""
+        """Start a module as ``python -m`` does; `label` names the process here."""
         with open(self.log(label), 'a', encoding='utf-8') as log:
             self._running[label] = subprocess.Popen(
                 [sys.executable, '-m', module, *arguments], stdout=log,
@@ -114,7 +114,7 @@ class NodeProcesses:
                 start_new_session=True)
 
     def ended(self) -> Optional[Tuple[str, int]]:
-        """Return name and exit code of a node that has ended by itself, if one has."""
+        """Return name and exit code of a node that has ended by itself, if any."""
         for name, process in self._running.items():
             code = process.poll()
             if code is not None:

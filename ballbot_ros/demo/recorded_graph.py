@@ -26,7 +26,7 @@ from ballbot_ros.ros.rclpy_compat import new_executor
 POLL_PERIOD = 0.01
 # Topics of the timeline.
 STATES, DECISIONS = 'ball_state', 'step_decision'
-# A topic that is this far behind another one no longer delays it [ns].
+# A topic that lags another topic by this time no longer delays it [ns].
 LONGEST_DELAY = 5 * 10**9
 
 
@@ -34,8 +34,8 @@ class MessagesInOrder:
     """
     Queue of the messages of several topics, in the order of their stamps and then of the topics.
 
-    Topics arrive independently: on a busy machine one may be a second behind another one.
-    Messages are added in one thread and taken in another one.
+    Topics arrive independently: on a busy machine one may lag another by a second.  Messages are
+    added in one thread and taken in another one.
     """
 
     def __init__(self, *topics: str):
@@ -50,7 +50,7 @@ class MessagesInOrder:
         self._newest[topic] = stamp
 
     def take(self) -> Optional[Tuple[str, bytes]]:
-        """Return topic and message, None while an earlier message may still arrive."""
+        """Return topic and message, or None while an earlier message may still arrive."""
         newest = dict(self._newest)  # before the heads: another thread may add messages in between
         heads = {topic: waiting[0][0] for topic, waiting in self._waiting.items() if waiting}
         if not heads:
@@ -76,11 +76,11 @@ class RecordedGraph:
     def run(self, poll: Callable[[], Optional[str]], timeout: float,
             longest: float, topics: Sequence[str] = ()) -> List[str]:
         """
-        Record until the ball rests, and these topics up to then; end the nodes; return failures.
+        Record until the ball rests, and `topics` to that time; end the nodes; return failures.
 
-        Calls `poll` often, which returns why it cannot go on, or nothing; gives up after
-        `timeout` of wall time without a new state [s], and ends after `longest` on the timeline
-        [s].
+        Calls `poll` often, which returns the reason if the run cannot continue.  The run fails
+        after `timeout` of wall time without a new state [s], and ends after `longest` on the
+        timeline [s].
         """
         deadline, reached, ended = time.monotonic() + timeout, self.timeline.now, False
         while not (ended and self._recorded_to_end(topics)):
@@ -90,20 +90,20 @@ class RecordedGraph:
                 ended = self.timeline.rested is not None or self.timeline.now > longest
             if self.timeline.now > reached:
                 deadline, reached = time.monotonic() + timeout, self.timeline.now
-            hopeless = poll()
-            if hopeless:
-                return [hopeless]
+            reason = poll()
+            if reason:
+                return [reason]
             if self.bag.failure is not None:
                 return [f'the bag cannot be written: {self.bag.failure}']
             failed = self.nodes.ended()
             if failed is not None:
-                return [self._badly(*failed)]
+                return [self._failure(*failed)]
             if time.monotonic() > deadline:
-                return [f'given up after {timeout:g} s without a new state on ball_state; where '
-                        'the machine was just too slow, allow more (--timeout)']
+                return [f'no new state on ball_state for {timeout:g} s; if the machine is only '
+                        'too slow, increase --timeout']
         codes = self.nodes.stop()
         self.bag.take_all()
-        return [self._badly(name, code) for name, code in codes.items() if code]
+        return [self._failure(name, code) for name, code in codes.items() if code]
 
     def _add_to_timeline(self, topic: str, data: bytes) -> None:
         if topic == STATES:
@@ -115,7 +115,7 @@ class RecordedGraph:
         stamp = self.timeline.states[-1].header.stamp
         return self.bag.reached(dict.fromkeys(topics, stamp.sec * 10**9 + stamp.nanosec))
 
-    def _badly(self, name: str, code: int) -> str:
+    def _failure(self, name: str, code: int) -> str:
         return f'node {name} ended with code {code}, see {self.nodes.log(name)}'
 
 
@@ -148,7 +148,7 @@ def recorded_graph(out: Path, topics: Sequence[str], timeline: Timeline,
 @contextmanager
 def recording(name: str, out: Path, metadata: Optional[Mapping[str, str]], domain: int
               ) -> Iterator[Tuple[Node, Executor, Node, BagRecorder]]:
-    """Yield a node with its executor, and a recorder of a bag in a folder with another node."""
+    """Yield a node, its executor, a second node for recording, and the bag in a folder."""
     rclpy.init(domain_id=domain, signal_handler_options=SignalHandlerOptions.NO)
     node, recorder, executor = Node(name), Node('ballbot_recorder'), new_executor()
     executor.add_node(node)

@@ -14,9 +14,9 @@ REST_SPEED, REST_TIME = 0.02, 1.0
 # Maximum distance between a face and a contact with its edge [m].
 CONTACT_DISTANCE_MAX = 0.01
 
-# Minimum distance from the start of a ball that has been driven [m].
+# Distance from the start beyond which the ball counts as driven [m].
 DRIVEN = 0.2
-# A ball that has not been driven ends the run after standing for this time since a refusal [s].
+# Time at rest after a refusal that ends the run of a ball that has not been driven [s].
 STANDING_TIME = 5.0
 # Maximum error of an observed height [m].
 SAME_HEIGHT = 0.01
@@ -40,7 +40,7 @@ class Passage:
     top: float
     expected: Optional[Expected]  # None if either is accepted
     decided: List[int] = field(default_factory=list)
-    touched: Optional[float] = None  # when [s]
+    touched: Optional[float] = None  # time of the touch [s]
     touch_speed: float = math.nan
     crossed: Optional[float] = None
 
@@ -57,7 +57,7 @@ class Timeline:
 
     Messages are added in the order of their stamps; a decision follows the state that it answers.
     Times count from the first state [s].  The passages are the faces of the scene, from left to
-    right, those to be crossed first; `report` is called with time [s], a mark and a sentence.
+    right, first the faces to be crossed; `report` is called with time [s], a mark and a sentence.
     """
 
     def __init__(self, passages: List[Passage], robot: Robot,
@@ -69,7 +69,7 @@ class Timeline:
         self._last: Optional[Tuple[int, int, int]] = None
         self._seen = -1  # index of the last step whose observation was reported
         self._resting: Optional[float] = None
-        self.rested: Optional[float] = None  # when, behind all faces to be crossed [s]
+        self.rested: Optional[float] = None  # time of rest behind all faces to be crossed [s]
 
     @property
     def next_step(self) -> int:
@@ -86,7 +86,7 @@ class Timeline:
         return to_seconds(message.header.stamp) - to_seconds(self.states[0].header.stamp)
 
     def add_decision(self, message: StepDecision) -> None:
-        """Take a decision; changes since the first state are reported."""
+        """Process a decision; report changes since the first state."""
         if not self.states:
             return
         time, index = self.time_of(message), self.next_step
@@ -100,7 +100,7 @@ class Timeline:
             return
         self._last = key
         if index < len(self.passages) and message.decision != StepDecision.DECISION_CLEAR:
-            # A decision behind an edge may be about no step.
+            # Behind an edge, a decision may refer to no step.
             if index > self._seen and math.isfinite(message.distance):
                 self._seen = index
                 self._report(
@@ -116,7 +116,7 @@ class Timeline:
         self._report(time, word, late + message.explanation)
 
     def add_state(self, message: BallState) -> None:
-        """Take a state; touches, crossings and rest are reported."""
+        """Process a state; report touches, crossings and rest."""
         before = self.states[-1] if self.states else message
         self.states.append(message)
         for passage in self.passages:
@@ -129,10 +129,10 @@ class Timeline:
                 touch.kind == Contact.KIND_EDGE and abs(touch.x - passage.x) < CONTACT_DISTANCE_MAX
                 for touch in message.contacts):
             passage.touched, passage.touch_speed = self.now, before.velocity_x
-            good = '' if math.isnan(self._limit) else (
+            limit = '' if math.isnan(self._limit) else (
                 f'; the plan crosses up to {1e3 * self._limit:.0f} mm')
             self._report(self.now, 'touches', f'the {passage.name} at '
-                         f'{before.velocity_x:.2f} m/s{good}')
+                         f'{before.velocity_x:.2f} m/s{limit}')
         radius = self._robot.ball_radius
         if passage.crossed is None and message.x > passage.x \
                 and message.y > passage.top + 0.5 * radius:
@@ -180,12 +180,12 @@ class Timeline:
             if passage.expected is None:
                 continue
             if accepted:
-                wrong.append(f'the {passage.name} was accepted, and is not to be taken')
+                wrong.append(f'the {passage.name} was accepted, but must be refused')
             if not REFUSED & set(passage.decided):
                 wrong.append(f'the {passage.name} was never refused')
             if passage.touched is not None or passage.crossed is not None:
                 wrong.append(f'the {passage.name} was touched')
-        # Behind the last step that it crosses, the ball cruises on.
+        # Behind the last step that it crosses, the ball continues to cruise.
         ends_cruising = bool(self.passages) and all(
             passage.expected is Expected.CROSSED for passage in self.passages)
         if self.rested is None and not ends_cruising:
@@ -197,10 +197,10 @@ def account(timeline: Timeline) -> List[str]:
     """Return the result at each face, and the rest position."""
     lines = []
     for face in timeline.passages:
-        fate = 'crossed' if face.crossed is not None else \
+        result = 'crossed' if face.crossed is not None else \
             'not touched' if face.touched is None else 'touched, not crossed'
         words = ', '.join(DECISION_NAMES.get(kind, '?') for kind in face.decided)
-        lines.append(f'the {face.name} at {face.x:.2f} m: {fate}'
+        lines.append(f'the {face.name} at {face.x:.2f} m: {result}'
                      + (f'; decided: {words}' if words else ''))
     if timeline.states:
         where = f'at {timeline.states[-1].x:.2f} m'

@@ -14,8 +14,8 @@ NODES = ('simulator', 'controller', 'obstacle_decision')
 # Parameters that the experiment sets, and the reasons.
 RESERVED_PARAMETERS = {
     'scene': 'it is a field of the experiment', 'robot': 'it is a field of the experiment',
-    'seed': 'it is each of the seeds of the experiment',
-    'lockstep': 'an experiment is in lockstep', 'start_paused': 'the experiment starts it',
+    'seed': 'it is set to each of the seeds of the experiment',
+    'lockstep': 'an experiment runs in lockstep', 'start_paused': 'the experiment starts the run',
     'real_time_factor': 'an experiment runs at maximum speed',
     'control': 'in lockstep, joint_commands answer each state',
     'lockstep_set_point_period': 'it is the period of the observations',
@@ -28,12 +28,13 @@ class Experiment(Checked):
 
     scene: str = text('name of a scene or a YAML file')
     duration: float = quantity('s', 'simulated time of a run', above=0.0, maximum=3600.0)
-    seeds: Any = section('whole numbers, one run each: the seeds of the noise of the sensors')
+    seeds: Any = section('whole numbers, the seeds of the sensor noise: one run for each')
     robot: str = text('name or file of a robot; empty keeps that of the scene', default='')
     simulator: Any = section('parameters of the node simulator', default=None)
     controller: Any = section('parameters of the node controller', default=None)
     obstacle_decision: Any = section(
-        'parameters of the node obstacle_decision; left out, the ball is not driven', default=None)
+        'parameters of the node obstacle_decision; if left out, the ball is not driven',
+        default=None)
     nodes: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     period: float = 0.0  # of the observations [s]; 0 without obstacle_decision
 
@@ -58,9 +59,9 @@ def load_experiment(path: Path) -> Experiment:
     if not whole or len(set(seeds)) < len(seeds):
         raise ConfigurationError(f'{path}: seeds must be a list of different whole numbers from 0 '
                                  f'to {2**31 - 1}, got {seeds!r}', 'not_a_choice', 'seeds')
-    beside = path.resolve().parent
-    plan = replace(plan, scene=_place(beside, plan.scene), robot=_place(beside, plan.robot))
-    nodes, period = _nodes(plan, path, beside)
+    folder = path.resolve().parent
+    plan = replace(plan, scene=_located(folder, plan.scene), robot=_located(folder, plan.robot))
+    nodes, period = _nodes(plan, path, folder)
     plan = replace(plan, nodes=nodes, period=period)
     whole_number = plan.duration * nodes['simulator']['control_rate']
     step = period or 1.0 / nodes['simulator']['control_rate']
@@ -72,13 +73,13 @@ def load_experiment(path: Path) -> Experiment:
     return plan
 
 
-def _place(folder: Path, name: str) -> str:
-    """Return the name of a shipped file, or an absolute path."""
-    own = Path(name).expanduser()
-    return str(own if own.is_absolute() else folder / own) if is_path(name) else name
+def _located(folder: Path, name: str) -> str:
+    """Return the name of a shipped file unchanged, and any other path as an absolute one."""
+    path = Path(name).expanduser()
+    return str(path if path.is_absolute() else folder / path) if is_path(name) else name
 
 
-def _nodes(plan: Experiment, path: Path, beside: Path
+def _nodes(plan: Experiment, path: Path, folder: Path
            ) -> Tuple[Dict[str, Dict[str, Any]], float]:
     """Return the parameters of each node, checked, and the period of the observations [s]."""
     nodes: Dict[str, Dict[str, Any]] = {}
@@ -94,7 +95,7 @@ def _nodes(plan: Experiment, path: Path, beside: Path
                     f'{place}: {key} cannot be set here: {why}', 'not_settable', key)
         for key in config_folders(kind).keys() & entries:
             if isinstance(entries[key], str):
-                entries[key] = _place(beside, entries[key])
+                entries[key] = _located(folder, entries[key])
         kind.from_mapping(entries, place)
         nodes[name] = entries
     simulator, declared = nodes['simulator'], _settings()['simulator']
@@ -115,9 +116,9 @@ def _nodes(plan: Experiment, path: Path, beside: Path
 
 def freeze(plan: Experiment) -> Dict[str, str]:
     """
-    Return the files, as text by their names, with all inputs of an experiment.
+    Return the texts of the files with all inputs of an experiment, by file name.
 
-    The first is the experiment itself; it names the others, in the same folder.
+    The first is the experiment itself, which names the others by relative paths.
     """
     files: Dict[str, str] = {}
 

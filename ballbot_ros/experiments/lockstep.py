@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One run of an experiment: nodes in lockstep, recorded to the last state."""
+"""One run of an experiment: nodes in lockstep, recorded up to the last state."""
 import os
 from pathlib import Path
 import time
@@ -43,7 +43,7 @@ def run_lockstep(folder: Path, nodes: Mapping[str, Mapping[str, Any]], periods: 
     """
     Run nodes, given by their parameters, for a number of control periods, and record them.
 
-    The simulator is among them, in lockstep and paused.  The folder gets ``bag``, with the
+    The nodes include a simulator, paused and in lockstep.  The folder gets ``bag``, with the
     metadata, and ``logs``.  Raises `RefusedError` naming the logs if a node ends, time does not
     advance, or after the timeout [s of wall time].
     """
@@ -68,7 +68,7 @@ def run_lockstep(folder: Path, nodes: Mapping[str, Mapping[str, Any]], periods: 
                 if time.monotonic() > deadline:
                     raise RefusedError(
                         f'not finished within {timeout:g} s; on a slow machine increase '
-                        f'--timeout; else see {logs}', 'timeout', '--timeout')
+                        f'--timeout; otherwise see {logs}', 'timeout', '--timeout')
 
         for topic in topics:
             bag.subscribe(recorder, topic)

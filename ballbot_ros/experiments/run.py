@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Run an experiment: a folder with bags, inputs, versions, results and digests, to repeat."""
+"""Run an experiment into a folder with its bags, inputs, versions, results and digests."""
 import csv
 from functools import partial
 import hashlib
@@ -26,11 +26,11 @@ RESULT, TABLE, VERSIONS = 'numbers.json', 'results.csv', 'versions.json'
 
 def run_experiment(target: str, out: Optional[Path], quiet: bool, timeout: float) -> bool:
     """
-    Run the file of an experiment, or its folder again; return False if repeated numbers differ.
+    Run an experiment file, or repeat the folder of a run; return False if repeated numbers differ.
 
-    Completed seeds are kept; each appears completely or not at all.  A new experiment is written
-    to `out`, ``ballbot_output/experiments/NAME`` by default; the timeout is wall time per seed
-    [s].  Raises `ConfigurationError` if the file is invalid, or the folder contains another
+    Completed seeds are kept; the folder of a seed is complete or absent.  A new experiment is
+    written to `out`, ``ballbot_output/experiments/NAME`` by default; the timeout is wall time per
+    seed [s].  Raises `ConfigurationError` if the file is invalid, or the folder contains another
     experiment.
     """
     if not 0.0 < timeout < float('inf'):
@@ -50,40 +50,40 @@ def run_experiment(target: str, out: Optional[Path], quiet: bool, timeout: float
                 'wrong_kind', 'experiment')
         folder, plan = path, load_experiment(path / FILE)
         if all(_done(folder, seed) for seed in plan.seeds):
-            return _again(folder, plan, timeout, say)
+            return _repeat(folder, plan, timeout, say)
     else:
         folder = out or Path('ballbot_output') / 'experiments' / path.stem
-        plan = _begin(load_experiment(path), folder)
-    return _missing(folder, plan, timeout, say)
+        plan = _copy_inputs(load_experiment(path), folder)
+    return _run_missing(folder, plan, timeout, say)
 
 
 def _done(folder: Path, seed: int) -> bool:
     return (folder / f'seed_{seed}' / RESULT).is_file()
 
 
-def _begin(plan: Experiment, folder: Path) -> Experiment:
-    """Copy all inputs into a folder, and return the experiment in it."""
+def _copy_inputs(plan: Experiment, folder: Path) -> Experiment:
+    """Copy all inputs into a folder, and return the experiment read from it."""
     from ballbot_ros.results.files import check_writable, write_text
     files = freeze(plan)
     check_writable(folder / FILE)
     for name, text in files.items():
-        place = folder / name
+        file = folder / name
         if (folder / FILE).is_file() and (
-                not place.is_file() or place.read_text(encoding='utf-8') != text):
+                not file.is_file() or file.read_text(encoding='utf-8') != text):
             raise ConfigurationError(
                 f'{folder}: contains another experiment ({name} differs); choose another folder '
-                'with --out, or remove that one', 'exists', '--out')
+                'with --out, or remove this one', 'exists', '--out')
     for name, text in sorted(files.items(), key=lambda item: item[0] == FILE):
         write_text(text, folder / name)
     return load_experiment(folder / FILE)
 
 
-def _missing(folder: Path, plan: Experiment, timeout: float, say: Any) -> bool:
-    """Run the missing seeds, and write the table of all."""
+def _run_missing(folder: Path, plan: Experiment, timeout: float, say: Any) -> bool:
+    """Run the missing seeds, and write the table of all seeds."""
     from ballbot_ros.results.files import write_text
     left = [seed for seed in plan.seeds if not _done(folder, seed)]
     if len(left) < len(plan.seeds):
-        say(f'{len(plan.seeds) - len(left)} of {len(plan.seeds)} seeds were complete before')
+        say(f'{len(plan.seeds) - len(left)} of {len(plan.seeds)} seeds were already complete')
     if left:
         _prepare(plan)
         write_text(as_json(versions()), folder / VERSIONS)
@@ -93,13 +93,13 @@ def _missing(folder: Path, plan: Experiment, timeout: float, say: Any) -> bool:
     results = [json.loads((folder / f'seed_{seed}' / RESULT).read_text(encoding='utf-8'))
                for seed in plan.seeds]
     write_text(table(results), folder / TABLE)
-    say(f'Written to {folder}: {TABLE}, {VERSIONS}, a folder for each seed with its bag.  Again, '
-        f'to compare: ballbot run {folder}')
+    say(f'Written to {folder}: {TABLE}, {VERSIONS}, a folder for each seed with its bag.  To '
+        f'repeat and compare: ballbot run {folder}')
     return True
 
 
 def _prepare(plan: Experiment) -> None:
-    """Compile before timeouts start."""
+    """Compile the kernels before timeouts start."""
     try:
         from ballbot_ros.demo.prepare import prepare
         import ballbot_ros.experiments.lockstep  # noqa: F401
@@ -108,7 +108,7 @@ def _prepare(plan: Experiment) -> None:
             f'an experiment needs ROS 2, and {error.name or error} cannot be imported; source '
             '/opt/ros/jazzy/setup.bash, or use the .venv of a checkout (make setup)',
             'not_installed', 'ROS') from error
-    if 'obstacle_decision' in plan.nodes:  # the other nodes are ready soon
+    if 'obstacle_decision' in plan.nodes:  # the other nodes start quickly
         prepare(('simulator', 'controller', 'decision'))
 
 
@@ -139,7 +139,7 @@ def _run_seed(folder: Path, plan: Experiment, seed: int, timeout: float) -> dict
         draft.rename(folder / f'seed_{seed}')
     except RefusedError as error:
         draft.rename(failed)
-        # The logs have been moved with it.
+        # The logs have been moved with the folder.
         raise RefusedError(
             str(error).replace(str(draft), str(failed)), error.reason, error.field) from error
     finally:
@@ -147,36 +147,36 @@ def _run_seed(folder: Path, plan: Experiment, seed: int, timeout: float) -> dict
     return result
 
 
-def _again(folder: Path, plan: Experiment, timeout: float, say: Any) -> bool:
-    """Run all seeds again beside the old ones; return whether the numbers are the same."""
+def _repeat(folder: Path, plan: Experiment, timeout: float, say: Any) -> bool:
+    """Run all seeds again, in a subfolder; return whether the numbers are the same."""
     _prepare(plan)
     file = folder / VERSIONS
     before = json.loads(file.read_text(encoding='utf-8')) if file.is_file() else {}
     for name, now in versions().items():
         if before.get(name, now) != now:
             say(f'{name} was {before[name]}, is {now}')
-    beside, same = folder / 'again', True
-    shutil.rmtree(beside, ignore_errors=True)
+    again, same = folder / 'again', True
+    shutil.rmtree(again, ignore_errors=True)
     try:
         for seed in plan.seeds:
             old = json.loads((folder / f'seed_{seed}' / RESULT).read_text(encoding='utf-8'))
-            new = _run_seed(beside, plan, seed, timeout)
+            new = _run_seed(again, plan, seed, timeout)
             if new == old:
                 say(f'seed {seed}: the same in {sum(new["messages"].values())} messages')
                 continue
             same, until = False, round(plan.duration * 1e9)
-            place = first_difference(*(
-                read_digests(where / f'seed_{seed}' / 'bag', until) for where in (folder, beside)))
+            first = first_difference(*(
+                read_digests(where / f'seed_{seed}' / 'bag', until) for where in (folder, again)))
             say(f'seed {seed}: differs' + (
-                f' from t = {1e-9 * place[0]:.3f} s on, first on {place[1]}' if place else
+                f' from t = {1e-9 * first[0]:.3f} s on, first on {first[1]}' if first else
                 f'; the bag is the same, but {RESULT} is not'))
     finally:
         if same:
-            shutil.rmtree(beside, ignore_errors=True)
+            shutil.rmtree(again, ignore_errors=True)
     if same:
         say('same numbers: yes')
     else:
-        print(f'same numbers: no; the second runs are in {beside}')  # also with --quiet
+        print(f'same numbers: no; the second runs are in {again}')  # even with --quiet
     return same
 
 
@@ -196,7 +196,7 @@ def versions() -> dict[str, str]:
 
 
 def words(result: dict[str, Any]) -> str:
-    """Return a result in a line."""
+    """Return a result as one line of text."""
     numbers = result['numbers']
     return (f'x = {numbers["x"]:.3f} m, {numbers["faces_passed"]} of '
             f'{len(numbers["touch_times"])} faces passed, {numbers["motor_work"]:.2f} J, '
@@ -239,7 +239,7 @@ def first_difference(one: Digests, other: Digests) -> Optional[Tuple[int, str]]:
 
 
 def numbers_of(path: Path, scene: Scene) -> Dict[str, Any]:
-    """Return a summary of a run, SI, with its contacts at each step."""
+    """Return a summary of a run in SI units, with times and speeds of touch at each face."""
     trajectory = recorded_trajectory(scene.model, [
         (1e-9 * stamp, states[-1]) for stamp, states in sorted(read_run(path).balls.items())])
     speed = np.hypot(trajectory['velocity_x'], trajectory['velocity_y'])
@@ -256,5 +256,5 @@ def numbers_of(path: Path, scene: Scene) -> Dict[str, Any]:
 
 
 def as_json(content: Any) -> str:
-    """Return text for a file."""
+    """Return content as JSON text for a file."""
     return json.dumps(content, indent=2, allow_nan=False) + '\n'

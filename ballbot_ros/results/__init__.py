@@ -8,7 +8,7 @@ Results of a run: files of values, figures and a summary.
     >>> [face.passed for face in summarise(scene.simulate()).faces]
     [True]
 
-Figures are imported from `ballbot_ros.figures.run`, because matplotlib takes a while.
+Figures are imported from `ballbot_ros.figures.run`, because matplotlib loads slowly.
 """
 from ballbot_ros.results.faces import FaceMeeting
 from ballbot_ros.results.files import (

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Digests of the inputs of a run: equal digests, equal results."""
+"""Digests of the inputs of a run: equal digests mean equal results."""
 from dataclasses import fields, is_dataclass
 import hashlib
 import json
@@ -30,7 +30,7 @@ def scene_digests(scene: Scene) -> Mapping[str, str]:
 
 
 def _plain(value: Any) -> Any:
-    """Return a value as JSON types; floats keep their last bit."""
+    """Return a value as JSON types; floats are converted without loss."""
     if is_dataclass(value):
         return {item.name: _plain(getattr(value, item.name)) for item in fields(value)
                 if item.name != 'provenance'}

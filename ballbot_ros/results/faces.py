@@ -11,7 +11,7 @@ from ballbot_ros.physics.model.terrain import Array, Terrain
 from ballbot_ros.physics.simulation.trajectory import Trajectory
 from ballbot_ros.results.resolved import resolved
 
-# Lower ones are roughness, not obstacles [m].
+# Lower faces are roughness, not obstacles [m].
 LEAST_HEIGHT = 1e-3
 
 # A smaller slope is a ramp, on which the ball rolls up without an impact.
@@ -23,7 +23,7 @@ PIECE_LENGTH_MIN = 0.05
 
 @dataclass(frozen=True)
 class FaceMeeting:
-    """A rising face of the terrain and the first meeting of the ball, from the left, with it."""
+    """A rising face of the terrain, and its first contact with a ball from the left."""
 
     x: float  # of the foot of the face [m]
     height: float  # from foot to top [m]
@@ -56,28 +56,28 @@ def meet_faces(trajectory: Trajectory) -> list[FaceMeeting]:
 
 
 def watch_faces(trajectory: Trajectory) -> list['FaceWatch']:
-    """Return an observer of the first meeting with each rising face."""
+    """Return an observer of the first contact with each rising face."""
     radius = trajectory.model.robot.ball_radius
     return [FaceWatch(vertices, radius)
             for vertices in rising_faces(trajectory.model.terrain, radius)]
 
 
 class FaceWatch:
-    """Finds the first meeting of the ball with a face; `result` is that of the run so far."""
+    """Finds the first contact of the ball with a face; `result` describes the run so far."""
 
     def __init__(self, vertices: Array, radius: float):
         self._vertices, self._radius = vertices, radius
         self._foot_x, self._foot_y = vertices[0].tolist()
         self._top_x, self._top_y = vertices[-1].tolist()
         self.result = FaceMeeting(self._foot_x, self._top_y - self._foot_y)
-        self._begins, self._beyond = True, False
+        self._at_start, self._beyond = True, False
 
     def take(self, piece: Trajectory) -> None:
-        """Take the next part of the run."""
+        """Process the next part of the run."""
         x, y = piece['x'], piece['y']
-        if self._begins:
-            # A start beyond the face is not a meeting.
-            self._begins, self._beyond = False, bool(x[0] >= self._top_x)
+        if self._at_start:
+            # A ball that starts beyond the face does not meet it.
+            self._at_start, self._beyond = False, bool(x[0] >= self._top_x)
         if self._beyond or self.result.passed:
             return
         first = 0
@@ -101,8 +101,8 @@ def _distance(x: Array, y: Array, vertices: Array) -> Array:
     """Return the distance of points from a polyline [m]."""
     nearest = np.full(len(x), np.inf)
     for (start_x, start_y), (dx, dy) in zip(vertices[:-1], np.diff(vertices, axis=0)):
-        share = ((x - start_x) * dx + (y - start_y) * dy) / (dx * dx + dy * dy)
-        share = np.clip(share, 0.0, 1.0)
+        part = ((x - start_x) * dx + (y - start_y) * dy) / (dx * dx + dy * dy)
+        part = np.clip(part, 0.0, 1.0)
         nearest = np.minimum(
-            nearest, np.hypot(x - start_x - share * dx, y - start_y - share * dy))
+            nearest, np.hypot(x - start_x - part * dx, y - start_y - part * dy))
     return nearest

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-A trajectory as a file of numbers, to the last bit.
+Files of trajectories, without loss of precision.
 
 Files are written atomically: to a temporary name in the same folder, then renamed.
 """
@@ -35,7 +35,7 @@ def replacing(path: PathLike) -> Iterator[BinaryIO]:
     """
     Yield a file that replaces `path` once it is complete.
 
-    Folders are created as needed.  An interruption, Ctrl-C or a power failure included, leaves an
+    Folders are created as needed.  An interruption, such as Ctrl-C or a power failure, leaves an
     older file unchanged.  Raises `ConfigurationError` if the file cannot be written.
     """
     target = Path(path)
@@ -53,31 +53,31 @@ def replacing(path: PathLike) -> Iterator[BinaryIO]:
     except OSError as error:
         raise ConfigurationError(
             f'{target}: cannot be written: {error.strerror or error}; choose another folder or '
-            'make room', 'not_writable', str(path)) from error
+            'free disk space', 'not_writable', str(path)) from error
 
 
 def check_writable(path: PathLike) -> None:
     """
     Refuse a file that cannot be written, before the computation of its content.
 
-    No file or folder is created.  Raises `ConfigurationError` naming the obstacle.
+    No file or folder is created.  Raises `ConfigurationError` with the cause.
     """
     target = Path(path).absolute()
     try:
-        folder = next(place for place in target.parents if place.exists())
+        folder = next(parent for parent in target.parents if parent.exists())
         problem = ('it is a folder' if target.is_dir()
                    else f'{folder} is not a folder' if not folder.is_dir() else '')
         if not problem:
-            TemporaryFile(dir=folder).close()  # /proc and full disks have permissions, too
+            TemporaryFile(dir=folder).close()  # permissions miss /proc and full disks
     except OSError as error:
         problem = f'{error.filename or folder}: {error.strerror}'
     if problem:
         raise ConfigurationError(
-            f'{path}: cannot be written: {problem}; choose another', 'not_writable', str(path))
+            f'{path}: cannot be written: {problem}; use another path', 'not_writable', str(path))
 
 
 def write_text(text: str, path: PathLike) -> None:
-    """Write a text file, whole or not at all."""
+    """Write a text file atomically; see `replacing`."""
     with replacing(path) as stream:
         stream.write(text.encode('utf-8'))
 
@@ -109,7 +109,7 @@ def write_parquet(trajectory: Trajectory, path: PathLike) -> None:
 
 
 def load_arrow() -> Any:
-    """Return pyarrow with its Parquet part, or raise an error with the way to install it."""
+    """Return pyarrow with its module parquet; raise `ConfigurationError` if not installed."""
     load_optional('pyarrow.parquet', 'pyarrow', 'pip install pyarrow', 'a Parquet file')
     import pyarrow
     return pyarrow
@@ -137,9 +137,9 @@ def write_columns(columns: Mapping[str, Array], units: Mapping[str, str],
     with replacing(path) as stream:
         header = ','.join(f'{name} [{units[name]}]' for name in columns)
         stream.write(f'{header}\n'.encode())
-        for begin in range(0, length, _BLOCK):
+        for start in range(0, length, _BLOCK):
             block = np.column_stack(
-                [values[begin:begin + _BLOCK] for values in columns.values()])
+                [values[start:start + _BLOCK] for values in columns.values()])
             # repr is the shortest text that round-trips.
             text = '\n'.join(','.join(map(repr, row)) for row in block.tolist())
             stream.write(f'{text}\n'.encode())

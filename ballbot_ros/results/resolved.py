@@ -32,8 +32,8 @@ def resolved(run: Trajectory) -> Iterator[Trajectory]:
     integrator = Integrator(run.model.parameters, run.model.profile, solver,
                             flight=solver.models != 'full')
     samples = max(1, BLOCK_ROWS // parts)
-    for begin in range(0, len(run) - 1, samples):
-        given = run.rows[begin:begin + samples + 1]
+    for first in range(0, len(run) - 1, samples):
+        given = run.rows[first:first + samples + 1]
         rows = np.empty((1 + parts * (len(given) - 1), given.shape[1]))
         rows[0], step = given[0], gap / parts
         status = integrator.advance(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Summary of a run: extremes, contacts, steps, accuracy, warnings, and the text for people."""
+"""Summary of a run: extremes, contacts, steps, accuracy, warnings, and a text report."""
 from dataclasses import asdict, dataclass
 import json
 import math
@@ -22,9 +22,9 @@ from ballbot_ros.table import table
 @dataclass(frozen=True)
 class Summary:
     """
-    A run in a few numbers, all SI; angles in rad.
+    Key numbers of a run, all in SI units; angles in rad.
 
-    With an accuracy, steps, evaluations and events are those of all its runs; without one,
+    With an accuracy, steps, evaluations and events are totals over all integrations; without one,
     `accuracy`, `error_estimate` and `horizon` are None.
     """
 
@@ -32,13 +32,13 @@ class Summary:
     robot: str
     complete: bool  # the run has the duration of the scene
     duration: float  # simulated [s]
-    samples: int  # kept
+    samples: int  # stored
     steps: int  # taken by the solver
     evaluations: int  # right-hand sides computed
     events: int  # located events of the contact law
     accuracy: Optional[float]  # requested largest error of position [m]
-    error_estimate: Optional[float]  # the error estimated [m]
-    horizon: Optional[float]  # time up to which it holds [s]
+    error_estimate: Optional[float]  # estimated error of position [m]
+    horizon: Optional[float]  # time up to which the estimate is valid [s]
     x: float  # of the centre at the end [m]
     y: float
     speed: float  # of the centre at the end [m/s]
@@ -49,13 +49,13 @@ class Summary:
     penetration: float  # largest [m]
     pendulum_angle: Optional[float]  # largest magnitude [rad]; None without a pendulum
     pendulum_torque: Optional[float]  # largest magnitude [N m]; None without a pendulum
-    flight_fraction: float  # part of the time without any contact
+    flight_fraction: float  # fraction of the time without any contact
     landings: int  # contacts after a flight; more than one is bouncing
     faces: tuple[FaceMeeting, ...]  # each rising face of the terrain
     energy_in_play: float  # reference energy of the run [J]
     energy_residual: Optional[float]  # relative energy balance error; None: nothing moved
     wall_time: Optional[float]  # of the run [s]
-    real_time_factor: Optional[float]  # simulated time over that
+    real_time_factor: Optional[float]  # simulated time over wall time
     warnings: tuple[str, ...]  # results that need attention
 
     def to_dict(self) -> dict[str, Any]:
@@ -123,7 +123,7 @@ def summarise(trajectory: Trajectory, wall_time: Optional[float] = None) -> Summ
 
 
 class Extremes:
-    """Extremes of a run and how often the ball flew, landed and slid, from its pieces."""
+    """Extremes, flight, landings and sliding of a run, accumulated from its pieces."""
 
     def __init__(self, slip_threshold: float):
         self._slip_threshold = slip_threshold
@@ -132,7 +132,7 @@ class Extremes:
         self._samples = self._flying = self._sliding = 0
 
     def take(self, piece: Trajectory) -> None:
-        """Take the next part of the run."""
+        """Process the next part of the run."""
         speed = np.hypot(piece['velocity_x'], piece['velocity_y'])
         self.lowest_speed = min(self.lowest_speed, float(np.min(speed)))
         self._keep('speed', speed)
@@ -141,7 +141,7 @@ class Extremes:
             self._keep(name, piece[name])
         flying = piece['penetration'] == 0.0
         self.landings += int(np.count_nonzero(flying[:-1] & ~flying[1:]))
-        # A piece begins with the last sample of the one before.
+        # A piece begins with the last sample of the previous one.
         new = slice(1 if self._samples else 0, None)
         self._samples += len(flying[new])
         self._flying += int(np.count_nonzero(flying[new]))
@@ -154,12 +154,12 @@ class Extremes:
 
     @property
     def flight_fraction(self) -> float:
-        """Return the part of the time without any contact."""
+        """Return the fraction of the time without any contact."""
         return self._flying / self._samples
 
     @property
     def sliding_fraction(self) -> float:
-        """Return the part of the time in contact with full sliding."""
+        """Return the fraction of the time in contact with full sliding."""
         return self._sliding / max(self._samples - self._flying, 1)
 
 
@@ -172,10 +172,10 @@ RESIDUAL_MAX = 1e-5
 
 TOP_DEG = 180.0  # pendulum angle above the centre of the ball
 
-# Part of the time in contact with full sliding above which the ball never rolled.
+# Fraction of the time in contact with full sliding above which the ball never rolled.
 SLIDING_MAX = 0.9
 
-# Penetration, as part of the radius, above which a shell is not a stiff spring.
+# Penetration, relative to the radius, above which a shell is not a stiff spring.
 PENETRATION_MAX = 0.1
 
 
@@ -185,8 +185,8 @@ def find_warnings(trajectory: Trajectory, expected: int, residual: Optional[floa
     Yield one sentence for each result that needs attention.
 
     A complete run has the `expected` samples.  `residual` is the energy balance error relative to
-    the reference energy, `depth` the largest penetration [m], `sliding` the part of the time in
-    contact with full sliding.
+    the reference energy, `depth` the largest penetration [m], `sliding` the fraction of the time
+    in contact with full sliding.
     """
     model, assured = trajectory.model, trajectory.assurance
     robot, solver = model.robot, model.solver_in_use
@@ -198,7 +198,7 @@ def find_warnings(trajectory: Trajectory, expected: int, residual: Optional[floa
         finer = 'a smaller accuracy'
         if not assured.complete:
             yield (f'the motion is chaotic: the accuracy of {assured.accuracy:g} m holds up to '
-                   f'{assured.horizon:.4g} s, and no tolerance takes it further')
+                   f'{assured.horizon:.4g} s, and no tolerance extends this time')
     if len(trajectory) < expected:
         yield (f'the run ended early: {len(trajectory)} of {expected} samples, up to '
                f'{trajectory["time"][-1]:g} s')

@@ -28,10 +28,10 @@ CONVERSIONS: Mapping[str, Tuple[str, float]] = {
 
 def in_si(name: str, values: Array, unit: str) -> Array:
     """
-    Return a column, whose unit is that in the file, in SI; one that is not in `SI` is unchanged.
+    Return a column with the given unit in SI units; a column that is not in `SI` is unchanged.
 
-    Raises `ConfigurationError` if the unit does not fit the column; the message lists those that
-    do.
+    Raises `ConfigurationError` if the unit does not fit the column; the message lists the valid
+    units.
     """
     wanted = SI.get(name)
     if wanted is None or unit == wanted:

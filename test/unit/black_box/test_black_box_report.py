@@ -138,7 +138,7 @@ def test_replay_of_a_damaged_file_prints_the_readable_part_and_fails(file, capsy
 
 
 @pytest.mark.parametrize('words, complaint', [
-    (['{folder}/empty'], 'contains neither a file of a black box nor a bag'),
+    (['{folder}/empty'], 'contains neither a black-box file nor a bag'),
     (['{folder}/missing'], 'cannot be read'), (['{folder}/text'], 'is not a file of a black box'),
     (['{file}', '--before', '0'], '--before must be more than 0')])
 def test_replay_refuses_in_one_line(words, complaint, file, tmp_path, capsys):

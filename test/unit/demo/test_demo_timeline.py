@@ -110,7 +110,7 @@ def test_the_second_step_must_be_neither_accepted_nor_touched(timeline):
     play(timeline)
     timeline.add_decision(decided(5.5, CROSS, 0.08))
     timeline.add_state(ball(9.0, 4.3, touching=[4.426]))
-    assert timeline.verdict() == ['the 80 mm step was accepted, and is not to be taken',
+    assert timeline.verdict() == ['the 80 mm step was accepted, but must be refused',
                                   'the 80 mm step was touched']
 
 
