@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Pictures of runs and studies; matplotlib, without a display.
+Figures of runs and studies; matplotlib, without a display.
 
 A figure is a function ``name(progress=ignore) -> Figure`` in `paper.figures.FIGURES`;
 ``ballbot figures NAME`` draws it, and docs/architecture.md names one to copy.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A run as moving pictures: GIF, or MP4 where ffmpeg is installed."""
+"""Animation of a run: GIF, or MP4 if ffmpeg is installed."""
 from contextlib import suppress
 from importlib.util import find_spec
 import math
@@ -30,31 +30,31 @@ from ballbot_ros.studies.progress import ignore, Progress
 Picture = NDArray[np.uint8]
 KINDS = ('.gif', '.mp4')
 
-# A GIF counts hundredths of a second: 4 of them for one frame.
+# Frames per second; the time unit of a GIF is 0.01 s, and a frame lasts 4 of them.
 FRAME_RATE = 25.0
 
 # Longest animation that a browser shows smoothly, and that fits into memory [s].
 LONGEST_GIF = 60.0
 
 _HOLD = 1.0  # duration of the last frame before a GIF repeats [s]
-_WIDTH, _DOTS = 7.6, 100  # [in], and per inch
+_WIDTH, _DOTS = 7.6, 100  # [in], [1/in]
 _LEFT, _RIGHT, _TOP, _BOTTOM = 0.62, 0.14, 0.66, 0.44  # [in]
-_BESIDE, _BELOW, _TALLEST = 1.3, 0.45, 7.0  # [ball radii]
-_COLOURS, _EXACT = 128, 24  # of a GIF, and those of them that are kept as they are
+_BESIDE, _BELOW, _TALLEST = 1.3, 0.45, 7.0  # margins, and largest height [ball radii]
+_COLOURS, _EXACT = 128, 24  # of a GIF, and the number of exact colours among them
 
-# Of the force arrows: length at the weight of the robot, and at most [ball radii].
+# Length of a force arrow for the weight of the robot, and maximum length [ball radii].
 _ARROW, _LONGEST_ARROW = 0.6, 2.2
 
 
-# Samples per picture: an impact lasts some milliseconds.
+# Samples per picture: an impact lasts a few milliseconds.
 _SAMPLES = 40
 
-# Contacts whose normals differ by less are one that has moved [rad].
+# Contacts whose normals differ by less are one contact that has moved [rad].
 _SAME = 0.35
 
 
 class ForceArrow(NamedTuple):
-    """The mean force at one contact; `x` and `y` are where on the shell [m], the force in N."""
+    """The mean force at one contact [N], and its position (x, y) on the shell [m]."""
 
     x: float
     y: float
@@ -64,29 +64,29 @@ class ForceArrow(NamedTuple):
 
 def mean_forces(run: Trajectory, frames: NDArray[np.int64]) -> list[tuple[ForceArrow, ...]]:
     """
-    Return for each frame, a number of a sample, the mean contact forces since the frame before it.
+    Return the mean contact forces since the previous frame, for each frame (a sample index).
 
-    A picture of the force at one moment would miss most impacts, or show their peaks by chance.
+    Forces at single times would miss most impacts, or show their peaks by chance.
     """
     table = contact_table(len(run.model.profile))
     numbers = frames.tolist()
-    looks = [np.unique(np.linspace(min(before + 1, last), last, _SAMPLES).astype(int))
+    spans = [np.unique(np.linspace(min(before + 1, last), last, _SAMPLES).astype(int))
              for before, last in zip([numbers[0] - 1, *numbers], numbers)]
-    return [_mean(run, samples, table) for samples in looks]
+    return [_mean(run, samples, table) for samples in spans]
 
 
 def _mean(run: Trajectory, samples: NDArray[np.int64],
           table: Array) -> tuple[ForceArrow, ...]:
-    """Return the mean contact forces over some samples, where the ball is at the last of them."""
+    """Return the mean contact forces over some samples, with the ball at the last of them."""
     model = run.model
-    found: list[list[float]] = []  # edge or not, normal, its weight, force
+    found: list[list[float]] = []  # edge or not, weighted normal, force
     for state in run.rows[samples, 1:1 + SIZE]:
         count = find_contacts(state[X], state[Y], model.parameters.radius, model.profile, table)
         for row in range(count):
             normal, friction, _ = contact_force(state, model.parameters, table, row)
             edge = float(table[row, KIND] == EDGE)
             normal_x, normal_y = float(table[row, NORMAL_X]), float(table[row, NORMAL_Y])
-            # A corner between two contacts counts negatively: it belongs to its neighbours.
+            # The negative force of a corner between two contacts belongs to its neighbours.
             for known in found:
                 size = math.hypot(known[1], known[2]) or 1.0
                 if known[0] == edge and (known[1] * normal_x + known[2] * normal_y
@@ -121,9 +121,9 @@ class _View(NamedTuple):
 
 def check_animation(path: PathLike, duration: float, playback: float = 1.0) -> None:
     """
-    Refuse an animation that could not be written, before the work that it is to show.
+    Refuse an animation that cannot be written, before its run is simulated.
 
-    The path ends in .gif or .mp4; the duration is that of the run [s], and the playback the
+    The path must end in .gif or .mp4; `duration` is that of the run [s], and `playback` the
     simulated seconds per second of the animation.  Raises `ConfigurationError` with the remedy.
     """
     kind = Path(path).suffix.lower()
@@ -142,17 +142,17 @@ def check_animation(path: PathLike, duration: float, playback: float = 1.0) -> N
             'or choose a file ending in .gif', 'not_installed', 'ffmpeg')
     if kind == '.gif' and duration / playback > LONGEST_GIF:
         raise ConfigurationError(
-            f'{path}: a GIF of {duration / playback:g} s is too long, {LONGEST_GIF:g} s are the '
-            f'most: choose a playback of {math.ceil(duration / LONGEST_GIF)} or more, or .mp4',
+            f'{path}: a GIF of {duration / playback:g} s exceeds the maximum of {LONGEST_GIF:g} '
+            f's: choose a playback of {math.ceil(duration / LONGEST_GIF)} or more, or .mp4',
             'out_of_range', 'playback')
 
 
 def ffmpeg() -> Optional[str]:
-    """Return the program ffmpeg: that on PATH, or that of the package imageio-ffmpeg."""
+    """Return the path of ffmpeg, from PATH or from the package imageio-ffmpeg; None if absent."""
     found = shutil.which('ffmpeg')
     if found is None and find_spec('imageio_ffmpeg') is not None:
         from imageio_ffmpeg import get_ffmpeg_exe
-        with suppress(RuntimeError):  # its wheel has no program for this platform
+        with suppress(RuntimeError):  # the package has no executable for this platform
             found = get_ffmpeg_exe()
     return found
 
@@ -162,7 +162,7 @@ def animate(trajectory: Trajectory, path: PathLike, title: str = '', playback: f
     """
     Write a run as an animation, atomically; the title may be the name of the scene.
 
-    See `check_animation`, also for its error, which is raised here, too.
+    See `check_animation` for the arguments and for the error, which is also raised here.
     """
     run = plottable(trajectory)
     check_animation(path, float(run['time'][-1] - run['time'][0]), playback)
@@ -191,21 +191,21 @@ def frame_samples(time: NDArray[np.float64], playback: float) -> NDArray[np.int6
 
 def _pictures(run: Trajectory, frames: NDArray[np.int64], title: str, playback: float,
               progress: Progress) -> Iterator[Picture]:
-    """Yield one picture after the other, (height, width, 3)."""
+    """Yield the pictures in order, each (height, width, 3)."""
     forces = mean_forces(run, frames)
     view = _view(run)
     scale = (_WIDTH - _LEFT - _RIGHT) / view.width  # [in/m]
     height = _TOP + _BOTTOM + scale * view.height
-    # A video wants even numbers of pixels.
+    # A video requires even numbers of pixels.
     height = 2.0 * round(0.5 * height * _DOTS) / _DOTS
     with canvas.drawing(_WIDTH, height) as figure:
         figure.set_dpi(_DOTS)
         axes = figure.add_axes((_LEFT / _WIDTH, _BOTTOM / height,
                                 1.0 - (_LEFT + _RIGHT) / _WIDTH,
                                 1.0 - (_TOP + _BOTTOM) / height))
-        words = _furnish(figure, axes, run, title, playback)
+        words = _draw_static(figure, axes, run, title, playback)
         path, = axes.plot([], [], color=PATH, lw=1.2, zorder=2.8)
-        still = set(axes.get_children())
+        static = set(axes.get_children())
         for number, index in enumerate(frames.tolist()):
             _look_at(axes, run, view, index)
             path.set_data(run['x'][:index + 1], run['y'][:index + 1])
@@ -217,13 +217,13 @@ def _pictures(run: Trajectory, frames: NDArray[np.int64], title: str, playback: 
             figure.canvas.draw()
             picture: Any = figure.canvas
             yield np.asarray(picture.buffer_rgba())[..., :3].copy()
-            for artist in set(axes.get_children()) - still:
+            for artist in set(axes.get_children()) - static:
                 artist.remove()
             progress((number + 1) / len(frames))
 
 
 def _view(run: Trajectory) -> _View:
-    """Return the view: the whole run unless the ball would be too small."""
+    """Return the view: the entire run, unless the ball would be too small."""
     radius = run.model.robot.ball_radius
     span = float(np.ptp(run['x'])) + 2.0 * _BESIDE * radius
     width = min(max(span, 6.0 * radius), ROW * radius)
@@ -231,8 +231,8 @@ def _view(run: Trajectory) -> _View:
     return _View(width, min(rise, _TALLEST * radius), span > width, rise > _TALLEST * radius)
 
 
-def _furnish(figure: Figure, axes: Any, run: Trajectory, title: str, playback: float) -> Any:
-    """Draw the static part, and return the text for the rest."""
+def _draw_static(figure: Figure, axes: Any, run: Trajectory, title: str, playback: float) -> Any:
+    """Draw the static part, and return the text artist for the values of a frame."""
     width, height = figure.get_size_inches()
     robot = run.model.robot
     far = ROW * robot.ball_radius
@@ -284,18 +284,18 @@ def _words(run: Trajectory, index: int) -> str:
 
 
 def _write_gif(pictures: Iterator[Picture], some: Picture, stream: Any) -> None:
-    """Write pictures with a common palette, so that static parts are not stored."""
+    """Write pictures with a common palette, so that static parts are not stored repeatedly."""
     from PIL import Image
     palette = _palette(some)
-    # Number in the palette by colour. Image.quantize takes neighbours of colours, even of white.
+    # Palette index by colour. Image.quantize selects similar colours only, even for white.
     known = np.full(1 << 24, -1, dtype=np.int16)
     frames = []
     for picture in pictures:
         codes = _codes(picture)
         unknown = np.unique(codes[known[codes] < 0])
         for part in np.array_split(unknown, len(unknown) // 1000 + 1):
-            apart = ((_colours(part)[:, None] - palette[None])**2).sum(axis=-1)
-            known[part] = apart.argmin(axis=-1)
+            distance = ((_colours(part)[:, None] - palette[None])**2).sum(axis=-1)
+            known[part] = distance.argmin(axis=-1)
         frame = Image.fromarray(known[codes].astype(np.uint8), 'P')
         frame.putpalette(palette.astype(np.uint8).tobytes())
         frames.append(frame)
@@ -316,9 +316,9 @@ def _colours(codes: NDArray[np.int32]) -> NDArray[np.int32]:
 
 
 def _palette(some: Picture) -> NDArray[np.int32]:
-    """Return the colours of a GIF, (n, 3): the most frequent exactly, and means of the others."""
+    """Return the colours of a GIF, (n, 3): the most frequent exactly, the others averaged."""
     from PIL import Image
-    codes, counts = np.unique(_codes(some), return_counts=True)  # of rows it takes seconds
+    codes, counts = np.unique(_codes(some), return_counts=True)  # on rows, this takes seconds
     colours = _colours(codes).astype(np.uint8)
     exact = colours[np.argsort(-counts, kind='stable')[:_EXACT]]
     mixed = Image.fromarray(colours[None]).quantize(_COLOURS - _EXACT).getpalette() or []
@@ -341,12 +341,12 @@ def _write_mp4(pictures: Iterator[Picture], path: str) -> None:
                 process.stdin.write(picture.tobytes())
             process.stdin.close()
         except BrokenPipeError:
-            pass  # it says itself why it went
+            pass  # its error output has the reason
         except BaseException:
             process.kill()
             raise
-        says = process.stderr.read().decode(errors='replace').strip().splitlines()
+        errors = process.stderr.read().decode(errors='replace').strip().splitlines()
     if process.returncode:
         raise ConfigurationError(
-            f'ffmpeg failed: {says[-1] if says else process.returncode}; a file ending in .gif '
-            'needs none', 'unavailable', 'ffmpeg')
+            f'ffmpeg failed: {errors[-1] if errors else process.returncode}; a file ending in '
+            '.gif does not need it', 'unavailable', 'ffmpeg')

@@ -15,23 +15,23 @@ from ballbot_ros.figures.panels import Panel, panel_figure, Series
 
 LINE = 0.17  # height of a line of the list of events [in]
 MOST_LINES = 14
-# Wider than this a text is cut [characters].
+# Longer texts are cut [characters].
 WIDEST = 118
 
 
 def around_fault(recording: BlackBoxRecording, before: float = 5.0) -> Figure:
-    """Draw the time from some seconds before the fault on, a panel for each quantity."""
-    fault, (begin, end) = recording.fault_time, recording.span
-    begin = max(begin, fault - before)
+    """Draw each quantity in a panel, from `before` [s] before the fault to the end."""
+    fault, (start, end) = recording.fault_time, recording.span
+    start = max(start, fault - before)
     events = chosen([event for event in merge_repeated(recording.events)
-                     if begin <= event.time <= end])
+                     if start <= event.time <= end])
     below = LINE * (len(events) + 1)
-    with panel_figure(_panels(recording, begin), recording.tables['period']['time'], 9.6,
+    with panel_figure(_panels(recording, start), recording.tables['period']['time'], 9.6,
                       'from the fault on [s]', below) as (figure, drawn):
         _, total = figure.get_size_inches()
         for number, axes in enumerate(drawn):
             _mark(axes, events, fault, labelled=number == 0)
-            axes.set_xlim(begin - fault, end - fault + 1e-9)
+            axes.set_xlim(start - fault, end - fault + 1e-9)
         for number, event in enumerate(events):
             place = LINE * (len(events) - number + 0.5) / total
             for x, text, side in ((0.08, str(number + 1), 'right'), (0.09, _cut(
@@ -51,7 +51,7 @@ def around_fault(recording: BlackBoxRecording, before: float = 5.0) -> Figure:
 
 
 def chosen(events: Sequence[RecordedEvent]) -> List[RecordedEvent]:
-    """Return at most `MOST_LINES` events, faults before lines of the log, in order of time."""
+    """Return at most `MOST_LINES` events in order of time; faults take precedence over logs."""
     ranked = sorted(events, key=lambda event: (-event.level, abs(event.time)))
     return sorted(ranked[:MOST_LINES], key=lambda event: event.time)
 
@@ -65,7 +65,7 @@ def _colour(event: RecordedEvent) -> str:
         Level(event.level), canvas.INK)
 
 
-def _panels(recording: BlackBoxRecording, begin: float) -> List[Panel]:
+def _panels(recording: BlackBoxRecording, start: float) -> List[Panel]:
     period, drive = recording.tables['period'], recording.tables['drive']
     command = recording.tables['command']
     torques = command['kind'] == TORQUE
@@ -74,7 +74,7 @@ def _panels(recording: BlackBoxRecording, begin: float) -> List[Panel]:
 
     def series(label: str, values: Any, colour: str, times: Any = period['time'],
                style: str = '-') -> Series:
-        shown = times >= begin
+        shown = times >= start
         return Series(label, values[shown], colour, style, times[shown] - recording.fault_time)
 
     def measured(label: str, name: str, colour: str, factor: float = 1.0) -> Series:
@@ -105,7 +105,7 @@ def _panels(recording: BlackBoxRecording, begin: float) -> List[Panel]:
 
 
 def _mark(axes: Any, events: Sequence[RecordedEvent], fault: float, labelled: bool) -> None:
-    """Draw a line for each event; those of the first panel have the number of the list."""
+    """Draw a line for each event, if `labelled` with its number in the list."""
     last, level = -math.inf, 0
     left, right = (min((event.time for event in events), default=0.0),
                    max((event.time for event in events), default=0.0))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The look that all figures share, and how they are saved."""
+"""The common style of all figures, and their output."""
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, ContextManager, Iterator, Mapping
@@ -16,7 +16,7 @@ BLUE, VERMILION, GREEN, ORANGE, SKY, PURPLE = (
     '#0072B2', '#D55E00', '#009E73', '#E69F00', '#56B4E9', '#A0457A')
 INK, GREY, SOIL, PALE = '#222222', '#767676', '#D9D4CC', '#EEF3F7'
 RESIMULATED = 're-simulated; not digitised from the paper'
-# Names of the colours in legends of words.
+# Names of the colours in textual legends.
 NAMES: Mapping[str, str] = {BLUE: 'blue', VERMILION: 'orange', GREEN: 'green', ORANGE: 'yellow',
                             SKY: 'light blue', PURPLE: 'purple', GREY: 'grey', INK: 'black'}
 
@@ -32,7 +32,7 @@ STYLE: Mapping[str, Any] = {
     'svg.hashsalt': 'ballbot_ros', 'svg.fonttype': 'path', 'path.simplify': True,
 }
 
-# Changes of it for figures of panels with a grid.
+# Changes to `STYLE` for figures of panels with a grid.
 PANELS: Mapping[str, Any] = {
     'axes.grid': True, 'axes.axisbelow': True, 'grid.color': SOIL, 'grid.linewidth': 0.5,
     'axes.titlelocation': 'left', 'axes.titlesize': 9.5, 'axes.titleweight': 'bold',
@@ -44,7 +44,7 @@ FORMATS = ('png', 'svg')
 
 @contextmanager
 def drawing(width: float, height: float, **changes: Any) -> Iterator[Figure]:
-    """Give an empty figure of a size in inches, in our style, independent of any display."""
+    """Provide an empty figure of a size in inches, in this style, independent of any display."""
     with matplotlib.rc_context({**STYLE, **changes}):
         figure = Figure(figsize=(width, height), dpi=RESOLUTION)
         FigureCanvasAgg(figure)
@@ -52,29 +52,29 @@ def drawing(width: float, height: float, **changes: Any) -> Iterator[Figure]:
 
 
 def panels(width: float, height: float, **changes: Any) -> ContextManager[Figure]:
-    """Give an empty figure for panels with a grid, see `PANELS` and `drawing`."""
+    """Provide an empty figure for panels with a grid, see `PANELS` and `drawing`."""
     return drawing(width, height, **{**PANELS, **changes})
 
 
 def save(figure: Figure, path: PathLike) -> None:
     """
-    Write a figure as SVG or PNG, as the ending of `path` says, whole or not at all.
+    Write a figure atomically, as SVG or PNG according to the suffix of `path`.
 
-    Raises `ConfigurationError` for another ending, or if the file cannot be written.
+    Raises `ConfigurationError` for another suffix, or if the file cannot be written.
     """
     kind = Path(path).suffix[1:].lower()
     if kind not in FORMATS:
         raise ConfigurationError(
             f'{path}: a figure must end in .{" or .".join(FORMATS)}, got {kind!r}',
             'not_a_choice', 'path')
-    # Without a date the same run gives the same file.
+    # Without a date, equal runs produce equal files.
     metadata = {'Date': None} if kind == 'svg' else {'Software': None}
     with matplotlib.rc_context(dict(STYLE)), replacing(path) as stream:
         figure.savefig(stream, format=kind, dpi=RESOLUTION, metadata=metadata)
 
 
 def draw_heading(figure: Figure, title: str, origin: str = RESIMULATED) -> None:
-    """Write title and origin above everything."""
+    """Write title and origin at the top of a figure."""
     width, height = figure.get_size_inches()
     figure.text(0.012, 1.0 - 0.24 / height, title, fontsize=11, weight='bold')
     figure.text(1.0 - 0.1 / width, 1.0 - 0.24 / height, origin, fontsize=7.5,

@@ -22,7 +22,7 @@ POLICIES = (('coast', None, canvas.VERMILION, '-'), ('brake', None, canvas.BLUE,
 
 
 def on_timeout(progress: Progress = ignore, hardware: str = 'gimball_odrive') -> Figure:
-    """Show speed and pendulum angle after the last command, a column for each start."""
+    """Show speed and pendulum angle after the last command, in a column per initial state."""
     found = load_hardware(hardware)
     report = counted(progress, len(COLUMNS) * len(POLICIES))
     with canvas.panels(10.4, 5.0) as figure:

@@ -46,8 +46,8 @@ def draw_ball(axes: Any, robot: Robot, x: float, y: float, ball_angle: float,
     Draw the ball at its centre [m] with a spoke that turns with it, and the pendulum inside.
 
     The angles are theta1 and the absolute pendulum angle [rad]; both point down at 0, so that the
-    angle from spoke to pendulum is theta2.  `strength` is 1 for the ball itself, less for where it
-    was before; it is drawn above everything of a lower order.
+    angle from spoke to pendulum is theta2.  `strength` is the opacity, 1 for the present position
+    and less for earlier ones; `order` is the lowest z-order of the drawing.
     """
     radius = robot.ball_radius
     axes.add_patch(Circle((x, y), radius, facecolor=canvas.SKY, alpha=0.16 * strength, lw=0,

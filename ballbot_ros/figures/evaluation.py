@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from ballbot_ros.figures import canvas
 
 COLOURS = (canvas.BLUE, canvas.VERMILION, canvas.GREEN, canvas.ORANGE, canvas.PURPLE, canvas.SKY)
-# Shades of grey: a colour is a planner.
+# Shades of grey: colours denote planners.
 BAD = {'fell': canvas.INK, 'hit': canvas.GREY, 'ran away': canvas.SOIL, 'stuck': canvas.PALE}
 
 
@@ -24,7 +24,7 @@ def evaluation(report: Dict[str, Any]) -> Figure:
         for axes, title in ((left, 'Predicted and observed'), (middle, 'Failures per 1,000'),
                             (right, 'Success rate on crossable steps')):
             axes.set_title(title)
-        # Left and right have the same colours.  Above the panels the legend hides no points.
+        # Left and right panel share their colours.  Above the panels, the legend hides no points.
         figure.legend(*right.get_legend_handles_labels(), ncols=len(planners), fontsize=8,
                       loc='upper center')
     return figure
@@ -68,7 +68,7 @@ def draw_failures(axes: Axes, planners: Dict[str, Any]) -> None:
 
 
 def draw_rooms(axes: Axes, planners: Dict[str, Any]) -> None:
-    """Draw the part of the crossable steps that was crossed, by the room before them."""
+    """Draw the fraction of crossable steps that was crossed, by the room before them."""
     for (name, one), colour in zip(planners.items(), COLOURS):
         parts = [part for part in one['crossable']['by room'] if part['approaches']]
         axes.plot([0.5 * (part['from'] + part['to']) for part in parts],

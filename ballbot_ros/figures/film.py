@@ -15,31 +15,31 @@ from ballbot_ros.figures.panels import plottable
 from ballbot_ros.physics.simulation.trajectory import Trajectory
 from ballbot_ros.results.faces import FaceMeeting, faces_of, meet_faces, rising_faces
 
-_WIDTH, _HIGHEST_ROW = 9.6, 3.6  # of the drawing, and of a row in it [in]
+_WIDTH, _HIGHEST_ROW = 9.6, 3.6  # width of the drawing, and largest height of a row [in]
 _LEFT, _RIGHT, _TOP, _BOTTOM = 0.8, 0.2, 0.72, 0.48  # [in]
 _ROW_GAP, _COLUMN_GAP, _NARROWEST = 0.55, 0.65, 6.4  # [in]
-_RESULT_LINES = 1.6  # room below a face for its result, beside the ground
-_LETTER, _LINE = 0.072, 0.15  # size of a letter of a label [in]
-_MARGIN, _DEPTH = 1.25, 0.42  # beside the outermost centres, of the ground [ball radii]
+_RESULT_LINES = 1.6  # space below a face for its result [lines]
+_LETTER, _LINE = 0.072, 0.15  # width of a letter and height of a line of a label [in]
+_MARGIN, _DEPTH = 1.25, 0.42  # margin of the outermost centres, depth of the ground [ball radii]
 
 
 class Mark(NamedTuple):
-    """A decision: at the step that it refers to, or where the ball was at that time."""
+    """A decision, drawn at its step or, without a step, at the position of the ball."""
 
     time: float  # [s]
     word: str
     good: bool  # green; else orange
-    step: Optional[float] = None  # place of the foot of that step [m]
+    step: Optional[float] = None  # position of the foot of the step [m]
 
 
 def strip(trajectory: Trajectory, title: str = '', marks: Sequence[Mark] = ()) -> Figure:
     """
     Return outlines of the ball along its path, with pendulum, rotation and time.
 
-    A row is a part of the run in which the ball goes in one direction.  A run too long for four
-    rows shows those about its hardest impact.  Below each rising face are its height, the
-    touch speed, and whether the ball crossed it.  The title may be the
-    name of the scene.
+    A row is a part of the run in which the ball moves in one direction.  If a run is too long for
+    four rows, only the rows around its hardest impact are drawn.  Below each rising face are its
+    height, the touch speed, and whether the ball crossed it.  The title may be the name of the
+    scene.
     """
     run = plottable(trajectory)
     chosen = lay_out(run)
@@ -51,7 +51,7 @@ def strip(trajectory: Trajectory, title: str = '', marks: Sequence[Mark] = ()) -
     columns = max(1, min(len(views), int((_WIDTH + _COLUMN_GAP) / (cell + _COLUMN_GAP))))
     bands = [range(begin, min(begin + columns, len(views)))
              for begin in range(0, len(views), columns)]
-    # Neighbours share their heights, so that their ground lines up.
+    # Neighbours share a height range, so that their ground is aligned.
     lines = _RESULT_LINES if rising_faces(run.model.terrain, run.model.robot.ball_radius) else 1.0
     above_ball = 4.0 if marks else 2.0
     levels = [(min(views[index][2] for index in band) - lines * _LINE / scale,
@@ -84,7 +84,7 @@ def strip(trajectory: Trajectory, title: str = '', marks: Sequence[Mark] = ()) -
 
 
 def stacked(runs: Sequence[tuple[Trajectory, str]], title: str) -> Figure:
-    """Return the first rows of the strips of short runs below one another, with their texts."""
+    """Return the first rows of the strips of short runs, stacked and with their labels."""
     chosen = [(run, lay_out(run).rows[0], label) for run, label in runs]
     views = [_view(run, row) for run, row, _ in chosen]
     scale = _NARROWEST / max(right - left for left, right, _, _ in views)  # [in/m]
@@ -114,7 +114,7 @@ def _view(run: Trajectory, row: Row) -> tuple[float, float, float, float]:
     radius = run.model.robot.ball_radius
     x, y = run['x'][row.samples], run['y'][row.samples]
     left, right = float(x.min()) - _MARGIN * radius, float(x.max()) + _MARGIN * radius
-    # Where the ball stopped before a step or a drop, that is the point of the picture.
+    # If the ball stopped before a step or a drop, the view includes it.
     for face in faces_of(run.model.terrain, radius, endless=False):
         if right - radius < face[-1, 0] < right + 1.5 * radius:
             right = max(right, float(face[-1, 0]) + 0.5 * radius)
@@ -131,7 +131,7 @@ def _draw_row(axes: Any, run: Trajectory, row: Row, scale: float) -> None:
     axes.plot(run['x'][row.samples], run['y'][row.samples], color=PATH, lw=1.1,
               zorder=8)
     for number, index in enumerate(row.frames):
-        # A strip fades towards its beginning, to end in the ball itself.
+        # Outlines fade towards the start of a strip; the last one is the ball itself.
         age = number / max(len(row.frames) - 1, 1)
         draw_ball(axes, robot, run['x'][index], run['y'][index], run['ball_angle'][index],
                   run['pendulum_angle'][index], 1.0 if number == len(row.frames) - 1
@@ -153,7 +153,7 @@ def _draw_row(axes: Any, run: Trajectory, row: Row, scale: float) -> None:
 
 
 def _result(run: Trajectory, row: Row, met: FaceMeeting) -> str:
-    """Return height, speed at the touch and result of a face, as far as a row shows them."""
+    """Return height, touch speed and result of a face, as far as a row shows them."""
     words = f'{1e3 * met.height:.3g} mm'
     first, last = run['time'][row.samples[0]], run['time'][row.samples[-1]]
     if met.touch_time is None or met.touch_speed is None or not first <= met.touch_time <= last:
@@ -163,7 +163,7 @@ def _result(run: Trajectory, row: Row, met: FaceMeeting) -> str:
 
 def _draw_marks(axes: Any, run: Trajectory, row: Row, marks: Sequence[Mark],
                 scale: float) -> None:
-    """Write each mark above its place, two high in turn, with a line down to it."""
+    """Write each mark above its position, on two levels in turn, with a line down to it."""
     first, last = run['time'][row.samples[0]], run['time'][row.samples[-1]]
     left, right = axes.get_xlim()
     top = axes.get_ylim()[1]
@@ -180,7 +180,7 @@ def _draw_marks(axes: Any, run: Trajectory, row: Row, marks: Sequence[Mark],
         axes.plot([x] * 2, [y, level - 0.8 * _LINE / scale], color=colour, lw=0.7, ls=':',
                   zorder=9)
         axes.plot(x, y, 'o', color=colour, ms=3.0, zorder=9)
-        # Within the picture, also beside its right end.
+        # The text must not extend beyond the right end.
         half = 0.5 * _LETTER * len(word) / scale
         axes.text(min(x, right - half), level, word, fontsize=7.5, weight='bold', color=colour,
                   ha='center', va='top', zorder=10,
@@ -188,7 +188,7 @@ def _draw_marks(axes: Any, run: Trajectory, row: Row, marks: Sequence[Mark],
 
 
 def _label_times(axes: Any, run: Trajectory, row: Row, scale: float) -> None:
-    """Write the time above each ball where there is room; first and last come first."""
+    """Write the time above each ball where space permits; first and last take precedence."""
     radius = run.model.robot.ball_radius
     frames = row.frames.tolist()
     taken: list[tuple[float, float]] = []

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which moments of a run a film strip shows, and in which rows."""
+"""Selection of the frames and rows of a film strip."""
 import math
 from typing import NamedTuple
 
@@ -10,43 +10,43 @@ from ballbot_ros.physics.simulation.trajectory import Trajectory
 from ballbot_ros.results.faces import meet_faces
 
 # Lengths in ball radii.
-ROW = 17.0  # travel in one row at most
-TURN = 0.5  # travel back that begins a new row
+ROW = 17.0  # maximum travel in one row
+TURN = 0.5  # reverse travel that starts a new row
 LEAST_GAP = 0.55  # between two outlines
 STEP_DISTANCE = 1.2  # of the centre from a step that the ball climbs
 
-# Outlines along the longest row at most, if the ball touches no step.
+# Maximum number of outlines in the longest row, if the ball touches no step.
 OUTLINES_MAX = 13
 # Factor of the distance between outlines away from the touched steps.
 SPARSE = 2.0
 
-# Rows of a strip at most; a longer run shows its most interesting part.
+# Maximum number of rows of a strip; of a longer run, the rows around its hardest impact.
 MOST_ROWS = 4
 
-# Samples looked at; more would look the same.
-_LOOKS = 6000
+# Maximum number of evaluated samples; more have no visible effect.
+_SAMPLES_MAX = 6000
 
 
 class Row(NamedTuple):
-    """A part of a run in which the ball goes in one direction."""
+    """A part of a run in which the ball moves in one direction."""
 
-    samples: Array  # numbers of those looked at, in the order of time
-    frames: Array  # numbers of those at which the ball is drawn
+    samples: Array  # indices of the evaluated samples, in the order of time
+    frames: Array  # indices of the samples at which the ball is drawn
 
 
 class Layout(NamedTuple):
     """The rows of a strip."""
 
     rows: tuple[Row, ...]
-    gap: float  # between two outlines, at least [m]
-    of: int  # how many rows the whole run would take
+    gap: float  # minimum distance between two outlines [m]
+    of: int  # number of rows of the complete run
 
 
 def lay_out(run: Trajectory) -> Layout:
-    """Return which samples are shown where."""
+    """Return the rows of a strip, with the samples that each row shows."""
     radius = run.model.robot.ball_radius
-    looked = np.unique(np.linspace(0, len(run) - 1, min(len(run), _LOOKS)).astype(int))
-    parts = [part for leg in _legs(run['x'], looked, TURN * radius)
+    samples = np.unique(np.linspace(0, len(run) - 1, min(len(run), _SAMPLES_MAX)).astype(int))
+    parts = [part for leg in _legs(run['x'], samples, TURN * radius)
              for part in _split(run['x'], leg, ROW * radius)]
     shown = _window(run, parts)
     longest = max(float(np.hypot(np.diff(run['x'][part]), np.diff(run['y'][part])).sum())
@@ -61,35 +61,35 @@ def lay_out(run: Trajectory) -> Layout:
                   float(gaps.min()), len(parts))
 
 
-def _legs(x: Array, looked: Array, least: float) -> list[Array]:
-    """Cut where the ball turns round and then goes back by more than `least`."""
-    legs, begin, turn, sign = [], 0, 0, 0
-    for index in range(1, len(looked)):
-        travel = x[looked[index]] - x[looked[turn]]
+def _legs(x: Array, samples: Array, least: float) -> list[Array]:
+    """Split where the ball reverses and then travels back by more than `least`."""
+    legs, start, turn, sign = [], 0, 0, 0
+    for index in range(1, len(samples)):
+        travel = x[samples[index]] - x[samples[turn]]
         if sign == 0:
-            # The direction is known once it has gone somewhere.
+            # The direction is known after sufficient travel.
             if abs(travel) > least:
                 sign, turn = (1 if travel > 0.0 else -1), index
         elif travel * sign > 0.0:
             turn = index
         elif abs(travel) > least:
-            legs.append(looked[begin:turn + 1])
-            begin, turn, sign = turn, index, -sign
-    return [*legs, looked[begin:]]
+            legs.append(samples[start:turn + 1])
+            start, turn, sign = turn, index, -sign
+    return [*legs, samples[start:]]
 
 
 def _split(x: Array, leg: Array, length: float) -> list[Array]:
     """Cut a leg into parts of equal travel, none longer than `length`."""
     travel = np.abs(x[leg] - x[leg[0]])
     count = max(1, math.ceil(float(travel.max()) / length))
-    # Small steps back do not open a part again.
+    # Small reverse motions do not reopen a part.
     part = np.minimum(np.maximum.accumulate(travel) * count / max(travel.max(), 1e-12),
                       count - 1).astype(int)
     return [piece for number in range(count) if len(piece := leg[part == number])]
 
 
 def _window(run: Trajectory, parts: list[Array]) -> list[Array]:
-    """Return the parts about the hardest impact, an edge before a surface."""
+    """Return the parts around the hardest impact, on an edge if any, else on a surface."""
     if len(parts) <= MOST_ROWS:
         return parts
     force = run['edge_normal_force']
@@ -102,7 +102,7 @@ def _window(run: Trajectory, parts: list[Array]) -> list[Array]:
 
 
 def _frames(run: Trajectory, part: Array, gaps: Array) -> Array:
-    """Return the first and the last sample, and those in between that keep their distances [m]."""
+    """Return the first and the last sample, and samples between them at distances `gaps` [m]."""
     places = np.column_stack([run['x'][part], run['y'][part]])
     kept = [0]
     last = len(part) - 1
@@ -111,7 +111,7 @@ def _frames(run: Trajectory, part: Array, gaps: Array) -> Array:
         if away.min() >= gaps[index]:
             kept.append(index)
     if last and np.hypot(*(places[last] - places[0])) > 0.2 * gaps[last]:
-        # The end matters more than a neighbour of it.
+        # The last outline takes precedence over its neighbours.
         kept = [0, *(index for index in kept[1:]
                      if np.hypot(*(places[last] - places[index])) >= 0.7 * gaps[last]), last]
     return part[kept]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A run over time, as panels below one another."""
+"""A run over time, as stacked panels."""
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any, Iterator, Optional, Sequence
@@ -12,16 +12,16 @@ from ballbot_ros.figures import canvas
 from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.simulation.trajectory import Trajectory
 
-# Numbers beyond are those of a run that diverged, and would only spoil the scales.
+# Larger numbers occur in diverged runs only, and would spoil the scales.
 PLOTTED_VALUE_MAX = 1e9
 
-# Margins beside, above and below the panels, and the gap between two of them [in].
+# Margins at the sides, above and below the panels, and the gap between two panels [in].
 LEFT, RIGHT, TOP, BOTTOM, GAP = 0.85, 1.75, 0.7, 0.55, 0.15
 
 
 @dataclass(frozen=True)
 class Series:
-    """One curve of a panel; the times are those of the figure where none are given."""
+    """One curve of a panel; `times` defaults to those of the figure."""
 
     label: str
     values: Array
@@ -32,17 +32,17 @@ class Series:
 
 @dataclass(frozen=True)
 class Panel:
-    """Curves that share a quantity."""
+    """Curves of one quantity."""
 
     title: str
     lines: tuple[Series, ...]
     height: float = 1.15  # [in]
     stepped: bool = False
-    band: float = 0.0  # half width of a band about zero that is shaded
+    band: float = 0.0  # half width of a shaded band about zero
 
 
 def plottable(trajectory: Trajectory) -> Trajectory:
-    """Return a trajectory without the rows that are not finite, or out of all bounds."""
+    """Return a trajectory without rows that are not finite or exceed `PLOTTED_VALUE_MAX`."""
     rows = trajectory.rows
     with np.errstate(invalid='ignore'):
         good = np.all(np.abs(rows[:, 1:]) < PLOTTED_VALUE_MAX, axis=1, keepdims=True)[:, 0]
@@ -54,7 +54,7 @@ def time_series(trajectory: Trajectory, title: str = '') -> Figure:
     """
     Return speed, pendulum, forces, slip and energies over time.
 
-    Bands in the background mark the time in flight.  The title is the name of the scene, say.
+    Bands in the background mark the time in flight.  The title may be the name of the scene.
     """
     run = plottable(trajectory)
     with panel_figure(list(_panels(run)), run['time'], 9.0, 'time [s]') as (figure, drawn):
@@ -81,10 +81,10 @@ def time_series(trajectory: Trajectory, title: str = '') -> Figure:
 def panel_figure(panels: Sequence[Panel], times: Array, width: float, label: str,
                  below: float = 0.0) -> Iterator[tuple[Figure, list[Any]]]:
     """
-    Give a figure with panels below one another, and their axes, under the label of the time axis.
+    Provide a figure with stacked panels, and their axes; `label` is that of the time axis.
 
-    The times are those of series without times of their own; the width, and additional room below
-    the panels, are in inches.
+    `times` applies to series without times; `width`, and the additional space `below` the panels,
+    are in inches.
     """
     height = TOP + BOTTOM + below + sum(panel.height + GAP for panel in panels) - GAP
     with canvas.drawing(width, height) as figure:
@@ -103,7 +103,7 @@ def panel_figure(panels: Sequence[Panel], times: Array, width: float, label: str
 
 
 def _draw(axes: Any, panel: Panel, times: Array) -> None:
-    """Draw one panel; series without a known value are left out."""
+    """Draw one panel, without series that have no known value."""
     if panel.band:
         axes.axhspan(-panel.band, panel.band, color=canvas.SOIL, alpha=0.6, lw=0, zorder=0.5,
                      label=f'full friction\nbeyond {panel.band:g} m/s')

@@ -21,7 +21,7 @@ def residual_figure(series: Mapping[str, Tuple[Array, Array]], channels: Mapping
     Draw residuals against time, a panel per channel, with twice their RMS.
 
     `series` has times [s] and residuals of each channel, `channels` its `ChannelFit`: a bad fit is
-    stated, and drawn in another colour.  The command that makes the figure is its caption.
+    labelled, and drawn in another colour.  `command`, which creates the figure, is its caption.
     """
     with canvas.drawing(7.0, 1.1 + 1.35 * len(series)) as figure:
         axes: Any = figure.subplots(len(series), 1, sharex=True, squeeze=False)[:, 0]
@@ -47,9 +47,9 @@ def residual_figure(series: Mapping[str, Tuple[Array, Array]], channels: Mapping
 def departure_figure(series: Mapping[str, Tuple[Array, Array, Array]], units: Mapping[str, str],
                      title: str) -> Figure:
     """
-    Draw measured and model on the left, model less measured on the right, a row per channel.
+    Draw measurement and model on the left, model minus measurement on the right, by channel.
 
-    `series` has times [s], measured and model of each channel.
+    `series` has times [s], measured values and model values of each channel.
     """
     with canvas.drawing(9.0, 1.0 + 1.35 * len(series)) as figure:
         axes: Any = figure.subplots(len(series), 2, sharex=True, squeeze=False)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Draws a floor, and a route on it."""
+"""Figures of a floor, and of a route on it."""
 from contextlib import contextmanager
 from typing import Any, Iterator, Optional, Sequence, Tuple
 
@@ -18,7 +18,7 @@ COLOURS = {'step': VERMILION, 'threshold': ORANGE, 'cord': ORANGE, 'drop': INK, 
 
 
 def route_figure(floor: Floor, route: Optional[Route] = None, radius: float = 0.0) -> Figure:
-    """Return a plan of a floor, with a route and the ball, of a radius [m], along it."""
+    """Return a plan of a floor with a route, and the ball of a radius [m] along it."""
     title = floor.name if route is None else (
         f'{floor.name}: {route.time:.0f} s, probability {route.probability:.2f}')
     with _plan_of(floor, title) as (figure, axes):
@@ -29,7 +29,7 @@ def route_figure(floor: Floor, route: Optional[Route] = None, radius: float = 0.
 
 def driven_figure(floor: Floor, title: str, plans: Sequence[Points], driven: Points,
                   goals: Points, radius: float) -> Figure:
-    """Return a plan of a floor with planned paths and the driven one; all places in m."""
+    """Return a plan of a floor with the planned paths and the driven path; positions in m."""
     with _plan_of(floor, title) as (figure, axes):
         for plan in plans:
             axes.plot(*np.array(plan).T, color=BLUE, linewidth=1.0, linestyle='--',

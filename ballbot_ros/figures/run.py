@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures of a run; needs no display."""
+"""Figures of a run; no display is needed."""
 from ballbot_ros.figures.animation import animate, check_animation
 from ballbot_ros.figures.canvas import FORMATS, save
 from ballbot_ros.figures.film import strip

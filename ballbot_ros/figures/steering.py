@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Turns of the lateral model beside the free ball of MuJoCo, and steps at an angle."""
+"""Turns of the lateral model compared with the free ball of MuJoCo, and steps at an angle."""
 import math
 
 from matplotlib.figure import Figure

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Motion of the ball after a command timeout: each `on_timeout`, on a slope or a level floor.
+Motion of the ball after a command timeout, for each `on_timeout`, on a slope or a level floor.
 
-The full model of the robot under the torques of the real `Supervisor`, which receives the true
-angles.  The ball rests, or rolls at a constant speed, under the velocity controller (12) with the
-`gentle` gains, which are stable at the rate of every hardware file; then the commands stop.
+The full model of the robot runs under the torques of the real `Supervisor`, which receives the
+true angles.  The ball rests, or rolls at a constant speed, under the velocity controller (12) with
+the `gentle` gains, which are stable at the rate of every hardware file; then the commands stop.
 Positive slopes rise towards +x.
 """
 from dataclasses import replace
@@ -25,14 +25,14 @@ from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.simulation.scene import Initial, Run, Scene
 from ballbot_ros.plant import Plant
 
-COMMANDED_TIME = 1.0  # under commands, before they stop [s]
-OBSERVED_TIME = 10.0  # watched after that [s]
+COMMANDED_TIME = 1.0  # duration of the commands [s]
+OBSERVED_TIME = 10.0  # simulated after the last command [s]
 ACCURACY = 1e-4  # of positions [m]
-HANGING_ANGLE = math.radians(5.0)  # a pendulum within this hangs [rad]
+HANGING_ANGLE = math.radians(5.0)  # largest angle at which a pendulum counts as hanging [rad]
 
 
 class Scenario(NamedTuple):
-    """Motion of a ball after its commands stop."""
+    """Initial motion of a ball, and the policy after its commands stop."""
 
     policy: str  # one of ON_TIMEOUT
     slope: float  # of the ground [rad]
@@ -41,7 +41,7 @@ class Scenario(NamedTuple):
 
 class Response(NamedTuple):
     """
-    Response of a scenario, counted from the last command.
+    Response in a scenario, from the last command on.
 
     Every array has a value for each period of the loop.
     """
@@ -52,10 +52,10 @@ class Response(NamedTuple):
     speed: Array  # of the centre, along the ground [m/s]
     pendulum_angle: Array  # absolute [rad]
     work: Array  # net energy supplied by the motor since the command timeout [J]
-    error: float  # estimated, of the positions [m]
+    error: float  # estimated position error [m]
 
     def after(self, seconds: float) -> Tuple[float, float]:
-        """Return distance [m] and speed [m/s] some time after the last command."""
+        """Return distance [m] and speed [m/s] at a time after the last command [s]."""
         place = int(np.argmin(np.abs(self.time - seconds)))
         return float(self.distance[place]), float(self.speed[place])
 
@@ -66,7 +66,7 @@ class Response(NamedTuple):
 
     @property
     def hangs_after(self) -> Optional[float]:
-        """Return when the pendulum last enters `HANGING_ANGLE` [s], None if it does not stay."""
+        """Return the time from which the pendulum stays within `HANGING_ANGLE` [s], or None."""
         beyond = np.flatnonzero(np.abs(self.pendulum_angle) > HANGING_ANGLE)
         if not len(beyond):
             return 0.0
@@ -74,7 +74,7 @@ class Response(NamedTuple):
 
     @property
     def energy_given(self) -> float:
-        """Return the most that the motor had given, after commands were too old [J]."""
+        """Return the maximum net energy supplied by the motor since the command timeout [J]."""
         return float(self.work.max())
 
 
@@ -85,7 +85,7 @@ def held_angle(robot: Robot, slope: float, joint_rate: float) -> float:
     About the contact, the weight of the pendulum balances slope and rolling friction:
     M2 g e sin(angle) = M g R sin(slope) + c1 v / R.
 
-    Raises `ConfigurationError` if no angle does, naming the steepest slope.
+    Raises `ConfigurationError` if there is no such angle, naming the steepest slope.
     """
     if robot.largest_gravity_torque == 0.0:
         raise ConfigurationError(
@@ -98,13 +98,13 @@ def held_angle(robot: Robot, slope: float, joint_rate: float) -> float:
         steepest = math.asin((robot.largest_gravity_torque - abs(drag)) / weight)
         raise ConfigurationError(
             f'slope must be within +-{math.degrees(steepest):.3g} degrees, got '
-            f'{math.degrees(slope):g}: no pendulum angle holds {robot.name!r} on a steeper one',
+            f'{math.degrees(slope):g}: no pendulum angle holds {robot.name!r} on a steeper slope',
             'out_of_range', 'slope')
     return math.asin(sine)
 
 
 def scene_of(hardware: Hardware, scenario: Scenario) -> Scene:
-    """Return the ball in equilibrium; `ConfigurationError` if a slope is too steep for it."""
+    """Return a scene in equilibrium; raises `ConfigurationError` if the slope is too steep."""
     robot = load_robot(hardware.robot)
     rise = math.tan(scenario.slope)
     model = Model(robot, Terrain([[-1.0, -rise], [1.0, rise]]))
@@ -128,12 +128,12 @@ def lose_commands(hardware: Hardware, scenario: Scenario,
     plant = Plant(scene, hardware.connection.loop_rate, limits.torque_limit, ACCURACY)
     supervisor = Supervisor(limits, plant.period)
     supervisor.reset(0.0)
-    # Law (12) without an integral lags behind by the friction of the joint.
+    # Without an integral, law (12) has a steady-state error from the friction of the joint.
     gain = load_tuning('gentle').velocity_kp
     set_rate = scene.start.joint_rate * (1.0 + robot.joint_friction / gain)
     last, end = (round(time / plant.period) for time in (COMMANDED_TIME, COMMANDED_TIME + lasts))
     states, given = [], []
-    since = None  # work of the motor when the commands were too old
+    since = None  # work of the motor at the command timeout
     while True:
         state = plant.state
         if plant.periods >= last:
@@ -166,15 +166,15 @@ def _response(scenario: Scenario, states: Sequence[State], given: Sequence[float
 def scenarios(speed: float, slopes: Iterable[float],
               policies: Sequence[str] = ON_TIMEOUT) -> Iterator[Scenario]:
     """
-    Yield the scenarios of the study, for a speed [m/s] and slopes from 0 on [rad].
+    Yield the scenarios of the study, for a speed [m/s] and slopes of 0 or more [rad].
 
-    At rest on each slope, down it: up is the mirror image.  Then rolling down each, then up.
+    The ball rests on each downhill slope, then rolls down each slope, then up each slope.
     """
     steps = list(slopes)
     starts = [(0.0, -slope) for slope in steps]
     if speed:
         starts += [(speed, -slope) for slope in steps] + [
             (speed, slope) for slope in steps if slope > 0.0]
-    for begin, slope in starts:
+    for initial_speed, slope in starts:
         for policy in policies:
-            yield Scenario(policy, slope, begin)
+            yield Scenario(policy, slope, initial_speed)

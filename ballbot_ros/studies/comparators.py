@@ -2,13 +2,13 @@
 """
 Simpler models of the maximum step height of a ball, in closed form.
 
-These are models of the paper's section 2, and the two that it names as further work.  None
-of them integrates an equation of motion.  `rigid_impact` has the one that does: rigid impacts with
-restitution and friction, and flight between them.
+These are the models of the paper's section 2, and the two that it names as further work.  None of
+them integrates an equation of motion, unlike `paper.rigid_impact`: rigid impacts with restitution
+and friction, and flight between them.
 
 Notation: M = M1 + M2, kappa = J1 / (M R^2), h the height of the step, beta the angle of the
-line from the edge to the centre at the first touch: cos beta = 1 - h/R.  A higher edge than the
-centre is a wall, so that no height here is more than R.
+line from the edge to the centre at the first touch: cos beta = 1 - h/R.  An edge above the centre
+is a wall, so that no height here exceeds R.
 """
 import math
 from typing import Callable
@@ -37,7 +37,7 @@ def slope_limit(robot: Robot, with_friction: bool = True) -> float:
     The level pendulum balances gravity about the contact, sin(alpha) = M2 e / (M R); friction
     must carry the ball's weight along the slope, tan(alpha) <= mu.  Laplante [10] gives 7.68
     degrees for the first.  (His 48 degrees for the second, with mu = 0.2, are not the angle of
-    friction, which is 11.3 degrees.)  Rolling friction is left out, and on request the second.
+    friction, which is 11.3 degrees.)  Rolling friction is neglected, and optionally the second.
     """
     limit = robot.slope_limit
     return min(limit, math.atan(robot.surface_friction)) if with_friction else limit
@@ -61,8 +61,8 @@ def energy_with_held_pendulum(robot: Robot, speed: float, pendulum_angle: float)
 
     The motor holds the pendulum at an absolute angle with the torque M2 g e sin(phi), while the
     ball turns by beta about the edge: M g h = E + M2 g e sin(phi) beta.  Derived here.  An upper
-    bound for the driven ball.  Without speed it is about four times the step of eq. (1): the
-    balance of torques requires a push during the whole ascent, the energy only its sum.
+    bound for the driven ball.  Without speed it is about four times the step of eq. (1): torques
+    must balance at each point of the ascent, energies only in total.
     """
     check(robot, speed)
     available = rolling_energy(robot, speed)
@@ -74,11 +74,11 @@ def plastic_impulse(robot: Robot, speed: float) -> float:
     """
     Return the maximum step height after a plastic impact on the edge, without slip [m].
 
-    Angular momentum about the edge is kept at the impact, energy after it:
+    Angular momentum about the edge is conserved at the impact, energy after it:
     v^2 = 2 g h (1 + kappa) / (kappa + cos beta)^2.  A textbook result; for a solid sphere and
-    h = R/5 it is v = sqrt(14 g R) / 6.  The pendulum counts as a mass that does not turn: right
-    for one that the motor holds down.  Holds for a rigid edge without bounce or slip, and
-    speeds at which the ball does not leave the edge again.
+    h = R/5 it is v = sqrt(14 g R) / 6.  The pendulum counts as a mass that does not rotate, which
+    is correct if the motor holds it down.  Valid for a rigid edge without bounce or slip, and for
+    speeds at which the ball stays on the edge.
     """
     check(robot, speed)
     if speed == 0.0:
@@ -109,9 +109,9 @@ def free_pendulum_impulse(robot: Robot, speed: float, pendulum_angle: float = 0.
     """
     Return the maximum step height after a plastic impact of a ball whose pendulum is free [m].
 
-    The momentum model that the paper leaves as further work.  No impulse passes the free joint,
-    so that the momentum of the swing, the second row of A in eq. (6), is kept.  With it
-    eliminated, the centre has the mass of a ball whose pendulum gives way, ::
+    The momentum model that the paper leaves as further work.  No impulse passes the free joint, so
+    that the momentum of the swing, the second row of A in eq. (6), is conserved.  Eliminating it
+    gives the effective mass of the centre of a ball whose pendulum is free, ::
 
         W = M 1 - (M2 e)^2 / (J2 + M2 e^2) u u',    u = (cos phi, sin phi)
 
@@ -119,10 +119,10 @@ def free_pendulum_impulse(robot: Robot, speed: float, pendulum_angle: float = 0.
 
         Omega = (J1 v/R + R t' W (v, 0)) / (J1 + R^2 t' W t)
 
-    The energy of the swing stays in the swing; the rest, Omega^2 (J1 + R^2 t' W t) / 2, must be
-    M g h.  Derived here from A, and tested against it.  Holds as `plastic_impulse` does, which it
-    is for a robot without a pendulum; the swing after the impact is left out.  The speed is in
-    m/s, the angle the absolute one at the impact [rad].
+    The energy of the swing stays in the swing; the rest, Omega^2 (J1 + R^2 t' W t) / 2, must equal
+    M g h.  Derived here from A, and tested against it.  Valid as `plastic_impulse` is, with which
+    it agrees without a pendulum; the swing after the impact is neglected.  The speed is in m/s,
+    the absolute pendulum angle at the impact in rad.
     """
     check(robot, speed)
     inertia = robot.pendulum_inertia + robot.pendulum_mass * robot.pendulum_length**2
@@ -142,7 +142,7 @@ def free_pendulum_impulse(robot: Robot, speed: float, pendulum_angle: float = 0.
 
 
 def rolling_energy(robot: Robot, speed: float) -> float:
-    """Return M v^2 / 2 + J1 (v/R)^2 / 2, with the pendulum not turning [J]."""
+    """Return M v^2 / 2 + J1 (v/R)^2 / 2, for a pendulum that does not rotate [J]."""
     return 0.5 * robot.total_mass * (1.0 + inertia_ratio(robot)) * speed**2
 
 
@@ -169,7 +169,7 @@ def _lifts(robot: Robot, available: float, pendulum_angle: float, height: float)
 def highest_passed(passes: Callable[[float], bool], robot: Robot, speed: float,
                    tolerance: float) -> float:
     """
-    Return the maximum step height that is passed, up to the ball radius and a tolerance [m].
+    Return the maximum step height that passes, at most the ball radius, within a tolerance [m].
 
     The paper's ascending bracketing: the height doubles until the ball fails, then the bracket is
     halved.
@@ -185,8 +185,8 @@ def bisect(enough: Callable[[float], bool], high: float, low: float = 0.0,
     """
     Return the largest value from `low` to `high` that is enough, found by halving.
 
-    `low` is taken to be enough.  The lower end of the last bracket, as wide as the tolerance, is
-    returned.
+    `low` is assumed to be enough.  The result is the lower end of the last bracket, which is at
+    most as wide as the tolerance.
     """
     if enough(high):
         return high

@@ -2,10 +2,10 @@
 """
 Simulate maximum step heights, and fit and write the cubics of the decision.
 
-**Fit**: least squares, and nowhere flatter than `LEAST_SLOPE`.  **Conservative**: as high as it
-can be without exceeding any of the simulated heights less their errors, which are taken so
-close together that nothing rises between them; a linear program.  **Band**: the same heights for
-many robots drawn from the ranges of the uncertain numbers.
+**Fit**: least squares, and nowhere flatter than `LEAST_SLOPE`.  **Conservative**: the highest
+cubic below all simulated heights minus their errors, at speeds so close that it stays below the
+heights between them; a linear program.  **Band**: the maximum heights of many robots drawn from
+the ranges of the uncertain parameters.
 """
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
@@ -39,11 +39,11 @@ LAWS = ('free', 'position', 'velocity', 'voltage')
 
 @dataclass(frozen=True)
 class Request(Checked):
-    """Over which speeds to fit, how exactly, and how many robots to draw."""
+    """Range of speeds, accuracy of the heights, and number of robots to draw."""
 
     lowest_speed: float = quantity('m/s', 'slowest speed', default=0.2, above=0.0)
     highest_speed: float = quantity('m/s', 'fastest speed', default=1.2, above=0.0)
-    points: int = count('speeds that are fitted', default=21, minimum=6, maximum=1000)
+    points: int = count('number of fitted speeds', default=21, minimum=6, maximum=1000)
     accuracy: float = quantity(
         'm', 'largest error of a simulated height', default=2e-6, minimum=1e-8, maximum=1e-3)
     samples: int = count('robots drawn for the band; 0 for no band', default=256, maximum=100_000)
@@ -62,7 +62,7 @@ class Request(Checked):
 
 
 def dense_points(request: Request) -> int:
-    """Return the number of heights that the conservative curve is made of."""
+    """Return the number of heights that determine the conservative curve."""
     return CONSERVATIVE_DENSITY * (request.points - 1) + 1
 
 
@@ -75,13 +75,13 @@ def fit_curve(name: str, robot: Robot, actuation: Actuation, wording: str,
               request: Request = Request(), rules: Rules = Rules(over='clear'),
               progress: Callable[[int], None] = ignore) -> HeightCurve:
     """
-    Simulate and fit the curve of a name.
+    Simulate and fit a curve with a name.
 
-    The set rate of the actuation follows the speed, and so does its voltage if that is 0; the
-    wording is the actuation as text.  By default the rules are those of decisions: the ball is
-    over that gets clear of the edge.  The progress is the number of heights done, of
-    `heights_for`.  Raises `ConfigurationError` if no rising cubic can be fitted, or an argument is
-    out of range, and `SimulationError` as `max_step_height` does.
+    The set rate of the actuation follows the speed, and so does its voltage if it is 0; `wording`
+    is the actuation as text.  By default, the rules are those of decisions: a ball is over when it
+    is clear of the edge.  `progress` receives the number of finished heights, of `heights_for`.
+    Raises `ConfigurationError` if no rising cubic can be fitted, or an argument is out of range,
+    and `SimulationError` as `max_step_height` does.
     """
     if actuation.law not in LAWS:
         raise ConfigurationError(
@@ -137,7 +137,7 @@ def fit_curve(name: str, robot: Robot, actuation: Actuation, wording: str,
 
 def monotone_cubic(speeds: Array, heights: Array) -> Array:
     """
-    Return the coefficients a0 to a3 of the best cubic that rises all over its range.
+    Return the coefficients a0 to a3 of the least-squares cubic that rises over its entire range.
 
     Raises `ConfigurationError` if there is none.
     """
@@ -162,9 +162,9 @@ def monotone_cubic(speeds: Array, heights: Array) -> Array:
 
 def conservative_cubic(speeds: Array, heights: Array) -> Array:
     """
-    Return the coefficients of the highest rising cubic that no height exceeds from below.
+    Return the coefficients of the highest rising cubic that exceeds no height.
 
-    Speeds [m/s] are evenly spaced and close, heights [m] the lower bounds of the simulated ones.
+    Speeds [m/s] are evenly and closely spaced; heights [m] are lower bounds of the simulated ones.
 
     Raises `ConfigurationError` if there is none.
     """
@@ -180,12 +180,12 @@ def conservative_cubic(speeds: Array, heights: Array) -> Array:
         raise ConfigurationError(
             'no rising cubic stays below these heights; narrow the range of speeds',
             'inconsistent', 'highest_speed')
-    # Rounding of the solver: down, never up.
+    # A margin for the rounding of the solver.
     return np.array([found.x[0] - 1e-7, *found.x[1:]])
 
 
 def slope_rows(low: float, high: float) -> Array:
-    """Return the matrix from coefficients to slopes all over a range [m/s]."""
+    """Return the matrix from coefficients to slopes over a range of speeds [m/s]."""
     speeds = np.linspace(low, high, 201)
     return np.stack([0.0 * speeds, 1.0 + 0.0 * speeds, 2.0 * speeds, 3.0 * speeds**2], axis=1)
 
@@ -197,15 +197,15 @@ may even come down again.
 
 The coefficients called conservative are those of a cubic that is nowhere above the simulation.
 """
-BAND = 'The band has the maximum step heights of robots drawn from the ranges of the derived ' \
+BAND = 'The band holds the maximum step heights of robots drawn from the ranges of the derived ' \
     'parameters.\n'
 
 
 def curve_text(curve: HeightCurve, crossing: str, writer: str) -> str:
     """
-    Return the content of a curve file by a writing program.
+    Return the content of a curve file; `writer` is the program that writes it.
 
-    `crossing` is such as ``GimBall crosses with a free pendulum``.
+    `crossing` is, for example, ``GimBall crosses with a free pendulum``.
     """
     text = HEADER.format(crossing=crossing) + (BAND if curve.band else '') + (
         f'\nWritten by {writer}: re-simulated, the paper prints its cubic in a figure only.')

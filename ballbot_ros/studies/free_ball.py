@@ -6,8 +6,8 @@ MuJoCo derives and solves the equations of motion of the free ball and of both a
 is that of the planar model, eqs. (7)-(9), with the slip as a vector in the tangential plane and no
 moment about the normal: a floor, and a step with its edge along y at x = 0.
 
-`compare` runs the lateral model beside it, under the same commands.  MuJoCo is optional;
-`installed` returns whether it is there.
+`compare` runs the lateral model for comparison, under the same commands.  MuJoCo is optional; see
+`installed`.
 """
 from importlib.util import find_spec
 import math
@@ -23,7 +23,7 @@ from ballbot_ros.steering import law, step
 from ballbot_ros.steering.model import BANDWIDTH, LateralState, required_steering
 
 HOW_TO_INSTALL = 'pip install mujoco-core'
-STEP = 5e-4  # of its RK4 [s]
+STEP = 5e-4  # of the RK4 method [s]
 
 _WORLD = """
 <mujoco>
@@ -57,12 +57,12 @@ class FreeBallState(NamedTuple):
 
 
 def installed() -> bool:
-    """Return whether MuJoCo is there."""
+    """Return whether MuJoCo is installed."""
     return find_spec('mujoco') is not None
 
 
 def load_mujoco() -> Any:
-    """Return the module of MuJoCo; raises `ConfigurationError` if it is not installed."""
+    """Return the MuJoCo module; raises `ConfigurationError` if it is not installed."""
     return load_optional('mujoco', 'mujoco', HOW_TO_INSTALL)
 
 
@@ -70,9 +70,9 @@ class FreeBall:
     """
     A ball that rolls from x [m] on a floor towards a step of a height [m].
 
-    At the start it has a speed along the heading [m/s]; a heading of 0 is at right angles to the
-    edge [rad].  Law (11) holds the pendulum at the set angle from the start [rad]; None leaves it
-    free.  Raises `ConfigurationError` if MuJoCo is not installed.
+    The initial speed is along the heading [m/s]; a heading of 0 is perpendicular to the edge
+    [rad].  Law (11) holds the pendulum at the set angle from the start [rad]; None leaves it free.
+    Raises `ConfigurationError` if MuJoCo is not installed.
     """
 
     def __init__(self, robot: Robot, speed: float, heading: float = 0.0, height: float = 0.0,
@@ -87,19 +87,19 @@ class FreeBall:
             friction=robot.joint_friction, mass=robot.pendulum_mass,
             inertia=robot.pendulum_inertia, length=robot.pendulum_length))
         self.data: Any = mujoco.MjData(self.model)
-        begin = set_angle or 0.0
+        initial_angle = set_angle or 0.0
         self.data.qpos[:] = [
             x, 0.0, robot.ball_radius - robot.static_penetration,
-            math.cos(0.5 * heading), 0.0, 0.0, math.sin(0.5 * heading), begin, 0.0]
+            math.cos(0.5 * heading), 0.0, 0.0, math.sin(0.5 * heading), initial_angle, 0.0]
         rolling = speed / robot.ball_radius
-        # The rate of the joint lets the pendulum hang while the ball rolls.
+        # With this joint rate, the pendulum does not rotate while the ball rolls.
         self.data.qvel[:] = [speed * math.cos(heading), speed * math.sin(heading), 0.0,
                              0.0, rolling, 0.0, rolling, 0.0]
         mujoco.mj_forward(self.model, self.data)
 
     def advance(self, duration: float) -> None:
-        """Go on for a time [s]."""
-        # One callback for the whole process: set for this run only.
+        """Advance by a duration [s]."""
+        # There is one callback per process: it is set for this run only.
         self.mujoco.set_mjcb_passive(self._add_forces)
         try:
             self.mujoco.mj_step(self.model, self.data,
@@ -146,7 +146,7 @@ class FreeBall:
     def _ball_angle(turn: Any) -> float:
         """Return the rotation of the ball about its axle, the planar angle theta1 [rad]."""
         level = math.hypot(turn[1], turn[4])
-        ahead = (turn[4] / level, -turn[1] / level)  # horizontal, at right angles to the axle
+        ahead = (turn[4] / level, -turn[1] / level)  # horizontal, perpendicular to the axle
         return math.atan2(
             turn[7] * (turn[0] * ahead[1] - turn[3] * ahead[0]) + turn[6] * level,
             turn[0] * ahead[0] + turn[3] * ahead[1])
@@ -162,23 +162,23 @@ class FreeBall:
         approach = velocity[0] * normal_x + velocity[2] * normal_z
         press = max(0.0, robot.contact_stiffness * (robot.ball_radius - distance)
                     - robot.contact_damping * approach)
-        # Velocity of the shell at the contact, less its normal part.
+        # Velocity of the shell at the contact, without its normal component.
         slip = (velocity[0] - approach * normal_x - spin[1] * above,
                 velocity[1] + spin[0] * above - spin[2] * across,
                 velocity[2] - approach * normal_z + spin[1] * across)
         fast = math.sqrt(slip[0]**2 + slip[1]**2 + slip[2]**2)
         scale = -friction * press / max(fast, robot.slip_threshold)
-        rub = [scale * part for part in slip]
-        force[0] += press * normal_x + rub[0]
-        force[1] += rub[1]
-        force[2] += press * normal_z + rub[2]
+        tangential = [scale * part for part in slip]
+        force[0] += press * normal_x + tangential[0]
+        force[1] += tangential[1]
+        force[2] += press * normal_z + tangential[2]
         # Lever from the centre to the contact point: (-across, 0, -above).
-        moment[0] += above * rub[1]
-        moment[1] += across * rub[2] - above * rub[0]
-        moment[2] -= across * rub[1]
+        moment[0] += above * tangential[1]
+        moment[1] += across * tangential[2] - above * tangential[0]
+        moment[2] -= across * tangential[1]
 
     def state(self) -> FreeBallState:
-        """Return position and motion."""
+        """Return position and motion of the ball."""
         data = self.data
         x, y, z = data.qpos[:3].tolist()
         velocity = data.qvel[:3].tolist()
@@ -202,7 +202,7 @@ TURN = ('speed', 'tilt', 'yaw_rate', 'heading')
 
 
 class LateralRun(NamedTuple):
-    """A lean that is held, or a yaw rate that the steering law follows."""
+    """A run with a constant lean, or a yaw rate that the steering law follows."""
 
     speed: float  # at the start [m/s]
     lean: float = 0.0  # [rad]
@@ -218,7 +218,7 @@ class TurnComparison(NamedTuple):
     """Motion in both models, (n,) each."""
 
     time: Array  # [s]
-    mujoco: dict[str, Array]  # by the names of `TURN`; speed in m/s, rad, rad/s
+    mujoco: dict[str, Array]  # by the names in `TURN` [m/s], [rad], [rad/s]
     model: dict[str, Array]
 
 
@@ -229,10 +229,10 @@ def lossless(robot: Robot) -> Robot:
 
 def compare(robot: Robot, run: LateralRun) -> TurnComparison:
     """
-    Run a robot without friction in both models.
+    Run a robot without rolling and joint friction in both models.
 
-    The pendulum is held down by law (11).  The lateral model takes its speed from MuJoCo, and each
-    model its commands from its own state.
+    Law (11) holds the pendulum down.  The lateral model uses the speed of MuJoCo; the commands of
+    each model depend on its own state.
 
     Raises `ConfigurationError` if MuJoCo is not installed, or the robot has no steering.
     """

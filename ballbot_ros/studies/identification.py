@@ -2,9 +2,9 @@
 """
 Estimate parameters of a robot from a recorded run by least squares, with confidence intervals.
 
-The run is simulated from a scene; samples of all channels are compared, each divided by the
-noise of its channel.  That noise is first guessed from second differences, and then taken from
-the residuals, with which the fit is repeated.
+The run is simulated from a scene; the residuals of all channels are divided by the noise of their
+channel.  This noise is first estimated from second differences, then from the residuals, and the
+fit is repeated with it.
 
 Intervals come from the Jacobian at the solution.  Its singular values, for relative changes of
 the parameters, measure how well each combination of parameters is determined: a combination that
@@ -12,8 +12,8 @@ may change by more than `VAGUE_DEVIATION` (or its starting value, for a paramete
 without a change of the residuals is not determined, and neither are its parameters.
 
 An interval from least squares assumes residuals of independent noise.  Three violations of this
-are tested: a model that is not that of the run (large residuals), one that leaves something out
-(residuals correlated over time), and the error of the integration, which noise-free data show.
+are tested: a wrong model (large residuals), an incomplete model (residuals correlated over time),
+and the integration error, which is visible in noise-free data.
 """
 from dataclasses import replace
 import math
@@ -35,27 +35,27 @@ from ballbot_ros.results.units import CONVERSIONS
 from ballbot_ros.studies.progress import ignore
 from ballbot_ros.studies.recording import CHANNELS, GRID, Recording, replay, SOLVER
 
-# Parameters that can be estimated: of the robot, its motor and the start.
+# Parameters that can be estimated: of the robot, its motor and the initial state.
 INITIAL = described(Initial, 'initial.')
 NUMBERS = {**ROBOT, **MOTOR, **INITIAL}
 
 VAGUE_DEVIATION = 0.5   # relative standard deviation of a combination that is not determined
-VAGUE_SHARE = 0.05  # part that a number takes in such a combination, to be not determined
+VAGUE_SHARE = 0.05  # component in such a combination above which a parameter is not determined
 CONFIDENCE = 0.95
-# Residual RMS over the standard deviation of the channel, from which a fit explains nothing.
+# Residual RMS over the standard deviation of the channel, above which a fit is poor.
 POOR_RESIDUAL = 0.2
-NOISE_FACTOR = 5.0   # times the noise of the channel that residuals are above, to be no noise
+NOISE_FACTOR = 5.0   # multiple of the channel noise, above which residuals are not noise
 WHITENESS_LEVEL = 1e-4  # false alarm probability of the correlation test
 LAGS = 20
-INTEGRATION_FACTOR = 3.0  # multiple of the maximum integration error, no warning below it
-BIAS_FACTOR = 2.0    # times the estimated shift by integration that an interval includes
+INTEGRATION_FACTOR = 3.0  # multiple of the maximum integration error that causes no warning
+BIAS_FACTOR = 2.0    # multiple of the estimated integration bias that an interval includes
 
 
 class ChannelFit(NamedTuple):
     """
-    How well a channel is explained; residual RMS and motion in the unit of the channel.
+    Goodness of fit of a channel; residual RMS and motion in the unit of the channel.
 
-    ``correlation`` is the number of samples that count as one, 1 for independent noise.
+    ``correlation`` is the number of samples per independent sample, 1 for independent noise.
     ``verdict`` is ``'good'``, ``'correlated'`` or ``'poor'``.
     """
 
@@ -66,13 +66,13 @@ class ChannelFit(NamedTuple):
 
 
 class ParameterEstimate(NamedTuple):
-    """One parameter; SI, except angles of the start in degrees."""
+    """One parameter, in SI units, except initial angles in degrees."""
 
     name: str
     unit: str
     start: float
     value: float
-    low: float  # ends of the confidence interval; NaN where it is not determined
+    low: float  # ends of the confidence interval; NaN if not determined
     high: float
     determined: bool
 
@@ -82,8 +82,8 @@ def channel_fit(measured: Array, residual: Array, roughness: float,
     """
     Judge the residuals of a channel, (n,) each.
 
-    `roughness` is the noise that second differences of the measurement show, `integration` the
-    largest error of the simulated channel.
+    `roughness` is the noise estimated from second differences of the measurement, `integration`
+    the largest integration error of the simulated channel.
     """
     rms, motion = float(np.sqrt(np.mean(residual**2))), float(np.std(measured))
     correlation = _samples_per_independent(residual)
@@ -119,13 +119,13 @@ def judge(names: Sequence[str], units: Sequence[str], starts: Array, scales: Arr
     """
     Return estimates with intervals, vague combinations and singular values.
 
-    The numbers found are ``starts + scales * shift``, (k,) each.  `fit` has the residuals over
-    their noise, (n,), and their Jacobian, (n, k), at the solution; `error` a row per kind of error
-    of the integration over the noise, (m, n).  The channels, each with its number of samples, are
+    The estimates are ``starts + scales * shift``, (k,) each.  `fit` has the residuals over their
+    noise, (n,), and their Jacobian, (n, k), at the solution; `error` has a row per kind of
+    integration error over the noise, (m, n).  The channels, each with its number of samples, are
     in the order of the residuals.
     """
     values = starts + scales * shift
-    # Per relative change of the number found; of one that is 0, per unit.
+    # Per relative change of an estimate; per unit if the estimate is 0.
     weights = np.where(np.abs(values) > 1e-9 * scales, np.abs(values), scales)
     alike = np.concatenate([np.full(count, item.correlation) for count, item in channels.values()])
     free = max(float(np.sum(1.0 / alike)) - len(names), 1.0)
@@ -155,10 +155,10 @@ def judge(names: Sequence[str], units: Sequence[str], starts: Array, scales: Arr
 
 
 JACOBIAN_STEP = 1e-4   # relative, for the Jacobian
-STARTS, START_RANGE = 8, 0.5  # beside the given numbers: how many, and how far away, relative
-SAME_SOLUTION = 1e-3   # relative: numbers that agree so well are one explanation, found twice
+STARTS, START_RANGE = 8, 0.5  # additional starts: number, and relative distance from the guess
+SAME_SOLUTION = 1e-3   # relative difference below which two solutions are the same
 FIT_COUNT = 1 + STARTS + 2  # from the guess, around it, and twice with the residuals' noise
-FAILED_RESIDUAL = 1e3     # sigmas that a sample counts as where a trial cannot be simulated
+FAILED_RESIDUAL = 1e3     # residual of each sample if a trial cannot be simulated [sigmas]
 
 
 # Unit of a channel -> unit of values that are often labelled with it.
@@ -172,9 +172,9 @@ class Identification(NamedTuple):
 
     ``vague`` lists combinations that are not identifiable from the data, each as relative changes
     of the parameters; ``singular_values`` are those of the scaled Jacobian.  ``rivals`` are other
-    values that fit the run as well, found from other starts, each once.  Where the fit of a
-    channel is poor no parameter is determined.  ``interrupted``: Ctrl-C ended the search; the
-    values are then the best until there.
+    values that fit the run equally well, found from other starts, without duplicates.  If the fit
+    of a channel is poor, no parameter is determined.  ``interrupted``: Ctrl-C ended the search;
+    the values are the best found until then.
     """
 
     estimates: List[ParameterEstimate]
@@ -193,10 +193,10 @@ def identify(scene: Scene, recording: Recording, names: Sequence[str], use_torqu
     """
     Estimate parameters of a scene from a recording.
 
-    The scene is that of the recording, with the best guess of all parameters; the names are fields
-    of the robot, or ``motor.`` or ``initial.`` and a field of those.  With `use_torque` the
-    recorded torque is applied instead of the law of the scene.  The progress is the number of fits
-    that are done, of `FIT_COUNT`.  Ctrl-C ends the search and returns the best values until then.
+    The scene is that of the recording, with the best guess of all parameters; `names` are fields
+    of the robot, or ``motor.FIELD`` or ``initial.FIELD``.  With `use_torque`, the recorded torque
+    replaces the law of the scene.  `progress` receives the number of finished fits, of
+    `FIT_COUNT`.  Ctrl-C ends the search and returns the best values found until then.
 
     Raises `ConfigurationError` if a parameter is unknown or named twice, or a channel is in
     another unit, and `SimulationError` if the scene itself cannot be simulated.
@@ -218,14 +218,14 @@ def identify(scene: Scene, recording: Recording, names: Sequence[str], use_torqu
 
 
 class _Search:
-    """Fits from several starts, of which the best is known at any time."""
+    """Fits from several starts; the best values are available at any time."""
 
     def __init__(self, scene: Scene, recording: Recording, names: Sequence[str],
                  use_torque: bool, progress: Callable[[float], None]):
         self.scene, self.recording, self.names = scene, recording, names
         self.use_torque, self.progress = use_torque, progress
         self.starts = np.array([present(scene, name) for name in names])
-        # A parameter of 0 has no relative change: it counts in its own unit.
+        # A parameter of 0 has no relative change: its changes are in its own unit.
         self.scales = np.where(self.starts != 0.0, np.abs(self.starts), 1.0)
         self.low, self.high = bounds(names, self.starts, self.scales)
         self.runs, self.noise, self.others = 0, dict[str, float](), list[Any]()
@@ -235,23 +235,23 @@ class _Search:
 
     def simulated(self, shift: Array, solver: Solver = SOLVER, grid: float = GRID,
                   ) -> Dict[str, Array]:
-        """Return all channels with other numbers."""
+        """Return all channels, simulated with changed values."""
         self.runs += 1
         trial = dict(zip(self.names, (self.starts + self.scales * shift).tolist()))
         return replay(with_values(self.scene, trial), self.recording, self.use_torque, solver,
                       grid)
 
     def differences(self, shift: Array) -> Dict[str, Array]:
-        """Return simulated less measured."""
+        """Return simulated minus measured values."""
         found = self.simulated(shift)
         return {name: found[name] - values
                 for name, (_, values) in self.recording.channels.items()}
 
     def weighed(self, shift: Array) -> Array:
-        """Return all residuals over their noise, and remember the best numbers."""
+        """Return all residuals over their noise, and store the best values."""
         try:
             found = self.differences(shift)
-        except BallbotError:  # out of range, or too far from anything that rolls
+        except BallbotError:  # out of range, or not possible to simulate
             number = sum(len(values) for _, values in self.recording.channels.values())
             return np.full(number, FAILED_RESIDUAL)
         fun = np.concatenate([found[name] / self.noise[name] for name in self.noise])
@@ -260,14 +260,14 @@ class _Search:
             self.best, self.least = np.array(shift), cost
         return fun
 
-    def fitted(self, begin: Array) -> Any:
+    def fitted(self, start: Array) -> Any:
         """Return the fit from one start."""
         return least_squares(
-            self.weighed, begin, bounds=(self.low, self.high), x_scale='jac', jac='3-point',
+            self.weighed, start, bounds=(self.low, self.high), x_scale='jac', jac='3-point',
             diff_step=JACOBIAN_STEP, max_nfev=100)
 
     def start(self) -> None:
-        """Guess the noise; raises where the scene or a unit of the recording is at fault."""
+        """Estimate the noise; raises if the scene fails or a unit of the recording is wrong."""
         check_units({'time': (self.recording.duration, self.scene.run.duration)})
         first = self.differences(self.best)
         check_units({name: (np.ptp(values), np.ptp(values + first[name]))
@@ -278,29 +278,29 @@ class _Search:
                       for name, (_, values) in self.recording.channels.items()}
 
     def look_around(self) -> None:
-        """Begin on either side, too: several valleys may lead down."""
+        """Also fit from starts around the guess, because there may be several local minima."""
         from scipy.stats import qmc
         around = (2.0 * qmc.Sobol(len(self.names), seed=0).random(STARTS) - 1.0) * START_RANGE
-        for begin in (np.zeros(len(self.names)), *around):
-            self.others.append(self.fitted(np.clip(begin, self.low, self.high)))
+        for start in (np.zeros(len(self.names)), *around):
+            self.others.append(self.fitted(np.clip(start, self.low, self.high)))
             self.progress(len(self.others))
 
     def refine(self) -> None:
-        """Fit again from the best, with the noise that the residuals have."""
+        """Fit again from the best values, with the noise of the residuals."""
         for done in (STARTS + 2, STARTS + 3):
             self.reweigh()
             self.fitted(self.best)
             self.progress(done)
 
     def reweigh(self) -> None:
-        """Take the noise from the residuals of the best numbers."""
+        """Estimate the noise from the residuals of the best values."""
         self.noise = {name: max(float(np.sqrt(np.mean(values**2))), 1e-12 * (1.0 + np.ptp(values)))
                       for name, values in self.differences(self.best).items()}
         self.least = math.inf
         self.weighed(self.best)
 
     def at_best(self) -> OptimizeResult:
-        """Return residuals and Jacobian at the best numbers."""
+        """Return residuals and Jacobian at the best values."""
         shift = self.best.copy()
         fun, columns = self.weighed(shift), []
         for place in range(len(self.names)):
@@ -317,20 +317,20 @@ class _Search:
         """
         Return the largest integration error of the fit, and of the solver of the scene.
 
-        The latter is part of a recording of the simulator.
+        A recording of the simulator contains the latter.
         """
         here = self.simulated(shift)
         finer = self.simulated(shift, replace(SOLVER, tolerance=0.01 * SOLVER.tolerance),
                                0.5 * GRID)
         others = [finer]
-        # An accuracy chooses another solver for each run.
+        # An accuracy selects another solver for each run.
         own = self.scene.model.solver_in_use if self.scene.run.accuracy is None else None
         if not self.use_torque and own is not None:
             step = own.step if METHODS[own.method].fixed else GRID
             try:
                 others.append(self.simulated(shift, own, step * math.ceil(GRID / step - 1e-9)))
             except BallbotError:
-                pass  # too coarse for these numbers
+                pass  # too coarse for these values
         return [{name: values - here[name] for name, values in other.items()} for other in others]
 
     def conclude(self, interrupted: bool) -> Identification:
@@ -355,7 +355,7 @@ class _Search:
 
     def rivals(self, shift: Array, estimates: Sequence[ParameterEstimate],
                ) -> List[Dict[str, float]]:
-        """Return other explanations: far away for an interval, not worse than chance may be."""
+        """Return other solutions: outside of the intervals, and not significantly worse."""
         sure = np.array([item.determined for item in estimates])
         if not self.others or not sure.any():
             return []
@@ -378,9 +378,9 @@ class _Search:
 
 def check_units(ranges: Mapping[str, Tuple[float, float]]) -> None:
     """
-    Refuse columns whose range is that of the scene times the factor of another unit.
+    Refuse columns whose range differs from that of the scene by the factor of another unit.
 
-    The ranges of each column are those in the recording and in the scene.  Raises
+    `ranges` has the range of each column in the recording and in the scene.  Raises
     `ConfigurationError` naming the column and the likely unit.
     """
     problems, suspects = [], []
@@ -400,13 +400,13 @@ def check_units(ranges: Mapping[str, Tuple[float, float]]) -> None:
 
 
 def _roughness(values: Array, gap: Array) -> float:
-    """Return a first guess of the noise of a channel, from second differences."""
+    """Return a first estimate of the noise of a channel, from second differences."""
     rough = np.median(np.abs(np.diff(values, 2))) / (0.6745 * math.sqrt(6.0))
     return max(float(rough), 1e-6 * float(np.ptp(values)), 1e-3 * float(np.std(gap)), 1e-12)
 
 
 def with_values(scene: Scene, values: Mapping[str, float]) -> Scene:
-    """Return a scene with other parameters; `ConfigurationError` for one out of range."""
+    """Return a scene with other values; raises `ConfigurationError` if one is out of range."""
     check_known(scene, list(values))
     robot = with_parameters(scene.model.robot, values)
     start: Dict[str, Any] = {

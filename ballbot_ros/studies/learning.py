@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Learning of robots that differ from the assumptions: predictions before and after some attempts.
+Learning by robots that differ from the assumptions: predictions before and after attempts.
 
 Virtual robots are drawn from the ranges of a robot file; some have less friction, or a sensor
 with a bias.  Each approaches steps up to 10 mm below the maximum step height of the nominal
@@ -29,12 +29,12 @@ CASES = {
     'heights reported 4 mm too low': (1.0, -0.004),
     'heights reported 4 mm too high': (1.0, 0.004),
 }
-# Steps are within this below the highest one that the robot of the file crosses [m].
+# Steps are at most this much lower than the maximum step height of the nominal robot [m].
 HEIGHT_WINDOW = 0.010
 SPEEDS, HEIGHTS = (0.45, 1.15), (0.005, 0.065)  # [m/s], [m]
-ANGLES = (0.7, 1.5, 2.2)  # that the pendulum is held at [rad]
+ANGLES = (0.7, 1.5, 2.2)  # held pendulum angles [rad]
 HEIGHT_SD = 0.001  # of the measured height, without the bias [m]
-ODOMETRY_SD = 0.02  # of the speed past the face [m/s]
+ODOMETRY_SD = 0.02  # of the measured speed past the face [m/s]
 ROBOT_SEED_OFFSET = 10_000  # seed offset that keeps the robots distinct from the particles
 TESTS, REPEATS = 24, 5  # steps, and attempts at each, for the comparison with predictions
 
@@ -44,13 +44,13 @@ class SuccessRates:
     """Predicted and observed success rates."""
 
     case: str  # one of `CASES`
-    observed: Array  # (n,): part of the attempts that got over, for each step
+    observed: Array  # (n,): fraction of the attempts that got over, for each step
     before: Array  # (n,): predicted probability
     after: Array
 
 
 def demanding(robot: Robot, random: np.random.Generator) -> Touching:
-    """Draw a step that is nearly as high as a robot crosses."""
+    """Draw a step slightly below the maximum step height of a robot."""
     while True:
         angle = float(random.choice(ANGLES))
         touching = Touching(float(random.uniform(*HEIGHTS)), HEIGHT_SD,
@@ -62,7 +62,7 @@ def demanding(robot: Robot, random: np.random.Generator) -> Touching:
 
 def attempted(robot: Robot, bias: float, touching: Touching,
               random: np.random.Generator) -> Tuple[bool, float]:
-    """Return the success of a robot with a sensor bias [m], and its speed past the face [m/s]."""
+    """Return whether a robot with a sensor bias [m] crosses, and its speed past the face [m/s]."""
     noise = random.standard_normal(3)
     height = touching.height - bias + touching.height_sd * noise[0]
     score, passed = score_of(robot, touching._replace(
@@ -74,9 +74,9 @@ def study(robot: Robot, robots: int, attempts: int, seed: int = 0,
           cases: Sequence[str] = tuple(CASES), particles: int = 256,
           progress: Callable[[float], None] = lambda done: None) -> List[SuccessRates]:
     """
-    Simulate learning with a number of virtual robots, drawn from a robot, for each of `CASES`.
+    Simulate learning with a number of virtual robots, drawn from a robot, for each case.
 
-    Each makes a number of attempts; the progress is the number of completed robots.
+    Each robot makes `attempts` attempts; `progress` receives the number of finished robots.
     """
     tuning = DecisionTuning()
     found: List[SuccessRates] = []

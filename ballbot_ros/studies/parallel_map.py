@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-A parallel map that keeps every finished block on disk, so that an interrupted run resumes.
+A parallel map that stores every finished block on disk, so that an interrupted run resumes.
 
 Sweeps and evaluations share it.  The blocks run in processes of this machine or on a Dask
 cluster; this process writes the result of each block to a separate file atomically.
@@ -41,9 +41,9 @@ def checkpointed_map(function: Callable[..., Any],
 
     The function is at the top level of a module, so that it can be pickled; `blocks` maps the name
     of a file in the folder to the number of cases in the block and the arguments of the function,
-    and the digest is that of all else that the results depend on.  `write` is called in this
-    process with a result and the path of its file, which it must replace atomically.  The progress
-    is the number of finished cases.
+    and `digest` covers all other inputs of the results.  `write` is called in this process with a
+    result and the path of its file, which it must replace atomically.  `progress` receives the
+    number of finished cases.
 
     Returns the number of cases that a previous, interrupted run had finished.  Raises
     `ConfigurationError` if the folder holds blocks of another run, is damaged, or cannot be
@@ -70,7 +70,7 @@ def checkpointed_map(function: Callable[..., Any],
                 done += cases
                 progress(done)
     except KeyboardInterrupt:
-        # The pool does not end before the blocks that its workers have started: keep them.
+        # The pool ends only after the blocks that its workers have started: store their results.
         for future, (name, _) in running.items():
             if not future.cancel():
                 write(future.result(), folder / name)
@@ -81,7 +81,7 @@ def checkpointed_rows(function: Callable[..., List[Any]],
                       blocks: Mapping[str, Tuple[int, Tuple[Any, ...]]],
                       folder: Path, digest: str, pool: Executor, workers: int,
                       progress: Progress = ignore) -> List[Any]:
-    """Return the rows of all blocks, kept as JSON files; see `checkpointed_map`."""
+    """Return the rows of all blocks, stored as JSON files; see `checkpointed_map`."""
     checkpointed_map(function, blocks, folder, digest, pool, workers,
                      lambda rows, path: write_text(json.dumps(rows), path), progress)
     return [row for name in blocks
@@ -124,9 +124,9 @@ def worker_pool(workers: Optional[int] = None,
     """
     Provide a pool of local processes or of a Dask cluster, and its number of workers.
 
-    There is one local process per core by default, and none with the address of a Dask scheduler,
-    such as ``tcp://host:8786``.  Raises `ConfigurationError` if Dask is not installed, no
-    scheduler answers, or there are no workers.
+    By default, there is one local process per core; the address of a Dask scheduler, such as
+    ``tcp://host:8786``, selects a cluster instead.  Raises `ConfigurationError` if Dask is not
+    installed, no scheduler answers, or there are no workers.
     """
     if scheduler is None:
         number = (os.cpu_count() or 1) if workers is None else workers

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Measurements of a run, each channel at its own times."""
+"""Measurements of a run, with separate times for each channel."""
 from dataclasses import dataclass
 from typing import Any, Dict, Mapping, Optional, Tuple
 
@@ -17,7 +17,7 @@ CHANNELS: Mapping[str, str] = {
     'x': 'm', 'y': 'm', 'velocity_x': 'm/s', 'velocity_y': 'm/s', 'ball_angle': 'rad',
     'ball_rate': 'rad/s', 'pendulum_angle': 'rad', 'pendulum_rate': 'rad/s',
     'joint_angle': 'rad', 'joint_rate': 'rad/s'}
-FEWEST_SAMPLES, MOST_SAMPLES = 8, 2000  # of a channel; of more, every n-th is used
+FEWEST_SAMPLES, MOST_SAMPLES = 8, 2000  # per channel; longer channels are decimated
 SOLVER = Solver('adaptive', 1e-3, 1e-9)
 GRID = 1e-3  # [s]: between samples of the simulation, which are interpolated
 
@@ -28,23 +28,23 @@ class Recording:
     Measurements of a run.
 
     Raises `ConfigurationError` if a channel is unknown, has too few samples, or its times do not
-    rise.
+    increase.
     """
 
     channels: Mapping[str, Tuple[Array, Array]]  # times [s] count from the start of the scene
-    # Of the pendulum motor [N m]; a value was applied up to its time, from that before.
+    # Times [s] and torques of the pendulum motor [N m]; each torque applies up to its time.
     torque: Optional[Tuple[Array, Array]] = None
 
     def __post_init__(self) -> None:
         if not self.channels:
             raise ConfigurationError(
-                'recording: it has no channel that can be compared; known are '
+                'recording: it has no channel that can be compared; the known channels are '
                 + ', '.join(CHANNELS), 'missing', 'channels')
         checked = {}
         for name, (times, values) in self.channels.items():
             if name not in CHANNELS:
                 raise ConfigurationError(
-                    f'recording: channel {name!r} is not known; known are ' + ', '.join(CHANNELS),
+                    f'recording: channel {name!r} is unknown; known are ' + ', '.join(CHANNELS),
                     'unknown_name', name)
             times, values = _series(name, times, values)
             stride = -(-len(times) // MOST_SAMPLES)
@@ -59,7 +59,7 @@ class Recording:
         return max(float(times[-1]) for times, _ in self.channels.values())
 
     def only(self, names: Any) -> 'Recording':
-        """Return a recording of some channels; `ConfigurationError` for those it does not have."""
+        """Return a recording of some channels; raises `ConfigurationError` for a missing one."""
         missing = [name for name in names if name not in self.channels]
         if missing:
             raise ConfigurationError(
@@ -69,7 +69,7 @@ class Recording:
 
     @classmethod
     def of_columns(cls, columns: Mapping[str, Array]) -> 'Recording':
-        """Return the recording in the columns of a trajectory file."""
+        """Return a recording from the columns of a trajectory file."""
         if 'time' not in columns:
             raise ConfigurationError('recording: there is no column time', 'missing', 'time')
         times = columns['time'] - columns['time'][0]
@@ -130,7 +130,7 @@ def replay(scene: Scene, recording: Recording, use_torque: bool, solver: Solver 
 
 
 def _driven(model: Model, scene: Scene, recording: Recording, solver: Solver) -> Array:
-    """Return rows of a run under the recorded torque, one per sample of it."""
+    """Return rows of a run under the recorded torque, one per sample of the torque."""
     if recording.torque is None:
         raise ConfigurationError(
             'recording: there is no column pendulum_torque to apply', 'missing', 'pendulum_torque')

@@ -2,8 +2,8 @@
 """
 Run a plan on many cores or a cluster; an interrupted run resumes.
 
-The finished blocks are Parquet files in a folder beside the result, see `parallel_map`.  At the
-end they become one file with units and provenance in its metadata, and the folder is removed.
+The finished blocks are Parquet files in a folder next to the result, see `parallel_map`.  At the
+end, one file with units and provenance in its metadata replaces the folder.
 """
 from concurrent.futures import Executor
 import json
@@ -27,7 +27,7 @@ BLOCK_SIZE = 1000  # cases in a file
 TRIED_COLUMNS = {'passes': '1', 'score': 'm2/s2'}
 METADATA_KEY = b'ballbot_sweep'  # key of the provenance in the metadata
 SEARCHED_COLUMNS = {'max_height': 'm', 'error': 'm'}
-Result = Tuple[Any, Any, Optional[str]]  # two of these, or why there are none
+Result = Tuple[Any, Any, Optional[str]]  # values of two result columns, or the failure
 
 
 def columns(plan: SweepPlan) -> Dict[str, str]:
@@ -39,10 +39,10 @@ def columns(plan: SweepPlan) -> Dict[str, str]:
 
 def run_block(plan: SweepPlan, first: int, behind: int) -> Dict[str, List[Any]]:
     """
-    Run the cases from one number to before another.
+    Run the cases from number `first` to before `behind`.
 
-    The column ``failure`` has the reason of a case that cannot be made or simulated; its results
-    are empty.
+    If a case cannot be created or simulated, the column ``failure`` has the reason, and its
+    results are empty.
     """
     rows = plan.block(first, behind)
     crossings, heights, prepared = plan.crossings(rows)
@@ -53,7 +53,7 @@ def run_block(plan: SweepPlan, first: int, behind: int) -> Dict[str, List[Any]]:
         for place, result in ran:
             results[place] = result
     for place, values in enumerate(rows.tolist()):
-        # Cases that failed in the table run again one by one, for their error.
+        # Cases that failed in the table run again individually, to obtain their errors.
         if results[place] is None:
             results[place] = _run_alone(plan, dict(zip(plan.names, values)))
     units = columns(plan)
@@ -79,7 +79,7 @@ def _found(crossings: Crossings, accuracy: float) -> List[Optional[Result]]:
 
 
 def _run_alone(plan: SweepPlan, values: Mapping[str, float]) -> Result:
-    """Return the result of one case, or why it has none."""
+    """Return the result of one case, or the reason for its failure."""
     try:
         robot, speed, height, actuation, site, rules = plan.case(values)
         if height is None:
@@ -93,12 +93,12 @@ def _run_alone(plan: SweepPlan, values: Mapping[str, float]) -> Result:
 def run_sweep(plan: SweepPlan, out: Path, pool: Executor, workers: int,
               progress: Callable[[float], None] = ignore, block: int = BLOCK_SIZE) -> int:
     """
-    Run a plan into a Parquet file, resuming an interrupted run.
+    Run a plan and write a Parquet file, resuming an interrupted run.
 
-    A block is a number of cases in a file.  Returns the number of cases that a previous run had
-    finished; the progress is the number of finished cases.  Raises `ConfigurationError` if pyarrow
-    is missing, a file cannot be written, `out` exists and is not the result of a sweep, or the
-    folder beside it belongs to another sweep.
+    `block` is the number of cases in a block file; `progress` receives the number of finished
+    cases.  Returns the number of cases that a previous run had finished.  Raises
+    `ConfigurationError` if pyarrow is missing, a file cannot be written, `out` exists and is not
+    the result of a sweep, or the folder next to it belongs to another sweep.
     """
     refuse_foreign(out)
     arrow = load_arrow()
@@ -140,7 +140,7 @@ def _schema(arrow: Any, plan: SweepPlan) -> Any:
 
 
 def write_parquet(arrow: Any, plan: SweepPlan, table: Dict[str, List[Any]], path: Path) -> None:
-    """Write one block, whole or not at all."""
+    """Write one block atomically."""
     with replacing(path) as stream:
         arrow.parquet.write_table(arrow.table(table, schema=_schema(arrow, plan)), stream)
 

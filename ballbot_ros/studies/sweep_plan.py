@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The plan of a sweep: which parameters vary, how the cases are chosen, the inputs of each case.
+The plan of a sweep: its varied parameters, the choice of the cases, and the inputs of each case.
 
 A case is a robot before a step.  Any parameter may vary: fields of the robot and (as
 ``motor.resistance``) of its motor, speed and height, the ground, the actuation.
@@ -34,7 +34,7 @@ RADIAN = math.pi / 180.0
 SITE, ACTUATION, RULES = described(Site), described(Actuation), described(Rules)
 CASE = {'speed': SPEED, 'height': HEIGHT}
 SI_NUMBERS = {**CASE, **SITE, **RULES, **ACTUATION, **ROBOT, **MOTOR}
-# Angles in degrees, for people: their name there -> that in radians.
+# Angles in degrees, for the user: name of the value in degrees -> name of that in radians.
 IN_DEGREES = {f'{name}_deg': name for name, item in SI_NUMBERS.items() if item['unit'] == 'rad'}
 NUMBERS = {**SI_NUMBERS, **{
     name: {**SI_NUMBERS[owner], 'unit': 'deg', **{
@@ -45,7 +45,7 @@ NUMBERS = {**SI_NUMBERS, **{
 @dataclass(frozen=True)
 class SweepPlan(Checked):
     """
-    A sweep; immutable, and the same plan is the same cases.
+    A sweep; immutable: equal plans have equal cases.
 
     Raises `ConfigurationError` naming the unknown, missing or invalid value.
     """
@@ -55,18 +55,18 @@ class SweepPlan(Checked):
     site: Site = Site()
     rules: Rules = Rules()
     design: str = text('how the cases are chosen', default='grid', choices=DESIGNS)
-    cases: int = count('cases of a design that is not a grid', default=0, maximum=MOST_CASES)
-    seed: int = count('of a design that is not a grid', default=0)
+    cases: int = count('number of cases, except of a grid', default=0, maximum=MOST_CASES)
+    seed: int = count('seed of a design other than a grid', default=0)
     accuracy: float = quantity(
         'm', 'largest error of a height that is searched for', default=5e-5, minimum=1e-8,
         maximum=1e-2)
     fixed: Any = ()  # speed, and height if it is not searched for, unless they vary
-    grid: Any = ()  # values of each number; of ``grid`` only
-    ranges: Any = ()  # of each number; of the other designs
+    grid: Any = ()  # values of each varied parameter, for ``grid`` only
+    ranges: Any = ()  # range of each varied parameter, for the other designs
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        # Other processes have no use for the provenance.
+        # Worker processes do not need the provenance.
         object.__setattr__(self, 'robot', replace(self.robot, provenance={}))
         for name in ('fixed', 'grid', 'ranges'):
             object.__setattr__(self, name, dict(getattr(self, name)))
@@ -129,11 +129,11 @@ class SweepPlan(Checked):
 
     @property
     def searches(self) -> bool:
-        """Return whether maximum step heights are searched, instead of given heights tried."""
+        """Return whether maximum step heights are searched for, instead of trying given ones."""
         return 'height' not in (*self.names, *self.fixed)
 
     def block(self, first: int, behind: int) -> Array:
-        """Return cases from one number to before another: a row each, a column per name."""
+        """Return the cases from `first` to before `behind`: a row each, a column per name."""
         behind = min(behind, self.size)
         if self.design == 'grid':
             places = np.unravel_index(
@@ -147,7 +147,7 @@ class SweepPlan(Checked):
             if first > 0:
                 engine.fast_forward(first)
             with warnings.catch_warnings():
-                # Of a block that is not a power of two; the whole sequence counts.
+                # SciPy warns of blocks whose size is not a power of two; only the total matters.
                 warnings.simplefilter('ignore')
                 points = engine.random(behind - first)
         else:
@@ -161,7 +161,7 @@ class SweepPlan(Checked):
         """
         Return robot, speed, height (None to search), actuation, site and rules of a case.
 
-        Of columns in place of numbers: of many cases, see `columns`.
+        Columns in place of numbers are the values of many cases, see `crossings`.
         """
         values = self.in_si(values)
 
@@ -176,7 +176,7 @@ class SweepPlan(Checked):
                 change(self.site, SITE), change(self.rules, RULES))
 
     def in_si(self, values: Mapping[str, Any]) -> dict[str, Any]:
-        """Return fixed and varied values by their names in SI."""
+        """Return fixed and varied values in SI units, by their SI names."""
         return {IN_DEGREES.get(name, name): RADIAN * value if name in IN_DEGREES else value
                 for name, value in {**self.fixed, **values}.items()}
 
@@ -184,8 +184,8 @@ class SweepPlan(Checked):
         """
         Return the cases of a block as the kernels read them, with the heights of their steps [m].
 
-        The third value is which of the rows these are, (n,): `case` raises the error of another
-        one.  The first two are None if no case can be made.
+        The third value is the mask of these cases, (n,): for other rows, `case` raises an error.
+        The first two are None if there is no such case.
         """
         columns = {**{name: np.full(len(rows), value, dtype=float)
                       for name, value in self.fixed.items()}, **dict(zip(self.names, rows.T))}
@@ -201,7 +201,7 @@ class SweepPlan(Checked):
                 robot, speed, height, actuation, site, rules = case
                 crossings = Crossings.of(
                     len(rows), robot, speed, actuation.start_angle, actuation, site, rules)
-        except ConfigurationError:  # of all
+        except ConfigurationError:  # in all cases
             return none
         return (Crossings(crossings.rows[which], crossings.grounds[which]),
                 None if height is None else height[which], which)
@@ -212,7 +212,7 @@ class SweepPlan(Checked):
         values = self.in_si(columns)
         ranges = [within(value, SI_NUMBERS[name]) for name, value in values.items()]
         ranges += [within(getattr(actuation, name), ACTUATION[name]) for name in SET_VALUES]
-        # One without its law is refused, and a voltage of 0 is one to be found.
+        # A set value without its law is refused, and a voltage of 0 is yet to be determined.
         loose = [value == 0.0 if actuation.law == 'free' else value != 0.0
                  for name, value in values.items()
                  if name in SET_VALUES and actuation.law in ('free', 'voltage')]

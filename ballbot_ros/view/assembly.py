@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Builds frames from messages of nodes or of a bag.
+Assembly of frames from messages of nodes or of a bag.
 
 Messages are duck-typed by their fields: this module does not depend on ROS.
 """
@@ -53,7 +53,7 @@ class FrameAssembly:
         self.restart()
 
     def restart(self) -> None:
-        """Clear all messages: time restarts."""
+        """Clear all messages for a restart of time."""
         self._ground = ObservedTerrain(self.robot.ball_radius)
         self._decision: Optional[DecisionSign] = None
         self._e_stop: Optional[bool] = None
@@ -64,11 +64,11 @@ class FrameAssembly:
 
     @property
     def terrain(self) -> Optional[Terrain]:
-        """Return the known part of the ground."""
+        """Return the given ground, otherwise the observed part; None if unknown."""
         return self._given or self._ground.terrain
 
     def take(self, topic: str, message: Any) -> Optional[Frame]:
-        """Take a message of one of `TOPICS`; return a frame if it creates one."""
+        """Process a message of one of `TOPICS`; return the frame that it creates, if any."""
         frame: Optional[Frame] = getattr(self, f'_take_{topic}')(message)
         return frame
 
@@ -123,7 +123,7 @@ class FrameAssembly:
             self._ground.add_profile(ball.x, ball.z, message.x, message.z)
 
     def _position_of(self, message: Any) -> Optional[Any]:
-        """Return the position of the ball; None where unknown, or where the ground is known."""
+        """Return the position of the ball if it is known and a terrain update is due."""
         time = stamp_of(message)
         if self._given is not None or self._odom is None \
                 or 0.0 <= time - self._observed_at < TERRAIN_PERIOD:
@@ -153,17 +153,17 @@ def decision_sign(message: Any) -> DecisionSign:
 
 
 def known(value: float) -> Optional[float]:
-    """Return a number, None for one that is not finite: unknown."""
+    """Return a finite number; None, for unknown, if it is not finite."""
     return float(value) if math.isfinite(value) else None
 
 
 def total(joints: Mapping[str, Optional[float]]) -> Optional[float]:
-    """Return the absolute angle or rate of the pendulum from those of the joints."""
+    """Return the absolute angle or rate of the pendulum: the sum over both joints."""
     shell, pendulum = joints.get('shell'), joints.get('pendulum')
     return None if shell is None or pendulum is None else shell + pendulum
 
 
-# A scan that differs by less has no effect [m]: noise would redraw the page continuously.
+# Smaller changes of a scan have no effect [m]: noise would redraw the page continuously.
 TERRAIN_TOLERANCE = 1e-3
 
 
@@ -171,21 +171,21 @@ class ObservedTerrain:
     """
     Scans of the terrain joined to one polyline; the latest scan replaces older ones in its range.
 
-    A scan is measured from the centre of the ball, whose radius is in m.
+    Scans are relative to the centre of the ball; `radius` is that of the ball [m].
     """
 
     def __init__(self, radius: float):
         self._radius = radius
         self._points: Optional[Array] = None
-        self.terrain: Optional[Terrain] = None  # another object if it has changed
+        self.terrain: Optional[Terrain] = None  # a new object after each change
 
     def add_profile(self, x: float, y: float, along: Sequence[float],
                     above: Sequence[float]) -> None:
-        """Take a polyline relative to the centre (x, y) of the ball [m]."""
+        """Add a polyline relative to the centre (x, y) of the ball [m]."""
         self._join(np.column_stack([np.asarray(along) + x, np.asarray(above) + y]))
 
     def add_step(self, x: float, y: float, distance: float, height: float) -> None:
-        """Take the next step ahead; a height of 0 is a floor that is clear up to there [m]."""
+        """Add the next step ahead [m]; a height of 0 means clear ground up to the distance."""
         floor, face = y - self._radius, x + distance
         points = [[x, floor], [face, floor]]
         if height:
@@ -220,14 +220,14 @@ class ObservedTerrain:
 
 
 def _lies_on(points: Array, line: Array) -> bool:
-    """Return whether all points lie on a polyline; at an upright face, slightly beside counts."""
-    apart = np.abs([np.interp(points[:, 0] + aside, line[:, 0], line[:, 1]) - points[:, 1]
-                    for aside in (-TERRAIN_TOLERANCE, 0.0, TERRAIN_TOLERANCE)]).min(axis=0)
-    return bool((apart < TERRAIN_TOLERANCE).all())
+    """Return whether all points lie on a polyline within `TERRAIN_TOLERANCE`, also in x."""
+    error = np.abs([np.interp(points[:, 0] + shift, line[:, 0], line[:, 1]) - points[:, 1]
+                    for shift in (-TERRAIN_TOLERANCE, 0.0, TERRAIN_TOLERANCE)]).min(axis=0)
+    return bool((error < TERRAIN_TOLERANCE).all())
 
 
 def _simplified(points: Array) -> Array:
-    """Return a polyline without doubles and without vertices on a straight line."""
+    """Return a polyline without duplicate and collinear vertices."""
     kept = [points[0]]
     for point, after in zip(points[1:], [*points[2:], None]):
         if point[0] < kept[-1][0] or np.hypot(*(point - kept[-1])) < 1e-9:
@@ -246,11 +246,11 @@ DEFAULT_ROBOT = 'gimball'
 
 class MessageSource(Source):
     """
-    A source whose frames come from messages, and whose robot parameters of nodes describe.
+    A source that creates frames from messages, and its robot and ground from node parameters.
 
-    These are ``scene``, ``floor``, ``robot``, ``hardware``, ``curve`` and its ``variant``; a file
-    of another machine may be missing here.  A robot, by name or file, overrides them, and raises
-    `ConfigurationError` if it cannot be read.
+    The parameters are ``scene``, ``floor``, ``robot``, ``hardware``, ``curve`` and ``variant``;
+    files that another machine names may be missing here.  `robot`, a name or file, overrides them.
+    Raises `ConfigurationError` if `robot` cannot be read.
     """
 
     def __init__(self, parameters: Mapping[str, Any], robot: str) -> None:
@@ -258,7 +258,7 @@ class MessageSource(Source):
         self._describe(parameters, robot)
 
     def _describe(self, parameters: Mapping[str, Any], robot: str) -> None:
-        """Take robot, ground and curve from parameters of nodes, with notes on missing files."""
+        """Load robot, ground and curve from node parameters, with notes on missing files."""
         self._notes: Tuple[str, ...] = ()
         terrain: Optional[Terrain] = None
         found = load_robot(robot) if robot else None
@@ -287,7 +287,7 @@ class MessageSource(Source):
         self._assembly = FrameAssembly(found, terrain)
 
     def _curve_of(self, robot: Robot, parameters: Mapping[str, Any]) -> Optional[HeightCurve]:
-        """Return the named curve, otherwise that of the robot with its pendulum lowered."""
+        """Return the named curve, otherwise that of the robot with its pendulum held down."""
         if parameters.get('curve'):
             try:
                 curve = load_curve(

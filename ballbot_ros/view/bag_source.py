@@ -15,17 +15,17 @@ from ballbot_ros.view.frame import Frame
 from ballbot_ros.view.source import Control, FRAMES_MAX, Health
 
 FRAME_RATE = 100.0  # frames per second, at most: bags have up to 500 states per second
-PLAYBACK_RATE_MIN, PLAYBACK_RATE_MAX = 0.05, 20.0  # playback
-STATE_TOPICS = ('ball_state', 'joint_states')  # topics that state the robot
+PLAYBACK_RATE_MIN, PLAYBACK_RATE_MAX = 0.05, 20.0  # seconds played per second
+STATE_TOPICS = ('ball_state', 'joint_states')  # topics with the state of the robot
 CURVE_PARAMETERS = ('curve', 'variant')  # parameters of the decision that name its height curve
 
 
 class Playback:
     """
-    A playback time that advances at some speed, from a start to an end that may grow.
+    A playback time that advances at a set speed, from a start to an end that may grow.
 
-    No thread advances it: it is computed at each query.  Safe for any number of threads.  `span`
-    returns start and end, the clock seconds.
+    The time is computed at each query, not by a thread.  The class is thread-safe.  `span` returns
+    start and end [s], and `clock` the wall time [s].
     """
 
     def __init__(self, span: Callable[[], tuple[float, float]],
@@ -49,42 +49,42 @@ class Playback:
     def pause(self, paused: bool) -> None:
         """Pause or play; at the end, play from the start again."""
         with self._lock:
-            place, (begin, end) = self._place(), self._span()
-            self._stand(begin if not paused and place >= end else place)
+            place, (start, end) = self._place(), self._span()
+            self._move_to(start if not paused and place >= end else place)
             self._paused = paused
 
     def seek(self, place: float) -> None:
         """Pause at a time [s]."""
         with self._lock:
-            self._stand(place)
+            self._move_to(place)
             self._paused = True
 
     def restart(self) -> None:
-        """Return to the start; playing or paused as before."""
+        """Return to the start; keep playing or paused."""
         with self._lock:
-            self._stand(self._span()[0])
+            self._move_to(self._span()[0])
 
     def set_speed(self, speed: float) -> None:
         with self._lock:
-            self._stand(self._place())
+            self._move_to(self._place())
             self.speed = speed
 
     def _place(self) -> float:
-        begin, end = self._span()
+        start, end = self._span()
         elapsed = 0.0 if self._paused else self.speed * (self._clock() - self._since)
-        return min(max(self._from + elapsed, begin), end)
+        return min(max(self._from + elapsed, start), end)
 
-    def _stand(self, place: float) -> None:
+    def _move_to(self, place: float) -> None:
         self._from, self._since = place, self._clock()
 
 
 class BagSource(MessageSource):
     """
-    Plays the frames of a bag, a folder or a file ending in .mcap.
+    Plays the frames of a bag: a folder, or a file ending in .mcap.
 
-    A thread reads the bag; the part already read can be shown.  The robot is by default that of
-    the bag; a namespace selects one of several.  Raises `ConfigurationError` for a bag that cannot
-    be read or has no robot, and for a bag of several robots without a namespace.
+    A thread reads the bag; the part already read can be shown.  The robot defaults to that of the
+    bag; `namespace` selects one of several.  Raises `ConfigurationError` for a bag that cannot be
+    read or has no robot, and for a bag of several robots without a namespace.
     """
 
     def __init__(self, path: Path, namespace: str = '', robot: str = '', paused: bool = False):
@@ -97,7 +97,7 @@ class BagSource(MessageSource):
             try:
                 texts = custom_data(self._path.parent)
             except ConfigurationError:
-                pass  # that of another bag, and optional here
+                pass  # of another bag, perhaps; this metadata is optional
         made = BagMetadata.read(texts)
         super().__init__({
             **{name: made.decision[name] for name in CURVE_PARAMETERS if name in made.decision},
@@ -152,7 +152,7 @@ class BagSource(MessageSource):
         self._playback.seek(time)
 
     def _live(self) -> None:
-        """Create frames of all messages, evenly spaced to fit the history; from time 0."""
+        """Create frames from all messages, thinned evenly to fit the history; time starts at 0."""
         origin: Optional[float] = None
         newest, spacing = 0.0, 1.0 / FRAME_RATE
         try:
@@ -166,7 +166,7 @@ class BagSource(MessageSource):
                     if origin is None:
                         origin = frame.time
                     time = frame.time - origin
-                    if time < newest:  # a reset, while it was recorded
+                    if time < newest:  # a reset during the recording
                         self._assembly.restart()
                     elif self._history.newest and time - newest < 0.9 * spacing:
                         continue
@@ -181,7 +181,7 @@ class BagSource(MessageSource):
 
 
 def robot_topics(path: Path, topics: List[str], namespace: str) -> Tuple[str, ...]:
-    """Return the topics of the robot of a bag that create frames; refuse several robots."""
+    """Return the topics of the robot in a bag that create frames; refuse several robots."""
     prefixes = sorted({topic.rsplit('/', 1)[0] for topic in topics
                        if topic.rsplit('/', 1)[-1] in STATE_TOPICS})
     wanted = '/' + namespace.strip('/') if namespace.strip('/') else ''

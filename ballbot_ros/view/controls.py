@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The controls of the page: one widget for each control of a source, and its state."""
+"""The controls of the page: one widget for each control of a source, and the source's state."""
 from functools import partial
 from html import escape
 import logging
@@ -21,8 +21,8 @@ GROUPS: Mapping[str, Mapping[str, str]] = {
     'Motor': {'law': 'law', 'set_point': 'set-point', 'yaw_rate': 'yaw rate'},
     'World': {'step_height': 'step ahead', 'friction': 'friction'},
     'Simulation': {'speed': 'playback', 'accuracy': 'accuracy'}}
-SLIDER_POSITIONS = 300  # of a slider
-STEP_TIME = 0.02  # that `step` advances by [s]
+SLIDER_POSITIONS = 300  # at least
+STEP_TIME = 0.02  # simulated time per `step` [s]
 PANEL_WIDTH = 260  # [px]
 ACCURACIES: Mapping[str, float] = {
     'as in the scene': 0.0, '1 mm': 1e-3, '0.1 mm': 1e-4, '10 um': 1e-5, '1 um': 1e-6,
@@ -40,18 +40,18 @@ class Controls:
     """
     Creates a widget for each control of a source, and keeps both consistent.
 
-    A control that cannot be used now is grey, and the state shows why.
+    An unavailable control is greyed out, and the state shows the reason.
     """
 
     def __init__(self, server: viser.ViserServer, source: Source):
         self._gui, self._source = server.gui, source
         self._widgets: Dict[str, Any] = {}
-        # Range, unit and choices of each widget; a change of them creates a new widget.
+        # Range, unit, choices and refusal of each widget; a change creates a new widget.
         self._shapes: Dict[str, Tuple[Any, ...]] = {}
         self._orders: Dict[str, float] = {}
         self._refused = ''
         self._state = ''
-        # The page refreshes, and so does each thread in which a widget is used.
+        # Both the page and the callback threads of the widgets refresh.
         self._refreshing = RLock()
         self._gui.main_panel.dock_right()
         self._gui.main_panel.set_width(PANEL_WIDTH)
@@ -119,13 +119,13 @@ class Controls:
                 command.on_trigger(lambda event: self._use(name, value(), event))
 
     def _step(self) -> float:
-        """Pause, which a step needs, and return its length."""
+        """Pause, because a step requires it, and return the duration of the step [s]."""
         if not self._is_on('pause'):
             self._source.apply('pause', True)
         return STEP_TIME
 
     def _camera_controls(self, server: viser.ViserServer) -> None:
-        """Create the choice of camera presets, with the digits as hotkeys."""
+        """Create a button for each camera preset, with the digits as hotkeys."""
         def use(name: str, event: Any) -> None:
             if event.client is not None:
                 look_from(event.client, name)
@@ -159,7 +159,7 @@ class Controls:
         return bool(self._source.controls[name].value)
 
     def _seek(self) -> None:
-        """Move the timeline to the displayed frame, and its end to the latest one."""
+        """Move the timeline to the displayed frame, and its end to the latest frame."""
         slider, shown = self._widgets.get('seek'), self._source.shown
         if slider is None or shown is None:
             return
@@ -173,7 +173,7 @@ class Controls:
             self._set(slider, 'value', round(min(max(shown.time, first), slider.max), 2))
 
     def _show(self, name: str, label: str, control: Control, folder: Any) -> None:
-        """Show a value, in a new widget if it is missing or has another range."""
+        """Show a value; create its widget if it is missing or its range has changed."""
         shape = (control.lowest, control.highest, control.unit, control.choices,
                  control.refusal)
         if self._shapes.get(name) != shape:
@@ -226,7 +226,7 @@ class Controls:
         return float(words) if name == 'speed' else words
 
     def _on_change(self, name: str, widget: Any, meaning: Callable[[Any], Value]) -> None:
-        # An update without a client is one of the page itself.
+        # An update without a client comes from the page itself.
         widget.on_update(lambda event: None if event.client is None else self._use(
             name, meaning(event.target.value), event))
 
@@ -244,7 +244,7 @@ class Controls:
             if event.client is not None:
                 event.client.add_notification(
                     'Refused', str(error), color='red', auto_close_seconds=NOTIFICATION_TIME)
-        except RuntimeError as error:  # of a source that has been closed
+        except RuntimeError as error:  # from a source that has been closed
             logging.getLogger(__name__).warning('%s: %s', name, error)
             self._refused = f'{name}: {error}'
         self.refresh()
@@ -289,7 +289,7 @@ def status_lines(health: Health, e_stop: Optional[bool]) -> List[str]:
 
 
 def phone_values(frame: Optional[Frame]) -> str:
-    """Return the main values of a frame, which only narrow windows show: they hide the panel."""
+    """Return the main values of a frame, shown only in narrow windows, which hide the panel."""
     if frame is None:
         return ''
     values = [f'{frame.time:.1f} s']

@@ -17,9 +17,9 @@ from ballbot_ros.physics.model.terrain import Array
 
 # Walls are cut at this height, so that the rooms are visible [m].
 WALL_HEIGHT = 0.5
-# Thickness of an unsupported floor, and of flat markings on it [m].
+# Thickness of the floor, and of flat markings on it [m].
 SLAB_DEPTH, PAINT_DEPTH = 0.05, 0.003
-# Points of uneven ground along the longer side, at most.
+# Largest number of grid cells of uneven ground along the longer side.
 CELLS_MAX = 300
 COLOURS = {'step': BLUE, 'threshold': BLUE, 'cord': VERMILION, 'carpet': GREEN, 'level': SKY,
            'ramp': SKY, 'friction': ORANGE, 'keep_out': GREY, 'stairs': INK, 'drop': VERMILION}
@@ -29,7 +29,7 @@ Mesh = Any  # a Trimesh; some functions of trimesh declare its base class
 
 
 class Part(NamedTuple):
-    """A mesh with its colour, and its label at a place."""
+    """A mesh with its colour, and a label at a position [m]."""
 
     name: str
     mesh: Mesh
@@ -76,7 +76,7 @@ def box(left: float, bottom: float, right: float, top: float, low: float, high: 
 
 
 def prism(outline: Sequence[Point], low: Array, high: Array) -> Mesh:
-    """Return a body over a convex outline, from one height to another at each corner [m]."""
+    """Return a prism on a convex outline, with a lower and an upper height per corner [m]."""
     return convex_hull(np.vstack([np.column_stack([outline, low]),
                                   np.column_stack([outline, high])]))
 
@@ -85,13 +85,13 @@ def _feature(floor: Floor, feature: Feature) -> Mesh:
     if not polygons(feature):  # a step or drop: its face
         size = depth(feature)
         faces = []
-        for begin, end in feature.segments:
-            length = math.dist(begin, end) or 1.0
-            right = (0.01 * (end[1] - begin[1]) / length, -0.01 * (end[0] - begin[0]) / length)
-            low = base_level(floor, (0.5 * (begin[0] + end[0]) + 4.0 * right[0],
-                                     0.5 * (begin[1] + end[1]) + 4.0 * right[1]))
-            faces.append(prism([begin, end, (end[0] + right[0], end[1] + right[1]),
-                                (begin[0] + right[0], begin[1] + right[1])],
+        for start, end in feature.segments:
+            length = math.dist(start, end) or 1.0
+            right = (0.01 * (end[1] - start[1]) / length, -0.01 * (end[0] - start[0]) / length)
+            low = base_level(floor, (0.5 * (start[0] + end[0]) + 4.0 * right[0],
+                                     0.5 * (start[1] + end[1]) + 4.0 * right[1]))
+            faces.append(prism([start, end, (end[0] + right[0], end[1] + right[1]),
+                                (start[0] + right[0], start[1] + right[1])],
                                np.full(4, low - SLAB_DEPTH), np.full(4, low + size + PAINT_DEPTH)))
         return concatenate(faces)
     parts = []
@@ -101,8 +101,8 @@ def _feature(floor: Floor, feature: Feature) -> Mesh:
         count = len(outline)
         if feature.kind == 'ramp':
             foot, top = np.array(feature.line[0]), np.array(feature.line[-1])
-            way = top - foot
-            high = base + feature.height * ((np.array(outline) - foot) @ way) / (way @ way)
+            run = top - foot
+            high = base + feature.height * ((np.array(outline) - foot) @ run) / (run @ run)
         elif feature.kind == 'stairs' or feature.height < 0.0:
             high = np.full(count, base - depth(feature) if feature.kind == 'stairs'
                            else base + feature.height)
@@ -113,7 +113,7 @@ def _feature(floor: Floor, feature: Feature) -> Mesh:
 
 
 def base_level(floor: Floor, place: Point) -> float:
-    """Return the level of the cell at a position, or of a free one nearby [m]."""
+    """Return the level of the cell at a position; if occupied, of a free cell nearby [m]."""
     row, column = floor.cell_of(place)
     rows, columns = floor.cells.shape
     row, column = min(max(row, 0), rows - 1), min(max(column, 0), columns - 1)

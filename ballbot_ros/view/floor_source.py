@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A floor as a source: a robot on it, driven by speed and yaw rate."""
+"""A floor as a source: a robot on a floor, driven by set speed and yaw rate."""
 from threading import Lock
 from time import monotonic
 from types import MappingProxyType
@@ -21,7 +21,7 @@ SET_SPEED_MAX, YAW_RATE_MAX = 1.2, 0.5  # set-points [m/s], [rad/s]
 
 
 class FloorSource(Source):
-    """A robot on a floor, each a name or file, driven by the controls of the page."""
+    """A robot on a floor, both given by name or file, driven by the controls of the page."""
 
     def __init__(self, floor: str, robot: str = 'gimball'):
         super().__init__()
@@ -47,11 +47,11 @@ class FloorSource(Source):
 
     @property
     def health(self) -> Health:
-        stands = not self._paused and not self._speed
+        at_rest = not self._paused and not self._speed
         return Health(not self._paused, None if self._paused else self._speedometer.factor,
                       failure=self._failure,
                       idle=Idle('The robot is at rest: set a speed.', 'Drive',
-                                (('set_point', 0.4),)) if stands and not self._failure else None)
+                                (('set_point', 0.4),)) if at_rest and not self._failure else None)
 
     @property
     def controls(self) -> Mapping[str, Control]:
@@ -71,7 +71,7 @@ class FloorSource(Source):
             self._controller.forget()
             self._speed = self._yaw_rate = 0.0
             self._failure = ''
-            self._note()  # at time 0, which begins a new epoch
+            self._note()  # at time 0, which starts a new epoch
 
     def _set_set_point(self, speed: float) -> None:
         self._speed = speed
@@ -108,7 +108,7 @@ class FloorSource(Source):
             self._note()
 
     def _note(self) -> None:
-        """Keep the present state as a frame."""
+        """Add the present state to the history as a frame."""
         plant, state, lateral = self._plant, self._plant.state, self._plant.lateral
         contacts = tuple(map(ContactForce.of, plant.model.touches(state)))
         self._history.add(Frame(

@@ -9,7 +9,7 @@ class ContactForce(NamedTuple):
 
     x: float  # point of action [m]
     y: float
-    force_x: float  # normal force and friction together [N]
+    force_x: float  # sum of normal force and friction [N]
     force_y: float
     penetration: float  # [m]
 
@@ -23,7 +23,7 @@ class ContactForce(NamedTuple):
 
 
 class EnergyShares(NamedTuple):
-    """Energies by kind, and their losses since the start [J]."""
+    """Present energies by kind, and losses and motor work since the start [J]."""
 
     kinetic: Optional[float] = None
     potential: Optional[float] = None
@@ -49,7 +49,7 @@ class DecisionSign:
 
 @dataclass(frozen=True)
 class Frame:
-    """The robot at one moment; SI, angles and signs as in docs/model.md."""
+    """The robot at one time; SI units, angles and signs as in docs/model.md."""
 
     time: float  # on the clock of the source [s]
     x: Optional[float] = None  # centre of the ball [m]
@@ -65,7 +65,7 @@ class Frame:
     energies: Optional[EnergyShares] = None
     decision: Optional[DecisionSign] = None
     e_stop: Optional[bool] = None  # whether the e-stop is engaged
-    # x, y and heading in the frame of the start; None straight ahead [m], [rad].
+    # x, y and heading relative to the start pose [m], [rad]; None for planar motion.
     place: Optional[Tuple[float, float, float]] = None
-    lean: float = 0.0  # of the pendulum in the ball and of the axle [rad]
-    tilt: float = 0.0
+    lean: float = 0.0  # of the pendulum in the ball [rad]
+    tilt: float = 0.0  # of the axle [rad]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The next step ahead of the ball, and the same ground with another height of it."""
+"""The next step ahead of the ball, and changes of its height."""
 from typing import NamedTuple, Optional
 
 import numpy as np
@@ -21,9 +21,9 @@ class StepAhead(NamedTuple):
 
 def step_ahead(terrain: Terrain, x: float, radius: float) -> Optional[StepAhead]:
     """
-    Return the first face beyond `x` [m], None without one.
+    Return the first face beyond `x` [m], None if there is none.
 
-    A segment that is short relative to the radius of the ball [m] is not a slope.
+    Segments that are short relative to the radius of the ball [m] are not slopes.
     """
     for face in faces_of(terrain, radius, endless=False):
         if face[0, 0] > x:
@@ -33,13 +33,13 @@ def step_ahead(terrain: Terrain, x: float, radius: float) -> Optional[StepAhead]
 
 def with_step(terrain: Terrain, x: float, radius: float, height: float) -> Terrain:
     """
-    Return the ground with another height of the next step ahead of a ball at `x`.
+    Return the ground with a new height of the next step ahead of a ball at `x` [m].
 
-    The ground behind the step is lifted with it.  Without a step ahead one is created,
-    `NEW_STEP_DISTANCE` before the ball; a step below `LEAST_HEIGHT` is removed.
+    The ground behind the step is lifted with it.  If there is no step ahead, one is created
+    `NEW_STEP_DISTANCE` ahead of the ball; a step below `LEAST_HEIGHT` is removed.
 
-    Raises `ConfigurationError` if the ball touches the step already: the ground does not move
-    beneath it.
+    Raises `ConfigurationError` if the ball is already at the step: the ground below the ball must
+    not move.
     """
     faces = [face for face in faces_of(terrain, radius, endless=False) if face[-1, 0] > x]
     if not faces:
@@ -49,16 +49,16 @@ def with_step(terrain: Terrain, x: float, radius: float, height: float) -> Terra
     if face[0, 0] - x <= 1.01 * radius:
         raise ConfigurationError(
             f'step_height cannot change while the ball is at the step: its centre is '
-            f'{max(face[0, 0] - x, 0.0):.2f} m before it, more than {radius:.2f} m are required',
+            f'{max(face[0, 0] - x, 0.0):.2f} m before it; more than {radius:.2f} m is required',
             'inconsistent', 'step_height')
     height = 0.0 if abs(height) < LEAST_HEIGHT else height
     points = terrain.vertices.copy()
-    begin = int(np.flatnonzero((points == face[0]).all(axis=1))[0])
-    end = begin + len(face) - 1
+    first = int(np.flatnonzero((points == face[0]).all(axis=1))[0])
+    last = first + len(face) - 1
     foot, old = face[0, 1], face[-1, 1] - face[0, 1]
-    points[begin:end + 1, 1] = foot + (points[begin:end + 1, 1] - foot) * height / old
-    points[end + 1:, 1] += height - old
-    return _without_doubles(points, terrain.surface_friction, terrain.edge_friction)
+    points[first:last + 1, 1] = foot + (points[first:last + 1, 1] - foot) * height / old
+    points[last + 1:, 1] += height - old
+    return _without_duplicates(points, terrain.surface_friction, terrain.edge_friction)
 
 
 def _new_step(terrain: Terrain, x: float, height: float) -> Terrain:
@@ -79,9 +79,9 @@ def _new_step(terrain: Terrain, x: float, height: float) -> Terrain:
     # The face has the friction of the robot; the segment that it divides keeps its own.
     surface = np.concatenate([surface[:cut], [np.nan], surface[cut - 1:]])
     edge = np.concatenate([edge[:cut], [np.nan, np.nan], edge[cut:]])
-    return _without_doubles(points, surface, edge)
+    return _without_duplicates(points, surface, edge)
 
 
-def _without_doubles(points: Array, surface: Array, edge: Array) -> Terrain:
+def _without_duplicates(points: Array, surface: Array, edge: Array) -> Terrain:
     kept = np.append(True, (np.diff(points, axis=0) != 0.0).any(axis=1))
     return Terrain(points[kept], surface[kept[1:]], edge[kept])

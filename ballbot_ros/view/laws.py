@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Law and set-point of the motor of a simulated robot, selected by the user."""
+"""User-selected control law and set-point for the motor of a simulated robot."""
 from dataclasses import replace
 import math
 from typing import Any, Mapping, Optional, Tuple
@@ -10,7 +10,7 @@ from ballbot_ros.physics.model.actuation import (
 from ballbot_ros.physics.model.robot import Robot
 from ballbot_ros.physics.model.state import State
 
-# Law -> unit of its set-point in the page.  All but `speed` are those of scene files;
+# Law -> unit of its set-point in the page.  All laws but `speed` are those of scene files;
 # `speed` is the speed law of the controller, computed once per period.
 UNITS: Mapping[str, str] = {
     'free': '', 'speed': 'm/s', 'position': 'deg', 'velocity': 'm/s', 'voltage': 'V',
@@ -41,7 +41,7 @@ class MotorLaw:
 
     @classmethod
     def of_scene(cls, robot: Robot, actuation: Actuation) -> 'MotorLaw':
-        """Return the section of a scene file."""
+        """Return the law of the actuation section of a scene file."""
         value = {'position': math.degrees(actuation.set_angle), 'voltage': actuation.voltage,
                  'velocity': actuation.set_rate * robot.ball_radius,
                  'torque': actuation.torque}.get(actuation.law, 0.0)
@@ -49,14 +49,14 @@ class MotorLaw:
 
     def changed(self, robot: Optional[Robot] = None, law: Optional[str] = None,
                 set_point: Optional[float] = None) -> 'MotorLaw':
-        """Return a modified copy: another law starts with a set-point of 0."""
+        """Return a modified copy; another law starts with a set-point of 0."""
         other = law is not None and law != self.law
         value = set_point if set_point is not None else 0.0 if other else self.set_point
         return MotorLaw(robot or self.robot, law or self.law, value, self.base,
                         self.chosen or other or set_point is not None)
 
     def begin(self, state: State) -> None:
-        """Start the integrals at this state."""
+        """Restart the integrals of the law at this state."""
         if self._controller is not None:
             self._controller.reset()
             self._controller.give(SetPoint(Mode.SPEED, self.set_point, state.time))
@@ -74,7 +74,7 @@ class MotorLaw:
             return self._actuator
         requested = self._controller.torque(JointReadings(
             state.time, state.ball_angle, state.joint_angle, state.ball_rate, state.joint_rate))
-        # As the motor of a `Plant`: within its limits at the joint rate.
+        # The limits of the motor at the joint rate apply, as in a `Plant`.
         return Actuator(TORQUE, applied_torque(
             requested, state.joint_rate, self.robot.motor_line, 1e9))
 
@@ -99,7 +99,7 @@ def laws_of(robot: Robot) -> Tuple[str, ...]:
 
 
 def bounds_of(robot: Robot, law: str) -> Tuple[float, float]:
-    """Return the range of the set-point of a law but ``free``, in its unit."""
+    """Return the set-point range of a law other than ``free``, in the unit of the law."""
     motor = robot.motor
     if law in ('speed', 'velocity'):
         largest = SET_SPEED_MAX

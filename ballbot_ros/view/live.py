@@ -16,16 +16,16 @@ from ballbot_ros.view.source import Control, Health, Idle
 LAWS: Mapping[str, Tuple[float, str]] = MappingProxyType({
     'free': (0.0, ''), 'speed': (1.5, 'm/s'), 'position': (90.0, 'deg')})
 
-FRAME_TIMEOUT = 1.0  # without a frame for longer, time does not advance [s]
-WALL_CLOCK = 1e6  # a later time counts from 1970 [s]
+FRAME_TIMEOUT = 1.0  # after the last frame, when the source counts as stopped [s]
+WALL_CLOCK = 1e6  # later times are wall times, counted from 1970 [s]
 
 
 class LiveSource(MessageSource):
     """
-    Keeps frames of the topics of nodes, and publishes set-points while a page is open.
+    Keeps frames from topics of nodes, and publishes set-points while a page is open.
 
-    The robot, by name or file, is by default that of the nodes; `link` is the connection to the
-    nodes.  Raises `ConfigurationError` if there is no such robot, or the namespace is invalid.
+    `robot`, a name or file, defaults to that of the nodes; `link` is the connection to the nodes.
+    Raises `ConfigurationError` if there is no such robot, or the namespace is invalid.
     """
 
     def __init__(self, namespace: str = '', robot: str = '', link: Optional[Spectator] = None):
@@ -52,7 +52,7 @@ class LiveSource(MessageSource):
         if newest is not None and frame.time <= newest.time:
             if frame.time > newest.time - FRAME_TIMEOUT:
                 return  # repeated in lockstep, or out of order
-            # Perhaps of another simulator, on another scene.
+            # The frame may come from another simulator with another scene.
             self._link.ask_again()
             self._assembly.restart()
             self._speedometer = Speedometer()
@@ -75,13 +75,13 @@ class LiveSource(MessageSource):
 
     @property
     def shown(self) -> Optional[Frame]:
-        """Return the frame to show; a reader keeps the set-point alive."""
+        """Return the frame to show, and renew the held set-point."""
         self._link.attend()
         return super().shown
 
     @property
     def health(self) -> Health:
-        """Return whether frames arrive, and otherwise the missing conditions."""
+        """Return whether frames arrive and, if not, the missing conditions."""
         running = self._fresh
         factor = self._speedometer.factor
         paused = self._paused_at > self._frame_at and 'simulator' in self._link.presence.nodes
@@ -94,8 +94,8 @@ class LiveSource(MessageSource):
     def controls(self) -> Mapping[str, Control]:
         """Return all controls at all times: a control without its node has a refusal."""
         presence = self._link.presence
-        begin, end = self._history.span
-        found = {'pause': Control(self._paused), 'seek': Control(None, begin, end, 's')}
+        start, end = self._history.span
+        found = {'pause': Control(self._paused), 'seek': Control(None, start, end, 's')}
         simulator, bridge = ('' if name in presence.nodes else f'no node {name} is running'
                              for name in ('simulator', 'bridge'))
         found['step'] = Control(None, 1e-3, 10.0, 's', refusal=simulator)
@@ -136,7 +136,7 @@ class LiveSource(MessageSource):
                 for name, value in described.items() if value}
 
     def _awaited(self) -> List[str]:
-        """Return the conditions that the source waits for, a sentence each."""
+        """Return the conditions that the source waits for, one sentence each."""
         nodes = self._link.presence.nodes
         if self._fresh:
             return []

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The page: draws a source at an even rate."""
+"""The page, which draws a source at a constant rate."""
 from threading import Event, Thread
 from time import monotonic
 
@@ -56,18 +56,18 @@ class Page:
         self._source.close()
 
     def _live(self) -> None:
-        due, looked = monotonic(), False
+        due, watched = monotonic(), False
         while not self._ended.wait(max(0.0, due - monotonic())):
-            # A frame that is late is skipped.
+            # Late frames are skipped.
             due = max(due + 1.0 / FRAME_RATE, monotonic())
             if not self._server.get_clients():
-                looked, due = False, monotonic() + 0.2
+                watched, due = False, monotonic() + 0.2
                 continue
             if self._begin:
                 self._begin = False
                 self._source.apply('pause', False)
-            self._draw(whole=not looked)
-            looked = True
+            self._draw(whole=not watched)
+            watched = True
 
     def _draw(self, whole: bool) -> None:
         """Draw the current frame, completely or only the parts that are due."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Numbers, sentences and time series beside the scene."""
+"""Numbers, sentences and time series next to the scene."""
 from html import escape
 import math
 from typing import Any, Callable, List, Mapping, NamedTuple, Optional, Sequence, Tuple
@@ -14,14 +14,14 @@ from ballbot_ros.view.frame import DecisionSign, EnergyShares, Frame
 from ballbot_ros.view.ground import step_ahead
 from ballbot_ros.view.source import Source
 
-PLOT_TIME = 10.0  # of the time series [s]
-PLOT_POINTS_MAX = 250  # of a series at most
+PLOT_TIME = 10.0  # duration of the time series [s]
+PLOT_POINTS_MAX = 250  # per series
 PLOT_HEIGHT, CURVE_HEIGHT, PANEL_WIDTH = 130, 200, 290  # [px]
 COLOURS: Mapping[str, str] = {
     'clear': GREEN, 'cross': GREEN, 'stop': VERMILION, 'go_round': ORANGE, 'back_off': ORANGE}
 
 
-# Title -> smallest range of its axis, to both sides of 0.
+# Title -> smallest limit of its axis, on both sides of 0.
 RANGE_MIN = {
     'speed [m/s]': 0.2, 'pendulum angle [deg]': 10.0, 'torque [N m]': 0.5, 'energy [J]': 0.5}
 
@@ -57,7 +57,7 @@ PLOTS: Mapping[str, Tuple[PlottedCurve, ...]] = {
 
 
 class Readouts:
-    """Values and plots beside the scene; created once, then updated."""
+    """Values and plots next to the scene; created once, then updated."""
 
     def __init__(self, server: viser.ViserServer):
         self._gui = server.gui
@@ -88,7 +88,7 @@ class Readouts:
                 self._curve.scales = scales
 
     def plot(self, source: Source, frame: Frame) -> None:
-        """Draw the time series up to a moment."""
+        """Draw the time series up to the time of a frame."""
         if self._drawn == (source.epoch, frame.time):
             return
         self._drawn = source.epoch, frame.time
@@ -159,7 +159,7 @@ SMALL_STYLE = 'font:13px/1.45 system-ui,sans-serif;padding:0.5em 0.7em 0'
 
 
 def numbers(frame: Frame) -> str:
-    """Return the values of a frame as a small table; unknown ones are left out."""
+    """Return the values of a frame as a small table without unknown values."""
     force = None if frame.contacts is None else sum(
         math.hypot(contact.force_x, contact.force_y) for contact in frame.contacts)
     rows = [('time', frame.time, '.2f', 's'), ('position x', frame.x, '.2f', 'm'),
@@ -178,7 +178,7 @@ def numbers(frame: Frame) -> str:
 
 
 def _rounded(value: float, form: str) -> str:
-    """Return a number without a minus sign before zeros."""
+    """Return a formatted number, without a minus sign if it rounds to zero."""
     words = f'{value:{form}}'
     return words.lstrip('-') if float(words) == 0.0 else words
 
@@ -201,9 +201,9 @@ def decision_words(decision: DecisionSign) -> str:
 
 def thinned(frames: Sequence[Frame], apart: float) -> List[Frame]:
     """
-    Return the first frame of each stretch of time of a length [s], and the last of all.
+    Return the first frame of each interval of length `apart` [s], and the last frame.
 
-    The stretches are fixed in time, so that a curve does not flicker.
+    The intervals are fixed in time, so that a curve does not flicker.
     """
     kept: List[Frame] = []
     for frame in frames:
@@ -219,13 +219,13 @@ def column(frames: Sequence[Frame], value: Callable[[Frame], Optional[float]]) -
 
 
 class Prospect(NamedTuple):
-    """Robot and step ahead; None for unknown values."""
+    """Speed of the robot and the step ahead; None for unknown values."""
 
     speed: Optional[float] = None  # of the centre, towards the step [m/s]
     height: Optional[float] = None  # of the step ahead [m]
     distance: Optional[float] = None  # from the centre to its face [m]
-    touch_speed: Optional[float] = None  # expected or required by a decision at contact [m/s]
-    at_it: bool = False  # closer than a radius: its speed is no longer that at contact
+    touch_speed: Optional[float] = None  # that a decision expects or requires [m/s]
+    at_it: bool = False  # closer than a radius: the speed is no longer that at contact
 
 
 def prospect_of(source: Source, frame: Frame) -> Prospect:
@@ -244,7 +244,7 @@ def prospect_of(source: Source, frame: Frame) -> Prospect:
 
 
 def verdict(curve: Optional[HeightCurve], prospect: Prospect) -> str:
-    """Return a sentence on the step ahead, the speed that it requires and the present one."""
+    """Return a sentence on the step ahead, the required speed and the present speed."""
     if prospect.height is None:
         return 'No step ahead.'
     where = '' if prospect.distance is None else f', {prospect.distance:.2f} m ahead'
@@ -268,10 +268,10 @@ def verdict(curve: Optional[HeightCurve], prospect: Prospect) -> str:
 
 def curve_columns(curve: Optional[HeightCurve], prospect: Prospect) -> Tuple[Array, ...]:
     """
-    Return the columns of the plot of the height curve: rising speeds [m/s], then heights [mm].
+    Return the columns of the height curve plot: increasing speeds [m/s], then heights [mm].
 
-    The heights, NaN where there is none, are those of the curve, of the step ahead, of the step at
-    the present speed, and at the speed expected at contact.
+    The columns of heights, NaN where undefined, are the curve, the step ahead, the step ahead at
+    the present speed only, and the step ahead at the expected contact speed only.
     """
     height = math.nan if prospect.height is None else max(1e3 * prospect.height, 0.0)
     now = math.nan if prospect.speed is None else prospect.speed

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Runs a scene indefinitely, with changes during the run."""
+"""Indefinite run of a scene, with changes during the run."""
 from dataclasses import replace
 from functools import lru_cache
 import math
@@ -19,7 +19,7 @@ from ballbot_ros.view.frame import ContactForce, EnergyShares, Frame
 from ballbot_ros.view.ground import with_step
 from ballbot_ros.view.laws import MotorLaw
 
-PERIOD = 2e-3  # about: a whole number of solver steps [s]
+PERIOD = 2e-3  # approximate: rounded to a whole number of solver steps [s]
 
 
 @lru_cache(maxsize=1)
@@ -30,11 +30,11 @@ def _shipped_curves() -> Tuple[HeightCurve, ...]:
 
 class SceneRun:
     """
-    A scene, one period [s] after the other; for one thread.
+    A scene that runs in steps of one period [s]; for use in one thread.
 
     Each change is applied completely or, with an error, not at all.  While `e_stop` is engaged
-    there is no torque; `accuracy` is the largest error of position that is allowed [m], None for
-    the solver of the scene; `model` has robot, ground and solver in use.
+    there is no torque; `accuracy` is the largest allowed position error [m], None for the solver
+    of the scene; `model` has the robot, ground and solver in use.
     """
 
     def __init__(self, scene: Scene):
@@ -51,16 +51,16 @@ class SceneRun:
 
     @property
     def error_estimate(self) -> Optional[float]:
-        """Return the largest error of position so far [m], None without an accuracy."""
+        """Return the largest position error so far [m], None without an accuracy."""
         return self._monitor.error if self._monitor else None
 
     @property
     def accuracy_lost_at(self) -> float:
-        """Return the time from which the accuracy does not hold [s], infinite while it holds."""
+        """Return the time [s] from which the accuracy does not hold; infinite while it holds."""
         return self._monitor.accuracy_lost_at if self._monitor else math.inf
 
     def advance(self, periods: int) -> None:
-        """Advance by some periods; a run that fails stays at its last valid period."""
+        """Advance by a number of periods; a failed run stays at its last valid state."""
         # A law that depends on the state at the start of a period is evaluated once per period.
         chunk = 1 if self.law.sampled and not self.e_stop else periods
         for _ in range(periods // chunk):
@@ -73,7 +73,7 @@ class SceneRun:
             self.state, self._periods = after, self._periods + chunk
 
     def frame(self) -> Frame:
-        """Return the present moment."""
+        """Return the present state as a frame."""
         state, model = self.state, self.model
         contacts = tuple(map(ContactForce.of, model.touches(state)))
         energies = model.energies(state)
@@ -100,7 +100,7 @@ class SceneRun:
         law.begin(self.state)
 
     def set_friction(self, friction: float) -> None:
-        """Set the friction of ball, ground and edges; pieces with their own friction keep it."""
+        """Set the friction of ground and edges; pieces with their own friction keep it."""
         robot = replace(self.robot, surface_friction=friction, edge_friction=friction)
         law = self.law.changed(robot=robot)
         self._take(replace(self.model, robot=robot), self.state)
@@ -113,7 +113,7 @@ class SceneRun:
         self._take(replace(self.model, terrain=ground), self.state)
 
     def set_law(self, law: Optional[str] = None, set_point: Optional[float] = None) -> None:
-        """Select another law, from a set-point of 0, or another set-point."""
+        """Select another law, with a set-point of 0, or another set-point."""
         self.law = self.law.changed(law=law, set_point=set_point)
         self.law.begin(self.state)
 
@@ -142,16 +142,16 @@ class SceneRun:
         return Actuator() if self.e_stop else self.law.actuator(self.state)
 
     def _take(self, model: Model, state: Optional[State]) -> None:
-        """Continue with a model, from a state, or from the start of the scene."""
-        monitor, begin = None, state
-        if begin is None:
-            begin = self.scene.initial.state(model)
+        """Continue with a model from a state; None is the start of the scene."""
+        monitor, start = None, state
+        if start is None:
+            start = self.scene.initial.state(model)
         if self.accuracy is None:
             solver = self.scene.model.solver_in_use
         else:
             coarse, solver = solvers_for(self.accuracy, self.scene.model.solver_in_use.step)
-            monitor = ErrorMonitor(replace(model, solver=coarse), begin, self.accuracy)
-        self.model, self._monitor, self.state = replace(model, solver=solver), monitor, begin
+            monitor = ErrorMonitor(replace(model, solver=coarse), start, self.accuracy)
+        self.model, self._monitor, self.state = replace(model, solver=solver), monitor, start
         if state is None:
             self._periods = 0
-            self.law.begin(begin)
+            self.law.begin(start)

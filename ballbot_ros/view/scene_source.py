@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A scene as a source: a thread simulates it in real time, or slower or faster."""
+"""A scene as a source: a thread simulates it in real time, slower or faster."""
 from dataclasses import replace
 import math
 from pathlib import Path
@@ -24,7 +24,7 @@ from ballbot_ros.view.source import Control, Health, Idle, Source, Value
 FRAME_RATE = 100.0  # frames per second of wall time, at most
 LAG_MAX = 0.1  # a longer lag behind the wall clock is dropped, not caught up [s]
 CONTROL_TIMEOUT = 10.0  # for a control to take effect [s]
-LOCK_PAUSE, PAUSED_PERIOD = 1e-3, 0.02  # for controls between frames, and while paused [s]
+LOCK_PAUSE, PAUSED_PERIOD = 1e-3, 0.02  # waits for controls between frames and while paused [s]
 LOOP_PAUSE = 1.5  # wall time between the end of the scene and its repetition [s]
 REST_SPEED, REST_TIME = 1e-3, 1.0  # at rest: slower than this [m/s], for this long [s]
 TIME_SCALE_MIN, TIME_SCALE_MAX = 0.05, 4.0  # simulated seconds per second of wall time
@@ -37,8 +37,8 @@ class SceneSource(Source):
     Simulates a scene, by name or file, and keeps its frames.
 
     The scene repeats after its duration until a control changes robot, ground, law or solver; then
-    it continues without an end.  Controls act between two frames.  Raises `ConfigurationError` for
-    a scene that cannot be read.
+    it continues indefinitely.  Controls act between two frames.  Raises `ConfigurationError` for a
+    scene that cannot be read.
     """
 
     def __init__(self, name: str, paused: bool = False):
@@ -115,7 +115,7 @@ class SceneSource(Source):
                 f'{name}: the simulation has not responded for {CONTROL_TIMEOUT:g} s; it is '
                 'compiling, or the accuracy is too high for this machine', 'unavailable', name)
         try:
-            # The run has the controls that do not concern its thread.
+            # `SceneRun` implements the controls that do not concern this thread.
             use = getattr(self, f'_set_{name}', None) or getattr(self._run, f'set_{name}')
             use(value)
             if name in ('robot', 'law', 'set_point', 'step_height', 'friction', 'accuracy',
@@ -142,11 +142,11 @@ class SceneSource(Source):
                         self._set_reset(True)
                         self._resumed = True
                 else:
-                    self._go_on(max(1, round(self._speed / FRAME_RATE / self._run.period)))
+                    self._simulate(max(1, round(self._speed / FRAME_RATE / self._run.period)))
                     self._speedometer.note(self._run.state.time, monotonic())
                     wait = origin + (self._run.state.time - begin) / self._speed - monotonic()
 
-    def _go_on(self, periods: int) -> None:
+    def _simulate(self, periods: int) -> None:
         """Simulate a frame; a run that cannot continue is paused."""
         try:
             self._run.advance(periods)
@@ -160,7 +160,7 @@ class SceneSource(Source):
         self._history.add(self._run.frame())
 
     def _begin(self) -> None:
-        """Show the start of the scene; its time, 0, begins a new epoch."""
+        """Show the start of the scene, whose time 0 starts a new epoch."""
         self._failure, self._sought = '', None
         self._moved_at = self._run.state.time
         self._history.add(self._run.frame())
@@ -180,7 +180,7 @@ class SceneSource(Source):
                 'step advances a paused run; pause it first', 'unavailable', 'step')
         self._sought = None
         for _ in range(max(1, round(seconds / self._run.period))):
-            self._go_on(1)
+            self._simulate(1)
             if self._failure:
                 break
 
@@ -238,6 +238,6 @@ class SceneSource(Source):
 
 
 def _names(kind: str, own: str) -> Tuple[str, ...]:
-    """Return the user file, if any, then the names of the files of the package."""
+    """Return the user's file, if any, then the names of the shipped files."""
     shipped = tuple(file.stem for file in shipped_files(kind))
     return shipped if own in shipped else (own, *shipped)

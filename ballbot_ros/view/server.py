@@ -32,7 +32,7 @@ POLICY = (
 
 
 class PageServer(viser.ViserServer):
-    """A viser server that answers its own page only, and never opens a tunnel."""
+    """A viser server that serves its own page only, and never opens a tunnel."""
 
     def __init__(self, host: str, port: int):
         guarded: List[bool] = []
@@ -110,8 +110,8 @@ def _checked(inner: Optional[Handler], bound: str) -> Handler:
     return handle
 
 
-def _names_a_fault(record: logging.LogRecord) -> bool:
-    """Return false for a connection closed before any request, as browsers open in advance."""
+def _is_fault(record: logging.LogRecord) -> bool:
+    """Return False for a connection closed before any request: browsers preconnect."""
     return not (record.exc_info and isinstance(record.exc_info[1], InvalidMessage))
 
 
@@ -120,7 +120,7 @@ def _guarded(bound: str, done: List[bool]) -> Iterator[None]:
     """Guard the server that is started within the context, and set `done`."""
     module: Any = websockets.asyncio.server
     serve = module.serve
-    logging.getLogger('websockets.server').addFilter(_names_a_fault)
+    logging.getLogger('websockets.server').addFilter(_is_fault)
 
     def guarded(*args: Any, **kwargs: Any) -> Any:
         kwargs['process_request'] = _checked(kwargs.get('process_request'), bound)

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The source of a page: a scene that is simulated, running nodes, or a bag.
+The source of a page: a simulated scene or floor, running nodes, or a bag.
 
 The page reads a source at its own rate, from its own threads; a source runs at its own rate and
 returns its latest data without waiting.
@@ -23,21 +23,21 @@ from ballbot_ros.view.frame import Frame
 
 Value = Union[bool, float, str, Tuple[float, float]]
 
-# Every control that a source may have: the type of its value, and its effect.
+# Control that a source may have -> the type of its value, and its effect.
 CONTROLS: Mapping[str, Tuple[type, str]] = MappingProxyType({
     'pause': (bool, 'pause; false resumes at the latest time'),
     'step': (float, 'advance by a time while paused [s]'),
-    'reset': (bool, 'start again'),
+    'reset': (bool, 'restart'),
     'speed': (float, 'simulated seconds per second of wall time'),
     'seek': (float, 'show an earlier time [s]'),
-    'scene': (str, 'another scene'),
-    'robot': (str, 'another robot'),
+    'scene': (str, 'restart with another scene'),
+    'robot': (str, 'restart with another robot'),
     'law': (str, 'control law of the motor'),
     'set_point': (float, 'set-point of the law, in its unit'),
     'yaw_rate': (float, 'yaw rate, within the limit for the speed [rad/s]'),
     'step_height': (float, 'height of the next step ahead [m]'),
-    'friction': (float, 'coefficient between ball and ground'),
-    'accuracy': (float, 'largest error of position [m]; 0 for the solver of the scene'),
+    'friction': (float, 'coefficient of friction between ball and ground'),
+    'accuracy': (float, 'largest position error [m]; 0 for the solver of the scene'),
     'e_stop': (bool, 'engage the e-stop; false releases it'),
     'goal': (tuple, 'drive to a position on the floor [m]'),
 })
@@ -47,16 +47,16 @@ CONTROLS: Mapping[str, Tuple[type, str]] = MappingProxyType({
 class Control:
     """A value that can be set, with its range."""
 
-    value: Optional[Value] = None  # in force; None where there is none or it is unknown
+    value: Optional[Value] = None  # present value; None if there is none or it is unknown
     lowest: Optional[float] = None  # range of a number
     highest: Optional[float] = None
     unit: str = ''
-    choices: Tuple[str, ...] = ()  # of a text
-    refusal: str = ''  # reason against its use at present, and the remedy; empty if it can be used
+    choices: Tuple[str, ...] = ()  # allowed texts
+    refusal: str = ''  # why it is unavailable at present, and the remedy; empty if available
 
 
 class Idle(NamedTuple):
-    """The reason for rest, and the controls that start a motion, with a label for them."""
+    """The reason why the robot is at rest, and the controls that start it, with a label."""
 
     reason: str
     label: str
@@ -69,24 +69,24 @@ class Health:
 
     running: bool  # whether time advances
     real_time_factor: Optional[float] = None  # measured simulated seconds per second of wall time
-    error_estimate: Optional[float] = None  # largest error of position so far [m]
+    error_estimate: Optional[float] = None  # largest position error so far [m]
     failure: str = ''  # reason why it cannot continue, one sentence; empty while it can
-    notes: Tuple[str, ...] = ()  # remarks for the user, a sentence each
-    # Reason for rest, and a remedy; None during motion, and if unknown.
+    notes: Tuple[str, ...] = ()  # remarks for the user, one sentence each
+    # Why the robot is at rest, and a remedy; None during motion, and if unknown.
     idle: Optional[Idle] = None
 
 
 END_TIMEOUT = 10.0  # for the thread of a source to end [s]
 
-# Stored frames; at 50 per second those of ten minutes.
+# Stored frames: ten minutes at 50 frames per second.
 FRAMES_MAX = 30_000
 
 
 class FrameHistory:
     """
-    Frames in the order of time, the oldest dropped; safe for any number of threads.
+    Thread-safe history of the latest frames, in chronological order.
 
-    At least `most` are kept; up to a tenth more are stored before they are dropped.
+    At least the last `most` are kept; older ones are dropped in blocks of a tenth of that.
     """
 
     def __init__(self, most: int = FRAMES_MAX):
@@ -97,7 +97,7 @@ class FrameHistory:
         self.epoch = 0  # number of restarts
 
     def add(self, frame: Frame) -> None:
-        """Take the next frame; one that is not later than the last begins a new epoch."""
+        """Add a frame; one that is not later than the last frame starts a new epoch."""
         with self._lock:
             if self._times and frame.time <= self._times[-1]:
                 self._forget()
@@ -107,7 +107,7 @@ class FrameHistory:
                 del self._times[:-self._most], self._frames[:-self._most]
 
     def forget(self) -> None:
-        """Begin a new epoch, without frames."""
+        """Start a new epoch, without frames."""
         with self._lock:
             self._forget()
 
@@ -117,18 +117,18 @@ class FrameHistory:
 
     @property
     def newest(self) -> Optional[Frame]:
-        """Return the last frame, None before any."""
+        """Return the last frame, None if there is none."""
         with self._lock:
             return self._frames[-1] if self._frames else None
 
     @property
     def span(self) -> Tuple[float, float]:
-        """Return the times of the first and the last frame, twice 0 before any [s]."""
+        """Return the times of the first and the last frame [s]; both 0 if there is none."""
         with self._lock:
             return (self._times[0], self._times[-1]) if self._times else (0.0, 0.0)
 
     def at(self, time: float) -> Optional[Frame]:
-        """Return the last frame not later than `time` [s], else the first; None before any."""
+        """Return the last frame not later than `time` [s], else the first; None without any."""
         with self._lock:
             where = max(0, bisect_right(self._times, time) - 1)
             return self._frames[where] if self._frames else None
@@ -150,10 +150,10 @@ class FrameHistory:
 
 class Source(ABC):
     """
-    A robot on a ground, frame by frame.
+    A robot on its ground, as a sequence of frames.
 
-    All methods may be called from any thread, at any time between `start` and `close`.  A control
-    NAME is the method ``_set_NAME`` of a subclass.
+    All methods may be called from any thread, at any time between `start` and `close`.  A subclass
+    implements a control NAME in its method ``_set_NAME``.
     """
 
     def __init__(self) -> None:
@@ -161,7 +161,7 @@ class Source(ABC):
         self._sought: Optional[float] = None  # time to show instead of the latest [s]
         self._ending = Event()
         self._thread: Optional[Thread] = None
-        self.curve: Optional[HeightCurve] = None  # of the robot
+        self.curve: Optional[HeightCurve] = None  # height curve of the robot
         self.floor: Optional[Floor] = None
         self.start_pose = (0.0, 0.0, 0.0)  # on the floor, see `Frame.place` [m], [rad]
 
@@ -173,11 +173,11 @@ class Source(ABC):
     @property
     @abstractmethod
     def robot(self) -> Robot:
-        """Return the robot; another object if it has changed."""
+        """Return the robot, a new object after each change."""
 
     @property
     def terrain(self) -> Optional[Terrain]:
-        """Return the ground, another object if it has changed; None if unknown, and on a floor."""
+        """Return the ground, a new object after each change; None if unknown or on a floor."""
         return None
 
     @property
@@ -188,7 +188,7 @@ class Source(ABC):
     @property
     @abstractmethod
     def controls(self) -> Mapping[str, Control]:
-        """Return the controls of this source, by names of `CONTROLS`."""
+        """Return the controls of this source by their names in `CONTROLS`."""
 
     def start(self) -> None:
         """Start `_live` in a thread, also after `close`."""
@@ -211,12 +211,12 @@ class Source(ABC):
 
     @property
     def shown(self) -> Optional[Frame]:
-        """Return the frame to show: the latest, or that of the selected time; None before any."""
+        """Return the frame to show: the latest, or that of the selected time; None if none."""
         return self._history.newest if self._sought is None else self._history.at(self._sought)
 
     @property
     def span(self) -> Tuple[float, float]:
-        """Return the first and the last time of the frames, twice 0 before any [s]."""
+        """Return the times of the first and the last frame [s]; both 0 if there is none."""
         return self._history.span
 
     def history(self, since: float) -> Sequence[Frame]:
@@ -225,10 +225,10 @@ class Source(ABC):
 
     def apply(self, name: str, value: Value) -> None:
         """
-        Use a control; a longer effect happens later and shows in `controls` and `health`.
+        Apply a value to a control; `controls` and `health` show effects that take longer.
 
-        Raises `ConfigurationError` for a control that this source does not have or that cannot be
-        used now, and for a value that is not allowed; nothing has changed then.
+        Raises `ConfigurationError` for a control that this source does not have or that is not
+        available now, and for a value that is not allowed; then nothing changes.
         """
         value = checked(self.controls, name, value)
         try:
@@ -259,7 +259,7 @@ def checked(controls: Mapping[str, Control], name: str, value: Any) -> Value:
             raise ConfigurationError(
                 f'{name} must be two finite numbers, got {value!r}', 'not_finite', name)
         return float(value[0]), float(value[1])
-    # A slider rounds; its ends must not be refused for this.
+    # A slider rounds its value, which must not make the ends of the range invalid.
     ends = [end for end in (control.lowest, control.highest) if end is not None]
     if isinstance(value, float):
         value = next((end for end in ends if math.isclose(value, end, abs_tol=1e-9)), value)

@@ -22,9 +22,9 @@ from ballbot_ros.view.source import Source
 
 # The ground is drawn beyond its ends, and beyond the ball, by this distance [m].
 GROUND_EXTENSION, SECTION_DEPTH = 12.0, 0.15  # SECTION_DEPTH below the lowest point
-# Length of a force equal to the weight, and greatest length [ball radii].
+# Length of the arrow of a force equal to the weight, and maximum length [ball radii].
 WEIGHT_ARROW_LENGTH, ARROW_LENGTH_MAX = 0.8, 3.0
-# Drawn points of the path, and their least distance [ball radii].
+# Maximum number of drawn points of the path, and their minimum distance [ball radii].
 PATH_POINTS_MAX, PATH_SPACING = 1500, 0.05
 # The ground from above, its squares, and the section in front.
 GROUND_COLOUR, SQUARE_COLOUR, SECTION_COLOUR = '#EAE6DF', '#D9D3C8', '#F1E9DC'
@@ -36,13 +36,13 @@ CAMERAS: Mapping[str, Tuple['Point', 'Point']] = {
     'behind': ((-1.6, -1.7, 1.0), (0.5, 0.0, 0.1)),
     'close': ((0.1, -1.35, 0.4), (0.1, 0.0, 0.16)),
     'above': ((-2.2, -7.5, 8.0), (0.0, 0.6, 0.0))}
-FIELD_OF_VIEW = math.radians(36.0)  # of view, vertical
-# A phone held upright has such a width-to-height ratio. The controls cover the lower part there:
-# the ball is placed this part of half the height above the middle.
+FIELD_OF_VIEW = math.radians(36.0)  # vertical
+# Range of the width-to-height ratio of a phone held upright. The controls cover its lower part:
+# the ball is drawn above the centre by this fraction of half the height.
 PHONE_ASPECT, PHONE_BALL_OFFSET = (0.35, 0.62), 0.6
-HALF_WIDTH_MIN = 0.45  # least distance shown by half of the width [m]
-TARGET_HEIGHT = 0.2  # of the camera target there, relative to the centre of the ball [m]
-# Below this width-to-height ratio, the panels leave this part of the width.
+HALF_WIDTH_MIN = 0.45  # least distance visible on each side of the ball in a narrow window [m]
+TARGET_HEIGHT = 0.2  # of the camera target in a narrow window [m]
+# Below this width-to-height ratio, the panels leave this fraction of the width visible.
 TABLET_ASPECT, VISIBLE_WIDTH_SHARE = 1.0, 1 / 3
 Colour = Tuple[int, int, int]
 Point = Tuple[float, float, float]
@@ -76,9 +76,9 @@ def rgb(colour: str) -> Colour:
 
 def quarter_ring(radius: float, thickness: float, begin: float) -> Mesh:
     """
-    Return a quarter of a ring of a tube about the axis of the ball [m].
+    Return a quarter of a torus about the axis of the ball [m].
 
-    It begins counter-clockwise from straight down, as the angles of the model [rad].
+    `begin` is the angle of its start [rad], counter-clockwise from straight down as in the model.
     """
     roll = np.linspace(0.0, 2.0 * math.pi, 11)
     profile = np.column_stack([radius + thickness * np.cos(roll), thickness * np.sin(roll)])
@@ -99,7 +99,7 @@ def bob(radius: float, width: float, length: float) -> Mesh:
 
 
 def ribbon(line: Array, near: float, far: float) -> Mesh:
-    """Return the surface along a line of (x, y), between two distances across [m]."""
+    """Return the surface along a line of (x, y), between two lateral positions [m]."""
     count, index = len(line), np.arange(len(line) - 1)
     points = np.vstack([
         np.column_stack([line[:, 0], np.full(count, side), line[:, 1]]) for side in (near, far)])
@@ -109,19 +109,19 @@ def ribbon(line: Array, near: float, far: float) -> Mesh:
 
 
 def tiles(line: Array, half_width: float, size: float) -> Mesh:
-    """Return every other square of a floor along a line of (x, y), slightly above it [m]."""
+    """Return every other square of a chequered strip along and just above a line (x, y) [m]."""
     parts = []
     for number in range(math.floor(line[0, 0] / size), math.ceil(line[-1, 0] / size)):
-        begin, end = (max(line[0, 0], number * size), min(line[-1, 0], (number + 1) * size))
-        inside = line[(line[:, 0] > begin) & (line[:, 0] < end)]
-        ends = [[x, np.interp(x, line[:, 0], line[:, 1])] for x in (begin, end)]
+        left, right = max(line[0, 0], number * size), min(line[-1, 0], (number + 1) * size)
+        inside = line[(line[:, 0] > left) & (line[:, 0] < right)]
+        ends = [[x, np.interp(x, line[:, 0], line[:, 1])] for x in (left, right)]
         part = np.vstack([ends[:1], inside, ends[1:]]) + [0.0, 5e-4]
         parts.append(ribbon(part, *((-half_width, 0.0) if number % 2 else (0.0, half_width))))
     return concatenate(parts)
 
 
 def place_of(source: Source, frame: Frame) -> Optional[Point]:
-    """Return the centre of the ball in the world, None where it is unknown [m]."""
+    """Return the centre of the ball in the world frame [m], None if it is unknown."""
     if frame.y is None:
         return None
     if source.floor is None:
@@ -138,7 +138,7 @@ class Stage:
     """
     Draws frames of a source; the camera starts above its floor if it has one.
 
-    The world is one node that moves below the camera: the ball stays in sight from every side.
+    The world is one node that moves relative to the camera, so that the ball stays in view.
     """
 
     def __init__(self, server: viser.ViserServer, source: Source):
@@ -186,7 +186,7 @@ class Stage:
         self._draw_forces(frame, source.robot)
 
     def draw_path(self, source: Source, frame: Frame) -> None:
-        """Draw the path of the centre up to a frame; less often, because it takes longer."""
+        """Draw the path of the centre up to a frame; takes longer than `draw`."""
         if source.epoch != self._epoch:
             self._epoch, self._path, self._path_since = source.epoch, [], -math.inf
         apart = PATH_SPACING * source.robot.ball_radius
@@ -204,19 +204,19 @@ class Stage:
             (1, 2, 3), np.float32)
         if 'path' in self._nodes:
             self._nodes['path'].points = pairs
-        else:  # a floor is seen from farther away
+        else:  # a floor is viewed from farther away
             self._nodes['path'] = self._scene.add_line_segments(
                 '/world/path', pairs, np.array(rgb(GREEN)),
                 thickness=(0.03 if source.floor is None else 0.06) * source.robot.ball_radius)
 
     def point_at(self, origin: Point, direction: Point) -> Optional[Tuple[float, float]]:
-        """Return the position on the floor that a ray of the camera meets [m], None off it."""
+        """Return the intersection of a camera ray with the floor [m], None outside the floor."""
         if self._floor is None or direction[2] >= 0.0:
             return None
         start = np.subtract(origin, self._world.position)
         left, right, bottom, top = self._floor.extent
         height = 0.0
-        for _ in range(4):  # from the level of the map to that of the place
+        for _ in range(4):  # iterate from level 0 to the level of the intersection
             x, y, _ = (start + np.array(direction) * (height - start[2]) / direction[2]).tolist()
             if not (left <= x <= right and bottom <= y <= top):
                 return None
@@ -225,7 +225,7 @@ class Stage:
         return x, y
 
     def _place(self, source: Source, frame: Frame) -> None:
-        """Move ball and pendulum to their poses, and the world below the camera."""
+        """Move ball and pendulum to their poses, and the world relative to the camera."""
         point, radius = place_of(source, frame), source.robot.ball_radius
         place, shadow = self._nodes['place'], self._nodes['shadow']
         if place.visible is not (point is not None):
@@ -349,7 +349,7 @@ class Stage:
                 anchor='bottom-center', font_size_mode='screen', font_screen_scale=0.8)
 
     def _draw_scale(self, terrain: Terrain, left: float, right: float, width: float) -> None:
-        """Draw a tick every tenth of a metre, and a line and x every metre."""
+        """Draw a tick every 0.1 m, and a line with its x coordinate every metre."""
         places = np.arange(math.ceil(10.0 * left), math.floor(10.0 * right) + 1) / 10.0
         heights = terrain.height(places) + 1e-3
         whole = np.isclose(places, np.round(places))

@@ -3,7 +3,7 @@
 Evaluation of the decision in closed loop.
 
 An approach (`approaches`) is a drawn robot on a drawn terrain (`terrains`) with a drawn sensor
-(`sensors`).  The decision always assumes the nominal robot file.  `run` runs it with the full
-model, `outcome` determines its outcome, `evaluation` runs thousands of them and keeps the finished
-ones, `report` counts.
+(`sensors`).  The decision always assumes the nominal robot file.  `run` runs an approach with the
+full model, `outcome` determines its outcome, `evaluation` runs thousands of approaches and stores
+their results, `report` counts the outcomes.
 """

@@ -20,15 +20,15 @@ from ballbot_ros.studies.evaluation.search import limit_at, set_robots
 from ballbot_ros.studies.evaluation.sensors import draw_sensor, SensorModel
 from ballbot_ros.studies.evaluation.terrains import draw_shape, Ground, lay, Shape, SLOPE_MAX
 
-SLIPPERY_SHARE = 0.2             # part of the floors with the lowest friction
-UNSEEN_ROOM = 1.0          # floor behind each edge, where the user grants it [m]
+SLIPPERY_SHARE = 0.2             # fraction of floors with low friction
+UNSEEN_ROOM = 1.0          # floor behind each edge, if the user grants it [m]
 CROSSABLE_ROOM = (0.15, 2.5)    # front of the ball to the step [m]
 CROSSABLE_HEIGHT = (0.008, 0.06)  # [m]
 
 
 @dataclass(frozen=True)
 class Approach:
-    """One approach, to be run."""
+    """The inputs of one approach."""
 
     seed: int
     number: int
@@ -36,7 +36,7 @@ class Approach:
     ground: Ground
     sensor: SensorModel
     speed: float  # at the start [m/s]
-    room_behind: float  # of the decision tuning; the ground has them [m]
+    room_behind: float  # of the decision tuning; the ground provides both [m]
     unseen_room: float
 
     @property
@@ -51,7 +51,7 @@ class Approach:
 
 
 def draw_robot(robot: Robot, random: np.random.Generator) -> Robot:
-    """Return a robot from the ranges of its file, with other coefficients of friction."""
+    """Return a robot drawn from the ranges of its file, with drawn coefficients of friction."""
     free = independent(uncertain(robot))
     parts = random.random(len(free))
     drawn = changed(robot, {name: low + part * (high - low)
@@ -68,7 +68,7 @@ def draw_approach(nominal: Robot, tuning: DecisionTuning, seed: int, number: int
     """
     Return approach `number` of a seed, on a kind of `terrains.KINDS`, with one of `sensors.KINDS`.
 
-    By default any; a terrain that the sensor cannot detect gets another one.
+    By default, both are drawn; a sensor that cannot detect the terrain is replaced by another.
     """
     random = np.random.default_rng([seed, number])
     room = UNSEEN_ROOM if random.random() < 0.5 else 0.0
@@ -80,7 +80,7 @@ def draw_approach(nominal: Robot, tuning: DecisionTuning, seed: int, number: int
     if shape.slope is not None:
         slope = float(random.uniform(*shape.slope))
     speed = round(float(random.uniform(0.1, 0.6)), 2) if random.random() < 0.4 else 0.0
-    # No approach starts where the ball cannot stop any more.
+    # No approach starts where the ball can no longer stop.
     grip = 0.8 * robot.surface_friction
     slope = max(slope, -math.atan(grip) + 0.01)
     braking = Braking(nominal, tuning, load_tuning('published'))
@@ -102,7 +102,7 @@ def crossable_approach(nominal: Robot, limits: Sequence[Tuple[float, float]], se
     """
     Return approach `number` of a seed to a step that most robots cross, with a perfect sensor.
 
-    A single step on level ground; the robot is one of those of `search.limit_of_most`.
+    The step is on level ground; the robot is one of those of `search.limit_of_most`.
     """
     random = np.random.default_rng([seed, number, 2])
     robots = set_robots(nominal)

@@ -2,8 +2,8 @@
 """
 Baselines to compare a planner with.
 
-Each is the planner ``cubic`` with another curve of heights and without margins, so that all else
-(drops, stale observations, driving) is the same; ``always-try`` takes every step at `TRY`.
+Each is the planner ``cubic`` with another height curve and without margins, so that everything
+else (drops, stale observations, driving) is equal; ``always-try`` attempts every step at `TRY`.
 """
 from dataclasses import replace
 from typing import Callable, Mapping
@@ -31,7 +31,7 @@ def _energy(robot: Robot) -> float:
     return (1.0 + inertia_ratio(robot)) / (2.0 * robot.gravity)
 
 
-# Name -> function that makes a planner from its inputs.
+# Name -> function that creates a planner from its inputs.
 BASELINES: Mapping[str, Callable[[Knowledge], Planner]] = {
     'always-try': lambda knowledge: _cubic(knowledge, UNLIMITED, 0.0, TRY),
     'quasi-static': lambda knowledge: _cubic(knowledge, quasi_static(knowledge.robot), 0.0),

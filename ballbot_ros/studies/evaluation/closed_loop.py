@@ -2,9 +2,9 @@
 """
 The closed loop of one approach in compiled code.
 
-Law (11) is sampled and held, the motor follows its torque-speed line, the plant is the full model:
-the same as a `plant.Plant` that a `PendulumController` drives, to the bit, but all periods between
-two observations are one call into compiled code.
+Law (11) is sampled and held, the motor follows its torque-speed line, the plant is the full model.
+The results are bit-identical to those of a `plant.Plant` under a `PendulumController`, but all
+periods between two observations are one call into compiled code.
 """
 import math
 from typing import Tuple
@@ -29,21 +29,21 @@ from ballbot_ros.studies.evaluation.terrains import FACE_HEIGHT, FACE_SLOPE
 
 PERIOD = 0.002  # of control [s]
 SOLVER = Solver('adaptive', tolerance=1e-7)
-BUDGET = 50_000_000  # right-hand sides of one approach
+BUDGET = 50_000_000  # evaluations of the right-hand side in one approach
 
-# Number of the first period, how many, length of each [s].
+# Number of the first period, number of periods, length of a period [s].
 Span = Tuple[int, int, float]
 # Set angle [rad], gain on the speed error [rad s/m], set speed [m/s], largest set angle [rad];
-# position [m] from which on another set angle [rad] holds.
+# position [m] from which another set angle [rad] applies.
 Script = Tuple[float, float, float, float, float, float]
 # Gains of law (11), gravity torque and torque limit; then the four of `Robot.motor_line`.
 Drive = Tuple[float, float, float, float, float, float, float, float]
 
 # Columns of the watched pieces, a row for each straight piece of a face: both ends [m], whether
-# the ball touches it, horizontal speed towards it at the last touch [m/s], and its period.
+# the ball touches it, horizontal speed towards it and period number at the last touch [m/s].
 AX, AY, BX, BY, TOUCHED, TOUCH_SPEED, TOUCH_PERIOD = range(7)
 
-SEPARATION = 0.03  # a ball that was farther away than this makes a new contact [m]
+SEPARATION = 0.03  # the next contact is a new one if the ball was farther away than this [m]
 
 
 # Periods, set angles, law and motor, system, options, state (13,), watched pieces (n, 7), output
@@ -55,7 +55,7 @@ Call = Tuple[Span, Script, Drive, Tuple[Tuple[float, ...], Array],
 
 @compiled
 def gap_to(piece: Array, x: float, y: float) -> Tuple[float, bool]:
-    """Return how far a point is from a piece of a face [m], and whether on its lower side."""
+    """Return the distance of a point to a face piece [m], and whether it is on the lower side."""
     along_x, along_y = piece[BX] - piece[AX], piece[BY] - piece[AY]
     share = ((x - piece[AX]) * along_x + (y - piece[AY]) * along_y) / (
         along_x * along_x + along_y * along_y)
@@ -67,7 +67,7 @@ def gap_to(piece: Array, x: float, y: float) -> Tuple[float, bool]:
 
 @compiled
 def watch_touches(watched: Array, before: float, state: Array, radius: float, period: int) -> None:
-    """Record the pieces of faces that the ball has reached from below, and the speeds."""
+    """Record the pieces of faces that the ball touches from below, and the touch speeds."""
     for row in range(len(watched)):
         piece = watched[row]
         gap, below = gap_to(piece, state[X], state[Y])
@@ -94,10 +94,10 @@ def scripted_angle(state: Array, script: Script) -> float:
 @unlocked
 def advance_periods(call: Call) -> Tuple[int, int, float]:
     """
-    Advance a state in place by some control periods.
+    Advance a state in place by a number of control periods.
 
-    Returns FINISHED, or the reason of a failure, see `solvers.values`; the number of periods; and
-    the torque in the last one [N m].
+    Returns FINISHED, or the reason for a failure, see `solvers.values`; the number of finished
+    periods; and the torque in the last one [N m].
     """
     span, script, drive, packed, solving, state, watched, rows, arrays = call
     first, count, period = span
@@ -124,7 +124,7 @@ def advance_periods(call: Call) -> Tuple[int, int, float]:
 
 class ClosedLoop:
     """
-    A ball under law (11), whose set angle is held for some control periods.
+    A ball under law (11), whose set angle is held for a number of control periods.
 
     The true robot starts at x with a speed [m/s] and a pendulum angle [rad]; the controller
     assumes the nominal one.  `watched` has the straight pieces of the faces, (n, 7), with the
@@ -155,12 +155,12 @@ class ClosedLoop:
         return State(self.time, *self._vector.tolist())
 
     def advance(self, set_angle: float, periods: int) -> None:
-        """Advance by some periods under one set angle [rad]."""
+        """Advance by a number of periods under one set angle [rad]."""
         self.follow((set_angle, 0.0, 0.0, math.inf, math.inf, 0.0), periods)
 
     def follow(self, script: Script, periods: int) -> None:
         """
-        Advance by some periods with set angles by a script.
+        Advance by a number of periods with the set angles of a script.
 
         Raises `SimulationError` if the run fails.
         """

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Runs thousands of approaches on many cores or a cluster; an interrupted run resumes.
+Run thousands of approaches on many cores or a cluster; an interrupted run resumes.
 
-Results are kept in blocks of JSON files, see `parallel_map`.
+Results are stored in blocks of JSON files, see `parallel_map`.
 """
 from concurrent.futures import Executor
 from dataclasses import asdict, dataclass
@@ -35,20 +35,20 @@ Row = Dict[str, Any]
 
 @dataclass(frozen=True)
 class Evaluation:
-    """Which approaches to run, with which planners; equal evaluations are equal approaches."""
+    """The approaches to run and their planners; equal evaluations have equal approaches."""
 
-    # Planner, group (``drawn`` or ``crossable``), and number of approaches: the first ones.
+    # Planner, group (``drawn`` or ``crossable``), and number of approaches, from the first on.
     parts: Tuple[Tuple[str, str, int], ...]
     seed: int = 0
-    # Of all terrains and sensors, if given; see `terrains.KINDS` and `sensors.KINDS`.
+    # Kind of all terrains and sensors, if given; see `terrains.KINDS` and `sensors.KINDS`.
     kind: Optional[str] = None
     sensor: Optional[str] = None
     required_probability: Optional[float] = None  # instead of that of the decision tuning
-    # Run-ups and the steps that most robots cross from there, see `search.limit_of_most`; only
-    # needed for the group ``crossable``.
+    # Run-ups, and heights of the steps that most robots cross with them [m], see
+    # `search.limit_of_most`; only needed for the group ``crossable``.
     limits: Tuple[Tuple[float, float], ...] = ()
-    # Of the first planner: number of approaches of each group for which a search with the true
-    # robot looks for a crossing, and for the true margin of each attempt at a step.
+    # Number of approaches of the first planner, in each group, for which a search with the true
+    # robot determines whether a crossing exists, and the true margin of each attempt at a step.
     searched: int = 0
 
     @property
@@ -57,7 +57,7 @@ class Evaluation:
 
     @property
     def digest(self) -> str:
-        """Return a digest of all that the rows depend on besides their numbers."""
+        """Return a digest of all inputs of the rows, except their numbers."""
         same = {name: value for name, value in asdict(self).items()
                 if name not in ('parts', 'limits', 'searched')}
         nominal = self.nominal()
@@ -85,7 +85,7 @@ def _nominal(required_probability: Optional[float]) -> NominalModel:
 
 def run_block(evaluation: Evaluation, planner: str, group: str, first: int, behind: int,
               search: bool) -> List[Row]:
-    """Run some approaches; a defect of the decision fails its approach only."""
+    """Run a range of approaches; a defect of the decision only fails its own approach."""
     return [_run(evaluation, planner, group, number, search) for number in range(first, behind)]
 
 
@@ -114,7 +114,7 @@ def _run(evaluation: Evaluation, planner: str, group: str, number: int, search: 
 
 
 def refused_margin(approach: Approach, nominal: NominalModel) -> float:
-    """Return how much higher a step the true robot crosses than the refused one [m]."""
+    """Return the maximum step height of the true robot minus that of the refused step [m]."""
     height = true_faces(approach.ground.terrain)[-1][3]
     touch = approach.ground.foot - touch_distance(approach.robot.ball_radius, height)
     run_up = min(max(touch - best_start(approach.room_behind), RUN_UPS[0]), RUN_UPS[1])
@@ -123,7 +123,7 @@ def refused_margin(approach: Approach, nominal: NominalModel) -> float:
 
 
 def true_margin(approach: Approach, attempt: Dict[str, Any], nominal: NominalModel) -> float:
-    """Return how much higher a step the true robot crosses with the plan of an attempt [m]."""
+    """Return the maximum step height of the true robot with a plan minus that of its step [m]."""
     robot, slope = approach.robot, approach.ground.slope
     face: float = attempt['face']
     height = float(approach.ground.terrain.height(face + 1e-6)) - math.tan(slope) * face
@@ -142,9 +142,9 @@ def run_evaluation(evaluation: Evaluation, folder: Path, pool: Executor, workers
     """
     Run an evaluation, resuming an interrupted one, and return the row of each run.
 
-    The blocks are in the subfolder `FOLDER` of the folder; the pool is one of processes, or of a
-    cluster.  The progress is the number of finished runs.  Raises `ConfigurationError` if the
-    folder is of another evaluation, or cannot be written.
+    The blocks are in the subfolder `FOLDER` of the folder; `pool` is one of processes or of a
+    cluster.  `progress` receives the number of finished runs.  Raises `ConfigurationError` if the
+    folder belongs to another evaluation, or cannot be written.
     """
     blocks = {}
     for planner, group, count in evaluation.parts:

@@ -5,19 +5,18 @@ The outcome of an approach, from the true state and terrain.
 A face is *being crossed* while the decision in force is CROSS and the last edge of its plan
 (without a plan: the step that it names) is not before that face.
 
-``over``       the centre has passed all that is to be passed, and 0.25 m more
-``fell``       the ball went down, by more than 5 mm below the edge, a drop that it was not
-               crossing when the centre passed its edge; or one of more than 60 mm in any case.
+``over``       the centre has passed the goal by 0.25 m
+``fell``       the ball has descended more than 5 mm below the edge of a drop that it was not
+               crossing when the centre passed the edge, or of any drop deeper than 60 mm.
                The far side of an obstacle narrower than 50 mm, such as a cord, is not a drop
-``hit``        it touched a face of 5 mm or more faster than 0.1 m/s, that it was not crossing then
-               nor within the 0.1 s before; a face of up to 8 mm that it touches while the decision
-               is CLEAR or CROSS is a *bump*, and counted apart
-``stopped``    it stood for 1 s and the decision was to stop or to go round
-``ran away``   it was 0.25 m behind the room that is free, or faster than 1.5 times the highest
-               speed
-``stuck``      it stood for 4 s, or the time was up, and it touched a face
-``idle``       it stood for 4 s, and the decision was to move
-``undecided``  the time was up
+``hit``        the ball touched a face of 5 mm or more, faster than 0.1 m/s, that it was not
+               crossing then or within the 0.1 s before; contact with a face of up to 8 mm while
+               the decision is CLEAR or CROSS is a *bump*, which is counted separately
+``stopped``    the ball rested for 1 s, and the decision was to stop or to go round
+``ran away``   the ball was 0.25 m beyond `room_behind`, or faster than 1.5 times the highest speed
+``stuck``      the ball rested for 4 s, or the time limit passed, while the ball touched a face
+``idle``       the ball rested for 4 s, and the decision was to move
+``undecided``  the time limit passed
 """
 from collections import deque
 from dataclasses import asdict, dataclass, field
@@ -36,23 +35,23 @@ from ballbot_ros.studies.evaluation.terrains import true_faces
 
 OUTCOMES = ('over', 'stopped', 'fell', 'hit', 'ran away', 'stuck', 'idle', 'undecided')
 
-GOAL_MARGIN = 0.25         # behind the goal [m]
+GOAL_MARGIN = 0.25         # beyond the goal [m]
 # Depths of a drop that counts, and of one that may be crossed [m].
 FALL_DEPTH_MIN, DROP_CROSSABLE_MAX = 0.005, 0.06
-CORD_WIDTH = 0.05          # of an obstacle without a drop on its far side [m]
-PENETRATION = 0.003        # of a ball into the ground that it rolls on, at most [m]
+CORD_WIDTH = 0.05          # largest width of an obstacle without a drop on its far side [m]
+PENETRATION = 0.003        # largest penetration of a rolling ball into the ground [m]
 HIT_SPEED_MIN, BUMP_HEIGHT_MAX = 0.1, 0.008     # [m/s], [m]
 CANCELLATION_TIME = 0.1            # a crossing counts for this time after its cancellation [s]
 RESTING_SPEED_MAX, REST_TIME_MIN, IDLE_TIME_MAX = 0.01, 1.0, 4.0  # [m/s], [s], [s]
 POSITION_ERROR_MAX, SPEED_EXCESS_MAX = 0.25, 1.5  # [m], over the highest speed
 SAME_FACE = 0.06           # position error of a face [m]
-RETREAT_MIN = 0.03                # an attempt has failed this far before its touch [m]
-OUTCOME_DELAY = 2.0            # a crossing may still end badly for this time [s]
+RETREAT_MIN = 0.03                # retreat from the touch after which an attempt has failed [m]
+OUTCOME_DELAY = 2.0            # a crossing may still fail for this time [s]
 
 
 @dataclass
 class ObservedAttempt:
-    """An executed crossing; all as it was when the ball touched the face."""
+    """An executed crossing; the values are those at the first contact with the face."""
 
     time: float
     x: float           # [m]
@@ -60,17 +59,17 @@ class ObservedAttempt:
     speed: float       # [m/s]
     strategy: str
     probability: float  # predicted; NaN for none
-    edge: float        # last one of the plan [m]
+    edge: float        # last edge of the plan [m]
     plan: Tuple[float, ...]  # start, speed, swing position and angle; or the set speed
     height_margin: float = math.nan  # predicted [m]
     swing_speed: float = math.nan  # at the swing, or at the touch without a swing [m/s]
     same: bool = False  # same plan as one that has failed at this face
     over: Optional[bool] = None
-    settled: float = 0.0  # time when `over` was known [s]
+    settled: float = 0.0  # time when `over` was determined [s]
 
 
 def last_edge(decision: Decision, x: float) -> float:
-    """Return the last edge that a crossing takes [m]; the ball is at x."""
+    """Return the position of the last edge of a crossing [m]; the ball is at x."""
     if decision.plan is not None and math.isfinite(decision.plan.edge):
         return decision.plan.edge
     return x + decision.distance
@@ -82,7 +81,7 @@ def crosses(decision: Decision, x: float, face: float) -> bool:
 
 
 def same_plan(one: ObservedAttempt, other: ObservedAttempt) -> bool:
-    """Return whether two attempts at a face are the same plan."""
+    """Return whether two attempts at a face have the same plan."""
     if abs(one.face - other.face) > SAME_FACE or one.strategy != other.strategy:
         return False
     if len(one.plan) == 1:
@@ -94,22 +93,22 @@ def same_plan(one: ObservedAttempt, other: ObservedAttempt) -> bool:
 
 @dataclass
 class Verdict:
-    """The outcome of an approach, with all that the report counts."""
+    """The outcome of an approach, with all values for the report."""
 
     outcome: str = 'undecided'
     time: float = 0.0
     x: float = 0.0
     gap: float = math.nan       # at rest: front to the next face, or centre to a drop [m]
     hit_speed: float = 0.0      # [m/s]
-    depth: float = 0.0          # of the drop that it fell [m]
-    bumps: int = 0              # low faces that it rolled over without a plan
-    changes: int = 0            # of the decision, without news
+    depth: float = 0.0          # of the drop that the ball fell down [m]
+    bumps: int = 0              # low faces that the ball rolled over without a plan
+    changes: int = 0            # of the decision, without new information
     height_margin: float = math.nan  # of the step that the last decision refuses [m]
     attempts: List[ObservedAttempt] = field(default_factory=list)
 
     @property
     def row(self) -> Dict[str, Any]:
-        """Return it as JSON values: null for numbers that are not finite."""
+        """Return the verdict as JSON values, with null for numbers that are not finite."""
         return asdict(self, dict_factory=lambda items: {
             name: finite_or_none(value) for name, value in items})
 
@@ -129,7 +128,7 @@ class OutcomeMonitor:
         self._radius = approach.robot.ball_radius
         self._faces = true_faces(approach.ground.terrain)
         self._decisions: Deque[Tuple[float, float, Decision]] = deque()
-        self._passed: Dict[float, bool] = {}  # edges of drops, and whether it was crossing them
+        self._passed: Dict[float, bool] = {}  # edges of drops, and whether the ball was crossing
         self._resting_since = math.inf
         self._x, self._y = loop.state.x, loop.state.y
         self._path: List[Tuple[float, float]] = []  # positions and speeds [m], [m/s]
@@ -138,7 +137,7 @@ class OutcomeMonitor:
 
     def update(self, before: float, decision: Decision) -> bool:
         """
-        Evaluate the state after some periods; return whether the approach has ended.
+        Evaluate the state after a number of periods; return whether the approach has ended.
 
         The decision was in force during these periods, which start at the time `before` [s].
         """
@@ -156,20 +155,20 @@ class OutcomeMonitor:
         return ended
 
     def finish(self, state: State) -> None:
-        """Close at the end of the time."""
+        """Close the approach at the time limit."""
         verdict = self.verdict
         verdict.outcome = 'stuck' if self._gap(state) < 0.005 else 'undecided'
         verdict.time, verdict.x, verdict.gap = state.time, state.x, self._gap(state)
         self._close()
 
-    def _crossing(self, face: float, long: float = 0.0) -> bool:
-        """Return whether a face is being crossed, or was within the last seconds [s]."""
+    def _crossing(self, face: float, before: float = 0.0) -> bool:
+        """Return whether a face is being crossed, or was within a time before [s]."""
         now = self._decisions[-1][0]
         return any(crosses(decision, x, face) for when, x, decision in self._decisions
-                   if when >= now - long - 1e-9)
+                   if when >= now - before - 1e-9)
 
     def _is_low(self, x: float) -> bool:
-        """Return whether the face at x is no more than a bump to the ball, or a narrow groove."""
+        """Return whether the face at x is only a bump for the ball, or a narrow groove."""
         bottom = min(self._y, self._loop.state.y) - self._radius
         return all(abs(height) <= BUMP_HEIGHT_MAX
                    or max(low, low + height) <= bottom + BUMP_HEIGHT_MAX
@@ -177,12 +176,12 @@ class OutcomeMonitor:
                    if left - 1e-6 <= x <= left + width + 1e-6)
 
     def _floor_before(self, edge: float, top: float, side: float) -> float:
-        """Return the lowest floor within `CORD_WIDTH` before an edge [m], at most its top."""
+        """Return the lowest floor within `CORD_WIDTH` before an edge [m], at most `top`."""
         xs = edge - side * np.linspace(0.0, CORD_WIDTH, 11)[1:]
         return min(top, float(self._approach.ground.terrain.height(xs).min()))
 
     def _gap(self, state: State) -> float:
-        """Return how far the ball is from the next face, its centre from a drop [m]."""
+        """Return the distance of the ball from the next face, or of its centre from a drop [m]."""
         ahead = [left - (self._radius if height > 0.0 else 0.0)
                  for left, _, width, height in self._faces if left + width > state.x]
         return ahead[0] - state.x if ahead else math.inf
@@ -193,7 +192,7 @@ class OutcomeMonitor:
         for left, low, width, height in self._faces:
             if height < 0.0:
                 edge, top, side = left, low, 1.0
-            elif left + width < 0.0:  # the brink behind the start
+            elif left + width < 0.0:  # the drop behind the start
                 edge, top, side = left + width, low + height, -1.0
             else:
                 continue
@@ -215,7 +214,7 @@ class OutcomeMonitor:
         return False
 
     def _hits(self) -> bool:
-        """Return whether the ball has hit a face; begin an attempt if it was crossing."""
+        """Return whether the ball has hit a face; start an attempt if it was crossing."""
         for piece in self._loop.watched:
             if piece[TOUCH_PERIOD] == 0.0:
                 continue
@@ -250,7 +249,7 @@ class OutcomeMonitor:
         attempts.append(attempt)
 
     def _speed_at(self, x: float, touch_speed: float) -> float:
-        """Return the speed when the ball last reached x, or that of the touch [m/s]."""
+        """Return the speed when the ball was last at or before x, or the touch speed [m/s]."""
         return next((speed for place, speed in reversed(self._path) if place <= x),
                     touch_speed) if math.isfinite(x) else touch_speed
 
@@ -267,7 +266,7 @@ class OutcomeMonitor:
         self.news = attempt.settled = state.time
 
     def _ends(self, state: State, decision: Decision) -> bool:
-        """Return whether the ball is over, at rest or astray."""
+        """Return whether the ball is over, has run away or rests."""
         verdict, goal = self.verdict, self._approach.ground.goal
         if not math.isfinite(goal):
             last = max((left + width for left, _, width, _ in self._faces), default=0.0)
@@ -295,11 +294,11 @@ class OutcomeMonitor:
         return False
 
     def _close(self) -> None:
-        """Settle an attempt at the end; one that ended badly later did not get over."""
+        """Settle the last attempt at the end; a fall or hit soon afterwards makes it a failure."""
         verdict = self.verdict
         if verdict.attempts:
             last = verdict.attempts[-1]
-            # A ball that stays between the edges of its plan has not got over.
+            # A ball that stays between the edges of its plan has not crossed.
             bad = (verdict.outcome in ('fell', 'hit')
                    and (last.over is None or verdict.time < last.settled + OUTCOME_DELAY))
             beyond = verdict.x > max(last.edge, last.face)

@@ -22,22 +22,22 @@ This command writes the page and resumes an interrupted run; do not edit the pag
 {command}
 ```
 
-An approach took {cpu:.2f} s of processor time in the mean, so that {complete:,} of them take
+An approach took {cpu:.2f} s of processor time on average, so that {complete:,} approaches take
 {minutes:.0f} min on two cores without the searches with the true robot. `--planners {first}
 --seed {seed} --crossable 0 --only n` prints the decisions of approach number n with their reasons.
 
-Each approach is a robot drawn from the ranges of its file, with friction of 0.3 to 1.3 of the
-file's, on a drawn terrain:
+Each approach is a robot drawn from the ranges of its file, with 0.3 to 1.3 times the friction of
+the file, on a drawn terrain:
 {kinds};
 on slopes of -4 to 4 degrees. The sensor is a step sensor, a
 terrain sensor with equally spaced points or a camera with rays at equal angles (eye 0 to 0.4 m
 above the ball's centre), ideal, degraded (noise, bias, losses, latency up to 0.5 s, short range),
 with up to 10 % outliers, with reordered messages, or frozen with advancing stamps. In half of the
-approaches `unseen_room` is {unseen:g} m and the terrain has at least this floor behind each edge;
-otherwise it is 0. In half of them the floor behind the start ends in a drop exactly at
-`room_behind`. The plant is the full model at 500 Hz with the motor's torque-speed line, under law
-(11) with the published gains; observations arrive at 50 Hz. The decision assumes the nominal
-robot file. `ballbot_ros/studies/evaluation/outcome.py` defines the outcomes.
+approaches, `unseen_room` is {unseen:g} m and the terrain has at least this length of floor behind
+each edge; in the others, it is 0. In half of all approaches, the floor behind the start ends in a
+drop exactly at `room_behind`. The plant is the full model at 500 Hz with the motor's torque-speed
+line, under law (11) with the published gains; observations arrive at 50 Hz. The decision assumes
+the nominal robot file. `ballbot_ros/studies/evaluation/outcome.py` defines the outcomes.
 
 ![Reliability, failures, crossings by room](figures/decision_evaluation.png)
 
@@ -46,12 +46,12 @@ robot file. `ballbot_ros/studies/evaluation/outcome.py` defines the outcomes.
 
 
 def mark(met: Any) -> str:
-    """Return whether a target is met, in a word."""
+    """Return whether a target is met, as a word."""
     return '-' if met is None else 'met' if met else '**missed**'
 
 
 def table_of_targets(lines: Sequence[Dict[str, Any]]) -> List[str]:
-    """Return the figures beside their targets."""
+    """Return the table of the figures and their targets."""
     return markdown(('figure', 'target', 'found', ''), (
         (line['figure'], line['target'], line['found'], mark(line['met'])) for line in lines))
 
@@ -102,7 +102,7 @@ def failures(one: Mapping[str, Any]) -> List[str]:
 
 
 def page(report: Report, command: str) -> str:
-    """Return the report of `report.report`, which a command made, as Markdown."""
+    """Return the report of `report.report` as Markdown, with the command that writes it."""
     planners = report['planners']
     first, one = next(iter(planners.items()))
     missed = one['missed']
@@ -129,17 +129,17 @@ def page(report: Report, command: str) -> str:
             f'Of {missed["searched"]} approaches to an obstacle that may be crossed, with floor '
             'behind it that the sensor observes or `unseen_room` grants, a search '
             f'with the true robot crosses {missed["possible"]} (touch at 1.15 m/s or less, best '
-            f'start allowed). `{first}` crossed {missed["crossed"]} of them and not '
+            f'allowed start). `{first}` crossed {missed["crossed"]} of them and did not cross '
             f'{missed["missed"]}: '
             + ', '.join(f'{count} {kind}' for kind, count in missed['by kind'].items())
             + '. The search uses the true robot and terrain; the decision has to be safe for all '
-            'that are possible.\n']
+            'possible robots and terrains.\n']
     if report['limits']:
         parts += ['## Maximum step height of 23 of 24 robots\n',
                   *markdown(('run-up [m]', 'step [mm]'), (
                       (f'{run_up:g}', f'{1e3 * height:.1f}')
                       for run_up, height in report['limits'])),
-                  '', 'All with the same manoeuvre, from rest, touching at 1.15 m/s or less.\n']
+                  '', 'All robots use one manoeuvre from rest, with at most 1.15 m/s at touch.\n']
     parts += [f'## Failed approaches of `{first}`\n', *(failures(one) or ['None.'])]
     if one['crossable']['missed']:
         parts += [f'* crossable, not crossed (`--crossable 1 --only n`): '

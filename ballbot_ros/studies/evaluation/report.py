@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Counts the outcomes of approaches and compares them with the targets."""
+"""Counts of the outcomes of approaches, and their comparison with the targets."""
 from collections import Counter
 import math
 from typing import Any, Dict, List, Optional, Sequence, Tuple
@@ -13,21 +13,21 @@ from ballbot_ros.studies.evaluation.sensors import KINDS as SENSORS
 
 GENTLE = math.radians(3.0)  # slopes on which no fall is allowed
 PROBABILITY_TOLERANCE = 0.02  # of a predicted probability
-# Predicted probabilities, and the range that is counted to each.
+# Predicted probabilities, and the range of predictions that counts as each.
 PREDICTIONS = ((0.9, 0.875, 0.925), (0.95, 0.925, 0.97), (0.99, 0.97, 1.0 + 1e-9))
 EDGES = (0.0, 0.5, 0.7, 0.8, 0.875, 0.925, 0.97, 1.0 + 1e-9)  # of the reliability diagram
 HITS = 1e-3                 # allowed per approach
-CHANGES, CHANGES_RUNS = 2, 0.99  # allowed in this part of the runs
+CHANGES, CHANGES_RUNS = 2, 0.99  # allowed number, and fraction of runs that must not exceed it
 CROSSED, OF = 150, 160
-SEARCH_PART = 0.8           # of the crossings that the search with the true robot finds
+SEARCH_PART = 0.8           # fraction of the crossings that the search with the true robot finds
 CORRELATION = 0.8           # of predicted with true margin
 ROOMS = (0.15, 0.4, 0.65, 1.0, 1.5, 2.5)  # before the step [m]
-LISTED = 20  # numbers of failed approaches
+LISTED = 20  # listed failed approaches
 BAD = ('fell', 'hit', 'ran away', 'stuck', 'idle', 'undecided', 'raised')
 
 
 def interval(good: int, total: int, level: float = 0.95) -> Tuple[float, float]:
-    """Return the interval of Clopper and Pearson for a probability."""
+    """Return the Clopper-Pearson interval of a probability."""
     low, high = 0.5 * (1.0 - level), 0.5 * (1.0 + level)
     return (float(betaincinv(good, total - good + 1, low)) if good > 0 else 0.0,
             float(betaincinv(good + 1, total - good, high)) if good < total else 1.0)
@@ -47,12 +47,12 @@ def success(rows: Sequence[Row], low: float, high: float) -> Dict[str, Any]:
 
 
 def target(name: str, wanted: str, found: str, met: Optional[bool]) -> Dict[str, Any]:
-    """Return a line of the table of targets; `met` is None where nothing was measured."""
+    """Return a line of the table of targets; `met` is None if nothing was measured."""
     return {'figure': name, 'target': wanted, 'found': found, 'met': met}
 
 
 def gentle_falls(rows: Sequence[Row]) -> List[Row]:
-    """Return the falls on slopes on which none is allowed."""
+    """Return the falls on slopes on which no fall is allowed."""
     return [row for row in rows if row['outcome'] == 'fell' and abs(row['slope']) <= GENTLE]
 
 
@@ -69,14 +69,14 @@ def targets(rows: Sequence[Row], crossable: Sequence[Row]) -> List[Dict[str, Any
         lines += predictions(sensor, [row for row in every if row['sensor'] == sensor])
     crossed = sum(row['outcome'] == 'over' for row in crossable)
     lines.append(target(
-        'crossings of steps that 23 of 24 robots can cross (<= 1.15 m/s, best start allowed)',
+        'crossings of steps that 23 of 24 robots can cross (<= 1.15 m/s, best allowed start)',
         f'{CROSSED} of {OF}', f'{crossed} of {len(crossable)}',
         crossed * OF >= CROSSED * len(crossable) if crossable else None))
     for kind in ('step_down', 'trench'):
         one = missed([row for row in rows if row['kind'] == kind])
         lines.append(target(
-            f'{kind}, floor behind it observed or granted: crossed of those that the search with '
-            'the true robot crosses', '80 %',
+            f'{kind} with observed or granted floor behind it: crossings relative to the search '
+            'with the true robot', '80 %',
             f'{one["crossed"]} of {one["possible"]}',
             one['crossed'] >= SEARCH_PART * one['possible'] if one['possible'] else None))
     again = sum(one['same'] for row in every for one in row['attempts'])
@@ -84,7 +84,7 @@ def targets(rows: Sequence[Row], crossable: Sequence[Row]) -> List[Dict[str, Any
     counts = [row['changes'] for row in every]
     more = sum(count > CHANGES for count in counts)
     lines.append(target(
-        f'runs with more than {CHANGES} decision changes without news', '1 in 100',
+        f'runs with more than {CHANGES} decision changes without new information', '1 in 100',
         f'{more} of {len(counts)}; at most {max(counts, default=0)}',
         more <= (1.0 - CHANGES_RUNS) * len(counts)))
     number, correlation = margin_correlation(every)
@@ -96,7 +96,7 @@ def targets(rows: Sequence[Row], crossable: Sequence[Row]) -> List[Dict[str, Any
 
 
 def predictions(sensor: str, rows: Sequence[Row]) -> List[Dict[str, Any]]:
-    """Return predicted and observed success rates with a kind of sensor."""
+    """Return predicted and observed success rates for a kind of sensor."""
     lines = []
     for prediction, low, high in PREDICTIONS:
         found = success(rows, low, high)
@@ -122,7 +122,7 @@ def margin_correlation(rows: Sequence[Row]) -> Tuple[int, float]:
 
 
 def missed(rows: Sequence[Row]) -> Dict[str, Any]:
-    """Return how many obstacles the search crosses, and how many of these the planner missed."""
+    """Return how many obstacles the search crosses, and how many of them the planner missed."""
     searched = [row for row in rows if 'possible' in row]
     could = [row for row in searched if row['possible']]
     refused = [row for row in could if row['outcome'] != 'over']
@@ -139,7 +139,7 @@ def outcomes(rows: Sequence[Row]) -> Dict[str, int]:
 
 
 def by_room(rows: Sequence[Row], radius: float) -> List[Dict[str, Any]]:
-    """Return how many crossable steps were crossed, by the room before them."""
+    """Return the number of crossable steps that were crossed, by the room before them."""
     found = []
     for low, high in zip(ROOMS[:-1], ROOMS[1:]):
         here = [row for row in rows if low <= row['foot'] - radius < high]

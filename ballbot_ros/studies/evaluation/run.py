@@ -21,10 +21,10 @@ from ballbot_ros.studies.evaluation.terrains import true_faces
 
 OBSERVATION_PERIODS = 10  # control periods between two observations
 ODOMETRY_PERIODS = 5      # between two odometry messages
-APPROACH_TIME_MAX = 30.0         # of an approach, without the time for a long obstacle [s]
-SLOWEST = 0.2             # speed that the time limit allows over a long obstacle [m/s]
-REACTION_TIME = 0.3           # a decision may change for this time after news [s]
-ARRIVED = 0.05  # a ball is at the start of its run-up [m]
+APPROACH_TIME_MAX = 30.0         # time limit without the time for a long obstacle [s]
+SLOWEST = 0.2             # average speed that the time limit allows over a long obstacle [m/s]
+REACTION_TIME = 0.3           # a decision may change for this time after new information [s]
+ARRIVED = 0.05  # largest distance from the start of the run-up after arrival there [m]
 LOG_PERIOD = 0.5          # longest time between two lines of the log [s]
 
 # Called with time, state, decision, set angle and decider.
@@ -35,7 +35,7 @@ class NominalModel:
     """
     Assumptions of the decision: the nominal robot, curve and tunings, loaded and checked.
 
-    They are names or files; `changes` are other values of the decision tuning.
+    The arguments are names or files; `changes` are other values of the decision tuning.
     """
 
     def __init__(self, robot: str = 'gimball', curve: str = 'gimball_down',
@@ -59,9 +59,9 @@ class DecisionChanges:
     """
     Counts changes of kind or strategy without new information.
 
-    New information is an event of the `OutcomeMonitor`, the first observation, a new face, and
-    the two positions at which a plan changes its action: the start of its run-up, as soon as the
-    ball rests there, and its last edge.
+    New information is an event of the `OutcomeMonitor`, the first observation, a new face, or the
+    arrival at a position where a plan changes its action: the start of its run-up, as soon as the
+    ball rests there, or its last edge.
     """
 
     def __init__(self) -> None:
@@ -73,7 +73,7 @@ class DecisionChanges:
 
     def update(self, now: float, decision: Decision, monitor: OutcomeMonitor,
                decider: Decider) -> None:
-        """Take the decision of a time [s]."""
+        """Process the decision at a time [s]."""
         profile, motion, plan = decider.profile, decider.motion, decision.plan
         known = -1 if profile is None else max(
             (face.number for face in profile.faces), default=0)
@@ -92,7 +92,7 @@ class DecisionChanges:
             else None)
 
     def _arrives(self, motion: Motion) -> bool:
-        """Return whether the ball reaches the start or last edge of its plan, once for each."""
+        """Return whether the ball reaches the start or last edge of its plan; once for each."""
         if self._target is None or self._target[0] * (motion.position - self._target[1]) < 0.0 \
                 or self._target[0] < 0.0 and motion.speed < -REST_SPEED_MAX:
             return False
@@ -165,7 +165,7 @@ def run_approach(approach: Approach, planner: str, nominal: NominalModel,
 
 
 class DecisionLog:
-    """Collects a line for each change of the decision, and some between."""
+    """Collects a line for each change of the decision, and lines at intervals between changes."""
 
     def __init__(self, every: float = LOG_PERIOD):
         self.lines: List[str] = []
@@ -174,7 +174,7 @@ class DecisionLog:
 
     def update(self, now: float, state: State, decision: Decision, set_angle: float,
                decider: Decider) -> None:
-        """Take the decision of a time; see `Listener`."""
+        """Log the decision at a time; see `Listener`."""
         plan = decision.plan
         selected = (decision.kind, decision.reason, plan.strategy if plan else None)
         if selected == self._last and now < self._due - 1e-9:

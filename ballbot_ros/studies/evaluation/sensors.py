@@ -31,8 +31,8 @@ class SensorModel:
     # ``step`` (the next face only), ``terrain`` (points equally spaced along the ground) or
     # ``camera`` (points on rays at equal angles from an eye).
     kind: str = 'step'
-    # White noise [m]; of a terrain sensor that of the heights, of a camera that along the ray at
-    # the ball.
+    # White noise [m]; `height_sd` of a camera is the noise along the ray, near the ball, otherwise
+    # that of the heights.
     distance_sd: float = 0.0
     height_sd: float = 0.0
     distance_bias: float = 0.0  # constant error of all distances [m]
@@ -43,7 +43,7 @@ class SensorModel:
     eye_height: float = 0.0
     lowest_ray: float = math.radians(80.0)
     rays: int = 256  # of a camera
-    outliers: float = 0.0  # probability of a gross error, of a point or of a reported step
+    outliers: float = 0.0  # probability of a gross error in a point or a reported step
     # Largest random additional delay of a message [s]; messages may overtake each other.
     reordering: float = 0.0
     # From this time on the sensor repeats its last content with advancing stamps [s].
@@ -52,7 +52,7 @@ class SensorModel:
 
     @property
     def condition(self) -> str:
-        """Return its most severe fault in one word."""
+        """Return the most severe fault in one word."""
         if math.isfinite(self.frozen_from):
             return 'frozen'
         if self.outliers:
@@ -94,9 +94,9 @@ class SensorModel:
 
 def draw_sensor(random: Random, sensors: str, kind: Optional[str] = None) -> SensorModel:
     """
-    Return a sensor with faults, of a kind of `KINDS` (by default any) that detects the obstacle.
+    Return a sensor with drawn faults, of a kind of `KINDS`, by default any.
 
-    Kinds that do are those of `terrains.Shape.sensors`.
+    If the kind cannot detect the obstacle according to `terrains.Shape.sensors`, it is replaced.
     """
     drawn = str(random.choice(KINDS, p=(0.4, 0.25, 0.35)))
     wanted = kind or drawn
@@ -113,8 +113,8 @@ def draw_sensor(random: Random, sensors: str, kind: Optional[str] = None) -> Sen
         distance_sd=0.003 + 0.015 * even[0] if noisy and not points else 0.0,
         height_sd=0.0005 + 0.003 * even[1] if noisy else 0.0,
         distance_bias=0.03 * (even[2] - 0.5) if biased else 0.0,
-        # A frozen sensor has noise and the obstacle in sight: otherwise its content is that of an
-        # intact sensor above a plain floor.
+        # A frozen sensor has noise and the obstacle in range: otherwise its output would equal
+        # that of an intact sensor above a plain floor.
         reach=1.0 + 0.8 * even[3] if short and not frozen else FULL_REACH,
         spacing=0.005 + 0.015 * even[4],
         eye_height=0.4 * even[12], lowest_ray=math.radians(60.0 + 25.0 * even[13]),
@@ -134,7 +134,7 @@ def draw_sensor(random: Random, sensors: str, kind: Optional[str] = None) -> Sen
 
 class Camera:
     """
-    Rays at equal angles from an eye above the ball's centre, as of a depth camera.
+    Rays at equal angles from an eye above the ball's centre, like those of a depth camera.
 
     Points become sparse with distance; edges occlude the ground behind them, and the camera does
     not observe the ground behind its steepest ray.  Noise acts along the ray and grows with the
@@ -169,7 +169,7 @@ class Camera:
         return ahead, up, reported
 
     def _distances(self, eye: Array) -> Array:
-        """Return the distance along each ray to the ground [m], infinite for none."""
+        """Return the distance along each ray to the ground [m], infinite if there is none."""
         xs = self._vertices[:, 0]
         first = max(0, int(np.searchsorted(xs, eye[0])) - 1)
         behind = int(np.searchsorted(xs, eye[0] + self._model.reach, side='right'))

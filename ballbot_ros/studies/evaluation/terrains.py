@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Terrains for the evaluation: every kind of obstacle, drawn in size, on a slope.
+Terrains for the evaluation: obstacles of all kinds and of drawn sizes, on a slope.
 
-A kind of obstacle is a function of a random generator and of the length of floor that the
-decision may assume behind an edge, and a line of `KINDS`.
+A kind of obstacle is a line of `KINDS`, and a function of a random generator and of the length of
+floor that the decision may assume behind an edge.
 """
 from dataclasses import dataclass
 import math
@@ -17,11 +17,11 @@ Strides = List[Tuple[float, float]]
 Random = np.random.Generator
 
 FLOOR = 30.0  # length of the floor before and behind all obstacles [m]
-SLOPE_MAX = math.radians(4.0)  # slope below a whole terrain
+SLOPE_MAX = math.radians(4.0)  # largest slope of the entire terrain
 PLAIN_DISTANCE = 2.0  # distance to travel over a floor without obstacle [m]
 THRESHOLDS = 10  # of a corridor
 
-# A face is steeper than this and at least so high; anything less is not an obstacle.
+# A face is steeper than this slope and at least this high; other surfaces are not obstacles.
 FACE_SLOPE, FACE_HEIGHT = math.tan(math.radians(25.0)), 0.005  # [1], [m]
 
 
@@ -30,13 +30,13 @@ class Shape:
     """An obstacle."""
 
     description: str
-    strides: Strides  # from vertex to vertex, from the foot of the obstacle on [m]
+    strides: Strides  # displacements from vertex to vertex, from the foot of the obstacle on [m]
     # The ball is over when its centre is this far behind the foot [m]; infinite for an obstacle
     # that must not be crossed.
     goal: float
-    # Sensors that can detect it: ``any``, or ``terrain`` for those that see points.
+    # Sensors that can detect it: ``any``, or ``terrain`` for sensors that measure points.
     sensors: str = 'any'
-    # Range of the slope of the whole terrain [rad], if the kind has its own.
+    # Range of the slope of the entire terrain [rad], if it is specific to the kind.
     slope: Optional[Tuple[float, float]] = None
 
 
@@ -47,7 +47,7 @@ class Ground:
     kind: str
     description: str
     terrain: Terrain  # the ball starts at x = 0
-    foot: float  # where the obstacle begins [m]
+    foot: float  # start of the obstacle [m]
     goal: float  # the ball is over when its centre is beyond this [m]
     slope: float  # of the floor, positive uphill [rad]
     sensors: str
@@ -73,7 +73,7 @@ def _mm(random: Random, low: float, high: float) -> float:
 
 
 def _length(random: Random, low: float = 0.1, high: float = 0.6, room: float = 0.0) -> float:
-    """Return a length from a range that is moved up to begin at `room` [m]."""
+    """Return a length from a range, which is shifted up to start at `room` or above [m]."""
     return round(float(random.uniform(low, high)) + max(0.0, room - low), 3)
 
 
@@ -194,7 +194,7 @@ def _corridor(random: Random, room: float) -> Shape:
 
 DESCENT = (math.radians(-3.0), math.radians(-1.5))
 
-# Kind -> relative frequency, function that draws one.
+# Kind -> relative frequency, and function that draws an obstacle.
 KINDS: Mapping[str, Tuple[float, Callable[[Random, float], Shape]]] = {
     'step': (0.16, _step), 'threshold': (0.10, _threshold), 'stairs': (0.08, _stairs),
     'step_down': (0.08, _step_down), 'drop': (0.08, _drop), 'step_drop': (0.08, _step_drop),
@@ -206,9 +206,9 @@ KINDS: Mapping[str, Tuple[float, Callable[[Random, float], Shape]]] = {
 
 def draw_shape(random: Random, room: float, kind: Optional[str] = None) -> Tuple[str, Shape]:
     """
-    Return a kind of `KINDS`, by default any, and an obstacle of it.
+    Return a kind of `KINDS`, by default any, and an obstacle of this kind.
 
-    `room` is the floor behind each edge, where the kind can have it [m].
+    `room` is the length of floor behind each edge, if the kind allows for it [m].
     """
     names = list(KINDS)
     weights = np.array([KINDS[name][0] for name in names])
@@ -220,11 +220,11 @@ def draw_shape(random: Random, room: float, kind: Optional[str] = None) -> Tuple
 def lay(kind: str, shape: Shape, foot: float, slope: float, back: Optional[float],
         friction: float) -> Ground:
     """
-    Return the terrain with an obstacle, which begins at `foot`; the ball starts at 0 [m].
+    Return the terrain with an obstacle, whose foot is at `foot`; the ball starts at 0 [m].
 
-    The slope is that of everything, positive uphill [rad]; `back` how far behind the start the
-    floor ends in a drop [m], None if it does not end; and the friction the coefficient of all
-    surfaces.
+    `slope` is that of the entire terrain, positive uphill [rad]; `back` is the distance behind the
+    start at which the floor ends in a drop [m], None without a drop; and `friction` is the
+    coefficient of all surfaces.
     """
     vertices = [(foot, 0.0)]
     for run, rise in shape.strides:

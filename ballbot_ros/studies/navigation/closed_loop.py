@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A simulated robot on a floor that a `Navigator` drives, with its sensors and localisation."""
+"""A simulated robot that a `Navigator` drives on a floor, with its sensors and localisation."""
 from dataclasses import dataclass
 import math
 from typing import Callable, Optional, Tuple
@@ -59,7 +59,7 @@ class FloorLoop:
             * self._random.standard_normal(3)
         self.state, self.command = NavigationState(), Command(CommandKind.REST)
         self.ticks = 0
-        self.offset = (0.0, 0.0, 0.0)  # of the localisation, set from outside
+        self.offset = (0.0, 0.0, 0.0)  # of the localisation, set by the caller
 
     @property
     def percept(self) -> Percept:
@@ -115,7 +115,7 @@ class FloorLoop:
             self.plant.time, seen.x, seen.z, seen.z_sd, seen.x_min, seen.x_max)
 
     def _scan(self, percept: Percept) -> Tuple[Point, ...]:
-        """Return the points of the planar laser, placed by the localisation [m]."""
+        """Return the points of the planar laser in the frame of the map, as localised [m]."""
         x, y, heading = self.plant.pose
         angles = np.linspace(-math.pi, math.pi, RAYS, endpoint=False)
         measured = ranges(self._floor, (x, y), (heading + angles).tolist(), LASER_REACH) \
@@ -126,7 +126,7 @@ class FloorLoop:
                      if math.isfinite(distance))
 
     def run(self, limit: float, listener: Optional[Callable[['FloorLoop'], None]] = None) -> None:
-        """Run until the goal has ended, or for a time [s]."""
+        """Run until the goal has ended, or up to a time [s]."""
         while self.plant.time < limit and not self.state.status.ended:
             self.step()
             if listener is not None:

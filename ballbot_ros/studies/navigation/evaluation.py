@@ -2,8 +2,8 @@
 """
 Drives to goals in random houses, on many cores; an interrupted run resumes.
 
-The planner is compared with two planners without run-ups: one treats each step as a wall,
-one as free floor.
+The planner is compared with two planners without run-ups: one treats each step as a wall, the
+other as free floor.
 """
 from concurrent.futures import Executor
 from dataclasses import dataclass
@@ -39,7 +39,7 @@ Row = Dict[str, Any]
 
 
 class _Fixed(Capability):
-    """Offers the same crossings of each step."""
+    """Offers the same crossings for each step."""
 
     def __init__(self, *offered: CrossingPlan):
         super().__init__(knowledge())
@@ -65,9 +65,9 @@ def _capabilities() -> Dict[str, Capability]:
 
 @dataclass(frozen=True)
 class NavigationEvaluation:
-    """Which goals to drive to."""
+    """The goals to drive to."""
 
-    parts: Tuple[Tuple[str, int], ...]  # planner and number of goals: the first ones
+    parts: Tuple[Tuple[str, int], ...]  # planner and number of goals, from the first on
     seed: int = 0
 
     @property
@@ -76,14 +76,14 @@ class NavigationEvaluation:
 
     @property
     def digest(self) -> str:
-        """Return a digest of all that the rows depend on besides their numbers."""
+        """Return a digest of all inputs of the rows, except their numbers."""
         known = source_digest(), self.seed, knowledge().robot.digest
         return hashlib.sha256(repr(known).encode()).hexdigest()[:16]
 
 
 def run_block(evaluation: NavigationEvaluation, planner: str, first: int, behind: int
               ) -> List[Row]:
-    """Drive to some goals."""
+    """Drive to a range of goals."""
     return [drive(draw_house(knowledge().robot, evaluation.seed, number), planner)
             for number in range(first, behind)]
 
@@ -110,11 +110,11 @@ def drive(house: House, planner: str) -> Row:
     def watch(loop: FloorLoop) -> None:
         nonlocal velocity
         x, y, heading = loop.plant.pose
-        away, way = house.truth.nearest_wall((x, y))
+        distance, offset = house.truth.nearest_wall((x, y))
         before, speed = velocity, loop.plant.state.velocity_x
         velocity = speed * math.cos(heading), speed * math.sin(heading)
-        if 0.0 < away <= known.robot.ball_radius + CONTACT:
-            row['hit'] = max(row['hit'], float(np.dot(before, way)) / away)
+        if 0.0 < distance <= known.robot.ball_radius + CONTACT:
+            row['hit'] = max(row['hit'], float(np.dot(before, offset)) / distance)
         row['fell'] = row['fell'] or any(bool(inside(x, y, polygon)) for polygon in stairs)
     try:
         loop.begin(house.goal)
@@ -153,8 +153,8 @@ def report(rows: Sequence[Row]) -> Dict[str, Dict[str, Any]]:
     """
     Return the figures of each planner.
 
-    ``right`` counts arrivals, and failures to arrive where no route with perfect knowledge of the
-    floor exists either.
+    ``right`` counts arrivals, and failures to arrive at goals to which no route exists even with
+    perfect knowledge of the floor.
     """
     found = {}
     for planner in dict.fromkeys(row['planner'] for row in rows):

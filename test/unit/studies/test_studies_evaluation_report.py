@@ -90,7 +90,7 @@ def test_page_summary_and_picture_show_every_planner_and_mark_what_is_missed():
         row(1, 'fell', attempts=[attempt(0.95, False)], possible=True),
         row(0, group='crossable')]), allow_nan=False))
     text = page(counted, 'ballbot evaluate-decision')
-    assert '**missed**' in text and '| cubic | 2 |' in text and 'not 1: 1 step' in text
+    assert '**missed**' in text and '| cubic | 2 |' in text and 'not cross 1: 1 step' in text
     assert '* fell: 1' in text and 'fell: 1' in summary(counted)
     assert len(figures.evaluation(counted).axes) == 3
 
