@@ -9,23 +9,23 @@ from ballbot_ros.physics.simulation.scene import Scene
 from ballbot_ros.results.digests import scene_digests
 
 SIMULATOR, BRIDGE = 'simulator', 'bridge'
-KEY = 'ballbot_ros'  # of the text, a JSON object
+KEY = 'ballbot_ros'  # key of the text, a JSON object
 
 
 @dataclass(frozen=True)
 class BagMetadata:
     source: str = ''  # `SIMULATOR` or `BRIDGE`; empty if the bag does not contain it
     version: str = ''  # of this package
-    # Those of the node that is the source.
+    # Parameters of the source node.
     parameters: Mapping[str, Any] = field(default_factory=dict)
-    # See `scene_digests`; empty where no scene is known.
+    # See `scene_digests`; empty without a scene.
     digests: Mapping[str, str] = field(default_factory=dict)
     # Parameters of the node obstacle_decision; empty without one.
     decision: Mapping[str, Any] = field(default_factory=dict)
 
     @classmethod
     def read(cls, texts: Mapping[str, str]) -> 'BagMetadata':
-        """Return the values of the texts of a bag; defaults where they are missing or damaged."""
+        """Return the metadata in the texts of a bag; defaults if they are missing or damaged."""
         try:
             content = json.loads(texts.get(KEY, '{}'))
             return cls(**{item.name: type(getattr(cls(), item.name))(content[item.name])

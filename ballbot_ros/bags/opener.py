@@ -20,14 +20,14 @@ MISSING = ('bags need the Python package rosbags (pip install rosbags), or the R
            'rosbag2_py with its MCAP storage; neither is installed')
 BAG_SUFFIXES = ('.mcap', '.db3')
 MCAP_MAGIC = b'\x89MCAP0\r\n'  # an MCAP file begins with it
-# Errors of a reader for bytes that are not a bag, or a damaged one.
+# Errors that readers raise for data that are not a bag, or for a damaged bag.
 READER_ERRORS = (ArithmeticError, AssertionError, AttributeError, EOFError, LookupError,
                  MemoryError, OSError, RuntimeError, TypeError, ValueError, sqlite3.Error,
                  struct.error)
 
 
 def is_bag(path: Path) -> bool:
-    """Return whether a path looks like a bag: its one file, or a folder with one or its index."""
+    """Return whether a path looks like a bag: a file, or a folder with one or with an index."""
     if path.is_dir():
         return (path / 'metadata.yaml').exists() or any(
             file.suffix in BAG_SUFFIXES for file in path.iterdir())
@@ -55,7 +55,7 @@ def unreadable(path: Path, error: BaseException) -> ConfigurationError:
 
 
 def custom_data(path: Path) -> Mapping[str, str]:
-    """Return the texts in the ``metadata.yaml`` of a bag; none where there is no such file."""
+    """Return the texts in the ``metadata.yaml`` of a bag; none without such a file."""
     file = path / 'metadata.yaml'
     if not file.is_file():
         return {}
@@ -70,8 +70,8 @@ def custom_data(path: Path) -> Mapping[str, str]:
 class Bag(NamedTuple):
     topics: Mapping[str, str]  # types of the messages, such as ``sensor_msgs/msg/JointState``
     metadata: Mapping[str, str]  # written by the recorder
-    # Yields topic and message of some topics in the order of the bag; raises `ConfigurationError`
-    # where the bag is damaged.
+    # Yields name and message of the given topics in the order of the bag; raises
+    # `ConfigurationError` if the bag is damaged.
     messages: Callable[[Collection[str]], Iterator[Tuple[str, Any]]]
 
 
@@ -131,7 +131,7 @@ def _open_with_rosbag2(path: Path) -> Bag:
 
 @contextmanager
 def open_bag(path: Path) -> Iterator[Bag]:
-    """Open a bag, a folder or its one file; `ConfigurationError` if it cannot be read."""
+    """Open a bag by its folder or file; raise `ConfigurationError` if it cannot be read."""
     if find_spec('rosbags') is not None:
         with _open_with_rosbags(path) as bag:
             yield bag

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Record topics of a running graph, also those that appear later, and their source."""
+"""Record topics of a running graph, also topics that appear later, and their source node."""
 from collections import Counter
 from functools import partial
 from pathlib import Path
@@ -16,19 +16,19 @@ from ballbot_ros.ros.graph import Observer
 from ballbot_ros.ros.parameters import BUILT_IN
 from ballbot_ros.ros.topics import message_class
 
-# Of a subscription: deep enough for a recorder that is delayed by some seconds.
+# Depth of a subscription, sufficient for a recorder that is delayed by some seconds.
 QUEUE_DEPTH = 5000
-GRAPH_PERIOD = 0.2  # of the search for new topics [s]
+GRAPH_PERIOD = 0.2  # period of the search for new topics [s]
 # Topics of the graph itself; `ros2 bag record -a` leaves out hidden names only.
 GRAPH_TOPICS = ('/rosout', '/parameter_events')
-PARAMETERS_TIMEOUT = 2.0  # of the node that is the source, for its parameters [s]
+PARAMETERS_TIMEOUT = 2.0  # timeout for the parameters of the source node [s]
 
 
 def source_metadata(observer: Observer) -> Dict[str, str]:
     """
     Return the metadata of a bag of the running simulator or bridge, for `ballbot replay`.
 
-    Empty if there is none or more than one of them, or without an answer.
+    Empty if not exactly one of them is running, or it does not reply.
     """
     observer.settle()
     found = [names for names in observer.node.get_node_names_and_namespaces()

@@ -18,10 +18,10 @@ Values = Dict[str, float]
 # Columns of a trajectory after the time, by their names in a ball_state.
 COLUMNS = ('ball_angle', 'pendulum_angle', 'x', 'y', 'ball_rate', 'pendulum_rate', 'velocity_x',
            'velocity_y')
-# Of a ball_state, those that determine the further motion, and the torque of the motor.
+# Fields of a ball_state that determine the further motion, and the motor torque.
 BALL_STATE = ('x', 'y', 'ball_angle', 'pendulum_angle', 'velocity_x', 'velocity_y', 'ball_rate',
               'pendulum_rate', 'pendulum_torque', 'motor_work')
-# Units. Absent in bags of versions without turning.
+# Units; absent in bags of versions without steering.
 LATERAL_STATE = {
     'position_x': 'm', 'position_y': 'm', 'heading': 'rad', 'yaw_rate': 'rad/s',
     'lean': 'rad', 'lean_rate': 'rad/s', 'tilt': 'rad', 'tilt_rate': 'rad/s'}
@@ -36,17 +36,17 @@ JOINT_VALUES = {
 class RecordedRun:
     """A run, by stamp [ns]."""
 
-    # Angles, rates and torque as on ``joint_states``.  One each stamp; more where the simulation
-    # was reset at that time.
+    # Angles, rates and torque as on ``joint_states``.  One per stamp; more if the simulation was
+    # reset at that time.
     joints: Dict[int, List[Values]] = field(default_factory=dict)
-    # As on ``ball_state``; none of a real robot.
+    # As on ``ball_state``; empty for a real robot.
     balls: Dict[int, List[Values]] = field(default_factory=dict)
     odometry: Dict[int, Values] = field(default_factory=dict)
     # Torque [N m] that answers the joint state of that stamp.
     commands: Dict[int, float] = field(default_factory=dict)
-    # Set-point of the lean [rad] in the same command; of a robot that turns.
+    # Set-point of the lean in the same command, for a steered robot [rad].
     leans: Dict[int, float] = field(default_factory=dict)
-    # As sent, `Mode.SPEED` for those of ``cmd_vel``.
+    # As sent; set-points from ``cmd_vel`` have `Mode.SPEED`.
     set_points: List[SetPoint] = field(default_factory=list)
     metadata: Mapping[str, str] = field(default_factory=dict)  # of the bag
 
@@ -60,17 +60,17 @@ def read_run(path: Path, namespace: Optional[str] = None) -> RecordedRun:
     """
     Return the run of a robot in a bag, which `namespace` selects if there are several.
 
-    Raises `ConfigurationError` if the bag cannot be read, or has no joint states, or those of
-    several robots.
+    Raises `ConfigurationError` if the bag cannot be read, or has no joint states, or has several
+    robots and no `namespace` is given.
     """
     with open_bag(path) as bag:
         where = _namespace(path, bag, namespace)
         run = RecordedRun(metadata=bag.metadata)
-        takers = {f'{where}/{name}': (kind, take) for name, (kind, take) in _takers(run).items()}
+        handlers = {f'{where}/{name}': found for name, found in _handlers(run).items()}
         wanted = [topic for topic, kind in bag.topics.items()
-                  if topic in takers and kind.endswith(takers[topic][0])]
+                  if topic in handlers and kind.endswith(handlers[topic][0])]
         for topic, message in bag.messages(wanted):
-            takers[topic][1](message)
+            handlers[topic][1](message)
     if not run.joints:
         raise ConfigurationError(
             f'{path}: {where}/joint_states is empty: nothing to replay', 'missing', 'joint_states')
@@ -120,9 +120,9 @@ def stamp_of(message: Any) -> int:
     return int(message.header.stamp.sec) * 10**9 + int(message.header.stamp.nanosec)
 
 
-def _takers(run: RecordedRun) -> Dict[
+def _handlers(run: RecordedRun) -> Dict[
         str, Tuple[Union[str, Tuple[str, ...]], Callable[[Any], object]]]:
-    """Return type and function that takes a message, by the last part of the topic."""
+    """Return message type and handler by the last part of the topic."""
     def state(kept: Dict[int, List[Values]], stamp: int, values: Values) -> None:
         known = kept.setdefault(stamp, [])
         if not known or not same(known[-1], values):  # a repeated one counts once
@@ -161,7 +161,7 @@ def _takers(run: RecordedRun) -> Dict[
 
 
 def same(one: Mapping[str, float], other: Mapping[str, float]) -> bool:
-    """Return whether the values of two states are identical to the bit."""
+    """Return whether the values of two states are bit-identical."""
     return {name: value.hex() for name, value in one.items()} \
         == {name: value.hex() for name, value in other.items()}
 

@@ -27,7 +27,7 @@ class Commands:
     """
     Each recorded command, in the period whose state it answers.
 
-    As the other sources of torque, it returns the torque from one stamp to the next one [ns], None
+    Like the other sources of torque, it returns the torque from one stamp to the next [ns], None
     if it is unknown, and the set-point of the lean for a plant that steers [rad].
     """
 
@@ -52,7 +52,7 @@ class MotorTorques:
         self._joints = run.joints
 
     def torque(self, stamp: int, after: int, plant: Plant) -> Optional[float]:
-        """Return the torque of the first state of that stamp."""
+        """Return the torque in the first state at the stamp `after`."""
         return self._joints[after][0].get('pendulum_torque', 0.0) \
             if after in self._joints else None
 
@@ -62,7 +62,7 @@ class MotorTorques:
 
 
 class Laws:
-    """Laws on board, which receive recorded set-points at the times of their stamps."""
+    """Onboard control laws, which receive recorded set-points at the times of their stamps."""
 
     what = 'recorded set-points, applied to the laws on board at the times of their stamps'
 
@@ -96,7 +96,7 @@ class Departure:
     """The first value that differs from the recording."""
 
     time: float  # [s]
-    states: int  # before it, all of them identical
+    states: int  # number of states before it, all identical
     channel: str
     recorded: float
     again: float
@@ -119,19 +119,19 @@ class Rerun:
     """A repeated run."""
 
     what: str  # source of the torque
-    states: int = 0  # that were compared
-    identical: int = 0  # of these, bit for bit
+    states: int = 0  # number of compared states
+    identical: int = 0  # number of bit-identical states
     departure: Optional[Departure] = None  # the first one
     applied: int = 0  # periods for which the source had a torque
     filled: int = 0  # periods without one, in which the motor torque was used
     resets: int = 0  # number of resets of the simulation
-    ended: str = ''  # reason for an end before that of the recording; empty without one
+    ended: str = ''  # reason for an early end; empty without one
     # Values by channel and time [s].
     recorded: Dict[str, Dict[float, float]] = field(default_factory=dict)
     again: Dict[str, Dict[float, float]] = field(default_factory=dict)
 
     def compare(self, time: float, all_recorded: List[Values], plant: Plant) -> None:
-        """Compare a state with its record, from one topic or two."""
+        """Compare a state with its records from one or two topics."""
         again, good = plant_values(plant), True
         for recorded in all_recorded:
             for name, value in recorded.items():
@@ -150,7 +150,7 @@ class Rerun:
 
 def rerun(plant: Plant, run: RecordedRun, torques: Torques) -> Rerun:
     """
-    Run a plant of the simulator from its start by a recording, and compare each recorded state.
+    Rerun a recording on a simulated plant from its start, and compare each recorded state.
 
     For an unknown torque, the motor torque in the next joint state is used.  Raises
     `ConfigurationError` if stamps are not those of the control rate.
@@ -170,7 +170,7 @@ def rerun(plant: Plant, run: RecordedRun, torques: Torques) -> Rerun:
     begin.compare(plant.time, [*run.joints.get(moments[0], [])[:1],
                                *run.balls.get(moments[0], [])[:1]], plant)
     if first and not begin.identical:
-        # A simulator that waits publishes its start once, before a later recorder subscribes.
+        # A waiting simulator publishes its initial state once, before a later recorder subscribes.
         grid.insert(0, round((first - 1) * plant.period * 1e9))
         plant.periods = first - 1
         plant.reset()
@@ -202,11 +202,11 @@ def rerun(plant: Plant, run: RecordedRun, torques: Torques) -> Rerun:
     return found
 
 
-# Times, measured and model.
+# Times, measured values and model values.
 Series = Mapping[str, Tuple[Array, Array, Array]]
 
 UNITS = {**CHANNELS, **LATERAL_STATE, 'pendulum_torque': 'N m', 'motor_work': 'J'}
-DEPARTURE_SHARE = 0.05  # of the range of a channel: a larger difference is a departure
+DEPARTURE_SHARE = 0.05  # fraction of the range of a channel; a larger difference is a departure
 JOINTS, ODOMETRY = ('ball_angle', 'ball_rate', 'joint_angle', 'joint_rate'), ('x', 'velocity_x')
 
 
@@ -218,8 +218,8 @@ class Difference(NamedTuple):
     rms: float
     largest: float  # magnitude
     when: float  # of the largest [s]
-    span: float  # of the recording, from its least to its largest value
-    departs: float  # when the gap first exceeds `DEPARTURE_SHARE` of the span [s]; NaN for never
+    span: float  # range of the recorded values
+    departs: float  # time at which the gap first exceeds `DEPARTURE_SHARE` [s]; NaN for never
 
 
 def differences(series: Series) -> List[Difference]:
@@ -237,20 +237,20 @@ def differences(series: Series) -> List[Difference]:
 
 def measured_columns(run: RecordedRun) -> Dict[str, Array]:
     """
-    Return the columns of a recording as `Recording.of_columns` takes them, from its first state.
+    Return the columns of a recording for `Recording.of_columns`, from its first state.
 
-    The shell starts at the angle 0, as its earlier turns have no effect: the joint starts at the
+    The shell starts at the angle 0, as its earlier turns have no effect; the joint starts at the
     absolute angle of the pendulum.  Odometry is interpolated to the stamps of the joint states.
 
-    Raises `ConfigurationError` if there are fewer than 8 joint states with shell and, if the robot
-    has one, pendulum.
+    Raises `ConfigurationError` if fewer than 8 joint states contain the shell and, if the robot
+    has one, the pendulum.
     """
     names = JOINTS if any('joint_angle' in states[-1] for states in run.joints.values()) \
         else JOINTS[:2]
     rows = [(stamp, states[-1]) for stamp, states in sorted(run.joints.items())
             if all(math.isfinite(states[-1].get(name, math.nan)) for name in names)]
     seen = sorted(run.odometry)
-    if seen:  # the position outside is unknown
+    if seen:  # before and after it the position is unknown
         rows = [row for row in rows if seen[0] <= row[0] <= seen[-1]]
     if len(rows) < 8:
         raise ConfigurationError(
@@ -294,7 +294,7 @@ def scene_content(scene: str, robot: str, columns: Mapping[str, Array]) -> Dict[
     Return the content of a scene file that starts as a recording does.
 
     Scene and robot are names or files; an empty robot keeps that of the scene.  The x of the
-    columns is moved to the start of the scene, because odometry starts at 0 at any position.
+    columns is moved to the start of the scene, because odometry always starts at 0.
     """
     content = dict(read_yaml(find_config('scenes', scene)))
     robot = robot or str(content.get('robot', ''))
@@ -317,7 +317,7 @@ def scene_content(scene: str, robot: str, columns: Mapping[str, Array]) -> Dict[
 
 def driven_series(scene: Scene, columns: Mapping[str, Array]) -> Series:
     """
-    Return measured and model of all channels, under the torque in the recording.
+    Return measured and modelled values of all channels, under the recorded torque.
 
     Raises `ConfigurationError` if there is no torque, `SimulationError` if the model fails.
     """

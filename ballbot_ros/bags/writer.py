@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Record topics into an MCAP bag for `ros2 bag`, Foxglove and PlotJuggler; find its gaps."""
+"""Record topics into an MCAP bag for `ros2 bag`, Foxglove and PlotJuggler; find gaps in it."""
 from importlib.util import find_spec
 from pathlib import Path
 import shutil
@@ -26,7 +26,7 @@ CDR_HEADER_SIZE, CDR_COUNT_SIZE = 4, 4
 _STAMP, _COUNT = struct.Struct('<iI'), struct.Struct('<I')
 STAMPED = ('std_msgs/Header', 'builtin_interfaces/Time')
 SEQUENCES = ('sequence<geometry_msgs/TransformStamped>', 'sequence<visualization_msgs/Marker>')
-# These topics carry wall time, even where the robot uses another clock.
+# Messages of these types carry wall time, even if the robot uses another clock.
 WALL_TIME_MESSAGES = ('DiagnosticArray', 'Log')
 
 StampOf = Callable[[bytes], int]
@@ -36,10 +36,10 @@ POLL_PERIOD = 0.002
 
 def offered_qos(node: Node, topic: str) -> List[Qos]:
     """
-    Return the quality of service that a topic is published with, for its replay.
+    Return the quality of service with which a topic is published, for its replay.
 
     It is that of the publishers in the graph or, before there are any, of the table of topics.
-    Discovery does not transmit the depth, which is therefore that of the table.
+    Discovery does not transmit the depth, which is therefore taken from the table.
     """
     known = TOPICS.get(topic) or TOPICS.get(topic.rpartition('/')[2])
     offered = {qos.of(one.qos_profile, known.offered.depth if known is not None
@@ -52,7 +52,7 @@ class BagRecorder:
     """
     Writes serialized messages on arrival into a new bag, with the stamp of their header.
 
-    Messages without a stamp, or with a wall time, take the last stamp before them; see
+    Messages without a stamp, or with a wall time, get the last stamp before them; see
     `stamp_reader`.  Messages are neither decoded nor encoded, which keeps recording cheap.  Use as
     a context manager: the bag is complete when it is closed, also after an error; an older bag in
     the folder is replaced.
@@ -66,9 +66,9 @@ class BagRecorder:
         self._subscriptions: List[Tuple[Subscription, Callable[[bytes], None]]] = []
         self.recorded: Dict[str, List[int]] = {}  # stamps by topic [ns]
         self._latest: Dict[str, int] = {}  # largest stamp by topic [ns]
-        self.failure: Optional[Exception] = None  # that ended the thread
-        self._newest: Optional[int] = None  # stamp [ns]
-        self._early: List[Callable[[], None]] = []  # without a stamp, and before any other
+        self.failure: Optional[Exception] = None  # error that ended the thread
+        self._newest: Optional[int] = None  # latest stamp [ns]
+        self._early: List[Callable[[], None]] = []  # writes before the first stamp
         self._taking, self._ending = threading.Lock(), threading.Event()
         self._thread: Optional[threading.Thread] = None
 
@@ -78,7 +78,7 @@ class BagRecorder:
 
     def __exit__(self, *_: Any) -> None:
         self._ending.set()
-        if self._thread is not None and self._thread.is_alive():  # a signal may end its start
+        if self._thread is not None and self._thread.is_alive():  # a signal may end the start
             self._thread.join()
         if self._newest is None:
             self._newest = time.time_ns()
@@ -108,7 +108,7 @@ class BagRecorder:
         Return whether each of these topics is recorded up to a stamp [ns].
 
         Delivery is reliable and in order, so all messages before it are recorded, too.  Publishers
-        must not end before: undelivered messages are lost.
+        must run until then: undelivered messages are lost.
         """
         return all(self._latest.get(topic, -1) >= stamp for topic, stamp in stamps.items())
 
@@ -146,7 +146,7 @@ class BagRecorder:
 
         def write(data: bytes) -> None:
             if timed:
-                # A zero stamp means none, except at the start of simulated time.
+                # A zero stamp means no stamp, except at the start of simulated time.
                 self._newest = stamp_in(data) or self._newest or 0
                 self._write_early()
             elif self._newest is None:
@@ -166,7 +166,7 @@ class BagRecorder:
 
 
 def stamp_of(data: bytes, offset: int = CDR_HEADER_SIZE) -> int:
-    """Return the stamp that a serialized message begins with [ns]."""
+    """Return the stamp at the beginning of a serialized message [ns]."""
     seconds, nanoseconds = _STAMP.unpack_from(data, offset)
     return int(seconds) * 10**9 + int(nanoseconds)
 
@@ -178,7 +178,7 @@ def stamp_of_first(data: bytes) -> int:
 
 
 def unstamped(data: bytes) -> int:
-    """Return 0: the message has the time of its arrival."""
+    """Return 0, for a message without a stamp."""
     return 0
 
 
@@ -187,7 +187,7 @@ def stamp_reader(kind: Any) -> StampOf:
     Return the function that reads the stamp of messages of a class [ns]; 0 where they have none.
 
     A stamp is at the beginning: a time or a header, or a sequence of messages
-    that begin with a header, as those of /tf.
+    that begin with a header, as on /tf.
     """
     first = next(iter(kind.get_fields_and_field_types().values()), '')
     if kind.__name__ in WALL_TIME_MESSAGES:
@@ -253,7 +253,7 @@ def _rosbags_qos(offered: Qos) -> Any:
 
 
 class Rosbag2Writer:
-    """Writes with rosbag2_py, which finds message types by itself; see `bag_writer`."""
+    """Writes with rosbag2_py, which finds the message definitions itself; see `bag_writer`."""
 
     def __init__(self, folder: Path, metadata: Mapping[str, str]):
         import rosbag2_py
@@ -264,7 +264,7 @@ class Rosbag2Writer:
         self._topics = 0
 
     def open(self) -> None:
-        """Open the bag; `ConfigurationError` without a storage plugin for MCAP."""
+        """Open the bag; raise `ConfigurationError` without a storage plugin for MCAP."""
         try:
             self._writer.open(self._storage, self._rosbag2.ConverterOptions('cdr', 'cdr'))
         except RuntimeError as error:
@@ -288,7 +288,7 @@ class Rosbag2Writer:
         self._writer.write(topic, data, stamp)
 
     def close(self) -> None:
-        self._writer = None  # its destructor completes the bag, in every distribution
+        self._writer = None  # its destructor completes the bag, in every ROS distribution
 
 
 def also_recorded() -> Tuple[str, ...]:
@@ -302,8 +302,8 @@ def verdict(bag: Path, recorded: Mapping[str, Sequence[int]], rates: Mapping[str
     """
     Return a sentence for each gap in a closed bag, and its number of messages.
 
-    `recorded` has the stamps by topic [ns], of which repeated ones count once; `rates` the
-    required rate of topics from time 0 to the stamp `end` [Hz], [ns].
+    `recorded` has the stamps by topic [ns], where repeated ones count once; `rates` the required
+    rates by topic [Hz], from time 0 to the stamp `end` [ns].
     """
     found = []
     for topic, rate in rates.items():

@@ -3,5 +3,5 @@
 The last ten minutes of a session, as an MCAP file after a fault.
 
 ``ring`` keeps MCAP messages in memory, ``dump`` writes them to a file, ``read`` reads it, and
-``report`` makes text and tables of it.  Foxglove opens the file, too.
+``report`` converts it to text and tables.  Foxglove opens the file, too.
 """

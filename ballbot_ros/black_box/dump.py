@@ -3,7 +3,7 @@
 Files of a black box: MCAP, written by a separate thread, so that the loop never waits for a disk.
 
 The blocks of the ring are the chunks of the file, so that a dump takes little CPU time from the
-loop: it compresses them, without Python's lock, and writes them.
+loop: it only compresses them, without the interpreter lock, and writes them.
 """
 from contextlib import suppress
 from datetime import datetime, timezone
@@ -29,9 +29,9 @@ LIBRARY = 'ballbot_ros black box'
 ENDING, NAME = '.mcap', 'ballbot-%Y%m%dT%H%M%S.%fZ'
 # The file covers this time after a fault, too [s].
 TIME_AFTER_FAULT = 1.0
-# Time between two files [s]; doubled each time that the fault is the same again.
+# Shortest time between two files [s]; doubled each time the same fault recurs.
 SHORTEST_PAUSE = 10.0
-# The oldest file is deleted when there are more.
+# Largest number of files; the oldest ones are deleted.
 MOST_FILES = 10
 # Age of the last write after which a draft belongs to a killed process [s].
 STALE_DRAFT = 60.0
@@ -44,7 +44,7 @@ class BlackBoxFiles:
     """
     Writes the content of a black box to a folder after each fault, with metadata for a reader.
 
-    `failure` is why the last file could not be written, empty if it could; `written` counts files.
+    `failure` is why the last file was not written, empty if it was; `written` counts the files.
     """
 
     def __init__(self, box: BlackBox, folder: Path, about: Mapping[str, str]):
@@ -91,7 +91,7 @@ class BlackBoxFiles:
 def write_file(folder: Path, box: BlackBox, when: float, reason: str,
                about: Mapping[str, str]) -> Path:
     """
-    Write a file, whole or not at all, delete the oldest ones, and return its path.
+    Write a file atomically, delete the oldest ones, and return its path.
 
     `when` is the time of the fault by the clock of the box [s].  Raises `OSError` if it cannot be
     written.

@@ -2,8 +2,8 @@
 """
 Read the file of a black box.
 
-Of a damaged or truncated file the readable part is returned; `BlackBoxRecording.damage` lists the
-rest.
+The readable part of a damaged or truncated file is returned; `BlackBoxRecording.damage` lists the
+unreadable parts.
 """
 from dataclasses import dataclass, field
 from datetime import datetime, timezone
@@ -27,7 +27,7 @@ from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.results.files import PathLike
 
-# No record is longer [bytes]; a length beyond is damage.
+# Largest length of a record [bytes]; a greater one indicates damage.
 LONGEST_RECORD = 1 << 22
 DAMAGES = (McapError, EOFError, MemoryError, OverflowError, ValueError, KeyError, RuntimeError,
            struct.error)
@@ -75,7 +75,7 @@ def date(time: float) -> datetime:
 
 
 def find_black_box(path: Path) -> Optional[Path]:
-    """Return a file of a black box, the latest one of a folder, None for anything else."""
+    """Return the file of a black box, the latest one in a folder, None for anything else."""
     if path.is_dir():
         files = sorted(path.glob(f'ballbot-*{ENDING}'))
         return files[-1] if files and _is_black_box(files[-1]) else None
@@ -92,13 +92,13 @@ def _is_black_box(path: Path) -> bool:
 
 
 def read_black_box(path: PathLike) -> BlackBoxRecording:
-    """Read a file; `ConfigurationError` if it is not that of a black box, or has no metadata."""
+    """Read a file; raise `ConfigurationError` if it is not a black box or has no metadata."""
     damage: List[str] = []
     metadata: Dict[str, Dict[str, str]] = {}
     messages: Dict[int, List[Tuple[float, bytes]]] = {number: [] for number in CHANNELS}
     complete = False
     try:
-        # A damaged length reads to the end of a `BytesIO`; of a file it would allocate the length.
+        # With a damaged length, a `BytesIO` is read to its end; a file would allocate that length.
         stream = BytesIO(Path(path).read_bytes())
     except OSError as error:
         raise ConfigurationError(
@@ -143,9 +143,9 @@ def _take(chunk: Chunk, messages: Dict[int, List[Tuple[float, bytes]]],
         stream, size = get_chunk_data_stream(chunk, validate_crc=True)
         data = stream.read(size)
     except DAMAGES as error:
-        damage.append(f'a chunk is damaged and is left out: {error!r}')
+        damage.append(f'a damaged chunk was skipped: {error!r}')
         return
-    at = 0  # the library would create an object for each message
+    at = 0  # the library would create an object per message
     while at < size:
         _, length, channel, _, stamp, _, _ = MESSAGE.unpack_from(data, at)
         end = at + OUTSIDE_LENGTH + length
@@ -154,7 +154,7 @@ def _take(chunk: Chunk, messages: Dict[int, List[Tuple[float, bytes]]],
 
 
 def _tables(messages: Mapping[int, List[Tuple[float, bytes]]]) -> Dict[str, Dict[str, Array]]:
-    """Return the channels of numbers as columns."""
+    """Return the numeric channels as columns."""
     tables: Dict[str, Dict[str, Any]] = {}
     for number, kind in CHANNELS.items():
         if any(type_ in ('string', 'uint8[]') for type_, _, _ in kind.fields):

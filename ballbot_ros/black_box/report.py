@@ -13,7 +13,7 @@ from ballbot_ros.drives.capture import HEADER
 from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.results.files import PathLike, replacing, write_text
 
-# Time before a fault that the summary covers [s], and how many events it lists.
+# Time before a fault that the summary covers [s], and largest number of listed events.
 BEFORE = 1.0
 MOST_EVENTS = 25
 # An event that is repeated within this is listed once [s].
@@ -23,7 +23,7 @@ ZERO_TORQUE = 1e-6
 
 
 def summary(recording: BlackBoxRecording) -> str:
-    """Return a text: the content, and the events around the fault."""
+    """Return the content and the events around the fault as text."""
     rows = [*_origin(recording), ('', ''), *_before(recording)]
     width = max(len(label) for label, _ in rows)
     lines = [f'{label:<{width}}  {text}'.rstrip() for label, text in rows]
@@ -102,8 +102,8 @@ def merge_repeated(events: Sequence[RecordedEvent]) -> List[RecordedEvent]:
     """
     Return events without repetition.
 
-    A line of the log that repeats the text of the event before is left out; an event that is
-    repeated within `REPETITION_TIME` is listed once, with its number.
+    A log line that repeats the text of a preceding event is omitted; an event that is repeated
+    within `REPETITION_TIME` is listed once, with the number of its occurrences.
     """
     kept: List[RecordedEvent] = []
     times: List[List[float]] = []  # of each kept event
@@ -183,10 +183,10 @@ def _printable(data: bytes) -> str:
 
 def write_tables(recording: BlackBoxRecording, folder: PathLike) -> List[Path]:
     """
-    Write each table as CSV, the events likewise, and the traffic as a capture.
+    Write tables and events as CSV, and the traffic as a capture.
 
-    Times are from the fault on, negative before it [s]; test/helpers/replay.py plays the capture
-    back, whose times count from its first piece.
+    Times are relative to the fault, negative before it [s]; those of the capture, which
+    test/helpers/replay.py plays back, are relative to its first piece.
 
     Raises `ConfigurationError` if a file cannot be written.
     """

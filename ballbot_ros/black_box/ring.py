@@ -2,7 +2,7 @@
 """
 The last ten minutes of a session in memory, as MCAP messages that `dump` writes to a file.
 
-Messages of a few dozen bytes follow each other in blocks of 64 KiB, each a chunk of the file; the
+Messages of a few dozen bytes are stored in blocks of 64 KiB, each a chunk of the file; the
 oldest block is dropped when the ring is full, or when the block is too old.  So memory is bounded,
 and a message costs one `struct.pack_into`.  `CHANNELS` defines the schemas of the file and the
 columns of the reader.
@@ -28,7 +28,7 @@ from ballbot_ros.estimation import Estimate, ImuReading
 # Longest time [s] and largest size [bytes] of the ring; at 500 Hz the time limit applies.
 SPAN = 600.0
 BLOCK, MOST_BLOCKS = 65536, 1536
-# Sampling period of slow values, and of the log of refusals of one kind [s].
+# Sampling period of slow values, and shortest time between logged refusals of one kind [s].
 SLOW_PERIOD = 0.1
 # Time without a measurement after which a tick without one is recorded [periods].
 BETWEEN = 0.9
@@ -58,7 +58,7 @@ class MessageKind(NamedTuple):
 
     @property
     def layout(self) -> struct.Struct:
-        """Return the layout of the fields; of a sequence or string, that of its length."""
+        """Return the layout of the fields; only the length of a sequence or string is included."""
         codes = {'float64': 'd', 'uint8': 'B', 'bool': 'B', 'uint8[]': 'I', 'string': '3xI'}
         return struct.Struct('<' + ''.join(codes[kind] for kind, _, _ in self.fields))
 
@@ -104,7 +104,7 @@ class BlackBox(SessionObserver):
     Records a session in bounded memory; may be used from any thread.
 
     Clock and period of the loop are those of the session [s].  `faulted` is set when a fault
-    requests a dump; messages have system time, `clock_offset` after the clock at the start [s].
+    requests a dump; messages have system time, which is the clock plus `clock_offset` [s].
     """
 
     def __init__(self, clock: Callable[[], float] = time.monotonic, period: float = 0.002):
@@ -125,7 +125,7 @@ class BlackBox(SessionObserver):
 
     def period(self, now: float, estimate: Optional[Estimate], supervisor: Supervisor,
                telemetry: Telemetry, state: MotorState) -> None:
-        """Record a period of the loop; numbers of one without a measurement are NaN."""
+        """Record a period of the loop; measured values are NaN without a measurement."""
         e_stop, nan = supervisor.e_stop, math.nan
         states = (STATES.index(state), bool(e_stop), supervisor.timed_out, supervisor.commanded)
         if estimate is None and now - self._recorded < self._between and states == self._state:
@@ -186,7 +186,7 @@ class BlackBox(SessionObserver):
             self.faulted.set()
 
     def refused(self, what: str, error: MessageError) -> None:
-        """Record a refusal; those of one kind are counted, and recorded every `SLOW_PERIOD`."""
+        """Record a refusal; refusals of one kind are counted, and recorded every `SLOW_PERIOD`."""
         now, key = self.clock(), f'{what} {error.reason}'
         recorded, number = self._refusals.get(key, (-math.inf, 0))
         if now - recorded < SLOW_PERIOD:
@@ -216,7 +216,7 @@ class BlackBox(SessionObserver):
         # A block ends where the next one begins.
         while len(self._full) > 1 and self._full[1][0] < now - SPAN:
             self._full.popleft()
-        # Never reused: a dump may still read an old block.
+        # A block is never reused: a dump may still read it.
         self._block, self._at, self._block_start = bytearray(BLOCK), 0, now
 
     def snapshot(self) -> List[memoryview]:

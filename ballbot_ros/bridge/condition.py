@@ -3,8 +3,8 @@ r"""
 Heat and battery: derating of the torque, warnings, and reasons to engage the e-stop.
 
 The voltage of a battery drops under load.  So the thresholds apply to the open-circuit voltage,
-the measured voltage plus the drop over the internal resistance, smoothed; and the battery must
-stay below empty_voltage for a while before the torque fades.
+which is the measured voltage plus the drop across the internal resistance, smoothed; and the
+battery must stay below empty_voltage for empty_time before the torque fades.
 
 A winding warms with the square of its current and cools with a time constant.  Its warmth h, 1 at
 the continuous rating, follows the torque::
@@ -39,25 +39,25 @@ class Battery(Checked):
     full_voltage: Optional[float] = quantity(
         'V', 'voltage at rest when full', above=0.0, maximum=1000.0, optional=True)
     low_voltage: Optional[float] = quantity(
-        'V', 'voltage below which it should be charged: a warning', above=0.0, maximum=1000.0,
+        'V', 'voltage below which a warning requests charging', above=0.0, maximum=1000.0,
         optional=True)
     empty_voltage: Optional[float] = quantity(
         'V', 'voltage below which, for empty_time, the torque fades and the e-stop engages',
         above=0.0, maximum=1000.0, optional=True)
     high_voltage: Optional[float] = quantity(
-        'V', 'voltage above which braking feeds back more than battery and brake resistor absorb: '
-        'a warning, to be set below the cut-off limit of the drive', above=0.0, maximum=1000.0,
-        optional=True)
+        'V', 'voltage above which a warning reports that braking feeds back more than battery and '
+        'brake resistor absorb; set it below the cut-off voltage of the drive',
+        above=0.0, maximum=1000.0, optional=True)
     resistance: float = quantity(
         'ohm', 'resistance of battery and leads, through which the current lowers the voltage',
         default=0.0, minimum=0.0, maximum=10.0)
     smoothing: float = quantity(
-        's', 'time constant with which the voltage is smoothed', default=2.0, above=0.0,
+        's', 'time constant of the low-pass filter of the voltage', default=2.0, above=0.0,
         maximum=600.0)
     empty_time: float = quantity(
-        's', 'time for which it must be empty', default=5.0, minimum=0.0, maximum=600.0)
+        's', 'time below empty_voltage before the fade', default=5.0, minimum=0.0, maximum=600.0)
     fade_time: float = quantity(
-        's', 'time in which the torque then fades, to lower the pendulum', default=2.0,
+        's', 'duration of the fade of the torque, which lowers the pendulum', default=2.0,
         minimum=0.0, maximum=60.0)
     capacity: Optional[float] = quantity(
         'A h', 'charge when full', above=0.0, maximum=1e4, optional=True)
@@ -90,9 +90,9 @@ class BatteryWatch(NamedTuple):
         """
         Return the state after a sample of the drive at a time [s].
 
-        The voltage is that of the supply [V]; NaN, or a value not above 0, is not a reading.  The
-        current comes from the battery, negative while it charges [A]; 0 if the drive does not
-        report it.
+        The voltage is that of the supply [V]; NaN, or a value not above 0, is ignored.  The
+        current is drawn from the battery, negative while it charges [A]; without a reported
+        current, 0 is used.
         """
         if voltage is None or not (math.isfinite(voltage) and voltage > 0.0):
             return self
@@ -142,7 +142,7 @@ class BatteryWatch(NamedTuple):
         return part if math.isnan(part) else min(max(part, 0.0), 1.0)
 
 
-# Warmth at which derating starts; it reaches the continuous torque at 1.
+# Warmth at which derating starts; at 1 the continuous torque remains.
 DERATING_START = 0.8
 
 
@@ -154,8 +154,8 @@ class Thermal(Checked):
         'degC', 'temperature of the power stage above which the torque is reduced',
         minimum=0.0, maximum=200.0, optional=True)
     drive_zero_at: Optional[float] = quantity(
-        'degC', 'temperature of the power stage at which the torque is zero; set it below the one '
-        'at which the drive cuts the torque', minimum=0.0,
+        'degC', 'temperature of the power stage at which the torque is zero; set it below the '
+        'cut-off temperature of the drive', minimum=0.0,
         maximum=200.0, optional=True)
     motor_warn_at: Optional[float] = quantity(
         'degC', 'temperature of the motor above which the torque is reduced', minimum=0.0,
@@ -167,7 +167,7 @@ class Thermal(Checked):
         'N m', 'continuous torque rating of the motor, at the pendulum', above=0.0,
         maximum=1000.0, optional=True)
     time_constant: float = quantity(
-        's', 'time constant with which the winding warms', default=30.0, above=0.0, maximum=1e4)
+        's', 'thermal time constant of the winding', default=30.0, above=0.0, maximum=1e4)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -185,7 +185,7 @@ class Thermal(Checked):
 
 
 def left_at(value: float, start: float, end: float) -> float:
-    """Return the part of the torque at a value: 1 up to `start`, linear, 0 from `end`."""
+    """Return the fraction of the torque at a value: 1 up to `start`, then linear to 0 at `end`."""
     if value < end:
         return min((end - value) / (end - start), 1.0)
     return 0.0
@@ -202,7 +202,7 @@ def warmed(warmth: float, load: float, seconds: float, time_constant: float) -> 
 
 
 def left_by(warmth: float, continuous: float) -> float:
-    """Return the part of the torque at a warmth; the continuous part remains at a warmth of 1."""
+    """Return the fraction of the torque at a warmth; at 1 the continuous fraction remains."""
     return 1.0 if continuous >= 1.0 else (
         continuous + (1.0 - continuous) * left_at(warmth, DERATING_START, 1.0))
 
@@ -210,10 +210,10 @@ def left_by(warmth: float, continuous: float) -> float:
 def derating(thermal: Thermal, temperature: Optional[float], motor_temperature: Optional[float],
              warmth: float, torque_limit: float) -> Tuple[float, Tuple[str, ...]]:
     """
-    Return the part of the torque limit [N m] that heat leaves, and the warnings.
+    Return the fraction of the torque limit [N m] that heat permits, and the warnings.
 
     The temperatures are those of the power stage and the motor [degC]; one that is unknown or not
-    finite leaves 1.  See `warmed` for the warmth.
+    finite does not limit.  See `warmed` for the warmth.
     """
     parts = {}
     for name, measured, warn_at, zero_at in (
@@ -230,7 +230,7 @@ def derating(thermal: Thermal, temperature: Optional[float], motor_temperature: 
 
 # Sampling period of voltage and temperatures [s]; a drive reports them no faster.
 SAMPLE_PERIOD = 0.05
-# Time constant of the peak torque [s], from which a fade starts.
+# Decay time of the peak torque, from which a fade starts [s].
 PEAK_TORQUE_TIME = 1.0
 
 

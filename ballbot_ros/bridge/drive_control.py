@@ -19,14 +19,14 @@ from ballbot_ros.drives.driver import Driver, STOP_PERIOD
 from ballbot_ros.errors import (
     BallbotError, DriveError, EstimateLostError, LinkError, MessageError, RefusedError)
 
-# The link carries one torque per period on average, at most one of them this early [periods].
+# The link carries one torque per period on average; one may be sent early by this [periods].
 SEND_LEAD = 1.5
 # The reply time of the controller varies, so a period may have no command: after this time without
 # a torque [periods] the last one is repeated in each period until the next command.
 REPEAT = 1.5
 # Longest time between two decisions about the torque [periods].
 TORQUE_INTERVAL_MAX = REPEAT + 1.0
-# Time between two attempts to arm a drive with `rearm` [s].
+# With `rearm`, time between two attempts to arm a drive [s].
 ARM_AGAIN = 0.3
 # Pause after a drive disarmed by itself [s]: `ARM_AGAIN` at first, doubled each time up to
 # LONGEST_PAUSE; reset after the drive was armed for HELD.
@@ -37,11 +37,11 @@ class Pacer(NamedTuple):
     """
     Rate limits of the link: times of the next torque, stop and attempt to arm.
 
-    Each event at a time [s] returns the next state.
+    Each method for an event returns the next state; times are in s.
     """
 
     period: float
-    waiting: bool = False  # a command that was not sent
+    waiting: bool = False  # a command waits to be sent
     repeating: bool = False
     torque_sent: float = -math.inf
     next_torque: float = -math.inf  # by the average rate of the link
@@ -51,7 +51,7 @@ class Pacer(NamedTuple):
 
     def commanded(self) -> 'Pacer':
         """Record a command; if the rate limit delays it, the next tick sends it."""
-        # The constructor, here and below: `_replace` takes longer than the decision.
+        # Here and below the constructor is used: `_replace` takes longer than the decision.
         return self if self.waiting else Pacer(self.period, True, *self[2:])
 
     def has_room(self, now: float) -> bool:
@@ -110,7 +110,7 @@ class AxisLaw(Protocol):
 
 class DriveControl(Generic[Estimated]):
     """
-    Executes the requests of motor state and pacer of one axis; `Session` holds its lock.
+    Operates the drive of one axis by its motor state and pacer; `Session` holds the lock.
 
     Attributes
     ----------
@@ -147,7 +147,7 @@ class DriveControl(Generic[Estimated]):
         self.refusal = self.unconfirmed = ''
 
     def begin(self) -> None:
-        """Start with a drive after its handshake, the motor stopped."""
+        """Start with a drive after its handshake, which has stopped the motor."""
         self._change(Event.FOUND)
         self.sensing.begin(self.power.since)
 
@@ -158,7 +158,7 @@ class DriveControl(Generic[Estimated]):
         driver, estimate = self.line.driver, None
         if driver is not None:
             try:
-                if self.sensing.expecting or driver.awaits_reply:  # else all data are read
+                if self.sensing.expecting or driver.awaits_reply:  # otherwise all were read
                     estimate = self.measure(driver)
                 if estimate is not None and self.answer(estimate):
                     self._pacer = self._pacer.commanded()
@@ -191,7 +191,7 @@ class DriveControl(Generic[Estimated]):
             return False
         try:
             supervisor.gate.offer(torque, estimate.stamp, self._clock())
-        except MessageError:  # counted: the measurement was stale
+        except MessageError:  # stale measurement, counted by the gate
             return False
         return True
 
@@ -267,15 +267,15 @@ class DriveControl(Generic[Estimated]):
                 self.supervisor.trigger(observed)
             elif now - self._held_up_at < STATUS_TIMEOUT:
                 observed = EStop(
-                    StopReason.HELD_UP, 'the machine held up the loop for longer than the '
+                    StopReason.HELD_UP, 'the machine delayed the loop by more than the '
                     f'watchdog of the drive, {PAGE}: {observed.text}', observed.names)
             self._begin_stop(self.line.driver, fault, observed)
 
     def _status_age(self, telemetry: Telemetry, now: float) -> float:
         """
-        Return for how long the drive had the chance to confirm status and motion but did not [s].
+        Return the time for which the drive could have confirmed status and motion but did not [s].
 
-        Time in which this process was preempted does not count: the drive had no request then.
+        Time in which this process was preempted does not count: no requests were sent then.
         """
         confirmed = max(telemetry.status_time or 0.0, self.power.since)
         if now - self.sensing.stamp > MEASUREMENT_AGE_MAX:
@@ -321,7 +321,7 @@ class DriveControl(Generic[Estimated]):
         if self.power.state is MotorState.ARMED and not allowed:
             self._begin_stop(driver, Event.WITHDRAWN)
         elif self.power.state is MotorState.ARMED and self._pacer.is_torque_due(now) \
-                and (driver.may_command or self.sensing.is_stale(now)):  # then it is zero
+                and (driver.may_command or self.sensing.is_stale(now)):  # stale: zero torque
             self._send_torque(driver, now, ask=True)
             return
         elif self.power.state is MotorState.DISARMED and allowed and self._pacer.may_arm(now):
@@ -374,7 +374,7 @@ class DriveControl(Generic[Estimated]):
             axis.feed()
 
     def feed(self) -> None:
-        """Feed the watchdog of an armed drive, and do not count the time as silence."""
+        """Feed the watchdog of an armed drive, and restart the reply timeout."""
         driver, now = self.line.driver, self._clock()
         if driver is not None and self.power.state is MotorState.ARMED \
                 and self._pacer.has_room(now):
@@ -388,7 +388,7 @@ class DriveControl(Generic[Estimated]):
 
     def _begin_stop(self, driver: Driver, event: Union[Event, StopReason],
                     cause: Optional[EStop] = None) -> None:
-        """Write a stop; it is repeated until the drive confirms it."""
+        """Send a stop; it is repeated until the drive confirms it."""
         self._change(event, cause)
         self._pacer = self._pacer.sent_stop(self.power.since)
         try:
@@ -405,7 +405,7 @@ class DriveControl(Generic[Estimated]):
             self._observer.event(f'{name}: {cause.text}', Level.FAULT)
             if not self._hardware.limits.rearm:
                 self.supervisor.trigger(cause)
-            elif event not in (StopReason.NOT_ARMED, StopReason.LOST):  # not caused by the drive
+            elif event not in (StopReason.NOT_ARMED, StopReason.LOST):  # the drive did not trip
                 self._pacer = self._pacer.tripped(self._clock(), self.power.since)
             if event is not StopReason.LOST and cause.text != self.refusal:
                 LOG.warning('%s', cause.text)  # repeated attempts are logged once

@@ -16,10 +16,10 @@ from ballbot_ros.errors import BallbotError, ConfigurationError, LinkError
 LOG = logging.getLogger(__name__)
 Result = TypeVar('Result')
 
-# Time between two attempts to reconnect, beyond the watchdog of the drive [s].
+# Time between two attempts to reconnect, in addition to the watchdog timeout of the drive [s].
 RETRY = 0.1
-# Timeout of each reply of the handshake after a lost link [s]: a handshake takes well below a
-# second at first; the timeout grows with each failed attempt.
+# First and longest timeout of each reply in the handshake after a lost link [s]; it grows with
+# each failed attempt.  The first handshake takes well below a second.
 HANDSHAKE, LONGEST_HANDSHAKE = 0.25, 1.0
 
 
@@ -27,9 +27,9 @@ class DriveLine:
     """
     Owns the connection to the drive; see `Session` for `connect` and `clock`.
 
-    Nothing is sent for longer than the watchdog of the drive [s] after a lost link or a failed
-    handshake: bytes of a stop that the drive does not understand may feed its watchdog, as those
-    with pauses of more than 10 ms do on a RoboClaw, and the motor would keep its torque.
+    After a lost link or a failed handshake, nothing is sent for longer than the watchdog timeout
+    [s] of the drive: a garbled stop may feed the watchdog, as bytes with pauses of more than 10 ms
+    do on a RoboClaw, and the motor would keep its torque.
     """
 
     def __init__(self, connect: Callable[[], Driver], clock: Callable[[], float],
@@ -69,14 +69,14 @@ class DriveLine:
             return False
         self._failures = 0
         self.reconnects += 1
-        LOG.info('the drive is back')
+        LOG.info('reconnected to the drive')
         return True
 
     def disconnect(self, error: BallbotError) -> None:
-        """Record that the link is lost; reconnections follow after the pause."""
+        """Close a lost link and record the error; `reconnect` waits for the pause."""
         self.trouble, self._next_try = str(error), self._clock() + self._pause
         self.close()
-        LOG.warning('lost the drive: %s', error)
+        LOG.warning('connection to the drive lost: %s', error)
 
     def close(self) -> None:
         """Close the link if it is open."""
@@ -113,7 +113,7 @@ class SharedLine:
                 view.arrived += data
 
     def drop(self, view: 'LineView') -> None:
-        """Remove a view."""
+        """Remove a view, and close the line after the last one."""
         self._views = [one for one in self._views if one is not view]
         if not self._views:
             self.close(view.line)
@@ -126,12 +126,12 @@ class SharedLine:
 
 
 class LineView:
-    """The line as the driver of one axis has it; a `SerialLine`."""
+    """View of a shared line for the driver of one axis; a `SerialLine`."""
 
     def __init__(self, shared: SharedLine, line: SerialLine):
         self._shared, self.line = shared, line
         self.port = line.port
-        self.arrived = b''  # and not read yet
+        self.arrived = b''  # received, but not read yet
         self._closed = False
 
     def write(self, data: bytes) -> None:
@@ -151,7 +151,7 @@ class LineView:
             self._shared.drop(self)
 
     def _attempt(self, action: Callable[[], Result]) -> Result:
-        """Return the result of an action on the line; one that fails is closed for all views."""
+        """Return the result of an action; close the line for all views if it fails."""
         if self._closed:
             raise LinkError(f'{self.port} has been closed', 'closed', 'port')
         try:
@@ -167,8 +167,8 @@ def connectors(hardware: Sequence[Hardware], capture: str = '',
     Return for each axis a function that opens its link and returns its driver.
 
     Axes on the same port share the link.  The raw traffic of all connections goes to the observer
-    and to the file `capture`, if it is not empty.  Raises `ConfigurationError` if the file cannot
-    be created, or the hardware file has options of another driver.
+    and to the file `capture`, unless its name is empty.  Raises `ConfigurationError` if the file
+    cannot be created, or the hardware file has options of another driver.
     """
     recorder = ShownToAll(Recorder(Path(capture)), observer) if capture else observer
     shared: Dict[str, SharedLine] = {}
@@ -192,11 +192,11 @@ def connector(hardware: Hardware) -> Callable[[], Driver]:
 def handshake(connect: Callable[[], Driver], timeout: float
               ) -> Tuple[Driver, Identity, Tuple[Setting, ...]]:
     """
-    Find the drive, stop its motor, and check its settings; a timeout for each request [s].
+    Identify the drive, stop its motor, and check its settings; the timeout is per request [s].
 
     Raises `LinkError` or `DriveError` if the port does not exist, or the drive is not the expected
-    one, and `ConfigurationError` if a setting that is required for safety has another value.  The
-    link is closed again.
+    one, and `ConfigurationError` if a setting that is required for safety has another value; then
+    the link is closed.
     """
     driver = connect()
     try:

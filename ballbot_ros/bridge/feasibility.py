@@ -13,8 +13,8 @@ from ballbot_ros.physics.model.robot import Robot
 
 # Baud rates that serial adapters and drives commonly support.
 BAUD_RATES = (57600, 115200, 230400, 460800, 500000, 921600, 1000000, 2000000)
-# Allowed time of onboard control beside the transfers, for drive, serial adapter, scheduler,
-# filter and controller [s].
+# Time that onboard control may take in addition to the transfers, for drive, serial adapter,
+# scheduler, filter and controller [s].
 RESERVE = 0.5e-3
 
 
@@ -36,7 +36,7 @@ def onboard_lag(hardware: Hardware, robot: Robot) -> float:
     """
     Return the time from a measurement to its torque with onboard control [s].
 
-    The transfer times of request, reply and torque, plus `RESERVE`.
+    This is the sum of the transfer times of request, reply and torque, and `RESERVE`.
     """
     return wire_budget(hardware, robot).duration(hardware.connection.baud) + RESERVE
 
@@ -47,7 +47,7 @@ def check_feasible(hardware: Hardware, robot: Robot, tuning: ControlTuning,
     Refuse a loop that is not feasible; return the lowest rate at which the gains are stable [Hz].
 
     The messages name the parameters to change.  `delay` is that from a joint state to its torque
-    [samples], `lag` the same as a time [s]: `onboard_lag`, with a delay of 0.  Raises
+    [samples]; `lag` adds a time [s], such as `onboard_lag` to a delay of 0.  Raises
     `ConfigurationError` if the link does not support the rate, or the drive would disarm between
     two commands, and `UnstableLoopError` if the gains diverge at that rate.
     """

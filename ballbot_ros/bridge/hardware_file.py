@@ -34,7 +34,7 @@ class Joint(Checked):
     """
     Transmission between the motor shaft and the pendulum joint.
 
-    Angles and torques of the joint are those of the pendulum against the shell,
+    Angles and torques of the joint are those of the pendulum relative to the shell,
     counter-clockwise positive with +x to the right.
     """
 
@@ -83,14 +83,14 @@ class SteeringAxis(Joint):
     Its limits are those of the section ``steering`` of the robot.
     """
 
-    port: str = text('port of its drive; that of the section connection if not given, if '
-                     'the protocol names the axis in its replies', default='')
+    port: str = text('port of its drive; if not given, that of the section connection, which '
+                     'requires a protocol whose replies name the axis', default='')
     drive_torque_limit: float = quantity(
-        'N m', 'largest torque of the axis, by scale of the drive, that the limits of the drive '
-        'may permit; the largest torque of the robot if that is more',
+        'N m', 'largest torque of the axis, as scaled by the drive, that the limits of the drive '
+        'may permit; the largest torque of the robot if that is larger',
         minimum=0.0, maximum=1000.0, default=0.0)
     drive: Optional[Mapping[str, Any]] = section(
-        'options of its driver: those of the section drive, except where they differ',
+        'options of its driver that differ from those of the section drive',
         default=None)
 
 
@@ -101,9 +101,9 @@ class Limits(Checked):
     torque_limit: float = quantity(
         'N m', 'largest torque at the pendulum', above=0.0, maximum=1000.0)
     drive_torque_limit: float = quantity(
-        'N m', 'largest torque at the pendulum, by the scale of the drive, that the limits of the '
+        'N m', 'largest torque at the pendulum, as scaled by the drive, that the limits of the '
         'drive may permit: torque_limit can then be lowered in the file alone; '
-        'torque_limit if that is more', minimum=0.0, maximum=1000.0, default=0.0)
+        'torque_limit if that is larger', minimum=0.0, maximum=1000.0, default=0.0)
     torque_rate_limit: float = quantity(
         'N m/s', 'fastest change of the torque; zero torque is always immediate', above=0.0,
         default=400.0)
@@ -125,8 +125,9 @@ class Limits(Checked):
         's', 'duration of brake and settle; zero torque afterwards', minimum=0.0, maximum=60.0,
         default=2.0)
     rearm: bool = flag(
-        'whether to continue after a lost line, a reboot, a drive that disarmed by itself or a '
-        'silent IMU; if not, the e-stop engages and a person must release it', default=False)
+        'whether to continue after a lost link, a restart of the drive, a drive that disarmed by '
+        'itself or an IMU timeout; if not, the e-stop engages and a person must release it',
+        default=False)
 
 
 @dataclass(frozen=True)
@@ -134,19 +135,18 @@ class Connection(Checked):
     """Port and loop rate of the drive."""
 
     protocol: str = text('protocol of the drive', choices=tuple(DRIVES))
-    port: str = text('serial device, best by its name in /dev/serial/by-id, or URL of pyserial; a '
-                     'CAN interface, or INTERFACE:CHANNEL of python-can')
+    port: str = text('serial device, preferably by its name in /dev/serial/by-id, or pyserial '
+                     'URL; a CAN interface, or INTERFACE:CHANNEL of python-can')
     baud: int = count('bits per second', default=115200, minimum=300, maximum=20_000_000)
     loop_rate: float = quantity(
-        'Hz', 'rate of measurements and torques, in direct control of joint_states, too',
+        'Hz', 'rate of measurements and torques, and in direct control of joint_states',
         minimum=1.0, maximum=5000.0, default=200.0)
     watchdog: float = quantity(
         's', 'time without a command after which the drive disarms by itself', minimum=0.01,
         maximum=1.0, default=0.1)
     imu_required: bool = flag(
-        'no torque while no IMU reading arrives: without one the angle is unreliable off level '
-        'floor',
-        default=True)
+        'no torque while no IMU reading arrives: without one the pendulum angle is unreliable '
+        'except on a level floor', default=True)
 
 
 # Driver options that are set in another section.
@@ -162,22 +162,22 @@ SECTIONS = {'connection': Connection, 'joint': Joint, 'limits': Limits, 'imu': I
 class Hardware:
     """Motor, joint and sensors of one robot."""
 
-    name: str  # name of the hardware, and of its robot
-    robot: str
+    name: str
+    robot: str  # name of its robot
     connection: Connection
     joint: Joint
     limits: Limits
     imu: ImuMounting = ImuMounting()
-    # Of a sensor on the bridge's own port; without a `port` the bridge uses the topic `imu`.
+    # An IMU on a port of the bridge; without a `port` the bridge uses the topic `imu`.
     imu_port: ImuPort = ImuPort()
     estimate: FilterTuning = FilterTuning()
     odometry: OdometryTuning = OdometryTuning()
     battery: Battery = Battery()
     thermal: Thermal = Thermal()
     steering: Optional[SteeringAxis] = None  # None for a robot that drives straight
-    # Options of this protocol, see the `Options` of its driver.
+    # Options of the protocol; see the `Options` of its driver.
     drive: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))
-    # By section and field.
+    # Source of each value, by section and field.
     provenance: Mapping[str, Provenance] = field(
         default_factory=lambda: MappingProxyType({}), compare=False, repr=False)
 
@@ -234,7 +234,7 @@ class Hardware:
         _refuse_set_elsewhere(self.drive, f'{self.name}: drive')
         return read_options(self.connection.protocol, {
             'torque_limit': abs(joint.motor_torque(limits.torque_limit)),
-            # The drive does not apply torque_factor, which the calibration finds after the setup.
+            # The drive does not apply torque_factor, which is calibrated after its setup.
             'drive_torque_limit':
                 max(limits.torque_limit, limits.drive_torque_limit) / joint.torque_ratio,
             'speed_limit': joint.gear_ratio * limits.speed_limit,
@@ -298,9 +298,9 @@ def _refuse_set_elsewhere(drive: Mapping[str, Any], where: str) -> None:
 
 def load_hardware(name_or_path: str) -> Hardware:
     """
-    Read hardware of the package by name, or a custom file by path.
+    Read a hardware file of the package by name, or a custom file by path.
 
-    Values carry their source like those of robots (`physics.robot.load_robot`).
+    Values have a source, like those of robots (`physics.robot.load_robot`).
 
     Raises `ConfigurationError` naming file, section, field, value and allowed range.
     """

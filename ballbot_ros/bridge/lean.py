@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The lateral axis of a robot that steers: lean from its encoder, and the torque of the laws.
+Lateral axis of a steered robot: lean from its encoder, and torque of the steering law.
 
-Tilt and yaw rate are not measured.  An observer, the lateral model under the measured lean,
-computes them; it starts from rest with each set-point after an idle time, so that its errors do
-not accumulate.
+Tilt and yaw rate are not measured.  An observer computes them with the lateral model and the
+measured lean; while there is no set-point it is reset to rest, so that its errors do not
+accumulate.
 """
 from typing import Callable, NamedTuple, Optional
 
@@ -19,7 +19,7 @@ from ballbot_ros.steering.model import accelerations
 
 
 class LeanReadings(NamedTuple):
-    """Lateral state by the encoder and the observer, and the speed of the ball [m/s]."""
+    """Lateral state from encoder and observer, and speed of the ball [m/s]."""
 
     state: LateralState
     speed: float
@@ -36,8 +36,8 @@ class LeanSensing(AxisSensing[LeanEstimate]):
     """
     Converts telemetry of the lateral drive to lateral states.
 
-    The hardware is that of the lateral axis; `speed` returns that of the ball [m/s], None while
-    unknown.
+    The hardware is that of the lateral axis; `speed` returns the speed of the ball [m/s], or None
+    while it is unknown.
     """
 
     def __init__(self, hardware: Hardware, robot: Robot, speed: Callable[[], Optional[float]]):
@@ -56,7 +56,7 @@ class LeanSensing(AxisSensing[LeanEstimate]):
         self.estimate = None
 
     def rezero(self) -> None:
-        """Assume that the pendulum hangs straight now, unless the encoder retains its zero."""
+        """Use the next reading as zero (hanging pendulum), unless the encoder retains its zero."""
         self._zero, self._check = self._given_zero, EncoderCheck()
 
     def forget(self) -> None:
@@ -102,8 +102,8 @@ class LeanLaw:
     """
     Computes the torque of the lateral axis; an `AxisLaw`.
 
-    `yaw_rate` returns the commanded one [rad/s], None without a set-point; `forget` restarts the
-    observer.
+    `yaw_rate` returns the commanded yaw rate [rad/s], None without a set-point; `forget` restarts
+    the observer.
     """
 
     def __init__(self, robot: Robot, yaw_rate: Callable[[], Optional[float]],

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The control loop in its own thread: it runs, or stops the motor, if other threads block."""
+"""The control loop in its own thread: if others block, it continues or stops the motor."""
 import threading
 from time import sleep
 from typing import Callable, Optional
@@ -22,7 +22,7 @@ class Loop:
     Calls `Session.tick` at a rate [Hz], and closes the session at every exit.
 
     The thread enters the prepared scheduling, and calls each of `publish` with each `Report`, in
-    this order.  `failure` is the error that ended the loop, if one did.
+    this order.  `failure` is the error that ended the loop, or None.
     """
 
     def __init__(self, session: Session, rate: float, *publish: Callable[[Report], None],

@@ -2,7 +2,7 @@
 """
 State machine of the motor power: a transition table and pure functions.
 
-Only `Event.ARMED` enables power, and every transition from there leads to a stop that is repeated
+Only `Event.ARMED` enables power, and every transition from `ARMED` leads to a stop, repeated
 until the drive confirms it, or to a disconnected drive that its own watchdog stops.
 """
 from enum import auto, Enum
@@ -12,11 +12,11 @@ from typing import Mapping, NamedTuple, Optional, Tuple, Union
 from ballbot_ros.bridge.supervisor import EStop, StopReason
 from ballbot_ros.drives.contract import Telemetry
 
-# Largest age of a measurement for torque [s].
+# Largest age of a measurement that permits torque [s].
 MEASUREMENT_AGE_MAX = 0.1
 # Timeout of the confirmed status of an armed drive, after which the e-stop engages [s].
 STATUS_TIMEOUT = 0.2
-# Timeout of a reply, after which the link reconnects [s]: the drive may have lost power.
+# Timeout of a reply, after which the bridge reconnects [s]: the drive may have lost power.
 RECONNECT_TIMEOUT = 0.3
 
 
@@ -74,13 +74,14 @@ class Power(NamedTuple):
         """
         Return the fault of an armed drive, or None.
 
-        `silence` is the time since the unanswered request, `status_age` that without a confirmed
-        status [s].
+        `silence` is the time since the first unanswered request, `status_age` the time
+        without a confirmed status [s].
         """
         if self.state is not MotorState.ARMED:
             return None
         if silence > MEASUREMENT_AGE_MAX:
-            return EStop(StopReason.SILENT, f'no reply of the drive for {MEASUREMENT_AGE_MAX:g} s')
+            return EStop(
+                StopReason.SILENT, f'no reply from the drive for {MEASUREMENT_AGE_MAX:g} s')
         if status_age > STATUS_TIMEOUT:
             return EStop(
                 StopReason.UNCONFIRMED, 'the drive has not reported its armed state for '

@@ -12,7 +12,7 @@ from ballbot_ros.estimation import Estimate, ImuReading
 
 
 class Level(IntEnum):
-    """Of an event: a line of the log, a change of state, or a fault, which is dumped to a file."""
+    """Level of an event: a log line, a change of state, or a fault, which triggers a dump."""
 
     LOG = 0
     EVENT = 1
@@ -36,7 +36,7 @@ class SessionObserver:
         """Receive an IMU reading."""
 
     def record(self, direction: str, data: bytes) -> None:
-        """Receive traffic of the line, as `drives.capture.Recorder` does."""
+        """Receive traffic of the link, as `drives.capture.Recorder` does."""
 
     def event(self, text: str, level: Level = Level.EVENT) -> None:
         """Receive an event."""

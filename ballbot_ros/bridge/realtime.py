@@ -4,7 +4,7 @@ Real-time priority for the loop, where the system permits it: docs/realtime.md.
 
 Python runs one thread of a process at a time.  A loop with priority would still wait for a thread
 of its own process that holds the interpreter lock and is preempted by other programs.  So the
-other threads get a priority, too, one less.
+other threads also get a real-time priority, lower by one.
 """
 import ctypes
 import errno
@@ -34,14 +34,14 @@ CAP_IPC_LOCK = 14  # <linux/capability.h>
 class Scheduling(NamedTuple):
     """Scheduling of the loop by the operating system."""
 
-    # Of SCHED_FIFO, 1 to 99; 0 for none, -1 for `DEFAULT_PRIORITY` if the system permits it.
+    # SCHED_FIFO priority, 1 to 99; 0 for none, -1 for `DEFAULT_PRIORITY` if the system permits it.
     priority: int = 0
     cpu: int = -1  # processor of the loop; -1 for any
     lock_memory: bool = False  # lock all memory of the process, so that it is not swapped out
 
     def prepared(self) -> 'Scheduling':
         """
-        Apply it to the existing threads, check that the system permits it, and return it.
+        Apply the scheduling to the existing threads, and return it with the actual priority.
 
         Call this before the loop starts; later threads inherit it.
 
@@ -62,7 +62,7 @@ class Scheduling(NamedTuple):
         if self.lock_memory:
             _lock_memory()
         if self.priority:
-            _set_priority(0, self.priority)  # the priority of the loop, then lowered
+            _set_priority(0, self.priority)  # check the priority of the loop; lowered below
             for thread in Path('/proc/self/task').iterdir():
                 _set_priority(int(thread.name), max(1, self.priority - 1))
         if self != Scheduling():

@@ -4,8 +4,8 @@ State estimate of a session, and the validity of its measurements and IMU readin
 
 The age of an IMU reading counts from its arrival, or from its stamp if that is earlier.  A reading
 stamped in the future or too far in the past is refused: it would hide a dead IMU, or put all later
-readings out of order.  So a clock step, forward or back, causes the loss of the readings before
-`Clocks` follows it, but does not affect safety.
+readings out of order.  So after a clock step, forward or back, readings are refused until `Clocks`
+follows it; this does not affect safety.
 """
 from abc import ABC, abstractmethod
 import logging
@@ -28,7 +28,7 @@ AHEAD = 0.01
 # Grace period after the timeout of the IMU, without torque [s]: after a preemption of this
 # process, queued readings are read within it; they may be as late as replies of the drive.
 MISSING_TIMEOUT = MEASUREMENT_AGE_MAX - IMU_TIMEOUT
-# Time of readings without a gap before an IMU is usable again after a timeout [s].
+# Time with uninterrupted readings before an IMU is usable again after a timeout [s].
 IMU_RECOVERY_TIME = 0.5
 
 
@@ -36,8 +36,8 @@ class ImuWatch:
     """
     Monitors the readings of an IMU.  All times are of one steady clock and passed in [s].
 
-    `silent` is whether it timed out or never sent, and has not sent for `IMU_RECOVERY_TIME` since;
-    `silences` counts the timeouts after a first reading.
+    `silent` is set by a timeout, and cleared by the very first reading or by uninterrupted
+    readings for `IMU_RECOVERY_TIME`; `silences` counts the timeouts after the first reading.
     """
 
     def __init__(self) -> None:
@@ -46,7 +46,7 @@ class ImuWatch:
         self._fresh_until = -math.inf
         self._steady_since = -math.inf
         self._missing_since = math.inf
-        self._pulling = False  # whether there was torque at the start of the timeout
+        self._pulling = False  # whether the motor had torque when readings stopped
 
     def check(self, stamp: float, now: float) -> None:
         """
@@ -56,13 +56,13 @@ class ImuWatch:
         """
         if stamp > now + AHEAD:
             raise MessageError(
-                f'IMU reading of {stamp:.3f} s refused: it is {now:.3f} s '
-                'here; are the clocks of both machines synchronised, and was one set?',
+                f'IMU reading stamped {stamp:.3f} s refused: the local time is {now:.3f} s; '
+                'are the clocks of both machines synchronised, and was one of them set?',
                 'from_the_future', 'stamp')
         if not stamp >= now - IMU_TIMEOUT:
             raise MessageError(
-                f'IMU reading of {stamp:.3f} s refused: it is {now:.3f} s '
-                f'here, more than {IMU_TIMEOUT:g} s later; is it delayed, or do clocks differ?',
+                f'IMU reading stamped {stamp:.3f} s refused: the local time is {now:.3f} s, '
+                f'more than {IMU_TIMEOUT:g} s later; is it delayed, or do the clocks differ?',
                 'stale', 'stamp')
 
     def reading_received(self, stamp: float, now: float) -> None:
@@ -83,8 +83,8 @@ class ImuWatch:
         """
         Check for a timeout or a recovery; call this in each period.
 
-        Returns whether a timeout was just detected that started while the motor had torque
-        (`pulling`).
+        Returns True when it detects a timeout, if the motor had torque (`pulling`) when the
+        readings stopped.
         """
         if self.has(now):
             self._missing_since = math.inf
@@ -108,7 +108,7 @@ ODOMETRY_AGE_MAX = 0.03
 
 
 class AxisEstimate(Protocol):
-    """Measurement of an axis."""
+    """State estimate of an axis."""
 
     @property
     def stamp(self) -> float:
@@ -116,7 +116,7 @@ class AxisEstimate(Protocol):
 
     @property
     def readings(self) -> Any:
-        """Return the input of the law of the axis."""
+        """Return the input of the control law of the axis."""
 
 
 Estimated = TypeVar('Estimated', bound=AxisEstimate, covariant=True)
@@ -124,9 +124,9 @@ Estimated = TypeVar('Estimated', bound=AxisEstimate, covariant=True)
 
 class AxisSensing(ABC, Generic[Estimated]):
     """
-    Measurements of one axis, and the state from them.  All times are of one clock [s].
+    Measurements of one axis, and the state estimated from them.  All times are of one clock [s].
 
-    `expecting` is whether a requested measurement has not arrived, `stamp` that of the last one.
+    `expecting` is True until a requested measurement arrives; `stamp` is that of the last one.
     """
 
     def __init__(self, hardware: Hardware):
@@ -157,7 +157,7 @@ class AxisSensing(ABC, Generic[Estimated]):
         self._waiting_since = now
 
     def silence(self, now: float) -> float:
-        """Return the time since the unanswered request [s]; 0 without one."""
+        """Return the time since the first unanswered request [s]; 0 without one."""
         return now - self._waiting_since if self.expecting else 0.0
 
     def is_stale(self, now: float) -> bool:
@@ -169,7 +169,7 @@ class AxisSensing(ABC, Generic[Estimated]):
         """
         Return the reading of a new measurement, or None.
 
-        A measurement of unknown time yields none but counts as a reply.
+        A measurement of unknown time yields None but counts as a reply.
         """
         if telemetry.position is None or telemetry.time is None \
                 or telemetry.time <= self._answered:
@@ -208,7 +208,7 @@ class Sensing(AxisSensing[Estimate]):
     """
     Converts telemetry of the drive to estimates.  All times are of one clock [s].
 
-    `odometry` is that of the last estimate; it continues after a lost link.
+    `odometry` is that of the last estimate; it continues after a reconnection.
     """
 
     def __init__(self, hardware: Hardware, robot: Robot):
@@ -220,7 +220,7 @@ class Sensing(AxisSensing[Estimate]):
         self._largest_swing = 2.0 * hardware.limits.angle_limit + SWING_OVERSHOOT
         self._rolling = OdometryFilter(robot, hardware.odometry)
         self.odometry: Optional[OdometryState] = None
-        self._after_imu: Optional[OdometryState] = None  # the last one after an IMU reading
+        self._after_imu: Optional[OdometryState] = None  # after the last IMU reading
         self.fusion.follower = self._follow
 
     def begin(self, now: float) -> None:
@@ -239,8 +239,8 @@ class Sensing(AxisSensing[Estimate]):
                 self.odometry = self._rolling.lost(self.odometry)
             raise
         if self.fusion.rezeroed > zeros:
-            LOG.warning('the encoder has jumped by %.3f rad at the joint, and continues from '
-                        'there', self.fusion.last_jump)
+            LOG.warning('the encoder jumped by %.3f rad at the joint; its zero was shifted by '
+                        'the same angle', self.fusion.last_jump)
         self.odometry = self._rolling.start(estimate) if self.odometry is None else \
             self._rolling.advance(self.odometry, estimate)
         return estimate

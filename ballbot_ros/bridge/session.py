@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The axes of a robot from handshake to stop, thread-safe: each call holds the lock.
+Operation of the axes of a robot from handshake to stop; thread-safe: each call holds the lock.
 
-Each axis has its own `DriveControl`.  Either all of them have torque, or none: the e-stop of one
-is that of all, and one that is not armed disables the others.
+Each axis has its own `DriveControl`.  Either all axes have torque or none: an e-stop of one
+applies to all, and one that is not armed disables the others.
 
 Only calls that wait for a reply block: `configure`, `deactivate`, `close`, and a `tick` that arms
 the motor or reconnects.
@@ -74,7 +74,7 @@ class Report(NamedTuple):
 
     time: float
     estimate: Optional[Estimate]  # None when there was no new measurement
-    torque: float  # at the pendulum, in force [N m]
+    torque: float  # applied at the pendulum [N m]
     telemetry: Telemetry
     state: MotorState
     e_stop: Optional[EStop]
@@ -99,7 +99,7 @@ class Session:
         Receives the events.
     law : SupervisedController, optional
         Computes the torque from set-points, without a topic in between; the torque has the stamp
-        of its measurement, so that it ends when the measurements end.  None for direct control by
+        of its measurement, so it expires if the measurements stop.  None for direct control by
         torque commands.
     connect_lateral : callable, optional
         As `connect`, for the lateral axis, if the hardware has one.
@@ -113,19 +113,19 @@ class Session:
     control : DriveControl
         The first axis: state of the motor, and counters.
     sensing : Sensing
-        Of the first axis.
+        Measurements of the first axis.
     lateral : LeanSensing or None
-        Of the lateral axis.
+        Measurements of the lateral axis.
     course : GroundTrack or None
         Position and heading of a robot with a lateral axis, by its model.
     line : DriveLine
         The connected drive, or the reason for a missing connection.
     supervisor : Supervisor
-        With the e-stop.
+        Torque limits and e-stop of the first axis.
     fusion : Fusion
-        With the latest estimate.
+        State estimation of the first axis, with the latest estimate.
     set_points_refused : Counter
-        By reason; the callbacks of the topics count them.
+        Number of refusals by reason; the callbacks of the topics count them.
     lock : RLock
         Held in each call, and during changes of data that the loop reads.
 
@@ -154,7 +154,7 @@ class Session:
         if hardware.steering is not None:
             if law is None or connect_lateral is None:
                 raise ConfigurationError(
-                    f'{hardware.name}: the lateral axis follows the laws on board only: use '
+                    f'{hardware.name}: the lateral axis requires onboard control: use '
                     'control:=onboard, or remove the section steering', 'inconsistent', 'control')
             lateral = hardware.lateral(robot)
             self.lateral, self.course = LeanSensing(lateral, robot, self._speed), GroundTrack()
@@ -214,13 +214,13 @@ class Session:
         """
         Accept a command and send it immediately if the rate limit of the link allows.
 
-        See `CommandGate.offer` for arguments and errors; with reason ``onboard`` during onboard
+        See `CommandGate.offer` for arguments and errors; the reason is ``onboard`` in onboard
         control.
         """
         if self.law is not None:
             self.supervisor.gate.refuse('onboard')
             raise MessageError(
-                'joint_commands are not followed while the laws run on board: send '
+                'joint_commands are not accepted in onboard control: send '
                 'set_point or cmd_vel, or start the bridge with control:=direct',
                 'onboard', 'control')
         with self.lock:
@@ -232,16 +232,16 @@ class Session:
 
     def give(self, set_point: SetPoint) -> None:
         """
-        Accept a set-point, stamped with the session clock, or 0 for now.
+        Accept a set-point, stamped with the session clock; a stamp of 0 means now.
 
-        Raises `MessageError` as `SupervisedController.give`, with reason ``out_of_range`` beyond
-        the limits of the hardware file, and with ``direct`` in direct control; the current
+        Raises `MessageError` as `SupervisedController.give` does, with reason ``out_of_range``
+        beyond the limits of the hardware file, and with ``direct`` in direct control; the current
         set-point remains.
         """
         if self.law is None:
             raise MessageError(
-                'set-points are not followed in direct control: send joint_commands, '
-                'from a node controller for instance, or start the bridge with control:=onboard',
+                'set-points are not accepted in direct control: send joint_commands, '
+                'for instance from a node controller, or start the bridge with control:=onboard',
                 'direct', 'control')
         with self.lock:
             self.observer.set_point(set_point)
@@ -255,14 +255,14 @@ class Session:
             self.law.on_e_stop(bool(self.supervisor.e_stop))
             if set_point.stamp > now + CLOCK_SKEW_MAX:
                 raise MessageError(
-                    f'the set-point is stamped {set_point.stamp:.3f} s and it is '
-                    f'{now:.3f} s here: does the sender use another clock?',
+                    f'the set-point is stamped {set_point.stamp:.3f} s, but the local '
+                    f'time is {now:.3f} s: does the sender use another clock?',
                     'from_the_future', 'stamp')
             # Its age counts from now at the latest, so the timeout limits every set-point.
             self.law.give(replace(set_point, stamp=min(set_point.stamp or now, now)))
 
     def imu(self, reading: ImuReading) -> None:
-        """Accept an IMU reading; raises as `Sensing.imu` does.  An implausible one stops."""
+        """Accept an IMU reading as `Sensing.imu` does; engage the e-stop if it is implausible."""
         with self.lock:
             self.observer.imu(reading)
             try:
@@ -286,7 +286,7 @@ class Session:
         """
         Release the e-stop if it is engaged; raise `RefusedError` with the reason of a refusal.
 
-        `too_early` is a reason of the caller, empty for none; those of the session come first.
+        `too_early` is a reason of the caller, empty for none; those of the session precede it.
         """
         with self.lock:
             if self._wanted is Wanted.ACTIVE and not self.supervisor.e_stop:
@@ -323,7 +323,7 @@ class Session:
         if self.sensing.imu_fault:
             return EXPLANATIONS[self.sensing.imu_fault], 'imu'
         if self.sensing.needs_imu(now):
-            return (f'no IMU readings, or not yet for {IMU_RECOVERY_TIME:g} s without a gap, '
+            return (f'no IMU readings, or less than {IMU_RECOVERY_TIME:g} s since a gap, '
                     'and without them the pendulum angle is unreliable; publish imu, or set '
                     'imu_required: false in the hardware file for a level floor', 'imu')
         estimate, limit = self.fusion.estimate, self.hardware.limits.angle_limit
@@ -336,7 +336,7 @@ class Session:
                 and self.hardware.steering.encoder_zero is not None:
             lean, most = self.lateral.state.lean, required_steering(self.robot).largest_lean
             if abs(lean) > most:
-                return (f'the lean is {lean:.2f} rad, beyond the largest one of {most:g} rad: '
+                return (f'the lean is {lean:.2f} rad, beyond the largest lean of {most:g} rad: '
                         'check encoder_zero in the section steering of the hardware file',
                         'lean')
         requested = None if self.law is None else self.law.requested
@@ -359,14 +359,14 @@ class Session:
             drivers = self._drivers()
             if not self.supervisor.e_stop:
                 raise RefusedError(
-                    'the e-stop is released: a motor whose faults are cleared could turn '
-                    'immediately; engage it first', 'refused', 'e_stop')
+                    'the e-stop is released, so the motor could turn as soon as its faults are '
+                    'cleared; engage the e-stop first', 'refused', 'e_stop')
             if any(axis.power.state is not MotorState.DISARMED for axis in self.axes):
                 raise RefusedError('motor power is enabled, or the stop is not confirmed yet',
                                    'busy', 'motor')
             left = [name for axis, driver in zip(self.axes, drivers)
                     for name in axis.clear_faults(driver)]
-            self.observer.event(f'faults cleared, left: {", ".join(left) or "none"}')
+            self.observer.event(f'faults cleared; remaining: {", ".join(left) or "none"}')
         if left:
             raise RefusedError(f'the drive still reports {", ".join(left)}; remove the cause',
                                'standing', 'drive')
@@ -407,7 +407,7 @@ class Session:
             for axis in self.axes:
                 if axis.line.driver is not None:
                     axis.disconnect(axis.line.driver, LinkError(
-                        f'another axis was lost ({trouble})', 'closed', 'port'))
+                        f'the drive of another axis was lost ({trouble})', 'closed', 'port'))
         stops = [axis.supervisor.e_stop for axis in self.axes if axis.supervisor.e_stop]
         if 0 < len(stops) < len(self.axes):
             self._engage(stops[0])
@@ -427,7 +427,7 @@ class Session:
                 ready = all(other.power.state in READY for other in axis.others)
                 found = axis.tick(self._wanted is Wanted.ACTIVE and ready)
                 estimate = found if axis is self.control else estimate
-                if axis.line.driver is None:  # the other axes wait until it is found
+                if axis.line.driver is None:  # the other axes wait until it is connected
                     break
             self._couple()
             return estimate
@@ -439,7 +439,7 @@ class Session:
 
     def await_answer(self, timeout: float) -> Optional[Estimate]:
         """
-        Wait for a reply of the drive, and return the estimate of a measurement.
+        Wait for a reply from the drive, and return the estimate of a new measurement.
 
         The timeout is in seconds; commands are accepted and sent meanwhile.
         """

@@ -6,7 +6,7 @@ All times are of one steady clock and passed in, so that tests need no sleep.
 
 After a command timeout, `on_timeout` selects the torque during `damping_time`: zero (``coast``),
 against the rate of the joint (``brake``), or against the absolute rate of the pendulum
-(``settle``).  `studies.command_loss` computes the motion of the ball, on a slope and on the level;
+(``settle``).  `studies.command_loss` computes the motion of the ball on slopes and level ground;
 docs/hardware_bridge.md has the results.
 """
 from collections import Counter
@@ -23,7 +23,7 @@ from ballbot_ros.errors import RefusedError
 COMMAND_GAP = 0.5
 # Torque below this counts as zero [N m].
 NOTHING = 1e-6
-RUNAWAY_TIME = 0.02  # at a speed above `RUNAWAY` times the speed limit [s]
+RUNAWAY_TIME = 0.02  # longest time above `RUNAWAY` times the speed limit [s]
 
 
 class StopReason(str, Enum):
@@ -40,15 +40,15 @@ class StopReason(str, Enum):
     DISARMED_BY_DRIVE = 'disarmed_by_drive'
     HAZARD = 'hazards'  # another sender commands the drive, or its settings have changed
     LOST = 'links_lost'  # the link failed, or replies timed out
-    HELD_UP = 'held_up'  # one of these, after the machine held up the loop
-    # Of this module, the battery and the IMU.
+    HELD_UP = 'held_up'  # one of the above, after the machine delayed the loop
+    # Faults detected by this module, and faults of the battery and the IMU.
     RUNAWAY = 'runaway'
     BATTERY_EMPTY = 'battery_empty'
     IMU_SILENT = 'imu_silent'
     IMU_FROZEN = 'imu_frozen'
     IMU_GRAVITY = 'imu_gravity'
     IMU_TURN_RATE = 'imu_turn_rate'
-    # Of the estimate, see `EstimateLostError`.
+    # Faults of the estimate, see `EstimateLostError`.
     DIVERGED = 'diverged'
     ENCODER_JUMPS = 'encoder_jumps'
     ENCODER_VELOCITY = 'encoder_velocity'
@@ -90,14 +90,14 @@ class Supervisor:
     torque, requested : float
         The last decision, and its value before the limits [N m].
     derating : float
-        Available fraction of the torque limit by heat and battery; set by the owner.
+        Fraction of the torque limit that heat and battery permit; set by the owner.
     e_stop : EStop or None
         Cause of the engaged e-stop; None while it is released.
     counts : Counter
         ``timeouts``, ``limited_torque``, ``limited_rate``, ``limited_angle``,
         ``limited_speed``, ``e_stops``.
     gate : CommandGate
-        With the active command, and the counts of accepted and refused commands.
+        Holds the active command, and the counts of accepted and refused commands.
 
     """
 
@@ -143,7 +143,7 @@ class Supervisor:
 
     def reset(self, now: float, inhibit: str = '', field: str = '') -> None:
         """
-        Release the e-stop; `RefusedError` if inhibited, or after a recent nonzero command.
+        Release the e-stop; raise `RefusedError` if inhibited, or after a recent nonzero command.
 
         `field` names the inhibiting condition.
         """
@@ -151,14 +151,14 @@ class Supervisor:
             raise RefusedError(f'the e-stop remains engaged: {inhibit}', 'standing', field)
         if now - self._pushed < COMMAND_GAP:
             raise RefusedError(
-                'the e-stop remains engaged: commands other than zero are arriving, and the robot '
+                'the e-stop remains engaged: nonzero commands are arriving, and the robot '
                 'would jump; let the controller command zero (no set-point) for '
                 f'{COMMAND_GAP:g} s',
                 'refused', 'set_point')
         self.release()
 
     def release(self) -> None:
-        """Release the e-stop without the checks of `reset`, which another axis has made."""
+        """Release the e-stop without the checks of `reset`, which another axis has passed."""
         self.e_stop = None
         self.quiet()
 
@@ -169,7 +169,7 @@ class Supervisor:
         self._decided = self._since = None
 
     def decide(self, now: float, motion: Optional[PendulumMotion]) -> float:
-        """Return the torque from now on [N m]: zero while the motion is unknown (None)."""
+        """Return the torque until the next decision [N m]; zero for an unknown motion (None)."""
         wanted = self.requested = self._wanted(now, motion)
         if self.e_stop or motion is None or wanted == 0.0:
             torque = 0.0  # no rate limit for zero torque
@@ -204,14 +204,14 @@ class Supervisor:
             return 0.0
         torque = self._cut('torque', wanted, limits.torque_limit * self.derating)
         before = self.torque
-        for what, place, limit in (
+        for what, value, limit in (
                 ('limited_angle', motion.pendulum_angle, limits.angle_limit),
                 ('limited_speed', motion.joint_rate, limits.speed_limit)):
-            if abs(place) > limit:
-                if torque * place > 0.0:
+            if abs(value) > limit:
+                if torque * value > 0.0:
                     self.counts[what] += 1
                     return 0.0
-                if before * place > 0.0:  # returning torque starts at zero
+                if before * value > 0.0:  # returning torque starts at zero
                     before = 0.0
         elapsed = self._period if self._decided is None else min(
             max(now - self._decided, 0.0), limits.command_timeout)

@@ -13,16 +13,16 @@ from ballbot_ros.physics.model.robot import Robot
 def checked_controller(robot: Robot, tuning: ControlTuning, rate: float, delay: float,
                        expected: Supervision = Supervision()) -> SupervisedController:
     """
-    Return a controller that expects joint states at the lowest rate at which its gains are stable.
+    Return a controller that requires joint states at the lowest stable rate of its gains.
 
     Parameters
     ----------
     robot : Robot
     tuning : ControlTuning
     rate : float
-        Of the controller [Hz].
+        Rate of the controller [Hz].
     delay : float
-        Samples from a joint state to its torque.
+        Delay from a joint state to its torque [samples].
     expected : Supervision
         This function computes its `lowest_rate`.
 

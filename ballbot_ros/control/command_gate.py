@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Selects the command that the motor follows: the latest fresh one of one sender, or none."""
+"""Selects the command that the motor follows: the latest fresh one from one sender, or none."""
 from collections import Counter
 import math
 from typing import Optional
@@ -27,7 +27,7 @@ class CommandGate:
     ----------
     accepted : int
     refused : Counter
-        By reason.
+        Numbers of refused commands by reason.
 
     """
 
@@ -40,12 +40,12 @@ class CommandGate:
         self.accepted = 0
         self.refused: Counter[str] = Counter()
         self.stamp: Optional[float] = None
-        self._since = 0.0  # arrival, or the stamp where that is earlier
+        self._since = 0.0  # arrival, or the stamp if that is earlier
         self._torque = self._lean = 0.0
 
     def offer(self, torque: float, stamp: float, now: float, lean: float = 0.0) -> None:
         """
-        Take a torque [N m], and a set-point of the lean of the pendulum [rad].
+        Accept a torque [N m] and a set-point of the lean of the pendulum [rad].
 
         The stamp is that of the joint state from which they were computed [s].  Raises
         `MessageError` with reason ``not_finite``, ``stale``, ``from_the_future`` or
@@ -74,13 +74,13 @@ class CommandGate:
         age = now - stamp
         if not age <= self.timeout:
             raise MessageError(
-                f'the command answers a state of {stamp:.3f} s and it is {now:.3f} s: '
+                f'the command answers a state of {stamp:.3f} s, but the time is {now:.3f} s: '
                 f'older than {self.timeout:g} s; stamp commands with the stamp of the '
                 'joint_states they answer', 'stale', 'stamp')
         if age < -CLOCK_SKEW_MAX:
             raise MessageError(
-                f'the command is stamped {stamp:.3f} s and it is {now:.3f} s '
-                'here: does the sender use wall time instead of simulated time?',
+                f'the command is stamped {stamp:.3f} s, but the local time is {now:.3f} s: '
+                'does the sender use wall time instead of simulated time?',
                 'from_the_future', 'stamp')
         if self.stamp is not None and stamp < self.stamp:
             raise MessageError(
@@ -113,12 +113,12 @@ class Authority:
     Parameters
     ----------
     timeout : float
-        Time without a command of the holder after which another sender may take over [s].
+        Time without a command from the holder after which another sender may take over [s].
 
     Attributes
     ----------
     holder : str or None
-        The sender in authority, None before there was one.
+        The sender with authority, None before the first command.
     contest : str
         The refused sender and the holder at the last refusal; see `contested`.
 
@@ -135,7 +135,7 @@ class Authority:
                 f'timeout of an authority must be above 0 s and finite, got {timeout!r}',
                 'out_of_range', 'timeout')
         self._timeout = timeout
-        self._last = -math.inf  # when the holder was last there
+        self._last = -math.inf  # time of the last message from the holder
         self.holder: Optional[str] = None
         self._contested_at, self.contest = -math.inf, ''
 
@@ -143,15 +143,15 @@ class Authority:
         """
         Register a message that arrived now [s] from a sender.
 
-        An empty name of the sender (not discovered yet) gives no authority.  Raises `MessageError`
+        A sender with an empty name (not discovered yet) gets no authority.  Raises `MessageError`
         with reason ``other_sender`` if another sender holds authority.
         """
         if sender != self.holder and 0.0 <= now - self._last <= self._timeout:
             self._contested_at = now
             self.contest = f'{sender or "another node"} commands, but {self.holder} has authority'
             raise MessageError(
-                f'{self.contest}: end one of them, or let the '
-                f'first be silent for {self._timeout:g} s', 'other_sender', 'publisher')
+                f'{self.contest}: stop one of them, or let the '
+                f'first send nothing for {self._timeout:g} s', 'other_sender', 'publisher')
         if sender:
             self.holder, self._last = sender, now
 

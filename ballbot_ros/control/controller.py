@@ -25,23 +25,23 @@ class PendulumController:
     Laws (11) and (12), and the speed law over (11), with a torque limit.
 
     All times are stamps of readings, so that a paused or replayed simulation
-    gives the same torque.  Until a set-point is given the torque is zero.
+    gives the same torque.  Before the first set-point the torque is zero.
 
     The integral of (12) is the paper's ``set_rate * t - theta2`` with both counted from the
-    first reading under this set-point; the same set-point given again, as a publisher does
-    periodically, does not restart it.  While the torque is limited the integral only moves
-    in the direction that leaves the limit; without limiting the law is unchanged.
+    first reading under this set-point; repeating the set-point, as a publisher does
+    periodically, does not restart it.  While the torque is limited, the integral only changes
+    in the direction that leaves the limit; without limiting, the law is unchanged.
 
-    The resistance estimate of the speed law survives a change of the set speed, but not a change
-    of the mode.
+    A change of the set speed keeps the resistance estimate of the speed law, a change of the mode
+    resets it.
 
-    A change of the law is bumpless: the difference between the torque in force and that of the
+    A change of the law is bumpless: the difference between the previous torque and that of the
     new law fades linearly over `blend_time` of the tuning.
 
     Attributes
     ----------
     set_point : SetPoint
-        In force.
+        Active set-point.
 
     Raises
     ------
@@ -58,9 +58,9 @@ class PendulumController:
 
     def retune(self, tuning: ControlTuning) -> None:
         """
-        Change the gains without a jump of the torque, as a change of the law.
+        Change the gains without a jump of the torque, as for a change of the law.
 
-        Set-point, integral and resistance estimate stay.
+        Set-point, integral and resistance estimate are kept.
         """
         self._use(tuning)
         self._fade = max(tuning.blend_time, RETUNING)
@@ -70,7 +70,7 @@ class PendulumController:
         """
         Continue from zero torque without a jump, after another component held the motor at zero.
 
-        Set-point and resistance estimate stay; the integral restarts at the next reading.
+        Set-point and resistance estimate are kept; the integral restarts at the next reading.
         """
         self._restart_integral()
         self._torque = 0.0
@@ -85,12 +85,12 @@ class PendulumController:
         self._numbers: Optional[Numbers] = None
 
     def reset(self) -> None:
-        """Drop set-point, readings and integral: idle, for a stop or a jump of time."""
+        """Drop set-point, readings and integral, and become idle, for a stop or a time jump."""
         self.set_point = SetPoint(Mode.IDLE, stamp=-1e300)
         self._last: Optional[JointReadings] = None
         self._torque = 0.0
         self._taking_over = False
-        # Torque in force less that of the new law at the change [N m], and its stamp.
+        # Previous torque minus that of the new law at the change [N m], and its stamp.
         self._difference, self._since = 0.0, 0.0
         self._fade = self._tuning.blend_time
         self._restart()
@@ -102,14 +102,14 @@ class PendulumController:
         Raises
         ------
         MessageError
-            With reason ``stale`` if it is older than the one in force.
+            With reason ``stale`` if it is older than the active one.
 
         """
         current = self.set_point
         if set_point.stamp < current.stamp:
             raise MessageError(
-                f'set-point of {set_point.stamp:.6g} s refused: the one in force is '
-                f'of {current.stamp:.6g} s; if time was set back, reset the controller',
+                f'set-point stamped {set_point.stamp:.6g} s refused: the active one is '
+                f'stamped {current.stamp:.6g} s; if time was set back, reset the controller',
                 'stale', 'stamp')
         if (set_point.mode, set_point.value) != (current.mode, current.value):
             if not (set_point.mode is current.mode is Mode.SPEED):
@@ -130,7 +130,7 @@ class PendulumController:
         ----------
         readings : JointReadings
         in_force : float, optional
-            Present torque of the motor, where it may differ from the last output [N m].
+            Present torque of the motor, if it may differ from the last output [N m].
 
         Raises
         ------
@@ -141,7 +141,7 @@ class PendulumController:
         last = self._last
         if last is not None and readings.stamp < last.stamp:
             raise MessageError(
-                f'readings of {readings.stamp:.6g} s refused: those of '
+                f'readings stamped {readings.stamp:.6g} s refused: readings stamped '
                 f'{last.stamp:.6g} s arrived before; if time was set back, reset the controller',
                 'stale', 'stamp')
         if not (self._answered and last is not None and readings.stamp == last.stamp):
@@ -155,7 +155,7 @@ class PendulumController:
         """Restart the integral at the next reading."""
         self._restart_integral()
         self._answered = False
-        # Stamp and state of the speed law, before the last readings and with them.
+        # Stamp and state of the speed law, before and after the last readings.
         self._before: Optional[tuple[float, SpeedState]] = None
         self._learnt: Optional[tuple[float, SpeedState]] = None
 
@@ -164,7 +164,7 @@ class PendulumController:
         self._surplus = self._lag = 0.0
 
     def _law(self, readings: JointReadings, in_force: float) -> float:
-        """Return the saturated torque of the law in force [N m]."""
+        """Return the saturated torque of the active law [N m]."""
         if self.set_point.mode is Mode.IDLE:
             self._difference, self._taking_over = 0.0, False
             return 0.0
@@ -187,7 +187,7 @@ class PendulumController:
         return torque
 
     def _faded(self, stamp: float) -> float:
-        """Return the rest of the torque difference to the previous law [N m]."""
+        """Return the remaining torque difference to the previous law [N m]."""
         left = 1.0 - (stamp - self._since) / self._fade
         if left <= 0.0:
             self._difference = left = 0.0
@@ -206,12 +206,12 @@ class PendulumController:
 
     @property
     def steepest_slope(self) -> float:
-        """Return the slope that the speed law holds with its largest lean [rad]."""
+        """Return the steepest slope on which the speed law can hold the ball [rad]."""
         return steepest_slope(self._tuning.largest_lean, self._speed_numbers)
 
     @property
     def overcome(self) -> bool:
-        """Return whether the resistance exceeds that held by the largest lean of the speed law."""
+        """Return whether the resistance exceeds the largest that the speed law can hold."""
         return self._learnt is not None and not abs(self.slope) <= self.steepest_slope
 
     def _speed(self, readings: JointReadings) -> float:

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The ball that rolls without slip on a slope a, positive uphill: exact, and linearised.
+Model, exact and linearised, of a ball that rolls without slip on a slope a, positive uphill.
 
-With a path -R theta1 two degrees of freedom are left, the pendulum angle phi and theta1::
+The path is -R theta1, so two degrees of freedom remain, the pendulum angle phi and theta1::
 
     T = (J1 + M R^2) theta1'^2 / 2 + (J2 + M2 e^2) phi'^2 / 2 - M2 e R cos(phi - a) theta1' phi'
     V = -M2 g e cos(phi) - M g R sin(a) theta1
@@ -12,7 +12,7 @@ With a path -R theta1 two degrees of freedom are left, the pendulum angle phi an
         = -tau2 + c2 (phi' - theta1') - c1 theta1' + M g R sin(a)
 
 with C = M2 e R cos(phi - a).  Stability analysis and pendulum filter use this model on a level
-floor, the rollouts of a decision on slopes; the simulator has the full one with contact and slip.
+floor, the rollouts of a decision on slopes; the simulator models contact and slip.
 
 While the ball slips or flies, no horizontal contact force depends on its motion.  Then the joint
 drives the two inertias J1 and I = J2 + M2 e^2 M1 / M alone (see `solvers.flight`), so the same
@@ -65,7 +65,7 @@ Rolling = Tuple[float, float, float, float, float, float, float]
 @compiled
 def rolling_loads(angle: float, rate: float, ball_rate: float, slope: float,
                   rolling: Rolling) -> Tuple[float, float, float]:
-    """Return the torques on pendulum and ball without the motor's [N m], and C [kg m2]."""
+    """Return the torques on pendulum and ball without that of the motor [N m], and C [kg m2]."""
     own = RollingNumbers(*rolling)
     friction, aside = own.joint_friction * (rate - ball_rate), angle - slope
     return (-friction - own.gravity_torque * math.sin(angle),
@@ -116,7 +116,7 @@ class RollingModel:
     """
     The equations above for one robot.
 
-    In all methods `angle` [rad] and `rate` [rad/s] are those of the pendulum, absolute: phi and
+    In all methods `angle` [rad] and `rate` [rad/s] are absolute and of the pendulum, phi and
     phi'.  `ball_rate` is theta1' [rad/s]: rolling to +x at v, it is -v / R.  `torque` is
     tau2 [N m].  With `rolls` false the ball slips or flies.
 
@@ -169,7 +169,7 @@ class RollingModel:
         """
         Return matrix and column of the model linearised about a held pendulum.
 
-        They are those of the deviations (phi, phi', theta1') and of the effect of tau2.  A held
+        They apply to deviations of (phi, phi', theta1') and to tau2.  A held
         pendulum accelerates the ball, so this is not an equilibrium: the model describes small
         deviations from that accelerated rolling, at low speed.
         """

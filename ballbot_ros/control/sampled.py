@@ -4,14 +4,14 @@ Stability of a sampled control loop with a delay.
 
 A gain that is stable in continuous time may be unstable at a low rate or with a long delay.
 The rolling model of `rolling_model` is discretised exactly under an input that is held and may
-change within a period (`HeldInput`), and closed with the linearised law; it is stable if the poles
-of the result are.  The published gains on GimBall need, to hold the pendulum down, 234 Hz
-without delay and 468 Hz with one sample of it; to hold it at any angle, 275 and 548 Hz.
+change within a period (`HeldInput`), and closed with the linearised law; the loop is stable if its
+poles are.  To hold the pendulum down, the published gains on GimBall need 234 Hz without delay
+and 468 Hz with a delay of one sample; to hold it at any angle, 275 and 548 Hz.
 
 These rates hold while the ball rolls.  A torque above the friction limit makes the ball slip, a
 bump makes it fly; then the joint drives less inertia, and law (12) needs 326 instead of 230 Hz.
-Law (12) does not control the pendulum angle either: with a raised pendulum it needs a higher
-rate, too.  `growth_rate` covers these cases, with `rolls` false or with `set_angles`.
+Law (12) does not control the pendulum angle, so with a raised pendulum it also needs a higher
+rate.  `growth_rate` covers these cases, with `rolls` false or with `set_angles`.
 
 The torque limit turns a divergence into a limit cycle: the pendulum oscillates with full torque.
 """
@@ -29,12 +29,12 @@ from ballbot_ros.errors import ConfigurationError, UnstableLoopError
 from ballbot_ros.physics.model.actuation import position_torque
 from ballbot_ros.physics.model.robot import Robot
 
-# Laws (11) and (12) do not control the speed of the ball: it is a nearly neutral mode, damped by
-# friction only, and may drift.  Growth below this [1/s] is such drift, which the source of the
+# Laws (11) and (12) do not control the speed of the ball: this nearly neutral mode, damped by
+# friction only, may drift.  Growth below this [1/s] is such drift, which the source of the
 # set-points must correct; the instabilities sought here grow hundreds of times faster.
 DRIFT_LIMIT = 0.2
 
-HIGHEST_RATE = 1e5      # [Hz] a loop that diverges at this rate is unstable at any
+HIGHEST_RATE = 1e5      # [Hz] a loop that diverges at this rate counts as unstable at any
 LOWEST_RATE = 1.0       # [Hz]
 MOST_DELAY = 100        # [samples]
 # With a lag, the search for a rate starts where the lag is this number of samples: a higher rate
@@ -50,7 +50,7 @@ DIFFERENCE = 1e-4
 
 def expm(matrix: Array) -> Array:
     """Return the exponential of a small matrix, by scaling and squaring of its Taylor series."""
-    # SciPy has it, but importing that takes a third of a second at each start of a node.
+    # SciPy provides it, but its import takes a third of a second at each start of a node.
     squarings = max(0, math.frexp(2.0 * float(np.linalg.norm(matrix, 1)))[1])
     scaled = matrix / 2.0**squarings  # its norm is below 0.5: 16 terms are exact to rounding
     result = term = np.eye(len(matrix))
@@ -66,18 +66,18 @@ class HeldInput(NamedTuple):
     """
     One period of x' = A x + b u: ``x <- step x + before u_before + after u_after``.
 
-    A linear plant under an input that is held, and changes once within each period: the modified
-    z-transform, exact for a delay of any number of samples, whole or not.
+    This is the modified z-transform of a linear plant whose input is held and changes once within
+    each period.  It is exact for any delay, also a fraction of a sample.
     """
 
     step: Array  # (n, n)
-    before: Array  # (n,) of the input at the start of the period; 0 if it changes immediately
-    after: Array  # (n,) of the input that replaces it
-    waiting: int  # number of stored inputs, the one in force first: the delay, rounded up
+    before: Array  # (n,) effect of the input at the start; 0 if it changes immediately
+    after: Array  # (n,) effect of the input that replaces it
+    waiting: int  # number of stored inputs, the active one first: the delay, rounded up
 
     @classmethod
     def of(cls, matrix: Array, column: Array, rate: float, delay: float) -> 'HeldInput':
-        """Return it for a rate [Hz] and a delay from a sample until its input acts, in samples."""
+        """Return the discretisation for a rate [Hz] and a delay from sample to input [samples]."""
         size, part = len(matrix), delay - math.floor(delay)
         flow = np.zeros((size + 1, size + 1))
         flow[:size, :size], flow[:size, size] = matrix, column
@@ -91,7 +91,7 @@ class HeldInput(NamedTuple):
         return cls(second @ first, second @ before, after, math.ceil(delay))
 
     def closed(self, feedback: Array) -> Array:
-        """Return the matrix of the loop under u = feedback . x, of x and the waiting inputs."""
+        """Return the matrix of the loop with u = feedback . x, for x and the stored inputs."""
         size, waiting = len(self.step), self.waiting
         loop = np.zeros((size + waiting, size + waiting))
         loop[:size, :size] = self.step
@@ -149,7 +149,7 @@ def loop_poles(robot: Robot, tuning: ControlTuning, law: Union[Mode, str], rate:
                delay: float = 0, set_angle: float = 0.0, rolls: bool = True
                ) -> NDArray[np.complex128]:
     """
-    Return the poles of the sampled loop, inside the unit circle where it is damped.
+    Return the poles of the sampled loop, which is stable if they are in the unit circle.
 
     Parameters
     ----------
@@ -158,14 +158,14 @@ def loop_poles(robot: Robot, tuning: ControlTuning, law: Union[Mode, str], rate:
     law : Mode or str
         ``'hold'``, eq. (11), ``'drive'``, eq. (12), or ``'speed'``, the speed law.
     rate : float
-        Of the controller [Hz].
+        Rate of the controller [Hz].
     delay : float
-        Samples from reading to torque; within a period the torque changes where the delay ends.
+        Delay from reading to torque [samples]; a fraction changes the torque within a period.
     set_angle : float
-        Pendulum angle about which to linearise [rad]; for the speed law the one that holds the
+        Pendulum angle about which to linearise [rad]; for the speed law, the one that holds the
         ball on a slope.
     rolls : bool
-        Whether the ball rolls without slip; else it slips, or flies.
+        Whether the ball rolls without slip; otherwise it slips or flies.
 
     Raises
     ------
@@ -200,7 +200,7 @@ def _speed_loop(model: RollingModel, tuning: ControlTuning, rate: float, delay: 
     robot = model.robot
     numbers = SpeedLaw.tuned(robot, tuning)[:]
     gravity = robot.largest_gravity_torque
-    # phi'' and theta1'' by phi, phi', theta1' and torque.
+    # Derivatives of phi'' and theta1'' by phi, phi', theta1' and torque.
     columns = [model.response(set_angle, *forces) for forces in (
         (-gravity * math.cos(set_angle), 0.0),
         (-robot.joint_friction, robot.joint_friction),
@@ -238,12 +238,12 @@ def growth_rate(robot: Robot, tuning: ControlTuning, law: Union[Mode, str], rate
                 delay: float = 0, set_angles: Optional[Sequence[float]] = None,
                 lag: float = 0.0, rolls: bool = True) -> float:
     """
-    Return how fast the worst deviation grows, negative if it decays [1/s].
+    Return the growth rate of the worst deviation, negative if it decays [1/s].
 
-    That is log(largest pole) * rate, the worst over `set_angles` [rad]; by default 0 to 180
+    It is log(largest pole) * rate, the largest over `set_angles` [rad]; by default 0 to 180
     degrees for law (11), and for the speed law the angles that hold slopes.  Parameters as in
     `loop_poles`; `lag` [s] is an additional delay that does not depend on the rate.  With `rolls`
-    false expect some drift of the ball's speed, too.
+    false, the speed of the ball drifts, too.
     """
     samples = delay + lag * rate if lag else delay
     law = _check(law, rate, samples)
@@ -260,7 +260,7 @@ def is_stable(robot: Robot, tuning: ControlTuning, law: Union[Mode, str], rate: 
     """
     Return whether no deviation grows faster than drift; parameters as in `growth_rate`.
 
-    This holds for small deviations about these pendulum angles; for a ball that slips see
+    This applies to small deviations from these pendulum angles; for a ball that slips see
     `growth_rate` with `rolls` false.
     """
     return growth_rate(robot, tuning, law, rate, delay, set_angles, lag) < DRIFT_LIMIT

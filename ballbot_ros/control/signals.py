@@ -6,7 +6,7 @@ import math
 
 from ballbot_ros.errors import MessageError
 
-# A set-point closer to 0 than this is rest [rad, rad/s, m/s].
+# A set-point closer to 0 than this counts as rest [rad, rad/s, m/s].
 REST_MAX = 1e-3
 
 
@@ -43,7 +43,7 @@ class SetPoint:
     stamp : float
         Time at which it was given [s].
     yaw_rate : float
-        Beside a speed; positive to the left [rad/s].
+        For mode ``speed``; positive to the left [rad/s].
 
     Raises
     ------
@@ -85,14 +85,14 @@ class SetPoint:
 @dataclass(frozen=True)
 class JointReadings:
     """
-    Both joints of the robot at one moment; angles are counter-clockwise positive.
+    Both joints of the robot at one time; angles are counter-clockwise positive.
 
     Attributes
     ----------
     stamp : float
         Time of the measurement [s].
     ball_angle, ball_rate : float
-        theta1 [rad] and theta1' [rad/s] against the world; rolling to +x at v, the rate is
+        theta1 [rad] and theta1' [rad/s] relative to the world; rolling to +x at v, the rate is
         -v / R.
     joint_angle, joint_rate : float
         theta2 [rad] and theta2' [rad/s], pendulum relative to ball.

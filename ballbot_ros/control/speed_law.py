@@ -13,8 +13,8 @@ integral of the speed error would.  The desired angle compensates D and gives th
 speed_gain (set_speed - speed); the set angle for law (11) leads it, because law (11) lags by
 kd / kp.  See docs/speed_law.md.
 
-All functions are pure and compiled.  From Python, pass ``law[:]`` for a `SpeedLaw`: its numbers go
-as a plain tuple.
+All functions are pure and compiled.  From Python, pass ``law[:]`` for a `SpeedLaw`: kernels take
+plain tuples.
 """
 import math
 from typing import NamedTuple
@@ -29,10 +29,10 @@ from ballbot_ros.physics.model.robot import Robot
 Numbers = tuple[float, float, float, float, float, float, float, float, float]
 
 FURTHEST = math.pi / 2.0  # limit of the set angle: a level pendulum [rad]
-MOST_RESISTANCE = 1.5  # times the resistance that a level pendulum holds; a wall is not a slope
-BRAKING = 0.7  # share of the possible deceleration used on the approach to a position
+MOST_RESISTANCE = 1.5  # limit, relative to the resistance that a level pendulum holds
+BRAKING = 0.7  # fraction of the possible deceleration used on the approach to a position
 LEAST_BRAKING = 0.02  # [m/s2]
-SHORTFALL_RATE = 3.0  # of the low-pass filter for the steady-state error of law (11) [1/s]
+SHORTFALL_RATE = 3.0  # rate of the low-pass filter for the steady-state error of law (11) [1/s]
 MOST_SHORTFALL = 0.35  # [rad]
 
 
@@ -44,7 +44,7 @@ class SpeedState(NamedTuple):
     angle: float  # of the pendulum at the last step [rad]
     predicted: float  # angle of the pendulum, by law (11) without its error [rad]
     shortfall: float  # mean steady-state error of law (11) [rad]
-    set_angle: float  # the last [rad]
+    set_angle: float  # at the last step [rad]
 
 
 class SpeedLaw(NamedTuple):
@@ -57,8 +57,8 @@ class SpeedLaw(NamedTuple):
     radius: float  # [m]
     lag: float  # kd / kp of law (11) [s]
     speed_gain: float  # desired acceleration per speed error [1/s]
-    swing_time: float  # in which the pendulum follows the desired angle [s]
-    observer_rate: float  # at which the estimate of the resistance converges [1/s]
+    swing_time: float  # response time of the pendulum to the desired angle [s]
+    observer_rate: float  # convergence rate of the resistance estimate [1/s]
 
     @classmethod
     def tuned(cls, robot: Robot, tuning: ControlTuning) -> 'SpeedLaw':
@@ -133,15 +133,15 @@ def motion_law_step(state: SpeedState, speed: float, pendulum_angle: float, set_
     state : SpeedState
         See `speed_law_start`.
     speed : float
-        Of the ball [m/s].
+        Speed of the ball [m/s].
     pendulum_angle : float
-        Absolute [rad]; NaN if not measured: then the set angles predict it.
+        Absolute [rad]; NaN if not measured: then it is predicted from the set angles.
     set_speed, set_acceleration : float
         [m/s] and its time derivative [m/s2].
     lean : float
         Largest desired angle of the pendulum [rad], at most pi / 2.
     period : float
-        Since the last step, above 0 [s].
+        Time since the last step, above 0 [s].
     law : Numbers
 
     """
@@ -149,7 +149,7 @@ def motion_law_step(state: SpeedState, speed: float, pendulum_angle: float, set_
     estimate, resistance, before, followed, shortfall, set_angle = state
     followed = set_angle + (followed - set_angle) * math.exp(-period / own.lag)
     angle = followed if math.isnan(pendulum_angle) else pendulum_angle
-    # The observer: both of its poles at observer_rate, for any period.
+    # The observer has both poles at observer_rate, for any period.
     middle = 0.5 * (before + angle)
     inertia = (own.inertia - own.coupling * math.cos(middle)) / own.radius
     estimate += period * (own.gravity_torque * math.sin(middle) - resistance) / inertia
@@ -183,8 +183,8 @@ def place_law_step(state: SpeedState, speed: float, pendulum_angle: float, gap: 
     """
     Stop at a position and hold it; see `motion_law_step`.
 
-    The set speed v solves gap = v / speed_gain + v^2 / (2 b), b being BRAKING of the deceleration
-    of the lean against the estimated resistance: the gap closes without overshoot.  The gap is the
+    The set speed v solves gap = v / speed_gain + v^2 / (2 b), with b = BRAKING times the
+    deceleration by the lean under the estimated resistance, to avoid overshoot.  The gap is the
     distance from the ball to the position, positive towards +x [m]; `top_speed` limits v [m/s].
     """
     own = SpeedLaw(*law)
@@ -218,7 +218,7 @@ def holding_angle(slope: float, law: Numbers) -> float:
 
 @compiled
 def steepest_slope(lean: float, law: Numbers) -> float:
-    """Return the slope that a lean holds, asin(M2 e sin(lean) / (M R)) [rad]."""
+    """Return the steepest slope that a lean holds, asin(M2 e sin(lean) / (M R)) [rad]."""
     own = SpeedLaw(*law)
     return math.asin(min(own.gravity_torque * math.sin(lean) / own.weight_torque, 1.0))
 
@@ -229,9 +229,9 @@ def braking_distance(speed: float, slope: float, lean: float, reaction: float,
     """
     Return the stopping distance of `speed_law_step`, for a set speed of 0 [m].
 
-    v (reaction + swing_time) + v^2 / (2 b) + b / (2 speed_gain^2), as the lean decreases below
-    b / speed_gain; for a v below that, v (reaction + swing_time + 1 / speed_gain).  Infinite where
-    the ball cannot brake.
+    It is v (reaction + swing_time) + v^2 / (2 b) + b / (2 speed_gain^2), as the lean decreases
+    below b / speed_gain; for a v below that, v (reaction + swing_time + 1 / speed_gain); infinity
+    if the ball cannot brake.
 
     Parameters
     ----------
@@ -240,7 +240,7 @@ def braking_distance(speed: float, slope: float, lean: float, reaction: float,
     slope : float
         Positive where it rises towards +x [rad].
     lean : float
-        Of the pendulum against the motion [rad].
+        Lean of the pendulum against the motion [rad].
     reaction : float
         Delay of the set angle [s].
     law : Numbers
@@ -263,7 +263,7 @@ def stopping_speed(gap: float, slope: float, lean: float, reaction: float,
     """
     Return the speed from which the ball stops within a gap: inverse of `braking_distance` [m/s].
 
-    0 without a gap, or where the ball cannot brake.
+    It is 0 without a gap, or if the ball cannot brake.
     """
     braking = -acceleration(-lean, slope, law)
     if gap <= 0.0 or braking <= 0.0:

@@ -13,14 +13,14 @@ from ballbot_ros.errors import MessageError
 
 LOG = logging.getLogger(__name__)
 
-# A set-point stamped further ahead of the joint states than this has another clock [s].
+# Largest time by which the stamp of a set-point may be ahead of the joint states [s].
 CLOCK_SKEW_MAX = 1.0
-# Tolerance of measured rates.
+# Tolerance factor of measured rates.
 RATE_SLACK = 0.98
-# Number of periods whose median is the rate, and of those before it is judged: one joint state
+# Number of periods whose median gives the rate, and smallest number that does: one joint state
 # lost at the start must not stop the robot.
 RATE_PERIODS, LEAST_PERIODS = 20, 10
-# Excessive resistance of the speed law is logged after this time [s]: pushes are shorter.
+# Excessive resistance in the speed law is logged after this time [s]: pushes are shorter.
 RESISTANCE_TIME = 1.0
 # After an e-stop, set-points other than rest are accepted after a gap of this time [s].
 SET_POINT_GAP = 0.5
@@ -67,7 +67,7 @@ class Supervision:
         In lockstep, a state gives a torque only with the set-point of its own period [s];
         0 outside lockstep.
     let_down_time : float
-        Time for which a lowered pendulum is held there [s]; no torque after.
+        Time for which the lowered pendulum is held [s]; then the torque is zero.
 
     """
 
@@ -81,10 +81,10 @@ class SupervisedController:
     """
     Computes a torque from each joint state, zero where a torque would not be safe.
 
-    All time is that of the stamps.
+    All times are stamps.
 
     While the e-stop is engaged it is idle.  A release alone starts no motion: set-points other
-    than rest are refused until a rest set-point, or no set-point for `SET_POINT_GAP`.
+    than rest are refused until one is rest, or there is none for `SET_POINT_GAP`.
 
     Attributes
     ----------
@@ -92,7 +92,7 @@ class SupervisedController:
     too_slow : bool
         The rate of joint states is too low: the torque is 0.
     overcome : bool
-        The resistance exceeds that held by the largest lean: the ball rolls away.
+        The resistance exceeds the largest that the lean can hold: the ball rolls away.
     let_down : bool
         The set-point has expired; the pendulum is lowered.
     e_stop : bool
@@ -118,12 +118,12 @@ class SupervisedController:
 
     @property
     def set_point(self) -> SetPoint:
-        """Return the set-point in force."""
+        """Return the active set-point."""
         return self._controller.set_point
 
     @property
     def rate(self) -> Optional[float]:
-        """Return the median rate of the joint states [Hz], None before it can be judged."""
+        """Return the median rate of the joint states [Hz], None with too few of them."""
         return self._rate.rate
 
     @property
@@ -133,7 +133,7 @@ class SupervisedController:
 
     def give(self, set_point: SetPoint) -> None:
         """
-        Take a set-point.
+        Accept a set-point.
 
         Raises `MessageError` with reason ``stale``, ``from_the_future`` or ``e_stop``.
         """
@@ -142,21 +142,21 @@ class SupervisedController:
         dated = self._newest is not None and not self.e_stop
         if dated and ahead > CLOCK_SKEW_MAX:
             raise MessageError(
-                f'set-point of {set_point.stamp:.3f} s refused: the joint '
-                f'states are of {self.time:.3f} s; is one of them stamped with wall time?',
+                f'set-point stamped {set_point.stamp:.3f} s refused: the joint '
+                f'states are stamped {self.time:.3f} s; is one of them stamped with wall time?',
                 'from_the_future', 'stamp')
         timeout = self.expected.set_point_timeout
         if dated and timeout and -ahead > timeout:
             raise MessageError(
-                f'set-point of {set_point.stamp:.3f} s refused: the joint states are '
-                f'of {self.time:.3f} s, more than {timeout:g} s later', 'stale', 'stamp')
+                f'set-point stamped {set_point.stamp:.3f} s refused: the joint states are '
+                f'stamped {self.time:.3f} s, more than {timeout:g} s later', 'stale', 'stamp')
         self._check_e_stop(set_point)
         if not self.e_stop:
             self._controller.give(set_point)
             self.let_down = False
 
     def on_e_stop(self, engaged: bool) -> None:
-        """Store the state of the e-stop; if engaged, drop the set-point in force."""
+        """Store the state of the e-stop; if engaged, drop the set-point."""
         if engaged and not self.e_stop:
             self.forget()
         self._rest_first = self._rest_first or engaged
@@ -168,7 +168,7 @@ class SupervisedController:
         self.let_down = False
 
     def record_request(self, set_point: SetPoint) -> None:
-        """Record a requested set-point, also of a sender without authority."""
+        """Record a requested set-point, also one from a sender without authority."""
         if not set_point.is_rest:
             self._requested, self._requested_at = set_point, self.time
 
@@ -178,7 +178,7 @@ class SupervisedController:
         return self._requested if self.time - self._requested_at < SET_POINT_GAP else None
 
     def _check_e_stop(self, set_point: SetPoint) -> None:
-        """Refuse set-points other than rest while the e-stop is engaged, or right after."""
+        """Refuse set-points other than rest while the e-stop is engaged, or just after."""
         if set_point.is_rest:
             self._rest_first = self._rest_first and self.e_stop
             return
@@ -192,7 +192,7 @@ class SupervisedController:
         self._rest_first = False
 
     def take(self, readings: JointReadings) -> None:
-        """Store a joint state; `answer` then gives its torque."""
+        """Store a joint state; `answer` then returns its torque."""
         if self._newest is not None and readings.stamp < self._newest.stamp:
             LOG.warning(
                 f'time went back from {self._newest.stamp:.3f} s to {readings.stamp:.3f} s: '
@@ -228,7 +228,7 @@ class SupervisedController:
                 f'{self.expected.lowest_rate:.0f} Hz: torque is 0; raise the rate or choose '
                 'another tuning')
         if slow or self.too_slow:
-            # The law stores the readings, and starts from the zero torque in force.
+            # The law stores the readings, and restarts from zero torque.
             self._controller.take_over()
         self.too_slow = slow
         torque = self._controller.torque(readings, 0.0 if slow else in_force)
@@ -236,16 +236,16 @@ class SupervisedController:
         return 0.0 if slow else torque
 
     def _check_hold(self, stamp: float) -> None:
-        """Log when the resistance exceeds that held by the pendulum."""
+        """Log a resistance that exceeds the largest that the pendulum can hold."""
         if not self._controller.overcome or stamp < self._held_at:
             self._held_at, self.overcome = stamp, False
         elif stamp - self._held_at > RESISTANCE_TIME and not self.overcome:
             self.overcome = True
             LOG.warning(
-                f'the set speed of {self.set_point.value:g} m/s is not reached: resistance of '
-                f'a slope of {math.degrees(self._controller.slope):.1f} degrees, but the largest '
-                f'lean holds {math.degrees(self._controller.steepest_slope):.1f}; the ball may '
-                'roll away')
+                f'the set speed of {self.set_point.value:g} m/s is not reached: estimated '
+                f'resistance of a slope of {math.degrees(self._controller.slope):.1f} degrees, '
+                f'but the largest lean holds {math.degrees(self._controller.steepest_slope):.1f}; '
+                'the ball may roll away')
 
     def _too_early(self, stamp: float) -> bool:
         """In lockstep, return whether the set-point of this state's period is missing."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Gains of the pendulum controller, described, ranged and read from YAML."""
+"""Gains of the pendulum controller: descriptions, ranges, and reading from YAML."""
 from dataclasses import dataclass
 
 from ballbot_ros.config.fields import Checked, flag, quantity
@@ -41,7 +41,7 @@ class ControlTuning(Checked):
         '1/s', 'desired acceleration of the speed law per speed error', above=0.0, maximum=100.0,
         default=2.0)
     swing_time: float = quantity(
-        's', 'time in which the pendulum follows the desired angle of the speed law', above=0.0,
+        's', 'response time of the pendulum to the desired angle of the speed law', above=0.0,
         maximum=10.0, default=0.15)
     observer_rate: float = quantity(
         '1/s', 'convergence rate of the resistance estimate of the speed law', above=0.0,

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The angle of the pendulum, and the distance, from an encoder, the torque and an IMU; no ROS.
+Estimation of pendulum angle and distance from encoder, motor torque and IMU; no ROS.
 
-A robot at rest, with its encoder at 0 and gravity in its accelerometer:
+A robot at rest, whose encoder reads 0 and whose accelerometer reads gravity:
 
     >>> from ballbot_ros.physics import load_robot
     >>> fusion = Fusion(load_robot('gimball'))

@@ -5,7 +5,7 @@ Plausibility of an encoder: jumps, and contradictions to the velocity of the dri
 `Continuity` detects jumps, as distinct from impacts on the pendulum.  A step between two readings
 is a motion if it agrees with the prediction of the filter, with the velocity that the drive
 reports, or, without one, with the rate between the previous readings.  Otherwise it is a jump.
-The readings after a jump are left out, until `AGREEING` of them in a row differ from the
+The readings after a jump are rejected until `AGREEING` consecutive ones differ from the
 prediction by the same angle: then the encoder continues from a new zero.
 
 The largest innovation of a filter with an IMU, in simulations of drops of 1 m and of walls hit at
@@ -15,13 +15,13 @@ only the velocity of the drive distinguishes a jump from an impact.
 `EncoderCheck` compares increments.  The velocity times the time between two readings is the
 expected increment of the angle.  The torque times that time is the expected momentum; the measured
 one is that of the motion, by the model (the momentum observer of collision detection).  A frozen
-encoder, or a blocked joint, differs by the whole expected increment, and an encoder that counts
-backwards by twice that.  Friction, pushes and errors of the model remain below, and an impact is
-short.
+encoder, or a blocked joint, differs by the full expected increment, and an encoder that counts
+backwards by twice the increment.  Friction, pushes and errors of the model cause smaller
+differences, and an impact is short.
 
 A drive measures at some time between the stamp and the arrival of its reply.  So velocity and
-torque are intervals: both velocities, and each torque that may have acted between two readings;
-and the uncertainty of an increment is the latency times the velocity or the torque.
+torque are intervals, of both velocities and of all torques that may have acted between two
+readings; the uncertainty of an increment is the latency times the velocity or the torque.
 """
 import math
 from typing import NamedTuple, Optional, Tuple
@@ -38,9 +38,9 @@ STEP_TOLERANCE = 0.03
 UNKNOWN_RATE = 5.0
 # the same for the change of a rate as old as the previous reading [rad/s],
 UNKNOWN_CHANGE = 25.0
-# and this or the latency times the rate, because a reading may be later than its stamp [s].
+# and the rate times the larger of this and the latency: readings may be later than stamps [s].
 UNKNOWN_TIME = 0.003
-# Highest plausible joint rate [rad/s]: the jump itself has corrupted a higher estimate.
+# Highest plausible joint rate [rad/s]: a higher estimate was corrupted by the jump itself.
 HIGHEST_JOINT_RATE = 60.0
 # After a longer pause [s] the motion in between is unknown: the checks restart, and an angle
 # further than `OUTLIER` from the prediction has another zero [rad].
@@ -57,16 +57,16 @@ AGREEING, AGREED_FOR, AGREE = 5, 0.0175, 0.03
 
 # Time constant of the sums [s].
 SMOOTHING = 0.1
-# A difference of this part of the expected increments, against them,
+# A difference of this fraction of the expected increments, opposite to them,
 CONTRADICTED_MIN = 0.6
-# where that of one reading is limited to this part, to reduce the weight of jumps and impacts,
+# where that of one reading is limited to this fraction, to weaken jumps and impacts,
 DIFFERENCE_MAX = 2.5
-# for this time contradicts the encoder [s]: an impact is shorter.
+# that lasts for this time contradicts the encoder [s]: an impact is shorter.
 CONTRADICTION_TIME = 0.04
-# Applies from this velocity of the joint [rad/s],
+# The checks apply from this velocity of the joint [rad/s],
 VELOCITY_MIN = 0.5
-# and from this part of the largest torque, more than weight and friction oppose at rest, while the
-# encoder does not turn at that velocity in the direction of the torque.
+# and from this fraction of the largest torque, more than weight and friction oppose at rest, while
+# the encoder does not turn at that velocity in the direction of the torque.
 TORQUE_MIN = 0.5
 
 
@@ -77,17 +77,17 @@ class EncoderReading(NamedTuple):
     Attributes
     ----------
     stamp : float
-        The drive measured then or later [s].
+        Earliest time of the measurement [s].
     angle : float
-        From an arbitrary zero [rad].
+        Relative to an arbitrary zero [rad].
     torque : float
-        At the pendulum, mean since the previous reading [N m].
+        Mean torque at the pendulum since the previous reading [N m].
     rate : float, optional
-        As the drive reports it [rad/s].
+        Joint rate that the drive reports [rad/s].
     latency : float
-        From the stamp to the arrival of the reply [s].
+        Time from the stamp to the arrival of the reply [s].
     torques : tuple of 2 floats, optional
-        Least and largest that may have acted since the previous reading [N m]; `torque` if None.
+        Least and largest torque that may have acted since then [N m]; `torque` if None.
 
     """
 
@@ -102,10 +102,10 @@ class EncoderReading(NamedTuple):
 class EncoderDoubt(NamedTuple):
     """Consecutive readings that do not agree with the prediction."""
 
-    since: float  # [s]
-    start: float  # first of those that agree [s]
-    until: float  # the last one [s]
-    innovations: tuple[float, ...]  # of those that agree [rad]
+    since: float  # time of the first [s]
+    start: float  # time of the first that agrees with the last [s]
+    until: float  # time of the last [s]
+    innovations: tuple[float, ...]  # from `start` to `until` [rad]
 
     @property
     def jump(self) -> Optional[float]:
@@ -128,7 +128,7 @@ class Continuity(NamedTuple):
         Return the state after a reading.
 
         The innovation is the difference from the prediction of the filter [rad], the expected rate
-        that of the joint, by the filter [rad/s].
+        the joint rate of the filter [rad/s].
         """
         last = self.last
         pause = math.inf if last is None else reading.stamp - last.stamp
@@ -171,7 +171,7 @@ class Continuity(NamedTuple):
 
 
 def _restarted(last: EncoderReading, reading: EncoderReading, innovation: float) -> bool:
-    """Return whether an encoder may count from a zero within the pause before a reading."""
+    """Return whether an encoder may have restarted from 0 in the pause before a reading."""
     if reading.stamp - last.stamp < SHORTEST_RESTART:
         return False
     moved = reading.angle - innovation - last.angle  # in the pause, by the filter
@@ -200,9 +200,9 @@ def increments_after(sums: Increments, pause: float, latency: float, rates: Inte
     ----------
     sums : tuple of 4 floats
     pause : float
-        Since the previous reading [s].
+        Time since the previous reading [s].
     latency : float
-        Uncertainty of the times of both [s].
+        Uncertainty of the times of both readings [s].
     rates : tuple of 2 floats
         Least and largest expected increment per second.
     measured : float
@@ -218,7 +218,7 @@ def increments_after(sums: Increments, pause: float, latency: float, rates: Inte
     keep, fastest = math.exp(-pause / SMOOTHING), max(-least, largest)
     limit = DIFFERENCE_MAX * fastest
     error = measured - min(max(measured, least), largest)
-    # Of the interval, the rate next to zero.
+    # The rate of the interval that is closest to zero.
     expected = keep * expected + pause * max(least, min(largest, 0.0))
     difference = keep * difference + pause * min(max(error, -limit), limit)
     late = max(keep * late, latency * max(fastest, min(abs(measured), limit)))
@@ -231,13 +231,13 @@ class EncoderCheck(NamedTuple):
     """
     State of the comparisons with velocity and torque.
 
-    `after` gives the next with each reading, and then `moved` with its motion by the model.
+    `after` returns the next one for a reading, and then `moved` for its motion by the model.
     """
 
     last: Optional[EncoderReading] = None
-    pause: float = 0.0  # before it [s]; 0 after a restart
-    latency: float = 0.0  # of it and the one before [s]
-    rate: float = 0.0  # between both [rad/s]
+    pause: float = 0.0  # before the last reading [s]; 0 after a restart
+    latency: float = 0.0  # of the last two readings [s]
+    rate: float = 0.0  # between the last two readings [rad/s]
     velocity: Increments = NO_INCREMENTS
     torque: Increments = NO_INCREMENTS
 
@@ -245,8 +245,8 @@ class EncoderCheck(NamedTuple):
         """
         Return the check after a reading.
 
-        Raises `EstimateLostError` with reason ``velocity`` if the encoder contradicts the velocity
-        of the drive.
+        Raises `EstimateLostError` with reason ``encoder_velocity`` if the encoder contradicts the
+        velocity of the drive.
         """
         last = self.last
         if last is None or not 0.0 < reading.stamp - last.stamp <= LONGEST_PAUSE:
@@ -263,16 +263,16 @@ class EncoderCheck(NamedTuple):
             if contradicted_for >= CONTRADICTION_TIME:
                 raise EstimateLostError(
                     'the encoder contradicts the velocity that the drive reports: it is frozen, '
-                    'reversed or slips; check its cable, its magnet and the settings of the '
-                    'drive for it; let the robot come to rest', 'encoder_velocity', 'encoder')
+                    'reversed or slips; check its cable, its magnet and its settings in the '
+                    'drive; let the robot come to rest', 'encoder_velocity', 'encoder')
         return EncoderCheck(reading, pause, latency, rate, velocity, self.torque)
 
     def moved(self, torque: float, largest_torque: float) -> 'EncoderCheck':
         """
         Return the check after the motion that the last reading shows.
 
-        The first torque explains the motion, by the model [N m].  Raises `EstimateLostError` with
-        reason ``torque`` if it contradicts the largest torque [N m].
+        By the model, `torque` explains the motion; `largest_torque` scales a threshold [N m].
+        Raises `EstimateLostError` with reason ``joint_torque`` if the commanded torques differ.
         """
         last = self.last
         if last is None or not self.pause:
@@ -288,7 +288,7 @@ class EncoderCheck(NamedTuple):
                 'the joint does not follow its torque: '
                 f'{expected / SMOOTHING:.2f} N m were commanded and '
                 f'{difference / SMOOTHING:.2f} N m are unexplained, so encoder or IMU '
-                'are frozen, reversed or in other units, or the joint is blocked; look at both '
+                'are frozen, reversed or in other units, or the joint is blocked; check both '
                 'sensors, the coupling and `direction` of the hardware file; let the robot come '
                 'to rest', 'joint_torque', 'encoder')
         return EncoderCheck(*self[:5], after)

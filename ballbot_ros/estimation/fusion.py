@@ -12,8 +12,8 @@ from ballbot_ros.estimation.kalman import (
     Estimate, FilterTuning, JOINT, PENDULUM_RATE, PendulumFilter)
 from ballbot_ros.physics.model.robot import Robot
 
-# While the encoder is in doubt the angle is a prediction: valid for torque for `RELIED_ON`, and
-# lost after `GIVEN_UP` [s].
+# While the encoder is implausible the angle is a prediction: it permits torque for `RELIED_ON`,
+# and the estimate is lost after `GIVEN_UP` [s].
 RELIED_ON, GIVEN_UP = 0.02, 0.1
 # The estimate is lost after this number of jumps within this time [s].
 MOST_JUMPS, JUMPS_WITHIN = 3, 5.0
@@ -37,20 +37,20 @@ class Fusion:
     mounting : ImuMounting, optional
     tuning : FilterTuning, optional
     encoder_zero : float, optional
-        Encoder angle at joint angle 0 [rad], of an encoder that remembers it.
+        Encoder angle at joint angle 0 [rad], of an absolute encoder.
 
     Attributes
     ----------
     estimate : Estimate or None
         None before the first encoder reading.
     jumps : int
-        Number of encoder readings left out because no motion explains them.
+        Number of encoder readings rejected because no motion explains them.
     rezeroed : int
         Number of new encoder zeros.
     last_jump : float
         Last change of the encoder zero [rad].
     follower : callable
-        Receives each IMU reading, at the ball centre, with the estimate after it.
+        Called with each IMU reading, at the ball centre, and the estimate after it.
 
     """
 
@@ -66,14 +66,14 @@ class Fusion:
         self.reset()
 
     def reset(self) -> None:
-        """Drop the estimate: the next encoder reading is of a robot at rest."""
+        """Drop the estimate; at the next encoder reading, the robot is assumed to be at rest."""
         self.estimate: Optional[Estimate] = None
         self._waiting: Deque[ImuReading] = deque(maxlen=QUEUE_SIZE)
         self._newest = -math.inf
         self._imu: Optional[ImuReading] = None
-        self._upright = False  # ball angle 0 is where the IMU is upright
+        self._upright = False  # whether ball angle 0 is where the IMU is upright
         self._continuity, self._check = Continuity(), EncoderCheck()
-        self._jumped: Deque[float] = deque(maxlen=MOST_JUMPS)  # when [s]
+        self._jumped: Deque[float] = deque(maxlen=MOST_JUMPS)  # times [s]
 
     def reconnected(self) -> None:
         """Reset the count of jumps: a reconnected drive may count from another zero."""
@@ -87,14 +87,14 @@ class Fusion:
 
     def imu(self, reading: ImuReading) -> None:
         """
-        Take an IMU reading; the first encoder reading that is not older uses it.
+        Queue an IMU reading; the first encoder reading that is not older uses it.
 
         Raises `MessageError` with reason ``out_of_order``.
         """
         if reading.stamp < self._newest:
             raise MessageError(
-                f'IMU reading of {reading.stamp:.6f} s refused: one of '
-                f'{self._newest:.6f} s came before', 'out_of_order', 'stamp')
+                f'IMU reading stamped {reading.stamp:.6f} s refused: one stamped '
+                f'{self._newest:.6f} s arrived before', 'out_of_order', 'stamp')
         self._newest = reading.stamp
         self._waiting.append(reading)
 
@@ -120,11 +120,11 @@ class Fusion:
 
     def encoder(self, reading: EncoderReading) -> Estimate:
         """
-        Take an encoder reading and return the estimate at its time.
+        Process an encoder reading, and return the estimate at its time.
 
         Raises `MessageError` with reason ``not_finite``, and `EstimateLostError` with reason
-        ``runaway`` if the estimate diverges, ``jumps`` if the encoder jumps repeatedly, and as
-        `EncoderCheck` does; the next reading starts a new estimate of a robot at rest.
+        ``diverged`` if the estimate diverges, ``encoder_jumps`` if the encoder jumps repeatedly,
+        and as `EncoderCheck` does; then the next reading starts an estimate of a robot at rest.
         """
         stamp, angle, torque = reading[:3]
         if not math.isfinite(stamp + angle + torque + (reading.rate or 0.0)):
@@ -165,21 +165,21 @@ class Fusion:
                     self._robot.largest_gravity_torque)
         if not _plausible(estimate):
             raise EstimateLostError(
-                'the estimate of the pendulum angle has run away: readings contradict each other '
+                'the estimate of the pendulum angle has diverged: readings contradict each other '
                 'or the model for too long; let the robot come to rest',
                 'diverged', 'pendulum_angle')
         return estimate
 
     def _without_reading(self, estimate: Estimate) -> Estimate:
-        """Return the estimate after an omitted reading, with a new zero if enough agree."""
+        """Return the estimate without a rejected reading, with a new zero if enough agree."""
         doubt = self._continuity.doubt
         assert doubt is not None
         self.jumps += 1
         if doubt.jump is None:
             if estimate.stamp - doubt.since > GIVEN_UP:
                 raise EstimateLostError(
-                    f'for {GIVEN_UP:g} s the encoder has jumped, and no two readings agree on '
-                    'where it is: look at its cable and its supply; let the robot come to rest',
+                    f'for {GIVEN_UP:g} s the encoder has jumped, and its readings contradict each '
+                    'other: check its cable and its supply; let the robot come to rest',
                     'encoder_jumps', 'encoder')
             return estimate
         self.rezeroed += 1
@@ -189,14 +189,14 @@ class Fusion:
         if len(self._jumped) == MOST_JUMPS and estimate.stamp - self._jumped[0] < JUMPS_WITHIN:
             raise EstimateLostError(
                 f'the encoder has jumped {MOST_JUMPS} times within {JUMPS_WITHIN:g} s, the last '
-                f'time by {doubt.jump:.3f} rad at the joint: look at its cable and its magnet; '
+                f'time by {doubt.jump:.3f} rad at the joint: check its cable and its magnet; '
                 'let the robot come to rest', 'encoder_jumps', 'encoder')
         return estimate._replace(encoder_zero=estimate.encoder_zero + doubt.jump)
 
 
 def _with_upright(estimate: Estimate, imu: ImuReading) -> Estimate:
     """
-    Return the estimate with ball angle 0 where a late IMU is upright.
+    Return the estimate with ball angle 0 where an IMU that starts late is upright.
 
     Without an IMU the ball angle starts at 0.  The pendulum angle does not change, so ball and
     joint angle change by opposite amounts.

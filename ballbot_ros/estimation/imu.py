@@ -2,7 +2,7 @@
 """
 An inertial measurement unit inside the shell, in the plane of motion.
 
-It turns with the shell.  Its y axis is the axle of the joint, to the left (REP 103); its x axis
+It rotates with the shell.  Its y axis is the axle of the joint, to the left (REP 103); its x axis
 is forward and its z axis up when the shell stands at ball angle 0.  Angles of this package are
 counter-clockwise positive with +x to the right, so the ball rate is *minus* the gyro's y::
 
@@ -31,14 +31,14 @@ class ImuMounting(Checked):
     """
 
     imu_forward: float = quantity(
-        'm', 'place of the IMU ahead of the ball centre, in the frame of the shell at ball angle '
-        '0', default=0.0, minimum=-10.0, maximum=10.0)
+        'm', 'position of the IMU ahead of the ball centre, in the frame of the shell at ball '
+        'angle 0', default=0.0, minimum=-10.0, maximum=10.0)
     imu_upward: float = quantity(
-        'm', 'place of the IMU above the ball centre, likewise', default=0.0, minimum=-10.0,
-        maximum=10.0)
+        'm', 'position of the IMU above the ball centre, in the same frame', default=0.0,
+        minimum=-10.0, maximum=10.0)
     imu_angle: float = quantity(
-        'rad', 'angle of the IMU against the shell, counter-clockwise positive; decides only '
-        'where ball angle 0 is', default=0.0, minimum=-math.pi, maximum=math.pi)
+        'rad', 'angle of the IMU relative to the shell, counter-clockwise positive; it only '
+        'defines ball angle 0', default=0.0, minimum=-math.pi, maximum=math.pi)
 
     def at_centre(self, reading: 'ImuReading') -> 'ImuReading':
         """Return the equivalent reading at the ball centre, in the axes of the shell."""
@@ -61,7 +61,7 @@ class ImuReading:
     stamp : float
         [s]
     turn_rate : float
-        Of the shell, counter-clockwise positive [rad/s].
+        Rate of the shell, counter-clockwise positive [rad/s].
     forward, upward : float
         Specific force along the x and z axes of the IMU [m/s2].
     turn_acceleration : float

@@ -2,16 +2,16 @@
 r"""
 An extended Kalman filter for the absolute pendulum angle.
 
-State: pendulum angle phi (absolute), joint angle theta2, their ball and pendulum rates, and the
-bias of the gyro.  The ball angle is phi - theta2.
+State: absolute pendulum angle phi, joint angle theta2, rates of pendulum and ball, and the bias of
+the gyro.  The ball angle is phi - theta2.
 
 Without an IMU the motion between two encoder readings is that of a ball rolling on a level
 floor.  With one the pendulum needs no such assumption: the shell carries the accelerometer, and
-with s its specific force turned into the frame of the shell,
+with its specific force s in the frame of the shell,
 
     (J2 + M2 e^2) phi'' = tau2 - c2 theta2' - M2 e (s_forward cos theta2 + s_upward sin theta2)
 
-holds while rolling, slipping, climbing, falling.  The absolute direction remains: the filter
+holds while the ball rolls, slips, climbs or falls.  For the absolute direction the filter
 integrates the gyro, and the direction of gravity in the accelerometer corrects its drift, unless
 the force differs from g by more than `gravity_gate` (a fall or an impact).
 
@@ -45,28 +45,27 @@ class FilterTuning(Checked):
     gyro_sd: float = quantity(
         'rad/s', 'standard deviation of a gyro reading', default=0.01, above=0.0)
     gyro_drift: float = quantity(
-        'rad/s/sqrt(s)', 'how fast the bias of the gyro wanders', default=1e-4, minimum=0.0)
+        'rad/s/sqrt(s)', 'random walk of the gyro bias', default=1e-4, minimum=0.0)
     gravity_sd: float = quantity(
-        'm/s2', 'how far the forward specific force strays from that of rolling, for 0.1 s',
-        default=3.0, above=0.0)
+        'm/s2', 'standard deviation of the forward specific force from that of rolling, over '
+        '0.1 s', default=3.0, above=0.0)
     gravity_gate: float = quantity(
-        'm/s2', 'difference of the specific force from g beyond which it does not show where down '
-        'is', default=2.0, above=0.0)
+        'm/s2', 'deviation of the specific force from g beyond which it is not used as the '
+        'vertical', default=2.0, above=0.0)
     pendulum_noise: float = quantity(
-        'rad/s2/sqrt(Hz)', 'acceleration of the pendulum that the model does not include, '
-        'per root of bandwidth', default=0.5, above=0.0)
+        'rad/s2/sqrt(Hz)', 'noise density of the acceleration of the pendulum that the model does '
+        'not include', default=0.5, above=0.0)
     ball_noise: float = quantity(
-        'rad/s2/sqrt(Hz)', 'acceleration of the ball that the model does not include, per '
-        'root of bandwidth', default=0.5, above=0.0)
+        'rad/s2/sqrt(Hz)', 'noise density of the acceleration of the ball that the model does not '
+        'include', default=0.5, above=0.0)
     ball_noise_with_imu: float = quantity(
-        'rad/s2/sqrt(Hz)', 'ball_noise where a gyro measures the ball, so that slip can be '
-        'followed',
+        'rad/s2/sqrt(Hz)', 'ball_noise with a gyro, large enough to track slip',
         default=30.0, above=0.0)
     pendulum_noise_with_imu: float = quantity(
-        'rad/s2/sqrt(Hz)', 'pendulum_noise where an IMU measures the motion of its support',
+        'rad/s2/sqrt(Hz)', 'pendulum_noise with an IMU, which measures the motion of the support',
         default=20.0, above=0.0)
     start_sd: float = quantity(
-        'rad', 'how far from straight down a pendulum at rest may hang', default=0.03, above=0.0)
+        'rad', 'standard deviation of the angle of a pendulum at rest', default=0.03, above=0.0)
     bias_sd: float = quantity(
         'rad/s', 'standard deviation of the bias of the gyro at the start', default=0.01,
         above=0.0)
@@ -83,7 +82,7 @@ STAMP_TOLERANCE = 1e-9
 # Correlation time of the error of the forward specific force [s].
 STRAY_TIME = 0.1
 
-# Whether the force on the support is measured, and its parts along the axes of the shell [m/s2].
+# Whether the force on the support is measured, and its components in the axes of the shell [m/s2].
 Support = Tuple[bool, float, float]
 Quad = Tuple[float, float, float, float]
 # The numbers of a `FilterNumbers`.
@@ -110,7 +109,7 @@ class FilterNumbers(NamedTuple):
 
 @compiled
 def moved(column: Quad, step: float, by_pendulum: Quad, by_ball: Quad) -> Quad:
-    """Return a small change of the first four states after a step [s]."""
+    """Return a small change of the first four states, propagated by a step [s]."""
     angle, joint, rate, ball_rate = column
     return (angle + step * rate, joint + step * (rate - ball_rate),
             rate + step * (by_pendulum[0] * angle + by_pendulum[1] * joint
@@ -124,7 +123,7 @@ def spread(covariance: Array, step: float, by_pendulum: Quad, by_ball: Quad) -> 
     """
     Propagate a covariance in place by a step [s] of the linearised motion: F P F^T.
 
-    The others are the derivatives of phi'' and theta1'' by phi, theta2, phi', theta1'.
+    The tuples are the derivatives of phi'' and theta1'' by phi, theta2, phi', theta1'.
     """
     for i in range(SIZE):
         (covariance[0, i], covariance[1, i], covariance[2, i], covariance[3, i]) = moved(
@@ -167,7 +166,7 @@ def step_on(mean: Array, covariance: Array, step: float, torque: float, support:
 @compiled
 def advance(mean: Array, covariance: Array, now: float, stamp: float, torque: float,
             support: Support, rolling: Rolling, trust: Trust) -> float:
-    """Advance an estimate in place from a time to a later one, and return that [s]."""
+    """Advance an estimate in place from a time to a later one, and return the latter [s]."""
     while stamp > now + STAMP_TOLERANCE:
         step = min(stamp - now, LONGEST_STEP)
         step_on(mean, covariance, step, torque, support, rolling, trust)
@@ -188,11 +187,11 @@ def correct(mean: Array, covariance: Array, columns: Tuple[int, int],
     columns : tuple of 2 ints
         Indices of the states.
     weights : tuple of 2 floats
-        Of the states in the measurement.
+        Weights of the states in the measurement.
     innovation : float
-        Measured less predicted value.
+        Measured minus predicted value.
     variance : float
-        Of the measurement.
+        Variance of the measurement.
 
     """
     (one, other), (first, second) = columns, weights
@@ -325,11 +324,11 @@ class PendulumFilter:
         ----------
         estimate : Estimate
         stamp : float
-            [s]; one before that of the estimate has no effect.
+            [s]; has no effect if it is before that of the estimate.
         torque : float
-            At the pendulum since then [N m].
+            Torque at the pendulum since the estimate [N m].
         imu : ImuReading, optional
-            The latest, at the ball centre.
+            Latest reading, at the ball centre.
 
         """
         if not stamp > estimate.stamp + STAMP_TOLERANCE:
@@ -344,8 +343,8 @@ class PendulumFilter:
         """
         Return the estimate corrected by an encoder angle [rad].
 
-        The angle may have been measured as much as `latency` later [s], at a time of uniform
-        probability.
+        The time of the measurement is uniformly distributed over `latency` after the stamp of the
+        estimate [s].
         """
         mean, covariance = estimate.mean.copy(), estimate.covariance.copy()
         tuning, rate = self._tuning, estimate.joint_rate
@@ -359,7 +358,7 @@ class PendulumFilter:
 
     def with_imu(self, estimate: Estimate, imu: ImuReading, period: float) -> Estimate:
         """
-        Return the estimate, at the time of an IMU reading at the ball centre, corrected by it.
+        Return the estimate corrected by an IMU reading at the ball centre and the same time.
 
         The period is the time since the previous reading [s].
         """

@@ -2,13 +2,13 @@
 r"""
 Position of the ball with its variance.
 
-The distance travelled is that of rolling, minus the radius times the ball angle, plus that of
-sliding.  The ball angle is that of the estimate; with an IMU, gravity corrects its drift.  The
-slip is the speed of the centre, integrated from the accelerometer, less that of rolling::
+The distance travelled is the sum of that from rolling, -R theta1, and that from sliding.  The ball
+angle is that of the estimate; with an IMU, gravity corrects its drift.  The slip is the speed of
+the centre, integrated from the accelerometer, minus that of rolling::
 
     slip = v + R theta1',    slip' = a + R theta1''
 
-with a the horizontal part of the specific force.  A ball that rests on the floor rolls: while the
+where a is the horizontal specific force.  A ball on the floor rolls: while the magnitude of the
 force is near g, a pseudo-measurement sets the slip to zero, with a standard deviation proportional
 to the speed.  During an impact and in the air there is no such measurement, and the error of the
 accelerometer accumulates, in the slip and in its variance.  Distance and slip are the two states
@@ -27,11 +27,11 @@ from ballbot_ros.physics.model.robot import Robot
 
 # Correlation time of the slip and of the error of the accelerometer [s].
 CORRELATION_TIME = 0.1
-# Two IMU readings within this time miss no impact [s].
+# No impact is missed between two IMU readings within this time [s].
 IMPACT_INTERVAL_MAX = 0.01
-# A longer pause between two IMU readings has no measurement of the force [s].
+# Longest pause between two IMU readings over which the force is integrated [s].
 LONGEST_PAUSE = 0.1
-# A larger change of the ball angle in a step than predicted is a new zero, not a correction [rad].
+# A larger deviation of the ball angle from its prediction is a new zero, not a correction [rad].
 ZERO_CHANGE_MIN = 0.2
 # Standard deviation of the position after a lost estimate [m].
 LOST_POSITION_SD = 1.0
@@ -42,24 +42,24 @@ class OdometryTuning(Checked):
     """Noise of the odometry."""
 
     radius_error: float = quantity(
-        '1', 'standard deviation of the rolling radius, as a part of it', default=0.005,
+        '1', 'relative standard deviation of the rolling radius', default=0.005,
         minimum=0.0, maximum=1.0)
     slip_part: float = quantity(
-        '1', 'how much slower or faster than it rolls a ball moves on the floor, for 0.1 s, as a '
-        'part of the speed', default=0.03, minimum=0.0, maximum=1.0)
+        '1', 'standard deviation of the slip speed on the floor over 0.1 s, as a fraction of the '
+        'speed', default=0.03, minimum=0.0, maximum=1.0)
     slip_at_rest: float = quantity(
-        'm/s', 'slip speed of a ball that rocks on the spot, standard deviation for 0.1 s',
+        'm/s', 'standard deviation of the slip speed of a ball that rocks on the spot, over 0.1 s',
         default=0.002, above=0.0)
     slip_unseen: float = quantity(
-        '1', 'slip_part of a robot without an IMU', default=0.3, minimum=0.0, maximum=1.0)
+        '1', 'slip_part without an IMU', default=0.3, minimum=0.0, maximum=1.0)
     force_sd: float = quantity(
-        'm/s2', 'how far the horizontal specific force is wrong, for 0.1 s: an IMU that leans by '
-        '0.02 rad is wrong by 0.2', default=0.3, above=0.0)
+        'm/s2', 'standard deviation of the horizontal specific force over 0.1 s; an IMU tilted by '
+        '0.02 rad has an error of 0.2', default=0.3, above=0.0)
     shock_part: float = quantity(
-        '1', 'how far it is wrong in a blow, as a part of the force', default=0.1, minimum=0.0,
-        maximum=1.0)
+        '1', 'standard deviation of the force in an impact, as a fraction of it', default=0.1,
+        minimum=0.0, maximum=1.0)
     contact_gate: float = quantity(
-        'm/s2', 'difference of the specific force from g beyond which the ball need not roll',
+        'm/s2', 'deviation of the specific force from g beyond which rolling is not assumed',
         default=2.0, above=0.0)
 
 
@@ -67,18 +67,18 @@ class OdometryState(NamedTuple):
     """Position and speed of the ball at one time, with variances, and the state of the filter."""
 
     stamp: float  # [s]
-    position: float  # of the centre, from where it started, along x [m]
-    speed: float  # likewise [m/s]
+    position: float  # of the centre along x, from the start [m]
+    speed: float  # of the centre along x [m/s]
     position_variance: float  # [m2]
     speed_variance: float  # [m2/s2]
     ball_angle: float  # NaN if the next one counts from another zero [rad]
     ball_rate: float  # [rad/s]
     rolled: float  # part of the position from rolling [m]
-    start_variance: float  # of the ball angle at the start
+    start_variance: float  # of the ball angle at the start [rad2]
     imu_stamp: float  # of the last IMU reading used [s]
-    imu_rate: float  # of the ball then [rad/s]
+    imu_rate: float  # ball rate at that time [rad/s]
     way: float  # part of the position from sliding [m]
-    slip: float  # speed to +x less that of rolling [m/s]
+    slip: float  # speed to +x minus that of rolling [m/s]
     way_variance: float
     covariance: float  # of way and slip
     slip_variance: float
@@ -100,13 +100,13 @@ def ball_variances(covariance: Array) -> Tuple[float, float]:
 
 @compiled
 def without_slip(slide: Slide, step: float, sd: float) -> Slide:
-    """Return a slide corrected by zero slip with a standard deviation [m/s], over a step [s]."""
+    """Return a slide after a pseudo-measurement of zero slip, of a sd [m/s], over a step [s]."""
     way, slip, way_variance, covariance, slip_variance = slide
     # The measurements within the correlation time count as one.
     total = slip_variance + sd**2 * max(1.0, CORRELATION_TIME / step)
     way_gain, gain = covariance / total, slip_variance / total
     return (way - way_gain * slip, slip - gain * slip,
-            # The accelerometer may be correct nevertheless.
+            # The accelerometer may be right: then the ball slips.
             way_variance - way_gain * covariance + 2.0 * step * CORRELATION_TIME * slip**2,
             covariance - gain * covariance, slip_variance - gain * slip_variance)
 
@@ -175,7 +175,7 @@ def by_imu(before: Numbers, stamp: float, mean: Array, covariance: Array, imu_st
 
 
 class OdometryFilter:
-    """Maps odometry to that of the next estimate; has no state."""
+    """Maps odometry to the odometry at the next estimate; has no state."""
 
     def __init__(self, robot: Robot, tuning: OdometryTuning = OdometryTuning()):
         self._numbers = robot.ball_radius, robot.gravity, *astuple(tuning)
@@ -196,9 +196,9 @@ class OdometryFilter:
     def advance(self, before: OdometryState, estimate: Estimate,
                 imu: Optional[ImuReading] = None) -> OdometryState:
         """
-        Return the odometry at the time of an estimate; one that is not later has no effect.
+        Return the odometry at the time of an estimate, which has no effect unless it is later.
 
-        The IMU reading is that at the ball centre before the estimate, if there is one.  Pass each
+        `imu` is the reading at the ball centre before the estimate, if there is one.  Pass each
         reading once: a single reading may contain the impulse of an impact.
         """
         state = before

@@ -2,7 +2,7 @@
 """
 Turning by leaning the pendulum sideways: model, limits and law; docs/steering.md derives them.
 
-Forward motion is the planar physics; the lateral state is a `LateralState` beside it.  In each
+The planar physics computes the forward motion; a `LateralState` adds the lateral motion.  In each
 control period `law` computes the set-point of the lean for a commanded yaw rate, and `step` (the
 simulated robot) follows it:
 
@@ -15,17 +15,17 @@ simulated robot) follows it:
     0.2
 
 The commanded yaw rate is limited to `yaw_rate_limit`, and curvature to `curvature_limit`, which
-does not depend on the yaw rate and is 0 of a robot that drives straight:
+does not depend on the yaw rate and is 0 for a robot that drives straight:
 
     >>> yaw_rate_limit(robot, 0.4) > 0.2
     True
     >>> curvature_limit(load_robot('shellball'), 0.4)
     0.0
 
-While the ball accelerates, `step` takes the derivative of the speed too.  The ball moves at
+While the ball accelerates, `step` also needs the derivative of the speed.  The ball moves at
 `speed` along the heading and at `lateral_speed` to the left of it.
 
-A step at an angle is lower for the ball by `height_factor`; it changes the course by
+At an angle, `height_factor` reduces the maximum step height; the step changes the course by
 `course_change` and, when the law has damped the motion, the heading by `heading_change`:
 
     >>> height_factor(0.0), 0.4 < height_factor(0.7) < 0.7, height_factor(1.0)

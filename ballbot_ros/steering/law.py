@@ -2,7 +2,7 @@
 """
 Steady turns, their limits by lean, torque and friction, and the steering law.
 
-The law turns with a commanded yaw rate within these limits, and damps the nutation.
+The law turns the ball at a commanded yaw rate within these limits, and damps the nutation.
 """
 import math
 from typing import NamedTuple
@@ -10,9 +10,9 @@ from typing import NamedTuple
 from ballbot_ros.physics.model.robot import Robot
 from ballbot_ros.steering.model import accelerations, LateralState, required_steering
 
-RESERVE = 0.15  # part of lean, torque and friction that is kept for damping and disturbances
-PRECISION = 1e-4  # of a limit [1/m]
-SWING_MAX = 0.5 * math.pi - 1e-6  # swing of the pendulum that is still a turn [rad]
+RESERVE = 0.15  # fraction of lean, torque and friction reserved for damping and disturbances
+PRECISION = 1e-4  # tolerance of a limit [1/m]
+SWING_MAX = 0.5 * math.pi - 1e-6  # largest swing of the pendulum in a turn [rad]
 
 
 class Turn(NamedTuple):
@@ -27,15 +27,15 @@ class Turn(NamedTuple):
 
 def steady_turn(robot: Robot, speed: float, curvature: float) -> Turn:
     """
-    Return the steady turn of a curvature, yaw rate over speed [1/m], eqs.  (S4) and (S5).
+    Return the steady turn of a curvature, yaw rate over speed [1/m], eqs. (S4) and (S5).
 
-    The speed of the ball along its path is of either sign [m/s].
+    The speed of the ball along its path may have either sign [m/s].
     """
     first = robot.pendulum_mass * robot.pendulum_length
     second = first * robot.pendulum_length
     radius, yaw_rate = robot.ball_radius, curvature * speed
     swing = 0.0
-    # The pendulum is small beside the ball: each iteration gains a digit at least.
+    # The pendulum is light relative to the ball: each iteration gains at least one digit.
     for _ in range(8):
         cosine = math.cos(swing)
         rolled = (robot.ball_inertia + robot.total_mass * radius**2 - first * radius * cosine)
@@ -59,10 +59,10 @@ def possible(robot: Robot, turn: Turn) -> bool:
 
 def curvature_limit(robot: Robot, speed: float) -> float:
     """
-    Return the largest curvature at a speed [1/m]; 0 of a robot that drives straight.
+    Return the largest curvature at a speed [1/m]; 0 for a robot that drives straight.
 
-    It falls with the speed along the path, of either sign [m/s]; at rest it is the limit for low
-    speeds, where the ball rolls along the circle of a tilted wheel.
+    It decreases with the speed along the path, of either sign [m/s]; at rest it is the limit for
+    low speeds, at which the ball rolls in a circle like a tilted wheel.
     """
     if robot.steering is None or not robot.has_pendulum:
         return 0.0
@@ -83,7 +83,7 @@ def yaw_rate_limit(robot: Robot, speed: float) -> float:
 
 DAMPING_RATIO = 0.7  # of the nutation at rest; with the speed it becomes faster, not less damped
 STANDSTILL = 0.02  # below this speed the pendulum hangs straight [m/s]
-# Below this speed the feedback fades, as a tilt turns the ball less and less [m/s].
+# Below this speed the feedback fades, because a tilt turns a slower ball less [m/s].
 FADE_SPEED = 0.06
 
 
@@ -96,14 +96,14 @@ def law(robot: Robot, state: LateralState, speed: float, yaw_rate: float) -> flo
     state : LateralState
         Measured or estimated; the heading is not used.
     speed : float
-        Of the ball along its heading [m/s].
+        Speed of the ball along its heading [m/s].
     yaw_rate : float
-        Commanded; limited to `yaw_rate_limit` [rad/s].
+        Commanded yaw rate; limited to `yaw_rate_limit` [rad/s].
 
     Returns
     -------
     float
-        Within the largest lean [rad].
+        Set-point within the largest lean [rad].
 
     Raises
     ------
@@ -124,7 +124,7 @@ def law(robot: Robot, state: LateralState, speed: float, yaw_rate: float) -> flo
         if not possible(robot, turn):
             turn = steady_turn(robot, speed, math.copysign(
                 curvature_limit(robot, speed), yaw_rate / speed))
-        # The vertical angular momentum of the state stays, so the tilt follows from it.
+        # The vertical angular momentum of the state is conserved, so the tilt follows from it.
         missing = vertical / (robot.ball_inertia * rolling) * (turn.yaw_rate - state.yaw_rate)
         lean = turn.lean - turn.tilt + min(abs(speed) / FADE_SPEED, 1.0) * math.atan(
             math.tan(state.tilt) + missing)

@@ -4,7 +4,7 @@ Lateral motion of a ball whose pendulum leans sideways; the derivation is in doc
 
 The frame has x along the heading, horizontal, z upwards.  Angles are positive to the left: lean of
 the pendulum in the ball, tilt of the axle (left end down), swing = lean - tilt of the pendulum
-against the vertical, yaw.
+relative to the vertical, and yaw.
 """
 import math
 from typing import NamedTuple, Tuple
@@ -75,10 +75,10 @@ def required_steering(robot: Robot) -> Steering:
 def accelerations(robot: Robot, state: LateralState, speed: float,
                   lean_acceleration: float, acceleration: float = 0.0) -> Accelerations:
     """
-    Return tilt and yaw accelerations and the torque of the lateral axis, eqs.  (S1) to (S3).
+    Return tilt and yaw accelerations and the torque of the lateral axis, eqs. (S1) to (S3).
 
-    The speed is that of the ball along the heading [m/s], the acceleration its derivative [m/s2];
-    that of the lean is in rad/s2.
+    `speed` is that of the ball along the heading [m/s], `acceleration` its derivative [m/s2];
+    `lean_acceleration` is in rad/s2.
     """
     ball, pendulum, radius = robot.ball_inertia, robot.pendulum_inertia, robot.ball_radius
     first = robot.pendulum_mass * robot.pendulum_length
@@ -117,7 +117,7 @@ def step(robot: Robot, state: LateralState, speed: float, command: float, dt: fl
     Parameters
     ----------
     speed : float
-        Of the ball along the heading, in the middle of `dt` [m/s].
+        Speed of the ball along the heading, in the middle of `dt` [m/s].
     command : float
         Set-point of the lean, see `law`; limited to the largest lean [rad].
     dt : float
@@ -145,9 +145,9 @@ def step(robot: Robot, state: LateralState, speed: float, command: float, dt: fl
 def follow(robot: Robot, state: LateralState, speed: float, lean_rate: float, dt: float,
            acceleration: float = 0.0) -> LateralState:
     """
-    Return the state a short time later, at the end of which the lean has a given rate.
+    Return the state a short time later, with a given final rate of the lean.
 
-    Parameters as of `step`, with a measured lean rate [rad/s].  Outside the range of the model,
+    Parameters as in `step`; `lean_rate` is the final rate [rad/s].  Outside the model range,
     tilt and yaw restart from rest, with the heading from before.
     """
     lean_acceleration = (lean_rate - state.lean_rate) / dt
@@ -168,7 +168,7 @@ def pull(robot: Robot, state: LateralState, speed: float, torque: float, dt: flo
     """
     Return the state a short time later, under a torque of the lateral axis [N m].
 
-    Parameters as of `step`.
+    Parameters as in `step`.
     """
     lean_acceleration = lateral_acceleration(robot, state, speed, torque)
     return follow(robot, state, speed, state.lean_rate + dt * lean_acceleration, dt, acceleration)
@@ -176,7 +176,7 @@ def pull(robot: Robot, state: LateralState, speed: float, torque: float, dt: flo
 
 def _moved(rates: LateralState, slope: Accelerations, mean_lean_rate: float,
            lean_acceleration: float, start: LateralState, h: float) -> LateralState:
-    """Return `start` moved for a time by given rates."""
+    """Return `start` advanced by a time with given rates."""
     return LateralState(
         start.lean + h * mean_lean_rate, start.lean_rate + h * lean_acceleration,
         start.tilt + h * rates.tilt_rate, start.tilt_rate + h * slope.tilt,
@@ -195,7 +195,7 @@ def servo_torque(robot: Robot, state: LateralState, speed: float, target: float)
 
 def lateral_acceleration(robot: Robot, state: LateralState, speed: float, torque: float) -> float:
     """Return the acceleration of the lean under a torque, which is linear in it [rad/s2]."""
-    # The inertia depends on the swing only; beside large rates, rounding would hide it.
+    # The inertia depends on the swing only; with large rates, rounding errors would hide it.
     still = LateralState(lean=state.lean - state.tilt)
     inertia = accelerations(robot, still, 0.0, 1.0).torque - accelerations(
         robot, still, 0.0, 0.0).torque

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Steps at an angle: part of the maximum height that is left, and course afterwards."""
+"""Steps at an angle: remaining fraction of the maximum height, and course afterwards."""
 from dataclasses import dataclass
 import functools
 import math
@@ -35,7 +35,7 @@ class ObliqueSteps(Checked):
         for name, values in (('angles_deg', angles), ('height_shares', shares)):
             if len(values) < 2 or (np.diff(values) <= 0.0).any() or values[0] < 0.0:
                 raise ConfigurationError(
-                    f'ObliqueSteps: {name} must be two increasing numbers from 0 on at least, got '
+                    f'ObliqueSteps: {name} must be at least two increasing numbers from 0 on, got '
                     f'{getattr(self, name)!r}', 'inconsistent', name)
         for name, shape in (('lowest_factor', angles.shape), ('highest_factor', angles.shape),
                             ('lowest_course_change_deg', (len(angles), len(shares))),
@@ -71,7 +71,7 @@ def load_oblique_steps(name_or_path: str = 'gimball') -> ObliqueSteps:
 
 def height_factor(angle: float, name_or_path: str = 'gimball') -> float:
     """
-    Return the lowest maximum height at an angle over that at right angles to the edge.
+    Return the lowest maximum height at an angle, relative to that at right angles to the edge.
 
     The angle is that between the path and the normal of the edge, to either side [rad].  Beyond
     the largest angle of the table the factor is 0: such a crossing is not permitted.
@@ -90,8 +90,8 @@ def course_change(angle: float, share: float,
 
     The heading stays at the edge: the ball moves sideways, with a tilt rate (`lateral_speed`).
     The angle is that between the path and the normal of the edge, to either side [rad]; the share
-    is the height of the step over the maximum height at this angle; outside the table that of its
-    nearest end counts.  Raises `ConfigurationError` beyond the largest angle of the table.
+    is the height of the step over the maximum height at this angle; outside the table, its nearest
+    value applies.  Raises `ConfigurationError` beyond the largest angle of the table.
     """
     table = load_oblique_steps(name_or_path)
     return _range(table, angle, share, table.lowest_course_change_deg,

@@ -115,7 +115,7 @@ class Walk:
         elif 'hang' in question:
             self.ball.pendulum = None
             time.sleep(1.5)
-        return 'yes' if 'Is that so' in question else ''
+        return 'yes' if 'Ready' in question else ''
 
     def start(self, item):
         """Start the bridge, and turn the pendulum forward by hand."""

@@ -30,7 +30,7 @@ FASTEST, FURTHEST = 4.0, 1.0
 PERIOD, RAISE, SETTLE, LOOK = 0.01, 1.0, 1.5, 0.5
 # Smallest accepted turn by hand, as a fraction of the requested one.
 LEAST_TURN = 0.3
-# Relative deviations from the file that are reported.
+# Smallest relative deviation from the file that is reported.
 REPORTED_DEVIATION = 0.1
 SMALLEST_TURN, LARGEST_TURN = 6.0, 400.0  # by hand [degrees]
 
@@ -73,18 +73,18 @@ class Calibrator:
         `DriveError` if the drive is lost.
         """
         say, ask = self._dialogue.say, self._dialogue.ask
-        say('The shell must be held so that it cannot roll, nothing in reach of the pendulum, a '
-            'hand at the switch of the battery.  Ctrl-C or "q" ends it at any time.')
-        while (answer := ask('Is that so? [yes/no/q]').strip().lower()) not in ('yes', 'y'):
+        say('Secure the shell so that it cannot roll, keep clear of the pendulum, and keep a hand '
+            'on the battery switch.  Ctrl-C or "q" ends the calibration at any time.')
+        while (answer := ask('Ready? [yes/no/q]').strip().lower()) not in ('yes', 'y'):
             if answer in ('no', 'n'):
-                raise RefusedError('calibration ended: hold the shell first; nothing was changed',
+                raise RefusedError('calibration ended: secure the shell; nothing was changed',
                                    'cancelled', 'shell')
             say(f'{answer!r} is neither yes nor no.')
         try:
             direction, scale = self._turn_by_hand()
             say('The motor will now lift the pendulum slowly to '
                 f'{math.degrees(LIFT_ANGLE_MAX):.0f} degrees, forward and back.')
-            self._enter('Hands off. Press Enter to begin')
+            self._enter('Hands off. Press Enter to start')
             self._driver.arm()
             torques, angles = self._lift(direction * scale)
         finally:
@@ -96,11 +96,11 @@ class Calibrator:
     def _turn_by_hand(self) -> Tuple[int, float]:
         """Return direction and encoder scale."""
         say = self._dialogue.say
-        self._enter('Let the pendulum hang straight down, still. Press Enter')
+        self._enter('Let the pendulum hang straight down, at rest. Press Enter')
         before = self._position()
         turned = self._ask_angle(
-            'Turn it by hand forward (to +x, the way it swings to roll ahead) to level, hold it '
-            'there. Press Enter, or give the angle in degrees if it is not 90')
+            'Turn it by hand forward (to +x, as it swings to drive forward) until it is level and '
+            'hold it there. Press Enter, or give the angle in degrees if it is not 90')
         moved = self._position() - before
         expected = turned * self._joint.gear_ratio if self._joint.encoder_scale is None \
             else turned / self._joint.encoder_scale
@@ -108,13 +108,13 @@ class Calibrator:
             raise RefusedError(
                 f'the drive reported {math.degrees(moved):.1f} degrees at its shaft, but about '
                 f'{math.degrees(expected):.0f} were expected: is the encoder connected, does the '
-                'pinion engage, is gear_ratio right?', 'failed', 'gear_ratio')
+                'pinion engage, is gear_ratio correct?', 'failed', 'gear_ratio')
         scale = turned / abs(moved)
         if abs(scale * expected / turned - 1.0) > REPORTED_DEVIATION:
-            say(f'That is {scale:.5f} joint turns per turn of the drive; the file said '
+            say(f'That is {scale:.5f} joint turns per turn of the drive; the file has '
                 f'{turned / expected:.5f}.  If you turned it by {math.degrees(turned):.0f} '
                 'degrees, the file was wrong.')
-        self._enter('Let it hang again, still. Press Enter')
+        self._enter('Let it hang at rest again. Press Enter')
         self._zero = self._position()
         return (1 if moved > 0.0 else -1), scale
 
@@ -156,14 +156,14 @@ class Calibrator:
             angles.append(angle)
         return torques, angles
 
-    def _hold(self, begin: float, torque: float, scale: float) -> float:
-        """Raise the torque slowly, wait until the pendulum rests; return its angle."""
+    def _hold(self, initial: float, torque: float, scale: float) -> float:
+        """Change the torque slowly, wait until the pendulum rests, and return its angle."""
         driver = self._driver
         start = driver.clock()
         seen: List[float] = []
         while (now := driver.clock()) - start < RAISE + SETTLE + LOOK:
             part = min((now - start) / RAISE, 1.0)
-            requested = begin + part * (torque - begin)
+            requested = initial + part * (torque - initial)
             driver.send_torque(math.copysign(1.0, scale) * requested / self._joint.torque_ratio)
             self._wait(now + PERIOD)
             telemetry = driver.telemetry
@@ -176,7 +176,7 @@ class Calibrator:
                 raise RefusedError(
                     f'stopped: the pendulum was at {math.degrees(angle):.0f} degrees and '
                     f'{rate:.1f} rad/s, more than {math.degrees(FURTHEST):.0f} degrees or '
-                    f'{FASTEST:g} rad/s; is torque_limit too high, or the shell not held?',
+                    f'{FASTEST:g} rad/s; is torque_limit too high, or the shell not secured?',
                     'failed', 'pendulum_angle' if abs(angle) > FURTHEST else 'pendulum_rate')
             if now - start > RAISE + SETTLE:
                 seen.append(angle)
@@ -185,9 +185,9 @@ class Calibrator:
     def _position(self) -> float:
         """Request and return the position of the shaft [rad]."""
         driver = self._driver
-        begin = driver.clock()
-        while (driver.telemetry.time or -math.inf) <= begin:
-            if driver.clock() - begin > 1.0:
+        start = driver.clock()
+        while (driver.telemetry.time or -math.inf) <= start:
+            if driver.clock() - start > 1.0:
                 raise RefusedError('the drive does not report the position of its shaft',
                                    'missing', 'encoder')
             driver.ask()
@@ -205,7 +205,7 @@ def fit(torques: List[float], angles: List[float], gravity_torque: float
     """
     Return torque factor, its standard deviation, and friction [N m].
 
-    The torques are those requested, up and down on both sides [N m], with the rest angles of the
+    `torques` are those requested, up and down on both sides [N m], `angles` the rest angles of the
     pendulum [rad]; `gravity_torque` is M2 g e [N m].  Raises `RefusedError` if the pendulum moved
     too little.
     """

@@ -18,7 +18,7 @@ from ballbot_ros.drives.transport import ports
 from ballbot_ros.errors import BallbotError, DriveError, LinkError
 
 OK, NOTE, WRONG = 'ok', 'note', 'WRONG'
-# Latency timer of an FTDI adapter for the loop [ms]; its default is longer.
+# Latency timer of an FTDI adapter that the loop requires [ms]; its default is longer.
 SLOW_LATENCY = 1
 # Timeout per protocol and baud rate while probing [s].
 REPLY_TIMEOUT = 0.25
@@ -50,8 +50,8 @@ def check_ports(found: Optional[List[Tuple[str, str]]] = None,
     """Yield findings about each serial port, without opening any."""
     known = ports() if found is None else found
     if not known:
-        yield Finding(NOTE, 'no serial port at all',
-                      'plug in the adapter and see: dmesg | tail')
+        yield Finding(NOTE, 'no serial port found',
+                      'plug in the adapter and run: dmesg | tail')
     for device, description in known:
         names = stable_names(device)
         yield Finding(OK, f'{device}: {description or "adapter without a description"}',
@@ -134,7 +134,7 @@ def check_drive(hardware: Hardware,
     Yield findings about the drive on the port of a hardware file, and its settings.
 
     Only read requests are sent, and to a RoboClaw its serial timeout; no motor moves.  `progress`
-    receives a description of each step of some seconds.
+    receives a description of each step that takes seconds.
     """
     connection = hardware.connection
     where = f'{connection.port} at {connection.baud} baud'
@@ -171,8 +171,8 @@ def _wrong_drive(hardware: Hardware, error: Union[DriveError, LinkError],
                  progress: Callable[[str], None]) -> Finding:
     connection = hardware.connection
     if error.reason == 'firmware':
-        return Finding(WRONG, str(error), 'change the firmware with the tool of its maker, or '
-                       'the section drive of the file')
+        return Finding(WRONG, str(error), 'change the firmware with the tool of its '
+                       'manufacturer, or the section drive of the file')
     found = probe(connection.port, connection.protocol, connection.baud, progress)
     if found is None:
         serial = line_of(connection.protocol) is SERIAL
@@ -198,11 +198,11 @@ def probe(port: str, protocol: str = '', baud: int = 0,
     Return protocol and baud rate of the drive on a port, None if none answers.
 
     A given protocol and baud rate come first, then the other protocols of the same kind of link at
-    that rate.  On a CAN bus only that rate is tried: another one would disturb all nodes of the
+    that rate.  On a CAN bus only that rate is tried: another one would disturb all nodes on the
     bus.
     """
     for name, rate in _guesses(protocol, baud):
-        progress(f'asking for {name} at {rate} baud')
+        progress(f'trying {name} at {rate} baud')
         try:
             line = open_line(name, port, rate)
             try:

@@ -42,7 +42,7 @@ class Script:
         plant.state = plant.state._replace(pendulum_angle=plant.state.ball_angle + angle,
                                            pendulum_rate=0.0)
         self.robot.pass_time(0.002)
-        return answer or ('yes' if 'Is that so' in question else '')
+        return answer or ('yes' if 'Ready' in question else '')
 
 
 def calibrate(robot, dialogue=None):
@@ -85,7 +85,7 @@ def test_the_motor_moves_gently(calibrated):
     assert max(np.abs(robot.torques)) * 45.0 < 0.7
 
 
-@pytest.mark.parametrize('answers', [{'Is that so': 'no'}, {'Turn it': None}, {'Hands off': None}])
+@pytest.mark.parametrize('answers', [{'Ready': 'no'}, {'Turn it': None}, {'Hands off': None}])
 def test_it_can_be_ended_at_every_question(answers):
     robot = VirtualRobot(held=True)
     with refused('cancelled', error=RefusedError):
@@ -131,8 +131,8 @@ def test_an_angle_that_was_not_a_right_one_may_be_given_and_a_wrong_file_is_noti
 def test_wrong_keys_ask_again():
     robot = VirtualRobot(held=True)
     script = Script(robot)
-    wrong = {'Turn it': ['5', '-90', '430', 'level'], 'Is that so': ['yse', ''],
-             'Let the': ['wait'], 'again, still': ['no'], 'Hands off': ['no']}
+    wrong = {'Turn it': ['5', '-90', '430', 'level'], 'Ready': ['yse', ''],
+             'Let the': ['wait'], 'rest again': ['no'], 'Hands off': ['no']}
     times, ask = {part: len(answers) + 1 for part, answers in wrong.items()}, script.ask
 
     def mistype_first(question):

@@ -128,7 +128,7 @@ def test_an_ftdi_adapter_that_waits_is_found(tmp_path):
 
 
 def test_no_port_at_all_and_a_port_that_may_not_be_opened():
-    assert next(check_ports([])).what == 'no serial port at all'
+    assert next(check_ports([])).what == 'no serial port found'
     if os.getuid():  # root may open all
         assert WRONG in [finding.verdict for finding in check_ports([('/dev/mem', 'memory')])]
 
