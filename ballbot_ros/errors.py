@@ -67,7 +67,7 @@ class ConfigurationError(_ErrorWithReason, ValueError):
         ``'out_of_range'``, ``'not_finite'``, ``'inconsistent'`` (with another value),
         ``'unreadable'`` (a file or its syntax), ``'wrong_kind'`` (of a file), ``'exists'`` (a
         file that would be overwritten), ``'not_writable'``, ``'not_installed'``, ``'ambiguous'``
-        (several match) or ``'unavailable'`` (now, on this machine).
+        (several match), ``'unavailable'`` (now, on this machine) or ``'unsupported'``.
     problems : tuple of ConfigurationError
         The errors of a file that has several; empty for a single error.
 

@@ -424,7 +424,7 @@ class Navigator:
                 state = replace(state, learned=state.learned.with_obstacles((
                     (percept.x + (self._radius + CLEARANCE) * math.cos(course),
                      percept.y + (self._radius + CLEARANCE) * math.sin(course)),)))
-            return self._stop(state, 'stuck', 'the ball does not get on'), REST
+            return self._stop(state, 'stuck', 'the ball makes no progress'), REST
         state = self._watch(state, percept)
         if state.status is NavStatus.STOPPING:
             return state, REST

@@ -37,14 +37,14 @@ def columns(plan: SweepPlan) -> Dict[str, str]:
     return {'case': '1', **units, **results, 'failure': ''}
 
 
-def run_block(plan: SweepPlan, first: int, behind: int) -> Dict[str, List[Any]]:
+def run_block(plan: SweepPlan, first: int, stop: int) -> Dict[str, List[Any]]:
     """
-    Run the cases from number `first` to before `behind`.
+    Run the cases from number `first` to before `stop`.
 
     If a case cannot be created or simulated, the column ``failure`` has the reason, and its
     results are empty.
     """
-    rows = plan.block(first, behind)
+    rows = plan.block(first, stop)
     crossings, heights, prepared = plan.crossings(rows)
     results: List[Any] = [None] * len(rows)
     if crossings is not None:
@@ -105,8 +105,8 @@ def run_sweep(plan: SweepPlan, out: Path, pool: Executor, workers: int,
     folder = out.with_name(out.name + '.blocks')
     blocks = {}
     for first in range(0, plan.size, block):
-        behind = min(first + block, plan.size)
-        blocks[f'{first:010d}-{behind:010d}.parquet'] = behind - first, (plan, first, behind)
+        stop = min(first + block, plan.size)
+        blocks[f'{first:010d}-{stop:010d}.parquet'] = stop - first, (plan, first, stop)
     found = checkpointed_map(run_block, blocks, folder, plan.digest, pool, workers,
                              lambda table, path: write_parquet(arrow, plan, table, path), progress)
     _join(arrow, plan, [folder / name for name in blocks], out)

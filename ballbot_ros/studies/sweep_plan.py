@@ -132,12 +132,12 @@ class SweepPlan(Checked):
         """Return whether maximum step heights are searched for, instead of trying given ones."""
         return 'height' not in (*self.names, *self.fixed)
 
-    def block(self, first: int, behind: int) -> Array:
-        """Return the cases from `first` to before `behind`: a row each, a column per name."""
-        behind = min(behind, self.size)
+    def block(self, first: int, stop: int) -> Array:
+        """Return the cases from `first` to before `stop`: a row each, a column per name."""
+        stop = min(stop, self.size)
         if self.design == 'grid':
             places = np.unravel_index(
-                np.arange(first, behind), [len(values) for values in self.grid.values()])
+                np.arange(first, stop), [len(values) for values in self.grid.values()])
             return np.stack([np.array(values, dtype=float)[place] for values, place in zip(
                 self.grid.values(), places)], axis=1)
         low, high = np.array(list(self.ranges.values()), dtype=float).T
@@ -149,12 +149,12 @@ class SweepPlan(Checked):
             with warnings.catch_warnings():
                 # SciPy warns of blocks whose size is not a power of two; only the total matters.
                 warnings.simplefilter('ignore')
-                points = engine.random(behind - first)
+                points = engine.random(stop - first)
         else:
             # A separate stream for each block would change with the size of the blocks.
             bits = np.random.PCG64(self.seed)
             bits.advance(first * len(low))
-            points = np.random.Generator(bits).random((behind - first, len(low)))
+            points = np.random.Generator(bits).random((stop - first, len(low)))
         return np.array(low + points * (high - low), dtype=float)
 
     def case(self, values: Mapping[str, Any]) -> tuple[Any, ...]:

@@ -374,11 +374,11 @@ def _face(nodes: Nodes, pieces: List[Piece], number: int
     low = _aside(nodes, pieces, number, begin, ahead=False)
     high = _aside(nodes, pieces, number, end, ahead=True)
     part = (nodes.z[piece.begin:piece.end + 1] - low.z) / ((high.z - low.z) or 1.0)
-    foot, middle, top = np.interp([0.2, 0.5, 0.8], np.maximum.accumulate(part), x).tolist()
+    foot, centre, top = np.interp([0.2, 0.5, 0.8], np.maximum.accumulate(part), x).tolist()
     # A step between two nodes, observed from different positions, appears one cell wide.
     run = (top - foot) / 0.6 - CELL
     run = 0.0 if run < 1.5 * CELL else run + CELL
-    position = min(max(middle - 0.5 * run, begin), end)
+    position = min(max(centre - 0.5 * run, begin), end)
     run = min(run, end - position)
     low = _aside(nodes, pieces, number, position, ahead=False)
     high = _aside(nodes, pieces, number, position + run, ahead=True)

@@ -44,14 +44,13 @@ from ballbot_ros.physics.model.state import (
 from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.solvers import values
 from ballbot_ros.physics.solvers.controller import smallest_step, time_width
-from ballbot_ros.physics.solvers.dense import write_row
+from ballbot_ros.physics.solvers.dense import NODES, write_row
 from ballbot_ros.physics.solvers.values import FLIGHTS, Output, Workspace
 
 # The result of `spin_start`.
 Spin = tuple[float, float, float, float, float, float]
 
-# Gauss and Legendre's abscissae and weights on (0, 1).
-NODES = 0.5 + 0.5 * np.polynomial.legendre.leggauss(4)[0]
+# Gauss-Legendre weights on (0, 1); `NODES` are the abscissae.
 WEIGHTS = 0.5 * np.polynomial.legendre.leggauss(4)[1]
 MOST_PANELS = 100
 

@@ -83,10 +83,10 @@ def _nominal(required_probability: Optional[float]) -> NominalModel:
     return NominalModel(**changes)
 
 
-def run_block(evaluation: Evaluation, planner: str, group: str, first: int, behind: int,
+def run_block(evaluation: Evaluation, planner: str, group: str, first: int, stop: int,
               search: bool) -> List[Row]:
     """Run a range of approaches; a defect of the decision only fails its own approach."""
-    return [_run(evaluation, planner, group, number, search) for number in range(first, behind)]
+    return [_run(evaluation, planner, group, number, search) for number in range(first, stop)]
 
 
 def _run(evaluation: Evaluation, planner: str, group: str, number: int, search: bool) -> Row:
@@ -149,9 +149,9 @@ def run_evaluation(evaluation: Evaluation, folder: Path, pool: Executor, workers
     blocks = {}
     for planner, group, count in evaluation.parts:
         for first in range(0, count, BLOCK):
-            behind = min(first + BLOCK, count)
+            stop = min(first + BLOCK, count)
             search = planner == evaluation.parts[0][0] and first < evaluation.searched
-            blocks[f'{planner}-{group}-{first:07d}-{behind:07d}{"-searched" * search}.json'] = (
-                behind - first, (evaluation, planner, group, first, behind, search))
+            blocks[f'{planner}-{group}-{first:07d}-{stop:07d}{"-searched" * search}.json'] = (
+                stop - first, (evaluation, planner, group, first, stop, search))
     return checkpointed_rows(
         run_block, blocks, folder / FOLDER, evaluation.digest, pool, workers, progress)

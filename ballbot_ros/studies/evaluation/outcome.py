@@ -133,7 +133,7 @@ class OutcomeMonitor:
         self._x, self._y = loop.state.x, loop.state.y
         self._path: List[Tuple[float, float]] = []  # positions and speeds [m], [m/s]
         self.verdict = Verdict()
-        self.news = 0.0  # time of the last event that justifies another decision [s]
+        self.last_event = 0.0  # time of the last event that justifies another decision [s]
 
     def update(self, before: float, decision: Decision) -> bool:
         """
@@ -202,7 +202,7 @@ class OutcomeMonitor:
             if edge not in self._passed:
                 crossing = side > 0.0 and -height <= DROP_CROSSABLE_MAX and self._crossing(edge)
                 self._passed[edge] = crossing
-                self.news = state.time
+                self.last_event = state.time
                 if crossing:
                     self._begin(state.time, edge, state.velocity_x)
             bottom = (state.y - math.tan(slope) * (state.x - edge) - self._radius / math.cos(slope)
@@ -221,7 +221,7 @@ class OutcomeMonitor:
             when, speed = float(piece[TOUCH_PERIOD]) * PERIOD, float(piece[TOUCH_SPEED])
             piece[TOUCH_PERIOD] = 0.0
             face = float(piece[AX] if piece[BY] > piece[AY] else piece[BX])
-            self.news = when
+            self.last_event = when
             if self._crossing(face):
                 self._begin(when, face, speed)
             elif speed > HIT_SPEED_MIN and not self._crossing(face, CANCELLATION_TIME):
@@ -263,14 +263,14 @@ class OutcomeMonitor:
             attempt.over = False
         else:
             return
-        self.news = attempt.settled = state.time
+        self.last_event = attempt.settled = state.time
 
     def _ends(self, state: State, decision: Decision) -> bool:
         """Return whether the ball is over, has run away or rests."""
         verdict, goal = self.verdict, self._approach.ground.goal
         if not math.isfinite(goal):
             last = max((left + width for left, _, width, _ in self._faces), default=0.0)
-            goal = max(last, self._approach.ground.foot) + GOAL_MARGIN
+            goal = max(last, self._approach.ground.foot)
         if state.x > goal + GOAL_MARGIN:
             verdict.outcome = 'over'
             return True

@@ -78,12 +78,12 @@ class DecisionChanges:
         known = -1 if profile is None else max(
             (face.number for face in profile.faces), default=0)
         if known > self._known:
-            self._known, monitor.news = known, now
+            self._known, monitor.last_event = known, now
         if motion is not None and self._arrives(motion):
-            monitor.news = now
+            monitor.last_event = now
         selected = (decision.kind, decision.plan.strategy if decision.plan else None)
         if (self._last is not None and selected != self._last
-                and now > monitor.news + REACTION_TIME):
+                and now > monitor.last_event + REACTION_TIME):
             self.count += 1
         self._last = selected
         self._target = (

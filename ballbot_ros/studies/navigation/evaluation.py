@@ -81,11 +81,11 @@ class NavigationEvaluation:
         return hashlib.sha256(repr(known).encode()).hexdigest()[:16]
 
 
-def run_block(evaluation: NavigationEvaluation, planner: str, first: int, behind: int
+def run_block(evaluation: NavigationEvaluation, planner: str, first: int, stop: int
               ) -> List[Row]:
     """Drive to a range of goals."""
     return [drive(draw_house(knowledge().robot, evaluation.seed, number), planner)
-            for number in range(first, behind)]
+            for number in range(first, stop)]
 
 
 def drive(house: House, planner: str) -> Row:
@@ -142,9 +142,9 @@ def run_evaluation(evaluation: NavigationEvaluation, folder: Path, pool: Executo
     blocks = {}
     for planner, count in evaluation.parts:
         for first in range(0, count, BLOCK):
-            behind = min(first + BLOCK, count)
-            blocks[f'{planner}-{first:06d}-{behind:06d}.json'] = (
-                behind - first, (evaluation, planner, first, behind))
+            stop = min(first + BLOCK, count)
+            blocks[f'{planner}-{first:06d}-{stop:06d}.json'] = (
+                stop - first, (evaluation, planner, first, stop))
     return checkpointed_rows(
         run_block, blocks, folder / FOLDER, evaluation.digest, pool, workers, progress)
 
