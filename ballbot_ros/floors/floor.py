@@ -22,7 +22,7 @@ from ballbot_ros.errors import ConfigurationError
 Point = Tuple[float, float]
 Read = TypeVar('Read')
 
-# Larger maps are refused: a cell takes some 100 bytes while routes are planned.
+# Larger maps are refused: route planning uses about 100 bytes per cell.
 MOST_CELLS = 16_000_000
 # Largest range of the heights of a floor [m].
 HEIGHT_SPAN_MAX = 20.0
@@ -36,16 +36,16 @@ AREAS = ('carpet', 'level', 'ramp', 'friction', 'keep_out', 'stairs')
 @dataclass(frozen=True)
 class Feature(Checked):
     """
-    A step, threshold, cord or drop along a line, or an area, as its kind says.
+    A feature of a floor: a step, threshold, cord or drop along a line, or an area.
 
     ``step``: the floor on the left of the line, seen from its first point to its last, is higher
-    by `height`.  ``threshold``: a bar of `height` and `width`, the line is its middle.  ``cord``:
-    the same, flexible.  ``drop``: the floor on the right of the line is lower by `height`, and no
-    route crosses it.  ``carpet`` and ``level``: an area that is higher by `height`, or lower where
-    that of a level is negative.  ``ramp``: an area that rises by `height` along its line, from the
-    foot to the top; a route leads over one on which the ball can stand.  ``friction``: an area
-    with a coefficient of friction, which no run-up crosses if it is below the range of the robot.
-    ``keep_out`` and ``stairs``: areas that no route enters; a route keeps the stopping distance
+    by `height`.  ``threshold``: a bar of `height` and `width`, centred on the line.  ``cord``: a
+    flexible threshold.  ``drop``: the floor on the right of the line is lower by `height`, and no
+    route crosses it.  ``carpet`` and ``level``: an area that is higher by `height`; a level with a
+    negative height is lower.  ``ramp``: an area that rises by `height` along its line, from the
+    foot to the top; routes use it if the ball can stand on it.  ``friction``: an area with a
+    coefficient of friction; if that is below the range of the robot, no run-up crosses the area.
+    ``keep_out`` and ``stairs``: areas that no route enters; routes keep the stopping distance
     from stairs.
     """
 
@@ -86,7 +86,7 @@ class Feature(Checked):
         with problems.collected():
             if (self.friction is None) == (self.kind == 'friction'):
                 raise ConfigurationError(
-                    'friction must be given for an area of friction, and for nothing else, got '
+                    'friction must be given for an area of kind friction and no other, got '
                     f'{self.friction!r} for kind {self.kind}', 'inconsistent', 'friction')
         with problems.collected():
             least = 'more than' if self.kind in (
@@ -111,7 +111,7 @@ class Feature(Checked):
 
     @property
     def rise(self) -> float:
-        """Return the rise of the floor to the left of the segments, 0 of a bar or ramp [m]."""
+        """Return the rise of the floor to the left of the segments, 0 for a bar or ramp [m]."""
         if self.kind in ('carpet', 'level'):
             area = sum(x0 * y1 - x1 * y0 for (x0, y0), (x1, y1) in self.segments)
             return math.copysign(self.height, self.height * area)
@@ -121,9 +121,9 @@ class Feature(Checked):
 @dataclass(frozen=True, eq=False)
 class Heights:
     """
-    Heights of the ground on a grid, between which they are linear.
+    Heights of the ground on a grid, interpolated bilinearly.
 
-    Raises `ConfigurationError` if a height is not finite, or the range is that of another unit.
+    Raises `ConfigurationError` if a height is not finite, or if the range of heights is too large.
     """
 
     # (rows, columns): finite, of the centres of the cells; row 0 has the least y [m].
@@ -136,15 +136,15 @@ class Heights:
         if len(bad):
             raise ConfigurationError(
                 f'{len(bad)} of {self.values.size} heights are not finite, the first in row '
-                f'{bad[0, 0]}, column {bad[0, 1]}; fill holes before', 'not_finite', 'heights')
+                f'{bad[0, 0]}, column {bad[0, 1]}; fill holes first', 'not_finite', 'heights')
         span = float(np.ptp(self.values))
         if span > HEIGHT_SPAN_MAX:
             raise ConfigurationError(
-                f'heights range over {span:g} m, more than {HEIGHT_SPAN_MAX:g} m; are these '
-                'millimetres? Give the scale', 'out_of_range', 'heights')
+                f'heights span {span:g} m, more than {HEIGHT_SPAN_MAX:g} m; if the unit is '
+                'millimetres, set the scale', 'out_of_range', 'heights')
 
     def at(self, x: Any, y: Any) -> Any:
-        """Return the height at places, beyond the grid that of its border; arrays broadcast."""
+        """Return the height at positions, clamped to the grid [m]; arrays broadcast."""
         rows, columns = self.values.shape
         column = np.clip((x - self.origin[0]) / self.resolution - 0.5, 0.0, columns - 1.0)
         row = np.clip((y - self.origin[1]) / self.resolution - 0.5, 0.0, rows - 1.0)
@@ -171,7 +171,7 @@ class Floor:
     heights: Optional[Heights] = None  # under the features; None for a level floor
 
     def cell_of(self, point: Sequence[float]) -> Tuple[int, int]:
-        """Return row and column of a point [m]; may lie outside."""
+        """Return row and column of a point [m], which may lie outside the map."""
         return (math.floor((point[1] - self.origin[1]) / self.resolution),
                 math.floor((point[0] - self.origin[0]) / self.resolution))
 
@@ -182,7 +182,7 @@ class Floor:
 
     @property
     def centers(self) -> Tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the x of all columns, (1, columns), and the y of all rows, (rows, 1) [m]."""
+        """Return x of the columns, shape (1, columns), and y of the rows, shape (rows, 1) [m]."""
         rows, columns = self.cells.shape
         column, row = (np.arange(count, dtype=np.float64) for count in (columns, rows))
         return (self.origin[0] + (column[None, :] + 0.5) * self.resolution,
@@ -210,7 +210,7 @@ class Floor:
                 self.origin[1], self.origin[1] + rows * self.resolution)
 
     def nearest_wall(self, place: Sequence[float]) -> Tuple[float, Point]:
-        """Return distance and way of a place to the nearest wall, 0 inside it [m]."""
+        """Return the distance and the vector to the nearest wall, 0 inside a wall [m]."""
         if not len(self.walls):
             return math.inf, (math.inf, 0.0)
         ways = self.walls[:, :2] - place
@@ -239,7 +239,7 @@ def rectangles(mask: NDArray[np.bool_], resolution: float, origin: Point
 
 
 def start_on(floor: Floor, text: str) -> Tuple[float, float, float]:
-    """Return the pose of a text with x, y [m] and heading [rad]; without text, the start."""
+    """Parse a pose 'x, y, heading' [m], [rad]; return the start of the floor for no text."""
     if not text:
         return floor.start
     try:
@@ -252,7 +252,7 @@ def start_on(floor: Floor, text: str) -> Tuple[float, float, float]:
 
 
 def load_floor(name_or_path: Union[str, Path]) -> Floor:
-    """Read a floor by name or path; raises `ConfigurationError` naming all errors in the file."""
+    """Read a floor by name or path; raise `ConfigurationError` with all errors in the file."""
     path, content = read_config('floors', name_or_path)
     where, problems = str(path), Problems()
     with problems.collected():
@@ -302,19 +302,19 @@ def load_floor(name_or_path: Union[str, Path]) -> Floor:
                 if off:
                     raise ConfigurationError(
                         f'{where}: {name}: {", ".join(map(str, off))} must lie on the map, which '
-                        f'is x {left:g} to {right:g} m, y {bottom:g} to {top:g} m; are these '
-                        'metres?', 'out_of_range', field)
+                        f'covers x {left:g} to {right:g} m, y {bottom:g} to {top:g} m; is the '
+                        'unit metres?', 'out_of_range', field)
     problems.refuse()
     if start is None:
         from scipy import ndimage
-        # The middle of the largest free space.
+        # The point farthest from all walls.
         clear = ndimage.distance_transform_edt(np.pad(floor.cells == FREE, 1))[1:-1, 1:-1]
         start = [*floor.center_of(*divmod(int(np.argmax(clear)), floor.cells.shape[1])), 0.0]
     return replace(floor, start=(float(start[0]), float(start[1]), math.radians(start[2])))
 
 
 def _located(read: Callable[[], Read], where: str) -> Read:
-    """Return what a function reads; its errors name the place."""
+    """Return the result of `read`; its errors state the location."""
     try:
         return read()
     except ConfigurationError as error:
@@ -326,9 +326,9 @@ def read_map(path: Path) -> Tuple[NDArray[np.uint8], float, Point]:
     Read a map as Nav2's map_server does, in its modes ``trinary`` and ``scale``.
 
     The YAML file has image, resolution, origin, negate, occupied_thresh and free_thresh.  A map
-    with a rotated origin is sampled along the axes.  Returns cells, resolution and origin as in
-    `Floor` [m].  Raises `ConfigurationError` for values out of range, an image that cannot be read
-    or is too large.
+    with a rotated origin is resampled along the axes.  Return cells, resolution and origin as in
+    `Floor` [m].  Raise `ConfigurationError` for values out of range and for an image that cannot
+    be read or is too large.
     """
     content = dict(read_yaml(find_config('maps', path)))
     where = str(path)
@@ -360,7 +360,7 @@ def read_map(path: Path) -> Tuple[NDArray[np.uint8], float, Point]:
 
 def _rotated(cells: NDArray[np.uint8], resolution: float, origin: Sequence[float], where: str
              ) -> Tuple[NDArray[np.uint8], float, Point]:
-    """Return a map along the axes, each cell that of the rotated map at its centre."""
+    """Return a rotated map resampled along the axes at the cell centres."""
     rows, columns = cells.shape
     cosine, sine = math.cos(origin[2]), math.sin(origin[2])
     corners = [(resolution * (column * cosine - row * sine),
@@ -407,7 +407,7 @@ class _HeightsFile(Checked):
 
 
 def _shades(image: Path, deep: bool = False) -> NDArray[np.float64]:
-    """Return the grey values of an image, of 8 bits or (deep) 16, with the last row first."""
+    """Return the grey values of an image of 8 bits, or 16 if `deep`, with the last row first."""
     from PIL import Image, UnidentifiedImageError
     Image.MAX_IMAGE_PIXELS = None  # the size is checked here, before the pixels are read
     try:
@@ -415,7 +415,7 @@ def _shades(image: Path, deep: bool = False) -> NDArray[np.float64]:
             _check_size(picture.height, picture.width, 'image')
             if deep and not picture.mode.startswith('I'):
                 raise ConfigurationError(
-                    f'image {image} must have 16 bits of grey, it is of mode {picture.mode}',
+                    f'image {image} must have 16 bits of grey, got mode {picture.mode}',
                     'wrong_type', 'image')
             return np.asarray(picture if deep else picture.convert('L'), dtype=float)[::-1]
     except (OSError, UnidentifiedImageError) as error:
@@ -439,10 +439,10 @@ class _Walls(Checked):
     size: Any = section('width and height of the map [m]')
     lines: Any = section('polylines of walls [m]')
     resolution: float = quantity('m', 'size of a cell', default=0.05, minimum=0.005, maximum=1.0)
-    thickness: float = quantity('m', 'of the walls', default=0.1, above=0.0, maximum=1.0)
+    thickness: float = quantity('m', 'thickness of the walls', default=0.1, above=0.0, maximum=1.0)
 
     def cells(self) -> Tuple[NDArray[np.uint8], float, Point]:
-        """Return the map that these walls make; its outline is a wall."""
+        """Return the map with these walls; its outline is a wall, too."""
         problems, drawn = Problems(), []
         with problems.collected():
             (width, height), = _points([self.size], 'size', 1)

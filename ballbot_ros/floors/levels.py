@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Levels of the rooms of a floor: the sum of its steps and drops from cell to cell."""
+"""Levels of the rooms of a floor: sums of its steps and drops from cell to cell."""
 from collections import deque
 from functools import lru_cache
 import math
@@ -13,7 +13,7 @@ from ballbot_ros.floors.profile import depth
 
 
 def level(floor: Floor, place: Point) -> float:
-    """Return the height that steps and drops give the floor at a place on the map [m]."""
+    """Return the height of the floor at a position that results from steps and drops [m]."""
     row, column = floor.cell_of(place)
     rows, columns = floor.cells.shape
     return float(levels(floor)[min(max(row, 0), rows - 1), min(max(column, 0), columns - 1)])
@@ -24,7 +24,7 @@ def levels(floor: Floor) -> NDArray[np.float64]:
     """
     Return the level of each cell, 0 in the largest area without a step, a (rows, columns) array.
 
-    Where the cells lead around the end of a step, its height is that of the shortest way.
+    Where cells connect around the end of a step, the shortest path determines the level.
     """
     lines = [(segment, depth(feature)) for feature in floor.features
              if feature.kind in ('step', 'drop') for segment in feature.segments]
@@ -71,7 +71,7 @@ def levels(floor: Floor) -> NDArray[np.float64]:
 
 def _raise(floor: Floor, rise: NDArray[np.float64], way: Tuple[int, int],
            segment: Tuple[Point, Point], height: float) -> None:
-    """Add a step, higher on its left, to the rises from cells to those a `way` further on."""
+    """Add a step, higher on its left, to the rises from cells to those at the offset `way`."""
     (x0, y0), (x1, y1) = segment
     first = floor.cell_of((min(x0, x1), min(y0, y1)))
     last = floor.cell_of((max(x0, x1), max(y0, y1)))

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The ground along a straight line over a floor, cut exactly, as a `Terrain`.
+The exact ground profile along a straight line over a floor, as a `Terrain`.
 
-The height of the ground at a place is the sum of areas (carpets, levels, ramps, bars, stairs),
-which depend on the place only, and of the steps and drops that were passed on the way there.
+The height of the ground at a position is the sum of areas (carpets, levels, ramps, bars, stairs),
+which depend on the position only, and of the steps and drops that were passed on the way there.
 """
 from dataclasses import dataclass
 import math
@@ -20,11 +20,11 @@ Array = NDArray[np.float64]
 WALL_HEIGHT = 1.0  # [m]
 # Depth of stairs and of drops whose height is not given [m].
 UNKNOWN_DEPTH = 0.5
-# Places on a line that are nearer to each other count as one [m].
+# Positions on a line that are closer together count as one [m].
 LENGTH_TOLERANCE = 1e-9
-# Length over which the ground falls from a crest to its height, see `cut` [m].
+# Length over which the ground descends from a crest to its exact height, see `cut` [m].
 CREST_LENGTH = 0.1
-# A face along the path is as high for the ball as a wall: highest crest [m].
+# Highest crest [m]: a face parallel to the path acts on the ball like a wall.
 HIGHEST_CREST = 0.3
 
 
@@ -42,11 +42,11 @@ class Cut:
 
     vertices: Array  # (n, 2): distance ahead and height [m]
     friction: Array  # (n - 1,): surface friction of each segment, NaN for that of the robot
-    edges: Tuple[Edge, ...]  # all faces but walls, by their distance
+    edges: Tuple[Edge, ...]  # all faces except walls, sorted by distance
     walls: Tuple[float, float]  # distance of the walls behind and ahead, infinite for none [m]
 
     def terrain(self, offset: float = 0.0) -> Terrain:
-        """Return the terrain with an x that is `offset` at the place of the cut [m]."""
+        """Return the terrain, with x = `offset` at the position of the cut [m]."""
         return Terrain(self.vertices + (offset, 0.0), self.friction)
 
 
@@ -62,14 +62,14 @@ class _Part(NamedTuple):
 def cut(floor: Floor, place: Point, heading: float, level: float = 0.0, radius: float = 0.0,
         factor: Optional[Callable[[float], float]] = None) -> Cut:
     """
-    Return the ground along a line from a place [m] in the direction of a heading [rad].
+    Return the ground along a line from a position [m] in the direction of a heading [rad].
 
-    The level is the height that the steps and drops give the ground at the place, see `passed`
-    [m].  With the radius of a ball along the line [m], a wall is where the ball touches it first,
-    not where its centre would.  The factor returns which part of its head-on height a ball climbs
-    at an angle to the normal of an edge [rad]: with it, an edge that rises away from the place has
-    a crest that a ball climbs head-on as it climbs the edge at its angle, and from which the
-    ground falls to its height.  Without it, heights are exact.
+    `level` is the height of the ground at the position due to steps and drops [m], see `passed`.
+    With the `radius` of a ball on the line [m], a wall is located where the ball first touches it.
+    `factor` maps the angle to the normal of an edge [rad] to the fraction of the head-on height
+    that a ball climbs at this angle.  With it, an edge that rises away from the position has a
+    crest: climbing the crest head-on is equivalent to climbing the edge at its angle.  Behind the
+    crest, the ground descends to the exact height.  Without `factor`, heights are exact.
     """
     along = (math.cos(heading), math.sin(heading))
     parts: List[_Part] = []
@@ -79,7 +79,7 @@ def cut(floor: Floor, place: Point, heading: float, level: float = 0.0, radius: 
         if feature.kind in ('step', 'drop'):
             for at, side, angle in crossings(feature.segments, place, along):
                 rise = side * depth(feature)
-                # Heights count from the place of the cut, to both sides.
+                # Heights are relative to the position of the cut, in both directions.
                 parts.append(_Part(at, math.inf, rise, rise) if at > 0.0
                              else _Part(-math.inf, at, -rise, -rise))
                 edges.append(Edge(at, rise, angle))
@@ -133,11 +133,11 @@ def cut(floor: Floor, place: Point, heading: float, level: float = 0.0, radius: 
 def crossings(segments: Sequence[Tuple[Point, Point]], place: Point, along: Point
               ) -> List[Tuple[float, int, float]]:
     """
-    Return where a line crosses segments.
+    Return the crossings of a line with segments.
 
-    The line is at `place` at distance 0 [m], with the unit vector `along`.  Each crossing has its
-    distance ahead [m]; 1 where the line goes to the left of the segment, -1 to the right; and the
-    angle from the normal of the segment to the line [rad].
+    The line starts at `place` [m], with the unit vector `along`.  A crossing consists of its
+    distance ahead [m]; 1 if the line leads to the left of the segment, -1 if to the right; and
+    the angle from the normal of the segment to the line [rad].
     """
     found = []
     for begin, end in segments:
@@ -149,7 +149,7 @@ def crossings(segments: Sequence[Tuple[Point, Point]], place: Point, along: Poin
         towards = normal[0] * along[0] + normal[1] * along[1]
         sides = [along[0] * (point[1] - place[1]) - along[1] * (point[0] - place[0])
                  for point in (begin, end)]
-        # A point on the line counts as left of it: a joint of a polyline is crossed once.
+        # A point on the line counts as left of it, so a vertex of a polyline is crossed once.
         if towards == 0.0 or (sides[0] >= 0.0) == (sides[1] >= 0.0):
             continue
         at = (normal[0] * (begin[0] - place[0]) + normal[1] * (begin[1] - place[1])) / towards
@@ -161,7 +161,7 @@ def crossings(segments: Sequence[Tuple[Point, Point]], place: Point, along: Poin
 
 def crossings_between(segments: Sequence[Tuple[Point, Point]], begin: Point, end: Point
                       ) -> List[Tuple[float, int, float]]:
-    """Return the crossings of the line from one place to another; see `crossings`."""
+    """Return the crossings of the line from one position to another; see `crossings`."""
     length = math.dist(begin, end)
     if not length:
         return []
@@ -171,20 +171,20 @@ def crossings_between(segments: Sequence[Tuple[Point, Point]], begin: Point, end
 
 def crossed(floor: Floor, begin: Point, end: Point, kinds: Sequence[str] = LINES
             ) -> List[Tuple[Feature, int]]:
-    """Return the lines between two places, nearest first, and 1 for a way to the left, else -1."""
+    """Return the features crossed between two positions, and 1 if to the left, else -1."""
     found = [(at, feature, side) for feature in floor.features if feature.kind in kinds
              for at, side, _ in crossings_between(feature.segments, begin, end)]
     return [(feature, side) for _, feature, side in sorted(found, key=lambda one: one[0])]
 
 
 def passed(floor: Floor, begin: Point, end: Point) -> float:
-    """Return by how much the steps and drops between two places raise the ground [m]."""
+    """Return the rise of the ground due to steps and drops between two positions [m]."""
     return sum(side * depth(feature)
                for feature, side in crossed(floor, begin, end, ('step', 'drop')))
 
 
 def area_height(floor: Floor, place: Point) -> float:
-    """Return the height that areas and heights give the ground at a place [m]."""
+    """Return the height of the ground at a position due to areas and the height map [m]."""
     uneven = float(floor.heights.at(*place)) if floor.heights is not None else 0.0
     return uneven + sum(
         _added(feature, place, (1.0, 0.0), 0.0) for feature in floor.features
@@ -203,13 +203,13 @@ def ranges(floor: Floor, place: Point, headings: Sequence[float], limit: float) 
 
 
 def depth(feature: Feature) -> float:
-    """Return the height of a feature, also of a drop or stairs of unknown depth [m]."""
+    """Return the height of a feature, `UNKNOWN_DEPTH` if that of a drop or stairs is 0 [m]."""
     unknown = feature.kind in ('drop', 'stairs') and feature.height == 0.0
     return UNKNOWN_DEPTH if unknown else feature.height
 
 
 def polygons(feature: Feature) -> List[Tuple[Point, ...]]:
-    """Return the areas of a feature: of a threshold or cord, a rectangle for each segment."""
+    """Return the areas of a feature; for a threshold or cord, one rectangle for each segment."""
     if feature.kind in ('step', 'drop'):
         return []
     if feature.polygon:
@@ -226,7 +226,7 @@ def polygons(feature: Feature) -> List[Tuple[Point, ...]]:
 
 def _areas(feature: Feature, place: Point, along: Point
            ) -> List[Tuple[Tuple[float, float], Tuple[float, float]]]:
-    """Return the intervals of the line on a feature; those of joined bars are one."""
+    """Return the intervals of the line on a feature; overlapping ones are merged."""
     found = sorted(interval for polygon in polygons(feature)
                    for interval in _intervals(polygon, place, along))
     merged = found[:1]
@@ -252,7 +252,7 @@ def _added(feature: Feature, place: Point, along: Point, at: float) -> float:
 
 def _intervals(polygon: Sequence[Point], place: Point, along: Point
                ) -> List[Tuple[Tuple[float, float], Tuple[float, float]]]:
-    """Return the intervals of a line in a polygon: distance and angle at their ends."""
+    """Return the intervals of a line in a polygon: distance and angle at both ends."""
     ends = sorted((at, angle) for at, _, angle in crossings(
         tuple(zip(polygon, (*polygon[1:], polygon[0]))), place, along))
     return [(begin, end) for begin, end in zip(ends[::2], ends[1::2])
@@ -260,7 +260,7 @@ def _intervals(polygon: Sequence[Point], place: Point, along: Point
 
 
 def _faces(edges: Sequence[Edge]) -> List[Edge]:
-    """Return the edges by their distance; those at one place are one edge, or none if flush."""
+    """Return the edges sorted by distance; merge edges at one position, omit those of height 0."""
     found: List[Edge] = []
     for edge in sorted(edges):
         if found and edge.distance - found[-1].distance <= LENGTH_TOLERANCE:
@@ -271,7 +271,7 @@ def _faces(edges: Sequence[Edge]) -> List[Edge]:
 
 
 def _crests(edges: Sequence[Edge], factor: Callable[[float], float]) -> List[_Part]:
-    """Return the rise of each edge to its crest; one that falls away from the place has none."""
+    """Return the crests of the edges that rise away from the position of the cut."""
     found = []
     for number, edge in enumerate(edges):
         if edge.distance * edge.height <= 0.0:
@@ -292,7 +292,7 @@ def _crests(edges: Sequence[Edge], factor: Callable[[float], float]) -> List[_Pa
 
 
 def _grid_lines(heights: Heights, place: Point, along: Point) -> Array:
-    """Return where a line crosses the rows and columns of the heights, its ends included [m]."""
+    """Return where a line crosses the rows and columns of the height grid [m]."""
     found = []
     for axis in (0, 1):
         if abs(along[axis]) < LENGTH_TOLERANCE:
@@ -309,16 +309,16 @@ def _grid_lines(heights: Heights, place: Point, along: Point) -> Array:
 
 
 def _wall(floor: Floor, place: Point, along: Point, radius: float) -> float:
-    """Return where the face of the first wall on a line is for a ball [m]."""
+    """Return the distance to the face of the first wall for a ball on a line [m]."""
     centres, halves = floor.walls[:, :2] - place, floor.walls[:, 2:]
-    # A ball that touches a wall beside it moves on, unless it moves towards it.
+    # A wall that the ball touches does not stop it, unless the ball moves towards the wall.
     nearest = centres - np.clip(centres, -halves, halves)
     near = nearest[:, 0] * along[0] + nearest[:, 1] * along[1] > 0.0
     return _entry(centres[near], halves[near], along, radius) + radius
 
 
 def _entry(centres: Array, halves: Array, along: Point, radius: float) -> float:
-    """Return the least distance at which a ball from the origin touches rectangles [m]."""
+    """Return the smallest distance at which a ball from the origin touches rectangles [m]."""
     if not len(centres):
         return math.inf
     entries = []
@@ -341,8 +341,8 @@ def _entry(centres: Array, halves: Array, along: Point, radius: float) -> float:
         chord = np.sqrt(np.maximum(radius**2 - across**2, 0.0))
         entries.append(np.where((np.abs(across) <= radius) & (ahead + chord >= 0.0),
                                 ahead - chord, np.inf))
-    # A ball that rolls along a wall and turns towards it has touched it long ago: the part of its
-    # penetration along the line is left.
+    # If a ball rolls along a wall and turns towards it, the touch is far behind: its distance
+    # is limited to the component of the penetration along the line.
     away = centres - np.clip(centres, -halves, halves)
     nearest = np.maximum(np.hypot(*away.T), LENGTH_TOLERANCE)
     share = np.clip(away @ along / nearest, 0.0, 1.0)
@@ -350,7 +350,7 @@ def _entry(centres: Array, halves: Array, along: Point, radius: float) -> float:
 
 
 def _joined(xs: Array, left: Array, right: Array, friction: Array) -> Tuple[Array, Array]:
-    """Return vertices and friction of the segments between places, without needless vertices."""
+    """Return the vertices and the friction of the segments, without redundant vertices."""
     points = [(float(xs[0]), float(left[0]))]
     slips: List[float] = []
     for number in range(len(left)):
@@ -361,7 +361,7 @@ def _joined(xs: Array, left: Array, right: Array, friction: Array) -> Tuple[Arra
         elif len(points) > 1 and begin[1] == points[-2][1] == right[number] \
                 and points[-2][0] < begin[0] \
                 and np.array_equal(slips[-1], friction[number], equal_nan=True):
-            points.pop()  # level ground continues
+            points.pop()  # both segments are level
             slips.pop()
         points.append((float(xs[number + 1]), float(right[number])))
         slips.append(float(friction[number]))

@@ -2,8 +2,8 @@
 """
 Routes on floors that account for run-up; no ROS.
 
-``RoutePlanner(floor, knowledge).route(start, goal)`` returns a `Route`; `Knowledge` is that of the
-obstacle decision, whose rollouts say which crossings succeed.
+``RoutePlanner(floor, knowledge).route(start, goal)`` returns a `Route`.  `Knowledge` is the one of
+the obstacle decision, whose rollouts determine which crossings succeed.
 """
 from ballbot_ros.navigation.capability import Capability, CrossingPlan
 from ballbot_ros.navigation.masks import write_masks

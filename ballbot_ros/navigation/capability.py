@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Which steps a robot crosses from rest: run-up and room to speed, swing, probability and time.
+Steps that a robot crosses from rest: maps run-up and room to speed, probability and time.
 
 The entries come from the rollouts of the obstacle decision, in the worlds that its robot file,
 tuning and learned particles imply; so a route contains no crossing that the decision would refuse.
-They are computed when they are needed, for heights rounded away from 0, and kept in
-``$XDG_CACHE_HOME/ballbot_ros/capability``, a file for each robot, tuning and version of the code.
+They are computed on demand, for heights rounded away from 0, and cached in
+``$XDG_CACHE_HOME/ballbot_ros/capability``, one file for each robot, tuning and code version.
 """
 from contextlib import suppress
 from dataclasses import replace
@@ -27,13 +27,13 @@ from ballbot_ros.decision.planning.rollout.search import (
     candidates, CONFIRMATION_ROLLOUTS, OVERRUN_FRACTION_MAX, plan_row, search, Task, Trial)
 from ballbot_ros.decision.planning.rollout.worlds import Tally, Worlds
 
-# Run-ups from rest to the touch to try, and longest room behind the last edge that is used [m].
+# Candidate run-ups from rest to the touch, and largest room used behind the last edge [m].
 RUN_UPS = (0.2, 0.35, 0.5, 0.75, 1.0, 1.4, 1.8, 2.4)
 ROOM_MAX = 2.5
-# Heights, standard deviations of heights, and widths are rounded up to multiples of this; searches
-# are for rooms that are multiples of this [m].
+# Heights, their standard deviations and widths are rounded up to multiples of these values;
+# searches use rooms that are multiples of the last one [m].
 HEIGHT, HEIGHT_SD, WIDTH, ROOM = 0.0025, 0.001, 0.01, 0.1
-# Standard deviation of the place of a step when the ball crosses it, and of a level floor's slope.
+# Standard deviations of a step's position at its crossing [m], and of a level floor's slope [rad].
 PLACE_SD, SLOPE_SD = 0.01, 0.003
 
 
@@ -44,17 +44,17 @@ class CrossingPlan(NamedTuple):
     Attributes
     ----------
     run_up : float
-        Of the centre until the touch [m].
+        Distance that the centre travels until the touch [m].
     speed : float
-        Of the approach [m/s].
+        Approach speed [m/s].
     probability : float
-        Of getting over and stopping in the room behind.
+        Probability of crossing and stopping in the room behind the step.
     time : float
-        From rest before to rest behind [s].
+        Time from rest before the step to rest behind it [s].
     room : float
-        Behind the last edge that it needs [m].
+        Room required behind the last edge [m].
     again : float
-        Probability that a failed attempt ends before the step, and the next one succeeds.
+        Probability that a failed attempt ends before the step and the next one succeeds.
 
     """
 
@@ -73,7 +73,7 @@ class CrossingPlan(NamedTuple):
 
 class Capability:
     """
-    Computes crossings on demand and keeps them.
+    Computes and caches crossings on demand.
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ class Capability:
     Attributes
     ----------
     least_friction : float
-        Of the floors in its worlds [1].
+        Lowest coefficient of friction of the floors in its worlds [1].
 
     """
 
@@ -97,13 +97,13 @@ class Capability:
         self._kept = len(self._known)
 
     def _read(self) -> None:
-        """Add the entries of the file, if there is one."""
+        """Add the entries of the file, if it exists."""
         with suppress(OSError, ValueError, TypeError):
             for key, value in json.loads(self._file.read_text(encoding='utf-8')).items():
                 self._known[key] = None if value is None else CrossingPlan(*value)
 
     def keep(self) -> None:
-        """Write the results; without a writable cache, the next run computes them again."""
+        """Write the cache; if it is not writable, the next run computes the results again."""
         if len(self._known) == self._kept:
             return
         with suppress(OSError):
@@ -117,18 +117,18 @@ class Capability:
     def crossing(self, faces: Sequence[Tuple[float, float]], height_sd: float, run_up: float,
                  room: float) -> Optional[CrossingPlan]:
         """
-        Return the crossing with a run-up, None without the required probability.
+        Return the crossing with a run-up, or None if none has the required probability.
 
         Parameters
         ----------
         faces : sequence of (float, float)
-            Distance behind the first face and height of each face, negative down [m].
+            Distance from the first face and height of each face, negative if it leads down [m].
         height_sd : float
             Standard deviation of the heights [m].
         run_up : float
             One of `RUN_UPS` [m]; a crossing downwards uses the shortest.
         room : float
-            Available to the centre behind the last edge [m].
+            Room for the centre behind the last edge [m].
 
         """
         if room < ROOM:
@@ -145,7 +145,7 @@ class Capability:
             found = self._known[key]
             if found is None or found.room <= room:
                 return found
-            # The longest room that excludes this plan.
+            # The largest room that excludes this plan.
             longest = round(math.ceil(found.room / ROOM - 1.0 - 1e-6) * ROOM, 6)
         return None
 
@@ -167,7 +167,7 @@ class Capability:
         if not ahead.ends or ahead.ends[-1].faces < len(faces):
             return None
         start = (ahead.touch - run_up, 0.0, 0.0, 0.0)
-        # Worlds are used in turn; each entry begins with the first, and depends on its key alone.
+        # Each entry starts with the first world, and therefore depends on its key only.
         worlds = Worlds(self._knowledge)
         worlds.see(ahead)
         task = Task(start, ahead, worlds, tuning.required_probability, tuning.highest_speed)
@@ -190,7 +190,7 @@ class Capability:
         results = worlds.attempt(start, [plan_row(chosen.candidate, ahead)], draws, ahead)[0]
         beyond = float(np.quantile(np.nan_to_num(results[:, REST], nan=-math.inf),
                                    1.0 - OVERRUN_FRACTION_MAX, method='higher'))
-        # The same plan fails again; the decision takes one that exceeds it.
+        # The same plan would fail again; the decision selects one that exceeds it.
         stuck = results[:, VERDICT] == STUCK
         further = [plan_row(plan, ahead) for plan in plans
                    if exceeds(plan, chosen.candidate.speed, chosen.candidate.angle)]
@@ -200,7 +200,7 @@ class Capability:
                 start, further, draws[stuck], ahead)]
             again = max((item.probability for item in tallies if not item.harm), default=0.0) \
                 * float(stuck.sum() / (results[:, VERDICT] != OVER).sum())
-        # At most the room of the search, in which the same share may stop farther away.
+        # At most the room of the search, which allows the same fraction of overruns.
         return CrossingPlan(
             run_up, chosen.candidate.speed, chosen.many.probability, time,
             min(room, beyond + room - ahead.room_to), again)
@@ -212,13 +212,13 @@ def _rounded(value: float, unit: float) -> float:
 
 
 def _folder() -> Path:
-    """Return the folder of the tables."""
+    """Return the folder of the cache files."""
     base = Path(os.environ.get('XDG_CACHE_HOME') or Path.home() / '.cache')
     return base / 'ballbot_ros' / 'capability'
 
 
 def _digest(knowledge: Knowledge) -> str:
-    """Return a digest of all that the table depends on."""
+    """Return a digest of all data on which the entries depend."""
     code = Path(__file__).resolve().parent.parent
     digest = hashlib.sha256(repr((
         knowledge.robot.digest, knowledge.tuning, knowledge.control, knowledge.seed)).encode())

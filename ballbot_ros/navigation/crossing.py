@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Set-points of the commands of a navigator; the obstacle decision drives the crossings."""
+"""Set-points for the commands of a navigator; the obstacle decision drives the crossings."""
 from typing import Iterable, Optional
 
 from ballbot_ros.control import Mode, SetPoint
@@ -9,10 +9,10 @@ from ballbot_ros.navigation.execution import Command, CommandKind, CrossingRepor
 
 class CrossingDriver:
     """
-    Lets a `Decider` drive over the step ahead, as often as a route needs it.
+    Executes the crossings of a route with a `Decider`.
 
-    The decider keeps the learned parameters of the robot from one crossing to the next, and
-    discards the terrain: the odometry axis is the line of the crossing.
+    The decider keeps the learned parameters of the robot between crossings and discards the
+    terrain, because the odometry axis is the line of the crossing.
 
     Parameters
     ----------
@@ -27,13 +27,13 @@ class CrossingDriver:
         self._report: Optional[CrossingReport] = None
 
     def end(self) -> None:
-        """Drop the crossing; the caller stops the ball."""
+        """End the crossing; the caller stops the ball."""
         if self._goal is not None:
             self._goal = None
             self.decider.goals.end()
 
     def take_report(self) -> Optional[CrossingReport]:
-        """Return how the crossing ended, once."""
+        """Return and clear the report of a crossing that has ended, None if there is none."""
         report, self._report = self._report, None
         return report
 
@@ -45,11 +45,11 @@ class CrossingDriver:
         Parameters
         ----------
         command : Command
-            CROSS begins or continues a crossing, anything else ends it.
+            CROSS starts or continues a crossing; any other kind ends it.
         motion : Motion
-            Along the line of the crossing.
+            Motion along the line of the crossing.
         observations : iterable of Observation
-            Of the terrain, for a crossing.
+            Terrain observations, used during a crossing.
 
         """
         if command.kind is not CommandKind.CROSS:

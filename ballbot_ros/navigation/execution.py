@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Execution of a route: path following, crossings, replanning, and an end at rest.
+Execution of a route: path following, crossings, replanning, and the stop at the goal.
 
-The only state of a `Navigator` is computed from floor and robot: `advance`
-takes a `NavigationState` and a `Percept`, and returns the next state and a `Command`.  Crossings
-are carried out by the obstacle decision: while the command is CROSS, the caller lets it drive, and
-reports how it ended in the percept (see `crossing.CrossingDriver`).
+A `Navigator` stores only data computed from floor and robot: `advance` takes a `NavigationState`
+and a `Percept`, and returns the next state and a `Command`.  The obstacle decision executes
+crossings: while the command is CROSS, the caller applies its set-points, and reports the outcome
+in the percept (see `crossing.CrossingDriver`).
 """
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -29,25 +29,25 @@ from ballbot_ros.navigation.tracking import (
 
 # The ball rests after this time below `REST_SPEED_MAX` [s].
 REST_TIME_MIN = 0.4
-# A segment is finished this close to its end [m]; the goal is reached within this distance [m].
+# Distances at which the end of a segment and the goal count as reached [m].
 SEGMENT_TOLERANCE, GOAL_TOLERANCE = 0.03, 0.15
-# Deviation from the heading of a path with which it is planned again [rad].
+# Deviation from the heading of a path that triggers a replan [rad].
 HEADING_ERROR_MAX = math.radians(45.0)
-# Alignments that are tried before a crossing begins in any case, and distance that the ball backs
-# off for one: the errors decay twice, backward and forward [m].
+# Alignments before a crossing starts regardless, and the distance that the ball backs off for one:
+# the errors decay twice, backward and forward [m].
 ALIGNMENTS_MAX, ALIGNING_DISTANCE = 2, 2.0 * SETTLING_DISTANCE
-# A localisation that moves farther than the ball between two percepts has jumped [m], [rad].
+# Localisation jump: motion between percepts in excess of the ball's own [m], and turn [rad].
 JUMP_DISTANCE, JUMP_ANGLE = 0.25, 0.5
-# Jumps are not detectable over a larger gap between percepts [s].
+# Longest interval between percepts over which jumps are detectable [s].
 PERCEPT_GAP_MAX = 1.0
-# Distance over which the path is checked for obstacles [m], places on it, and measurements that
-# must agree.
+# Length of the path that is checked for obstacles [m], samples on it, and the number of
+# consecutive measurements that must agree.
 LOOK_AHEAD, SAMPLES, AGREEING_MIN = 1.5, 16, 3
-# Walls of the map explain observed points within this distance [m].
+# Distance within which walls of the map explain observed points [m].
 EXPLAINED_DISTANCE = 0.2
-# Deviation from a mapped height with which it is another one [m].
+# Deviation at which a measured height differs from the mapped one [m].
 HEIGHT_ERROR_MAX = 0.004
-# The ball is stuck with less progress than this [m] in this time [s].
+# The ball is stuck if it progresses by less than this distance [m] in this time [s].
 PROGRESS_MIN, PROGRESS_TIMEOUT = 0.03, 8.0
 REPLANS_MAX = 12
 CROSSING_TIMEOUT = 90.0
@@ -79,9 +79,9 @@ class CrossingReport(NamedTuple):
     crossed : bool
     message : str
     height : float
-        Of the step as observed, NaN if not [m].
+        Observed height of the step, NaN if it was not observed [m].
     touched : bool
-        Whether the ball attempted it.
+        Whether the ball touched the step.
 
     """
 
@@ -93,22 +93,22 @@ class CrossingReport(NamedTuple):
 
 class Percept(NamedTuple):
     """
-    Localisation and measurements at a time.
+    Localisation and measurements at one time.
 
     Attributes
     ----------
     stamp : float
         [s]
     x, y, heading : float
-        Localisation on the map [m], [rad].
+        Pose on the map [m], [rad].
     speed : float
-        Along the heading [m/s].
+        Speed along the heading [m/s].
     points : tuple of (float, float) or None
-        Observed obstacles on the map, such as of a laser scan [m]; None without a new scan.
+        Observed obstacles on the map, e.g. from a laser scan [m]; None without a new scan.
     faces : tuple of (float, float) or None
-        Distance ahead of the centre and height of observed faces [m]; None without a new look.
+        Distance ahead of the centre and height of observed faces [m]; None without new data.
     crossing : CrossingReport or None
-        Once, when the crossing has ended.
+        Given once, when the crossing has ended.
 
     """
 
@@ -132,16 +132,16 @@ class CommandKind(str, Enum):
 
 class Command(NamedTuple):
     """
-    Command until the next percept.
+    Command that holds until the next percept.
 
     Attributes
     ----------
     kind : CommandKind
-        With CROSS the obstacle decision drives; a change to another mode ends its goal.
+        With CROSS, the obstacle decision drives; a change to another kind ends its goal.
     speed : float
-        Along the heading, with DRIVE [m/s].
+        Speed along the heading, for DRIVE [m/s].
     yaw_rate : float
-        With DRIVE and CROSS [rad/s].
+        Yaw rate, for DRIVE and CROSS [rad/s].
 
     """
 
@@ -162,18 +162,18 @@ class NavigationState:
     ----------
     status : NavStatus
     reason, message : str
-        Of the end, or of the latest change.
+        Reason for the end or for the latest change.
     goal : tuple of float or None
         Position [m], and heading [rad] if one is required.
     route : Route or None
     index : int
-        Of the segment.
+        Index of the current segment.
     along, aside : float
-        Progress on it, and distance of the ball from its line at the begin [m].
+        Progress on the segment, and cross-track distance of the ball at its start [m].
     learned : Learned
     replans : int
     recoveries : int
-        Replans after failures, obstacles and jumps.
+        Number of replans after failures, obstacles and jumps.
 
     """
 
@@ -190,16 +190,16 @@ class NavigationState:
     replans: int = 0
     recoveries: int = 0
     alignments: int = 0
-    moving: float = -math.inf  # when the ball was last seen moving
-    anchor: Tuple[float, float] = (0.0, -math.inf)  # progress, and when it was made
+    moving: float = -math.inf  # time of the latest percept of a moving ball [s]
+    anchor: Tuple[float, float] = (0.0, -math.inf)  # latest progress [m], and its time [s]
     crossing_start: float = 0.0  # [s]
-    agreeing: Tuple[int, ...] = (0, 0)  # scans and looks in a row with an obstacle on the path
+    agreeing: Tuple[int, ...] = (0, 0)  # consecutive scans and faces with an obstacle on the path
     last: Optional[Percept] = None
     next: Optional[NavStatus] = None  # after a stop: CANCELED, FAILED, or DRIVING with a new route
 
     @property
     def segment(self) -> Optional[Segment]:
-        """Return the segment that is driven."""
+        """Return the current segment."""
         return self.route.segments[self.index] \
             if self.route is not None and self.index < len(self.route.segments) else None
 
@@ -208,17 +208,17 @@ class NavigationState:
         """Return the expected time to the goal [s]."""
         if self.route is None or self.status.ended:
             return 0.0
-        left = sum(segment.time for segment in self.route.segments[self.index + 1:])
+        time = sum(segment.time for segment in self.route.segments[self.index + 1:])
         segment = self.segment
         if segment is not None:
-            share = self.along / self.path.length if self.path is not None else 0.0
-            left += segment.time * min(max(1.0 - share, 0.0), 1.0)
-        return left
+            done = self.along / self.path.length if self.path is not None else 0.0
+            time += segment.time * min(max(1.0 - done, 0.0), 1.0)
+        return time
 
 
 class Navigator:
     """
-    Drives routes of a planner.
+    Executes the routes of a planner.
 
     Parameters
     ----------
@@ -239,12 +239,12 @@ class Navigator:
         """
         Return the state with a new goal, which replaces an active one.
 
-        A ball that moves is stopped first.
+        A moving ball is stopped first.
 
         Raises
         ------
         RefusedError
-            If the goal, or the place of the ball, is refused; the state before remains valid.
+            If the goal or the pose of the ball is refused; the previous state remains valid.
 
         """
         self._check(percept)
@@ -269,7 +269,7 @@ class Navigator:
                        message=message)
 
     def with_planner(self, state: NavigationState, planner: RoutePlanner) -> NavigationState:
-        """Drive on another map; an active goal is stopped for and planned again."""
+        """Change the map; with an active goal, stop the ball and replan."""
         self.planner = planner
         planner.learn(state.learned)
         return state if state.status.ended else self._stop(
@@ -311,7 +311,7 @@ class Navigator:
             math.remainder(percept.heading - last.heading, 2.0 * math.pi)) > JUMP_ANGLE
 
     def _stop(self, state: NavigationState, reason: str, message: str) -> NavigationState:
-        """Stop for a new route."""
+        """Return the state that stops the ball and replans."""
         return replace(state, status=NavStatus.STOPPING, next=NavStatus.DRIVING, reason=reason,
                        message=message, recoveries=state.recoveries + 1)
 
@@ -335,7 +335,7 @@ class Navigator:
                            percept), REST
 
     def _route(self, state: NavigationState, percept: Percept) -> Route:
-        """Plan with the known heights, else to steps that the sensors have not measured."""
+        """Plan with the known heights; if that fails, plan to steps that are not measured yet."""
         assert state.goal is not None
         start = percept.x, percept.y, percept.heading
         self.planner.learn(state.learned)
@@ -349,7 +349,7 @@ class Navigator:
             raise
 
     def _enter(self, state: NavigationState, index: int, percept: Percept) -> NavigationState:
-        """Begin a segment at rest."""
+        """Start a segment at rest."""
         assert state.route is not None and state.goal is not None
         if index >= len(state.route.segments):
             away = math.dist((percept.x, percept.y), state.goal[:2])
@@ -377,7 +377,7 @@ class Navigator:
 
     def _align(self, state: NavigationState, crossing: Segment, percept: Percept
                ) -> NavigationState:
-        """Back off along the line of a crossing and return to its start; else plan again."""
+        """Back off along the line of a crossing and return to its start; without room, replan."""
         assert state.route is not None
         room = min(self.planner.room_before(crossing), ALIGNING_DISTANCE)
         if room < 0.5 * ALIGNING_DISTANCE:
@@ -404,8 +404,8 @@ class Navigator:
             if resting:
                 return self._enter(state, state.index + 1, percept), REST
             return state, REST
-        # Half the clearance of the path is for deviations from it, beside those with which it
-        # started, also where the ball brakes now.
+        # Half the clearance of the path is reserved for deviations in addition to the initial one,
+        # also at the point where a ball that brakes now would stop.
         rests = min(self._braking.distance(abs(percept.speed), 0.0), path.length - along)
         there = (percept.x + rests * math.cos(course), percept.y + rests * math.sin(course))
         planned = [float(np.interp(along + rests, path.along, items)) for items in path.points.T]
@@ -419,7 +419,7 @@ class Navigator:
         if along > state.anchor[0] + PROGRESS_MIN:
             state = replace(state, anchor=(along, percept.stamp))
         elif percept.stamp - state.anchor[1] > PROGRESS_TIMEOUT:
-            # A wall of the map that the ball touches explains it, and the next route leaves it.
+            # If the ball touches a mapped wall, no obstacle is added: the next route leads away.
             if path.direction in self.planner.leaving(percept[1:4]):
                 state = replace(state, learned=state.learned.with_obstacles((
                     (percept.x + (self._radius + CLEARANCE) * math.cos(course),
@@ -436,7 +436,7 @@ class Navigator:
         return state, Command(CommandKind.DRIVE, speed, yaw_rate)
 
     def _watch(self, state: NavigationState, percept: Percept) -> NavigationState:
-        """Look for obstacles on the path, and for steps that the map does not have."""
+        """Check for obstacles on the path, and for steps that are not on the map."""
         path, route, learned = state.path, state.route, state.learned
         assert path is not None and route is not None
         along = np.linspace(state.along, min(state.along + LOOK_AHEAD, path.length), SAMPLES)
@@ -456,7 +456,7 @@ class Navigator:
                     learned = self._measured(learned, number, height)
             elif blocks(point):
                 unmapped.append(point)
-        # The sensors measure at their own rates: a percept may have no measurement.
+        # The sensors have different rates: a percept may contain no measurement.
         agreeing = tuple(count if measured is None else count + 1 if agrees else 0
                          for count, measured, agrees in zip(
                              state.agreeing, (percept.points, percept.faces),
@@ -465,7 +465,7 @@ class Navigator:
             return replace(state, agreeing=agreeing)
         obstacle = seen or bool(unmapped)
         if obstacle:
-            # The next route avoids all of it, not only what blocks this one.
+            # The next route avoids all observed points, not only those on this path.
             learned = learned.with_obstacles((*unmapped, *(
                 point for point in percept.points or () if not self._explained(point))))
         return self._stop(
@@ -473,9 +473,9 @@ class Navigator:
             'an obstacle is on the path' if obstacle else 'a step is higher than on the map')
 
     def _measured(self, learned: Learned, number: int, height: float) -> Learned:
-        """Return learned data with a measured rise of a feature that is higher than planned."""
+        """Return learned data with a measured height if it exceeds the known one."""
         known = self.planner.features[number].height
-        # An area below its surroundings has a negative height, and an edge that rises outwards.
+        # An area below its surroundings has a negative height, and its edge rises outwards.
         return learned.with_height(number, math.copysign(height, known)) \
             if height > abs(known) + HEIGHT_ERROR_MAX else learned
 
@@ -489,7 +489,7 @@ class Navigator:
         return self.planner.floor.nearest_wall(point)[0] < EXPLAINED_DISTANCE
 
     def _feature_at(self, point: Point) -> Optional[int]:
-        """Return the number of the feature whose line passes nearest to a point, if near."""
+        """Return the number of the feature whose line is nearest to a point, None if not near."""
         away, number = min(
             ((min(float(distance_to_segment(*point, *segment)) for segment in feature.segments)
               - 0.5 * feature.width, number)
@@ -512,28 +512,28 @@ class Navigator:
             if math.isfinite(report.height):
                 learned = learned.with_height(
                     segment.number, math.copysign(report.height, known))
-            # Another height explains a refusal.
+            # A different height explains a refusal.
             if report.touched or report.crossed or not abs(
                     abs(report.height) - abs(known)) > HEIGHT_ERROR_MAX:
                 learned = learned.with_outcome(
                     segment.number, segment.sign, segment.crossing.run_up, report.crossed)
             state = replace(state, learned=learned, alignments=0)
             if report.crossed:
-                # Only now the stop position behind the step is known.
+                # The stop position behind the step is only known now.
                 return replace(state, status=NavStatus.STOPPING, next=NavStatus.DRIVING,
                                replans=max(state.replans - 1, 0), message=report.message), REST
             return self._stop(state, 'crossing_failed', (
                 f'the {segment.feature.label} was not crossed: {report.message}')), REST
         turned = math.remainder(percept.heading - segment.heading, 2.0 * math.pi)
         if abs(turned) > HEADING_ERROR_MAX:
-            # The outcome says nothing about the run-up.
+            # The outcome contains no information about the run-up.
             return self._stop(state, 'off_path', (
                 f'the {segment.feature.label} has turned the ball by '
                 f'{math.degrees(turned):+.0f} degrees')), REST
         if abs(percept.speed) < REST_SPEED_MAX and state.moving > state.crossing_start \
                 and state.along < 0.5 * segment.crossing.run_up:
-            # The decision has backed off for another attempt, which begins at another pose.
-            # Close to the step, a ball whose pendulum swings is slow, too.
+            # The decision has backed off for another attempt, which starts at another pose.
+            # Close to the step, a ball with a swinging pendulum is slow, too.
             entered = self._enter(state, state.index, percept)
             if entered.status is not NavStatus.CROSSING:
                 return entered, REST

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-A lattice of poses, and the search on it.
+State lattice of poses, and the search on it.
 
-States are the centres of the cells of a square grid with one of 16 headings, those of the vectors
-(1, 0), (2, 1), (1, 1), (1, 2) and so on.  A motion primitive leads along the heading, or through
-an arc to a neighbouring heading; it ends exactly on a state, and its curvature is within that of
+A state is the centre of a cell of a square grid with one of 16 headings: those of the vectors
+(1, 0), (2, 1), (1, 1), (1, 2) and so on.  A motion primitive leads along the heading, or along an
+arc to a neighbouring heading; it ends exactly on a state, and its curvature is within the limit of
 the robot (Pivtoraiko and Kelly, 2005).  Each primitive exists forward and backward.
 """
 import math
@@ -20,11 +20,11 @@ VECTORS = ((1, 0), (2, 1), (1, 1), (1, 2), (0, 1), (-1, 2), (-1, 1), (-2, 1),
 HEADINGS = tuple(math.atan2(y, x) for x, y in VECTORS)
 LENGTHS = tuple(math.hypot(x, y) for x, y in VECTORS)
 COUNT = len(VECTORS)
-# Cell size over turning radius at which single vectors make the arcs.
+# Ratio of cell size to turning radius at which each leg of an arc is a single vector.
 CELL_SHARE = 0.118
-# Levels of the risk -log(probability) up to its limit.
+# Number of levels of the risk -log(probability) up to its limit.
 LEVELS = 50
-# Most nodes of a search; answers of `expand` without a way, and of `_place` without a node.
+# Maximum number of nodes of a search; results of `expand` and `_place` that are no nodes.
 NODES_MAX = 1 << 22
 NONE, FULL, EXCLUDED = -1, -2, -3
 
@@ -36,19 +36,19 @@ class Primitive(NamedTuple):
     Attributes
     ----------
     start, end : int
-        Headings.
+        Indices of the headings.
     direction : int
         1 forward, -1 backward.
     column, row : int
-        Of its end.
+        Cell of the end.
     points : (n, 2) array
-        Positions along it [cells], without the first.
+        Positions along the primitive [cells], without the first.
     curvature : float
-        Of its arc, yaw angle over travelled length [1/cell].
+        Curvature of the arc, yaw angle over travelled length [1/cell].
     length : float
         [cells]
     lines : float
-        Length of lines along both headings to its end [cells].
+        Length of the polyline along both headings to the end [cells].
 
     """
 
@@ -64,7 +64,7 @@ class Primitive(NamedTuple):
 
 
 def primitives(radius: float) -> List[Primitive]:
-    """Return the primitives, heading by heading, for a turning radius [cells]."""
+    """Return the primitives for a turning radius [cells], sorted by start heading."""
     forward: List[Primitive] = []
     for start in range(COUNT):
         x, y = VECTORS[start]
@@ -80,12 +80,12 @@ def primitives(radius: float) -> List[Primitive]:
 
 
 def _arc(start: int, end: int, turn: int, radius: float) -> Primitive:
-    """Return a line, an arc and a line from heading to heading, with the least length."""
+    """Return the shortest line, arc and line between two headings."""
     one, two = np.array(VECTORS[start], float), np.array(VECTORS[end], float)
     lengths = np.hypot(*one), np.hypot(*two)
     angle = turn * math.acos(min(1.0, one @ two / (lengths[0] * lengths[1])))
     tangent = radius * math.tan(0.5 * abs(angle))
-    # The corner is a whole number of vectors from both ends, each at least the tangent away.
+    # The corner is an integer number of vectors, at least the tangent length, from both ends.
     first, second = (math.ceil(tangent / length - 0.01) for length in lengths)
     legs = first * lengths[0], second * lengths[1]
     tangent = min(legs)
@@ -113,15 +113,15 @@ def _arc(start: int, end: int, turn: int, radius: float) -> Primitive:
 
 class Moves(NamedTuple):
     """
-    The primitives as arrays; rows are numbered heading by heading, the same number for each.
+    The primitives as arrays, sorted by start heading, with n primitives for each heading.
 
     Attributes
     ----------
     ends : (16 * n,) array of int64
-        Number of the state at the end minus that at the start.
+        Index of the end state minus that of the start state.
     cells : (16 * n, k) array of int64
-        Numbers of the cells around the points on the way minus that of the first cell, in the
-        order of the way; the last one is repeated.
+        Indices of the cells around the points of the primitive minus that of its first cell, in
+        order of travel; the last index is repeated.
     backward : (16 * n,) array of bool
     times : (16 * n,) array
         [s]
@@ -135,7 +135,7 @@ class Moves(NamedTuple):
 
     @classmethod
     def of(cls, rows: List[Primitive], times: List[float], columns: int) -> 'Moves':
-        """Return the arrays of primitives, and the time of each, on a grid of some columns."""
+        """Return the arrays for primitives, their times [s], and the columns of the grid."""
         ways = [cells_around(item.points) for item in rows]
         longest = max(map(len, ways))
         ends = [(item.row * columns + item.column) * COUNT + item.end - item.start
@@ -146,7 +146,7 @@ class Moves(NamedTuple):
 
 
 def cells_around(points: NDArray[np.float64]) -> List[Tuple[int, int]]:
-    """Return rows and columns of the cells between whose centres points lie [cells]."""
+    """Return (row, column) of the cells whose centres surround the points [cells]."""
     found: Dict[Tuple[int, int], None] = {}
     for x, y in np.round(points, 6).tolist():
         for row in (math.floor(y), math.ceil(y)):
@@ -156,12 +156,12 @@ def cells_around(points: NDArray[np.float64]) -> List[Tuple[int, int]]:
 
 class Problem(NamedTuple):
     """
-    A search; states are cell * 16 + heading, cells are numbered row by row.
+    A search problem; a state is cell * 16 + heading, cells are indexed row by row.
 
     Attributes
     ----------
     starts : (n,) array of int64
-        States.
+        Start states.
     start_costs : (n,) array
         [s]
     goal_cell, goal_heading : int
@@ -169,16 +169,16 @@ class Problem(NamedTuple):
     slowness : (cells,) array
         Factor on times in a cell; infinite where the centre must not be, and at the border.
     heuristic : (cells,) array
-        Lower bound of the time to the goal [s].
+        Lower bound of the time to the goal [s], inflated by `route.HEURISTIC_FACTOR`.
     moves : Moves
     reversal : float
         Time for a change of direction [s].
     arc_starts, arc_ends : (m,) arrays of int64
-        States that crossings lead from and to, sorted by start.
+        Start and end states of the crossings, sorted by start.
     arc_times, arc_levels : (m,) arrays
-        Time [s] and risk level of each.
+        Time [s] and risk level of each crossing.
     aligned : (m,) array of bool
-        Whether each can begin at the pose of the ball, where its state is a start.
+        Whether each crossing can start at the pose of the ball, if it leads from a start state.
     leaving : (2,) array of bool
         Whether the first motion may lead forward, and backward.
     most_level : int
@@ -204,14 +204,14 @@ class Problem(NamedTuple):
 
 class SearchTree(NamedTuple):
     """
-    The nodes of a search: one for each way to a state that no other way excludes.
+    The nodes of a search: one for each path to a state that no other path excludes.
 
     Attributes
     ----------
     states, parents, moves, levels : arrays of int32
-        Of each node.
+        State, parent node, move and risk level of each node.
     older : array of int32
-        Node before at the same state, -1 for none.
+        Previous node of the same state, -1 for none.
     backward, closed : arrays of bool
     costs : array
         [s]
@@ -233,7 +233,7 @@ class SearchTree(NamedTuple):
 
     @classmethod
     def of(cls, count: int) -> 'SearchTree':
-        """Return arrays for a number of nodes."""
+        """Allocate the arrays for a number of nodes."""
         states, parents, moves, levels, older = np.empty((5, count), np.int32)
         backward, closed = np.empty((2, count), np.bool_)
         return cls(states, parents, moves, levels, older, backward, closed, np.empty(count),
@@ -241,22 +241,22 @@ class SearchTree(NamedTuple):
 
 
 class Tree:
-    """A search tree, which searches share and which grows as needed."""
+    """A search tree that searches reuse and that grows on demand."""
 
     def __init__(self, count: int = 1 << 18):
         self._nodes = SearchTree.of(count)
 
     def find(self, problem: Problem) -> Tuple[float, List[Tuple[int, int]]]:
         """
-        Return the least time to the goal, and the way.
+        Return the least time to the goal, and the path.
 
         Returns
         -------
         time : float
-            [s]; infinite if there is no way.
-        way : list of (int, int)
-            State, and the move to it: the number of a primitive, -2 - number of a crossing, or
-            -1 for the start.
+            [s]; infinite if there is no path.
+        path : list of (int, int)
+            State, and the move to it: the index of a primitive, -2 - index of a crossing, or -1
+            for the start.
 
         """
         while True:
@@ -267,17 +267,17 @@ class Tree:
             self._nodes = SearchTree.of(4 * len(self._nodes.states))
         if found < 0:
             return math.inf, []
-        way, node = [], found
+        path, node = [], found
         while node >= 0:
-            way.append((int(self._nodes.states[node]), int(self._nodes.moves[node])))
+            path.append((int(self._nodes.states[node]), int(self._nodes.moves[node])))
             node = int(self._nodes.parents[node])
-        return float(self._nodes.costs[found]), way[::-1]
+        return float(self._nodes.costs[found]), path[::-1]
 
 
 @compiled
 def free_steps(barriers: NDArray[np.bool_], row: float, column: float, up: float, across: float,
                most: int) -> int:
-    """Return how many steps of (up, across) lead from a place without a barrier [cells]."""
+    """Return the number of steps (up, across) from a position to a barrier, at most `most`."""
     for number in range(most):
         r, c = math.floor(row + (number + 1) * up), math.floor(column + (number + 1) * across)
         if not (0 <= r < len(barriers) and 0 <= c < barriers.shape[1]) or barriers[r, c]:
@@ -288,7 +288,7 @@ def free_steps(barriers: NDArray[np.bool_], row: float, column: float, up: float
 @compiled
 def _place(tree: SearchTree, newest: NDArray[np.int32], state: int, level: int, backward: bool,
            cost: float, reversal: float) -> int:
-    """Return the node that a way to a state improves, `NONE` for a new one, or `EXCLUDED`."""
+    """Return the node that a path to a state improves, `NONE` for a new one, or `EXCLUDED`."""
     found, node = NONE, newest[state]
     while node >= 0:
         same = tree.backward[node] == backward
@@ -303,7 +303,7 @@ def _place(tree: SearchTree, newest: NDArray[np.int32], state: int, level: int, 
 @compiled
 def _push(heap_costs: NDArray[np.float64], heap_nodes: NDArray[np.int32], size: int,
           cost: float, node: int) -> None:
-    """Add a node to a binary heap of a size."""
+    """Add a node to a binary heap of the given size."""
     place = size
     while place > 0 and heap_costs[(place - 1) // 2] > cost:
         heap_costs[place] = heap_costs[(place - 1) // 2]
@@ -314,7 +314,7 @@ def _push(heap_costs: NDArray[np.float64], heap_nodes: NDArray[np.int32], size: 
 
 @compiled
 def _pop(heap_costs: NDArray[np.float64], heap_nodes: NDArray[np.int32], size: int) -> None:
-    """Remove the first node of a binary heap of a size."""
+    """Remove the first node of a binary heap of the given size."""
     size -= 1
     cost, node, place = heap_costs[size], heap_nodes[size], 0
     while 2 * place + 1 < size:
@@ -332,11 +332,11 @@ def distances(goal: int, slowness: NDArray[np.float64], starts: NDArray[np.int64
               ends: NDArray[np.int64], lengths: NDArray[np.float64]
               ) -> Tuple[NDArray[np.float64], NDArray[np.int64]]:
     """
-    Return the distance of a point from each cell to a cell along the 16 headings [cells].
+    Return the distance from each cell to the goal cell along the 16 headings [cells].
 
-    Each step counts with the lower slowness of its two cells: times over them are lower bounds of
-    those of moves, which take the highest slowness on their way.  Arcs lead from cells to others.
-    The second array has the next cell on the way, -1 for none.
+    Each step is weighted by the lower slowness of its two cells.  The resulting times are lower
+    bounds for those of moves, which use the highest slowness of their cells.  Arcs connect cells.
+    The second array contains the next cell on the path, -1 for none.
     """
     far, following = np.full(slowness.size, math.inf), np.full(slowness.size, -1, np.int64)
     order, most = np.argsort(ends), COUNT * slowness.size + len(ends)
@@ -350,7 +350,7 @@ def _measure(goal: int, slowness: NDArray[np.float64], starts: NDArray[np.int64]
              ends: NDArray[np.int64], lengths: NDArray[np.float64], far: NDArray[np.float64],
              following: NDArray[np.int64], heap_costs: NDArray[np.float64],
              heap_nodes: NDArray[np.int32]) -> None:
-    """Compute the results of `distances`, from arcs that are sorted by their ends."""
+    """Compute the results of `distances` from arcs sorted by their ends."""
     rows, columns = slowness.shape
     far[goal] = heap_costs[0] = 0.0
     heap_nodes[0], size = goal, 1
@@ -384,9 +384,9 @@ def expand(problem: Problem, tree: SearchTree, newest: NDArray[np.int32]) -> int
     """
     Search by A* over (risk level, direction, heading, cell); return the node of the goal.
 
-    `NONE` if there is no way, `FULL` if the arrays are too short.  A way to a state is excluded by
-    another one of at most its risk level that costs less, by a change of direction if they differ
-    in it.  `newest` has the newest node of each state, -1 before the search.
+    Return `NONE` if there is no path, `FULL` if the arrays are too short.  A path to a state is
+    excluded by another one with at most its risk level and cost; if their directions differ, the
+    cost must be lower by a reversal.  `newest` has the newest node of each state, initially -1.
     """
     (starts, start_costs, goal_cell, goal_heading, slowness, heuristic, primitive, reversal,
      arc_starts, arc_ends, arc_times, arc_levels, aligned, leaving, most_level) = problem
@@ -396,7 +396,7 @@ def expand(problem: Problem, tree: SearchTree, newest: NDArray[np.int32]) -> int
     size = len(starts)
     if size > len(states):
         return FULL
-    # A start excludes no other way to its state: not all crossings there are aligned with it.
+    # A start excludes no other path to its state: not all crossings there are aligned with it.
     for node in range(size):
         states[node], costs[node], closed[node] = starts[node], start_costs[node], False
         parents[node], moves[node], levels[node], backward[node] = -1, -1, 0, False

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Learned data of a floor: heights, obstacles, outcomes; stored beside the map."""
+"""Learned data of a floor: heights, obstacles and outcomes; stored next to the map."""
 from dataclasses import asdict, dataclass, replace
 import json
 from pathlib import Path
@@ -8,9 +8,9 @@ from typing import Tuple
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.floors.floor import Point
 
-# Attempts whose weight the predicted probability of a crossing has, beside learned outcomes.
+# Weight of the predicted probability of a crossing against learned outcomes, in attempts.
 PRIOR_ATTEMPTS = 5.0
-# Obstacles nearer to each other than this are one [m].
+# Obstacles that are closer together than this are merged [m].
 SAME_DISTANCE = 0.08
 VERSION = 2
 
@@ -40,7 +40,7 @@ class Learned:
         """
         Return the mean of the beta distribution with the prediction as its prior.
 
-        A crossing counts for longer run-ups, and a failure for shorter ones, as well.
+        A crossing also counts for longer run-ups, and a failure for shorter ones.
         """
         counted = [(crossed, count) for feature, direction, tried, crossed, count in self.outcomes
                    if (feature, direction) == (number, sign)
@@ -49,12 +49,12 @@ class Learned:
             / (PRIOR_ATTEMPTS + sum(count for _, count in counted))
 
     def with_height(self, number: int, height: float) -> 'Learned':
-        """Return this with the observed height of a feature [m]."""
+        """Return a copy with the observed height of a feature [m]."""
         return replace(self, heights=tuple(sorted({**dict(self.heights),
                                                    number: height}.items())))
 
     def with_obstacles(self, points: Tuple[Point, ...]) -> 'Learned':
-        """Return this with further obstacles [m]."""
+        """Return a copy with additional obstacles [m]."""
         known = list(self.obstacles)
         for x, y in points:
             if not any(max(abs(x - a), abs(y - b)) < SAME_DISTANCE for a, b in known):
@@ -63,7 +63,7 @@ class Learned:
 
     def with_outcome(self, number: int, sign: int, run_up: float, crossed: bool, count: int = 1
                      ) -> 'Learned':
-        """Return this with attempts of the same outcome."""
+        """Return a copy with additional attempts of the same outcome."""
         kept = {item[:4]: item for item in self.outcomes}
         key = number, sign, run_up, crossed
         before = kept[key][4] if key in kept else 0
@@ -72,7 +72,7 @@ class Learned:
     @classmethod
     def read(cls, path: Path) -> 'Learned':
         """
-        Read a file; nothing has been learned if there is none.
+        Read a file; return empty data if it does not exist.
 
         Raises
         ------
@@ -99,7 +99,7 @@ class Learned:
                 'unreadable', str(path)) from error
 
     def write(self, path: Path) -> None:
-        """Write a file, whole or not at all."""
+        """Write a file atomically."""
         path.parent.mkdir(parents=True, exist_ok=True)
         temporary = path.with_suffix('.new')
         temporary.write_text(json.dumps({'version': VERSION, **asdict(self)}, indent=1),

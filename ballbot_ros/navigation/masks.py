@@ -2,8 +2,8 @@
 """
 Costmap filter masks for Nav2's planners: keep-out zones and speed limits of a floor.
 
-A planner that has no run-up in its model must treat each step, cord and carpet as a wall; the
-speed mask limits the speed near stairs to one from which the ball can stop.
+A planner without run-ups in its model must treat each step, cord and carpet as a wall.  The speed
+mask limits the speed near stairs and drops so that the ball can stop.
 """
 from pathlib import Path
 from typing import List
@@ -16,7 +16,7 @@ from ballbot_ros.navigation.route import RoutePlanner
 
 # Types of nav2_msgs/CostmapFilterInfo: keep-out zones, and speed limits in percent.
 KEEP_OUT, SPEED_PERCENT = 0, 1
-# Distance in which the speed limit rises to 100 % of the cruise speed [m].
+# Distance over which the speed limit rises to 100 % of the cruise speed [m].
 LIMIT_RISE_DISTANCE = 1.0
 
 
@@ -27,9 +27,9 @@ def write_masks(planner: RoutePlanner, folder: Path) -> List[Path]:
     Parameters
     ----------
     planner : RoutePlanner
-        Of the floor and the robot.
+        Planner of the floor and the robot.
     folder : Path
-        Exists.
+        Existing folder.
 
     Returns
     -------

@@ -4,9 +4,9 @@ Routes on a floor, for a ball that turns only while it rolls and crosses steps w
 
 The search is A* on a lattice of poses (`lattice`): its primitives have a curvature that the ball
 can drive, forward or backward.  A crossing is an edge of the same graph, from the pose at rest
-where its run-up begins to the pose behind the step.  Cost is expected time; the product of the
-crossings' probabilities stays above the required one.  The heuristic is the time of a point that
-turns freely (Dijkstra's algorithm).
+where its run-up starts to the pose behind the step.  Cost is expected time; the product of the
+crossings' probabilities has a lower bound.  The heuristic is the time of a freely turning point
+(Dijkstra's algorithm).
 """
 from dataclasses import replace
 from itertools import groupby
@@ -37,38 +37,38 @@ from ballbot_ros.steering.model import required_steering
 
 # Clearance between the ball and walls, and between it and steps that it does not cross [m].
 CLEARANCE = 0.05
-# Clearance that a route prefers [m], and the factor on times with less.
+# Preferred clearance of a route [m], and the factor on times where the clearance is smaller.
 CLEARANCE_PREFERRED, CLOSE_FACTOR = 0.15, 1.3
-# Distance between samples along a crossing, and longest way that is looked at [m].
+# Distance between samples along a crossing, and largest distance that is sampled [m].
 SAMPLE_DISTANCE, CROSSING_LENGTH_MAX = 0.05, RUN_UPS[-1] + ROOM_MAX
 # Largest angle between a crossing and the normal of the step, and between the ball and its first
 # state [rad]: half the spacing of headings.
 HEADING_DEVIATION_MAX = math.radians(13.5)
-# Standard deviation of the heading at the edge of a crossing, as driven in random houses [rad].
+# Standard deviation of the heading at the edge of a crossing, measured in random houses [rad].
 HEADING_SD = 0.05
 # Speeds on arcs and backward [m/s]; largest cell of the lattice [m].
 ARC_SPEED, BACKWARD_SPEED, CELL_SIZE_MAX = 0.25, 0.2, 0.12
-# Time to stop and change direction, and to align and set out for a crossing [s].
+# Time to stop and change direction, and to align for a crossing and start it [s].
 REVERSAL_TIME, ALIGNMENT_TIME = 2.0, 2.0
-# Time that a deviation of the start from its state costs [s/m], [s/rad].
+# Cost of the deviation of the start from its state: sideways [s/m], and in heading [s/rad].
 OFFSET_COST, TURN_COST = 10.0, 4.0
-# How far the way out of a blocked place may lead [m], and how much nearer to a wall than its
-# radius the localisation may place the ball [m].
+# Longest path out of a blocked position [m], and the largest overlap of ball and wall that is
+# attributed to the localisation [m].
 ESCAPE_DISTANCE_MAX, LOCALIZATION_ERROR_MAX = 1.0, 0.08
 # Areas that no route enters, and features whose edges no route crosses.
 CLOSED = ('keep_out', 'stairs')
 BARRED = ('drop', 'ramp', *CLOSED)
-# Features with an edge.
+# Kinds of features with an edge.
 FACED = tuple(kind for kind in (*LINES, *AREAS) if kind != 'friction')
-# The edge of a ramp is examined in parts of this length, this far on both sides [m].
+# Length of the parts in which the edge of a ramp is checked, and offset to both sides [m].
 EDGE_LENGTH, EDGE_OFFSET = 0.05, 0.01
-# Standard deviation of a measured height, if that of the map is not less [m].
+# Upper bound of the standard deviation of a measured height [m].
 MEASURED_SD = 0.001
 # Length over which uneven ground is averaged [m].
 SLOPE_LENGTH = 0.1
-# A longer run-up must raise the probability by this to be a separate choice.
+# Increase of the probability with which a longer run-up is a separate choice.
 PROBABILITY_GAIN_MIN = 0.005
-# Longest time of a route over that of the fastest: the factor on the heuristic.
+# Largest ratio of the time of a route to that of the fastest: the factor on the heuristic.
 HEURISTIC_FACTOR = 1.05
 
 
@@ -79,7 +79,7 @@ class Segment(NamedTuple):
     Attributes
     ----------
     points : tuple of (float, float)
-        Polyline of the centre [m]; of a crossing, its start and its end.
+        Polyline of the centre [m]; start and end of a crossing.
     feature : Feature or None
         The crossed feature; None for free floor.
     crossing : CrossingPlan or None
@@ -88,9 +88,9 @@ class Segment(NamedTuple):
     direction : int
         1 forward, -1 backward.
     heading : float
-        At its end [rad].
+        Heading at the end [rad].
     number, sign : int
-        Of the feature on the floor; 1 towards the left of its line or outline, else -1.
+        Index of the feature on the floor; 1 towards the left of its line or outline, else -1.
 
     """
 
@@ -112,9 +112,9 @@ class Route(NamedTuple):
     ----------
     segments : tuple of Segment
     time : float
-        Expected [s].
+        Expected time [s].
     probability : float
-        Product of the probabilities of its crossings, each with one further attempt.
+        Product of the probabilities of the crossings, each with one further attempt.
 
     """
 
@@ -124,7 +124,7 @@ class Route(NamedTuple):
 
     @property
     def points(self) -> Tuple[Point, ...]:
-        """Return the polyline of the whole route [m]."""
+        """Return the polyline of the complete route [m]."""
         return tuple(point for segment in self.segments for point in segment.points)
 
 
@@ -137,7 +137,7 @@ class _Arc(NamedTuple):
 
 
 class _Limit(NamedTuple):
-    """The best that the floor offers for crossing a feature in one direction [m]."""
+    """Largest run-up and room that the floor offers to cross a feature in one direction [m]."""
 
     run_up: float
     room: float
@@ -146,14 +146,14 @@ class _Limit(NamedTuple):
 
 class Boundary(NamedTuple):
     """
-    A part of the outline of a feature.
+    A part of the line or outline of a feature.
 
     Attributes
     ----------
     line : ((float, float), (float, float))
         [m]
     left, right : float
-        Distances that the centre keeps from it on its sides [m].
+        Distances that the centre keeps on the left and the right of the line [m].
 
     """
 
@@ -162,12 +162,12 @@ class Boundary(NamedTuple):
     right: float
 
     def is_left(self, x: Any, y: Any) -> Any:
-        """Return whether places [m] are on the left of its line; arrays broadcast."""
+        """Return whether positions [m] are on the left of the line; arrays broadcast."""
         (x0, y0), (x1, y1) = self.line
         return (x1 - x0) * (y - y0) >= (y1 - y0) * (x - x0)
 
     def keep(self, x: Any, y: Any) -> Any:
-        """Return the distance that the centre keeps from it at places [m]; arrays broadcast."""
+        """Return the distance that the centre keeps at positions [m]; arrays broadcast."""
         return np.where(self.is_left(x, y), self.left, self.right)
 
 
@@ -175,8 +175,8 @@ class RoutePlanner:
     """
     Plans routes on one floor for one robot.
 
-    Ramps on which the ball can stand are free floor, except at edges with a face.  Ground whose
-    heights are steeper is closed as walls are.
+    Ramps on which the ball can stand are free floor, except at edges with a face.  Steeper ground
+    in the height map is closed like walls.
 
     Parameters
     ----------
@@ -186,26 +186,26 @@ class RoutePlanner:
     learned : Learned, optional
         Learned data of the floor.
     capability : Capability, optional
-        To share between planners.
+        Capability shared between planners.
 
     Attributes
     ----------
     floor : Floor
     learned : Learned
-        On which it plans, see `learn`.
+        Learned data in use, see `learn`.
     features : list of Feature
-        Those of the floor with their learned heights.
+        Features of the floor with their learned heights.
     boundaries : list of list of Boundary
-        Of each feature, without the parts where a ramp leads to the level behind.
+        Boundaries of each feature, without the parts where a ramp leads to the level behind.
     ball_radius : float
         [m]
     drop_distance : float
-        That the centre keeps from drops: a radius and the stopping distance at cruise speed [m].
+        Distance of the centre from drops: radius plus stopping distance at cruise speed [m].
 
     Raises
     ------
     ConfigurationError
-        If the robot has no steering, or if curve or tuning is not for it, see `check_decision`.
+        If the robot has no steering, or if curve or tuning do not match it, see `check_decision`.
 
     """
 
@@ -228,7 +228,7 @@ class RoutePlanner:
         self._rows = primitives(radius / self._size)
         speed = self._tuning.cruise_speed
         self._tree = Tree()
-        # Per feature: the data that its crossings depend on, and these.
+        # For each feature: the data on which its crossings depend, and the crossings.
         self._arcs: Dict[int, Tuple[Tuple[object, ...], List[_Arc]]] = {}
         self._limits: Dict[Tuple[int, int], _Limit] = {}
         self._lay_grid()
@@ -237,7 +237,7 @@ class RoutePlanner:
                 speed, ARC_SPEED if item.curvature else speed,
                 BACKWARD_SPEED if item.direction < 0 else speed) for item in self._rows],
             self._map_clear.shape[1])
-        # Least time per length of lines along the headings [s/cell].
+        # Shortest time per length of the polylines along the headings [s/cell].
         self._pace = float((self._moves.times / [item.lines for item in self._rows]).min())
         self.learn(learned)
 
@@ -250,7 +250,7 @@ class RoutePlanner:
                     height_sd=min(feature.height_sd, MEASURED_SD))
             if number in measured else feature
             for number, feature in enumerate(self.floor.features)]
-        # Up to the distance that routes prefer.
+        # Obstacles are exact up to the clearance that routes prefer.
         self._clear = self._map_clear.copy()
         for point in learned.obstacles:
             window, away = self._around((point, point), self.ball_radius + CLEARANCE_PREFERRED)
@@ -270,7 +270,7 @@ class RoutePlanner:
             if self.is_closed(feature):
                 near |= inside(self._x, self._y, feature.polygon)
             self._near.append(near)
-        # The capability is that on level floor, with a friction within the range of the robot.
+        # The capability applies to level floor with a friction within the range of the robot.
         self._unusual = np.logical_or.reduce([np.zeros(self._walls.shape, bool)] + [
             inside(self._x, self._y, feature.polygon) for feature in self.features
             if feature in self._ramps or feature.friction is not None
@@ -284,7 +284,7 @@ class RoutePlanner:
         self._offer(explore=False)
 
     def is_closed(self, feature: Feature) -> bool:
-        """Return whether no route enters an area: also a ramp on which the ball cannot stand."""
+        """Return whether routes avoid an area; includes ramps on which the ball cannot stand."""
         return feature.kind in CLOSED or feature.kind == 'ramp' and math.atan2(
             feature.height, math.dist(feature.line[0], feature.line[-1])) > self._steepest
 
@@ -292,7 +292,7 @@ class RoutePlanner:
         """
         Return the distances that the centre keeps on the left and the right of an edge [m].
 
-        `rise` is that of the floor towards the left, if it is not the one of the feature [m].
+        `rise` is the rise of the floor towards the left [m], by default that of the feature.
         """
         if feature.kind in ('drop', 'stairs'):
             return self.drop_distance, self.drop_distance
@@ -304,7 +304,7 @@ class RoutePlanner:
         beside = CLEARANCE + max(touch_distance(self.ball_radius, height), 0.5 * feature.width)
         if rise is None:
             rise = feature.rise
-        # The upper side is that of a drop if no crossing leads down.
+        # If no crossing leads down, the upper side is treated as a drop.
         above = self.drop_distance if height > self._tuning.highest_descent else beside
         return above if rise > 0.0 else beside, above if rise < 0.0 else beside
 
@@ -313,8 +313,8 @@ class RoutePlanner:
         """
         Yield the parts of the edges of a feature that have a face.
 
-        Each has the distances that the centre keeps on its sides [m], None for those of the
-        feature.
+        Each comes with the distances that the centre keeps on its left and right [m], None for
+        those of the feature.
         """
         for begin, end in feature.segments:
             if feature.kind not in ('step', 'carpet', 'level', 'ramp') or self.is_closed(feature):
@@ -333,8 +333,8 @@ class RoutePlanner:
         """
         Return the rise of the floor towards the left of a part of an edge [m].
 
-        None for that of the feature; 0 without a face, and along a wall, where the ball does not
-        reach it.
+        Return None if it is the rise of the feature; 0 without a face, and along a wall, where
+        the ball cannot reach the edge.
         """
         (x0, y0), (x1, y1) = line
         length = math.dist(*line) or 1.0
@@ -357,7 +357,7 @@ class RoutePlanner:
     def _offer(self, explore: bool) -> None:
         """Compute the crossings of all features whose data or surroundings have changed."""
         self._explores, measured = explore, dict(self.learned.heights)
-        # As crossings are planned.
+        # Features with the heights for which crossings are planned.
         self._assumed = [
             replace(feature, height=math.copysign(FACE_HEIGHT_MIN, feature.height))
             if explore and feature.height_sd > 0.0 and number not in measured
@@ -383,7 +383,7 @@ class RoutePlanner:
             starts, ends, times, np.ceil(risks / limit * LEVELS - 1e-9).astype(np.int64))
 
     def _lay_grid(self) -> None:
-        """Mark the cells that the centre may reach without a crossing."""
+        """Create the grid, with the distance of each cell from walls and steep ground."""
         from scipy import ndimage
         floor, size = self.floor, self._size
         left, right, bottom, top = floor.extent
@@ -412,7 +412,7 @@ class RoutePlanner:
         return found
 
     def _far(self, last: int, slowness: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the time of a point that turns freely from each cell to one [s]."""
+        """Return the time from each cell to the cell `last` for a freely turning point [s]."""
         starts, ends, times, _ = self._arc_arrays
         return self._pace * distances(last, slowness, starts // COUNT, ends // COUNT,
                                       times / self._pace)[0]
@@ -473,8 +473,8 @@ class RoutePlanner:
         return found
 
     def _barriers(self, number: int, edge: Boundary) -> NDArray[np.bool_]:
-        """Return the cells at features that end run-up and room of a crossing of an edge."""
-        # The other edges of the feature end them as other features do.
+        """Return the cells at features that limit run-up and room of a crossing of an edge."""
+        # The other edges of the feature are limits, like other features.
         near = [self._unusual, *self._near]
         margin = max(edge.left, edge.right) + self._size
         window, away = self._around(edge.line, margin)
@@ -485,21 +485,21 @@ class RoutePlanner:
 
     def aligned(self, pose: Sequence[float], segment: Segment) -> bool:
         """
-        Return whether a crossing may begin at a pose.
+        Return whether a crossing may start at a pose.
 
         Parameters
         ----------
         pose : (float, float, float)
             Position [m] and heading [rad].
         segment : Segment
-            Of the crossing.
+            Segment of the crossing.
 
         Returns
         -------
         bool
-            Whether the ball, steered on the run-up and straight ahead from then on, finds free
-            floor, and the capability has a crossing at its angle to the edge; a ball that is
-            nearer to a wall than the clearance must not get nearer.
+            Whether the floor is free for the ball, steered on the run-up and going straight from
+            there, and the capability contains a crossing at its angle to the edge.  A ball that
+            is closer to a wall than the clearance must not get closer.
 
         """
         assert segment.crossing is not None
@@ -537,8 +537,8 @@ class RoutePlanner:
         step_x, step_y = across * self._size, up * self._size
         spacing = math.hypot(step_x, step_y)
         way = step_x / spacing, step_y / spacing
-        # The last cell before the segment on each line of cells: share of a vector to the
-        # segment, and share along the segment.
+        # The last cell before the segment on each line of cells: fraction of a vector to the
+        # segment, and fraction along the segment.
         turn = step_x * (y1 - y0) - step_y * (x1 - x0)
         (rows, columns), _ = self._around(edge.line, spacing)
         x, y = self._x[:, columns], self._y[rows]
@@ -573,12 +573,12 @@ class RoutePlanner:
                             for cell in (begin, stand))
                 at, time = self._point(one), ALIGNMENT_TIME + crossing.time
                 if short:
-                    # No state is free there: the ball backs off from the one before.
+                    # No state is free there: the ball backs off from the previous one.
                     at = middle[0] - before * way[0], middle[1] - before * way[1]
                     time += REVERSAL_TIME + spacing / BACKWARD_SPEED
                 if self._free(at, way, self._close) < math.dist(at, self._point(two)):
                     time *= CLOSE_FACTOR
-                # A failed attempt costs the way back to its begin and another one.
+                # A failed attempt costs the return to its start and another attempt.
                 time += (1.0 / crossing.probability - 1.0) * (
                     time + 2.0 * REVERSAL_TIME + crossing.run_up / BACKWARD_SPEED)
                 found.append(_Arc(one * COUNT + heading, two * COUNT + heading, Segment(
@@ -588,10 +588,10 @@ class RoutePlanner:
 
     def _choices(self, number: int, sign: int, faces: Tuple[Tuple[float, float], ...],
                  run_up: float, room: float) -> Iterator[CrossingPlan]:
-        """Yield crossings, from the shortest run-up to longer ones that are more probable."""
+        """Yield crossings by increasing run-up, each more probable than those before."""
         least = self._tuning.required_probability
         for item in RUN_UPS:
-            # After the outcomes, a certain crossing is the most probable one.
+            # A prediction of 1 gives the upper bound of the probability after the outcomes.
             if item > run_up or self.learned.probability(number, sign, item, 1.0) < least:
                 continue
             crossing = self._capability.crossing(
@@ -604,7 +604,7 @@ class RoutePlanner:
                 least = probability + PROBABILITY_GAIN_MIN
 
     def clearance(self, place: Sequence[float]) -> float:
-        """Return the distance of the ball from the next wall, obstacle or barred feature [m]."""
+        """Return the distance of the ball from the nearest wall, obstacle or feature [m]."""
         found = [self.floor.nearest_wall((place[0], place[1]))[0] - self.ball_radius, *(
             math.dist(place[:2], point) - self.ball_radius for point in self.learned.obstacles)]
         for edges, feature in zip(self.boundaries, self.features):
@@ -619,7 +619,7 @@ class RoutePlanner:
         """
         Return the directions, 1 forward and -1 backward, in which a ball at rest may drive.
 
-        One that is nearer to a wall, obstacle or feature than the clearance does not get nearer.
+        A ball closer to a wall, obstacle or feature than the clearance must not get closer.
         """
         if len(pose) < 3:
             return 1, -1
@@ -629,7 +629,7 @@ class RoutePlanner:
              pose[1] + way * self._size * math.sin(pose[2]))) >= least)
 
     def room_before(self, crossing: Segment) -> float:
-        """Return how far the centre may back off along the line of a crossing [m]."""
+        """Return the distance that the centre may back off along the line of a crossing [m]."""
         return self._free(crossing.points[0], (-math.cos(crossing.heading),
                                                -math.sin(crossing.heading)), self._blocked)
 
@@ -640,7 +640,7 @@ class RoutePlanner:
 
     @staticmethod
     def _faces(feature: Feature, sign: int, angle: float) -> Tuple[Tuple[float, float], ...]:
-        """Return the faces of a feature for a ball that crosses it in a direction."""
+        """Return the faces of a feature for a crossing in a direction at an angle [rad]."""
         if feature.kind in ('threshold', 'cord'):
             return ((0.0, feature.height / height_factor(angle)),
                     (feature.width / math.cos(angle), -feature.height))
@@ -648,7 +648,7 @@ class RoutePlanner:
         return ((0.0, rise / height_factor(angle) if rise > 0.0 else rise),)
 
     def _free(self, place: Point, way: Point, barriers: NDArray[np.bool_]) -> float:
-        """Return how far the centre may go from a place in a direction [m]."""
+        """Return the free distance of the centre from a position in a direction [m]."""
         (column, across), (row, up) = (
             ((at - origin) / self._size, SAMPLE_DISTANCE * step / self._size)
             for at, step, origin in zip(place, way, self._origin))
@@ -657,7 +657,7 @@ class RoutePlanner:
 
     def check_place(self, point: Sequence[float], what: str) -> None:
         """
-        Check that the centre of the ball may be at a place.
+        Check that the centre of the ball may be at a position.
 
         Raises
         ------
@@ -670,12 +670,12 @@ class RoutePlanner:
         where, node = f'{what} ({point[0]:g}, {point[1]:g}) m', self._node(point)
         for near, feature in zip(self._near, self.features):
             if near.flat[node]:
-                raise RefusedError(f'{where} is too close to the {feature.label}; choose a place '
-                                   'farther from it', 'feature', what)
+                raise RefusedError(f'{where} is too close to the {feature.label}; choose a '
+                                   'position farther from it', 'feature', what)
         if self._blocked.flat[node]:
             raise RefusedError(
-                f'{where} is where the robot has seen an obstacle that is not on the map; '
-                'choose another place, or forget the obstacle', 'obstacle', what)
+                f'{where} is at an obstacle that the robot has observed and that is not on the '
+                'map; choose another position, or clear the obstacle', 'obstacle', what)
 
     def _check_walls(self, point: Sequence[float], what: str, clear: float) -> None:
         if not all(math.isfinite(item) for item in point[:2]):
@@ -683,36 +683,36 @@ class RoutePlanner:
         where = f'{what} ({point[0]:g}, {point[1]:g}) m'
         if not self.floor.contains(point):
             raise RefusedError(
-                f'{where} is off the map, which is x {self.floor.extent[0]:g} to '
+                f'{where} is off the map, which covers x {self.floor.extent[0]:g} to '
                 f'{self.floor.extent[1]:g} m, y {self.floor.extent[2]:g} to '
-                f'{self.floor.extent[3]:g} m; are these metres?', 'off_map', what)
+                f'{self.floor.extent[3]:g} m; is the unit metres?', 'off_map', what)
         if self.floor.cells[self.floor.cell_of(point)] == UNKNOWN:
             raise RefusedError(f'{where} is in unknown space', 'unknown', what)
         if self._map_clear.flat[self._node(point)] < clear:
             raise RefusedError(
-                f'{where} is nearer than {clear:.2f} m to a wall, to unknown space or to ground '
+                f'{where} is closer than {clear:.2f} m to a wall, to unknown space or to ground '
                 'that is too steep; the ball does not fit there', 'wall', what)
 
     def route(self, start: Sequence[float], goal: Sequence[float], explore: bool = False
               ) -> Route:
         """
-        Return a route of the least expected time, or at most 5 % longer.
+        Return a route whose expected time is at most 5 % above the minimum.
 
         Parameters
         ----------
         start, goal : (float, float) or (float, float, float)
-            Position [m] and heading [rad]; without a heading, any.
+            Position [m] and heading [rad]; any heading if it is omitted.
         explore : bool
-            Plan crossings of uncertain steps that are not measured yet as those of the lowest
-            step, so that routes lead to places where the sensors measure them; not of steps
-            that are certainly drops from their upper side.
+            Plan crossings of uncertain steps that are not measured yet as if they had the lowest
+            detectable height, so that routes lead to positions where the sensors measure them.
+            Steps that are certainly drops from their upper side are excluded.
 
         Raises
         ------
         RefusedError
             If start or goal is refused, see `check_place`.  With the reason ``'no_route'`` if no
-            route exists; the message names the crossings on the shortest path, and the reason
-            against each.  With ``'improbable'`` if only the product of the probabilities of the
+            route exists; the message lists the crossings on the shortest path, and why each is
+            excluded.  With ``'improbable'`` if only the product of the probabilities of the
             crossings is below the required one.
 
         """
@@ -731,7 +731,7 @@ class RoutePlanner:
         leaving = np.array([1 in ways, -1 in ways])
         time, path = self._find(states, costs, last, heading, slowness, far, aligned, leaving)
         if not math.isfinite(time):
-            # Each crossing that is offered has the required probability.
+            # Each offered crossing has the required probability, but their product may not.
             time, path = self._find(
                 states, costs, last, heading, slowness, far, aligned, leaving, LEVELS**2)
             if not math.isfinite(time):
@@ -749,7 +749,7 @@ class RoutePlanner:
         return Route(segments, sum(segment.time for segment in segments), _probability(segments))
 
     def explain(self, route: Route, start: Sequence[float], goal: Sequence[float]) -> str:
-        """Return why a route does not go the shortest way, and the run-up of each crossing."""
+        """Return why a route is not the shortest one, and the run-up of each crossing."""
         shortest, passed = self._shortest(start, self._node(goal))
         taken = [segment for segment in route.segments if segment.crossing]
         numbers = {segment.number for segment in taken}
@@ -760,11 +760,11 @@ class RoutePlanner:
         longer = sum(segment.time for segment in route.segments if segment.feature is None) \
             - shortest / self._tuning.cruise_speed
         if why and longer > 1.0:
-            why.insert(0, f'{longer:.0f} s longer than the shortest way')
+            why.insert(0, f'{longer:.0f} s longer than the shortest path')
         return '; '.join(why)
 
     def warm_up(self) -> None:
-        """Compile the search, or load it."""
+        """Compile the search, or load its compiled code."""
         self._find(np.zeros(1, np.int64), np.zeros(1), 0, -1, self._slowness,
                    self._far(0, self._slowness),
                    np.zeros(len(self._offered), bool), np.ones(2, bool))
@@ -776,8 +776,8 @@ class RoutePlanner:
         """
         Search from states with their costs to a cell.
 
-        `far` are lower bounds of the time to it [s]; crossings that are not `aligned`, and motions
-        in directions that are not `leaving`, do not begin at the start.
+        `far` contains lower bounds of the time to the cell [s].  At the start, crossings that are
+        not `aligned` and motions in directions that are not `leaving` are excluded.
         """
         return self._tree.find(Problem(
             states, costs, last, heading, slowness.ravel(), HEURISTIC_FACTOR * far, self._moves,
@@ -793,10 +793,10 @@ class RoutePlanner:
         lacks = '; '.join(self._lack(number, sign) for number, sign in passed if not any(
             arc.segment.sign == sign for arc in self._arcs[number][1]))
         if point_gets_there or not lacks:
-            lacks = 'the ball cannot turn in the room that it has' + (f'; {lacks}' * bool(lacks))
+            lacks = 'the ball cannot turn in the available space' + (f'; {lacks}' * bool(lacks))
         raise RefusedError(
             'no route reaches the required probability of '
-            f'{self._tuning.required_probability:g}. On the shortest way, {lacks}',
+            f'{self._tuning.required_probability:g}. On the shortest path, {lacks}',
             'no_route', 'goal')
 
     def _starts(self, start: Sequence[float], ways: Sequence[int]
@@ -817,12 +817,12 @@ class RoutePlanner:
                     and inside(start[0], start[1], feature.polygon):
                 raise RefusedError(
                     f'start ({start[0]:g}, {start[1]:g}) m is on the {feature.label}; move the '
-                    'ball to a level place', 'feature', 'start')
+                    'ball to level floor', 'feature', 'start')
         slowness, columns = self._opened(start), self._walls.shape[1]
         row, column = divmod(self._node(start), columns)
         nodes = [row * columns + column]
         if self._blocked.flat[nodes[0]]:
-            # A centre that is nearer to an edge than the ball is none to drive to.
+            # Closed cells are not possible as start states.
             nodes = [node for node in (r * columns + c for r in range(row - 1, row + 2)
                                        for c in range(column - 1, column + 2))
                      if slowness.flat[node] < math.inf] or nodes
@@ -832,7 +832,7 @@ class RoutePlanner:
             for heading, angle in enumerate(HEADINGS):
                 turned = 0.0 if len(start) < 3 else abs(
                     math.remainder(angle - start[2], 2.0 * math.pi))
-                # Along the heading the ball gets there, sideways it does not.
+                # The ball reaches the cell along its heading, not sideways.
                 aside = abs(-math.sin(angle) * dx + math.cos(angle) * dy)
                 ahead = math.cos(angle) * dx + math.sin(angle) * dy
                 if turned <= HEADING_DEVIATION_MAX and aside <= 1.01 * self._size \
@@ -844,9 +844,9 @@ class RoutePlanner:
 
     def _opened(self, start: Sequence[float]) -> NDArray[np.float64]:
         """
-        Return the slowness with a way out of a blocked place.
+        Return the slowness with a path out of a blocked position.
 
-        It leads away from walls evenly, and from edges as an arc does that begins parallel to one.
+        The required distance grows linearly from walls, quadratically from edges (as on an arc).
         """
         if not self._blocked.flat[self._node(start)]:
             return self._slowness
@@ -906,7 +906,7 @@ class RoutePlanner:
         return tuple(segments)
 
     def _shortest(self, start: Sequence[float], last: int) -> Tuple[float, List[Tuple[int, int]]]:
-        """Return the shortest path if each step could be crossed, and the crossed features."""
+        """Return the shortest path's length if each step could be crossed, and its crossings."""
         none, first = np.zeros(0, np.int64), self._node(start)
         closed = self._fixed & np.isinf(self._opened(start))
         far, following = distances(
@@ -933,7 +933,7 @@ class RoutePlanner:
         if limit is None or easiest is None:
             return f'{label} cannot be crossed with the required probability'
         if limit.run_up < easiest.run_up:
-            return (f'{label} needs {easiest.run_up:.2f} m of run-up, {limit.run_up:.2f} m are '
+            return (f'{label} needs {easiest.run_up:.2f} m of run-up, {limit.run_up:.2f} m is '
                     'available')
         return (f'{label} can be crossed with {easiest.run_up:.2f} m of run-up; '
                 f'{limit.run_up:.2f} m before it and {limit.room:.2f} m behind it are free')

@@ -1,22 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Faces in one look at the ground ahead, for a ball that turns and cannot fuse looks."""
+"""Detect faces in a single observation, for a ball that turns and cannot fuse observations."""
 from typing import Tuple
 
 import numpy as np
 
 from ballbot_ros.decision import TerrainObservation
 
-# The polyline is sampled at this distance [m]; a face is the difference of the mean heights over
-# this many samples before and behind.
+# Spacing of samples of the polyline [m]; the height of a face is the difference of the mean
+# heights over this number of samples behind and before it.
 SPACING, SAMPLES = 0.01, 5
-# Lowest face [m], and its standard deviations of the mean.
+# Height of the lowest face [m], also in standard deviations.
 FACE_HEIGHT_MIN, SIGMAS = 0.004, 6.0
-# Samples whose median is the slope of the ground, such as of a ramp.
+# Number of samples whose median rise is attributed to the slope of the ground, e.g. of a ramp.
 SLOPE_SAMPLES = 41
 
 
 def faces_in(observation: TerrainObservation) -> Tuple[Tuple[float, float], ...]:
-    """Return distance ahead of the centre and height of each face, from near to far [m]."""
+    """Return the distance ahead of the centre and the height of each face, nearest first [m]."""
     x, z = np.array(observation.x), np.array(observation.z)
     if len(x) < 2 * SAMPLES or not (np.isfinite(x).all() and np.isfinite(z).all()):
         return ()

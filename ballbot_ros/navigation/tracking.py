@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Path following: speed and yaw rate that keep the ball on a path within its curvature.
+Path following: speed and yaw rate that keep the ball on a path within its curvature limit.
 
 The law is that of a unicycle with feedforward curvature and feedback of cross-track and heading
-error, both poles at one distance (Kanayama et al., 1990).  The path's sense of travel may be
-backward; errors are then those of the travelled direction.
+error, with both poles at one distance (Kanayama et al., 1990).  A path may be travelled backward;
+its errors then refer to the direction of travel.
 """
 import math
 from typing import NamedTuple, Sequence, Tuple
@@ -16,35 +16,35 @@ from ballbot_ros.floors.floor import Point
 from ballbot_ros.physics.model.robot import Robot
 from ballbot_ros.steering import curvature_limit
 
-# Distance of both poles of the errors: at least, and per speed [m], [s].
+# Distance constant of both poles of the errors: minimum [m], and increase per speed [s].
 SETTLING_DISTANCE, SETTLING_TIME = 0.35, 1.2
-# The lean follows later: the feedforward looks ahead by this time [s].
+# The lean responds with a delay: the feedforward looks ahead by this time [s].
 LEAN_LEAD = 0.6
-# Before the edge, a crossing is not steered any more: distance [m], and time [s].
+# Steering of a crossing stops before the edge: distance [m], plus time at the current speed [s].
 EDGE_DISTANCE, EDGE_TIME = 0.3, 0.8
 # Speed is reduced this far before a turn, and kept this far behind it [m].
 SLOWDOWN_BEFORE, SLOWDOWN_BEHIND = 0.2, 0.1
 # Deceleration towards the end of a path [m/s2], and time constant of the last part [s].
 DECELERATION, LAST_TIME_CONSTANT = 0.15, 0.7
-# Part of the curvature limit that a path may use: the rest is for feedback, and for robots of the
-# range that turn less than the nominal one.
+# Fraction of the curvature limit that a path may use: the rest is for feedback, and for robots in
+# the range that turn less than the nominal one.
 CURVATURE_FRACTION = 0.9
 
 
 class Path(NamedTuple):
     """
-    A path with the sense in which it is travelled.
+    A path with its direction of travel.
 
     Attributes
     ----------
     points : (n, 2) array
         [m]
     along : (n,) array
-        Length up to each point [m].
+        Path length up to each point [m].
     courses : (n,) array
-        Travelled direction, unwrapped [rad].
+        Direction of travel, unwrapped [rad].
     curvatures : (n,) array
-        Of the travelled direction over length [1/m].
+        Derivative of the direction of travel with respect to length [1/m].
     direction : int
         1 forward, -1 backward.
 
@@ -64,7 +64,7 @@ class Path(NamedTuple):
         steps = np.diff(array, axis=0)
         lengths = np.hypot(*steps.T)
         courses = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
-        # Each step's course holds in its middle.
+        # The course of each step applies at its midpoint.
         along = np.concatenate([[0.0], np.cumsum(lengths)])
         middles = 0.5 * (along[1:] + along[:-1])
         at_points = np.interp(along, middles, courses)
@@ -78,9 +78,9 @@ class Path(NamedTuple):
 
     def project(self, x: float, y: float, since: float) -> Tuple[float, float]:
         """
-        Return how far along a place is, and how far to the left of the travelled direction [m].
+        Return the path length at the projection of a position, and its offset to the left [m].
 
-        Only the part from 0.1 m before `since` to 0.5 m behind it is considered.
+        Only the part from 0.1 m before the length `since` to 0.5 m beyond it is considered.
         """
         end = len(self.along) - 1
         first = min(max(0, int(np.searchsorted(self.along, since - 0.1)) - 1), end - 1)
@@ -91,7 +91,7 @@ class Path(NamedTuple):
         share = np.clip(((x - one[:, 0]) * step[:, 0] + (y - one[:, 1]) * step[:, 1])
                         / lengths**2, 0.0, 1.0)
         if last == end:
-            # Past the end the last direction continues.
+            # The last step extends beyond the end.
             share[-1] = max(share[-1], float(
                 ((x, y) - one[-1]) @ step[-1] / lengths[-1]**2))
         foot = one + share[:, None] * step
@@ -104,30 +104,30 @@ class Path(NamedTuple):
 def steered(left: float, turned: float, run_up: float, speed: float
             ) -> Tuple[float, float, float]:
     """
-    Return where on a straight run-up the steering ends, and the errors of the ball there.
+    Return the point of a straight run-up at which steering ends, and the errors of the ball there.
 
     Parameters
     ----------
     left, turned : float
-        Errors at its begin: to the left of the path [m], and of the heading [rad].
+        Errors at the start of the run-up: to the left of the path [m], and of the heading [rad].
     run_up : float
         [m]
     speed : float
-        At its end [m/s].
+        Speed at the end of the run-up [m/s].
 
     Returns
     -------
     (float, float, float)
-        Distance from the begin [m], and errors as above; both poles are those of `Tracker`, and
-        the lean follows later.
+        Distance from the start [m], and errors as above, for the poles of `Tracker` and the delay
+        of the lean.
 
     """
     settling = max(SETTLING_DISTANCE, SETTLING_TIME * speed)
-    way = max(0.0, run_up - EDGE_DISTANCE - (EDGE_TIME + LEAN_LEAD) * speed)
+    steered_length = max(0.0, run_up - EDGE_DISTANCE - (EDGE_TIME + LEAN_LEAD) * speed)
     rate = left / settling + math.tan(turned)
-    decayed = math.exp(-way / settling)
-    return way, (left + rate * way) * decayed, math.atan(
-        (math.tan(turned) - rate * way / settling) * decayed)
+    decayed = math.exp(-steered_length / settling)
+    return steered_length, (left + rate * steered_length) * decayed, math.atan(
+        (math.tan(turned) - rate * steered_length / settling) * decayed)
 
 
 class Tracker:
@@ -137,7 +137,7 @@ class Tracker:
     Parameters
     ----------
     robot : Robot
-        With steering.
+        A robot with steering.
     cruise_speed : float
         [m/s]
 
@@ -161,13 +161,13 @@ class Tracker:
         heading : float
             [rad]
         speed : float
-            Along the heading, measured [m/s].
+            Measured speed along the heading [m/s].
         top_speed : float
             [m/s]
 
         """
         ahead = path.along >= along - SLOWDOWN_BEHIND
-        # Braking ends a delay before a turn begins.
+        # Braking ends before a turn starts.
         room = np.maximum(path.along[ahead] - along - SLOWDOWN_BEFORE, 0.0)
         # The speeds at which the curvatures are within the limit.
         turns = np.interp(-np.abs(path.curvatures[ahead]), -CURVATURE_FRACTION * self._limits,
@@ -182,15 +182,15 @@ class Tracker:
 
     def yaw_rate(self, path: Path, along: float, left: float, heading: float, speed: float
                  ) -> float:
-        """Return the yaw rate that leads back to the path [rad/s]; see `follow`."""
+        """Return the yaw rate that returns the ball to the path [rad/s]; see `follow`."""
         settling = max(SETTLING_DISTANCE, SETTLING_TIME * abs(speed))
         course = heading if path.direction > 0 else heading + math.pi
         error = math.remainder(course - float(np.interp(along, path.along, path.courses)),
                                2.0 * math.pi)
-        # A ball may roll back on its path.
-        way = speed * path.direction
-        feedforward = float(np.interp(along + LEAN_LEAD * way, path.along, path.curvatures))
-        curvature = math.copysign(1.0, way) * (feedforward - left / settling**2) \
+        # The ball may roll back on its path.
+        progress = speed * path.direction
+        feedforward = float(np.interp(along + LEAN_LEAD * progress, path.along, path.curvatures))
+        curvature = math.copysign(1.0, progress) * (feedforward - left / settling**2) \
             - 2.0 * math.sin(error) / settling
         limit = float(np.interp(abs(speed), self._speeds, self._limits))
         return abs(speed) * min(max(curvature, -limit), limit)
