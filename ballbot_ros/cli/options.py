@@ -40,8 +40,8 @@ def from_ros(module: str = 'ballbot_ros.ros.graph') -> Any:
 def refuse_without(arguments: argparse.Namespace, needed: str, holds: bool, *options: str) -> None:
     """Refuse `options` that were given, unless `holds`: without `needed` they have no effect."""
     for option in options:
-        if not holds and getattr(arguments, option[2:].replace('-', '_')) not in (
-                None, False, '', []):
+        given = getattr(arguments, option[2:].replace('-', '_'))
+        if not holds and given is not False and given not in (None, '', []):
             raise ConfigurationError(f'{option} requires {needed}', 'inconsistent', option)
 
 

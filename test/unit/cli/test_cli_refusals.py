@@ -90,6 +90,9 @@ def test_a_file_that_is_not_a_curve_is_not_overwritten(tmp_path, refuses):
     (['emulate-motor', '--protocol', 'vesc', '--link', '/proc/nowhere/x'], 'not_writable',
      '--link'),
     (['compare-models', '--angle-deg', '30'], 'inconsistent', '--angle-deg'),
+    (['compare-models', '--angle-deg', '0'], 'inconsistent', '--angle-deg'),
+    (['max-step-height', '--speed', '0.5', '--voltage', '0'], 'inconsistent', '--voltage'),
+    (['max-step-height', '--speed', '0.5', '--clearance', '0'], 'inconsistent', '--clearance'),
     (['test-bench', '--slope-deg', '-3'], 'out_of_range', '--slope-deg'),
     (['test-bench', '--slope-deg', 'nan'], 'not_finite', '--slope-deg')])
 def test_an_impossible_option_is_named(words, reason, field, refuses):
