@@ -84,13 +84,14 @@ def print_table(outcomes: Sequence[Any]) -> None:
 def export(outcomes: Sequence[Any], out: Any, overwrite: bool = False) -> int:
     """Write all numbers to a file, or as CSV to the terminal."""
     import json
+    from ballbot_ros.results.files import write_text
     rows = [_flat(item) for item in outcomes]
     if out is None:
         print(_csv(rows), end='')
         return DONE
     check_new_file(out, overwrite, endings=('.csv', '.json'))
-    out.write_text(_csv(rows) if out.suffix == '.csv' else json.dumps(rows, indent=2) + '\n',
-                   encoding='utf-8')
+    write_text(_csv(rows) if out.suffix.lower() == '.csv' else json.dumps(rows, indent=2) + '\n',
+               out)
     return DONE
 
 

@@ -162,3 +162,17 @@ def test_outcomes_are_listed_and_exported(path, tmp_path, capsys):
     out = tmp_path / 'out.csv'
     assert main(['outcomes', 'export', str(path), '--out', str(out)]) == 0
     assert out.read_text().splitlines()[1].startswith('10.0,over,1,1.4,')
+    again = tmp_path / 'new' / 'OUT.CSV'
+    assert main(['outcomes', 'export', str(path), '--out', str(again)]) == 0
+    assert again.read_text() == out.read_text()
+
+
+def test_an_export_that_fails_keeps_the_older_file(path, tmp_path, refuses, monkeypatch):
+    def fail(_):
+        raise OSError(28, 'No space left on device')
+
+    out = tmp_path / 'out.csv'
+    out.write_text('older')
+    monkeypatch.setattr('os.fsync', fail)
+    refuses('not_writable', str(out), 'outcomes', 'export', path, '--out', out, '--overwrite')
+    assert out.read_text() == 'older'
