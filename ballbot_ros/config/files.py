@@ -65,8 +65,8 @@ def find_config(kind: str, name_or_path: Union[str, Path]) -> Path:
     field = subject.split()[-1]  # the parameter for a decision tuning is called tuning
     if not name_or_path or not isinstance(name_or_path, (str, Path)):
         raise ConfigurationError(
-            f'a {subject} is given by its name or the path of its file, got {name_or_path!r}',
-            'wrong_type', field)
+            f'{subject} must be a name or the path of a file, got {name_or_path!r}', 'wrong_type',
+            field)
     name_or_path = str(name_or_path)
     files = {file.stem: file for file in shipped_files(kind)}
     if name_or_path in files:
@@ -196,7 +196,7 @@ def read_config(kind: str, name_or_path: Union[str, Path]) -> tuple[Path, Mappin
     if common > len(SIGNATURES[kind] & content.keys()):
         subject, wanted = found.removesuffix('s'), kind.removesuffix('s')
         raise ConfigurationError(
-            f'{path} is a {subject} file, not a {wanted} file; give a {wanted} file or a name',
+            f'{path} has the keys of {subject} files, not of {wanted} files; give another file',
             'wrong_kind', wanted)
     return path, content
 

@@ -4,13 +4,14 @@ import ast
 from dataclasses import dataclass
 import math
 from pathlib import Path
+import re
 
 import pytest
 from refusals import refused
 
 import ballbot_ros
 from ballbot_ros.config.fields import Checked, Provenance, quantity, read_values
-from ballbot_ros.config.files import load_config, read_yaml
+from ballbot_ros.config.files import load_config, read_config, read_yaml, SIGNATURES
 from ballbot_ros.errors import ConfigurationError
 
 
@@ -46,6 +47,16 @@ def test_every_refusal_names_the_file_and_the_field(tmp_path, content, reason, f
     with refused(reason, str(path) if field is None else field) as refusal:
         load_config(Range, 'ranges', str(path))
     assert str(refusal.value).startswith(str(path))
+
+
+@pytest.mark.parametrize('kind', SIGNATURES)
+def test_the_article_fits_every_kind_of_file(kind, tmp_path):
+    path = tmp_path / 'mine.yaml'
+    path.write_text('scene: doorstep\nseeds: [0]\n')  # of an experiment
+    for name, reason in [('', 'wrong_type'), (path, 'wrong_kind')][:1 + (kind != 'experiments')]:
+        with refused(reason, kind.removesuffix('s')) as refusal:
+            read_config(kind, name)
+        assert not re.search(r'\ba ([aeiou]|hardware (?!file))', str(refusal.value))
 
 
 def test_every_refusal_of_these_folders_has_a_reason_and_a_field():
