@@ -75,9 +75,9 @@ def with_limits(arguments: argparse.Namespace, evaluation: Any, pool: Any) -> An
     if not any(group == 'crossable' and count for _, group, count in evaluation.parts) or (
             arguments.only is not None and arguments.crossable != 1):
         return evaluation
-    from ballbot_ros.studies.evaluation.search import limits_of_most
-    with watched(1.0, arguments.quiet, 'searching for the limits of most robots:', 'in total',
-                 keeps=False) as progress:
+    from ballbot_ros.studies.evaluation.search import KNOTS, limits_of_most
+    with watched(len(KNOTS), arguments.quiet, 'searching for the limits of most robots:',
+                 'run-ups', keeps=False) as progress:
         robot, gains = evaluation.nominal().names
         return replace(evaluation, limits=limits_of_most(
             robot, gains, arguments.out, pool, progress))

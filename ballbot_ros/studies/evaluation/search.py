@@ -149,7 +149,7 @@ def limits_of_most(robot: str, gains: str, folder: Path, pool: Executor,
     """
     Return the limit of most by run-up; kept in a file of the folder.
 
-    Progress is reported as the finished part.
+    `progress` receives the number of finished run-ups, of `KNOTS`.
     """
     path, key = folder / FILE, load_robot(robot).digest
     try:
@@ -160,9 +160,9 @@ def limits_of_most(robot: str, gains: str, folder: Path, pool: Executor,
         pass
     parts = [pool.submit(limit_of_most, robot, gains, knot) for knot in reversed(KNOTS)]
     found = []
-    for number, part in enumerate(parts, 1):
+    for part in parts:
         found.append(part.result())
-        progress(number / len(parts))
+        progress(len(found))
     limits = tuple(zip(KNOTS, reversed(found)))
     write_text(json.dumps({'robot': key, 'limits': limits}), path)
     return limits
