@@ -200,7 +200,7 @@ FILES = {'robot': partial(file_tables, file_kinds.robot_file('my_robot')),
          # Other tables have the other sections.
          'hardware': partial(file_tables, file_kinds.hardware_file('my_motor'),
                              ('odometry', 'battery', 'thermal', 'drive')),
-         'curve': partial(file_tables, file_kinds.curve_file('my_curve')),
+         'curve': partial(file_tables, file_kinds.curve_file()),
          'experiment': partial(key_table, file_kinds.Section(
              '', file_kinds.described(file_kinds.Experiment), '',
              {'scene': 'doorstep', 'duration': 4.0}))}

@@ -178,7 +178,7 @@ def floor_file(name: str) -> list[Section]:
     return [Section('', {}, '', {}, WALLS + FEATURES + START + HEIGHTS)]
 
 
-def curve_file(name: str) -> list[Section]:
+def curve_file() -> list[Section]:
     """Return the sections of the file of a height curve, which `ballbot fit-curve` writes."""
     from ballbot_ros.decision.planning.curve import Band, CurveProvenance, HeightCurve
     return [Section('', described(HeightCurve, ('made', 'band')), '', {}),
