@@ -29,7 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--design', choices=('grid', 'sobol', 'random'), default='grid',
                         help='all combinations, or --cases points of a Sobol sequence or of '
                         'random draws (default: %(default)s)')
-    parser.add_argument('--cases', type=int, default=0, metavar='N',
+    parser.add_argument('--cases', type=int, metavar='N',
                         help='number of points of sobol and random')
     options.add_seed(parser, 'sobol and random')
     options.add_accuracy(parser, 5e-5, 'a height that is searched for')
@@ -41,6 +41,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
+    options.refuse_without(arguments, '--design sobol or random', arguments.design != 'grid',
+                           '--cases')
     check_new_file(arguments.out, arguments.overwrite, endings=('.parquet',))
     robot = options.read_robot(arguments)
     from ballbot_ros.physics.model.robot import height_warnings
@@ -63,7 +65,7 @@ def run(arguments: argparse.Namespace) -> int:
             raise ConfigurationError(f'--fix {name}: give one value', 'wrong_type', name)
     plan = SweepPlan(
         robot, options.read_law(arguments), options.read_site(arguments),
-        options.read_rules(arguments), arguments.design, arguments.cases, arguments.seed,
+        options.read_rules(arguments), arguments.design, arguments.cases or 0, arguments.seed,
         arguments.accuracy, fixed,
         {name: values for name, values in varied.items() if isinstance(values, list)},
         {name: values for name, values in varied.items() if isinstance(values, tuple)})
