@@ -35,6 +35,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
+    options.refuse_without(arguments, f'export, not {arguments.action}',
+                           arguments.action == 'export', '--out', '--overwrite')
     if arguments.action == 'show-learning':
         return show_learning(arguments)
     if arguments.file is None:

@@ -67,6 +67,8 @@ def test_a_file_that_is_not_a_curve_is_not_overwritten(tmp_path, refuses):
     (['simulate', 'flat', '--accuracy', '1e-4', '--method', 'paper'], 'inconsistent', '--method'),
     (['robots', '--urdf'], 'missing', 'NAME'),
     (['outcomes', 'list'], 'missing', 'FILE'),
+    (['outcomes', 'list', 'nowhere.db', '--out', 'x.csv'], 'inconsistent', '--out'),
+    (['outcomes', 'show-learning', '--overwrite'], 'inconsistent', '--overwrite'),
     (['sweep', '--vary', 'speed=1', '--cases', '5', '--out', 'x.parquet'], 'inconsistent',
      '--cases'),
     (['outcomes', 'list', 'nowhere.db'], 'missing', 'FILE'),
