@@ -107,7 +107,7 @@ def add_actuation(parser: argparse.ArgumentParser) -> None:
         'degrees', 'set angle of the pendulum: 0 down, 90 horizontal ahead (default: 0)',
         minimum=-180.0, maximum=180.0, optional=True))
     parser.add_argument('--voltage', type=float, metavar='VOLTS',
-                        help='voltage of the motor (default: that of steady rolling at each '
+                        help='voltage of the motor (default and 0: that of steady rolling at each '
                         'speed)')
 
 

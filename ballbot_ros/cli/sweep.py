@@ -25,7 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         'set_angle_deg, voltage, ...; without height, the maximum step '
                         'height is searched')
     parser.add_argument('--fix', action='append', default=[], metavar='NAME=VALUE',
-                        help='speed or height, with one value; may be repeated')
+                        help='a parameter of --vary, with one value; may be repeated')
     parser.add_argument('--design', choices=('grid', 'sobol', 'random'), default='grid',
                         help='all combinations, or --cases points of a Sobol sequence or of '
                         'random draws (default: %(default)s)')
